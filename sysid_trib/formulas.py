@@ -1,0 +1,249 @@
+"""Formulas of forces: parsed by whitelist, never by `eval`, and evaluated on any kind of number.
+
+One tree serves NumPy arrays, heyoka expressions and SymPy symbols: `Formula.evaluate` takes the values of
+the names and a table of functions. Where a formula changes branch (`sign`, `abs`, `min`, `max`) it has a
+switching surface; given the signs of these surfaces, `evaluate` follows one branch, which is analytic.
+"""
+
+import ast
+import operator
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from sysid_trib.errors import LibraryError
+
+MAX_LENGTH = 500
+MAX_DEPTH = 30
+MAX_EXPONENT = 20
+SWITCHING = ("sign", "abs", "min", "max")
+SMOOTH = ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh")
+RESERVED = frozenset(("x", "v", "t", "pi", *SWITCHING, *SMOOTH))
+OPERATORS: dict[type, Callable[[Any, Any], Any]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+}
+NUMPY: dict[str, Callable[..., Any]] = {
+    "sign": np.sign,
+    "abs": np.abs,
+    "min": np.minimum,
+    "max": np.maximum,
+    "power": np.power,
+    **{name: getattr(np, name) for name in SMOOTH},
+}
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Where a formula changes branch: the zero of `tree`, an expression known by its text."""
+
+    text: str
+    tree: ast.expr = field(compare=False, repr=False)
+
+
+@dataclass(frozen=True)
+class Formula:
+    """A parsed formula; two formulas are equal if their texts are."""
+
+    text: str
+    tree: ast.expr = field(compare=False, repr=False)
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Names of the variables it holds."""
+        calls = {id(n.func) for n in ast.walk(self.tree) if isinstance(n, ast.Call)}
+        return frozenset(n.id for n in ast.walk(self.tree) if isinstance(n, ast.Name) and id(n) not in calls)
+
+    @property
+    def surfaces(self) -> tuple[Surface, ...]:
+        """Switching surfaces, each once, innermost first."""
+        found: dict[str, Surface] = {}
+        for node in _bottom_up(self.tree):
+            if isinstance(node, ast.Call) and node.func.id in SWITCHING:  # type: ignore[attr-defined]
+                surface = node.surface  # type: ignore[attr-defined]
+                found.setdefault(surface.text, surface)
+        return tuple(found.values())
+
+    @property
+    def singular(self) -> bool:
+        """Whether it may have no Taylor series on a switching surface (roots, logarithms, broken powers)."""
+        return any(
+            (isinstance(n, ast.Call) and n.func.id in ("sqrt", "log"))  # type: ignore[attr-defined]
+            or (isinstance(n, ast.BinOp) and isinstance(n.op, ast.Pow) and not _whole(n.right))
+            for n in ast.walk(self.tree)
+        )
+
+    def evaluate(
+        self,
+        names: Mapping[str, Any],
+        functions: Mapping[str, Callable[..., Any]] = NUMPY,
+        signs: Mapping[str, Any] | None = None,
+    ) -> Any:
+        """Value of the formula.
+
+        Parameters
+        ----------
+        names : value of each variable; arrays, heyoka or SymPy expressions.
+        functions : the table of functions, `power` among them.
+        signs : sign of each switching surface by its text. If given, the branch it selects is followed
+            and `sign`, `abs`, `min`, `max` are not called.
+        """
+        return evaluate_tree(self.tree, names, functions, signs)
+
+
+def evaluate_tree(
+    tree: ast.AST,
+    names: Mapping[str, Any],
+    functions: Mapping[str, Callable[..., Any]] = NUMPY,
+    signs: Mapping[str, Any] | None = None,
+) -> Any:
+    """Value of a checked tree (see `Formula.evaluate`)."""
+    match tree:
+        case ast.Constant(value=value):
+            return value
+        case ast.Name(id=name):
+            return np.pi if name == "pi" else names[name]
+        case ast.UnaryOp(op=op, operand=operand):
+            value = evaluate_tree(operand, names, functions, signs)
+            return -value if isinstance(op, ast.USub) else value
+        case ast.BinOp(left=left, op=ast.Pow(), right=right):
+            base = evaluate_tree(left, names, functions, signs)
+            return functions["power"](base, evaluate_tree(right, names, functions, signs))
+        case ast.BinOp(left=left, op=op, right=right):
+            first = evaluate_tree(left, names, functions, signs)
+            return OPERATORS[type(op)](first, evaluate_tree(right, names, functions, signs))
+        case ast.Call(func=ast.Name(id=name), args=args):
+            values = [evaluate_tree(arg, names, functions, signs) for arg in args]
+            if signs is None or name not in SWITCHING:
+                return functions[name](*values)
+            return _branch(name, values, signs[tree.surface.text])  # type: ignore[attr-defined]
+    raise AssertionError(f"unchecked tree: {ast.dump(tree)}")
+
+
+def parse(text: object, allowed: frozenset[str], exponents: frozenset[str], where: str) -> Formula:
+    """Parse and check a formula.
+
+    Parameters
+    ----------
+    text : the formula as written in a library.
+    allowed : names of variables it may hold, besides `pi`.
+    exponents : names among them that may stand as an exponent (shape parameters).
+    where : file and force, for the message.
+
+    Raises
+    ------
+    LibraryError
+        Not a formula of the whitelist; nothing of it is executed.
+    """
+    if not isinstance(text, str) or not text.strip():
+        raise LibraryError(f"{where}: a formula must be a non-empty text in quotes, not {text!r}.")
+    if len(text) > MAX_LENGTH:
+        raise LibraryError(f"{where}: the formula is longer than {MAX_LENGTH} characters; shorten it.")
+    try:
+        tree = ast.parse(text.strip(), mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        reason = f"{where}: '{_short(text)}' is not a formula; check its brackets and operators."
+        raise LibraryError(reason) from None
+    tree = _checked(tree, allowed, exponents, f"{where}: '{_short(text)}'", 0)
+    return Formula(text.strip(), tree)
+
+
+def _checked(
+    node: ast.AST, allowed: frozenset[str], exponents: frozenset[str], where: str, depth: int
+) -> ast.expr:
+    """Copy the tree node by node; what is not copied here does not exist for the rest of the code."""
+    if depth > MAX_DEPTH:
+        raise LibraryError(f"{where} is nested deeper than {MAX_DEPTH} levels; simplify it.")
+
+    def inner(child: ast.AST) -> ast.expr:
+        return _checked(child, allowed, exponents, where, depth + 1)
+
+    match node:
+        case ast.Constant(value=bool()):
+            pass
+        case ast.Constant(value=int() | float() as value):
+            if value > 1e100:
+                raise LibraryError(f"{where} holds a number above 1e100; rescale the formula.")
+            return ast.Constant(float(value))
+        case ast.Name(id=name):
+            if name in allowed or name == "pi":
+                return ast.Name(name)
+            known = ", ".join(sorted(allowed))
+            raise LibraryError(f"{where} holds the unknown name '{_short(name)}'; known are {known}, pi.")
+        case ast.UnaryOp(op=ast.USub() | ast.UAdd() as op, operand=operand):
+            return ast.UnaryOp(op, inner(operand))
+        case ast.BinOp(left=left, op=ast.Pow(), right=right):
+            if not _is_exponent(right, exponents):
+                raise LibraryError(
+                    f"{where}: an exponent must be a number up to {MAX_EXPONENT} in size or a shape parameter."
+                )
+            return ast.BinOp(inner(left), ast.Pow(), inner(right))
+        case ast.BinOp(left=left, op=op, right=right) if type(op) in OPERATORS:
+            return ast.BinOp(inner(left), op, inner(right))
+        case ast.Call(func=ast.Name(id=name), args=args, keywords=[]):
+            if name in ("min", "max") and len(args) >= 2:
+                first, *rest = [inner(arg) for arg in args]
+                for other in rest:
+                    first = _switch(name, [first, other], ast.BinOp(first, ast.Sub(), other))
+                return first
+            if name in ("sign", "abs") and len(args) == 1:
+                argument = inner(args[0])
+                return _switch(name, [argument], argument)
+            if name in SMOOTH and len(args) == 1:
+                return ast.Call(ast.Name(name), [inner(args[0])], [])
+            if name in RESERVED:
+                raise LibraryError(
+                    f"{where}: '{name}' got {len(args)} arguments; min, max take two, others one."
+                )
+    allowed_functions = " ".join((*SWITCHING, *SMOOTH))
+    raise LibraryError(
+        f"{where} holds something other than numbers, names, + - * / ** and functions {allowed_functions}."
+    )
+
+
+def _is_exponent(node: ast.AST, exponents: frozenset[str]) -> bool:
+    match node:
+        case ast.UnaryOp(op=ast.USub() | ast.UAdd(), operand=operand):
+            return _is_exponent(operand, exponents)
+        case ast.Constant(value=int() | float() as value):
+            return not isinstance(value, bool) and abs(value) <= MAX_EXPONENT
+        case ast.Name(id=name):
+            return name in exponents
+    return False
+
+
+def _whole(node: ast.AST) -> bool:
+    return isinstance(node, ast.Constant) and float(node.value).is_integer()  # type: ignore[arg-type]
+
+
+def _switch(name: str, args: list[ast.expr], surface: ast.expr) -> ast.Call:
+    """A call that changes branch where `surface` is zero; the surface is kept with it, found once."""
+    call = ast.Call(ast.Name(name), args, [])
+    call.surface = Surface(ast.unparse(surface), surface)  # type: ignore[attr-defined]
+    return call
+
+
+def _branch(name: str, values: list[Any], sign: Any) -> Any:
+    if name == "sign":
+        return sign
+    if name == "abs":
+        return sign * values[0]
+    first, second = values
+    half = 0.5 * (first + second)
+    gap = 0.5 * sign * (first - second)
+    return half + gap if name == "max" else half - gap
+
+
+def _bottom_up(tree: ast.AST) -> Iterator[ast.AST]:
+    for child in ast.iter_child_nodes(tree):
+        yield from _bottom_up(child)
+    yield tree
+
+
+def _short(text: str) -> str:
+    text = " ".join(text.split())
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,146 @@
+"""Reading force libraries: TOML in, checked forces out; nothing in a file is ever executed."""
+
+import re
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sysid_trib.errors import LibraryError, UsageError
+from sysid_trib.forces import Force, ForceLibrary, Shape
+from sysid_trib.formulas import RESERVED, Formula, parse
+
+WORDS = ("name", "family", "meaning", "source")
+TABLES = ("state", "memory", "start", "shape")
+FORCE_KEYS = {"symbol", "formula", "kind", *WORDS, *TABLES}
+SHAPE_KEYS = {"default", "low", "high", "meaning"}
+MAX_BYTES = 1_000_000
+
+
+def library_folder() -> Path:
+    """Folder of the libraries that come with the package (wheel, or source tree)."""
+    here = Path(__file__).resolve().parent
+    return next(p for p in (here / "libraries", here.parent / "libraries") if p.is_dir())
+
+
+def load_library(name_or_path: str | Path = "contact_forces") -> ForceLibrary:
+    """Load a force library.
+
+    Parameters
+    ----------
+    name_or_path : name of a library of the package (`contact_forces`), or a TOML file.
+
+    Raises
+    ------
+    UsageError
+        No such library or file.
+    LibraryError
+        The file is not a library of forces: message with file, force and reason. Nothing in it is executed.
+    """
+    path = Path(name_or_path)
+    if path.suffix != ".toml" and not path.exists():
+        path = library_folder() / f"{name_or_path}.toml"
+    if not path.is_file():
+        known = ", ".join(sorted(p.stem for p in library_folder().glob("*.toml")))
+        raise UsageError(f"There is no library '{name_or_path}'; give a TOML file or one of {known}.")
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise LibraryError(f"{path.name}: larger than {MAX_BYTES:,} bytes; a library is a short text.")
+        text = path.read_text(encoding="utf-8")
+        data = tomllib.loads(text)
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+        reason = " ".join(str(error).split())
+        raise LibraryError(f"{path.name}: not a readable TOML file ({reason}); see libraries/.") from None
+    return parse_library(data, path.name, text)
+
+
+def parse_library(data: Mapping[str, Any], source: str, text: str = "") -> ForceLibrary:
+    """Build a library from the mapping that TOML gives (see `load_library`)."""
+    entries = data.get("force")
+    if not isinstance(entries, list) or not entries or not all(isinstance(e, dict) for e in entries):
+        raise LibraryError(f"{source}: no forces; write at least one [[force]] with symbol and formula.")
+    forces = tuple(_force(entry, source) for entry in entries)
+    symbols = [force.symbol for force in forces]
+    for symbol in symbols:
+        if symbols.count(symbol) > 1:
+            raise LibraryError(f"{source}: the symbol '{symbol}' stands for several forces; rename one.")
+    return ForceLibrary(str(data.get("title", source)), forces, source, text)
+
+
+def _force(entry: Mapping[str, Any], source: str) -> Force:
+    symbol = entry.get("symbol")
+    if not isinstance(symbol, str) or not re.fullmatch(r"[A-Za-z]\w{0,39}", symbol, re.ASCII):
+        raise LibraryError(f"{source}: symbol {symbol!r} must be a short word of letters, digits and _.")
+    where = f"{source}, force '{symbol}'"
+    unknown = sorted(set(entry) - FORCE_KEYS)
+    if unknown:
+        raise LibraryError(f"{where}: unknown key '{unknown[0]}'; known are {', '.join(sorted(FORCE_KEYS))}.")
+    words = {k: entry.get(k, "") for k in WORDS} | {"kind": entry.get("kind", "force")}
+    for key, word in words.items():
+        if not isinstance(word, str):
+            raise LibraryError(f"{where}: '{key}' must be a text in quotes.")
+    if words["kind"] not in ("force", "sensor"):
+        raise LibraryError(f'{where}: kind must be "force" or "sensor", not \'{words["kind"]}\'.')
+    tables = {k: entry.get(k, {}) for k in TABLES}
+    for key, table in tables.items():
+        if not isinstance(table, dict):
+            raise LibraryError(f"{where}: '{key}' must be a table such as {{ z = ... }}.")
+    _check_names(tables, where)
+    if words["kind"] == "sensor" and (tables["state"] or tables["memory"]):
+        raise LibraryError(f"{where}: a sensor has no states or memory; declare it as a force or drop them.")
+    shape = {k: _shape(v, f"{where}, shape '{k}'") for k, v in tables["shape"].items()}
+    exponents = frozenset(shape)
+    allowed = frozenset("xvt") | exponents | frozenset(tables["state"]) | frozenset(tables["memory"])
+
+    def formula(text: object, names: frozenset[str] = allowed) -> Formula:
+        return parse(text, names, exponents, where)
+
+    force = Force(
+        symbol=symbol,
+        formula=formula(entry.get("formula")),
+        state={k: formula(f) for k, f in tables["state"].items()},
+        memory={k: formula(f) for k, f in tables["memory"].items()},
+        start={k: formula(f, frozenset("xvt") | exponents) for k, f in tables["start"].items()},
+        shape=shape,
+        **(words | {"name": words["name"] or symbol}),
+    )
+    _check_finite(force, where)
+    return force
+
+
+def _check_names(tables: Mapping[str, Mapping[str, Any]], where: str) -> None:
+    names = [*tables["state"], *tables["memory"], *tables["shape"]]
+    for name in names:
+        if name in RESERVED or not name.isidentifier() or names.count(name) > 1:
+            raise LibraryError(
+                f"{where}: '{name}' cannot name a state, memory or shape parameter; rename it."
+            )
+    lost = sorted(set(tables["start"]) - set(tables["state"]) - set(tables["memory"]))
+    if lost:
+        raise LibraryError(f"{where}: start value for '{lost[0]}', which is neither a state nor a memory.")
+
+
+def _shape(table: object, where: str) -> Shape:
+    if not isinstance(table, dict) or not {"default", "low", "high"} <= set(table) <= SHAPE_KEYS:
+        raise LibraryError(f'{where}: write {{ default = ..., low = ..., high = ..., meaning = "..." }}.')
+    numbers = [table[k] for k in ("default", "low", "high")]
+    if not all(isinstance(n, int | float) and not isinstance(n, bool) and np.isfinite(n) for n in numbers):
+        raise LibraryError(f"{where}: default, low and high must be finite numbers.")
+    default, low, high = map(float, numbers)
+    if not low <= default <= high or low == high:
+        raise LibraryError(f"{where}: default {default:g} must lie between low {low:g} and high {high:g}.")
+    return Shape(default, low, high, str(table.get("meaning", "")))
+
+
+def _check_finite(force: Force, where: str) -> None:
+    """Refuse formulas that overflow or leave the real numbers where a pendulum swings (below 1.2 rad)."""
+    for formula in force.formulas:
+        with np.errstate(all="ignore"):
+            values = np.asarray(formula.evaluate(force.probe))
+        if not np.all(np.isfinite(values)) or np.max(np.abs(values)) > 1e9:
+            raise LibraryError(
+                f"{where}: '{formula.text}' is not a finite number at all angles and speeds up to 1.2 rad; "
+                "mind overflow, division by zero, and roots or logarithms of negative numbers."
+            )
