@@ -1,0 +1,34 @@
+PYTHON ?= python3
+BIN := .venv/bin
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+
+.PHONY: demo test check clean
+
+demo: .venv/ready
+	$(BIN)/sysid-trib identify --omega0 8.87
+
+test: .venv/ready-dev
+	$(BIN)/python -m pytest -q
+
+check: .venv/ready-dev
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+
+clean:
+	rm -rf .venv .hypothesis .mypy_cache .pytest_cache .ruff_cache build dist
+	find . -name __pycache__ -prune -exec rm -rf {} +
+
+$(BIN)/pip:
+	@$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or newer is needed: make PYTHON=python3.12" if sys.version_info < (3, 11) else 0)'
+	@$(PYTHON) -m venv .venv
+
+.venv/ready: pyproject.toml | $(BIN)/pip
+	@echo "Setting up .venv (a few minutes the first time) ..."
+	@$(PIP) --editable .
+	@touch $@
+
+.venv/ready-dev: pyproject.toml | $(BIN)/pip
+	@echo "Setting up .venv for tests (a few minutes the first time) ..."
+	@$(PIP) --editable '.[dev]'
+	@touch $@ .venv/ready
