@@ -1,6 +1,7 @@
 """Forces as data: a force is declared by lines of TOML, everything else is derived from its formula."""
 
 import itertools
+import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -192,12 +193,11 @@ class Force:
 
 @dataclass(frozen=True)
 class ForceLibrary:
-    """An ordered set of forces, with the text it was read from."""
+    """An ordered set of forces."""
 
     title: str
     forces: tuple[Force, ...]
     source: str = ""
-    text: str = field(default="", repr=False)
 
     def __iter__(self) -> Iterator[Force]:
         return iter(self.forces)
@@ -224,6 +224,29 @@ class ForceLibrary:
     def role(self, formula: str) -> Force | None:
         """The force of this formula if the library has one."""
         return next((force for force in self.forces if force.matches(formula)), None)
+
+    def to_toml(self) -> str:
+        """The library as text in the format it is read from."""
+        blocks = "".join(f"\n[[force]]\n{_toml(force)}" for force in self.forces)
+        return f"title = {json.dumps(self.title)}\n{blocks}"
+
+
+def _toml(force: Force) -> str:
+    # A JSON string is a TOML string, and a number's repr reads back as the same number.
+    lines = {k: json.dumps(w) for k in ("symbol", "name", "family", "meaning", "source") if (w := getattr(force, k))}
+    lines["formula"] = json.dumps(force.formula.text)
+    if force.kind != "force":
+        lines["kind"] = json.dumps(force.kind)
+    for key in ("state", "memory", "start"):
+        if table := getattr(force, key):
+            lines[key] = "{ " + ", ".join(f"{k} = {json.dumps(f.text)}" for k, f in table.items()) + " }"
+    if force.shape:
+        shapes = (
+            f"{k} = {{ default = {s.default!r}, low = {s.low!r}, high = {s.high!r}, meaning = {json.dumps(s.meaning)} }}"
+            for k, s in force.shape.items()
+        )
+        lines["shape"] = "{ " + ", ".join(shapes) + " }"
+    return "".join(f"{k} = {line}\n" for k, line in lines.items())
 
 
 def _same(first: Any, second: Any) -> bool:

@@ -48,15 +48,14 @@ def load_library(name_or_path: str | Path = "contact_forces") -> ForceLibrary:
     try:
         if path.stat().st_size > MAX_BYTES:
             raise LibraryError(f"{path.name}: larger than {MAX_BYTES:,} bytes; a library is a short text.")
-        text = path.read_text(encoding="utf-8")
-        data = tomllib.loads(text)
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         reason = " ".join(str(error).split())
         raise LibraryError(f"{path.name}: not a readable TOML file ({reason}); see libraries/.") from None
-    return parse_library(data, path.name, text)
+    return parse_library(data, path.name)
 
 
-def parse_library(data: Mapping[str, Any], source: str, text: str = "") -> ForceLibrary:
+def parse_library(data: Mapping[str, Any], source: str) -> ForceLibrary:
     """Build a library from the mapping that TOML gives (see `load_library`)."""
     entries = data.get("force")
     if not isinstance(entries, list) or not entries or not all(isinstance(e, dict) for e in entries):
@@ -66,7 +65,7 @@ def parse_library(data: Mapping[str, Any], source: str, text: str = "") -> Force
     for symbol in symbols:
         if symbols.count(symbol) > 1:
             raise LibraryError(f"{source}: the symbol '{symbol}' stands for several forces; rename one.")
-    return ForceLibrary(str(data.get("title", source)), forces, source, text)
+    return ForceLibrary(str(data.get("title", source)), forces, source)
 
 
 def _force(entry: Mapping[str, Any], source: str) -> Force:

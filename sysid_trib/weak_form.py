@@ -1,0 +1,132 @@
+"""The weak form of Eq. 1: test functions that vanish with their slope at both ends of the record.
+
+Multiplying theta'' + w^2 (theta + sum c_j h_j) = 0 by a test function psi and integrating twice by parts,
+``int psi'' theta + w^2 int psi (theta + sum c_j h_j) = 0``, needs no derivative of the measured angle.
+The test functions are B-splines: narrow, so that noise of distant rows is independent and whitening costs
+a banded Cholesky factor; and clamped at the ends, so that nothing of the large first swing is lost.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline
+
+Array = NDArray[np.float64]
+
+DEGREE = 5
+KNOTS_PER_PERIOD = 12
+# Fewer samples than this between knots and the splines would follow the noise.
+SAMPLES_PER_KNOT = 3
+
+
+@dataclass(frozen=True)
+class WeakForm:
+    """Integrals against the test functions as sparse matrices on the samples.
+
+    Attributes
+    ----------
+    value, slope, curvature : (row, sample)
+        ``value @ f`` is int psi f dtau for every test function psi; `slope` and `curvature` the same
+        with psi' and psi''. Time is tau = w t.
+    """
+
+    tau: Array
+    knots: Array
+    value: sp.csr_matrix
+    slope: sp.csr_matrix
+    curvature: sp.csr_matrix
+
+    @property
+    def rows(self) -> int:
+        """Number of test functions."""
+        return int(self.value.shape[0])
+
+
+def knot_sequence(tau: Array) -> Array:
+    """Clamped uniform knots, a twelfth of a period (2 pi in tau) apart and on whole samples where possible."""
+    step = (tau[-1] - tau[0]) / (len(tau) - 1)
+    per_knot = max(SAMPLES_PER_KNOT, round(2.0 * np.pi / KNOTS_PER_PERIOD / step))
+    intervals = max(1, round((len(tau) - 1) / per_knot))
+    inner = np.linspace(tau[0], tau[-1], intervals + 1)
+    return np.concatenate([np.full(DEGREE, tau[0]), inner, np.full(DEGREE, tau[-1])])
+
+
+def build_weak_form(tau: Array) -> WeakForm:
+    """Weak form on the samples `tau` = w t (increasing, not necessarily uniform)."""
+    knots = knot_sequence(tau)
+    weights = sp.diags_array(np.gradient(tau) * _ends_halved(len(tau)))
+    # The first two and last two clamped splines have a value or a slope at the ends: they are left out.
+    keep = slice(2, len(knots) - DEGREE - 1 - 2)
+    matrices = [(_design(tau, knots, order).T.tocsr()[keep] @ weights).tocsr() for order in range(3)]
+    return WeakForm(tau, knots, *matrices)
+
+
+def smooth(tau: Array, angle: Array) -> tuple[Array, Array, Array, float]:
+    """Least-squares spline through the record: theta, dtheta/dtau, d2theta/dtau2 (rad) and the noise (rad)."""
+    knots = knot_sequence(tau)
+    design = [_design(tau, knots, order) for order in range(3)]
+    factor, _ = whitener(design[0].T.tocsr())
+    # The normal equations of B-splines are well conditioned, and banded.
+    weights = scipy.linalg.cho_solve_banded((factor, True), design[0].T @ angle, check_finite=False)
+    fitted, rate, curvature = (matrix @ weights for matrix in design)
+    freedom = max(1, len(tau) - len(weights))
+    return fitted, rate, curvature, float(np.sqrt(np.sum((angle - fitted) ** 2) / freedom))
+
+
+def noise_operator(form: WeakForm, stiffness: Array, damping: Array) -> sp.csr_matrix:
+    """Rows as they act on the noise: of the equation linearised along the trajectory.
+
+    Parameters
+    ----------
+    stiffness, damping : (sample,)
+        1 + sum c dh/dx and sum c dh/dv along the trajectory.
+    """
+    turned = form.curvature + form.value @ sp.diags_array(stiffness)
+    # int psi d e' = -int (psi d)' e: the derivative is taken of the rows, never of the noise.
+    rate = np.gradient(damping, form.tau)
+    return (turned - form.slope @ sp.diags_array(damping) - form.value @ sp.diags_array(rate)).tocsr()
+
+
+def whitener(operator: sp.csr_matrix) -> tuple[Array, int]:
+    """Banded Cholesky factor (lower, as scipy.linalg stores it) of the covariance of the rows' noise."""
+    covariance = (operator @ operator.T).todia()
+    width = int(covariance.offsets.max())
+    band = np.zeros((width + 1, covariance.shape[0]))
+    for offset in range(width + 1):
+        diagonal = covariance.diagonal(-offset)
+        band[offset, : len(diagonal)] = diagonal
+    return scipy.linalg.cholesky_banded(band, lower=True, check_finite=False), width
+
+
+def whiten(factor: tuple[Array, int], columns: Array) -> Array:
+    """Solve L z = columns, so that the noise of z has the unit matrix as covariance."""
+    band, width = factor
+    solve = scipy.linalg.get_lapack_funcs("tbtrs", (band, columns))
+    found, info = solve(band, columns.reshape(len(columns), -1), uplo="L")
+    if info:
+        raise np.linalg.LinAlgError("singular covariance of weak rows")
+    return np.asarray(found).reshape(columns.shape)
+
+
+def _design(tau: Array, knots: Array, order: int) -> sp.csr_matrix:
+    """Values of the `order`-th derivative of every B-spline at every sample, (sample, spline)."""
+    design = BSpline.design_matrix(tau, knots[order : len(knots) - order], DEGREE - order)
+    # d/dx B_{i,p} = p (B_{i,p-1}/(t_{i+p}-t_i) - B_{i+1,p-1}/(t_{i+p+1}-t_{i+1})), from low to high degree.
+    for lift in range(order, 0, -1):
+        degree = DEGREE - lift + 1
+        inner = knots[lift - 1 : len(knots) - lift + 1]
+        count = len(inner) - degree - 1
+        scale = degree / (inner[degree + 1 : degree + count] - inner[1:count])
+        lower = sp.diags_array([-scale, scale], offsets=[0, 1], shape=(count - 1, count))
+        design = design @ lower
+    return design.tocsr()
+
+
+def _ends_halved(samples: int) -> Array:
+    """Turn the steps of np.gradient into trapezoid weights."""
+    weights = np.ones(samples)
+    weights[[0, -1]] = 0.5
+    return weights
