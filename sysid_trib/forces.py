@@ -181,14 +181,21 @@ class Force:
 
     def _degree_in(self, *variables: str) -> float | None:
         here = self._at(self.probe)
-        there = self._at(self.probe | {k: 2.0 * self.probe[k] for k in variables})
         used = np.abs(here) > 1e-12
         if not used.any():
             return None
-        degree = float(np.median(np.log2(np.abs(there[used] / here[used]))))
-        # Rounded to a tidy number so that a degree of 2 is 2 and not 1.9999999999.
-        degree = round(degree, 9) + 0.0
-        return degree if _same(there, 2.0**degree * here) else None
+        degree = None
+        # Over many scales: tanh(v/s) is as good as sign(v) on one of them.
+        for factor in (2.0, 4.0, 1e-3, 1e-6):
+            there = self._at(self.probe | {k: factor * self.probe[k] for k in variables})
+            if degree is None:
+                ratio = np.abs(there[used] / here[used])
+                # Rounded to a tidy number so that a degree of 2 is 2 and not 1.9999999999.
+                degree = round(float(np.median(np.log2(np.maximum(ratio, 1e-300)))), 9) + 0.0
+            scaled = factor**degree * here
+            if not np.allclose(there, scaled, rtol=1e-9, atol=1e-12 * np.abs(scaled).max()):
+                return None
+        return degree
 
 
 @dataclass(frozen=True)
