@@ -1,0 +1,242 @@
+"""Envelope of a decay: a half-sine through every half period gives amplitude, its rate, and frequency."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.errors import DecayError
+from sysid_trib.half_periods import (
+    FloatArray,
+    HalfPeriods,
+    IntArray,
+    find_half_periods,
+    noise_level,
+    quantisation_step,
+    regular_run,
+    smooth,
+)
+
+ITERATIONS = 6
+FOURTH_DIFFERENCE = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+
+
+@dataclass(frozen=True)
+class HalfSines:
+    """The curves b cos(w (t - t_b)), one for each half period.
+
+    Attributes
+    ----------
+    extremum, extremum_time, frequency : (half_period,)
+        b (signed), t_b and w of each half period.
+    extremum_spread, time_spread : (half_period,)
+        Standard errors of b and t_b at a noise of 1.
+    """
+
+    extremum: FloatArray
+    extremum_time: FloatArray
+    frequency: FloatArray
+    extremum_spread: FloatArray
+    time_spread: FloatArray
+
+
+def fit_half_sines(time: FloatArray, angle: FloatArray, halves: HalfPeriods) -> HalfSines:
+    """Fit b cos(w (t - t_b)) to each half period by Gauss-Newton, all half periods at once.
+
+    The curve is linear in its cosine and sine part (variable projection); only w iterates. A sample next to a zero
+    crossing counts by the fraction of its cell inside, so that the fit does not depend on where samples fall.
+    """
+    sample, half, weight, first = _cells(time, halves)
+    middle = 0.5 * (halves.crossing[1:] + halves.crossing[:-1])
+    s, y = time[sample] - middle[half], angle[sample]
+    w, p, q = np.pi / halves.duration, np.zeros(0), np.zeros(0)
+    for iteration in range(ITERATIONS):
+        phase = w[half] * s
+        cosine, sine = np.cos(phase), np.sin(phase)
+        if iteration == 0:
+            columns = [cosine, sine]
+        else:
+            columns = [cosine, sine, s * (q[half] * cosine - p[half] * sine)]
+        normal, right = _normal_equations(columns, y, weight, first)
+        solution = np.linalg.solve(normal, right[..., None])[..., 0]
+        p, q = solution[:, 0], solution[:, 1]
+        if iteration:
+            change = np.clip(solution[:, 2], -0.2 * w, 0.2 * w)
+            w = np.clip(w + change, 0.5 * np.pi / halves.duration, 2.0 * np.pi / halves.duration)
+            if np.max(np.abs(change) / w) < 1e-12:
+                break
+    shift = np.arctan(q / p)
+    extremum = np.copysign(np.hypot(p, q), p)
+    # Standard errors of (p, q, w) at unit noise, carried over to b and its time.
+    covariance = np.linalg.inv(normal)
+    zero = np.zeros_like(p)
+    to_b = np.stack([p / extremum, q / extremum, zero], axis=-1)
+    to_t = np.stack([-q / extremum**2, p / extremum**2, -shift / w], axis=-1) / w[:, None]
+    spread = [np.sqrt(np.einsum("hi,hij,hj->h", row, covariance, row)) for row in (to_b, to_t)]
+    return HalfSines(extremum, middle + shift / w, w, spread[0], spread[1])
+
+
+def _cells(time: FloatArray, halves: HalfPeriods) -> tuple[IntArray, IntArray, FloatArray, IntArray]:
+    """Samples whose cells touch each half period: their number, half period, share inside, and first of each."""
+    edge = np.concatenate(([time[0]], 0.5 * (time[1:] + time[:-1]), [time[-1]]))
+    edge[0] -= 0.5 * (time[1] - time[0])
+    edge[-1] += 0.5 * (time[-1] - time[-2])
+    low = np.searchsorted(edge, halves.crossing[:-1], side="right") - 1
+    high = np.searchsorted(edge, halves.crossing[1:], side="left")
+    count = high - low
+    half = np.repeat(np.arange(count.size), count)
+    first = np.concatenate(([0], np.cumsum(count)[:-1]))
+    sample = np.arange(half.size) - first[half] + low[half]
+    inside = np.minimum(edge[sample + 1], halves.crossing[half + 1]) - np.maximum(edge[sample], halves.crossing[half])
+    return sample, half, inside / (edge[sample + 1] - edge[sample]), first
+
+
+def _normal_equations(
+    columns: list[FloatArray], y: FloatArray, weight: FloatArray, first: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """Weighted normal equations of each half period: matrices (half period, column, column) and right sides."""
+    weighted = [weight * column for column in columns]
+    size = len(columns)
+    normal = np.empty((first.size, size, size))
+    right = np.empty((first.size, size))
+    for i in range(size):
+        right[:, i] = np.add.reduceat(weighted[i] * y, first)
+        for j in range(i, size):
+            normal[:, i, j] = normal[:, j, i] = np.add.reduceat(weighted[i] * columns[j], first)
+    return normal, right
+
+
+def envelope(decay: xr.Dataset) -> xr.Dataset:
+    """Envelope and frequency of a decay from half-sines (Le Bot et al. 2019, Sec. 2.3).
+
+    Parameters
+    ----------
+    decay
+        ``angle(time)`` about its equilibrium, as `free_decay` returns it. One without its marks is taken as it is.
+
+    Returns
+    -------
+    Dataset. Over ``half_period``: ``extremum`` (b, positive), ``sign``, ``extremum_time`` (t). Over ``instant``, the
+    half periods but the first and last: ``instant_time`` = t[i], ``amplitude`` = (b[i+1] + b[i-1])/2,
+    ``amplitude_rate`` = (b[i+1] - b[i-1])/(t[i+1] - t[i-1]), ``frequency`` = 2 pi/(t[i+1] - t[i-1]); each with its
+    ``..._standard_error``. And ``noise``, that of one sample.
+
+    Raises
+    ------
+    DecayError
+        Fewer than three half periods, or too few samples in each.
+
+    Notes
+    -----
+    A half period cut off by an end of the record counts only if at least four fifths of it are there, so that its
+    extremum lies well inside.
+
+    The noise is that of sixth differences, or the quantisation's if that is larger. Where successive extrema (their
+    times) scatter about a smooth course by clearly more than this noise explains (waves, a wandering camera), all
+    their standard errors are raised by that ratio, told in the attrs. They do not cover that a decaying, not
+    quite harmonic half period is no half-sine: b and t then carry an error that varies slowly from one half period
+    to the next, of a few 1e-3 b in the paper's run.
+    """
+    source = str(decay.attrs.get("source", "decay"))
+    time = decay["time"].to_numpy().astype(float)
+    angle = decay["angle"].to_numpy().astype(float)
+    halves = usable_half_periods(time, angle, source)
+    if np.diff(halves.samples(time)[0]).min() < 5:
+        raise DecayError(f"{source}: fewer than five samples in a half period; sample faster.")
+    fit = fit_half_sines(time, angle, halves)
+    noise = max(noise_level(time, angle), quantisation_step(angle) / np.sqrt(12.0))
+    extremum = np.abs(fit.extremum)
+    errors, ratios = [], []
+    for value, spread in ((extremum, fit.extremum_spread), (fit.extremum_time, fit.time_spread)):
+        ratio = _scatter_ratio(value, noise * spread)
+        errors.append(ratio * noise * spread)
+        ratios.append(ratio)
+    result = xr.Dataset(attrs=decay.attrs | {"scatter_of_extrema": ratios[0], "scatter_of_times": ratios[1]})
+    result["extremum"] = ("half_period", extremum, {"units": "rad", "long_name": "extremum of the half-sine"})
+    result["sign"] = ("half_period", halves.sign, {"units": "1", "long_name": "sign of the half period"})
+    result["extremum_time"] = ("half_period", fit.extremum_time, {"units": "s", "long_name": "time of the extremum"})
+    for name, error in (("extremum", errors[0]), ("extremum_time", errors[1])):
+        result[f"{name}_standard_error"] = ("half_period", error, _error_attrs(result[name]))
+    result["noise"] = ((), noise, {"units": "rad", "long_name": "noise of one sample"})
+    return _with_instants(result)
+
+
+def usable_half_periods(time: FloatArray, angle: FloatArray, source: str) -> HalfPeriods:
+    """Half periods of a centred decay, with those at its ends of which most is there.
+
+    Raises
+    ------
+    DecayError
+        Fewer than three.
+    """
+    oscillation = smooth(time, angle)
+    if oscillation is None:
+        raise DecayError(f"{source}: no oscillation stands out of the noise.")
+    halves = find_half_periods(oscillation)
+    run = regular_run(halves, oscillation.period)
+    first, last = run.start, run.stop
+    if last - first < 3:
+        raise DecayError(f"{source}: only {last - first} whole half periods; at least three are needed.")
+    duration = halves.duration
+    if first == 1 and 0.8 < duration[0] / duration[1] < 1.2:
+        first = 0
+    if last == duration.size - 1 and 0.8 < duration[-1] / duration[-2] < 1.2:
+        last = duration.size
+    return halves.select(slice(first, last))
+
+
+def _scatter_ratio(value: FloatArray, error: FloatArray) -> float:
+    """How much more values scatter about a smooth course than their errors say; 1 where that may be chance."""
+    if value.size < 10:
+        return 1.0
+    difference = np.convolve(value, FOURTH_DIFFERENCE, "valid")
+    expected = np.sqrt(np.convolve(error**2, FOURTH_DIFFERENCE**2, "valid"))
+    ratio = float(1.4826 * np.median(np.abs(difference) / np.maximum(expected, 1e-300)))
+    return ratio if ratio > 1.0 + 4.0 / np.sqrt(value.size) else 1.0
+
+
+def _error_attrs(variable: xr.DataArray) -> dict[str, str]:
+    return {"units": variable.attrs["units"], "long_name": f"standard error of the {variable.attrs['long_name']}"}
+
+
+def _with_instants(result: xr.Dataset) -> xr.Dataset:
+    b, t = result["extremum"].to_numpy(), result["extremum_time"].to_numpy()
+    variance_b = result["extremum_standard_error"].to_numpy() ** 2
+    variance_t = result["extremum_time_standard_error"].to_numpy() ** 2
+    span = t[2:] - t[:-2]
+    rate, frequency = (b[2:] - b[:-2]) / span, 2.0 * np.pi / span
+    both_b, both_t = variance_b[2:] + variance_b[:-2], variance_t[2:] + variance_t[:-2]
+    for name, value, variance, units, long_name in (
+        ("instant_time", t[1:-1], variance_t[1:-1], "s", "time"),
+        ("amplitude", 0.5 * (b[2:] + b[:-2]), 0.25 * both_b, "rad", "amplitude"),
+        ("amplitude_rate", rate, (both_b + rate**2 * both_t) / span**2, "rad/s", "rate of the amplitude"),
+        ("frequency", frequency, frequency**2 * both_t / span**2, "rad/s", "angular frequency"),
+    ):
+        result[name] = ("instant", value, {"units": units, "long_name": long_name})
+        result[f"{name}_standard_error"] = ("instant", np.sqrt(variance), _error_attrs(result[name]))
+    return result
+
+
+def instant_derivatives(result: xr.Dataset) -> xr.Dataset:
+    """Derivatives of an envelope's instants with respect to its extrema and their times.
+
+    Neighbouring instants share extrema: with J one of these matrices and S the squared standard errors of the extrema
+    (or times), J diag(S) J' is the covariance of the instants.
+
+    Returns
+    -------
+    Dataset with dims ``instant, half_period``: ``amplitude_by_extremum``, ``amplitude_rate_by_extremum``,
+    ``amplitude_rate_by_time``, ``frequency_by_time``.
+    """
+    t = result["extremum_time"].to_numpy()
+    span = t[2:] - t[:-2]
+    rate, frequency = result["amplitude_rate"].to_numpy(), result["frequency"].to_numpy()
+    after, before = np.eye(t.size)[2:], np.eye(t.size)[:-2]
+    difference = (after - before) / span[:, None]
+    matrices = {
+        "amplitude_by_extremum": 0.5 * (after + before),
+        "amplitude_rate_by_extremum": difference,
+        "amplitude_rate_by_time": -rate[:, None] * difference,
+        "frequency_by_time": -frequency[:, None] * difference,
+    }
+    return xr.Dataset({name: (("instant", "half_period"), matrix) for name, matrix in matrices.items()})

@@ -1,0 +1,123 @@
+"""The swing within a record, and the equilibrium it swings about."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid_trib.half_periods import (
+    FloatArray,
+    HalfPeriods,
+    Oscillation,
+    find_half_periods,
+    regular_run,
+    smooth,
+)
+
+BINOMIAL = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
+FEW = np.array([1.0, 2.0, 1.0]) / 4.0
+
+
+@dataclass(frozen=True)
+class Swing:
+    """The regular part of an oscillation, split about its equilibrium.
+
+    Attributes
+    ----------
+    oscillation : the smoothed signal, not centred.
+    halves : all half periods of the record, about the equilibrium.
+    run : those of them that belong to the regular swing.
+    equilibrium, standard_error : in the signal's unit; the error is nan where the equilibrium was given.
+    """
+
+    oscillation: Oscillation
+    halves: HalfPeriods
+    run: slice
+    equilibrium: float
+    standard_error: float
+
+
+def find_swing(time: FloatArray, signal: FloatArray, equilibrium: float | None = None) -> Swing | None:
+    """Find the regular swing of a signal and, unless it is given, its equilibrium.
+
+    None if the signal holds no oscillation that stands out of its noise.
+    """
+    oscillation = smooth(time, signal)
+    if oscillation is None:
+        return None
+    centre, error = (_centre_of_travel(oscillation), np.nan) if equilibrium is None else (equilibrium, np.nan)
+    halves, run = _split(oscillation, centre)
+    # The split depends on the centre and the centre on the split: from the smoothed points first, then from all.
+    for source_time, source in ((oscillation.time, oscillation.signal),) * 3 + ((time, signal),) * 2:
+        if equilibrium is not None or run.stop - run.start < 4:
+            break
+        swing = halves.select(run)
+        extrema = centre + signed_extrema(source_time, source - centre, swing)
+        centre, error = robust_mean(extrema)
+        halves, run = _split(oscillation, centre)
+    return Swing(oscillation, halves, run, centre, error)
+
+
+def _split(oscillation: Oscillation, centre: float) -> tuple[HalfPeriods, slice]:
+    halves = find_half_periods(oscillation, centre)
+    return halves, regular_run(halves, oscillation.period)
+
+
+def _centre_of_travel(oscillation: Oscillation) -> float:
+    """Median weighted by the distance travelled: holding, resting and sticking travel nowhere and do not count."""
+    middle = 0.5 * (oscillation.signal[1:] + oscillation.signal[:-1])
+    distance = np.abs(np.diff(oscillation.signal))
+    order = np.argsort(middle)
+    travelled = np.cumsum(distance[order])
+    return float(middle[order][np.searchsorted(travelled, 0.5 * travelled[-1])])
+
+
+def signed_extrema(time: FloatArray, signal: FloatArray, halves: HalfPeriods) -> FloatArray:
+    """Extremum of each half period of a roughly centred signal, from a cosine through its middle two thirds.
+
+    What is left of the equilibrium passes with gain one, up to the cosine's curvature.
+    """
+    duration = halves.duration
+    local = np.convolve(np.pad(duration, 1, mode="edge"), FEW, "valid")
+    middle = 0.5 * (halves.crossing[1:] + halves.crossing[:-1])
+    reach = np.maximum(local / 3.0, 1.5 * (time[-1] - time[0]) / (time.size - 1))
+    low = np.searchsorted(time, middle - reach)
+    high = np.minimum(np.searchsorted(time, middle + reach), time.size)
+    index = np.arange(low[0], high[-1])
+    half = np.repeat(np.arange(low.size), np.diff(np.append(low, high[-1])))
+    inside = index < high[half]
+    index, half = index[inside], half[inside]
+    phase = np.pi * (time[index] - middle[half]) / local[half]
+    first = np.searchsorted(half, np.arange(low.size))
+    cosine, sine, value = np.cos(phase), np.sin(phase), signal[index]
+    terms = np.array([cosine * cosine, cosine * sine, sine * sine, cosine * value, sine * value])
+    cc, cs, ss, cy, sy = np.add.reduceat(terms, first, axis=1)
+    determinant = np.maximum(cc * ss - cs * cs, 1e-12 * cc * cc)
+    p, q = (ss * cy - cs * sy) / determinant, (cc * sy - cs * cy) / determinant
+    return np.copysign(np.hypot(p, q), p)
+
+
+def robust_mean(extrema: FloatArray) -> tuple[float, float]:
+    """Mean of (b[i-1] + 2 b[i] + b[i+1])/4 over signed extrema, and its standard error.
+
+    Where the envelope curves, these terms alternate about the equilibrium by a quarter of its second difference;
+    the difference between extrema of one sign shows by how much: it is taken off (which makes the weights
+    1 4 6 4 1) and the term counts less by it. Outlying terms count less as well (Huber).
+    """
+    kernel = BINOMIAL if extrema.size >= 5 else FEW
+    terms = np.convolve(extrema, kernel, "valid")
+    curvature = np.zeros(terms.size)
+    if extrema.size >= 5:
+        curvature = (extrema[4:] - 2.0 * extrema[2:-2] + extrema[:-4]) / 16.0
+    weights = 1.0 / np.maximum(np.abs(curvature), np.median(np.abs(curvature)) + 1e-300) ** 2
+    weights /= weights.max()
+    mean, scale = float(np.average(terms, weights=weights)), 0.0
+    for _ in range(5):
+        deviation = np.abs(terms - mean)
+        scale = 1.4826 * float(np.median(deviation))
+        huber = 1.0 / np.maximum(1.0, deviation / (1.5 * scale + 1e-300))
+        mean = float(np.average(terms, weights=weights * huber))
+    total = weights * huber
+    # Neighbouring terms share extrema: the error follows from the weight that each extremum has in the end.
+    shares = np.convolve(total / total.sum(), kernel)
+    scatter = np.sqrt(np.average((terms - mean) ** 2, weights=total) * terms.size / max(terms.size - 1, 1))
+    return mean, float(scatter * np.sqrt(np.sum(shares**2) / np.sum(kernel**2)))

@@ -1,0 +1,271 @@
+"""Tables of numbers from files of many formats; the content decides, not the name."""
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from sysid_trib.errors import RecordError, UsageError
+
+FORMATS = "text or CSV, MATLAB, Excel (.xlsx), netCDF, HDF5, Parquet, TDMS"
+DELIMITERS = (";", "\t", ",", None)
+Columns = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns of a file by name, in its order, with units where the file states them."""
+
+    columns: Columns
+    named: bool
+    units: dict[str, str] = field(default_factory=dict)
+
+
+def read_table(path: Path) -> Table:
+    """Read every column of a file.
+
+    Raises
+    ------
+    UsageError
+        There is no such file.
+    RecordError
+        The file is empty, binary, truncated or holds no table; the message names it.
+    """
+    if not path.exists():
+        raise UsageError(f"{path}: there is no such file.")
+    if path.is_dir():
+        raise RecordError(f"{path}: this is a directory, not a record; name a file in it.")
+    try:
+        with path.open("rb") as file:
+            head = file.read(1024)
+        if not head.strip():
+            raise RecordError(f"{path.name}: the file is empty.")
+        table = _reader(head, path)(path)
+    except (RecordError, UsageError):
+        raise
+    except ImportError as error:
+        raise RecordError(
+            f'{path.name}: this format needs an optional package ({error.name}): pip install "sysid-trib[files]".'
+        ) from error
+    # Readers of foreign formats meet a damaged file with any exception at all.
+    except Exception as error:
+        reason = next(iter(str(error).splitlines()), "") or type(error).__name__
+        raise RecordError(f"{path.name}: cannot be read, it seems damaged or cut off ({reason}).") from error
+    if not any(np.size(column) for column in table.columns.values()):
+        raise RecordError(f"{path.name}: there are no numbers in it.")
+    return table
+
+
+def _reader(head: bytes, path: Path) -> Callable[[Path], Table]:
+    if head.startswith(b"\x89HDF") or head.startswith(b"MATLAB 7.3") or head[512:516] == b"\x89HDF":
+        return _read_netcdf if path.suffix in (".nc", ".nc4", ".cdf") else _read_hdf5
+    if head.startswith(b"MATLAB 5.0"):
+        return _read_matlab
+    if head.startswith(b"CDF"):
+        return _read_netcdf
+    if head.startswith(b"PK"):
+        return _read_excel
+    if head.startswith(b"PAR1"):
+        return _read_parquet
+    if head.startswith(b"TDSm"):
+        return _read_tdms
+    if path.suffix == ".mat" and b"\0" in head:
+        return _read_matlab
+    return _read_text
+
+
+def _read_text(path: Path) -> Table:
+    content = path.read_bytes()
+    wide = content.startswith((b"\xff\xfe", b"\xfe\xff"))
+    if not wide and b"\0" in content:
+        raise RecordError(f"{path.name}: binary content, but none of the known formats ({FORMATS}).")
+    try:
+        text = content.decode("utf-16" if wide else "utf-8-sig")
+    except UnicodeDecodeError:
+        text = content.decode("latin-1")
+    lines = text.splitlines()
+    delimiter, start = _find_block(lines)
+    if start is None:
+        raise RecordError(f"{path.name}: no rows of numbers were found in it (known formats: {FORMATS}).")
+    header = _header(lines[:start], delimiter, len(_fields(lines[start], delimiter)))
+    commas = any("," in line for line in lines[start : start + 50])
+    decimal = "," if commas and delimiter != "," else "."
+    if delimiter == "," and header and len(header) == 1:
+        delimiter, decimal = None, ","
+    block = [line for line in lines[start:] if line.strip() and not _is_comment(line)]
+    frame = pd.read_csv(
+        StringIO("\n".join(block)),
+        sep=delimiter or r"\s+",
+        decimal=decimal,
+        header=None,
+        skipinitialspace=True,
+        low_memory=False,
+    )
+    # A delimiter at the end of every line makes an empty last column.
+    if frame.shape[1] > 1 and frame.iloc[:, -1].isna().all():
+        frame = frame.iloc[:, :-1]
+    named = header is not None and len(header) >= frame.shape[1]
+    names = header if named and header else [str(index) for index in range(frame.shape[1])]
+    return _from_frame(frame, names, named)
+
+
+def _from_frame(frame: pd.DataFrame, names: list[str], named: bool) -> Table:
+    columns: Columns = {}
+    for index, name in zip(range(frame.shape[1]), names, strict=False):
+        columns[name if name and name not in columns else f"{name}#{index}"] = frame.iloc[:, index].to_numpy()
+    return Table(columns, named)
+
+
+def _is_comment(line: str) -> bool:
+    return line.lstrip().startswith(("#", "%", "//", "!"))
+
+
+def _fields(line: str, delimiter: str | None) -> list[str]:
+    fields = [item.strip().strip("\"'").strip() for item in line.strip().split(delimiter)]
+    return fields[:-1] if len(fields) > 1 and not fields[-1] else fields
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text.replace(",", ".", 1))
+    except ValueError:
+        return False
+    return True
+
+
+def _find_block(lines: list[str]) -> tuple[str | None, int | None]:
+    """Delimiter and first line of the numbers: the first line that is numbers alone, or else partly."""
+    for enough in (all, any):
+        for start, line in enumerate(lines):
+            if not line.strip() or _is_comment(line):
+                continue
+            for delimiter in DELIMITERS:
+                if delimiter is not None and delimiter not in line:
+                    continue
+                fields = _fields(line, delimiter)
+                if enough(_is_number(item) and (delimiter != "," or "," not in item) for item in fields):
+                    return delimiter, _first_row(lines, delimiter, start, len(fields))
+    return None, None
+
+
+def _first_row(lines: list[str], delimiter: str | None, start: int, width: int) -> int:
+    """Go back over rows that hold some text among their numbers: bad data, not a header."""
+    while start > 0 and not _is_comment(lines[start - 1]):
+        fields = _fields(lines[start - 1], delimiter)
+        if len(fields) != width or not any(_is_number(item) for item in fields):
+            break
+        start -= 1
+    return start
+
+
+def _header(before: list[str], delimiter: str | None, width: int) -> list[str] | None:
+    """Names from the lines above the numbers, a line of units below them included."""
+    found: list[list[str]] = []
+    for line in reversed([line for line in before if line.strip()][-2:]):
+        text = line.lstrip("#%/! \t") if _is_comment(line) else line
+        separator = "," if delimiter is None and "," in text else delimiter
+        fields = _fields(text, separator)
+        if len(fields) != width and not (len(fields) == 1 and delimiter == ","):
+            break
+        found.append(fields)
+    if not found:
+        return None
+    units_line = all(re.fullmatch(r"[\[(].*[\])]|", item) for item in found[0])
+    if units_line and len(found) == 2:
+        return [f"{name} {unit}".strip() for unit, name in zip(found[0], found[1], strict=True)]
+    return found[0]
+
+
+def _read_excel(path: Path) -> Table:
+    sheet = pd.read_excel(path, header=None, engine="openpyxl").dropna(how="all").dropna(axis=1, how="all")
+    numbers = sheet.map(lambda cell: isinstance(cell, (int, float)) and cell == cell)
+    full = np.flatnonzero(numbers.all(axis=1))
+    some = np.flatnonzero(numbers.any(axis=1))
+    if not some.size:
+        raise RecordError(f"{path.name}: no rows of numbers were found on its first sheet.")
+    start = int(full[0] if full.size else some[0])
+    while start > 0 and numbers.iloc[start - 1].any():
+        start -= 1
+    names = [str(cell) for cell in sheet.iloc[start - 1]] if start else [str(i) for i in range(sheet.shape[1])]
+    return _from_frame(sheet.iloc[start:], names, start > 0)
+
+
+def _read_parquet(path: Path) -> Table:
+    frame = pd.read_parquet(path).reset_index(drop=True)
+    return _from_frame(frame, [str(name) for name in frame.columns], True)
+
+
+def _read_netcdf(path: Path) -> Table:
+    import xarray as xr
+
+    with path.open("rb") as file:
+        engine = "scipy" if file.read(3) == b"CDF" else "h5netcdf"
+    with xr.open_dataset(path, engine=engine, decode_times=False) as dataset:
+        columns = {str(name): item.to_numpy() for name, item in dataset.variables.items() if item.ndim == 1}
+        units = {name: str(dataset[name].attrs.get("units", "")) for name in columns}
+    return Table(columns, True, units)
+
+
+def _read_matlab(path: Path) -> Table:
+    from scipy.io import loadmat
+
+    content = loadmat(path, simplify_cells=True)
+    return Table(dict(_flatten({k: v for k, v in content.items() if not k.startswith("__")})), True)
+
+
+def _flatten(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+    """Vectors in nested structs, cells and matrices, named like ``data.Y[0]``; samples run along the longer side."""
+    if isinstance(value, dict):
+        for key, item in value.items():
+            yield from _flatten(item, f"{name}.{key}" if name else str(key))
+    elif isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype == object):
+        for index, item in enumerate(value):
+            yield from _flatten(item, f"{name}[{index}]")
+    elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
+        value = np.squeeze(value)
+        if value.ndim == 1:
+            yield name, value
+        elif value.ndim == 2:
+            for index, row in enumerate(value if value.shape[1] > value.shape[0] else value.T):
+                yield f"{name}[{index}]", row
+
+
+def _read_hdf5(path: Path) -> Table:
+    import h5py
+
+    units: dict[str, str] = {}
+
+    def content(item: Any, file: Any) -> Any:
+        if isinstance(item, h5py.Group):
+            return {key: content(item[key], file) for key in item if not key.startswith("#")}
+        if h5py.check_ref_dtype(item.dtype) is not None:
+            return [content(file[reference], file) for reference in np.ravel(item[()])]
+        if "units" in item.attrs:
+            label = item.attrs["units"]
+            units[item.name.strip("/").replace("/", ".")] = label.decode() if isinstance(label, bytes) else str(label)
+        is_text = item.attrs.get("MATLAB_class") == b"char"
+        return None if is_text else item[()]
+
+    with h5py.File(path, "r") as file:
+        columns = dict(_flatten(content(file, file)))
+    return Table(columns, True, units)
+
+
+def _read_tdms(path: Path) -> Table:
+    from nptdms import TdmsFile
+
+    columns: Columns = {}
+    units: dict[str, str] = {}
+    for group in TdmsFile.read(path).groups():
+        for channel in group.channels():
+            name = f"{group.name}/{channel.name}"
+            if "wf_increment" in channel.properties and f"{group.name}/time" not in columns:
+                columns[f"{group.name}/time"] = channel.time_track()
+            columns[name] = channel[:]
+            units[name] = str(channel.properties.get("unit_string", ""))
+    return Table(columns, True, units)

@@ -1,0 +1,240 @@
+"""The free decay within a record: from the release to the stop, about its equilibrium."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.equilibrium import Swing, find_swing
+from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.half_periods import FloatArray, noise_level, quantisation_step
+from sysid_trib.records import check_sampling
+
+FEWEST_HALF_PERIODS = 6
+
+
+@dataclass(frozen=True)
+class Part:
+    """First sample of the free motion and one past its last, why, and when it stopped for good (nan if not)."""
+
+    start: int
+    stop: int
+    before: str
+    after: str
+    stop_time: float = float("nan")
+
+
+def free_decay(
+    record: xr.Dataset,
+    *,
+    window: tuple[float | None, float | None] = (None, None),
+    equilibrium: float | str = "auto",
+) -> xr.Dataset:
+    """Cut a record to its free decay and centre it on its equilibrium.
+
+    Parameters
+    ----------
+    record
+        With ``angle(time)``.
+    window : s
+        Times between which to look; None for the record's end.
+    equilibrium : rad, or "auto"
+        ``auto``: the robust mean of (b[i-1] + 2 b[i] + b[i+1])/4 over signed extrema. It is not the rest position,
+        which dry friction may put anywhere in the stick band.
+
+    Returns
+    -------
+    Dataset
+        The record from the release to the stop, ``angle`` centred, times unchanged; scalars ``equilibrium`` and
+        ``equilibrium_standard_error`` (nan if given), ``stop_time`` if it stopped for good; attrs ``free_decay``:
+        a sentence on what was cut. A record that is free from its first sample on loses none.
+
+    Raises
+    ------
+    UsageError
+        The window is no interval.
+    RecordError
+        Uneven time steps within the window.
+    DecayError
+        Less than three periods, or flat, only noise, not decaying, growing, clipped.
+    """
+    source = str(record.attrs.get("source", "record"))
+    inside = _in_window(record, window, source)
+    time, angle = inside["time"].to_numpy().astype(float), inside["angle"].to_numpy().astype(float)
+    _check_signal(time, angle, source)
+    value = None if equilibrium == "auto" else _given(equilibrium)
+    swing = find_swing(time, angle, value)
+    if swing is None:
+        raise DecayError(f"{source}: no oscillation stands out of the noise; check the column and the window.")
+    swing = _after_the_largest(swing, source)
+    _check_clipping(time, angle, swing, source)
+    part = _free_part(time, angle - swing.equilibrium, swing)
+    decay = inside.isel(time=slice(part.start, part.stop)).copy()
+    attrs = decay["angle"].attrs
+    decay["angle"] = (decay["angle"] - swing.equilibrium).assign_attrs(attrs)
+    units = str(attrs.get("units", "rad"))
+    decay["equilibrium"] = ((), swing.equilibrium, {"units": units, "long_name": "equilibrium"})
+    error = {"units": units, "long_name": "standard error of the equilibrium"}
+    decay["equilibrium_standard_error"] = ((), swing.standard_error, error)
+    if np.isfinite(part.stop_time):
+        decay["stop_time"] = ((), part.stop_time, {"units": "s", "long_name": "time at which it stopped for good"})
+    decay.attrs["free_decay"] = _sentence(time, part, swing, units)
+    return decay
+
+
+def _given(equilibrium: float | str) -> float:
+    try:
+        value = float(equilibrium)
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise UsageError(f"equilibrium {equilibrium!r}: give a number, or auto.")
+    return value
+
+
+def _in_window(record: xr.Dataset, window: tuple[float | None, float | None], source: str) -> xr.Dataset:
+    start = -np.inf if window[0] is None else float(window[0])
+    stop = np.inf if window[1] is None else float(window[1])
+    if not start < stop:
+        raise UsageError(f"window {window[0]}:{window[1]}: its start must come before its end.")
+    time = record["time"].to_numpy()
+    inside = record.isel(time=slice(int(np.searchsorted(time, start)), int(np.searchsorted(time, stop, "right"))))
+    if inside.sizes["time"] < 20:
+        raise DecayError(
+            f"{source}: only {inside.sizes['time']} samples between {max(start, time[0]):g} s and "
+            f"{min(stop, time[-1]):g} s (the record runs from {time[0]:g} s to {time[-1]:g} s); widen the window."
+        )
+    return inside
+
+
+def _check_signal(time: FloatArray, angle: FloatArray, source: str) -> None:
+    bad = np.flatnonzero(~np.isfinite(angle))
+    if bad.size:
+        raise DecayError(f"{source}: the angle at {time[bad[0]]:.6g} s is not a finite number; cut it out.")
+    check_sampling(time, source)
+    if np.ptp(angle) <= 1e-12 * np.max(np.abs(angle)):
+        raise DecayError(f"{source}: the angle is flat at {angle[0]:.6g}; choose another column or window.")
+
+
+def _after_the_largest(swing: Swing, source: str) -> Swing:
+    """Leave out what comes before the largest extremum, and refuse what does not decay after it."""
+    run = swing.run
+    peak = swing.halves.peak[run]
+    count = peak.size
+    if count < FEWEST_HALF_PERIODS - 1:
+        raise DecayError(
+            f"{source}: only about {count / 2:g} full periods of steady oscillation were found (period about "
+            f"{swing.oscillation.period:.3g} s); at least three are needed: record longer or widen the window."
+        )
+    # A peak of the averaged signal scatters by its noise and by the quantisation.
+    scatter = 3.0 * swing.oscillation.smoothed_noise + 0.5 * swing.oscillation.step
+    largest = int(np.argmax(peak))
+    first = largest if peak[largest] > 1.03 * peak[0] + scatter else 0
+    quarter = max(1, (count - first) // 4)
+    fall = float(np.mean(peak[first : first + quarter]) - np.mean(peak[-quarter:]))
+    if count - first < FEWEST_HALF_PERIODS - 1 and largest:
+        growth = 100.0 * ((peak[largest] / peak[0]) ** (2.0 / largest) - 1.0)
+        raise DecayError(f"{source}: the oscillation grows by {growth:.2g} % a period; a free decay is needed.")
+    if fall < 1e-6 * peak[first] + scatter / np.sqrt(quarter):
+        change = 100.0 * abs(fall) / peak[first] / (count - first) * 2
+        raise DecayError(
+            f"{source}: the oscillation does not decay (amplitude {peak[first]:.3g}, change {change:.2g} % a period)."
+        )
+    return Swing(
+        swing.oscillation,
+        swing.halves,
+        slice(run.start + first, run.stop),
+        swing.equilibrium,
+        swing.standard_error,
+    )
+
+
+def _check_clipping(time: FloatArray, angle: FloatArray, swing: Swing, source: str) -> None:
+    """Refuse flat tops at one and the same extreme value in three or more half periods."""
+    starts, stops = swing.halves.select(swing.run).samples(time)
+    sign = swing.halves.sign[swing.run]
+    part = slice(int(starts[0]), int(stops[-1]))
+    for side, limit in ((1, angle[part].max()), (-1, angle[part].min())):
+        at_limit = np.concatenate(([0], np.cumsum(np.abs(angle - limit) <= 1e-9 * np.ptp(angle))))
+        flat = (at_limit[stops] - at_limit[starts])[sign == side]
+        height = side * (limit - swing.equilibrium)
+        # A cosine stays within a quantisation step of its top for this share of a half period.
+        share = 2.0 / np.pi * np.arccos(max(0.0, 1.0 - swing.oscillation.step / max(height, 1e-300)))
+        usual = share * np.median(stops - starts)
+        if np.count_nonzero(flat > 1.5 * usual + 2) >= 3:
+            raise DecayError(
+                f"{source}: {np.count_nonzero(flat)} half periods are clipped at {limit:.6g}; start the window after "
+                "them, or record with a wider range."
+            )
+
+
+def _free_part(time: FloatArray, angle: FloatArray, swing: Swing) -> Part:
+    halves, run = swing.halves, swing.run
+    smoothed, centred = swing.oscillation.time, swing.oscillation.signal - swing.equilibrium
+    start, before = 0, ""
+    if run.start > 1 or not _mirrors(smoothed, centred, swing, leading=True):
+        inside = (smoothed >= halves.crossing[run.start]) & (smoothed <= halves.crossing[run.start + 1])
+        top = smoothed[inside][np.argmax(np.abs(centred[inside]))]
+        start = int(np.searchsorted(time, top))
+        before = f"the {time[start] - time[0]:.4g} s before the first free extremum"
+    if run.stop == halves.sign.size - 1 and _mirrors(smoothed, centred, swing, leading=False):
+        return Part(start, time.size, before, "")
+    stop, stop_time = _find_stop(time, angle, swing)
+    if np.isfinite(stop_time):
+        return Part(start, stop, before, f"the {time[-1] - stop_time:.4g} s after it stopped for good", stop_time)
+    stop = int(np.searchsorted(time, halves.crossing[run.stop]))
+    small = halves.peak[run.stop - 1] < 4.0 * swing.oscillation.floor
+    reason = "in which it is lost in the noise" if small else "in which it does not swing freely"
+    return Part(start, stop, before, f"the last {time[-1] - time[stop - 1]:.4g} s {reason}")
+
+
+def _mirrors(time: FloatArray, angle: FloatArray, swing: Swing, *, leading: bool) -> bool:
+    """Whether an end of the record is the mirror image, through a zero crossing, of the swing next to it.
+
+    Free motion under odd forces is, up to the decay; motion held, pushed or stopped by hand or by friction is not.
+    """
+    halves, run = swing.halves, swing.run
+    peak, duration = halves.peak[run], halves.duration[run]
+    crossing = halves.crossing[run.start] if leading else halves.crossing[run.stop]
+    near, further = (0, 1) if leading else (-1, -2)
+    outside = time < crossing if leading else time > crossing
+    away = np.abs(time[outside] - crossing)
+    if away.size == 0:
+        return True
+    if away.max() > 1.5 * duration[near]:
+        return False
+    decay = np.log(peak[near] / peak[further]) / (duration[near] + duration[further]) * 2.0
+    inwards = crossing + away if leading else crossing - away
+    mirrored = -np.interp(inwards, time, angle) * np.exp(2.0 * decay * away)
+    allowed = 0.06 * peak[near] + 5.0 * swing.oscillation.smoothed_noise + swing.oscillation.step
+    return bool(np.all(np.abs(angle[outside] - mirrored) < allowed))
+
+
+def _find_stop(time: FloatArray, angle: FloatArray, swing: Swing) -> tuple[int, float]:
+    """First sample of the stuck tail, and its time; nan if the motion did not stop but fade or go on."""
+    halves, run = swing.halves, swing.run
+    end, duration = halves.crossing[run.stop], float(halves.duration[run.stop - 1])
+    first, last = np.searchsorted(time, (end + duration, end + 4.0 * duration))
+    if last - first < 5 or time[min(last, time.size - 1)] - time[first] < duration:
+        return time.size, np.nan
+    rest = float(np.median(angle[first:last]))
+    noise = noise_level(time[first:last], angle[first:last])
+    allowed = max(4.5 * noise, 1.2 * quantisation_step(angle), 1e-9)
+    away = np.flatnonzero(np.abs(angle[:last] - rest) > allowed)
+    stop = int(away[-1]) + 1 if away.size else 0
+    if time[min(stop, time.size - 1)] > end + duration:
+        return time.size, np.nan
+    # Fading below the noise looks the same unless the next extremum would have been seen, or the rest is off centre.
+    peak = halves.peak[run]
+    expected = peak[-1] ** 2 / peak[-2]
+    seen = expected > 2.0 * swing.oscillation.floor or abs(rest) > 3.0 * swing.oscillation.smoothed_noise + (
+        3.0 * np.nan_to_num(swing.standard_error) + 0.5 * swing.oscillation.step
+    )
+    return (stop, float(time[stop])) if seen else (time.size, np.nan)
+
+
+def _sentence(time: FloatArray, part: Part, swing: Swing, units: str) -> str:
+    cut = " and ".join(text for text in (part.before, part.after) if text)
+    kept = f"kept {time[part.start]:.6g} s to {time[part.stop - 1]:.6g} s ({part.stop - part.start} samples)"
+    error = f" ± {swing.standard_error:.2g}" if np.isfinite(swing.standard_error) else " as given"
+    return f"Free decay: {kept}; cut {cut or 'nothing'}; centred on {swing.equilibrium:.6g}{error} {units}."

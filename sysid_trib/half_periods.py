@@ -1,0 +1,199 @@
+"""Half periods of an oscillation that may be noisy, quantised, jittered, or held by hand at first."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import next_fast_len, rfft
+from scipy.ndimage import maximum_filter1d
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+POINTS_PER_PERIOD = 24
+"""Points a period keeps after smoothing: enough for its crossings, few enough to be quick."""
+
+
+@dataclass(frozen=True)
+class Oscillation:
+    """A signal averaged over a twelfth of its period, and what disturbs it.
+
+    Attributes
+    ----------
+    time, signal : (point,)
+        The averaged signal; a twentyfourth of a period apart where the sampling allows.
+    period : s
+        Dominant period.
+    noise : float
+        White noise of one sample of the original signal.
+    step : float
+        Quantisation step of the original signal (tiny if there is none).
+    smoothed_noise : float
+        White noise of one averaged point.
+    """
+
+    time: FloatArray
+    signal: FloatArray
+    period: float
+    noise: float
+    step: float
+    smoothed_noise: float
+
+    @property
+    def floor(self) -> float:
+        """Amplitude below which noise or quantisation could feign a half period."""
+        return max(5.0 * self.smoothed_noise, 0.75 * self.step)
+
+
+@dataclass(frozen=True)
+class HalfPeriods:
+    """Consecutive half periods, bounded by zero crossings; their signs alternate.
+
+    Attributes
+    ----------
+    crossing : (half_period + 1,) s
+        Zero crossings; the first and last value are the ends of the record where it ends within a half period.
+    sign : (half_period,)
+        +1 or -1.
+    peak : (half_period,)
+        Largest absolute value of the averaged signal.
+    complete : (half_period,)
+        Whether both bounds are zero crossings.
+    """
+
+    crossing: FloatArray
+    sign: IntArray
+    peak: FloatArray
+    complete: NDArray[np.bool_]
+
+    @property
+    def duration(self) -> FloatArray:
+        return np.diff(self.crossing)
+
+    def select(self, part: slice) -> "HalfPeriods":
+        """The half periods ``part.start`` to ``part.stop - 1``."""
+        return HalfPeriods(
+            self.crossing[part.start : part.stop + 1], self.sign[part], self.peak[part], self.complete[part]
+        )
+
+    def samples(self, time: FloatArray) -> tuple[IntArray, IntArray]:
+        """First sample of each half period, and one past its last."""
+        bounds = np.searchsorted(time, self.crossing)
+        if bounds.size and self.crossing[-1] >= time[-1]:
+            bounds[-1] = time.size
+        return bounds[:-1], bounds[1:]
+
+
+def noise_level(time: FloatArray, signal: FloatArray) -> float:
+    """White noise of one sample, from sixth differences: a smooth motion leaves next to nothing in them.
+
+    Jittered times get divided differences: taken for even, they would turn motion into noise.
+    """
+    if signal.size < 12:
+        return 0.0
+    steps = np.diff(time)
+    if np.ptp(steps) < 1e-6 * steps.mean():
+        return float(np.sqrt(np.mean(np.diff(signal, 6) ** 2) / 924.0))
+    near = np.lib.stride_tricks.sliding_window_view(time / steps.mean(), 7)
+    gaps = near[:, :, None] - near[:, None, :] + np.eye(7)
+    weights = 1.0 / gaps.prod(axis=2)
+    difference = np.sum(weights * np.lib.stride_tricks.sliding_window_view(signal, 7), axis=1)
+    return float(np.sqrt(np.mean(difference**2 / np.sum(weights**2, axis=1))))
+
+
+def quantisation_step(signal: FloatArray) -> float:
+    """Smallest spacing between values; that of continuous values is negligible by itself.
+
+    Spacings below a millionth of the range are rounding of the quantised values, not their step.
+    """
+    values = np.sort(signal[:: max(1, signal.size // 20_000)])
+    spacing = np.diff(values)
+    spacing = spacing[spacing > 1e-6 * (values[-1] - values[0])]
+    return float(spacing.min()) if spacing.size else 0.0
+
+
+def dominant_period(time: FloatArray, signal: FloatArray) -> float | None:
+    """Period of the strongest line in the spectrum of the signal's rate; None if noise is all there is.
+
+    Holding by hand, lifting and rest are slow, noise is fast: the rate suppresses the former,
+    and a line must stand out of the spectrum's median against the latter.
+    """
+    size = next_fast_len(2 * signal.size, real=True)
+    spectrum = np.abs(rfft(signal - np.median(signal), size))[1:]
+    index = np.arange(1, spectrum.size + 1)
+    rate = np.where(spectrum > 8.0 * np.median(spectrum), spectrum * index, 0.0)
+    peak = int(np.argmax(rate))
+    if rate[peak] == 0.0:
+        return None
+    return float(size * (time[-1] - time[0]) / (time.size - 1) / index[peak])
+
+
+def smooth(time: FloatArray, signal: FloatArray) -> Oscillation | None:
+    """Average over a twelfth of the dominant period; None if no oscillation stands out of the noise."""
+    period = dominant_period(time, signal)
+    if period is None:
+        return None
+    interval = (time[-1] - time[0]) / (time.size - 1)
+    width = max(1, round(2 * period / POINTS_PER_PERIOD / interval))
+    first = np.arange(0, time.size - width + 1, max(1, width // 2))
+
+    def average(values: FloatArray) -> FloatArray:
+        total = np.concatenate(([0.0], np.cumsum(values - values[0])))
+        return (total[first + width] - total[first]) / width + values[0]
+
+    noise, step = noise_level(time, signal), quantisation_step(signal)
+    return Oscillation(average(time), average(signal), period, noise, step, float(noise / np.sqrt(width)))
+
+
+def find_half_periods(oscillation: Oscillation, equilibrium: float = 0.0) -> HalfPeriods:
+    """Split an oscillation at the zero crossings that lead from one clear side to the other.
+
+    A side is clear beyond a tenth of the local amplitude and beyond noise and quantisation (hysteresis).
+    Of several chattering crossings on the way, the middle counts.
+    """
+    time, signal = oscillation.time, oscillation.signal - equilibrium
+    magnitude = np.abs(signal)
+    points = max(3, round(oscillation.period * (time.size - 1) / (time[-1] - time[0])))
+    clear = magnitude > np.maximum(0.1 * maximum_filter1d(magnitude, points), oscillation.floor)
+    where = np.flatnonzero(clear)
+    side = np.sign(signal[where]).astype(np.int64)
+    turn = np.flatnonzero(np.diff(side))
+    if where.size == 0:
+        empty = np.zeros(0)
+        return HalfPeriods(empty, empty.astype(np.int64), empty, empty.astype(bool))
+    crossing = _middle_crossing(time, signal, where[turn], where[turn + 1])
+    crossing = np.concatenate(([time[0]], crossing, [time[-1]]))
+    peak = np.maximum.reduceat(magnitude[where], np.concatenate(([0], turn + 1)))
+    complete = np.ones(peak.size, dtype=bool)
+    complete[[0, -1]] = False
+    return HalfPeriods(crossing, side[np.concatenate(([0], turn + 1))], peak, complete)
+
+
+def _middle_crossing(time: FloatArray, signal: FloatArray, before: IntArray, after: IntArray) -> FloatArray:
+    """Mean of the first and last zero crossing between the points ``before`` and ``after``."""
+    change = np.flatnonzero((signal[:-1] > 0) != (signal[1:] > 0))
+    low, high = signal[change], signal[change + 1]
+    instant = time[change] + (time[change + 1] - time[change]) * low / (low - high)
+    first = np.searchsorted(change, before)
+    last = np.searchsorted(change, after) - 1
+    return 0.5 * (instant[first] + instant[last])
+
+
+def regular_run(halves: HalfPeriods, period: float) -> slice:
+    """The run of complete half periods with steady durations that covers the most travel.
+
+    Rest, lifting and holding last too long or too short to belong to it, as does a stuck tail.
+    """
+    half = halves.duration / (0.5 * period)
+    fits = halves.complete & (half > 0.4) & (half < 2.5)
+    steady = np.abs(np.log(half[1:] / half[:-1])) < np.log(1.67)
+    best, travel, start = slice(0, 0), 0.0, 0
+    for index in range(fits.size):
+        if not fits[index]:
+            start = index + 1
+        elif index > start and not steady[index - 1]:
+            start = index
+        distance = float(halves.peak[start : index + 1].sum())
+        if fits[index] and distance > travel:
+            best, travel = slice(start, index + 1), distance
+    return best
