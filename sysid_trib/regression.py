@@ -1,0 +1,198 @@
+"""Weak rows of Eq. 1 along a reference trajectory: regression with whitened noise, and its covariance."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid_trib.forces import Force
+from sysid_trib.model import rescaling_factors
+from sysid_trib.weak_form import WeakForm, noise_operator, whiten, whitener
+
+Array = NDArray[np.float64]
+
+# Width, in units of the local amplitude, over which the noise feels a jump of a force at zero.
+REACH = 0.8
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is held fixed: the data, the test functions and the forces offered.
+
+    Time of the weak form is tau = `nominal` * t; `free` says whether the reference frequency is an unknown.
+    """
+
+    time: Array
+    angle: Array
+    form: WeakForm
+    forces: tuple[Force, ...]
+    shapes: Mapping[str, float]
+    nominal: float
+    free: bool
+
+
+@dataclass(frozen=True)
+class Guess:
+    """The present estimate: coefficients at `frequency`, zero of the sensor, start of the motion."""
+
+    coefficients: Array
+    frequency: float
+    offset: float = 0.0
+    start: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Path:
+    """Reference trajectory: theta (rad), v = theta'/w (rad) and the forces along it, (sample, force)."""
+
+    x: Array
+    v: Array
+    columns: Array
+    exact: bool
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Whitened rows ``y = columns @ coefficients + nuisances @ steps + white noise``."""
+
+    y: Array
+    columns: Array
+    nuisances: Array
+    scale: Array
+
+
+def force_columns(problem: Problem, frequency: float, x: Array, v: Array) -> Array:
+    """Every force along a trajectory, (sample, force); states and memory are carried along."""
+    t = problem.time - problem.time[0]
+    columns = []
+    for force in problem.forces:
+        hidden = {}
+        if not force.memoryless:
+            from sysid_trib.feature_library import carry_along
+
+            hidden = carry_along(force, frequency * t, x, v, problem.shapes)
+        columns.append(force.value(x, v, t, shapes=problem.shapes, hidden=hidden))
+    return np.stack(columns, axis=1) if columns else np.zeros((len(x), 0))
+
+
+def averaged_columns(problem: Problem, frequency: float, x: Array, v: Array, acceleration: Array) -> Array:
+    """`force_columns` averaged over each sample's cell, so that sign(v) turns where v does, not at a sample."""
+    step = frequency * np.gradient(problem.time)
+    total = 0.0
+    for part in (-0.375, -0.125, 0.125, 0.375):
+        near = part * step
+        total = total + force_columns(problem, frequency, x + near * v, v + near * acceleration)
+    return np.asarray(total) / 4.0
+
+
+def partial_derivatives(problem: Problem, guess: Guess, path: Path) -> tuple[Array, Array]:
+    """1 + sum c dh/dx and sum c dh/dv along a path, a jump at zero spread over `REACH`.
+
+    A force that jumps with v, as sign(v), damps the noise by a spike at each reversal. The test functions
+    see no spike, but its mean: a sharper one would whiten away what they can see.
+    """
+    t = problem.time - problem.time[0]
+    amplitude = np.hypot(path.x, path.v) + 1e-12
+    found = [np.ones_like(path.x), np.zeros_like(path.x)]
+    for force, coefficient in zip(problem.forces, guess.coefficients, strict=True):
+        if not force.memoryless:
+            continue
+        for i, along in enumerate((path.x, path.v)):
+
+            def h(value: Array, force: Force = force, i: int = i) -> Array:
+                point = (value, path.v) if i == 0 else (path.x, value)
+                return force.value(*point, t, shapes=problem.shapes)
+
+            # A step in proportion never crosses zero, where the jump is.
+            step = 1e-5 * np.where(along == 0.0, 1.0, along)
+            slope = (h(along + step) - h(along)) / step
+            jump = h(np.full_like(along, 1e-12)) - h(np.full_like(along, -1e-12))
+            near = np.clip(1.0 - (along / (REACH * amplitude)) ** 2, 0.0, None)
+            slope = slope + jump * near**2 * 15.0 / (16.0 * REACH * amplitude)
+            found[i] = found[i] + coefficient * slope
+    return found[0], found[1]
+
+
+def whitened_rows(problem: Problem, guess: Guess, path: Path) -> Rows:
+    """Rows of the regression about a path.
+
+    The equation linearised about the path, with L the operator that acts on small deviations:
+    ``A x + k value (H c) + L (angle - offset - x) = L noise``, k = (frequency/nominal)^2.
+    Along an exact solution the first part vanishes, so that errors of quadrature cannot bias the result.
+    """
+    form, k = problem.form, (guess.frequency / problem.nominal) ** 2
+    stiffness, damping = partial_derivatives(problem, guess, path)
+    operator = noise_operator(form, k * stiffness, np.sqrt(k) * damping)
+    residual = operator @ (problem.angle - guess.offset - path.x)
+    columns = k * (form.value @ path.columns)
+    if not path.exact:
+        residual = residual + form.curvature @ path.x + k * (form.value @ path.x) + columns @ guess.coefficients
+    nuisances = [-(operator @ np.ones_like(path.x))]
+    if problem.free:
+        nuisances.append(k * (form.value @ path.x))
+    # Each column in units of its force: a coefficient on it is the RMS force in rad.
+    scale = np.sqrt(np.mean(path.columns**2, axis=0))
+    scale = np.where(scale > 0, scale, 1.0)
+    stacked = np.column_stack([-residual, columns / scale, *nuisances])
+    white = whiten(whitener(operator), stacked)
+    count = columns.shape[1]
+    y = white[:, 0] + white[:, 1 : count + 1] @ (scale * guess.coefficients)
+    return Rows(y, white[:, 1 : count + 1], white[:, count + 1 :], scale)
+
+
+def moved(problem: Problem, guess: Guess, coefficients: Array, steps: Array) -> Guess:
+    """The next guess; a fitted stiffness is turned into the reference frequency, coefficients following."""
+    frequency = guess.frequency
+    if problem.free:
+        frequency = guess.frequency * np.sqrt(max(0.25, 1.0 + steps[1]))
+        factors = rescaling_factors(problem.forces, guess.frequency, frequency)
+        # A force without a degree in v keeps its size at least: w^2 c stays.
+        coefficients = coefficients * np.where(np.isnan(factors), (guess.frequency / frequency) ** 2, factors)
+    return replace(
+        guess, coefficients=coefficients, frequency=float(frequency), offset=guess.offset + float(steps[0])
+    )
+
+
+def covariance(problem: Problem, rows: Rows, guess: Guess) -> tuple[Array, float, int]:
+    """Covariance of (coefficients, reference frequency), noise level (rad) and lags of correlation allowed for.
+
+    Of white rows it is sigma^2 (X' X)^-1. Where the model leaves something in the residual, its rows are
+    correlated: then the sandwich of Newey and West (1987) over two periods.
+    """
+    design = np.column_stack([rows.columns, rows.nuisances])
+    solution, *_ = np.linalg.lstsq(design, rows.y, rcond=None)
+    residual = rows.y - design @ solution
+    freedom = max(1, len(residual) - design.shape[1])
+    noise = float(np.sqrt(residual @ residual / freedom))
+    inverse = np.linalg.pinv(design.T @ design)
+    lags = 24 if _correlated(residual) else 0
+    scores = design * residual[:, None]
+    meat = noise**2 * design.T @ design
+    if lags:
+        meat = scores.T @ scores
+        for lag in range(1, lags + 1):
+            cross = scores[lag:].T @ scores[:-lag]
+            meat = meat + (1.0 - lag / (lags + 1)) * (cross + cross.T)
+    whole = inverse @ meat @ inverse
+    # Back to the coefficients' own units, and from the stiffness to the frequency: w sqrt(1 + alpha).
+    count = len(problem.forces)
+    jacobian = np.zeros((count + 1, design.shape[1]))
+    jacobian[:count, :count] = np.diag(1.0 / rows.scale)
+    if problem.free:
+        degrees = np.array([2.0 if f.speed_degree is None else f.speed_degree for f in problem.forces])
+        jacobian[:count, count + 1] = -0.5 * (2.0 - degrees) * guess.coefficients
+        jacobian[count, count + 1] = 0.5 * guess.frequency
+    return jacobian @ whole @ jacobian.T, noise, lags
+
+
+def _correlated(residual: Array) -> bool:
+    """Whether neighbouring rows' residuals are correlated: Ljung and Box (1978) over 12 lags at 1e-4."""
+    from scipy.stats import chi2
+
+    n, total = len(residual), float(residual @ residual)
+    lags = [lag for lag in range(1, 13) if lag < n // 2]
+    if not lags or total == 0.0:
+        return False
+    statistic = n * (n + 2) * sum(float(residual[k:] @ residual[:-k] / total) ** 2 / (n - k) for k in lags)
+    return bool(chi2.sf(statistic, len(lags)) < 1e-4)
