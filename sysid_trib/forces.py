@@ -88,8 +88,9 @@ class Force:
         hidden: Mapping[str, ArrayLike] | None = None,
     ) -> NDArray[np.float64]:
         """Value of h at the given points (rad); `hidden` holds the states and memory, zero if left out."""
-        names = {"x": x, "v": v, "t": t, **dict.fromkeys((*self.state, *self.memory), 0.0), **(hidden or {})}
-        names = {k: np.asarray(a, dtype=float) for k, a in names.items()} | self.shape_values(shapes)  # type: ignore[operator]
+        given = {"x": x, "v": v, "t": t, **dict.fromkeys((*self.state, *self.memory), 0.0), **(hidden or {})}
+        arrays = {k: np.asarray(a, dtype=float) for k, a in given.items()}
+        names: dict[str, Any] = arrays | self.shape_values(shapes)
         with np.errstate(all="ignore"):
             found = self.formula.evaluate(names)
         shape = np.broadcast_shapes(names["x"].shape, names["v"].shape, np.shape(found))
@@ -240,7 +241,11 @@ class ForceLibrary:
 
 def _toml(force: Force) -> str:
     # A JSON string is a TOML string, and a number's repr reads back as the same number.
-    lines = {k: json.dumps(w) for k in ("symbol", "name", "family", "meaning", "source") if (w := getattr(force, k))}
+    lines = {
+        k: json.dumps(w)
+        for k in ("symbol", "name", "family", "meaning", "source")
+        if (w := getattr(force, k))
+    }
     lines["formula"] = json.dumps(force.formula.text)
     if force.kind != "force":
         lines["kind"] = json.dumps(force.kind)
