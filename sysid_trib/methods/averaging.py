@@ -1,0 +1,251 @@
+"""The paper's identification: amplitude decay and frequency shift against the signatures of the forces."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+import scipy.sparse as sp
+import xarray as xr
+from numpy.typing import NDArray
+
+from sysid_trib.envelope import envelope, instant_derivatives
+from sysid_trib.errors import DecayError, SysidTribError, UsageError
+from sysid_trib.forces import ForceLibrary
+from sysid_trib.model import Model
+from sysid_trib.results import Estimate, identification
+from sysid_trib.signatures import averages
+from sysid_trib.simulate import trajectory
+from sysid_trib.start import fit_start
+from sysid_trib.weak_form import smooth, whiten, whitener
+
+Array = NDArray[np.float64]
+
+MAX_CORRECTIONS = 20
+
+
+@dataclass(frozen=True)
+class Averaging:
+    """Least squares of da/dt and w(a) on the forces' signatures (Le Bot et al. 2019, Sec. 2.3).
+
+    Parameters
+    ----------
+    frequency : `fit` has the asymptotic frequency as one more unknown; `last` is the paper's rule, the last
+        half periods' frequency, with its plain least squares.
+    correct : whether the first-order bias is removed: the identified model is simulated, its motion goes
+        through the same averaging, and what that got wrong is subtracted, until nothing moves.
+    reference_frequency : w in rad/s, held; the library's force of formula `x` is then an unknown.
+    weighted : generalised least squares with the covariance of the half-sine fits (never with `last`).
+    shapes : values of shape parameters, which are held.
+
+    Notes
+    -----
+    With the columns L = <h sin phi> and M = <h cos phi>/a, unknowns w and w c: da/dt = L (w c) and
+    w(a) = w + M (w c). A force with both signatures has one unknown in both.
+    """
+
+    frequency: Literal["fit", "last"] = "fit"
+    correct: bool = True
+    reference_frequency: float | None = None
+    weighted: bool = True
+    shapes: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.frequency not in ("fit", "last"):
+            raise UsageError(f"frequency='{self.frequency}' is neither 'fit' nor 'last'.")
+
+    def identify(self, decay: xr.Dataset, library: ForceLibrary) -> xr.Dataset:
+        """Identify the forces of `library` from a decay with `angle(time)`."""
+        stiffness = library.role("x")
+        asked = library
+        if self.reference_frequency is None and stiffness is not None:
+            asked = library.select(s for s in library.symbols if s != stiffness.symbol)
+        measured = _measured(decay)
+        found = _first_order(self, measured, asked)
+        values, corrected = found.values, "no"
+        if self.correct:
+            values, corrected = _corrected(self, decay, asked, measured, found)
+        extra = {"misfit": (found.misfit, "1", "RMS of the averaged equations' residual over its error")}
+        estimate = Estimate(values[:-1], found.covariance, float(values[-1]), found.noise, extra)
+        result = identification(self, decay, asked, estimate)
+        bias = found.values - values
+        result["first_order_bias"] = ("force", bias[:-1], {"units": "1", "long_name": "first-order bias removed"})
+        return result.assign_attrs(first_order_bias_removed=corrected)
+
+
+@dataclass(frozen=True)
+class _Averaged:
+    """First-order estimate: values and covariance of (coefficients, reference frequency)."""
+
+    values: Array
+    covariance: Array
+    noise: float
+    misfit: float
+
+
+def _first_order(method: Averaging, measured: xr.Dataset, library: ForceLibrary) -> _Averaged:
+    """The paper's least squares on the half periods of one decay."""
+    design, target = _averaged_equations(method, measured, library)
+    w = measured.frequency.values
+    last = method.frequency == "last" and method.reference_frequency is None
+    fixed = float(w[-1]) if last else method.reference_frequency
+    if fixed is not None:
+        design, target = design[:, :-1], target - fixed * design[:, -1]
+    _check_rank(design, library.symbols, len(w))
+    plain = np.linalg.lstsq(design, target, rcond=None)[0]
+    noise = _noise_of_equations(method, measured, library, plain[: len(library)])
+    factor = whitener(noise)
+    rows, y = whiten(factor, design), whiten(factor, target)
+    if method.weighted and not last:
+        unknown, *_ = np.linalg.lstsq(rows, y, rcond=None)
+        spread = np.linalg.inv(rows.T @ rows)
+    else:
+        unknown, dense = plain, noise.toarray()
+        if last:
+            # The error of the last frequency is in every shift that is taken from it.
+            dense[1::2] -= dense[-1]
+        reached = np.linalg.pinv(design) @ dense
+        spread = reached @ reached.T
+    freedom = max(1, len(y) - len(unknown))
+    misfit = float(np.sqrt(np.sum((y - rows @ unknown) ** 2) / freedom))
+    spread = spread * max(1.0, misfit) ** 2
+    if fixed is not None:
+        unknown = np.append(unknown, fixed)
+        spread = np.pad(spread, (0, 1))
+        if last:
+            spread[-1, -1] = measured.frequency_standard_error.values[-1] ** 2
+    values, spread = _to_coefficients(library, unknown, spread, given=method.reference_frequency is not None)
+    return _Averaged(values, spread, float(measured.noise), misfit)
+
+
+def _averaged_equations(
+    method: Averaging, measured: xr.Dataset, library: ForceLibrary
+) -> tuple[Array, Array]:
+    """Rows (rate and frequency of each instant, in turn) against (w c of each force, w)."""
+    a, w = measured.amplitude.values, measured.frequency.values
+    design = np.zeros((len(a), 2, len(library) + 1))
+    design[:, :, :-1] = _signature_columns(method, measured, library, a)
+    design[:, 1, -1] = 1.0
+    target = np.stack([measured.amplitude_rate.values, w], axis=1)
+    return design.reshape(-1, len(library) + 1), target.reshape(-1)
+
+
+def _signature_columns(
+    method: Averaging, measured: xr.Dataset, library: ForceLibrary, amplitude: Array
+) -> Array:
+    """L and M: <h sin phi> and <h cos phi>/a, (instant, 2, force)."""
+    t = measured.instant_time.values - measured.attrs["first_time"]
+    columns = np.zeros((len(amplitude), 2, len(library)))
+    for j, force in enumerate(library):
+        sine, cosine = averages(force, amplitude, method.shapes, t)
+        columns[:, 0, j], columns[:, 1, j] = sine, cosine / amplitude
+    return columns
+
+
+def _noise_of_equations(
+    method: Averaging, measured: xr.Dataset, library: ForceLibrary, unknown: Array
+) -> sp.csr_matrix:
+    """How unit errors of the extrema and their times move each equation, (row, extrema then times)."""
+    slope = instant_derivatives(measured)
+    a = measured.amplitude.values
+    step = 1e-4 * a
+    near = [_signature_columns(method, measured, library, a + s * step) @ unknown for s in (-1.0, 1.0)]
+    steepness = (near[1] - near[0]) / (2.0 * step)[:, None]
+    by_amplitude = slope.amplitude_by_extremum.values
+    count = len(a)
+    rows = np.zeros((count, 2, 2, by_amplitude.shape[1]))
+    rows[:, 0, 0] = slope.amplitude_rate_by_extremum.values - steepness[:, :1] * by_amplitude
+    rows[:, 0, 1] = slope.amplitude_rate_by_time.values
+    rows[:, 1, 0] = -steepness[:, 1:] * by_amplitude
+    rows[:, 1, 1] = slope.frequency_by_time.values
+    errors = np.concatenate(
+        [measured.extremum_standard_error.values, measured.extremum_time_standard_error.values]
+    )
+    return sp.csr_matrix(rows.reshape(2 * count, -1) * errors)
+
+
+def _check_rank(design: Array, symbols: tuple[str, ...], instants: int) -> None:
+    """Refuse what the averaged equations cannot decide, by name."""
+    if len(design) < design.shape[1] + 2:
+        raise DecayError(
+            f"{instants} amplitudes cannot decide {len(symbols)} forces; give a longer record or fewer forces."
+        )
+    size = np.linalg.norm(design, axis=0)
+    silent = [s for s, n in zip(symbols, size, strict=False) if n < 1e-12 * size.max()]
+    if silent:
+        raise DecayError(
+            f"Force {silent[0]} has no signature in envelope or frequency: averaging cannot see it; "
+            "leave it out (--forces) or use the direct method alone."
+        )
+    _, singular, axes = np.linalg.svd(design / size, full_matrices=False)
+    if singular[-1] < 1e-8 * singular[0]:
+        tied = [s for s, part in zip((*symbols, "the frequency"), axes[-1], strict=False) if abs(part) > 1e-3]
+        raise DecayError(
+            f"Averaging cannot tell apart {' and '.join(tied)}: their signatures are the same; leave one out."
+        )
+
+
+def _to_coefficients(
+    library: ForceLibrary, unknown: Array, spread: Array, *, given: bool
+) -> tuple[Array, Array]:
+    """From (w c, w_inf) to (c, w); the averaged frequency at zero amplitude is w_inf, not w."""
+    frequency = unknown[-1]
+    jacobian = np.eye(len(unknown))
+    if not given:
+        for formula, factor in (("2*v", 1.0), ("v", 0.5)):
+            if force := library.role(formula):
+                at = library.symbols.index(force.symbol)
+                damping = factor * unknown[at]
+                frequency = float(np.hypot(frequency, damping))
+                jacobian[-1, at] = factor * damping / frequency
+                jacobian[-1, -1] = unknown[-1] / frequency
+    coefficients = unknown[:-1] / frequency
+    jacobian[:-1, :] -= np.outer(coefficients, jacobian[-1])
+    jacobian[:-1, :] /= frequency
+    return np.append(coefficients, frequency), jacobian @ spread @ jacobian.T
+
+
+def _measured(decay: xr.Dataset) -> xr.Dataset:
+    return envelope(decay).assign_attrs(first_time=float(decay.time.values[0]))
+
+
+def _corrected(
+    method: Averaging, decay: xr.Dataset, library: ForceLibrary, measured: xr.Dataset, found: _Averaged
+) -> tuple[Array, str]:
+    """Values whose simulated motion, averaged in the same way, gives what the record gave."""
+    values = found.values
+    errors = np.sqrt(np.diag(found.covariance)) + 1e-300
+    for _ in range(MAX_CORRECTIONS):
+        try:
+            again = _first_order(method, _simulated(method, decay, library, measured, values), library)
+        except SysidTribError as error:
+            return found.values, f"no: {error}"
+        step = found.values - again.values
+        if method.reference_frequency is not None:
+            step[-1] = 0.0
+        values = values + step
+        if np.all(np.abs(step) < 1e-3 * errors):
+            return values, "yes"
+    return found.values, "no: the correction did not settle"
+
+
+def _simulated(
+    method: Averaging, decay: xr.Dataset, library: ForceLibrary, measured: xr.Dataset, values: Array
+) -> xr.Dataset:
+    """The envelope of the model's motion, at the same half periods and with the record's error bars."""
+    time, angle = decay.time.values, decay.angle.values
+    coefficients = dict(zip(library.symbols, values[:-1].tolist(), strict=True))
+    model = Model(library, coefficients, float(values[-1]), method.shapes)
+    # Two periods fix the start; a model that is still biased may slip out of phase later.
+    beginning = slice(0, int(np.searchsorted(time, time[0] + 4.0 * np.pi / values[-1])) + 1)
+    x, v, _, _ = smooth(values[-1] * (time[beginning] - time[0]), angle[beginning])
+    start = (float(x[0]), float(v[0] * values[-1]))
+    motion = fit_start(model, time[beginning], angle[beginning], start, fit_offset=False)
+    moved = trajectory(model, time, motion.angle, motion.rate).angle
+    simulated = _measured(xr.Dataset({"angle": ("time", moved)}, {"time": time}))
+    shift = int(np.argmin(np.abs(simulated.extremum_time.values - measured.extremum_time.values[0])))
+    count = min(measured.sizes["half_period"], simulated.sizes["half_period"] - shift)
+    simulated = simulated.isel(half_period=slice(shift, shift + count), instant=slice(shift, shift + count - 2))
+    for name in ("extremum_standard_error", "extremum_time_standard_error"):
+        simulated[name] = measured[name].isel(half_period=slice(0, count))
+    return simulated
