@@ -63,7 +63,9 @@ def _usual_angle(names: list[str], signal: str, source: str) -> str:
     found = [name for name in names if split_header(name)[0] in usual]
     exact = [name for name in found if split_header(name)[0] == signal]
     if len(found) > 1 and len(exact) != 1:
-        raise UsageError(f"{source}: columns {' and '.join(found)} could each be the {signal}; name one (angle=).")
+        raise UsageError(
+            f"{source}: columns {' and '.join(found)} could each be the {signal}; name one (angle=)."
+        )
     return (exact or found or names)[0]
 
 
@@ -104,9 +106,7 @@ def split_header(name: str) -> tuple[str, str]:
 def plain_unit(unit: str) -> str:
     """Unit in lower case, without "per second" and without an epoch."""
     unit = re.sub(r" since .*", "", unit.strip().lower().replace("μ", "µ"))
-    return re.sub(r"(?<=\w|°)(\s*/\s*|_| per | ?\*? ?)(s|sec|second)(\^?-1|⁻¹)?$", "", unit) if len(unit) > 4 else (
-        re.sub(r"\s*/\s*s$", "", unit)
-    )
+    return re.sub(r"\s*(?:/|_|per|\*|·|\s)\s*(?:s|sec|seconds?)(?:\^?-1|⁻¹)?$", "", unit)
 
 
 def unit_factor(
@@ -118,7 +118,8 @@ def unit_factor(
         unit = default
     if unit not in known:
         raise RecordError(
-            f"{source}: the unit {unit!r} of column {name} is unknown; name it, one of {', '.join(list(known)[:6])}."
+            f"{source}: the unit {unit!r} of column {name} is unknown; "
+            f"name it, one of {', '.join(list(known)[:6])}."
         )
     return known[unit], unit
 
@@ -152,5 +153,6 @@ def _number(value: object, name: str, row: int, source: str) -> float:
         return float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):
         raise RecordError(
-            f"{source}: row {row} of column {name} holds {str(value)[:30]!r}, not a number; correct it or cut it out."
+            f"{source}: row {row} of column {name} holds {str(value)[:30]!r}, not a number; "
+            "correct it or cut it out."
         ) from None

@@ -18,7 +18,9 @@ from sysid_trib.half_periods import (
 )
 
 ITERATIONS = 6
-FOURTH_DIFFERENCE = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+# Between half periods of one sign: whatever differs between the two sides cancels in every instant, and is no
+# scatter.
+FOURTH_DIFFERENCE = np.array([1.0, 0.0, -4.0, 0.0, 6.0, 0.0, -4.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -43,13 +45,15 @@ class HalfSines:
 def fit_half_sines(time: FloatArray, angle: FloatArray, halves: HalfPeriods) -> HalfSines:
     """Fit b cos(w (t - t_b)) to each half period by Gauss-Newton, all half periods at once.
 
-    The curve is linear in its cosine and sine part (variable projection); only w iterates. A sample next to a zero
-    crossing counts by the fraction of its cell inside, so that the fit does not depend on where samples fall.
+    The curve is linear in its cosine and sine part (variable projection); only w iterates. A sample next to a
+    zero crossing counts by the fraction of its cell inside, so that the fit does not depend on where samples
+    fall.
     """
     sample, half, weight, first = _cells(time, halves)
     middle = 0.5 * (halves.crossing[1:] + halves.crossing[:-1])
     s, y = time[sample] - middle[half], angle[sample]
-    w, p, q = np.pi / halves.duration, np.zeros(0), np.zeros(0)
+    w: FloatArray = np.pi / halves.duration
+    p = q = np.zeros(0)
     for iteration in range(ITERATIONS):
         phase = w[half] * s
         cosine, sine = np.cos(phase), np.sin(phase)
@@ -87,7 +91,9 @@ def _cells(time: FloatArray, halves: HalfPeriods) -> tuple[IntArray, IntArray, F
     half = np.repeat(np.arange(count.size), count)
     first = np.concatenate(([0], np.cumsum(count)[:-1]))
     sample = np.arange(half.size) - first[half] + low[half]
-    inside = np.minimum(edge[sample + 1], halves.crossing[half + 1]) - np.maximum(edge[sample], halves.crossing[half])
+    inside = np.minimum(edge[sample + 1], halves.crossing[half + 1]) - np.maximum(
+        edge[sample], halves.crossing[half]
+    )
     return sample, half, inside / (edge[sample + 1] - edge[sample]), first
 
 
@@ -112,14 +118,15 @@ def envelope(decay: xr.Dataset) -> xr.Dataset:
     Parameters
     ----------
     decay
-        ``angle(time)`` about its equilibrium, as `free_decay` returns it. One without its marks is taken as it is.
+        ``angle(time)`` about its equilibrium, as `free_decay` returns it. One without its marks is taken as
+        it is.
 
     Returns
     -------
-    Dataset. Over ``half_period``: ``extremum`` (b, positive), ``sign``, ``extremum_time`` (t). Over ``instant``, the
-    half periods but the first and last: ``instant_time`` = t[i], ``amplitude`` = (b[i+1] + b[i-1])/2,
-    ``amplitude_rate`` = (b[i+1] - b[i-1])/(t[i+1] - t[i-1]), ``frequency`` = 2 pi/(t[i+1] - t[i-1]); each with its
-    ``..._standard_error``. And ``noise``, that of one sample.
+    Dataset. Over ``half_period``: ``extremum`` (b, positive), ``sign``, ``extremum_time`` (t). Over
+    ``instant``, the half periods but the first and last: ``instant_time`` = t[i], ``amplitude`` = (b[i+1] +
+    b[i-1])/2, ``amplitude_rate`` = (b[i+1] - b[i-1])/(t[i+1] - t[i-1]), ``frequency`` = 2 pi/(t[i+1] -
+    t[i-1]); each with its ``..._standard_error``. And ``noise``, that of one sample.
 
     Raises
     ------
@@ -128,14 +135,15 @@ def envelope(decay: xr.Dataset) -> xr.Dataset:
 
     Notes
     -----
-    A half period cut off by an end of the record counts only if at least four fifths of it are there, so that its
-    extremum lies well inside.
+    A half period cut off by an end of the record is left out: what remains of it decays less, so that its
+    half-sine differs from its neighbours' by more than the noise (a fifth missing: its time by 1e-3 half
+    periods).
 
-    The noise is that of sixth differences, or the quantisation's if that is larger. Where successive extrema (their
-    times) scatter about a smooth course by clearly more than this noise explains (waves, a wandering camera), all
-    their standard errors are raised by that ratio, told in the attrs. They do not cover that a decaying, not
-    quite harmonic half period is no half-sine: b and t then carry an error that varies slowly from one half period
-    to the next, of a few 1e-3 b in the paper's run.
+    The noise is that of sixth differences, or the quantisation's if that is larger. Where successive extrema
+    (their times) scatter about a smooth course by clearly more than this noise explains (waves, a wandering
+    camera), all their standard errors are raised by that ratio, told in the attrs. They do not cover that a
+    decaying, not quite harmonic half period is no half-sine: b and t then carry an error that varies slowly
+    from one half period to the next, of a few 1e-3 b in the paper's run.
     """
     source = str(decay.attrs.get("source", "decay"))
     time = decay["time"].to_numpy().astype(float)
@@ -154,7 +162,11 @@ def envelope(decay: xr.Dataset) -> xr.Dataset:
     result = xr.Dataset(attrs=decay.attrs | {"scatter_of_extrema": ratios[0], "scatter_of_times": ratios[1]})
     result["extremum"] = ("half_period", extremum, {"units": "rad", "long_name": "extremum of the half-sine"})
     result["sign"] = ("half_period", halves.sign, {"units": "1", "long_name": "sign of the half period"})
-    result["extremum_time"] = ("half_period", fit.extremum_time, {"units": "s", "long_name": "time of the extremum"})
+    result["extremum_time"] = (
+        "half_period",
+        fit.extremum_time,
+        {"units": "s", "long_name": "time of the extremum"},
+    )
     for name, error in (("extremum", errors[0]), ("extremum_time", errors[1])):
         result[f"{name}_standard_error"] = ("half_period", error, _error_attrs(result[name]))
     result["noise"] = ((), noise, {"units": "rad", "long_name": "noise of one sample"})
@@ -162,7 +174,7 @@ def envelope(decay: xr.Dataset) -> xr.Dataset:
 
 
 def usable_half_periods(time: FloatArray, angle: FloatArray, source: str) -> HalfPeriods:
-    """Half periods of a centred decay, with those at its ends of which most is there.
+    """Whole half periods of a centred decay.
 
     Raises
     ------
@@ -174,20 +186,15 @@ def usable_half_periods(time: FloatArray, angle: FloatArray, source: str) -> Hal
         raise DecayError(f"{source}: no oscillation stands out of the noise.")
     halves = find_half_periods(oscillation)
     run = regular_run(halves, oscillation.period)
-    first, last = run.start, run.stop
-    if last - first < 3:
-        raise DecayError(f"{source}: only {last - first} whole half periods; at least three are needed.")
-    duration = halves.duration
-    if first == 1 and 0.8 < duration[0] / duration[1] < 1.2:
-        first = 0
-    if last == duration.size - 1 and 0.8 < duration[-1] / duration[-2] < 1.2:
-        last = duration.size
-    return halves.select(slice(first, last))
+    count = run.stop - run.start
+    if count < 3:
+        raise DecayError(f"{source}: only {count} whole half periods; at least three are needed.")
+    return halves.select(run)
 
 
 def _scatter_ratio(value: FloatArray, error: FloatArray) -> float:
     """How much more values scatter about a smooth course than their errors say; 1 where that may be chance."""
-    if value.size < 10:
+    if value.size < 15:
         return 1.0
     difference = np.convolve(value, FOURTH_DIFFERENCE, "valid")
     expected = np.sqrt(np.convolve(error**2, FOURTH_DIFFERENCE**2, "valid"))
@@ -196,7 +203,10 @@ def _scatter_ratio(value: FloatArray, error: FloatArray) -> float:
 
 
 def _error_attrs(variable: xr.DataArray) -> dict[str, str]:
-    return {"units": variable.attrs["units"], "long_name": f"standard error of the {variable.attrs['long_name']}"}
+    return {
+        "units": variable.attrs["units"],
+        "long_name": f"standard error of the {variable.attrs['long_name']}",
+    }
 
 
 def _with_instants(result: xr.Dataset) -> xr.Dataset:
@@ -220,8 +230,8 @@ def _with_instants(result: xr.Dataset) -> xr.Dataset:
 def instant_derivatives(result: xr.Dataset) -> xr.Dataset:
     """Derivatives of an envelope's instants with respect to its extrema and their times.
 
-    Neighbouring instants share extrema: with J one of these matrices and S the squared standard errors of the extrema
-    (or times), J diag(S) J' is the covariance of the instants.
+    Neighbouring instants share extrema: with J one of these matrices and S the squared standard errors of the
+    extrema (or times), J diag(S) J' is the covariance of the instants.
 
     Returns
     -------

@@ -14,6 +14,7 @@ from sysid_trib.half_periods import (
 )
 
 BINOMIAL = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
+BLOCKS = 8
 FEW = np.array([1.0, 2.0, 1.0]) / 4.0
 
 
@@ -46,7 +47,8 @@ def find_swing(time: FloatArray, signal: FloatArray, equilibrium: float | None =
         return None
     centre, error = (_centre_of_travel(oscillation), np.nan) if equilibrium is None else (equilibrium, np.nan)
     halves, run = _split(oscillation, centre)
-    # The split depends on the centre and the centre on the split: from the smoothed points first, then from all.
+    # The split depends on the centre and the centre on the split: from the smoothed points first, then from
+    # all.
     for source_time, source in ((oscillation.time, oscillation.signal),) * 3 + ((time, signal),) * 2:
         if equilibrium is not None or run.stop - run.start < 4:
             break
@@ -99,9 +101,9 @@ def signed_extrema(time: FloatArray, signal: FloatArray, halves: HalfPeriods) ->
 def robust_mean(extrema: FloatArray) -> tuple[float, float]:
     """Mean of (b[i-1] + 2 b[i] + b[i+1])/4 over signed extrema, and its standard error.
 
-    Where the envelope curves, these terms alternate about the equilibrium by a quarter of its second difference;
-    the difference between extrema of one sign shows by how much: it is taken off (which makes the weights
-    1 4 6 4 1) and the term counts less by it. Outlying terms count less as well (Huber).
+    Where the envelope curves, these terms alternate about the equilibrium by a quarter of its second
+    difference; the difference between extrema of one sign shows by how much: it is taken off (which makes the
+    weights 1 4 6 4 1) and the term counts less by it. Outlying terms count less as well (Huber).
     """
     kernel = BINOMIAL if extrema.size >= 5 else FEW
     terms = np.convolve(extrema, kernel, "valid")
@@ -120,4 +122,17 @@ def robust_mean(extrema: FloatArray) -> tuple[float, float]:
     # Neighbouring terms share extrema: the error follows from the weight that each extremum has in the end.
     shares = np.convolve(total / total.sum(), kernel)
     scatter = np.sqrt(np.average((terms - mean) ** 2, weights=total) * terms.size / max(terms.size - 1, 1))
-    return mean, float(scatter * np.sqrt(np.sum(shares**2) / np.sum(kernel**2)))
+    error = float(scatter * np.sqrt(np.sum(shares**2) / np.sum(kernel**2)))
+    return mean, max(error, _drift_error(terms, total, error))
+
+
+def _drift_error(terms: FloatArray, weights: FloatArray, error: float) -> float:
+    """Error of the mean from eight successive blocks, where it is clearly larger: the equilibrium drifts."""
+    if terms.size < 4 * BLOCKS:
+        return 0.0
+    bounds = np.arange(BLOCKS) * terms.size // BLOCKS
+    mass = np.add.reduceat(weights, bounds)
+    blocks = np.add.reduceat(weights * terms, bounds) / mass
+    share = mass / mass.sum()
+    spread = float(np.sqrt(np.sum((share * (blocks - np.sum(share * blocks))) ** 2) * BLOCKS / (BLOCKS - 1)))
+    return spread if spread > 1.7 * error else 0.0

@@ -191,7 +191,9 @@ def _read_excel(path: Path) -> Table:
     start = int(full[0] if full.size else some[0])
     while start > 0 and numbers.iloc[start - 1].any():
         start -= 1
-    names = [str(cell) for cell in sheet.iloc[start - 1]] if start else [str(i) for i in range(sheet.shape[1])]
+    names = (
+        [str(cell) for cell in sheet.iloc[start - 1]] if start else [str(i) for i in range(sheet.shape[1])]
+    )
     return _from_frame(sheet.iloc[start:], names, start > 0)
 
 
@@ -247,7 +249,9 @@ def _read_hdf5(path: Path) -> Table:
             return [content(file[reference], file) for reference in np.ravel(item[()])]
         if "units" in item.attrs:
             label = item.attrs["units"]
-            units[item.name.strip("/").replace("/", ".")] = label.decode() if isinstance(label, bytes) else str(label)
+            units[item.name.strip("/").replace("/", ".")] = (
+                label.decode() if isinstance(label, bytes) else str(label)
+            )
         is_text = item.attrs.get("MATLAB_class") == b"char"
         return None if is_text else item[()]
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from sysid_trib.equilibrium import Swing, find_swing
+from sysid_trib.equilibrium import Swing, find_swing, signed_extrema
 from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.half_periods import FloatArray, noise_level, quantisation_step
+from sysid_trib.half_periods import FloatArray, noise_level
 from sysid_trib.records import check_sampling
 
 FEWEST_HALF_PERIODS = 6
@@ -39,15 +39,15 @@ def free_decay(
     window : s
         Times between which to look; None for the record's end.
     equilibrium : rad, or "auto"
-        ``auto``: the robust mean of (b[i-1] + 2 b[i] + b[i+1])/4 over signed extrema. It is not the rest position,
-        which dry friction may put anywhere in the stick band.
+        ``auto``: the robust mean of (b[i-1] + 2 b[i] + b[i+1])/4 over signed extrema. It is not the rest
+        position, which dry friction may put anywhere in the stick band.
 
     Returns
     -------
     Dataset
-        The record from the release to the stop, ``angle`` centred, times unchanged; scalars ``equilibrium`` and
-        ``equilibrium_standard_error`` (nan if given), ``stop_time`` if it stopped for good; attrs ``free_decay``:
-        a sentence on what was cut. A record that is free from its first sample on loses none.
+        The record from the release to the stop, ``angle`` centred, times unchanged; scalars ``equilibrium``
+        and ``equilibrium_standard_error`` (nan if given), ``stop_time`` if it stopped for good; attrs
+        ``free_decay``: a sentence on what was cut. A record that is free from its first sample on loses none.
 
     Raises
     ------
@@ -65,8 +65,10 @@ def free_decay(
     value = None if equilibrium == "auto" else _given(equilibrium)
     swing = find_swing(time, angle, value)
     if swing is None:
-        raise DecayError(f"{source}: no oscillation stands out of the noise; check the column and the window.")
-    swing = _after_the_largest(swing, source)
+        raise DecayError(
+            f"{source}: no oscillation stands out of the noise; check the column and the window."
+        )
+    swing = _after_the_largest(time, angle, swing, source)
     _check_clipping(time, angle, swing, source)
     part = _free_part(time, angle - swing.equilibrium, swing)
     decay = inside.isel(time=slice(part.start, part.stop)).copy()
@@ -77,7 +79,11 @@ def free_decay(
     error = {"units": units, "long_name": "standard error of the equilibrium"}
     decay["equilibrium_standard_error"] = ((), swing.standard_error, error)
     if np.isfinite(part.stop_time):
-        decay["stop_time"] = ((), part.stop_time, {"units": "s", "long_name": "time at which it stopped for good"})
+        decay["stop_time"] = (
+            (),
+            part.stop_time,
+            {"units": "s", "long_name": "time at which it stopped for good"},
+        )
     decay.attrs["free_decay"] = _sentence(time, part, swing, units)
     return decay
 
@@ -98,7 +104,9 @@ def _in_window(record: xr.Dataset, window: tuple[float | None, float | None], so
     if not start < stop:
         raise UsageError(f"window {window[0]}:{window[1]}: its start must come before its end.")
     time = record["time"].to_numpy()
-    inside = record.isel(time=slice(int(np.searchsorted(time, start)), int(np.searchsorted(time, stop, "right"))))
+    inside = record.isel(
+        time=slice(int(np.searchsorted(time, start)), int(np.searchsorted(time, stop, "right")))
+    )
     if inside.sizes["time"] < 20:
         raise DecayError(
             f"{source}: only {inside.sizes['time']} samples between {max(start, time[0]):g} s and "
@@ -116,17 +124,18 @@ def _check_signal(time: FloatArray, angle: FloatArray, source: str) -> None:
         raise DecayError(f"{source}: the angle is flat at {angle[0]:.6g}; choose another column or window.")
 
 
-def _after_the_largest(swing: Swing, source: str) -> Swing:
+def _after_the_largest(time: FloatArray, angle: FloatArray, swing: Swing, source: str) -> Swing:
     """Leave out what comes before the largest extremum, and refuse what does not decay after it."""
     run = swing.run
-    peak = swing.halves.peak[run]
-    count = peak.size
+    count = run.stop - run.start
     if count < FEWEST_HALF_PERIODS - 1:
         raise DecayError(
             f"{source}: only about {count / 2:g} full periods of steady oscillation were found (period about "
             f"{swing.oscillation.period:.3g} s); at least three are needed: record longer or widen the window."
         )
-    # A peak of the averaged signal scatters by its noise and by the quantisation.
+    peak = np.abs(signed_extrema(time, angle - swing.equilibrium, swing.halves.select(run)))
+    # Generous for an extremum's own scatter: by noise, which averaging over a third of a period would leave,
+    # and steps.
     scatter = 3.0 * swing.oscillation.smoothed_noise + 0.5 * swing.oscillation.step
     largest = int(np.argmax(peak))
     first = largest if peak[largest] > 1.03 * peak[0] + scatter else 0
@@ -134,8 +143,10 @@ def _after_the_largest(swing: Swing, source: str) -> Swing:
     fall = float(np.mean(peak[first : first + quarter]) - np.mean(peak[-quarter:]))
     if count - first < FEWEST_HALF_PERIODS - 1 and largest:
         growth = 100.0 * ((peak[largest] / peak[0]) ** (2.0 / largest) - 1.0)
-        raise DecayError(f"{source}: the oscillation grows by {growth:.2g} % a period; a free decay is needed.")
-    if fall < 1e-6 * peak[first] + scatter / np.sqrt(quarter):
+        raise DecayError(
+            f"{source}: the oscillation grows by {growth:.2g} % a period; a free decay is needed."
+        )
+    if fall < 1e-4 * peak[first] + scatter / np.sqrt(quarter):
         change = 100.0 * abs(fall) / peak[first] / (count - first) * 2
         raise DecayError(
             f"{source}: the oscillation does not decay (amplitude {peak[first]:.3g}, change {change:.2g} % a period)."
@@ -181,7 +192,9 @@ def _free_part(time: FloatArray, angle: FloatArray, swing: Swing) -> Part:
         return Part(start, time.size, before, "")
     stop, stop_time = _find_stop(time, angle, swing)
     if np.isfinite(stop_time):
-        return Part(start, stop, before, f"the {time[-1] - stop_time:.4g} s after it stopped for good", stop_time)
+        return Part(
+            start, stop, before, f"the {time[-1] - stop_time:.4g} s after it stopped for good", stop_time
+        )
     stop = int(np.searchsorted(time, halves.crossing[run.stop]))
     small = halves.peak[run.stop - 1] < 4.0 * swing.oscillation.floor
     reason = "in which it is lost in the noise" if small else "in which it does not swing freely"
@@ -191,22 +204,25 @@ def _free_part(time: FloatArray, angle: FloatArray, swing: Swing) -> Part:
 def _mirrors(time: FloatArray, angle: FloatArray, swing: Swing, *, leading: bool) -> bool:
     """Whether an end of the record is the mirror image, through a zero crossing, of the swing next to it.
 
-    Free motion under odd forces is, up to the decay; motion held, pushed or stopped by hand or by friction is not.
+    Free motion under odd forces is, up to the decay; motion held, pushed or stopped by hand or by friction is
+    not.
     """
     halves, run = swing.halves, swing.run
     peak, duration = halves.peak[run], halves.duration[run]
     crossing = halves.crossing[run.start] if leading else halves.crossing[run.stop]
-    near, further = (0, 1) if leading else (-1, -2)
+    # Two half periods further the sign is the same: an error of the equilibrium does not look like decay.
+    near, further = (0, 2) if leading else (-1, -3)
     outside = time < crossing if leading else time > crossing
     away = np.abs(time[outside] - crossing)
     if away.size == 0:
         return True
     if away.max() > 1.5 * duration[near]:
         return False
-    decay = np.log(peak[near] / peak[further]) / (duration[near] + duration[further]) * 2.0
+    decay = np.log(peak[near] / peak[further]) / (2.0 * duration[near])
     inwards = crossing + away if leading else crossing - away
     mirrored = -np.interp(inwards, time, angle) * np.exp(2.0 * decay * away)
-    allowed = 0.06 * peak[near] + 5.0 * swing.oscillation.smoothed_noise + swing.oscillation.step
+    drift = 6.0 * float(np.nan_to_num(swing.standard_error))
+    allowed = 0.08 * peak[near] + 5.0 * swing.oscillation.smoothed_noise + swing.oscillation.step + drift
     return bool(np.all(np.abs(angle[outside] - mirrored) < allowed))
 
 
@@ -214,17 +230,26 @@ def _find_stop(time: FloatArray, angle: FloatArray, swing: Swing) -> tuple[int, 
     """First sample of the stuck tail, and its time; nan if the motion did not stop but fade or go on."""
     halves, run = swing.halves, swing.run
     end, duration = halves.crossing[run.stop], float(halves.duration[run.stop - 1])
-    first, last = np.searchsorted(time, (end + duration, end + 4.0 * duration))
-    if last - first < 5 or time[min(last, time.size - 1)] - time[first] < duration:
+    first, last = np.searchsorted(time, (end + duration, end + 12.0 * duration))
+    if last - first < 5:
         return time.size, np.nan
-    rest = float(np.median(angle[first:last]))
+    rest = float(np.median(angle[first + 2 * (last - first) // 3 : last]))
+    # In the rest itself there may be no noise at all, and on the way to it no repeated value.
     noise = noise_level(time[first:last], angle[first:last])
-    allowed = max(4.5 * noise, 1.2 * quantisation_step(angle), 1e-9)
+    allowed = max(4.5 * noise, 1.2 * swing.oscillation.step, 1e-9)
     away = np.flatnonzero(np.abs(angle[:last] - rest) > allowed)
     stop = int(away[-1]) + 1 if away.size else 0
-    if time[min(stop, time.size - 1)] > end + duration:
+    # Motion that a single sample's noise hides may still show in the averages.
+    oscillation = swing.oscillation
+    hidden = np.abs(oscillation.signal - swing.equilibrium - rest) > max(
+        oscillation.floor, oscillation.step, 1e-9
+    )
+    hidden &= oscillation.time < time[last - 1]
+    stop = max(stop, int(np.searchsorted(time, oscillation.time[hidden].max(initial=time[0]))))
+    if stop >= last or time[stop] > end + 5.0 * duration or time[last - 1] - time[stop] < duration:
         return time.size, np.nan
-    # Fading below the noise looks the same unless the next extremum would have been seen, or the rest is off centre.
+    # Fading below the noise looks the same unless the next extremum would have been seen, or the rest is off
+    # centre.
     peak = halves.peak[run]
     expected = peak[-1] ** 2 / peak[-2]
     seen = expected > 2.0 * swing.oscillation.floor or abs(rest) > 3.0 * swing.oscillation.smoothed_noise + (

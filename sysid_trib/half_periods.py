@@ -52,7 +52,8 @@ class HalfPeriods:
     Attributes
     ----------
     crossing : (half_period + 1,) s
-        Zero crossings; the first and last value are the ends of the record where it ends within a half period.
+        Zero crossings; the first and last value are the ends of the averaged signal, unless a part was
+        selected.
     sign : (half_period,)
         +1 or -1.
     peak : (half_period,)
@@ -79,8 +80,6 @@ class HalfPeriods:
     def samples(self, time: FloatArray) -> tuple[IntArray, IntArray]:
         """First sample of each half period, and one past its last."""
         bounds = np.searchsorted(time, self.crossing)
-        if bounds.size and self.crossing[-1] >= time[-1]:
-            bounds[-1] = time.size
         return bounds[:-1], bounds[1:]
 
 

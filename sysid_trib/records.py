@@ -36,13 +36,13 @@ def read_record(
     path
         Text or CSV, MATLAB, Excel, netCDF, HDF5, Parquet or TDMS; the content decides, not the name.
     time, angle : column name, or number from 0
-        If not given, found by their usual names, else the first and the second column. The columns of MATLAB and
-        HDF5 files are named like ``data.Y[0]``.
+        If not given, found by their usual names, else the first and the second column. The columns of MATLAB
+        and HDF5 files are named like ``data.Y[0]``.
     signal : "angle" or "rate"
         What the column ``angle`` holds. The rate of a gyroscope is integrated, without its bias.
     units : "rad", "deg", "mrad", "m", "mm"
-        Unit of that column (of a rate: per second); if not given, what the file says, else rad. A position in m is
-        for `scale_translation`.
+        Unit of that column (of a rate: per second); if not given, what the file says, else rad. A position in
+        m is for `scale_translation`.
     sampling_rate : Hz
         Instead of a time column.
     time_units : "s", "ms", "us", "min"
@@ -50,7 +50,8 @@ def read_record(
 
     Returns
     -------
-    Dataset with ``angle(time)`` and, for a gyroscope, ``rate(time)`` as measured. Times are those of the file.
+    Dataset with ``angle(time)`` and, for a gyroscope, ``rate(time)`` as measured. Times are those of the
+    file.
 
     Raises
     ------
@@ -97,7 +98,9 @@ def _scaled(values: FloatArray, factor: float) -> FloatArray:
     return values if factor == 1.0 else values * factor
 
 
-def _check_options(signal: str, units: str | None, sampling_rate: float | None, time_units: str | None) -> None:
+def _check_options(
+    signal: str, units: str | None, sampling_rate: float | None, time_units: str | None
+) -> None:
     if signal not in ("angle", "rate"):
         raise UsageError(f"signal {signal!r} is unknown: give angle or rate.")
     if units is not None and units not in ANGLE_UNITS | LENGTH_UNITS:
@@ -116,7 +119,9 @@ def _record(time: FloatArray, values: FloatArray, unit: str, attrs: dict[str, An
         bias = float(np.median(values)) if swing is None else swing.equilibrium
         values = CubicSpline(time, values - bias).antiderivative()(time)
         record.attrs["rate_bias"] = bias
-        record.attrs["integration"] = f"angle integrated (spline) from the rate less its bias of {bias:.6g} {unit}/s"
+        record.attrs["integration"] = (
+            f"angle integrated (spline) from the rate less its bias of {bias:.6g} {unit}/s"
+        )
     name = "angle" if unit == "rad" else "position"
     record["angle"] = ("time", values, {"units": unit, "long_name": name})
     amplitude = 0.5 * float(np.ptp(values))
@@ -137,7 +142,9 @@ def check_times(time: FloatArray, source: str, *, samples: int) -> None:
         With the row (from 1) and the time at which it happens.
     """
     if time.size != samples:
-        raise RecordError(f"{source}: {time.size} times but {samples} angles; choose columns that belong together.")
+        raise RecordError(
+            f"{source}: {time.size} times but {samples} angles; choose columns that belong together."
+        )
     if samples < 2:
         raise RecordError(f"{source}: a single sample is not a record.")
     bad = np.flatnonzero(np.diff(time) <= 0)
@@ -184,7 +191,8 @@ def scale_translation(record: xr.Dataset, mass: float, natural_frequency: float,
 
     Returns
     -------
-    Dataset with ``angle(time)`` = m w0^2 x / P; a friction force T then acts as f = -T/P (Le Bot et al. 2019, Sec. 2).
+    Dataset with ``angle(time)`` = m w0^2 x / P; a friction force T then acts as f = -T/P (Le Bot et al. 2019,
+    Sec. 2).
 
     Raises
     ------
@@ -201,7 +209,9 @@ def scale_translation(record: xr.Dataset, mass: float, natural_frequency: float,
     scaled = record.copy()
     scaled["angle"] = (record["angle"] * factor).assign_attrs(units="rad", long_name="scaled position")
     if "rate" in record:
-        scaled["rate"] = (record["rate"] * factor).assign_attrs(units="rad/s", long_name="scaled rate as measured")
+        scaled["rate"] = (record["rate"] * factor).assign_attrs(
+            units="rad/s", long_name="scaled rate as measured"
+        )
     scaled.attrs = record.attrs | {
         "translation": f"angle = m w0^2 x / P with m = {mass:g} kg, w0 = {natural_frequency:g} rad/s, P = {load:g} N",
         "translation_factor": factor,

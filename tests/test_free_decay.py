@@ -1,0 +1,242 @@
+"""The free decay is found, whole and centred, in clean, noisy, coarse, filmed and hand-released records."""
+
+import re
+
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sysid_trib.errors import DecayError, RecordError, UsageError
+from sysid_trib.free_decay import free_decay
+from sysid_trib.half_periods import find_half_periods, noise_level, quantisation_step, regular_run, smooth
+from sysid_trib.records import read_record
+
+OMEGA = 9.91
+
+
+def record(time, angle):
+    return xr.Dataset(
+        {"angle": ("time", angle, {"units": "rad"})}, coords={"time": time}, attrs={"source": "run.csv"}
+    )
+
+
+def linear(time, zeta=0.01, phase=0.0, amplitude=0.3, omega=OMEGA):
+    """x'' + 2 zeta w x' + w^2 x = 0, exactly."""
+    return amplitude * np.exp(-zeta * omega * time) * np.cos(omega * np.sqrt(1 - zeta**2) * time + phase)
+
+
+def dry(time, solid=2e-3, amplitude=0.3, omega=OMEGA):
+    """Dry friction alone, exactly: half cosines about -+ solid, until within the stick band."""
+    half = np.floor(omega * time / np.pi)
+    last = np.ceil((amplitude / solid - 1.0) / 2.0)
+    number = np.minimum(half, last)
+    size = amplitude - (2 * number + 1) * solid
+    moving = (-1.0) ** number * (size * np.cos(omega * time - np.pi * number) + solid)
+    stuck = (-1.0) ** last * (amplitude - 2 * last * solid)
+    return np.where(half < last, moving, stuck), last * np.pi / omega
+
+
+def whole(decay, original, tolerance):
+    assert decay.sizes == original.sizes
+    np.testing.assert_array_equal(decay["time"], original["time"])
+    assert abs(decay["equilibrium"].item()) < tolerance
+    assert "cut nothing" in decay.attrs["free_decay"]
+
+
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(
+    phase=st.floats(-np.pi, np.pi),
+    zeta=st.floats(0.002, 0.08),
+    rate=st.sampled_from([25.0, 60.0, 100.0, 1000.0]),
+    periods=st.floats(6.0, 12.0),
+)
+def test_clean_record_loses_no_sample(phase, zeta, rate, periods):
+    time = np.arange(0.0, periods * 2 * np.pi / OMEGA, 1 / rate)
+    original = record(time, linear(time, zeta, phase))
+    whole(free_decay(original), original, 1e-3)
+
+
+@settings(max_examples=15, deadline=None, derandomize=True)
+@given(phase=st.floats(-np.pi, np.pi), seed=st.integers(0, 1000), offset=st.floats(-3, 3))
+def test_noise_at_1_khz_makes_no_half_periods(phase, seed, offset):
+    time = np.arange(0.0, 25.0, 1e-3)
+    angle = (
+        linear(time, 0.011, phase) + offset + 1e-3 * np.random.default_rng(seed).standard_normal(time.size)
+    )
+    decay = free_decay(record(time, angle))
+    assert decay.sizes["time"] == time.size
+    assert abs(decay["equilibrium"].item() - offset) < 5 * max(
+        decay["equilibrium_standard_error"].item(), 1e-5
+    )
+    oscillation = smooth(time, decay["angle"].to_numpy())
+    halves = find_half_periods(oscillation)
+    assert abs(halves.sign.size - 25.0 * OMEGA / np.pi) <= 2
+    assert np.all(np.diff(halves.sign) != 0)
+
+
+def test_half_periods_end_in_the_noise():
+    time = np.arange(0.0, 120.0, 1e-3)
+    angle = linear(time, 0.011) + 1e-3 * np.random.default_rng(3).standard_normal(time.size)
+    decay = free_decay(record(time, angle))
+    lost = np.log(0.3 / 1e-3) / (0.011 * OMEGA)
+    assert 0.8 * lost < decay["time"][-1] < 1.5 * lost
+    assert "noise" in decay.attrs["free_decay"]
+    assert "stop_time" not in decay
+
+
+@pytest.mark.parametrize("step", [0.01, 0.002])
+@pytest.mark.parametrize("rate", [50.0, 1000.0])
+def test_coarse_steps(step, rate):
+    time = np.arange(0.0, 25.0, 1 / rate)
+    original = record(time, step * np.round((linear(time) + 0.0713) / step))
+    decay = free_decay(original)
+    assert decay.sizes["time"] == time.size
+    assert decay["equilibrium"].item() == pytest.approx(0.0713, abs=0.1 * step)
+    assert quantisation_step(original["angle"].to_numpy()) == pytest.approx(step)
+
+
+def test_filmed_record_keeps_its_jittered_times():
+    generator = np.random.default_rng(1)
+    time = (np.arange(600) + generator.uniform(-0.004, 0.004, 600)) / 30.0
+    angle = linear(time, 0.004, omega=4.0) + 0.002 * generator.standard_normal(600)
+    decay = free_decay(record(time, angle))
+    np.testing.assert_array_equal(decay["time"], time)
+    assert noise_level(time, angle) == pytest.approx(0.002, rel=0.2)
+
+
+@pytest.mark.parametrize("hold", [0.2, 1.0, 30.0])
+@pytest.mark.parametrize("rest", [0.0, 3.0, 40.0])
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_hand_release_and_stop_are_found(hold, rest, noise):
+    time = np.arange(0.0, rest + 0.8 + hold + 40.0, 1e-3)
+    release = rest + 0.8 + hold
+    swing, duration = dry(np.maximum(time - release, 0.0))
+    lift = np.clip((time - rest) / 0.8, 0.0, 1.0)
+    angle = np.where(time < release, 0.3 * (1 - np.cos(np.pi * lift)) / 2, swing) + 1.3
+    decay = free_decay(record(time, angle + noise * np.random.default_rng(5).standard_normal(time.size)))
+    first = decay["time"][0].item()
+    assert release < first < release + 1.2 * np.pi / OMEGA
+    assert decay["stop_time"].item() == pytest.approx(release + duration, abs=0.15)
+    assert decay["time"][-1].item() <= decay["stop_time"].item()
+    assert abs(decay["equilibrium"].item() - 1.3) < max(4 * decay["equilibrium_standard_error"].item(), 2e-5)
+
+
+@pytest.mark.parametrize("zeta", [0.03, 0.06, 0.1])
+def test_equilibrium_of_a_strong_decay_is_not_biased(zeta):
+    time = np.arange(0.0, 5 * 2 * np.pi / OMEGA, 0.002)
+    decay = free_decay(record(time, 0.5 + linear(time, zeta)))
+    assert decay["equilibrium"].item() == pytest.approx(0.5, abs=3e-5)
+
+
+def test_rest_off_centre_does_not_move_the_equilibrium():
+    time = np.arange(0.0, 25.0, 1e-3)
+    angle, stop = dry(time, solid=0.013)
+    assert abs(angle[-1]) > 1e-3
+    decay = free_decay(record(time, angle))
+    assert abs(decay["equilibrium"].item()) < 1e-4
+    assert decay["stop_time"].item() == pytest.approx(stop, abs=0.02)
+
+
+def test_given_equilibrium_is_held():
+    time = np.arange(0.0, 10.0, 0.01)
+    decay = free_decay(record(time, linear(time)), equilibrium=0.001)
+    assert decay["equilibrium"].item() == 0.001
+    assert np.isnan(decay["equilibrium_standard_error"].item())
+    np.testing.assert_allclose(decay["angle"], linear(time) - 0.001, atol=1e-15)
+
+
+def test_gap_outside_the_window_does_no_harm():
+    time = np.arange(0.0, 25.0, 0.01)
+    keep = (time < 3.0) | (time > 4.0)
+    broken = record(time[keep], linear(time[keep]))
+    with pytest.raises(RecordError, match=r"run\.csv: a time step of 1\S* s at .* \(window\)"):
+        free_decay(broken)
+    assert free_decay(broken, window=(4.5, None))["time"][0] >= 4.5
+
+
+T = np.arange(0.0, 20.0, 0.01)
+GENERATOR = np.random.default_rng(7)
+REFUSED = {
+    "two periods": (T[:130], linear(T[:130]), "at least three"),
+    "flat": (T, np.full(T.size, 0.1), "flat"),
+    "only noise": (T, 1e-3 * GENERATOR.standard_normal(T.size), "noise"),
+    "random walk": (T, np.cumsum(1e-3 * GENERATOR.standard_normal(T.size)), "noise|period|decay"),
+    "one step": (T, np.where(T < 5, 0.3, 0.0), "noise|period"),
+    "growing": (T, linear(T, zeta=-0.005, amplitude=0.01), r"grows by 3\.\d % a period"),
+    "no decay": (T, linear(T, zeta=0.0), "does not decay"),
+    "no decay in noise": (
+        T,
+        linear(T, zeta=0.0) + 0.01 * GENERATOR.standard_normal(T.size),
+        "does not decay",
+    ),
+    "clipped": (T, np.clip(linear(T), -0.2, 0.2), "clipped at -?0.2"),
+    "clipped on one side": (T, np.clip(linear(T), -1, 0.15), r"clipped at 0\.15"),
+    "stuck at once": (T, np.where(T < 0.5, linear(T), linear(np.array(0.5))), "noise|period"),
+    "missing value": (
+        T,
+        np.where(np.arange(T.size) == 700, np.nan, linear(T)),
+        "at 7 s is not a finite number",
+    ),
+    "few samples": (T[:15], linear(T[:15]), "only 15 samples"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_no_free_decay_is_refused(name):
+    time, angle, reason = REFUSED[name]
+    with pytest.raises(DecayError, match=reason) as refusal:
+        free_decay(record(time, angle))
+    assert re.fullmatch(r"run\.csv: .*", str(refusal.value))
+
+
+@pytest.mark.parametrize("options", [{"window": (5, 5)}, {"window": (9, 1)}, {"equilibrium": "middle"}])
+def test_wrong_options(options):
+    with pytest.raises(UsageError):
+        free_decay(record(T, linear(T)), **options)
+
+
+def test_window_beyond_the_record():
+    with pytest.raises(DecayError, match=r"runs from 0 s to 19\.99 s"):
+        free_decay(record(T, linear(T)), window=(30, 40))
+
+
+@pytest.mark.parametrize(
+    ("file", "angle", "window", "equilibrium", "start", "stop", "count"),
+    [
+        (
+            "single_pendulum/free_swing.csv",
+            None,
+            (None, None),
+            (3.1423, 3e-4),
+            (5.2, 5.9),
+            (89.3, 89.6),
+            None,
+        ),
+        ("single_pendulum/free_swing.csv", None, (15, 75), (3.1423, 3e-4), (15, 15), (75, 75), 60001),
+        ("string_pendulum/run_1.txt", None, (None, None), (0.0113, 0.004), (0, 0), (116.4, 116.41), 2330),
+        (
+            "roll_decay/model_test_21337.csv",
+            "phi",
+            (25, None),
+            (2.05e-4, 3e-5),
+            (25, 25.02),
+            (91.6, 91.7),
+            6665,
+        ),
+    ],
+)
+def test_measured(data_folder, file, angle, window, equilibrium, start, stop, count):
+    decay = free_decay(read_record(data_folder / file, angle=angle), window=window)
+    assert decay["equilibrium"].item() == pytest.approx(equilibrium[0], abs=equilibrium[1])
+    assert start[0] <= decay["time"][0] <= start[1]
+    assert stop[0] <= decay["time"][-1] <= stop[1]
+    assert ("stop_time" in decay) == (window == (None, None) and "free_swing" in file)
+    assert count is None or decay.sizes["time"] == count
+
+
+def test_regular_run_of_nothing():
+    time = np.arange(0.0, 10.0, 0.01)
+    halves = find_half_periods(smooth(time, linear(time)), equilibrium=10.0)
+    assert regular_run(halves, 0.6) == slice(0, 0)
