@@ -104,7 +104,7 @@ def solve_states(
         width = panels.high - panels.low
         tau = panels.low[:, None] + width[:, None] * nodes
         names = names_at(panels.segment[:, None], tau)
-        values, left = _newton(force, panels, names, guess, start)
+        values, left = _newton(force, panels, names, guess, start=start, tolerance=tolerance)
         # The force is watched too: it is integrated, and may switch where its states do not.
         h = force.formula.evaluate({**names, **_named(force, values)})
         h = np.broadcast_to(h, tau.shape)[..., None] * width[:, None, None]
@@ -144,7 +144,7 @@ def _slopes(force: Force, names: Names, values: Array) -> Array:
 
 
 def _newton(
-    force: Force, panels: Panels, names: Names, guess: Array, start: Array | None
+    force: Force, panels: Panels, names: Names, guess: Array, *, start: Array | None, tolerance: float
 ) -> tuple[Array, Array]:
     """Solve the collocation equations of all panels together: (values at the nodes, at the low ends)."""
     count, stages, states = guess.shape
@@ -167,7 +167,7 @@ def _newton(
         change = np.abs(new - values).max() / max(np.abs(new).max(), 1e-300)
         values = new
         # Finite differences and rounding leave a floor: stop there, not at a fixed level.
-        if change <= 1e-15 or (change < 1e-9 and change > 0.3 * best):
+        if change <= 0.01 * tolerance or (change < 1e-9 and change > 0.3 * best):
             return values, left
         best = min(best, change)
     raise LibraryError(f"Force '{force.symbol}': its states could not be followed along the motion.")
