@@ -42,9 +42,21 @@ class Estimate:
 
 
 def identification(
-    method: object, decay: xr.Dataset, library: ForceLibrary, estimate: Estimate, active: Array | None = None
+    method: object,
+    decay: xr.Dataset,
+    library: ForceLibrary,
+    estimate: Estimate,
+    *,
+    offered: ForceLibrary,
+    active: NDArray[np.bool_] | None = None,
 ) -> xr.Dataset:
-    """Label an estimate: the Dataset that every method returns (variables in `docs/conventions`)."""
+    """Label an estimate: the Dataset that every method returns, provenance in its attrs.
+
+    Parameters
+    ----------
+    library : the forces that were unknowns, in the order of the estimate; offered : all there were to choose from.
+    active : which forces were kept; the others have coefficient 0 and the error they would have had.
+    """
     symbols = list(library.symbols)
     count = len(symbols)
     covariance = estimate.covariance[:count, :count]
@@ -105,7 +117,7 @@ def identification(
         variables = {k: v for k, v in variables.items() if v[0] != "shape_parameter"}
         del coords["shape_parameter"]
     extra = {k: scalar(*v) for k, v in estimate.extra.items()}
-    return xr.Dataset(variables | scalars | extra, coords, provenance(method, decay, library))  # type: ignore[operator]
+    return xr.Dataset(variables | scalars | extra, coords, provenance(method, decay, offered))
 
 
 def provenance(method: object, decay: xr.Dataset, library: ForceLibrary) -> dict[str, str]:

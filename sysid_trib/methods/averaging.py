@@ -1,7 +1,7 @@
 """The paper's identification: amplitude decay and frequency shift against the signatures of the forces."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -67,10 +67,14 @@ class Averaging:
             values, corrected = _corrected(self, decay, asked, measured, found)
         extra = {"misfit": (found.misfit, "1", "RMS of the averaged equations' residual over its error")}
         estimate = Estimate(values[:-1], found.covariance, float(values[-1]), found.noise, extra)
-        result = identification(self, decay, asked, estimate)
+        result = identification(self, decay, asked, estimate, offered=library)
         bias = found.values - values
         result["first_order_bias"] = ("force", bias[:-1], {"units": "1", "long_name": "first-order bias removed"})
         return result.assign_attrs(first_order_bias_removed=corrected)
+
+    def quick(self) -> "Averaging":
+        """The same without its iterations, for the statistics of many records."""
+        return replace(self, correct=False)
 
 
 @dataclass(frozen=True)

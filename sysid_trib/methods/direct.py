@@ -74,14 +74,21 @@ class Direct:
         refined = False
         if self.refine:
             guess, rows, refined = _refined(self, problem, guess, rows, asked)
-        spread, noise, lags = covariance(problem, rows, guess)
+        spread, in_band, lags = covariance(problem, rows, guess)
+        noise = smooth(problem.nominal * problem.time, problem.angle)[3]
         extra = {
             "start_angle": (guess.start[0], "rad", "angle of the model at the first sample"),
             "start_rate": (guess.start[1], "rad/s", "rate of the model at the first sample"),
+            "misfit": (in_band / noise, "1", "noise of the whitened rows over the noise of the record"),
             "offset": (guess.offset, "rad", "zero of the sensor about the decay's equilibrium"),
         }
         estimate = Estimate(guess.coefficients, spread, guess.frequency, noise, extra)
-        return identification(self, decay, asked, estimate)
+        result = identification(self, decay, asked, estimate, offered=library)
+        return result.assign_attrs(refined=str(refined), correlation_lags=lags)
+
+    def quick(self) -> "Direct":
+        """The same without its iterations, for the statistics of many records."""
+        return replace(self, refine=False)
 
 
 def _begin(decay: xr.Dataset, library: ForceLibrary, method: Direct) -> tuple[Problem, Guess, Path]:

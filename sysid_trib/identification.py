@@ -1,0 +1,92 @@
+"""Identify the forces of a decay, and hold two identifications of it against each other."""
+
+from typing import Protocol
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.agreement import comparison, fitted_motion, method_of, residuals, ties
+from sysid_trib.envelope import envelope
+from sysid_trib.forces import ForceLibrary
+
+# Below this probability of a larger difference by chance the methods are said to disagree.
+LEVEL = 0.01
+
+
+class Method(Protocol):
+    """An identification method: a frozen object with its options."""
+
+    def identify(self, decay: xr.Dataset, library: ForceLibrary) -> xr.Dataset:
+        """Identify the forces of `library` from a decay with `angle(time)`."""
+
+
+def identify(decay: xr.Dataset, library: ForceLibrary, method: Method) -> xr.Dataset:
+    """Identify the forces of a library from a decay by one method.
+
+    Parameters
+    ----------
+    decay : `angle(time)` in rad, as `free_decay` returns it.
+    library : the forces offered.
+    method : e.g. `methods.Direct()`.
+
+    Returns
+    -------
+    Dataset with `coefficient(force)` (dimensionless unless its `unit` says otherwise), `standard_error(force)`,
+    `covariance(force, other_force)`, `active(force)`, `refers_to(force)` (rad/s), scalars `reference_frequency`,
+    `asymptotic_frequency` (rad/s), `noise` (rad), and the provenance in its attrs.
+
+    Raises
+    ------
+    DecayError
+        The decay cannot support the request.
+    """
+    return method.identify(decay, library)
+
+
+def cross_check(
+    decay: xr.Dataset, first: xr.Dataset, second: xr.Dataset, *, draws: int = 64, seed: int = 0
+) -> xr.DataTree:
+    """Hold two identifications of one decay against each other.
+
+    Parameters
+    ----------
+    decay : the decay that both are from.
+    first, second : identifications, e.g. by averaging and direct.
+    draws, seed : simulated records of the second's model with its noise, on which both methods are run; the
+        scatter of their difference is its error. Both saw the same noise, so their errors do not simply add.
+
+    Returns
+    -------
+    DataTree with groups `record` (with each model's simulated angle), `envelope`, one group a method, and
+    `comparison`: over `quantity` (each force, and the asymptotic frequency) the `difference` first - second at
+    the first's reference frequency, the `expected_difference` (biases of the methods, on a simulated record
+    without noise), the `standard_error` of the difference and `z`; `chi_square`, `degrees_of_freedom`,
+    `p_value`; over `method` the `residual_rms` (rad) of the simulated model, `residual_over_noise` and
+    `departure_time` (s). Its attrs say what the methods cannot tell apart by principle, and the `verdict`.
+
+    Raises
+    ------
+    SimulationError
+        An identified model has no motion (it diverges).
+
+    Notes
+    -----
+    z = (difference - expected_difference)/standard_error; chi-square with the covariance of the scatter, its
+    p-value by Hotelling's distribution because that covariance is estimated from `draws` records.
+    """
+    results = (first, second)
+    names = [result.attrs["method"] for result in results]
+    if names[0] == names[1]:
+        names = [f"{names[0]}_1", f"{names[1]}_2"]
+    motions = [fitted_motion(decay, result) for result in results]
+    methods = [method_of(result) for result in results]
+    compared = comparison(decay, results, motions[1], methods, draws, seed)
+    compared = compared.merge(residuals(decay, names, motions, second.noise.item()))
+    verdict = "agree" if compared.p_value.item() >= LEVEL else "disagree"
+    compared.attrs = {"first": names[0], "second": names[1], "verdict": verdict, "draws": draws, "seed": seed}
+    compared.attrs |= ties(decay, second)
+    record = decay.assign_coords(method=names)
+    simulated = np.stack([motion.x + motion.offset for motion in motions])
+    record["simulated_angle"] = (("method", "time"), simulated, {"units": "rad", "long_name": "angle of the model"})
+    groups = {"record": record, "envelope": envelope(decay), names[0]: first, names[1]: second}
+    return xr.DataTree.from_dict({**groups, "comparison": compared})

@@ -1,0 +1,6 @@
+"""Identification methods: small frozen objects with one job, `identify(decay, library) -> Dataset`."""
+
+from sysid_trib.methods.averaging import Averaging
+from sysid_trib.methods.direct import Direct
+
+__all__ = ["Averaging", "Direct"]
