@@ -167,7 +167,7 @@ def _newton(
         change = np.abs(new - values).max() / max(np.abs(new).max(), 1e-300)
         values = new
         # Finite differences and rounding leave a floor: stop there, not at a fixed level.
-        if change <= 0.01 * tolerance or (change < 1e-9 and change > 0.3 * best):
+        if change <= 0.01 * tolerance or (change < 1e-4 and change > 0.3 * best):
             return values, left
         best = min(best, change)
     raise LibraryError(f"Force '{force.symbol}': its states could not be followed along the motion.")

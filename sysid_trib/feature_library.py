@@ -26,7 +26,7 @@ BINDING: dict[type, tuple[int, str]] = {
 }
 
 
-class ForceFeatures(BaseFeatureLibrary):  # type: ignore[misc]
+class ForceFeatures(BaseFeatureLibrary):
     """One feature for each force of a library, on the states [theta, theta'] with theta' = dtheta/d(w t).
 
     Parameters
@@ -98,7 +98,7 @@ class ForceFeatures(BaseFeatureLibrary):  # type: ignore[misc]
     def get_feature_names(self, input_features: Sequence[str] | None = None) -> list[str]:
         """Formulas in readable form, in theta and theta' unless the inputs have names of their own."""
         given = None if input_features is None else list(input_features)
-        angle, rate = ("theta", "theta'") if given in (None, UNNAMED) else given[:2]  # type: ignore[index]
+        angle, rate = ("theta", "theta'") if given in (None, UNNAMED) else given[:2]
         return [readable(force, angle, rate, self.shapes) for force in self._forces]
 
     @property
@@ -130,7 +130,7 @@ class ForceFeatures(BaseFeatureLibrary):  # type: ignore[misc]
 def readable(
     force: Force, angle: str = "theta", rate: str = "theta'", shapes: Mapping[str, float] | None = None
 ) -> str:
-    """Formula of a force for people, e.g. `theta' |theta'|`; sums in brackets, hidden names with the symbol."""
+    """Formula of a force for people, e.g. `theta' |theta'|`; a sum in brackets, states with the symbol."""
     names = {"x": angle, "v": rate} | {k: f"{force.symbol}.{k}" for k in (*force.state, *force.memory)}
     names |= {k: f"{value:g}" for k, value in force.shape_values(shapes).items()}
     return _text(force.formula.tree, names, 2)
@@ -140,7 +140,7 @@ def _text(tree: ast.AST, names: Mapping[str, str], binding: int) -> str:
     """Text of a tree, in brackets if it binds less than `binding`."""
     match tree:
         case ast.Constant(value=value):
-            return f"{value:.12g}"
+            return f"{float(value):.12g}"  # type: ignore[arg-type]
         case ast.Name(id=name):
             return names.get(name, name)
         case ast.UnaryOp(op=op, operand=operand):
@@ -167,5 +167,6 @@ def _check_columns(x: Any) -> None:
     shape = np.shape(x)
     if len(shape) != 2 or shape[1] != 2:
         raise DecayError(
-            f"Force features need the two columns theta and theta' = dtheta/d(w t) in rad, not data of shape {shape}."
+            "Force features need the two columns theta and theta' = dtheta/d(w t) (rad), "
+            f"not data of shape {shape}."
         )

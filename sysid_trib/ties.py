@@ -11,7 +11,7 @@ from sysid_trib.signatures import averages
 
 AMPLITUDES = 96
 POINTS = 2000
-# Just above the rounding of signatures: forces alike to a millionth at small amplitude are not tied by principle.
+# Just above the rounding of signatures: forces alike to a millionth are not tied by principle.
 TOLERANCE = 1e-11
 # Instants at which forces holding t are compared (s): an amplitude may be met at any time.
 LATEST = 20.0
@@ -54,7 +54,7 @@ def without_signature(
     *,
     shapes: Mapping[str, float] | None = None,
 ) -> tuple[str, ...]:
-    """Forces that averaging does not see at all, even ones for instance (parameters as `indistinguishable`)."""
+    """Forces that averaging does not see at all, even ones for instance (see `indistinguishable`)."""
     forces, table = _signature_table(library, amplitude_low, amplitude_high, shapes)
     scale = np.array([_size(force, amplitude_high, shapes) for force in forces])
     silent = np.abs(table).max(axis=0, initial=0.0) <= 1e-13 * scale
