@@ -1,6 +1,7 @@
 """Which columns of a table hold time and angle, in which units, and their numbers."""
 
 import re
+from datetime import datetime
 
 import numpy as np
 
@@ -91,7 +92,8 @@ def split_header(name: str) -> tuple[str, str]:
 
     Both in lower case; "per second" of a rate is taken off its unit.
     """
-    text = re.sub(r"(rad|deg|degrees)[_ ](per[_ ])?s(ec)?$", r"\1/s", name.strip().lower().replace("μ", "µ"))
+    text = name.strip().lower().replace("μ", "µ")
+    text = re.sub(r"(rad|deg|degrees|°)(/|[_ ](per[_ ])?)s(ec)?$", r"\1", text)
     match = re.fullmatch(r"(.*?)\s*[\[({]\s*([^\[\](){}]*?)\s*[\])}]", text)
     bracket = match is not None and not match[2].isdigit()
     if not bracket:
@@ -133,6 +135,8 @@ def numbers(table: Table, name: str, source: str) -> FloatArray:
         Text, a missing or an infinite value; the message says in which row (from 1, below the header).
     """
     values = np.asarray(table.columns[name])
+    if values.dtype == object and all(isinstance(value, datetime) for value in values):
+        values = values.astype("datetime64[us]")
     if values.dtype.kind == "M":
         return np.asarray((values - values[0]) / np.timedelta64(1, "ns"), dtype=float) * 1e-9
     if values.dtype.kind not in "fiu":

@@ -53,7 +53,8 @@ def fit_half_sines(time: FloatArray, angle: FloatArray, halves: HalfPeriods) -> 
     middle = 0.5 * (halves.crossing[1:] + halves.crossing[:-1])
     s, y = time[sample] - middle[half], angle[sample]
     w: FloatArray = np.pi / halves.duration
-    p = q = np.zeros(0)
+    p: FloatArray = np.zeros(0)
+    q: FloatArray = np.zeros(0)
     for iteration in range(ITERATIONS):
         phase = w[half] * s
         cosine, sine = np.cos(phase), np.sin(phase)
@@ -62,7 +63,7 @@ def fit_half_sines(time: FloatArray, angle: FloatArray, halves: HalfPeriods) -> 
         else:
             columns = [cosine, sine, s * (q[half] * cosine - p[half] * sine)]
         normal, right = _normal_equations(columns, y, weight, first)
-        solution = np.linalg.solve(normal, right[..., None])[..., 0]
+        solution = np.asarray(np.linalg.solve(normal, right[..., None])[..., 0], dtype=np.float64)
         p, q = solution[:, 0], solution[:, 1]
         if iteration:
             change = np.clip(solution[:, 2], -0.2 * w, 0.2 * w)
@@ -81,7 +82,7 @@ def fit_half_sines(time: FloatArray, angle: FloatArray, halves: HalfPeriods) -> 
 
 
 def _cells(time: FloatArray, halves: HalfPeriods) -> tuple[IntArray, IntArray, FloatArray, IntArray]:
-    """Samples whose cells touch each half period: their number, half period, share inside, and first of each."""
+    """Samples whose cells touch each half period: number, half period, share inside, first of each."""
     edge = np.concatenate(([time[0]], 0.5 * (time[1:] + time[:-1]), [time[-1]]))
     edge[0] -= 0.5 * (time[1] - time[0])
     edge[-1] += 0.5 * (time[-1] - time[-2])
@@ -100,7 +101,7 @@ def _cells(time: FloatArray, halves: HalfPeriods) -> tuple[IntArray, IntArray, F
 def _normal_equations(
     columns: list[FloatArray], y: FloatArray, weight: FloatArray, first: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Weighted normal equations of each half period: matrices (half period, column, column) and right sides."""
+    """Weighted normal equations of each half period: matrices and right sides."""
     weighted = [weight * column for column in columns]
     size = len(columns)
     normal = np.empty((first.size, size, size))
@@ -193,7 +194,7 @@ def usable_half_periods(time: FloatArray, angle: FloatArray, source: str) -> Hal
 
 
 def _scatter_ratio(value: FloatArray, error: FloatArray) -> float:
-    """How much more values scatter about a smooth course than their errors say; 1 where that may be chance."""
+    """How much more values scatter than their errors say; 1 where that may be chance."""
     if value.size < 15:
         return 1.0
     difference = np.convolve(value, FOURTH_DIFFERENCE, "valid")

@@ -65,7 +65,7 @@ def _split(oscillation: Oscillation, centre: float) -> tuple[HalfPeriods, slice]
 
 
 def _centre_of_travel(oscillation: Oscillation) -> float:
-    """Median weighted by the distance travelled: holding, resting and sticking travel nowhere and do not count."""
+    """Median weighted by the distance travelled: holding, resting and sticking do not count."""
     middle = 0.5 * (oscillation.signal[1:] + oscillation.signal[:-1])
     distance = np.abs(np.diff(oscillation.signal))
     order = np.argsort(middle)

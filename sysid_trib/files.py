@@ -1,9 +1,7 @@
 """Tables of numbers from files of many formats; the content decides, not the name."""
 
-import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +9,8 @@ import numpy as np
 import pandas as pd
 
 from sysid_trib.errors import RecordError, UsageError
+from sysid_trib.text_files import read_text
 
-FORMATS = "text or CSV, MATLAB, Excel (.xlsx), netCDF, HDF5, Parquet, TDMS"
-DELIMITERS = (";", "\t", ",", None)
 Columns = dict[str, Any]
 
 
@@ -22,7 +19,6 @@ class Table:
     """Columns of a file by name, in its order, with units where the file states them."""
 
     columns: Columns
-    named: bool
     units: dict[str, str] = field(default_factory=dict)
 
 
@@ -50,7 +46,8 @@ def read_table(path: Path) -> Table:
         raise
     except ImportError as error:
         raise RecordError(
-            f'{path.name}: this format needs an optional package ({error.name}): pip install "sysid-trib[files]".'
+            f"{path.name}: this format needs a further package ({error.name}): "
+            'pip install "sysid-trib[files]".'
         ) from error
     # Readers of foreign formats meet a damaged file with any exception at all.
     except Exception as error:
@@ -80,105 +77,16 @@ def _reader(head: bytes, path: Path) -> Callable[[Path], Table]:
 
 
 def _read_text(path: Path) -> Table:
-    content = path.read_bytes()
-    wide = content.startswith((b"\xff\xfe", b"\xfe\xff"))
-    if not wide and b"\0" in content:
-        raise RecordError(f"{path.name}: binary content, but none of the known formats ({FORMATS}).")
-    try:
-        text = content.decode("utf-16" if wide else "utf-8-sig")
-    except UnicodeDecodeError:
-        text = content.decode("latin-1")
-    lines = text.splitlines()
-    delimiter, start = _find_block(lines)
-    if start is None:
-        raise RecordError(f"{path.name}: no rows of numbers were found in it (known formats: {FORMATS}).")
-    header = _header(lines[:start], delimiter, len(_fields(lines[start], delimiter)))
-    commas = any("," in line for line in lines[start : start + 50])
-    decimal = "," if commas and delimiter != "," else "."
-    if delimiter == "," and header and len(header) == 1:
-        delimiter, decimal = None, ","
-    block = [line for line in lines[start:] if line.strip() and not _is_comment(line)]
-    frame = pd.read_csv(
-        StringIO("\n".join(block)),
-        sep=delimiter or r"\s+",
-        decimal=decimal,
-        header=None,
-        skipinitialspace=True,
-        low_memory=False,
-    )
-    # A delimiter at the end of every line makes an empty last column.
-    if frame.shape[1] > 1 and frame.iloc[:, -1].isna().all():
-        frame = frame.iloc[:, :-1]
-    named = header is not None and len(header) >= frame.shape[1]
-    names = header if named and header else [str(index) for index in range(frame.shape[1])]
-    return _from_frame(frame, names, named)
+    frame, names = read_text(path)
+    numbered = [str(index) for index in range(frame.shape[1])]
+    return _from_frame(frame, names or numbered)
 
 
-def _from_frame(frame: pd.DataFrame, names: list[str], named: bool) -> Table:
+def _from_frame(frame: pd.DataFrame, names: list[str]) -> Table:
     columns: Columns = {}
     for index, name in zip(range(frame.shape[1]), names, strict=False):
         columns[name if name and name not in columns else f"{name}#{index}"] = frame.iloc[:, index].to_numpy()
-    return Table(columns, named)
-
-
-def _is_comment(line: str) -> bool:
-    return line.lstrip().startswith(("#", "%", "//", "!"))
-
-
-def _fields(line: str, delimiter: str | None) -> list[str]:
-    fields = [item.strip().strip("\"'").strip() for item in line.strip().split(delimiter)]
-    return fields[:-1] if len(fields) > 1 and not fields[-1] else fields
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text.replace(",", ".", 1))
-    except ValueError:
-        return False
-    return True
-
-
-def _find_block(lines: list[str]) -> tuple[str | None, int | None]:
-    """Delimiter and first line of the numbers: the first line that is numbers alone, or else partly."""
-    for enough in (all, any):
-        for start, line in enumerate(lines):
-            if not line.strip() or _is_comment(line):
-                continue
-            for delimiter in DELIMITERS:
-                if delimiter is not None and delimiter not in line:
-                    continue
-                fields = _fields(line, delimiter)
-                if enough(_is_number(item) and (delimiter != "," or "," not in item) for item in fields):
-                    return delimiter, _first_row(lines, delimiter, start, len(fields))
-    return None, None
-
-
-def _first_row(lines: list[str], delimiter: str | None, start: int, width: int) -> int:
-    """Go back over rows that hold some text among their numbers: bad data, not a header."""
-    while start > 0 and not _is_comment(lines[start - 1]):
-        fields = _fields(lines[start - 1], delimiter)
-        if len(fields) != width or not any(_is_number(item) for item in fields):
-            break
-        start -= 1
-    return start
-
-
-def _header(before: list[str], delimiter: str | None, width: int) -> list[str] | None:
-    """Names from the lines above the numbers, a line of units below them included."""
-    found: list[list[str]] = []
-    for line in reversed([line for line in before if line.strip()][-2:]):
-        text = line.lstrip("#%/! \t") if _is_comment(line) else line
-        separator = "," if delimiter is None and "," in text else delimiter
-        fields = _fields(text, separator)
-        if len(fields) != width and not (len(fields) == 1 and delimiter == ","):
-            break
-        found.append(fields)
-    if not found:
-        return None
-    units_line = all(re.fullmatch(r"[\[(].*[\])]|", item) for item in found[0])
-    if units_line and len(found) == 2:
-        return [f"{name} {unit}".strip() for unit, name in zip(found[0], found[1], strict=True)]
-    return found[0]
+    return Table(columns)
 
 
 def _read_excel(path: Path) -> Table:
@@ -194,12 +102,12 @@ def _read_excel(path: Path) -> Table:
     names = (
         [str(cell) for cell in sheet.iloc[start - 1]] if start else [str(i) for i in range(sheet.shape[1])]
     )
-    return _from_frame(sheet.iloc[start:], names, start > 0)
+    return _from_frame(sheet.iloc[start:], names)
 
 
 def _read_parquet(path: Path) -> Table:
     frame = pd.read_parquet(path).reset_index(drop=True)
-    return _from_frame(frame, [str(name) for name in frame.columns], True)
+    return _from_frame(frame, [str(name) for name in frame.columns])
 
 
 def _read_netcdf(path: Path) -> Table:
@@ -210,18 +118,18 @@ def _read_netcdf(path: Path) -> Table:
     with xr.open_dataset(path, engine=engine, decode_times=False) as dataset:
         columns = {str(name): item.to_numpy() for name, item in dataset.variables.items() if item.ndim == 1}
         units = {name: str(dataset[name].attrs.get("units", "")) for name in columns}
-    return Table(columns, True, units)
+    return Table(columns, units)
 
 
 def _read_matlab(path: Path) -> Table:
     from scipy.io import loadmat
 
     content = loadmat(path, simplify_cells=True)
-    return Table(dict(_flatten({k: v for k, v in content.items() if not k.startswith("__")})), True)
+    return Table(dict(_flatten({k: v for k, v in content.items() if not k.startswith("__")})))
 
 
 def _flatten(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
-    """Vectors in nested structs, cells and matrices, named like ``data.Y[0]``; samples run along the longer side."""
+    """Vectors in structs, cells and matrices, named like ``data.Y[0]``; samples run along the longer side."""
     if isinstance(value, dict):
         for key, item in value.items():
             yield from _flatten(item, f"{name}.{key}" if name else str(key))
@@ -257,7 +165,7 @@ def _read_hdf5(path: Path) -> Table:
 
     with h5py.File(path, "r") as file:
         columns = dict(_flatten(content(file, file)))
-    return Table(columns, True, units)
+    return Table(columns, units)
 
 
 def _read_tdms(path: Path) -> Table:
@@ -272,4 +180,4 @@ def _read_tdms(path: Path) -> Table:
                 columns[f"{group.name}/time"] = channel.time_track()
             columns[name] = channel[:]
             units[name] = str(channel.properties.get("unit_string", ""))
-    return Table(columns, True, units)
+    return Table(columns, units)

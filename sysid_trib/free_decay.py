@@ -5,17 +5,16 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from sysid_trib.equilibrium import Swing, find_swing, signed_extrema
+from sysid_trib.decay_checks import after_the_largest, refuse_clipping
+from sysid_trib.equilibrium import Swing, find_swing
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.half_periods import FloatArray, noise_level
 from sysid_trib.records import check_sampling
 
-FEWEST_HALF_PERIODS = 6
-
 
 @dataclass(frozen=True)
 class Part:
-    """First sample of the free motion and one past its last, why, and when it stopped for good (nan if not)."""
+    """First sample of the free motion, one past its last, what was cut, and the stop for good (or nan)."""
 
     start: int
     stop: int
@@ -68,8 +67,8 @@ def free_decay(
         raise DecayError(
             f"{source}: no oscillation stands out of the noise; check the column and the window."
         )
-    swing = _after_the_largest(time, angle, swing, source)
-    _check_clipping(time, angle, swing, source)
+    swing = after_the_largest(time, angle, swing, source)
+    refuse_clipping(time, angle, swing, source)
     part = _free_part(time, angle - swing.equilibrium, swing)
     decay = inside.isel(time=slice(part.start, part.stop)).copy()
     attrs = decay["angle"].attrs
@@ -110,7 +109,8 @@ def _in_window(record: xr.Dataset, window: tuple[float | None, float | None], so
     if inside.sizes["time"] < 20:
         raise DecayError(
             f"{source}: only {inside.sizes['time']} samples between {max(start, time[0]):g} s and "
-            f"{min(stop, time[-1]):g} s (the record runs from {time[0]:g} s to {time[-1]:g} s); widen the window."
+            f"{min(stop, time[-1]):g} s (the record runs from {time[0]:g} s to {time[-1]:g} s); "
+            "widen the window."
         )
     return inside
 
@@ -122,61 +122,6 @@ def _check_signal(time: FloatArray, angle: FloatArray, source: str) -> None:
     check_sampling(time, source)
     if np.ptp(angle) <= 1e-12 * np.max(np.abs(angle)):
         raise DecayError(f"{source}: the angle is flat at {angle[0]:.6g}; choose another column or window.")
-
-
-def _after_the_largest(time: FloatArray, angle: FloatArray, swing: Swing, source: str) -> Swing:
-    """Leave out what comes before the largest extremum, and refuse what does not decay after it."""
-    run = swing.run
-    count = run.stop - run.start
-    if count < FEWEST_HALF_PERIODS - 1:
-        raise DecayError(
-            f"{source}: only about {count / 2:g} full periods of steady oscillation were found (period about "
-            f"{swing.oscillation.period:.3g} s); at least three are needed: record longer or widen the window."
-        )
-    peak = np.abs(signed_extrema(time, angle - swing.equilibrium, swing.halves.select(run)))
-    # Generous for an extremum's own scatter: by noise, which averaging over a third of a period would leave,
-    # and steps.
-    scatter = 3.0 * swing.oscillation.smoothed_noise + 0.5 * swing.oscillation.step
-    largest = int(np.argmax(peak))
-    first = largest if peak[largest] > 1.03 * peak[0] + scatter else 0
-    quarter = max(1, (count - first) // 4)
-    fall = float(np.mean(peak[first : first + quarter]) - np.mean(peak[-quarter:]))
-    if count - first < FEWEST_HALF_PERIODS - 1 and largest:
-        growth = 100.0 * ((peak[largest] / peak[0]) ** (2.0 / largest) - 1.0)
-        raise DecayError(
-            f"{source}: the oscillation grows by {growth:.2g} % a period; a free decay is needed."
-        )
-    if fall < 1e-4 * peak[first] + scatter / np.sqrt(quarter):
-        change = 100.0 * abs(fall) / peak[first] / (count - first) * 2
-        raise DecayError(
-            f"{source}: the oscillation does not decay (amplitude {peak[first]:.3g}, change {change:.2g} % a period)."
-        )
-    return Swing(
-        swing.oscillation,
-        swing.halves,
-        slice(run.start + first, run.stop),
-        swing.equilibrium,
-        swing.standard_error,
-    )
-
-
-def _check_clipping(time: FloatArray, angle: FloatArray, swing: Swing, source: str) -> None:
-    """Refuse flat tops at one and the same extreme value in three or more half periods."""
-    starts, stops = swing.halves.select(swing.run).samples(time)
-    sign = swing.halves.sign[swing.run]
-    part = slice(int(starts[0]), int(stops[-1]))
-    for side, limit in ((1, angle[part].max()), (-1, angle[part].min())):
-        at_limit = np.concatenate(([0], np.cumsum(np.abs(angle - limit) <= 1e-9 * np.ptp(angle))))
-        flat = (at_limit[stops] - at_limit[starts])[sign == side]
-        height = side * (limit - swing.equilibrium)
-        # A cosine stays within a quantisation step of its top for this share of a half period.
-        share = 2.0 / np.pi * np.arccos(max(0.0, 1.0 - swing.oscillation.step / max(height, 1e-300)))
-        usual = share * np.median(stops - starts)
-        if np.count_nonzero(flat > 1.5 * usual + 2) >= 3:
-            raise DecayError(
-                f"{source}: {np.count_nonzero(flat)} half periods are clipped at {limit:.6g}; start the window after "
-                "them, or record with a wider range."
-            )
 
 
 def _free_part(time: FloatArray, angle: FloatArray, swing: Swing) -> Part:

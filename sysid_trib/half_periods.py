@@ -69,6 +69,7 @@ class HalfPeriods:
 
     @property
     def duration(self) -> FloatArray:
+        """Time between the crossings of each half period."""
         return np.diff(self.crossing)
 
     def select(self, part: slice) -> "HalfPeriods":

@@ -127,8 +127,8 @@ def _record(time: FloatArray, values: FloatArray, unit: str, attrs: dict[str, An
     amplitude = 0.5 * float(np.ptp(values))
     if unit == "rad" and amplitude > LARGEST_AMPLITUDE:
         raise RecordError(
-            f"{attrs['source']}: an amplitude of {amplitude:.3g} rad (column {attrs['angle_column']}) is too much for "
-            "an oscillation; if it is in degrees say so (units=deg), else choose another column."
+            f"{attrs['source']}: an amplitude of {amplitude:.3g} rad (column {attrs['angle_column']}) is too "
+            "much for an oscillation; if it is in degrees say so (units=deg), else choose another column."
         )
     return record
 
@@ -152,8 +152,8 @@ def check_times(time: FloatArray, source: str, *, samples: int) -> None:
         row = int(bad[0])
         what = "is repeated" if time[row + 1] == time[row] else f"is followed by {time[row + 1]:.9g} s"
         raise RecordError(
-            f"{source}: time must rise, but {time[row]:.9g} s in row {row + 1} {what}; sort the rows, drop the "
-            "repeated ones, or give the sampling rate instead."
+            f"{source}: time must rise, but {time[row]:.9g} s in row {row + 1} {what}; "
+            "sort the rows, drop the repeated ones, or give the sampling rate instead."
         )
 
 
@@ -172,9 +172,9 @@ def check_sampling(time: FloatArray, source: str) -> None:
     if abs(steps[worst] - median) <= STEP_TOLERANCE * median + 1e-9:
         return
     raise RecordError(
-        f"{source}: a time step of {steps[worst]:.3g} s at {time[worst]:.6g} s, but {median:.3g} s is usual and 2 % "
-        "is allowed. Keep a part without gaps (window), resample first (record.interp(time=...)), or give the "
-        "sampling rate if the time column is wrong."
+        f"{source}: a time step of {steps[worst]:.3g} s at {time[worst]:.6g} s, "
+        f"but {median:.3g} s is usual and 2 % is allowed. Keep a part without gaps (window), resample first "
+        "(record.interp(time=...)), or give the sampling rate if the time column is wrong."
     )
 
 
@@ -213,7 +213,8 @@ def scale_translation(record: xr.Dataset, mass: float, natural_frequency: float,
             units="rad/s", long_name="scaled rate as measured"
         )
     scaled.attrs = record.attrs | {
-        "translation": f"angle = m w0^2 x / P with m = {mass:g} kg, w0 = {natural_frequency:g} rad/s, P = {load:g} N",
+        "translation": f"angle = m w0^2 x / P with m = {mass:g} kg, w0 = {natural_frequency:g} rad/s, "
+        f"P = {load:g} N",
         "translation_factor": factor,
     }
     return scaled

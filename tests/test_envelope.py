@@ -30,7 +30,7 @@ def damped(time, zeta=0.01, amplitude=0.3, phase=0.0):
 
 @pytest.fixture(scope="module")
 def paper_run():
-    """The paper's PDMS/glass run without noise: 25 s at 100 Hz, restarted at every zero of theta and theta'."""
+    """The paper's PDMS/glass run without noise: 25 s at 100 Hz, restarted at zeros of theta and theta'."""
     time, found = np.arange(2501) / 100.0, np.empty(2501)
     start, state = 0.0, np.array([0.3, 0.0])
     crossing, turning = (lambda t, y: y[0]), (lambda t, y: y[1])

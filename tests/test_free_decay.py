@@ -179,6 +179,8 @@ REFUSED = {
         np.where(np.arange(T.size) == 700, np.nan, linear(T)),
         "at 7 s is not a finite number",
     ),
+    "pushed": (T, linear(T, 0.02) + 0.15 * (T > 9) * linear(np.maximum(T - 9, 0), 0.02), "rises again at 9"),
+    "beats": (T, linear(T, 0.002) + linear(T, 0.002, omega=10.6, amplitude=0.2), "rises again at|not decay"),
     "few samples": (T[:15], linear(T[:15]), "only 15 samples"),
 }
 

@@ -1,0 +1,78 @@
+"""Whether a swing is a free decay: long enough, falling, never pushed, not clipped."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from sysid_trib.equilibrium import Swing, signed_extrema
+from sysid_trib.errors import DecayError
+from sysid_trib.half_periods import FloatArray
+
+# Three full periods: five whole half periods and a part of one at either end.
+FEWEST_EXTREMA = 5
+
+
+def after_the_largest(time: FloatArray, angle: FloatArray, swing: Swing, source: str) -> Swing:
+    """Leave out what comes before the largest extremum, and refuse what does not decay after it."""
+    run = swing.run
+    count = run.stop - run.start
+    if count < FEWEST_EXTREMA:
+        raise DecayError(
+            f"{source}: only about {count / 2:g} full periods of steady oscillation were found (period about "
+            f"{swing.oscillation.period:.3g} s); at least three are needed: "
+            "record longer or widen the window."
+        )
+    peak = np.abs(signed_extrema(time, angle - swing.equilibrium, swing.halves.select(run)))
+    # Generous for an extremum's own scatter: by noise, which averaging over a third of a period would leave,
+    # and steps.
+    scatter = 3.0 * swing.oscillation.smoothed_noise + 0.5 * swing.oscillation.step
+    largest = int(np.argmax(peak))
+    first = largest if peak[largest] > 1.03 * peak[0] + scatter else 0
+    quarter = max(1, (count - first) // 4)
+    fall = float(np.mean(peak[first : first + quarter]) - np.mean(peak[-quarter:]))
+    if count - first < FEWEST_EXTREMA and largest:
+        growth = 100.0 * ((peak[largest] / peak[0]) ** (2.0 / largest) - 1.0)
+        raise DecayError(
+            f"{source}: the oscillation grows by {growth:.2g} % a period; a free decay is needed."
+        )
+    if fall < 1e-4 * peak[first] + scatter / np.sqrt(quarter):
+        change = -200.0 * fall / peak[first] / (count - first)
+        raise DecayError(
+            f"{source}: the oscillation does not decay: of {peak[first]:.3g}, {change:.2g} % a period."
+        )
+    swing = replace(swing, run=slice(run.start + first, run.stop))
+    _refuse_pushes(peak[first:], swing, source)
+    return swing
+
+
+def _refuse_pushes(peak: FloatArray, swing: Swing, source: str) -> None:
+    """Refuse an amplitude that rises again, comparing extrema of one sign: a push, or two modes that beat."""
+    for side in (0, 1):
+        same = peak[side::2]
+        lowest = np.minimum.accumulate(same)
+        rises = np.flatnonzero(same > 1.1 * lowest + 2.0 * swing.oscillation.floor)
+        if rises.size:
+            instant = swing.halves.crossing[swing.run.start + side + 2 * int(rises[0])]
+            raise DecayError(
+                f"{source}: the amplitude rises again at {instant:.4g} s, from {lowest[rises[0]]:.3g} to "
+                f"{same[rises[0]]:.3g}; a free decay does not: end the window before or start it after."
+            )
+
+
+def refuse_clipping(time: FloatArray, angle: FloatArray, swing: Swing, source: str) -> None:
+    """Refuse flat tops at one and the same extreme value in three or more half periods."""
+    starts, stops = swing.halves.select(swing.run).samples(time)
+    sign = swing.halves.sign[swing.run]
+    part = slice(int(starts[0]), int(stops[-1]))
+    for side, limit in ((1, angle[part].max()), (-1, angle[part].min())):
+        at_limit = np.concatenate(([0], np.cumsum(np.abs(angle - limit) <= 1e-9 * np.ptp(angle))))
+        flat = (at_limit[stops] - at_limit[starts])[sign == side]
+        height = side * (limit - swing.equilibrium)
+        # A cosine stays within a quantisation step of its top for this share of a half period.
+        share = 2.0 / np.pi * np.arccos(max(0.0, 1.0 - swing.oscillation.step / max(height, 1e-300)))
+        usual = share * np.median(stops - starts)
+        if np.count_nonzero(flat > 1.5 * usual + 2) >= 3:
+            raise DecayError(
+                f"{source}: {np.count_nonzero(flat)} half periods are clipped at {limit:.6g}; "
+                "start the window after them, or record with a wider range."
+            )

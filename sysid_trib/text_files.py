@@ -1,0 +1,126 @@
+"""Tables of numbers in text, whatever its delimiter, decimal sign, header and comments."""
+
+import re
+from io import StringIO
+from pathlib import Path
+
+import pandas as pd
+
+from sysid_trib.errors import RecordError
+
+FORMATS = "text or CSV, MATLAB, Excel (.xlsx), netCDF, HDF5, Parquet, TDMS"
+DELIMITERS = (";", "\t", ",", None)
+
+
+def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None]:
+    """Rows of numbers of a text file, and the names of their columns if it states them.
+
+    Raises
+    ------
+    RecordError
+        Binary content, or no numbers.
+    """
+    content = path.read_bytes()
+    wide = content.startswith((b"\xff\xfe", b"\xfe\xff"))
+    if not wide and b"\0" in content:
+        raise RecordError(
+            f"{path.name}: binary content, but none of the formats that can be read ({FORMATS})."
+        )
+    try:
+        text = content.decode("utf-16" if wide else "utf-8-sig")
+    except UnicodeDecodeError:
+        text = content.decode("latin-1")
+    lines = text.splitlines()
+    delimiter, start = _find_block(lines)
+    if start is None:
+        raise RecordError(f"{path.name}: no rows of numbers were found in it (other formats: {FORMATS}).")
+    header = _header(lines[:start], delimiter, len(_fields(lines[start], delimiter)))
+    commas = any("," in line for line in lines[start : start + 50])
+    decimal = "," if commas and delimiter != "," else "."
+    if delimiter == "," and header and len(header) == 1:
+        delimiter, decimal = None, ","
+    block = [line for line in lines[start:] if line.strip() and not _is_comment(line)]
+    frame = pd.read_csv(
+        StringIO("\n".join(block)),
+        sep=delimiter or r"\s+",
+        decimal=decimal,
+        header=None,
+        skipinitialspace=True,
+        low_memory=False,
+    )
+    # A delimiter at the end of every line makes an empty last column.
+    if frame.shape[1] > 1 and frame.iloc[:, -1].isna().all():
+        frame = frame.iloc[:, :-1]
+    return frame, header if header is not None and len(header) >= frame.shape[1] else None
+
+
+def _is_comment(line: str) -> bool:
+    return line.lstrip().startswith(("#", "%", "//", "!"))
+
+
+def _fields(line: str, delimiter: str | None) -> list[str]:
+    fields = [item.strip().strip("\"'").strip() for item in line.strip().split(delimiter)]
+    return fields[:-1] if len(fields) > 1 and not fields[-1] else fields
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text.replace(",", ".", 1))
+    except ValueError:
+        return False
+    return True
+
+
+def _find_block(lines: list[str]) -> tuple[str | None, int | None]:
+    """Delimiter and first line of the numbers: the first line that is numbers alone, or else partly."""
+    for enough in (all, any):
+        for start, line in enumerate(lines):
+            if not line.strip() or _is_comment(line):
+                continue
+            for delimiter in DELIMITERS:
+                if delimiter is not None and delimiter not in line:
+                    continue
+                fields = _fields(line, delimiter)
+                if enough(map(_is_number, fields)) and _goes_on(
+                    lines[start + 1 : start + 9], delimiter, fields
+                ):
+                    return delimiter, _first_row(lines, delimiter, start, len(fields))
+    return None, None
+
+
+def _goes_on(lines: list[str], delimiter: str | None, fields: list[str]) -> bool:
+    """Whether the next row has as many fields: a lone number above the header is no row."""
+    rows = [line for line in lines if line.strip() and not _is_comment(line)]
+    if not rows:
+        return True
+    if len(fields) == 1:
+        return not any(sign in rows[0] for sign in ",;\t")
+    return len(_fields(rows[0], delimiter)) == len(fields)
+
+
+def _first_row(lines: list[str], delimiter: str | None, start: int, width: int) -> int:
+    """Go back over rows that are numbers by half: bad data, not a header."""
+    while start > 0 and not _is_comment(lines[start - 1]):
+        fields = _fields(lines[start - 1], delimiter)
+        if len(fields) != width or 2 * sum(_is_number(item) for item in fields) < width:
+            break
+        start -= 1
+    return start
+
+
+def _header(before: list[str], delimiter: str | None, width: int) -> list[str] | None:
+    """Names from the lines above the numbers, a line of units below them included."""
+    found: list[list[str]] = []
+    for line in reversed([line for line in before if line.strip()][-2:]):
+        text = line.lstrip("#%/! \t") if _is_comment(line) else line
+        separator = "," if delimiter is None and "," in text else delimiter
+        fields = _fields(text, separator)
+        if len(fields) != width and not (len(fields) == 1 and delimiter == ","):
+            break
+        found.append(fields)
+    if not found:
+        return None
+    units_line = all(re.fullmatch(r"[\[(].*[\])]|", item) for item in found[0])
+    if units_line and len(found) == 2:
+        return [f"{name} {unit}".strip() for unit, name in zip(found[0], found[1], strict=True)]
+    return found[0]

@@ -1,0 +1,442 @@
+"""Records come in from any format, with true times and units, and bad files are refused in one line."""
+
+import hashlib
+import sys
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+import scipy.io
+import xarray as xr
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sysid_trib.columns import split_header
+from sysid_trib.errors import RecordError, SysidTribError, UsageError
+from sysid_trib.free_decay import free_decay
+from sysid_trib.records import check_sampling, read_record, scale_translation
+
+TIME = np.round(np.arange(0.0, 3.0, 0.01), 3)
+ANGLE = np.round(0.3 * np.exp(-0.1 * TIME) * np.cos(9.91 * TIME), 6)
+
+
+def table(delimiter=",", decimal=".", header=None, time=TIME, angle=ANGLE, comment=""):
+    rows = [f"{t:.6f}{delimiter}{x:.6f}" for t, x in zip(time, angle, strict=True)]
+    text = "\n".join(([header] if header else []) + rows) + "\n"
+    return comment + (text if decimal == "." else text.replace(".", ","))
+
+
+def written(tmp_path, content, name="run.csv"):
+    path = tmp_path / name
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
+
+
+def holds(record, angle=ANGLE, time=TIME):
+    np.testing.assert_allclose(record["time"], time, atol=1e-12)
+    np.testing.assert_allclose(record["angle"], angle, atol=1e-12)
+    assert record["angle"].attrs["units"] == "rad"
+    assert record["time"].attrs["units"] == "s"
+    assert all(isinstance(value, str | int | float) for value in record.attrs.values())
+
+
+PLAIN_TEXT = {
+    "comma": table(),
+    "comma and header": table(header="time,angle"),
+    "quoted header": table(header='"time (s)","angle (rad)"'),
+    "semicolon, decimal comma": table(";", ",", "Time;Angle"),
+    "semicolon, decimal comma, no header": table(";", ","),
+    "tab": table("\t", header="t\ttheta"),
+    "tab, decimal comma": table("\t", ","),
+    "spaces": table("   "),
+    "spaces, decimal comma": table(" ", ","),
+    "comma and space": table(", ", header="time, angle"),
+    "trailing delimiter": table(header="time,angle,").replace("\n", ",\n").replace(",,", ","),
+    "comments": table(comment="# a pendulum\n# 2019\n", header="time,angle"),
+    "commented header": table(" ", comment="# time angle\n"),
+    "comments within": table().replace("\n1.000000,", "\n# the door closed\n1.000000,"),
+    "preamble": table(comment="Logger 7\nRate,100\nStart,12:30\n\n", header="time,angle"),
+    "lone number above the header": "300\n" + table(header="time,angle"),
+    "units below the header": table(comment="Time,Angle\n(s),(rad)\n\n"),
+    "excel's hint": "sep=;\n" + table(";", header="time;angle"),
+    "byte order mark": "\ufeff" + table(header="time,angle"),
+    "utf-16": table(header="time,angle").encode("utf-16"),
+    "latin-1": table(header="zeit,angle (rad) Ã¼ber".encode().decode("latin-1")).encode("latin-1"),
+    "dos lines": table(header="time,angle").replace("\n", "\r\n"),
+    "no newline at the end": table().rstrip("\n"),
+    "milliseconds": table(header="time_ms,angle", time=1000 * TIME),
+    "milliseconds in brackets": table(header="Time [ms];phi", delimiter=";", time=1000 * TIME),
+    "milliseconds after a slash": table(header="t / ms,theta", time=1000 * TIME),
+}
+
+
+@pytest.mark.parametrize("name", PLAIN_TEXT)
+def test_text(tmp_path, name):
+    path = written(tmp_path, PLAIN_TEXT[name])
+    record = read_record(path)
+    holds(record)
+    assert record.attrs["source"] == "run.csv"
+    assert record.attrs["record_checksum"] == hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@given(
+    delimiter=st.sampled_from([",", ";", "\t", " ", "  ", " , "]),
+    decimal=st.sampled_from([".", ","]),
+    header=st.booleans(),
+    shift=st.floats(-1e3, 1e3),
+    scale=st.sampled_from([1e-6, 1.0, 3.0]),
+)
+def test_any_text_table_is_read_as_written(tmp_path_factory, delimiter, decimal, header, shift, scale):
+    if decimal == "," and "," in delimiter:
+        return
+    line = f"time{delimiter}angle" if header else None
+    path = written(
+        tmp_path_factory.mktemp("text"), table(delimiter, decimal, line, TIME + shift, ANGLE * scale)
+    )
+    record = read_record(path)
+    np.testing.assert_allclose(record["time"], TIME + shift, atol=1e-6)
+    np.testing.assert_allclose(record["angle"], ANGLE * scale, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("header", "options"),
+    [
+        ("time,angle (deg)", {}),
+        ("time,angle_deg", {}),
+        ("time,Angle [°]", {}),
+        ("time,angle/deg", {}),
+        ("time,angle", {"units": "deg"}),
+        ("time,angle (rad)", {"units": "deg"}),
+    ],
+)
+def test_degrees(tmp_path, header, options):
+    path = written(tmp_path, table(header=header, angle=np.degrees(ANGLE)))
+    np.testing.assert_allclose(read_record(path, **options)["angle"], ANGLE, atol=1e-8)
+
+
+def test_columns_by_name_and_number(tmp_path):
+    rows = "\n".join(f"{t},{t * t},{x},7" for t, x in zip(TIME, ANGLE, strict=True))
+    path = written(tmp_path, f"time,drift,phi,2\n{rows}\n")
+    holds(read_record(path))
+    holds(read_record(path, angle="phi"))
+    holds(read_record(path, time="0", angle="phi"))
+    holds(read_record(path, time=0, angle=2))
+    # A column called 2 wins over the column number 2.
+    assert np.all(read_record(path, angle="2")["angle"] == 7)
+    assert read_record(path, angle=2).attrs["angle_column"] == "phi"
+    with pytest.raises(UsageError, match=r"'psi'; its columns are time, drift, phi, 2\."):
+        read_record(path, angle="psi")
+    with pytest.raises(UsageError, match="'9'"):
+        read_record(path, time=9)
+
+
+def test_two_likely_angles_are_not_guessed(tmp_path):
+    path = written(
+        tmp_path, "time,phi,theta\n" + "\n".join(f"{t},{x},0" for t, x in zip(TIME, ANGLE, strict=True))
+    )
+    with pytest.raises(UsageError, match=r"phi and theta could each be the angle"):
+        read_record(path)
+
+
+@pytest.mark.parametrize("decimal", [".", ","])
+def test_sampling_rate(tmp_path, decimal):
+    column = "angle\n" + "\n".join(f"{x:.6f}" for x in ANGLE)
+    path = written(tmp_path, column.replace(".", decimal))
+    holds(read_record(path, sampling_rate=100))
+    with pytest.raises(RecordError, match="no time column"):
+        read_record(path)
+    both = written(tmp_path, table(header="time,angle", time=np.floor(TIME * 10)))
+    holds(read_record(both, sampling_rate=100))
+    with pytest.raises(UsageError, match="not both"):
+        read_record(both, sampling_rate=100, time="time")
+
+
+def test_time_units_by_option(tmp_path):
+    holds(read_record(written(tmp_path, table(time=1000 * TIME)), time_units="ms"))
+
+
+def test_matlab_cells_and_structs(tmp_path):
+    cells = np.empty(2, dtype=object)
+    cells[:] = [np.stack([ANGLE, 0 * ANGLE]), np.stack([ANGLE[:50], ANGLE[:50]])]
+    times = np.empty(2, dtype=object)
+    times[:] = [TIME, TIME[:50]]
+    path = tmp_path / "run.mat"
+    scipy.io.savemat(path, {"T_id": times, "Y_id": cells, "run": {"time": TIME, "angle": ANGLE}, "note": "x"})
+    holds(read_record(path, time="T_id[0]", angle="Y_id[0][0]"))
+    holds(read_record(path, time="run.time", angle="run.angle"))
+    holds(read_record(path, time="run.time", angle="angle"))
+    with pytest.raises(UsageError, match=r"T_id\[0\], T_id\[1\], Y_id\[0\]\[0\]"):
+        read_record(path, time="T_id", angle="Y_id[0][0]")
+    with pytest.raises(RecordError, match="50 times but 300 angles"):
+        read_record(path, time="T_id[1]", angle="Y_id[0][0]")
+    scipy.io.savemat(tmp_path / "plain.mat", {"t": TIME[:, None], "theta": ANGLE[:, None]})
+    holds(read_record(tmp_path / "plain.mat"))
+
+
+def test_matlab_7_3(tmp_path):
+    path = tmp_path / "run.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file["t"], file["theta"] = TIME[None, :], ANGLE[None, :]
+        file["#refs#/a"] = ANGLE[None, :]
+        cell = file.create_dataset("Y", (1, 1), dtype=h5py.ref_dtype)
+        cell[0, 0] = file["#refs#/a"].ref
+        file["note"] = np.array([[65, 66]], dtype="u2")
+        file["note"].attrs["MATLAB_class"] = np.bytes_("char")
+    holds(read_record(path))
+    holds(read_record(path, time="t", angle="Y[0]"))
+
+
+def test_excel(tmp_path):
+    path = tmp_path / "run.xlsx"
+    pd.DataFrame({"Time (ms)": 1000 * TIME, "angle (deg)": np.degrees(ANGLE)}).to_excel(path, index=False)
+    holds(read_record(path))
+    pd.DataFrame([["pendulum", None], [None, None], *zip(TIME, ANGLE, strict=True)]).to_excel(
+        path, index=False, header=False
+    )
+    holds(read_record(path))
+
+
+@pytest.mark.parametrize("engine", ["h5netcdf", "scipy"])
+def test_netcdf(tmp_path, engine):
+    path = tmp_path / "run.nc"
+    angle = ("time", np.degrees(ANGLE), {"units": "degrees"})
+    time = ("time", 1000 * TIME, {"units": "ms"})
+    xr.Dataset({"angle": angle, "other": ("time", ANGLE)}, coords={"time": time}).to_netcdf(
+        path, engine=engine
+    )
+    holds(read_record(path))
+
+
+def test_own_netcdf_comes_back(tmp_path):
+    record = read_record(written(tmp_path, table()))
+    record.to_netcdf(tmp_path / "own.nc", engine="h5netcdf")
+    again = read_record(tmp_path / "own.nc")
+    xr.testing.assert_equal(again, record)
+
+
+def test_hdf5(tmp_path):
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        file["run/time"], file["run/angle"] = 1000 * TIME, ANGLE
+        file["run/time"].attrs["units"] = "ms"
+    holds(read_record(tmp_path / "run.h5"))
+
+
+def test_parquet(tmp_path):
+    pytest.importorskip("pyarrow")
+    pd.DataFrame({"time_ms": 1000 * TIME, "angle": ANGLE}).to_parquet(tmp_path / "run.parquet")
+    holds(read_record(tmp_path / "run.parquet"))
+
+
+def test_tdms(tmp_path):
+    nptdms = pytest.importorskip("nptdms")
+    path = tmp_path / "run.tdms"
+    properties = {
+        "wf_increment": 0.01,
+        "wf_start_offset": 0.0,
+        "wf_samples": ANGLE.size,
+        "unit_string": "deg",
+    }
+    with nptdms.TdmsWriter(path) as writer:
+        writer.write_segment([nptdms.ChannelObject("run", "angle", np.degrees(ANGLE), properties=properties)])
+    holds(read_record(path))
+
+
+@pytest.mark.parametrize(("name", "module"), [("run.parquet", "pyarrow"), ("run.tdms", "nptdms")])
+def test_missing_extra_is_named(tmp_path, monkeypatch, name, module):
+    magic = {"run.parquet": b"PAR1", "run.tdms": b"TDSm"}[name]
+    path = written(tmp_path, magic + bytes(100), name)
+    for known in [key for key in sys.modules if key.split(".")[0] == module]:
+        monkeypatch.delitem(sys.modules, known)
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(RecordError, match=r'pip install "sysid-trib\[files\]"'):
+        read_record(path)
+
+
+def test_dates_become_seconds(tmp_path):
+    path = tmp_path / "run.xlsx"
+    times = pd.Timestamp("2024-05-01 12:00:00") + pd.to_timedelta(TIME, unit="s")
+    pd.DataFrame({"time": times, "angle": ANGLE}).to_excel(path, index=False)
+    np.testing.assert_allclose(read_record(path)["time"], TIME, atol=1e-6)
+
+
+def test_gyroscope(tmp_path):
+    time = np.arange(0.0, 12.0, 0.002)
+    angle = 0.3 * np.exp(-0.08 * time) * np.cos(9.91 * time)
+    rate = np.gradient(angle, time, edge_order=2) + 0.02
+    path = written(tmp_path, table(header="time,gyro (deg/s)", time=time, angle=np.degrees(rate)))
+    record = read_record(path, signal="rate")
+    np.testing.assert_allclose(record["rate"], rate, atol=1e-7)
+    assert record.attrs["rate_bias"] == pytest.approx(0.02, abs=1e-4)
+    assert "bias" in record.attrs["integration"]
+    difference = record["angle"].to_numpy() - angle
+    assert np.ptp(difference - np.polyval(np.polyfit(time, difference, 1), time)) < 2e-3
+    assert np.ptp(difference) < 3e-3
+    assert free_decay(record).sizes["time"] == time.size
+
+
+def test_translation(tmp_path):
+    path = written(tmp_path, table(header="time,position (mm)"))
+    record = read_record(path)
+    assert record["angle"].attrs["units"] == "m"
+    scaled = scale_translation(record, mass=0.5, natural_frequency=20.0, load=2.0)
+    np.testing.assert_allclose(scaled["angle"], ANGLE * 1e-3 * 0.5 * 400 / 2.0, atol=1e-15)
+    assert scaled["angle"].attrs["units"] == "rad"
+    assert "m = 0.5 kg" in scaled.attrs["translation"]
+    assert scaled.attrs["record_checksum"] == record.attrs["record_checksum"]
+    with pytest.raises(UsageError, match="load of 0"):
+        scale_translation(record, 1.0, 1.0, 0.0)
+    with pytest.raises(UsageError, match="units=m"):
+        scale_translation(scaled, 1.0, 1.0, 1.0)
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.004, 0.006, 0.02])
+def test_jitter_up_to_two_percent_is_accepted(jitter):
+    time = (np.arange(100) + jitter * (-1.0) ** np.arange(100)) * 0.05
+    if jitter < 0.005:
+        check_sampling(time, "film")
+    else:
+        with pytest.raises(RecordError, match=r"film: a time step of .* 2 % is allowed.*interp"):
+            check_sampling(time, "film")
+
+
+def changed(row, time=None, angle=None):
+    rows = table(header="time,angle").splitlines()
+    old_time, old_angle = rows[row].split(",")
+    rows[row] = f"{old_time if time is None else time},{old_angle if angle is None else angle}"
+    return "\n".join(rows) + "\n"
+
+
+BAD = {
+    "empty": ("", "is empty"),
+    "blank": ("\n \n", "is empty"),
+    "header only": ("time,angle\n", "no rows of numbers"),
+    "prose": ("this is not\na record at all\n", "no rows of numbers"),
+    "binary": (bytes(range(256)) * 10, "binary content"),
+    "picture": (b"\x89PNG\r\n\x1a\n" + bytes(200), "binary content"),
+    "missing value": (changed(17, angle="nan"), "row 17 of column angle is missing"),
+    "empty cell": (changed(17, angle=""), "row 17 of column angle is missing"),
+    "infinite": (changed(17, angle="inf"), "row 17 of column angle is infinite"),
+    "overflow": (changed(17, angle="1e999"), "row 17 of column angle is infinite"),
+    "text": (changed(17, angle="bad"), "row 17 of column angle holds 'bad'"),
+    "text in the first row": (changed(1, angle="bad"), "row 1 of column angle holds 'bad'"),
+    "text in time": (changed(9, time="later"), "row 9 of column time holds 'later'"),
+    "time repeated": (changed(9, time="0.07"), r"0\.07 s in row 8 is repeated"),
+    "time reversed": (changed(9, time="0.055"), r"0\.07 s in row 8 is followed by 0\.055 s"),
+    "one sample": ("time,angle\n0,1\n", "single sample"),
+    "time alone": ("time\n0\n1\n2\n", "no column for the angle"),
+    "cut off in a row": (table(header="time,angle") + "3.0", "row 301 of column angle is missing"),
+    "ragged": (changed(17, angle="0.1,5,6"), "damaged or cut off"),
+    "unknown unit": (table(header="time (s),angle (turns)"), "unit 'turns'"),
+    "degrees as radians": (table(header="time,angle", angle=1000 * ANGLE), "units=deg"),
+    "cut netcdf": (b"\x89HDF\r\n\x1a\n" + bytes(300), "damaged or cut off"),
+    "cut matlab": (b"MATLAB 5.0 MAT-file" + bytes(300), "damaged or cut off"),
+    "cut excel": (b"PK\x03\x04" + bytes(300), "damaged or cut off"),
+    "cut netcdf 3": (b"CDF\x01" + bytes(30), "no numbers"),
+    "cut parquet": (b"PAR1" + bytes(300), "damaged or cut off"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_file_is_refused_in_one_line(tmp_path, name):
+    content, reason = BAD[name]
+    with pytest.raises(RecordError, match=reason) as refusal:
+        read_record(written(tmp_path, content, "bad.dat"))
+    message = str(refusal.value)
+    assert message.startswith("bad.dat: ")
+    assert "\n" not in message
+    assert refusal.value.exit_status == 1
+
+
+def read_or_refused(path):
+    """The record, or None if it was refused in one line; any other exception is a fault."""
+    try:
+        return read_record(path)
+    except SysidTribError as error:
+        message = str(error)
+    assert "\n" not in message
+    return None
+
+
+@given(st.binary(max_size=400))
+def test_any_bytes_are_read_or_refused(tmp_path_factory, content):
+    read_or_refused(written(tmp_path_factory.mktemp("bytes"), content))
+
+
+@given(st.text(alphabet="0123456789.,;- \t\nabe#()", max_size=200))
+def test_any_text_is_read_or_refused(tmp_path_factory, content):
+    record = read_or_refused(written(tmp_path_factory.mktemp("text"), content))
+    if record is not None:
+        assert np.all(np.isfinite(record["angle"]))
+        assert np.all(np.diff(record["time"]) > 0)
+
+
+@pytest.mark.parametrize("format", ["nc", "mat", "xlsx", "h5"])
+@pytest.mark.parametrize("share", [0.3, 0.9])
+def test_truncated_file(tmp_path, format, share):
+    path = tmp_path / f"run.{format}"
+    if format == "mat":
+        scipy.io.savemat(path, {"t": TIME, "theta": ANGLE})
+    elif format == "xlsx":
+        pd.DataFrame({"time": TIME, "angle": ANGLE}).to_excel(path, index=False)
+    elif format == "h5":
+        with h5py.File(path, "w") as file:
+            file["time"], file["angle"] = TIME, ANGLE
+    else:
+        xr.Dataset({"angle": ("time", ANGLE)}, coords={"time": TIME}).to_netcdf(path, engine="h5netcdf")
+    content = path.read_bytes()
+    path.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(RecordError, match=f"run.{format}"):
+        read_record(path)
+
+
+def test_missing_file_and_directory(tmp_path):
+    with pytest.raises(UsageError, match="no such file") as refusal:
+        read_record(tmp_path / "absent.csv")
+    assert refusal.value.exit_status == 2
+    with pytest.raises(RecordError, match="directory"):
+        read_record(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "options", [{"signal": "speed"}, {"units": "turns"}, {"time_units": "h"}, {"sampling_rate": 0.0}]
+)
+def test_unknown_options(tmp_path, options):
+    with pytest.raises(UsageError):
+        read_record(written(tmp_path, table()), **options)
+
+
+@pytest.mark.parametrize(
+    ("header", "base", "unit"),
+    [
+        ("angle (deg)", "angle", "deg"),
+        ("Time [ms]", "time", "ms"),
+        ("time_ms", "time", "ms"),
+        ("t / s", "t", "s"),
+        ("rate_rad_s", "rate", "rad"),
+        ("gyro (deg/s)", "gyro", "deg"),
+        ("omega [rad s^-1]", "omega", "rad"),
+        ("angular velocity (°/s)", "angular velocity", "°"),
+        ("Y_id[0][1]", "y id[0][1]", ""),
+        ("Messung/Winkel", "winkel", ""),
+        ("run.time", "time", ""),
+        ("angle_2", "angle 2", ""),
+    ],
+)
+def test_headers(header, base, unit):
+    assert split_header(header) == (base, unit)
+
+
+@pytest.mark.parametrize(
+    ("file", "options", "samples"),
+    [
+        ("single_pendulum/free_swing.csv", {}, 97265),
+        ("single_pendulum/slice_15s_70s.mat", {"time": "Time_id[1]", "angle": "Y_id[1][0]"}, 9167),
+        ("string_pendulum/run_1.txt", {}, 2330),
+        ("roll_decay/model_test_21337.csv", {"angle": "phi"}, 9166),
+    ],
+)
+def test_measured(data_folder, file, options, samples):
+    record = read_record(data_folder / file, **options)
+    assert record.sizes["time"] == samples
+    check_sampling(record["time"].to_numpy(), file)
