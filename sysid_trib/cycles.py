@@ -160,7 +160,8 @@ def _crossings(
     def side(phi: Array, row: Array) -> Array:
         return np.asarray(evaluate_tree(tree, _names(rows, row.astype(int), phi, shape_values)))
 
-    found = elementwise.find_root(side, bracket, args=(row.astype(float),))
+    exact = {"xatol": 1e-15, "xrtol": 1e-15}
+    found = elementwise.find_root(side, bracket, args=(row.astype(float),), tolerances=exact)
     return np.asarray(found.x)
 
 
