@@ -1,6 +1,7 @@
 """Motion by Taylor series to machine precision (heyoka), compiled once per set of forces."""
 
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from functools import lru_cache
 from threading import RLock
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 
 from sysid_trib.forces import Force
 from sysid_trib.motion import Functions, Motion, Run, Vector, motion_of
-from sysid_trib.sticking import settle
+from sysid_trib.sticking import NEAR, SLOW, rises, settle
 
 SMALL = 1e-6  # broken powers are smoothed below this
 
@@ -21,7 +22,7 @@ def _power(base: Any, exponent: Any) -> Any:
         if exponent < 0:
             return 1.0 / _power(base, -exponent)
         return _product(base, int(exponent))
-    return base * hy.expression(base * base + SMALL**2) ** ((exponent - 1.0) / 2.0)
+    return base * _expr(base * base + SMALL**2) ** ((exponent - 1.0) / 2.0)
 
 
 def _product(base: Any, count: int) -> Any:
@@ -35,18 +36,27 @@ def _sign(u: Any) -> Any:
     return hy.select(hy.gt(u, 0.0), 1.0, hy.select(hy.lt(u, 0.0), -1.0, 0.0))
 
 
+def _analytic(name: str) -> Callable[[Any], Any]:
+    function = getattr(hy, name)
+    return lambda u: function(_expr(u))
+
+
+def _expr(value: Any) -> Any:
+    return hy.expression(value)
+
+
 SMOOTH: Functions = {
-    **{k: (lambda u, f=getattr(hy, k): f(hy.expression(u))) for k in ("sin", "cos", "tan", "exp", "tanh")},
-    "sqrt": lambda u: _power(hy.expression(u), 0.5),
-    "log": lambda u: 0.5 * hy.log(hy.expression(u * u + SMALL**2)),
+    **{name: _analytic(name) for name in ("sin", "cos", "tan", "exp", "tanh")},
+    "sqrt": lambda u: _power(u, 0.5),
+    "log": lambda u: 0.5 * hy.log(_expr(u * u + SMALL**2)),
     "power": _power,
 }
 SWITCHED: Functions = {
     **SMOOTH,
-    "sign": _sign,
-    "abs": lambda u: _sign(u) * u,
-    "min": lambda a, b: hy.select(hy.lt(hy.expression(a), hy.expression(b)), a, b),
-    "max": lambda a, b: hy.select(hy.gt(hy.expression(a), hy.expression(b)), a, b),
+    "sign": lambda u: _sign(_expr(u)),
+    "abs": lambda u: _sign(_expr(u)) * u,
+    "min": lambda a, b: hy.select(hy.lt(_expr(a), _expr(b)), a, b),
+    "max": lambda a, b: hy.select(hy.gt(_expr(a), _expr(b)), a, b),
 }
 
 
@@ -55,21 +65,28 @@ class Compiled:
 
     def __init__(self, motion: Motion) -> None:
         self.motion = motion
-        self.lock = RLock()
-        y = [hy.expression(f"y{i}") for i in range(len(motion.variables))]
+        self.lock: AbstractContextManager[Any] = RLock()
+        self._can_be_plain = motion.reverses and not motion.memory
+        self._count, self._first = len(motion.switches), motion.signs_at.start
+        self.run = Run(np.zeros(motion.signs_at.stop), budget=0)
+        y = [_expr(name) for name in motion.variables]
         p = [hy.par[i] for i in range(motion.signs_at.stop)]
-        rates = motion.rates(y, p, hy.time, SMOOTH)
-        frozen = motion.surfaces(y, p, hy.time, SMOOTH, frozen=True)
+        rates = [_expr(rate) for rate in motion.rates(y, p, hy.time, SMOOTH)]
+        frozen = [_expr(g) for g in motion.surfaces(y, p, hy.time, SMOOTH, frozen=True)]
+        true = motion.surfaces(y, p, hy.time, SWITCHED)
         self._rates = _Function(y, p, rates)
-        self._surfaces = _Function(y, p, motion.surfaces(y, p, hy.time, SWITCHED))
+        self._surfaces = _Function(y, p, true)
         self._replaced = _Function(y, p, motion.replaced(y, p, hy.time, SWITCHED))
+        self._instant = _Function(y, p, [*true, *_slopes(motion, y, frozen), *_at_rest(motion, p, rates[1])])
+        keys = [s.key for s in motion.switches]
+        at_zero = keys in (["x"], ["v", "x"])
+        callbacks = [_callback_at_zero if key == "x" and at_zero else _callback for key in keys]
         # The automatic cooldown drops real crossings.
         events = [
-            hy.t_event(hy.expression(g), callback=_callback(self), cooldown=1e-6) for g in map(_expr, frozen)
+            hy.t_event(g, callback=callback(self), cooldown=1e-6)
+            for g, callback in zip(frozen, callbacks, strict=True)
         ]
-        system = [(a, _expr(b)) for a, b in zip(y, rates, strict=True)]
-        self.integrator = hy.taylor_adaptive(system, t_events=events)
-        self.run = Run(np.zeros(len(p)), budget=0)
+        self.integrator = hy.taylor_adaptive(list(zip(y, rates, strict=True)), t_events=events)
 
     def rates(self, y: Vector, p: Vector, tau: float) -> Vector:
         """Derivative of `y` on the branch of the signs in `p`."""
@@ -82,6 +99,37 @@ class Compiled:
     def replaced(self, y: Vector, p: Vector, tau: float) -> Vector:
         """Memory after a reversal."""
         return self._replaced(y, p, tau)
+
+    def settle(self, y: Vector, p: Vector, tau: float) -> bool:
+        """`sticking.settle`, in one call where the switching is a plain one."""
+        plain = self._plain(y, p, tau)
+        return settle(self, y, p, tau) if plain is None else plain
+
+    def _plain(self, y: Vector, p: Vector, tau: float) -> bool | None:
+        v = float(y[1])
+        rests = abs(v) <= 1e-12
+        if not self._can_be_plain or (not rests and abs(v) <= SLOW):
+            return None
+        count, first = self._count, self._first
+        found = self._instant.values(y, p, tau)
+        for j in range(1, count):
+            value = found[j]
+            if abs(value) < NEAR:
+                value = 0.0 if rests else found[count + j] * v
+                if abs(value) < 1e-3:
+                    return None
+            if (value > 0.0) != (p[first + j] > 0.0):
+                if rests:
+                    return None
+                p[first + j] = 1.0 if value > 0.0 else -1.0
+        if not rests:
+            p[first] = 1.0 if v > 0.0 else -1.0
+            return True
+        up, down = found[2 * count], found[2 * count + 1]
+        if up <= 0.0 <= down:
+            return False
+        p[first] = 1.0 if rises(up, down, float(y[0])) else -1.0
+        return True
 
     def glide(self, run: Run, y: Vector, grid: Vector) -> tuple[Vector, Vector, float]:
         """Move from grid[0] until the motion sticks, fails or the grid ends.
@@ -104,33 +152,65 @@ class Compiled:
 
 
 def _callback(compiled: Compiled) -> Callable[[Any, int], bool]:
+    # A function, since heyoka copies other callables deeply, integrator and all.
     def switch(taylor: Any, _: int) -> bool:
-        # The sign heyoka passes is 0 or wrong at double roots: every sign is found anew.
-        run, tau = compiled.run, taylor.time
-        moves = run.count() and settle(compiled, taylor.state, run.p, tau)
-        run.stuck = not moves
-        taylor.pars[:] = run.p[: len(taylor.pars)]
+        run, tau, used = compiled.run, taylor.time, taylor.pars
+        moves = run.count() and compiled.settle(taylor.state, run.p, tau)
+        run.stuck = not (moves or run.failure)
+        used[:] = run.p[: used.size]
         run.note(tau)
         return moves
 
     return switch
 
 
+def _callback_at_zero(compiled: Compiled) -> Callable[[Any, int], bool]:
+    """The callback of x = 0 where at most v = 0 switches besides: half of the work of the paper's model."""
+    general, place = _callback(compiled), compiled.motion.signs_at.stop - 1
+
+    def switch(taylor: Any, way: int) -> bool:
+        run, v = compiled.run, taylor.state[1]
+        if -1e-3 < v < 1e-3 or run.budget <= 0:
+            return general(taylor, way)
+        run.budget -= 1
+        run.p[place] = taylor.pars[place] = 1.0 if v > 0.0 else -1.0
+        run.note(taylor.time)
+        return True
+
+    return switch
+
+
+def _slopes(motion: Motion, y: Sequence[Any], frozen: Sequence[Any]) -> list[Any]:
+    """How each surface changes with x where it depends on nothing else that moves, elsewhere 0."""
+    alone = [s.names <= {"x"} for s in motion.switches]
+    return [hy.diff(g, y[0]) if only else _expr(0.0) for g, only in zip(frozen, alone, strict=True)]
+
+
+def _at_rest(motion: Motion, p: Sequence[Any], acceleration: Any) -> list[Any]:
+    """Accelerations for v -> 0+ and 0-, where that is all a reversal changes."""
+    if not motion.reverses or motion.memory:
+        return []
+    sign = p[motion.signs_at.start]
+    return [hy.subs(acceleration, {sign: _expr(way)}) for way in (1.0, -1.0)]
+
+
 class _Function:
     """Expressions of y, p and tau as one function on numbers."""
 
     def __init__(self, y: Sequence[Any], p: Sequence[Any], outputs: Sequence[Any]) -> None:
-        self._size = len(outputs)
         # The last parameter as an output keeps the function's parameters as many as there are in p.
         self._call = hy.cfunc([*map(_expr, outputs), p[-1]], list(y))
+        self._found = np.empty(len(outputs) + 1)
 
     def __call__(self, y: Vector, p: Vector, tau: float) -> Vector:
-        found: Vector = self._call(y, pars=p, time=tau)[: self._size]
+        self._call(y, self._found, p, time=tau)
+        return self._found[:-1].copy()
+
+    def values(self, y: Vector, p: Vector, tau: float) -> list[float]:
+        """The same as a list, quicker."""
+        self._call(y, self._found, p, time=tau)
+        found: list[float] = self._found.tolist()
         return found
-
-
-def _expr(value: Any) -> Any:
-    return hy.expression(value)
 
 
 @lru_cache(maxsize=128)

@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Callable
-from functools import lru_cache
+from contextlib import AbstractContextManager, nullcontext
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -15,14 +16,28 @@ from sysid_trib.sticking import settle
 
 # Where a step is looked at for a switching; close to its start, where the motion just left one.
 LOOKS = (0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0)
+SMALL = 1e-6  # below this, what is infinite at a switching surface is smoothed
+TOO_FAR = 1e6  # rad
+MAX_STEP = 10.0  # in tau; only at rest would steps grow beyond, and then over what may push
+
+
+def _power(base: float, exponent: float) -> float:
+    if exponent.is_integer():
+        return base**exponent
+    # A step that reaches over the surface meets a negative base: the branch goes on as an odd function.
+    if exponent > 0.0:
+        return math.copysign(abs(base) ** exponent, base)
+    return base * (base * base + SMALL**2) ** ((exponent - 1.0) / 2.0)
+
+
 PLAIN: Functions = {
     "sign": lambda u: float((u > 0) - (u < 0)),
     "abs": abs,
     "min": min,
     "max": max,
-    "power": lambda base, exponent: _real(base**exponent) if base or exponent > 0 else math.inf,
-    "log": lambda u: math.log(u) if u > 0 else -math.inf,
-    "sqrt": lambda u: math.sqrt(max(u, 0.0)),
+    "power": lambda base, exponent: _power(float(base), float(exponent)),
+    "log": lambda u: 0.5 * math.log(u * u + SMALL**2),
+    "sqrt": lambda u: math.copysign(math.sqrt(abs(u)), u),
     **{name: getattr(math, name) for name in ("sin", "cos", "tan", "exp", "tanh")},
 }
 
@@ -30,73 +45,90 @@ PLAIN: Functions = {
 class Interpreted:
     """A motion evaluated formula by formula in Python numbers."""
 
-    def __init__(self, motion: Motion, rtol: float = 1e-12, atol: float = 1e-14) -> None:
+    def __init__(self, motion: Motion, tolerance: float = 1e-12) -> None:
         self.motion = motion
-        self.rtol, self.atol = rtol, atol
+        self.tolerance = tolerance
+        self.lock: AbstractContextManager[None] = nullcontext()
 
     def rates(self, y: Vector, p: Vector, tau: float) -> Vector:
         """Derivative of `y` on the branch of the signs in `p`."""
-        return np.array(self.motion.rates(y.tolist(), p.tolist(), tau, PLAIN))
+        return _numbers(self.motion.rates, y, p.tolist(), tau)
 
     def surfaces(self, y: Vector, p: Vector, tau: float) -> Vector:
         """Value of each switching surface."""
-        return np.array(self.motion.surfaces(y.tolist(), p.tolist(), tau, PLAIN))
+        return _numbers(self.motion.surfaces, y, p.tolist(), tau)
 
     def replaced(self, y: Vector, p: Vector, tau: float) -> Vector:
         """Memory after a reversal."""
-        return np.array(self.motion.replaced(y.tolist(), p.tolist(), tau, PLAIN))
+        return _numbers(self.motion.replaced, y, p.tolist(), tau)
 
     def glide(self, run: Run, y: Vector, grid: Vector) -> tuple[Vector, Vector, float]:
         """Move from grid[0] until the motion sticks, fails or the grid ends (see `Compiled.glide`)."""
-        tau, rows = float(grid[0]), []
-        at = self.motion.signs_at
+        rows, done, tau = [], 1, float(grid[0])
+        frozen = partial(self.motion.surfaces, frozen=True)
         while tau < grid[-1]:
             branch = run.p.tolist()
+            signs = run.p[self.motion.signs_at].copy()
 
-            def rates(tau: float, y: Vector, p: list[float] = branch) -> list[float]:
-                return self.motion.rates(y.tolist(), p, tau, PLAIN)
+            def rates(tau: float, y: Vector, p: list[float] = branch) -> Vector:
+                return _numbers(self.motion.rates, y, p, tau)
 
-            def guards(tau: float, y: Vector, p: list[float] = branch) -> Vector:
-                values = self.motion.surfaces(y.tolist(), p, tau, PLAIN, frozen=True)
-                return np.array([s * g for s, g in zip(p[at], values, strict=True)])
+            def guards(tau: float, y: Vector, p: list[float] = branch, signs: Vector = signs) -> Vector:
+                return signs * _numbers(frozen, y, p, tau)
 
-            found, y, tau, fired = advance(rates, guards, y, grid[grid > tau], tau, self, run)
+            ahead = np.concatenate([[tau], grid[done:]])
+            found, y, tau, crossed = advance(rates, guards, y, ahead, run, self.tolerance)
             rows.append(found)
-            if run.failure or not fired:
+            done += len(found)
+            if run.failure or not crossed:
                 break
-            if not (run.count() and settle(self, y, run.p, tau)):
-                run.stuck = not run.failure
-                break
+            moves = run.count() and settle(self, y, run.p, tau)
+            run.stuck = not (moves or run.failure)
             run.note(tau)
-        return np.concatenate(rows) if rows else np.empty((0, len(y))), y, tau
+            if not moves:
+                break
+        return _joined(rows, y), y, tau
 
 
 def advance(
-    rates: Callable[[float, Vector], list[float]],
+    rates: Callable[[float, Vector], Vector],
     guards: Callable[[float, Vector], Vector],
     y: Vector,
     grid: Vector,
-    tau: float,
-    tolerance: Any,
     run: Run,
+    tolerance: float,
 ) -> tuple[Vector, Vector, float, bool]:
-    """Integrate until a guard turns negative or the grid ends; states at the grid points on the way."""
-    solver = DOP853(rates, tau, y, grid[-1], rtol=tolerance.rtol, atol=tolerance.atol)
+    """Integrate from grid[0] until a guard turns negative or the grid ends.
+
+    Returns the states at the grid points after the first, the last state, its tau, and whether a guard
+    ended it.
+    """
     rows: list[Vector] = []
-    done = 0
+    if not np.all(np.isfinite(rates(float(grid[0]), y))):
+        # With such a start scipy would never return from choosing its first step.
+        run.failure = "is not finite"
+        return _joined(rows, y), y, float(grid[0]), False
+    solver = DOP853(rates, grid[0], y, grid[-1], rtol=tolerance, atol=tolerance / 100, max_step=MAX_STEP)
+    if not np.isfinite(solver.h_abs):
+        solver.h_abs = SMALL
+    done = 1
     while solver.status == "running":
         run.steps -= 1
-        message = solver.step()
-        if solver.status == "failed" or run.steps < 0 or not np.all(np.isfinite(solver.y)):
-            run.failure = "needs too many steps" if run.steps < 0 else f"is not finite ({message})"
+        solver.step()
+        if run.steps < 0:
+            run.failure = "needs too many steps"
+        elif solver.status == "failed" or not np.all(np.isfinite(solver.y)):
+            run.failure = "is not finite or too steep"
+        if run.failure or not abs(solver.y[0]) < TOO_FAR:
+            run.failure = run.failure or "grows without bound"
             break
         dense = solver.dense_output()
-        end = _first_crossing(guards, dense, solver.t_old, solver.t)
-        upto = int(np.searchsorted(grid, solver.t if end is None else end, side="right"))
-        rows += [dense(grid[done:upto]).T] if upto > done else []
-        done = upto
-        if end is not None:
-            return _joined(rows, y), np.asarray(dense(end)), end, True
+        crossing = _first_crossing(guards, dense, solver.t_old, solver.t)
+        reached = int(np.searchsorted(grid, solver.t if crossing is None else crossing, side="right"))
+        rows += [dense(grid[done:reached]).T] if reached > done else []
+        done = max(done, reached)
+        if crossing is not None:
+            return _joined(rows, y), np.asarray(dense(crossing)), crossing, True
     return _joined(rows, y), solver.y, float(solver.t), False
 
 
@@ -106,30 +138,35 @@ def _first_crossing(
     before = start
     for part in LOOKS:
         tau = start + part * (end - start)
-        values = guards(tau, dense(tau))
-        if np.any(values < 0.0):
-            roots = []
-            for i in np.flatnonzero(values < 0.0):
-                if guards(before, dense(before))[i] <= 0.0:
-                    roots.append(before)
-                else:
-                    roots.append(
-                        brentq(lambda t, i=i: guards(t, dense(t))[i], before, tau, xtol=1e-15, rtol=1e-15)
-                    )
-            return float(min(roots))
+        crossed = np.flatnonzero(guards(tau, dense(tau)) < 0.0)
+        if len(crossed):
+            return min(_root(guards, dense, int(i), before, tau) for i in crossed)
         before = tau
     return None
+
+
+def _root(
+    guards: Callable[[float, Vector], Vector], dense: Any, i: int, before: float, after: float
+) -> float:
+    def guard(tau: float) -> float:
+        return float(guards(tau, dense(tau))[i])
+
+    return before if guard(before) <= 0.0 else float(brentq(guard, before, after, xtol=1e-15, rtol=1e-15))
 
 
 def _joined(rows: list[Vector], y: Vector) -> Vector:
     return np.concatenate(rows) if rows else np.empty((0, len(y)))
 
 
-def _real(value: Any) -> float:
-    return value if isinstance(value, float) else math.nan
+def _numbers(function: Callable[..., list[float]], y: Vector, p: list[float], tau: float) -> Vector:
+    try:
+        return np.array(function(y.tolist(), p, tau, PLAIN))
+    except (ArithmeticError, ValueError):
+        # Overflow or a pole: the integrator sees it as such and ends there.
+        return np.full(max(len(y), 1), np.nan)
 
 
 @lru_cache(maxsize=128)
-def interpreted(forces: tuple[Force, ...]) -> Interpreted:
+def interpreted(forces: tuple[Force, ...], tolerance: float = 1e-12) -> Interpreted:
     """The motion under these forces for scipy."""
-    return Interpreted(motion_of(forces))
+    return Interpreted(motion_of(forces), tolerance)

@@ -67,7 +67,7 @@ class Motion:
         reverses = "v" in {name for f in self.forces for s in f.surfaces for name in _names(s)}
         return (v, *found.values()) if reverses or self.memory else tuple(found.values())
 
-    @property
+    @cached_property
     def reverses(self) -> bool:
         """Whether something changes at v = 0; the sign of v is then the first sign."""
         return bool(self.switches) and self.switches[0].key == "v"
@@ -102,7 +102,9 @@ class Motion:
         acceleration, states = -y[0], []
         for i, force in enumerate(self.forces):
             names, signs = self._names(i, y, p, tau), self._signs(i, p)
-            acceleration = acceleration - p[i] * force.formula.evaluate(names, functions, signs)
+            # In numbers, a force that is off must not act even where it is singular.
+            if not (isinstance(p[i], float) and p[i] == 0.0):
+                acceleration = acceleration - p[i] * force.formula.evaluate(names, functions, signs)
             states += [f.evaluate(names, functions, signs) for f in force.state.values()]
         return [y[1], acceleration, *states]
 
@@ -189,13 +191,11 @@ class Run:
     steps: int = 100_000
     stuck: bool = False
     failure: str = ""
-    times: list[float] = field(default_factory=list)
-    history: list[Vector] = field(default_factory=list)
+    history: list[tuple[float, Vector]] = field(default_factory=list)
 
     def note(self, tau: float) -> None:
         """Remember the parameters from `tau` on."""
-        self.times.append(tau)
-        self.history.append(self.p.copy())
+        self.history.append((tau, self.p.copy()))
 
     def count(self) -> bool:
         """Take one switching from the budget; False if none is left."""

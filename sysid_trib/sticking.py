@@ -1,13 +1,16 @@
-"""Which way the motion goes on from a switching or from rest (Filippov), from the formulas alone."""
+"""Which way a motion goes on from a switching or from rest (Filippov), from the formulas alone."""
 
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid_trib.motion import Motion, Vector
 
-NEAR = 1e-9  # closer than this to a surface, its sign is decided by where the motion is going
+NEAR = 1e-9  # nearer than this to a surface, its sign is decided by where the motion is going
 LOOK = 1e-5  # how far ahead in tau that is
+SLOW = 1e-5  # rad; below this speed a motion may come to rest other than by v = 0
+CREEP = 1e-11  # rad; what a motion taken as at rest may still have had to go
 
 
 class Field(Protocol):
@@ -15,31 +18,42 @@ class Field(Protocol):
 
     motion: Motion
 
-    def rates(self, y: Vector, p: Vector, tau: float) -> Vector: ...
-    def surfaces(self, y: Vector, p: Vector, tau: float) -> Vector: ...
-    def replaced(self, y: Vector, p: Vector, tau: float) -> Vector: ...
+    def rates(self, y: Vector, p: Vector, tau: float) -> Vector:
+        """Derivative of `y` on the branch of the signs in `p`."""
+        ...
+
+    def surfaces(self, y: Vector, p: Vector, tau: float) -> Vector:
+        """Value of each switching surface."""
+        ...
+
+    def replaced(self, y: Vector, p: Vector, tau: float) -> Vector:
+        """Memory after a reversal."""
+        ...
 
 
 def settle(field: Field, y: Vector, p: Vector, tau: float) -> bool:
-    """Set signs, and at a reversal the memory, in `p` for the motion from here; False if it sticks.
-
-    The rule of rest: with a+ and a- the accelerations for v -> 0+ and 0-, the motion goes up if a+ > 0 and
-    a- >= 0, down if a- < 0 and a+ <= 0, towards x = 0 if both push away, and sticks otherwise.
-    """
-    if abs(y[1]) > NEAR:
+    """Set the signs, and at a reversal the memory, in `p` for the motion from here; False if it sticks."""
+    speed = abs(y[1])
+    if speed > SLOW:
         _look_ahead(field, y, p, tau)
         return True
     (up, above), (down, below) = depart(field, y, p, tau, 1.0), depart(field, y, p, tau, -1.0)
     sticks = up <= 0.0 <= down
-    # A slow passage is a rest only if friction, not the spring, would hold it there.
-    if abs(y[1]) > 1e-12 and not (sticks and down - up > 1e-6):
+    # Detent and friction make ever shorter swings without end: they end where less than CREEP is left.
+    if speed > 1e-12 and not (sticks and speed**2 < 2.0 * CREEP * min(-up, down)):
         _look_ahead(field, y, p, tau)
         return True
-    if sticks:
-        return False
-    goes_up = up > 0.0 and (down >= 0.0 or y[0] < 0.0)
-    p[:] = above if goes_up else below
-    return True
+    if not sticks:
+        p[:] = above if rises(up, down, y[0]) else below
+    return not sticks
+
+
+def rises(up: float, down: float, x: float) -> bool:
+    """Whether a motion that does not stick leaves upwards, from the accelerations for v -> 0+ and 0-.
+
+    Where both push away (negative friction) it goes towards x = 0.
+    """
+    return up > 0.0 and (down >= 0.0 or x < 0.0)
 
 
 def depart(field: Field, y: Vector, p: Vector, tau: float, way: float) -> tuple[float, Vector]:
@@ -51,9 +65,9 @@ def depart(field: Field, y: Vector, p: Vector, tau: float, way: float) -> tuple[
     if motion.memory and p[signs.start] == -way:
         p[motion.memory_at] = field.replaced(rest, p, tau)
     near = _set_signs(field, rest, p, tau)
-    ahead = rest.copy()
-    ahead[:2] += way * LOOK**2 / 2, way * LOOK
     if near.any():
+        ahead = rest.copy()
+        ahead[:2] += way * LOOK**2 / 2, way * LOOK
         p[signs] = np.where(near, np.sign(field.surfaces(ahead, p, tau + LOOK)), p[signs])
         if len(y) > 2:
             ahead[2:] += LOOK / 2 * field.rates(ahead, p, tau)[2:]
@@ -73,7 +87,8 @@ def _look_ahead(field: Field, y: Vector, p: Vector, tau: float) -> None:
         p[signs] = np.where(near, np.sign(field.surfaces(ahead, p, tau + LOOK)), p[signs])
 
 
-def _set_signs(field: Field, y: Vector, p: Vector, tau: float) -> Vector:
+def _set_signs(field: Field, y: Vector, p: Vector, tau: float) -> NDArray[np.bool_]:
     values = field.surfaces(y, p, tau)
     p[field.motion.signs_at] = np.sign(values)
-    return np.abs(values) < NEAR
+    near: NDArray[np.bool_] = np.abs(values) < NEAR
+    return near
