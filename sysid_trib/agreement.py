@@ -82,15 +82,15 @@ def residuals(
     table = np.array(rows)
     return xr.Dataset(
         {
-            "residual_rms": ("method", table[:, 0], {"units": "rad", "long_name": "RMS of record minus model"}),
-            "residual_over_noise": ("method", table[:, 1], {"units": "1", "long_name": "RMS over the noise"}),
+            "residual_rms": ("model", table[:, 0], {"units": "rad", "long_name": "RMS of record minus model"}),
+            "residual_over_noise": ("model", table[:, 1], {"units": "1", "long_name": "RMS over the noise"}),
             "departure_time": (
-                "method",
+                "model",
                 table[:, 2],
                 {"units": "s", "long_name": "first time at which the model leaves the noise, nan if never"},
             ),
         },
-        {"method": list(names)},
+        {"model": list(names)},
     )
 
 

@@ -61,7 +61,7 @@ def cross_check(
     `comparison`: over `quantity` (each force, and the asymptotic frequency) the `difference` first - second at
     the first's reference frequency, the `expected_difference` (biases of the methods, on a simulated record
     without noise), the `standard_error` of the difference and `z`; `chi_square`, `degrees_of_freedom`,
-    `p_value`; over `method` the `residual_rms` (rad) of the simulated model, `residual_over_noise` and
+    `p_value`; over `model` the `residual_rms` (rad) of the simulated model, `residual_over_noise` and
     `departure_time` (s). Its attrs say what the methods cannot tell apart by principle, and the `verdict`.
 
     Raises
@@ -85,8 +85,8 @@ def cross_check(
     verdict = "agree" if compared.p_value.item() >= LEVEL else "disagree"
     compared.attrs = {"first": names[0], "second": names[1], "verdict": verdict, "draws": draws, "seed": seed}
     compared.attrs |= ties(decay, second)
-    record = decay.assign_coords(method=names)
+    record = decay.assign_coords(model=names)
     simulated = np.stack([motion.x + motion.offset for motion in motions])
-    record["simulated_angle"] = (("method", "time"), simulated, {"units": "rad", "long_name": "angle of the model"})
+    record["simulated_angle"] = (("model", "time"), simulated, {"units": "rad", "long_name": "angle of the model"})
     groups = {"record": record, "envelope": envelope(decay), names[0]: first, names[1]: second}
     return xr.DataTree.from_dict({**groups, "comparison": compared})

@@ -4,7 +4,7 @@ import json
 import os
 import tempfile
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
@@ -236,20 +236,30 @@ def model_of(result: xr.Dataset) -> Model:
     return Model(library_of(result), coefficients, frequency, shapes)
 
 
+def map_identifications(tree: xr.DataTree, change: Callable[[xr.Dataset], xr.Dataset]) -> xr.DataTree:
+    """The tree with `change` applied to each group that is an identification."""
+    groups = {k: node.to_dataset() for k, node in tree.children.items()}
+    return xr.DataTree.from_dict({k: change(d) if "coefficient" in d else d for k, d in groups.items()})
+
+
 def save(result: xr.Dataset | xr.DataTree, path: str | os.PathLike[str]) -> None:
     """Write a result as netCDF: beside its place first, then renamed, so that no half file is left."""
     target = Path(path)
 
-    def write(beside: str) -> None:
-        if isinstance(result, xr.DataTree):
-            result.to_netcdf(beside, engine="h5netcdf")
-        else:
-            result.to_netcdf(beside, engine="h5netcdf")
-
-    write_beside(target, write)
+    write_beside(target, lambda beside: result.to_netcdf(beside, engine="h5netcdf"))
 
 
-def write_beside(target: Path, write: Any) -> None:
+def write_figure(figure: Any, path: Path) -> None:
+    """Write a figure as PDF and PNG beside each other, its folder made if need be."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RecordError(f"{path.parent}: cannot be made ({error.strerror}); choose another folder.") from None
+    for suffix in (".pdf", ".png"):
+        write_beside(path.with_suffix(suffix), lambda beside: figure.savefig(beside, dpi=200))
+
+
+def write_beside(target: Path, write: Callable[[str], Any]) -> None:
     """Call `write(temporary path)` in the target's folder and rename the file to `target`."""
     try:
         handle, beside = tempfile.mkstemp(dir=target.parent, prefix=f".{target.stem}-", suffix=target.suffix)

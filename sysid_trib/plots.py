@@ -1,0 +1,119 @@
+"""Figures from results only: one function a panel, each taking an optional `ax`."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.prediction import predict_envelope
+from sysid_trib.results import model_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# Okabe and Ito's palette: told apart by colour-blind readers, and by their lines in print.
+INK = "0.15"
+LINES: tuple[dict[str, Any], ...] = (
+    {"color": "#D55E00", "linestyle": "--"},
+    {"color": "#0072B2", "linestyle": "-"},
+)
+MOST_POINTS = 4000
+
+
+def identification(tree: xr.DataTree) -> "Figure":
+    """Record with both models, what they leave of it, envelope, and frequency against amplitude.
+
+    Parameters
+    ----------
+    tree : result of `cross_check`.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.2, 7.6), layout="constrained")
+    panels = figure.subplot_mosaic("AA;BB;CD", height_ratios=[1.2, 0.8, 1.2])
+    record(tree, panels["A"])
+    residual(tree, panels["B"])
+    envelope(tree, panels["C"])
+    frequency(tree, panels["D"])
+    panels["B"].sharex(panels["A"])
+    for label, panel in zip("abcd", panels.values(), strict=True):
+        panel.set_title(f"({label})", loc="left", fontsize=9)
+    return figure
+
+
+def record(tree: xr.DataTree, ax: "Axes | None" = None) -> "Axes":
+    """The record and the angle of each identified model."""
+    ax = _axes(ax)
+    data = tree["record"].ds
+    step = _thinning(data.sizes["time"])
+    time = data.time.values[::step]
+    ax.plot(time, data.angle.values[::step], ".", color="0.6", markersize=2.5, label="record")
+    for name, line in zip(data.model.values.tolist(), LINES, strict=True):
+        ax.plot(time, data.simulated_angle.sel(model=name).values[::step], linewidth=0.8, label=name, **line)
+    ax.set(xlabel="time (s)", ylabel="angle (rad)", xlim=(time[0], time[-1]))
+    # Above the panel: inside there is no room that the oscillation leaves free.
+    ax.legend(ncols=3, frameon=False, fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1)
+    return ax
+
+
+def residual(tree: xr.DataTree, ax: "Axes | None" = None) -> "Axes":
+    """What each model leaves of the record, with the band of twice the noise."""
+    ax = _axes(ax)
+    data, checked = tree["record"].ds, tree["comparison"].ds
+    step = _thinning(data.sizes["time"])
+    time = data.time.values[::step]
+    for name, line in zip(data.model.values.tolist(), LINES, strict=True):
+        gap = (data.angle - data.simulated_angle.sel(model=name)).values[::step]
+        ax.plot(time, 1e3 * gap, linewidth=0.6, label=name, **line)
+    noise = 1e3 * tree[checked.attrs["second"]].ds.noise.item()
+    ax.axhspan(-2 * noise, 2 * noise, color="0.85", zorder=0, label="2 noise levels")
+    ax.set(xlabel="time (s)", ylabel="record - model (mrad)", xlim=(time[0], time[-1]))
+    return ax
+
+
+def envelope(tree: xr.DataTree, ax: "Axes | None" = None) -> "Axes":
+    """Amplitude of the half periods against time, and the averaged equation of each model."""
+    ax = _axes(ax)
+    measured = tree["envelope"].ds
+    time, a = measured.instant_time.values, measured.amplitude.values
+    ax.errorbar(time, a, measured.amplitude_standard_error.values, fmt="o", color=INK, markersize=2.5, linewidth=0.6)
+    for name, line in _models(tree):
+        predicted = predict_envelope(model_of(tree[name].ds), time, a[0])
+        ax.plot(time, predicted.amplitude.values, linewidth=1.0, label=name, **line)
+    ax.set(xlabel="time (s)", ylabel="amplitude (rad)", yscale="log")
+    return ax
+
+
+def frequency(tree: xr.DataTree, ax: "Axes | None" = None) -> "Axes":
+    """Frequency of the half periods against their amplitude, and that of each model to first order."""
+    ax = _axes(ax)
+    measured = tree["envelope"].ds
+    a, w = measured.amplitude.values, measured.frequency.values
+    ax.errorbar(a, w, measured.frequency_standard_error.values, fmt="o", color=INK, markersize=2.5, linewidth=0.6)
+    time = measured.instant_time.values
+    for name, line in _models(tree):
+        predicted = predict_envelope(model_of(tree[name].ds), time, a[0])
+        ax.plot(predicted.amplitude.values, predicted.frequency.values, linewidth=1.0, label=name, **line)
+    # A few wild points at the noise floor must not squeeze the course into a line.
+    low, high = np.percentile(w, [3, 97])
+    ax.set(xlabel="amplitude (rad)", ylabel="frequency (rad/s)", xlim=(0.0, None))
+    ax.set_ylim(low - 0.4 * (high - low), high + 0.4 * (high - low))
+    return ax
+
+
+def _models(tree: xr.DataTree) -> list[tuple[str, dict[str, Any]]]:
+    checked = tree["comparison"].attrs
+    return list(zip((checked["first"], checked["second"]), LINES, strict=True))
+
+
+def _thinning(samples: int) -> int:
+    return max(1, samples // MOST_POINTS)
+
+
+def _axes(ax: "Axes | None") -> "Axes":
+    if ax is not None:
+        return ax
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(5.0, 3.2), layout="constrained").subplots()

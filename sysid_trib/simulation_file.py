@@ -1,0 +1,54 @@
+"""A simulated record as a file."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.model import Model
+from sysid_trib.results import write_beside
+from sysid_trib.simulate import simulate
+
+MAX_SAMPLES = 20_000_000
+
+
+def simulated_record(
+    model: Model,
+    duration: float,
+    sampling_rate: float,
+    start: tuple[float, float],
+    *,
+    noise: float = 0.0,
+    seed: int = 0,
+) -> xr.Dataset:
+    """Simulate a record: `duration` in s, `sampling_rate` in Hz, start in rad and rad/s, white `noise` in rad.
+
+    Raises
+    ------
+    DecayError
+        Numbers from which no record can be made.
+    """
+    samples = round(duration * sampling_rate) if np.isfinite(duration * sampling_rate) else 0
+    if not 2 <= samples <= MAX_SAMPLES or duration <= 0:
+        raise DecayError(f"{duration:g} s at {sampling_rate:g} Hz must be 2 to {MAX_SAMPLES:,} samples.")
+    if not (np.all(np.isfinite(start)) and np.isfinite(noise) and noise >= 0 and seed >= 0):
+        raise DecayError("Start and noise of a simulation must be finite, noise and seed not negative.")
+    record = simulate(model, np.arange(samples) / sampling_rate, *start)
+    record["angle"] = record.angle + noise * np.random.default_rng(seed).standard_normal(samples)
+    record.angle.attrs = {"units": "rad", "long_name": "angle"}
+    source = f"simulated by sysid_trib, noise {noise:g} rad, seed {seed}"
+    return record.assign_attrs(source=source, synthetic="yes")
+
+
+def write_record(record: xr.Dataset, path: str | os.PathLike[str]) -> None:
+    """Write a record as CSV (`time (s)`, `angle (rad)`) or netCDF, by the file's ending."""
+    target = Path(path)
+    if target.suffix.lower() == ".csv":
+        table = record.angle.to_dataframe()[["angle"]].rename(columns={"angle": "angle (rad)"})
+        write_beside(target, lambda beside: table.to_csv(beside, index_label="time (s)"))
+    elif target.suffix.lower() == ".nc":
+        write_beside(target, lambda beside: record.to_netcdf(beside, engine="h5netcdf"))
+    else:
+        raise UsageError(f"{target}: the ending must be .csv or .nc.")

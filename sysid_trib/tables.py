@@ -1,0 +1,208 @@
+"""Results as tables for a terminal, and as plain data for JSON."""
+
+from fractions import Fraction
+from math import floor, log10, pi
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.forces import Force, ForceLibrary
+from sysid_trib.signatures import averages, lost_power
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+
+def value_with_error(value: float, error: float) -> str:
+    """`0.0097 ± 0.0002`: two digits of the error, the value to the same place, one power of ten for both."""
+    if not (np.isfinite(value) and np.isfinite(error)):
+        return f"{value:.5g} ± {'?' if not np.isfinite(error) else f'{error:.2g}'}"
+    if error <= 0.0:
+        return f"{value:.6g}"
+    size = max(abs(value), error)
+    power = floor(log10(size))
+    power = power if power < -3 or power > 4 else 0
+    digits = max(0, 1 - floor(log10(error)) + power)
+    text = f"{value / 10.0**power:.{digits}f} ± {error / 10.0**power:.{digits}f}"
+    return text if power == 0 else f"({text})e{power:+03d}"
+
+
+def identification_table(tree: xr.DataTree) -> "Table":
+    """Coefficients by both methods with errors, and how many errors apart they are."""
+    from rich.table import Table
+
+    checked = tree["comparison"].ds
+    methods = [checked.attrs["first"], checked.attrs["second"]]
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("force")
+    table.add_column("formula")
+    for method in methods:
+        table.add_column(method, justify="right")
+    table.add_column("difference / error", justify="right")
+    for symbol in _symbols(tree, methods):
+        results = [tree[m].ds for m in methods]
+        named = next(r for r in results if symbol in r.force).sel(force=symbol)
+        row = [f"{symbol:8} {named['name'].item()}", named["formula"].item()]
+        row += [_cell(result, symbol) for result in results]
+        z = checked.z.sel(quantity=symbol).item() if symbol in checked.quantity else np.nan
+        table.add_row(*row, f"{z:+.1f}" if np.isfinite(z) else "")
+    for name, title in (("reference_frequency", "w (rad/s)"), ("asymptotic_frequency", "w_inf (rad/s)")):
+        cells = [value_with_error(r[name].item(), r[f"{name}_standard_error"].item()) for r in results]
+        z = checked.z.sel(quantity="asymptotic frequency").item()
+        table.add_row(title, name.replace("_", " "), *cells, f"{z:+.1f}" if name.startswith("asym") else "")
+    noise = [f"{r.noise.item():.2g}" for r in results]
+    table.add_row("noise (rad)", "", *noise, "")
+    gap = [f"{checked.residual_over_noise.sel(model=m).item():.3g} x noise" for m in methods]
+    table.add_row("gap of the simulated model (RMS)", "", *gap, "")
+    return table
+
+
+def verdict(tree: xr.DataTree) -> list[str]:
+    """The cross-check in plain sentences."""
+    checked = tree["comparison"].ds
+    first, second = checked.attrs["first"], checked.attrs["second"]
+    told = [
+        f"{first.capitalize()} and {second} {checked.attrs['verdict']}: chi-square "
+        f"{checked.chi_square.item():.3g} for {checked.degrees_of_freedom.item()} differences, "
+        f"p = {checked.p_value.item():.2g}."
+    ]
+    for method in (first, second):
+        left = checked.departure_time.sel(model=method).item()
+        rms = checked.residual_rms.sel(model=method).item()
+        noise = checked.residual_over_noise.sel(model=method).item()
+        where = "never leaves the noise" if np.isnan(left) else f"leaves the noise at {left:.3g} s"
+        told.append(f"The model from {method} {where}: RMS {rms:.3g} rad, {noise:.3g} times the noise.")
+    worst = checked.residual_over_noise.max().item()
+    if worst > 2.0:
+        told.append("The model does not explain the record: a force is missing, or one is of another form.")
+    for method in (first, second):
+        told += _remarks(method, tree[method].ds)
+    for key, sentence in (
+        ("averaging_cannot_tell_apart", "Averaging cannot tell apart by principle: {}."),
+        ("averaging_cannot_see", "Averaging cannot see: {}."),
+        ("no_method_can_tell_apart", "No method can tell apart: {}."),
+    ):
+        if checked.attrs[key]:
+            told.append(sentence.format(checked.attrs[key]))
+    return told
+
+
+def identification_json(tree: xr.DataTree) -> dict[str, Any]:
+    """The result as plain data; non-finite numbers are None."""
+    checked = tree["comparison"].ds
+    methods = {}
+    for name in (checked.attrs["first"], checked.attrs["second"]):
+        result = tree[name].ds
+        coefficients = {
+            symbol: {
+                "value": number(result.coefficient.sel(force=symbol).item()),
+                "standard_error": number(result.standard_error.sel(force=symbol).item()),
+                "active": bool(result.active.sel(force=symbol).item()),
+                "refers_to": number(result.refers_to.sel(force=symbol).item()),
+                "unit": result.unit.sel(force=symbol).item(),
+            }
+            for symbol in result.force.values.tolist()
+        }
+        scalars = ("reference_frequency", "asymptotic_frequency")
+        errors = {f"{k}_standard_error": number(result[f"{k}_standard_error"].item()) for k in scalars}
+        values = {k: number(result[k].item()) for k in (*scalars, "noise", "misfit")}
+        methods[name] = {"coefficients": coefficients, **values, **errors}
+    per_force = {
+        quantity: {
+            k: number(checked[k].sel(quantity=quantity).item())
+            for k in ("difference", "expected_difference", "standard_error", "z")
+        }
+        for quantity in checked.quantity.values.tolist()
+    }
+    per_method = {
+        name: {
+            k: number(checked[k].sel(model=name).item())
+            for k in ("residual_rms", "residual_over_noise", "departure_time")
+        }
+        for name in methods
+    }
+    whole = {k: number(checked[k].item()) for k in ("chi_square", "degrees_of_freedom", "p_value")}
+    check = {**whole, "differences": per_force, "models": per_method, **checked.attrs}
+    record = {k: v for k, v in tree["record"].attrs.items() if isinstance(v, str | int | float)}
+    return {"record": record, "methods": methods, "cross_check": check}
+
+
+def force_table(library: ForceLibrary) -> "Table":
+    """Forces of a library with what is derived from their formulas."""
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    heads = ("symbol", "name", "formula", "parity", "type", "unit", "<h sin phi>", "<h cos phi>", "loses power")
+    for head in heads:
+        table.add_column(head)
+    for force in library:
+        sine, cosine = _signature_text(force)
+        power = "-" if force.kind == "sensor" else _loses_power(force)
+        unit = "" if force.units == "1" else force.units
+        table.add_row(
+            force.symbol, force.name, force.formula.text, force.parity, force.character, unit, sine, cosine, power
+        )
+    return table
+
+
+def number(value: float) -> float | int | None:
+    """A number that JSON can hold."""
+    return value if np.isfinite(value) else None
+
+
+def _symbols(tree: xr.DataTree, methods: list[str]) -> list[str]:
+    return list(dict.fromkeys(s for m in methods for s in tree[m].ds.force.values.tolist()))
+
+
+def _cell(result: xr.Dataset, symbol: str) -> str:
+    if symbol not in result.force:
+        return "-"
+    one = result.sel(force=symbol)
+    if not one.active.item():
+        return f"dropped (± {one.standard_error.item():.2g})"
+    return value_with_error(one.coefficient.item(), one.standard_error.item())
+
+
+def _remarks(method: str, result: xr.Dataset) -> list[str]:
+    told = []
+    corrected = result.attrs.get("first_order_bias_removed", "yes")
+    if corrected != "yes":
+        told.append(f"First-order bias of {method} removed: {corrected}.")
+    if result.attrs.get("refined", "True") != "True":
+        told.append(f"The columns of {method} are from the smoothed record: its model's motion does not follow it.")
+    if int(result.attrs.get("correlation_lags", 0)):
+        told.append(f"Residuals of {method} are correlated; its errors allow for it (Newey and West).")
+    return told
+
+
+def _signature_text(force: Force) -> tuple[str, str]:
+    """The signature as a closed form where it is one term, else its values at two amplitudes."""
+    if force.degree is not None:
+        parts = [float(part[0]) for part in averages(force, np.ones(1))]
+        power = "" if force.degree == 0 else " a" if force.degree == 1 else f" a^{force.degree:g}"
+        return tuple(f"{_closed(p)}{power}" if abs(p) > 1e-13 else "0" for p in parts)  # type: ignore[return-value]
+    amplitudes = np.array([0.1, 1.0])
+    time = 1.0 if force.holds_time else 0.0
+    sine, cosine = averages(force, amplitudes, None, time)
+    return tuple(  # type: ignore[return-value]
+        "0" if np.max(np.abs(part)) < 1e-13 else f"{part[0]:.3g}, {part[1]:.3g} (a = 0.1, 1)" for part in (sine, cosine)
+    )
+
+
+def _closed(value: float) -> str:
+    for unit, name in ((1.0, ""), (1.0 / pi, "/pi")):
+        fraction = Fraction(value / unit).limit_denominator(64)
+        if fraction and abs(float(fraction) - value / unit) < 1e-12 * abs(value / unit):
+            over = fraction.denominator
+            if not name:
+                return str(fraction)
+            return f"{fraction.numerator}/pi" if over == 1 else f"{fraction.numerator}/({over} pi)"
+    return f"{value:.4g}"
+
+
+def _loses_power(force: Force) -> str:
+    power = lost_power(force, np.array([0.05, 0.3, 1.0]), None, time=1.0)
+    if np.all(np.abs(power) < 1e-13):
+        return "no"
+    return "yes" if np.all(power > -1e-13) else "gains" if np.all(power < 1e-13) else "by amplitude"
