@@ -169,10 +169,15 @@ class Force:
 
     @cached_property
     def probe(self) -> dict[str, Any]:
-        """Points at which formulas are compared; deterministic, off the axes."""
+        """Points at which formulas are compared; deterministic, off the axes.
+
+        Some are near zero: tanh(v/s) with a small s is sign(v) everywhere else.
+        """
         random = np.random.default_rng(20190417)
         sides = random.choice((-1.0, 1.0), size=(2, 64))
-        points = dict(zip("xv", sides * random.uniform(0.05, 1.2, (2, 64)), strict=True))
+        large, small = random.uniform(0.05, 1.2, (2, 40)), 10.0 ** random.uniform(-5.0, -1.3, (2, 24))
+        sizes = random.permuted(np.concatenate((large, small), axis=1), axis=1)
+        points = dict(zip("xv", sides * sizes, strict=True))
         points |= {k: random.uniform(-0.5, 0.5, 64) for k in (*self.state, *self.memory)}
         return points | {"t": random.uniform(0.5, 20.0, 64)} | self.shape_values()
 
