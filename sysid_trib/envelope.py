@@ -5,16 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
+from sysid_trib.equilibrium import find_swing
 from sysid_trib.errors import DecayError
 from sysid_trib.half_periods import (
     FloatArray,
     HalfPeriods,
     IntArray,
-    find_half_periods,
     noise_level,
     quantisation_step,
-    regular_run,
-    smooth,
 )
 
 ITERATIONS = 6
@@ -182,15 +180,13 @@ def usable_half_periods(time: FloatArray, angle: FloatArray, source: str) -> Hal
     DecayError
         Fewer than three.
     """
-    oscillation = smooth(time, angle)
-    if oscillation is None:
+    swing = find_swing(time, angle, equilibrium=0.0)
+    if swing is None:
         raise DecayError(f"{source}: no oscillation stands out of the noise.")
-    halves = find_half_periods(oscillation)
-    run = regular_run(halves, oscillation.period)
-    count = run.stop - run.start
+    count = swing.run.stop - swing.run.start
     if count < 3:
         raise DecayError(f"{source}: only {count} whole half periods; at least three are needed.")
-    return halves.select(run)
+    return swing.halves.select(swing.run)
 
 
 def _scatter_ratio(value: FloatArray, error: FloatArray) -> float:

@@ -8,6 +8,7 @@ from sysid_trib.half_periods import (
     FloatArray,
     HalfPeriods,
     Oscillation,
+    dominant_periods,
     find_half_periods,
     regular_run,
     smooth,
@@ -42,19 +43,27 @@ def find_swing(time: FloatArray, signal: FloatArray, equilibrium: float | None =
 
     None if the signal holds no oscillation that stands out of its noise.
     """
-    oscillation = smooth(time, signal)
-    if oscillation is None:
-        return None
-    centre, error = (_centre_of_travel(oscillation), np.nan) if equilibrium is None else (equilibrium, np.nan)
+    swings = [
+        _settle(time, signal, smooth(time, signal, period), equilibrium)
+        for period in dominant_periods(time, signal)
+    ]
+    return max(swings, key=lambda swing: float(swing.halves.peak[swing.run].sum()), default=None)
+
+
+def _settle(
+    time: FloatArray, signal: FloatArray, oscillation: Oscillation, equilibrium: float | None
+) -> Swing:
+    """Split and centre in turn: the split depends on the centre and the centre on the split."""
+    centre = _centre_of_travel(oscillation) if equilibrium is None else equilibrium
+    error = np.nan
     halves, run = _split(oscillation, centre)
-    # The split depends on the centre and the centre on the split: from the smoothed points first, then from
-    # all.
+    # From the smoothed points first, which is quick, then from all.
     for source_time, source in ((oscillation.time, oscillation.signal),) * 3 + ((time, signal),) * 2:
         if equilibrium is not None or run.stop - run.start < 4:
             break
-        swing = halves.select(run)
-        extrema = centre + signed_extrema(source_time, source - centre, swing)
-        centre, error = robust_mean(extrema)
+        extrema = centre + signed_extrema(source_time, source - centre, halves.select(run))
+        # The cosine rests on four times as many samples as an averaged point, unevenly.
+        centre, error = robust_mean(extrema, 0.6 * oscillation.smoothed_noise)
         halves, run = _split(oscillation, centre)
     return Swing(oscillation, halves, run, centre, error)
 
@@ -98,31 +107,37 @@ def signed_extrema(time: FloatArray, signal: FloatArray, halves: HalfPeriods) ->
     return np.copysign(np.hypot(p, q), p)
 
 
-def robust_mean(extrema: FloatArray) -> tuple[float, float]:
+def robust_mean(extrema: FloatArray, noise: float) -> tuple[float, float]:
     """Mean of (b[i-1] + 2 b[i] + b[i+1])/4 over signed extrema, and its standard error.
 
     Where the envelope curves, these terms alternate about the equilibrium by a quarter of its second
     difference; the difference between extrema of one sign shows by how much: it is taken off (which makes the
-    weights 1 4 6 4 1) and the term counts less by it. Outlying terms count less as well (Huber).
+    weights 1 4 6 4 1) and the term counts less by it. Outlying terms count less as well (Huber). The error is
+    not less than what ``noise``, that of an extremum, leaves.
     """
     kernel = BINOMIAL if extrema.size >= 5 else FEW
     terms = np.convolve(extrema, kernel, "valid")
-    curvature = np.zeros(terms.size)
+    weights = np.ones(terms.size)
+    curvature = np.abs(extrema[2:] - extrema[:-2]) / 4.0
     if extrema.size >= 5:
-        curvature = (extrema[4:] - 2.0 * extrema[2:-2] + extrema[:-4]) / 16.0
-    weights = 1.0 / np.maximum(np.abs(curvature), np.median(np.abs(curvature)) + 1e-300) ** 2
-    weights /= weights.max()
-    mean, scale = float(np.average(terms, weights=weights)), 0.0
+        curvature = np.abs(extrema[4:] - 2.0 * extrema[2:-2] + extrema[:-4]) / 16.0
+        usual = max(float(np.median(curvature)), noise, 1e-15 * float(np.max(np.abs(extrema))))
+        weights = 1.0 / np.maximum(1.0, curvature / usual) ** 2
+    total, mean = weights, float(np.average(terms, weights=weights))
     for _ in range(5):
         deviation = np.abs(terms - mean)
-        scale = 1.4826 * float(np.median(deviation))
-        huber = 1.0 / np.maximum(1.0, deviation / (1.5 * scale + 1e-300))
-        mean = float(np.average(terms, weights=weights * huber))
-    total = weights * huber
+        limit = 1.5 * 1.4826 * float(np.median(deviation))
+        total = weights * limit / np.maximum(deviation, limit) if limit > 0.0 else weights
+        mean = float(np.average(terms, weights=total))
     # Neighbouring terms share extrema: the error follows from the weight that each extremum has in the end.
-    shares = np.convolve(total / total.sum(), kernel)
+    shares = float(np.sqrt(np.sum(np.convolve(total / total.sum(), kernel) ** 2)))
     scatter = np.sqrt(np.average((terms - mean) ** 2, weights=total) * terms.size / max(terms.size - 1, 1))
-    error = float(scatter * np.sqrt(np.sum(shares**2) / np.sum(kernel**2)))
+    error = float(scatter / np.sqrt(np.sum(kernel**2))) * shares
+    # The scatter of a few terms may be small by chance.
+    if terms.size < 12:
+        error = max(error, noise * shares)
+    if terms.size < 4:
+        error = max(error, float(np.mean(curvature)))
     return mean, max(error, _drift_error(terms, total, error))
 
 

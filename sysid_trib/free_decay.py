@@ -197,9 +197,9 @@ def _find_stop(time: FloatArray, angle: FloatArray, swing: Swing) -> tuple[int, 
     # centre.
     peak = halves.peak[run]
     expected = peak[-1] ** 2 / peak[-2]
-    seen = expected > 2.0 * swing.oscillation.floor or abs(rest) > 3.0 * swing.oscillation.smoothed_noise + (
-        3.0 * np.nan_to_num(swing.standard_error) + 0.5 * swing.oscillation.step
-    )
+    centred = 3.0 * float(np.nan_to_num(swing.standard_error))
+    off_centre = abs(rest) > centred + 3.0 * oscillation.smoothed_noise + 0.5 * oscillation.step
+    seen = expected > centred + 2.0 * oscillation.floor or off_centre
     return (stop, float(time[stop])) if seen else (time.size, np.nan)
 
 

@@ -87,18 +87,24 @@ class HalfPeriods:
 def noise_level(time: FloatArray, signal: FloatArray) -> float:
     """White noise of one sample, from sixth differences: a smooth motion leaves next to nothing in them.
 
-    Jittered times get divided differences: taken for even, they would turn motion into noise.
+    Jittered times get divided differences: taken for even, they would turn motion into noise. Single spikes
+    and the kinks of dry friction are left out.
     """
     if signal.size < 12:
         return 0.0
     steps = np.diff(time)
     if np.ptp(steps) < 1e-6 * steps.mean():
-        return float(np.sqrt(np.mean(np.diff(signal, 6) ** 2) / 924.0))
-    near = np.lib.stride_tricks.sliding_window_view(time / steps.mean(), 7)
-    gaps = near[:, :, None] - near[:, None, :] + np.eye(7)
-    weights = 1.0 / gaps.prod(axis=2)
-    difference = np.sum(weights * np.lib.stride_tricks.sliding_window_view(signal, 7), axis=1)
-    return float(np.sqrt(np.mean(difference**2 / np.sum(weights**2, axis=1))))
+        difference = np.abs(np.diff(signal, 6)) / np.sqrt(924.0)
+    else:
+        near = np.lib.stride_tricks.sliding_window_view(time / steps.mean(), 7)
+        gaps = near[:, :, None] - near[:, None, :] + np.eye(7)
+        weights = 1.0 / gaps.prod(axis=2)
+        weights /= np.sqrt(np.sum(weights**2, axis=1, keepdims=True))
+        difference = np.abs(np.sum(weights * np.lib.stride_tricks.sliding_window_view(signal, 7), axis=1))
+    usual = float(np.quantile(difference, 0.7))
+    if usual > 0.0:
+        difference = difference[difference < 8.0 * usual]
+    return float(np.sqrt(np.mean(difference**2)))
 
 
 def quantisation_step(signal: FloatArray) -> float:
@@ -112,27 +118,25 @@ def quantisation_step(signal: FloatArray) -> float:
     return float(spacing.min()) if spacing.size else 0.0
 
 
-def dominant_period(time: FloatArray, signal: FloatArray) -> float | None:
-    """Period of the strongest line in the spectrum of the signal's rate; None if noise is all there is.
+def dominant_periods(time: FloatArray, signal: FloatArray) -> list[float]:
+    """Periods of the line that is strongest by its rate and, if another one, by the root of its rate.
 
-    Holding by hand, lifting and rest are slow, noise is fast: the rate suppresses the former,
-    and a line must stand out of the spectrum's median against the latter.
+    Holding by hand, lifting and rest are slow: the rate suppresses them, but it lifts mains hum. Empty if no
+    line stands out of the spectrum's median, as it does not in noise.
     """
     size = next_fast_len(2 * signal.size, real=True)
     spectrum = np.abs(rfft(signal - np.median(signal), size))[1:]
+    spectrum[spectrum < 8.0 * np.median(spectrum)] = 0.0
     index = np.arange(1, spectrum.size + 1)
-    rate = np.where(spectrum > 8.0 * np.median(spectrum), spectrum * index, 0.0)
-    peak = int(np.argmax(rate))
-    if rate[peak] == 0.0:
-        return None
-    return float(size * (time[-1] - time[0]) / (time.size - 1) / index[peak])
+    peaks = [int(np.argmax(spectrum * weight)) for weight in (index, np.sqrt(index))]
+    if spectrum[peaks[0]] == 0.0:
+        return []
+    first, second = (float(size * (time[-1] - time[0]) / (time.size - 1) / index[peak]) for peak in peaks)
+    return [first] if 0.8 < first / second < 1.25 else [first, second]
 
 
-def smooth(time: FloatArray, signal: FloatArray) -> Oscillation | None:
-    """Average over a twelfth of the dominant period; None if no oscillation stands out of the noise."""
-    period = dominant_period(time, signal)
-    if period is None:
-        return None
+def smooth(time: FloatArray, signal: FloatArray, period: float) -> Oscillation:
+    """Average over a twelfth of the period."""
     interval = (time[-1] - time[0]) / (time.size - 1)
     width = max(1, round(2 * period / POINTS_PER_PERIOD / interval))
     first = np.arange(0, time.size - width + 1, max(1, width // 2))
