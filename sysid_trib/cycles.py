@@ -22,9 +22,11 @@ QUARTER = 0.5 * np.pi
 SAMPLES = 97
 # A piece is accepted when doubling its nodes changes it by less than this part of the mean of |h|.
 ACCEPTED = 3e-13
+# Part of the mean of |h| below which an average is rounding.
+ROUNDING = 1e-14
 MAX_ROUNDS = 60
 MAX_PIECES = 20_000
-MAX_CYCLES = 1000
+MAX_CYCLES = 500
 START_PANELS = 4
 
 
@@ -42,17 +44,25 @@ def cycle_averages(
     rows: dict[str, Any] = {"a": np.tile(a, 2), "t": np.tile(time, 2)}
     turns: dict[str, Array] = {}
     held: dict[str, Array] = {}
-    for _ in range(MAX_CYCLES if force.state and force.memory else 1):
+    for _ in range(MAX_CYCLES):
         before, held = held, _steady_memory(force, a, time, shape_values, turns)
         pieces = _pieces(force, rows | held, shape_values)
         if not force.state:
             sums = _integrals(force, rows | held, pieces, shape_values)
             break
         sums, turns = _state_integrals(force, rows | held, pieces, shape_values)
-        if before and all(np.allclose(held[k], before[k], rtol=1e-13, atol=1e-15) for k in held):
+        if not held or (before and all(_close(held[k], before[k], 1e-13) for k in held)):
             break
-    mean = (sums[: a.size] + sums[a.size :]) / (2 * np.pi)
-    return mean[:, 0], mean[:, 1]
+    else:
+        raise LibraryError(f"Force '{force.symbol}': memory and states settle to no steady cycle.")
+    means = (sums[: a.size] + sums[a.size :]) / (2 * np.pi)
+    # What symmetry makes zero is zero, so that nobody takes rounding for a signature.
+    means[np.abs(means) < ROUNDING * means[:, 2:]] = 0.0
+    return means[:, 0], means[:, 1]
+
+
+def _close(first: Array, second: Array, tolerance: float) -> bool:
+    return bool(np.allclose(first, second, rtol=tolerance, atol=1e-15))
 
 
 def _steady_memory(
@@ -76,7 +86,7 @@ def _steady_memory(
     for _ in range(MAX_CYCLES):
         first = replaced(held, ends[0])
         second = replaced(first, ends[1])
-        if all(np.allclose(second[k], held[k], rtol=1e-15, atol=1e-15) for k in held):
+        if all(_close(second[k], held[k], 1e-15) for k in held):
             return {k: np.concatenate((first[k], second[k])) for k in held}
         held = second
     raise LibraryError(
@@ -105,7 +115,7 @@ def _state_integrals(
     half = found.panels.segment
     names = _names(rows, half[:, None], found.tau, shape_values) | found.named(force)
     h = found.weights * force.formula.evaluate(names)
-    terms = np.stack((h * np.sin(found.tau), h * np.cos(found.tau)), axis=-1).sum(axis=1)
+    terms = _terms(h, found.tau).sum(axis=1)
     sums = np.stack([np.bincount(half, term, 2 * count) for term in terms.T], axis=-1)
     begins = np.concatenate(([True], half[1:] != half[:-1]))
     turns = np.empty((2 * count, len(force.state)))
@@ -136,8 +146,7 @@ def _pieces(force: Force, rows: Mapping[str, Array], shape_values: Mapping[str, 
         # Where a state switches is not known before it is solved; its panels close in on it.
         if Formula(surface.text, surface.tree).names & set(force.state):
             continue
-        with np.errstate(all="ignore"):
-            sides = np.sign(np.broadcast_to(evaluate_tree(surface.tree, names), phi.shape))
+        sides = np.sign(np.broadcast_to(evaluate_tree(surface.tree, names), phi.shape))
         row, left = np.nonzero(sides[:, :-1] * sides[:, 1:] < 0)
         if row.size:
             cut_row.append(row)
@@ -178,34 +187,34 @@ def _nodes() -> tuple[Array, Array]:
     return 1.0 / (1.0 + np.exp(-2.0 * u)), 0.5 * step * QUARTER * np.cosh(s) / np.cosh(u) ** 2
 
 
+def _terms(h: Array, phi: Array) -> Array:
+    return np.stack((h * np.sin(phi), h * np.cos(phi), np.abs(h)), axis=-1)
+
+
 def _integrals(
     force: Force,
     rows: Mapping[str, Array],
     pieces: Pieces,
     shape_values: Mapping[str, float],
 ) -> Array:
-    """Integrals of (h sin phi, h cos phi) over each row, pieces being halved until they are exact."""
+    """Integrals of (h sin phi, h cos phi, |h|) over each row, pieces being halved until they are exact."""
     nodes, weights = _nodes()
     row, low, high = pieces
-    total = np.zeros((rows["a"].size, 2))
-    size, settled = np.zeros((2, rows["a"].size))
+    total = np.zeros((rows["a"].size, 3))
     for _ in range(MAX_ROUNDS):
         phi = low[:, None] + (high - low)[:, None] * nodes
-        with np.errstate(all="ignore"):
-            h = force.formula.evaluate(_names(rows, row[:, None], phi, shape_values))
-        h = np.broadcast_to(h, phi.shape) * (weights * (high - low)[:, None])
-        terms = np.stack((h * np.sin(phi), h * np.cos(phi)), axis=-1)
+        h = force.formula.evaluate(_names(rows, row[:, None], phi, shape_values))
+        terms = _terms(np.broadcast_to(h, phi.shape) * (weights * (high - low)[:, None]), phi)
         fine, coarse = terms.sum(axis=1), 2.0 * terms[:, ::2].sum(axis=1)
         if not np.all(np.isfinite(fine)):
             worst = rows["a"][row[~np.isfinite(fine).all(axis=1)]].min()
             raise LibraryError(
                 f"Force '{force.symbol}' is not finite on a cycle of amplitude {worst:.6g} rad."
             )
-        # Seen anew at every turn: the first one may miss a narrow peak.
-        size = np.maximum(size, settled + np.bincount(row, np.abs(h).sum(axis=1), size.size))
-        done = np.all(np.abs(fine - coarse) <= ACCEPTED * size[row, None], axis=1)
+        # The size is seen anew at every turn: the first one may miss a narrow peak.
+        size = total[:, 2] + np.bincount(row, fine[:, 2], len(total))
+        done = np.all(np.abs(fine - coarse)[:, :2] <= ACCEPTED * size[row, None], axis=1)
         np.add.at(total, row[done], fine[done])
-        settled += np.bincount(row[done], np.abs(h[done]).sum(axis=1), size.size)
         if done.all():
             return total
         if done.size > MAX_PIECES:

@@ -136,8 +136,11 @@ def _shape(table: object, where: str) -> Shape:
 def _check_finite(force: Force, where: str) -> None:
     """Refuse formulas that overflow or leave the real numbers where a pendulum swings (below 1.2 rad)."""
     for formula in force.formulas:
-        with np.errstate(all="ignore"):
-            values = np.asarray(formula.evaluate(force.probe))
+        try:
+            with np.errstate(all="ignore"):
+                values = np.asarray(formula.evaluate(force.probe))
+        except ZeroDivisionError:  # of two numbers: Python divides them, not NumPy
+            values = np.asarray(np.nan)
         if not np.all(np.isfinite(values)) or np.max(np.abs(values)) > 1e9:
             raise LibraryError(
                 f"{where}: '{formula.text}' is not a finite number at all angles and speeds up to 1.2 rad; "

@@ -87,8 +87,7 @@ class Averaged:
         forces = [f for f in self.model.forces if f.degree is not None]
         degrees = np.array([f.degree for f in forces], dtype=float)
         unit = np.array([self._weighted(f, np.ones(1))[:, 0] for f in forces]).reshape(-1, 2)
-        # Averages that are zero by symmetry must not divide by a small amplitude.
-        return degrees, np.where(np.abs(unit) < 1e-15 * np.abs(unit).max(initial=0.0), 0.0, unit)
+        return degrees, unit
 
     @cached_property
     def others(self) -> list[Force]:

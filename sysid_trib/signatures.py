@@ -76,13 +76,15 @@ def averages(
         unit = _unit_averages(force)
         scale = a**force.degree
         return unit[0] * scale, unit[1] * scale
-    shape_values = force.shape_values(shapes)
+    # NumPy's numbers: a shape parameter of zero gives a value that is not finite, not an exception.
+    shape_values = {k: np.float64(value) for k, value in force.shape_values(shapes).items()}
     times = np.broadcast_to(np.asarray(time, dtype=float), a.shape)
     cuts = range(CHUNK, a.size, CHUNK)
-    parts = [
-        cycle_averages(force, *rows, shape_values)
-        for rows in zip(np.split(a, cuts), np.split(times, cuts), strict=True)
-    ]
+    with np.errstate(all="ignore"):
+        parts = [
+            cycle_averages(force, *rows, shape_values)
+            for rows in zip(np.split(a, cuts), np.split(times, cuts), strict=True)
+        ]
     sine, cosine = zip(*parts, strict=True)
     return np.concatenate(sine), np.concatenate(cosine)
 

@@ -56,9 +56,7 @@ def without_signature(
 ) -> tuple[str, ...]:
     """Forces that averaging does not see at all, even ones for instance (see `indistinguishable`)."""
     forces, table = _signature_table(library, amplitude_low, amplitude_high, shapes)
-    scale = np.array([_size(force, amplitude_high, shapes) for force in forces])
-    silent = np.abs(table).max(axis=0, initial=0.0) <= 1e-13 * scale
-    return tuple(force.symbol for force, hidden in zip(forces, silent, strict=True) if hidden)
+    return tuple(force.symbol for force, column in zip(forces, table.T, strict=True) if not column.any())
 
 
 def exactly_dependent(
@@ -140,15 +138,4 @@ def _signature_table(
     time = LATEST * np.random.default_rng(20190417).uniform(size=AMPLITUDES)
     forces = [force for force in library if force.kind == "force"]
     columns = [np.concatenate(averages(force, amplitude, shapes, time)) for force in forces]
-    # Rounding of an average that is zero by symmetry is no signature.
-    scale = np.array([_size(force, high, shapes) for force in forces])
-    table = np.column_stack(columns) if columns else np.zeros((2 * AMPLITUDES, 0))
-    return forces, np.where(np.abs(table) <= 1e-13 * scale, 0.0, table)
-
-
-def _size(force: Force, amplitude: float, shapes: Mapping[str, float] | None) -> float:
-    """Largest value of the force on a cycle of this amplitude, the measure of rounding in its averages."""
-    phi = np.linspace(0.0, 2 * np.pi, 65) + 0.01
-    hidden = dict.fromkeys((*force.state, *force.memory), amplitude)
-    h = force.value(amplitude * np.cos(phi), -amplitude * np.sin(phi), LATEST, shapes=shapes, hidden=hidden)
-    return float(np.abs(h).max())
+    return forces, np.column_stack(columns) if columns else np.zeros((2 * AMPLITUDES, 0))

@@ -1,0 +1,318 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from candidates import CANDIDATES, candidate, force
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sysid_trib import load_library
+from sysid_trib.errors import LibraryError, UsageError
+from sysid_trib.library_files import MAX_BYTES
+
+# symbol: parity, character, degree, degree in v, units
+PROPERTIES = {
+    "lambda": ("odd", "dissipative", 0, 0, "1"),
+    "zeta": ("odd", "dissipative", 1, 1, "1"),
+    "delta": ("odd", "dissipative", 2, 2, "1"),
+    "alpha": ("odd", "conservative", 1, 0, "1"),
+    "nu": ("odd", "conservative", 2, 0, "1"),
+    "epsilon": ("odd", "conservative", 3, 0, "1"),
+    "cubic_damping": ("odd", "dissipative", 3, 3, "1"),
+    "van_der_pol": ("odd", "dissipative", 3, 1, "1"),
+    "stribeck": ("odd", "dissipative", None, None, "1"),
+    "regularised": ("odd", "dissipative", None, None, "1"),
+    "magnet": ("odd", "conservative", None, 0, "1"),
+    "freeplay": ("odd", "conservative", None, 0, "1"),
+    "wall": ("mixed", "conservative", None, 0, "1"),
+    "offset": ("even", "conservative", 0, 0, "1"),
+    "even": ("even", "conservative", 2, 0, "1"),
+    "even_friction": ("even", "dissipative", 1, 0, "1"),
+    "drift": ("odd", "dissipative", None, 1, "s-1"),
+    "ageing": ("odd", "dissipative", None, 0, "1"),
+    "ambient": ("even", "conservative", None, 0, "1"),
+    "maxwell": ("odd", "mixed", None, None, "1"),
+    "dahl": ("odd", "mixed", None, None, "1"),
+    "bouc_wen_2": ("odd", "mixed", None, None, "1"),
+    "jenkins": ("odd", "mixed", None, 0, "1"),
+    "masing": ("odd", "mixed", None, 0, "1"),
+    "scale": ("odd", "sensor", 3, 0, "1"),
+}
+SURFACES = {
+    "zeta": [],
+    "lambda": ["v"],
+    "delta": ["v"],
+    "nu": ["x"],
+    "freeplay": ["x", "0.0 - (abs(x) - g)"],
+    "dahl": ["v"],
+    "bouc_wen_2": ["v", "z"],
+    "masing": ["x - xr"],
+    "jenkins": ["s - (zr + x - xr)", "-s - min(s, zr + x - xr)"],
+}
+LATEX = {
+    "lambda": r"\operatorname{sgn}{\left(\theta' \right)}",
+    "zeta": r"2\,\theta'",
+    "delta": r"\theta'\,\left|{\theta'}\right|",
+    "alpha": r"\theta",
+    "nu": r"\theta\,\left|{\theta}\right|",
+    "epsilon": r"\theta^{3}",
+    "van_der_pol": r"\theta^{2}\,\theta'",
+    "stribeck": r"\operatorname{sgn}{\left(\theta' \right)}\,e^{- \frac{\theta'^{2}}{s^{2}}}",
+    "freeplay": r"\operatorname{sgn}{\left(\theta \right)}\,\max\left(0, - g + \left|{\theta}\right|\right)",
+    "magnet": r"- \theta + \frac{\sin{\left(2\,\theta \right)}}{2}",
+    "regularised": r"\tanh{\left(1000\,\theta' \right)}",
+    "drift": r"\theta'\,t",
+    "dahl": "z",
+    "jenkins": r"\max\left(- s, \min\left(s, \theta - xr + zr\right)\right)",
+}
+HOSTILE = [
+    "__import__('os').system('touch pwned')",
+    "open('pwned', 'w')",
+    "eval('1')",
+    "exec('1')",
+    "print(x)",
+    "x.__class__",
+    "().__class__.__bases__[0].__subclasses__()",
+    "x.real",
+    "x[0]",
+    "lambda: x",
+    "lambda x: x",
+    "[x for x in (1,)]",
+    "{x: v}",
+    "(y := x)",
+    "yield",
+    "await x",
+    "*x",
+    "'x'",
+    "b'x'",
+    "f'{x}'",
+    "x if v else t",
+    "x and v",
+    "x < v",
+    "not x",
+    "~x",
+    "x // v",
+    "x % 2",
+    "x @ v",
+    "x << 2",
+    "1j*x",
+    "...",
+    "None",
+    "True",
+    "sign(True)",
+    "import os",
+    "x; v",
+    "x = v",
+    "# x",
+]
+MALFORMED = [
+    "",
+    "   ",
+    "x +",
+    "((x)",
+    "x\x00",
+    "x v",
+    "y",
+    "nan",
+    "inf",
+    "θ",
+    "sign",
+    "sin + x",
+    "sign()",
+    "sign(x, v)",
+    "min(x)",
+    "sin(x=1)",
+    "sin(*x)",
+    "pi(x)",
+    "exp(x)(v)",
+]
+HEAVY = [
+    "9**9**9",
+    "x**9**9",
+    "x**25",
+    "x**-30",
+    "x**v",
+    "x**(1/2)",
+    "x**True",
+    "1e101*x",
+    "1e400*x",
+    "9" * 400 + "*x",
+    "9" * 499,
+    "x" * 501,
+    "+".join(["x"] * 240),
+    "-" * 490 + "x",
+    "abs(" * 31 + "x" + ")" * 31,
+    "(" * 249 + "x" + ")" * 249 + "+1",
+]
+NOT_FINITE = [
+    "exp(exp(exp(20*x)))",
+    "exp(800*x)",
+    "log(x)",
+    "sqrt(x)",
+    "x**0.5",
+    "1/(x - x)",
+    "x/0",
+    "x + 1/0",
+    "0**-1*x",
+    "1/x**3",
+    "x*1e99*1e99*1e99*1e99",
+]
+WRONG = {
+    "unknown key": {"color": "red"},
+    "symbol with a space": {"symbol": "a b"},
+    "symbol of dunders": {"symbol": "__class__"},
+    "symbol not a text": {"symbol": 3},
+    "formula not a text": {"formula": 3},
+    "formula a table": {"formula": {"x": 1}},
+    "name not a text": {"name": ["a"]},
+    "unknown kind": {"kind": "torque"},
+    "state not a table": {"state": "z"},
+    "state not a formula": {"state": {"z": 1}},
+    "state named x": {"state": {"x": "v"}},
+    "state named abs": {"state": {"abs": "v"}},
+    "state not a name": {"state": {"a-b": "v"}},
+    "hostile state": {"state": {"z": "__import__('os')"}},
+    "state not finite": {"state": {"z": "v/0"}},
+    "state and memory of one name": {"state": {"z": "v"}, "memory": {"z": "x"}},
+    "hostile memory": {"memory": {"m": "x.real"}},
+    "start without memory": {"start": {"m": "x"}},
+    "start seeing a state": {"state": {"z": "v"}, "start": {"z": "z"}},
+    "sensor with a state": {"kind": "sensor", "state": {"z": "v"}},
+    "shape without range": {"shape": {"s": {"default": 1.0}}},
+    "shape a number": {"shape": {"s": 1.0}},
+    "shape out of range": {"shape": {"s": {"default": 2.0, "low": 0.1, "high": 1.0}}},
+    "shape of empty range": {"shape": {"s": {"default": 1.0, "low": 1.0, "high": 1.0}}},
+    "shape of texts": {"shape": {"s": {"default": "1", "low": "0", "high": "2"}}},
+    "shape of booleans": {"shape": {"s": {"default": True, "low": 0, "high": 2}}},
+    "shape with more": {"shape": {"s": {"default": 1, "low": 0, "high": 2, "unit": "m"}}},
+}
+FILES = {
+    "empty": b"",
+    "not TOML": b"this is no TOML",
+    "no forces": b'title = "nothing"',
+    "force not a list": b"[force]\nsymbol = 'g'",
+    "forces not tables": b"force = [1, 2]",
+    "NUL bytes": b"\x00\x01\x02",
+    "binary": bytes(range(256)) * 4,
+    "wrong encoding": '[[force]]\nsymbol = "g"\nformula = "x" # é'.encode("latin-1"),
+    "huge": b"#" * (MAX_BYTES + 1),
+    "deep": b"a = " + b"[" * 5000,
+    "twice the key": b'[[force]]\nsymbol = "g"\nsymbol = "h"\nformula = "x"',
+    "two of a symbol": b'[[force]]\nsymbol = "g"\nformula = "x"\n[[force]]\nsymbol = "g"\nformula = "v"',
+    "no formula": b'[[force]]\nsymbol = "g"',
+    "no symbol": b'[[force]]\nformula = "x"',
+}
+
+
+def by_symbol(symbol):
+    return candidate(symbol) if symbol in CANDIDATES else load_library()[symbol]
+
+
+def refused(path: Path) -> str:
+    with pytest.raises(LibraryError) as caught:
+        load_library(path)
+    message = str(caught.value)
+    assert message.startswith(path.name)
+    assert "\n" not in message
+    assert len(message) < 350
+    return message
+
+
+def written(path: Path, parts: dict) -> Path:
+    lines = [f"{key} = {toml(value)}" for key, value in parts.items()]
+    path.write_text("\n".join(["[[force]]", *lines]), encoding="utf-8")
+    return path
+
+
+def toml(value) -> str:
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{json.dumps(k)} = {toml(v)}" for k, v in value.items()) + " }"
+    return json.dumps(value)
+
+
+@pytest.mark.parametrize("symbol", PROPERTIES)
+def test_properties_follow_from_the_formula(symbol):
+    found = by_symbol(symbol)
+    assert (found.parity, found.character, found.degree, found.speed_degree, found.units) == PROPERTIES[symbol]
+
+
+@pytest.mark.parametrize("symbol", SURFACES)
+def test_switching_surfaces(symbol):
+    assert [surface.text for surface in by_symbol(symbol).surfaces] == SURFACES[symbol]
+
+
+@pytest.mark.parametrize("symbol", LATEX)
+def test_latex(symbol):
+    assert by_symbol(symbol).latex == LATEX[symbol]
+
+
+@pytest.mark.parametrize("symbol", CANDIDATES)
+def test_following_a_branch_gives_the_value(symbol):
+    # The simulator follows one analytic branch; on its side of every surface it is the formula itself.
+    from sysid_trib.formulas import evaluate_tree
+
+    found = candidate(symbol)
+    for formula in found.formulas:
+        signs = {s.text: np.sign(evaluate_tree(s.tree, found.probe)) for s in formula.surfaces}
+        np.testing.assert_allclose(
+            formula.evaluate(found.probe, signs=signs), formula.evaluate(found.probe), rtol=1e-12, atol=1e-14
+        )
+
+
+def test_roles_are_known_by_formula_not_by_symbol():
+    six = load_library()
+    assert six.role("x").symbol == "alpha"
+    assert six.role("abs(v)*v").symbol == "delta"
+    assert six.role("v**3") is None
+    assert not force("tanh(v/0.001)").matches("sign(v)")
+    assert not force("x", kind="sensor").matches("x")
+
+
+def test_unknown_symbol_and_library_are_usage_errors():
+    with pytest.raises(UsageError, match="no force 'mu'; it has lambda"):
+        load_library()["mu"]
+    with pytest.raises(UsageError, match="no library 'nothing'"):
+        load_library("nothing")
+
+
+def test_five_lines_are_a_library(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        '[[force]]\nsymbol = "mu"\nname = "position-dependent friction"\nformula = "x**2*sign(v)"\nsource = "my thesis"\n'
+    )
+    found = load_library(path)["mu"]
+    assert (found.parity, found.character, found.degree) == ("odd", "dissipative", 2)
+    assert found.value(0.5, -0.1) == -0.25
+    assert found.source == "my thesis"
+    assert load_library(str(path)).symbols == ("mu",)
+
+
+@pytest.mark.parametrize("formula", [*HOSTILE, *MALFORMED, *HEAVY, *NOT_FINITE])
+def test_bad_formula_is_refused_and_not_executed(formula, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    message = refused(written(tmp_path / "lib.toml", {"symbol": "g", "formula": formula}))
+    assert "force 'g'" in message or "TOML" in message
+    assert not Path("pwned").exists()
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_wrong_entry_is_refused(case, tmp_path):
+    refused(written(tmp_path / "lib.toml", {"symbol": "g", "formula": "x"} | WRONG[case]))
+
+
+@pytest.mark.parametrize("case", FILES)
+def test_wrong_file_is_refused(case, tmp_path):
+    path = tmp_path / "lib.toml"
+    path.write_bytes(FILES[case])
+    refused(path)
+
+
+@given(st.text(alphabet="xvt()+-*/., 0123456789eabsigncomp'\"[]{}_:=<>", max_size=40))
+def test_any_text_is_a_force_or_one_error(text):
+    try:
+        found = force(text)
+    except LibraryError as error:
+        assert "\n" not in str(error)
+    else:
+        assert found.parity in ("odd", "even", "mixed")
