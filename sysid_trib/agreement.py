@@ -13,9 +13,8 @@ from sysid_trib.errors import SysidTribError
 from sysid_trib.model import rescaling_factors
 from sysid_trib.results import library_of, model_of
 from sysid_trib.simulate import trajectory
-from sysid_trib.start import FittedMotion, fit_start
+from sysid_trib.start import FittedMotion, first_guess, fit_start
 from sysid_trib.ties import exactly_dependent, indistinguishable, without_signature
-from sysid_trib.weak_form import smooth
 
 Array = NDArray[np.float64]
 
@@ -32,8 +31,7 @@ def fitted_motion(decay: xr.Dataset, result: xr.Dataset) -> FittedMotion:
     if "start_angle" in result:
         start = (result.start_angle.item(), result.start_rate.item())
     else:
-        x, v, _, _ = smooth(frequency * (time - time[0]), angle)
-        start = (float(x[0]), float(v[0] * frequency))
+        start = first_guess(time, angle, frequency)
     return fit_start(model_of(result), time, angle, start)
 
 

@@ -13,11 +13,18 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # Okabe and Ito's palette: told apart by colour-blind readers, and by their lines in print.
-INK = "0.15"
 LINES: tuple[dict[str, Any], ...] = (
-    {"color": "#D55E00", "linestyle": "--"},
-    {"color": "#0072B2", "linestyle": "-"},
+    {"color": "#D55E00", "linestyle": "--", "zorder": 4},
+    {"color": "#0072B2", "linestyle": "-", "zorder": 3},
 )
+MARKS: dict[str, Any] = {
+    "fmt": "o",
+    "color": "0.5",
+    "markerfacecolor": "none",
+    "markersize": 3.5,
+    "markeredgewidth": 0.7,
+    "linewidth": 0.6,
+}
 MOST_POINTS = 4000
 
 
@@ -49,7 +56,7 @@ def record(tree: xr.DataTree, ax: "Axes | None" = None) -> "Axes":
     step = _thinning(data.sizes["time"])
     time = data.time.values[::step]
     ax.plot(time, data.angle.values[::step], ".", color="0.6", markersize=2.5, label="record")
-    for name, line in zip(data.model.values.tolist(), LINES, strict=True):
+    for name, line in _models(tree):
         ax.plot(time, data.simulated_angle.sel(model=name).values[::step], linewidth=0.8, label=name, **line)
     ax.set(xlabel="time (s)", ylabel="angle (rad)", xlim=(time[0], time[-1]))
     # Above the panel: inside there is no room that the oscillation leaves free.
@@ -63,7 +70,7 @@ def residual(tree: xr.DataTree, ax: "Axes | None" = None) -> "Axes":
     data, checked = tree["record"].ds, tree["comparison"].ds
     step = _thinning(data.sizes["time"])
     time = data.time.values[::step]
-    for name, line in zip(data.model.values.tolist(), LINES, strict=True):
+    for name, line in _models(tree):
         gap = (data.angle - data.simulated_angle.sel(model=name)).values[::step]
         ax.plot(time, 1e3 * gap, linewidth=0.6, label=name, **line)
     noise = 1e3 * tree[checked.attrs["second"]].ds.noise.item()
@@ -77,11 +84,13 @@ def envelope(tree: xr.DataTree, ax: "Axes | None" = None) -> "Axes":
     ax = _axes(ax)
     measured = tree["envelope"].ds
     time, a = measured.instant_time.values, measured.amplitude.values
-    ax.errorbar(time, a, measured.amplitude_standard_error.values, fmt="o", color=INK, markersize=2.5, linewidth=0.6)
+    ax.errorbar(time, a, measured.amplitude_standard_error.values, **MARKS)
     for name, line in _models(tree):
         predicted = predict_envelope(model_of(tree[name].ds), time, a[0])
         ax.plot(time, predicted.amplitude.values, linewidth=1.0, label=name, **line)
     ax.set(xlabel="time (s)", ylabel="amplitude (rad)", yscale="log")
+    ax.yaxis.set_major_formatter("{x:g}")
+    ax.yaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "2346" else "")
     return ax
 
 
@@ -90,7 +99,7 @@ def frequency(tree: xr.DataTree, ax: "Axes | None" = None) -> "Axes":
     ax = _axes(ax)
     measured = tree["envelope"].ds
     a, w = measured.amplitude.values, measured.frequency.values
-    ax.errorbar(a, w, measured.frequency_standard_error.values, fmt="o", color=INK, markersize=2.5, linewidth=0.6)
+    ax.errorbar(a, w, measured.frequency_standard_error.values, **MARKS)
     time = measured.instant_time.values
     for name, line in _models(tree):
         predicted = predict_envelope(model_of(tree[name].ds), time, a[0])
@@ -104,7 +113,8 @@ def frequency(tree: xr.DataTree, ax: "Axes | None" = None) -> "Axes":
 
 def _models(tree: xr.DataTree) -> list[tuple[str, dict[str, Any]]]:
     checked = tree["comparison"].attrs
-    return list(zip((checked["first"], checked["second"]), LINES, strict=True))
+    # The second below the first: a dashed line on a full one shows both where they agree.
+    return list(zip((checked["first"], checked["second"]), LINES, strict=True))[::-1]
 
 
 def _thinning(samples: int) -> int:

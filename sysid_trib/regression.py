@@ -4,13 +4,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sysid_trib.forces import Force
 from sysid_trib.model import rescaling_factors
-from sysid_trib.weak_form import WeakForm, noise_operator, whiten, whitener
+from sysid_trib.weak_form import KNOTS_PER_PERIOD, WeakForm, noise_operator, whiten, whitener
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 # Width, in units of the local amplitude, over which the noise feels a jump of a force at zero.
 REACH = 0.8
@@ -53,13 +55,29 @@ class Path:
 
 
 @dataclass(frozen=True)
+class Linearised:
+    """Operator of small deviations on the samples, (row, sample), and the factor that whitens its rows."""
+
+    operator: sp.csr_matrix
+    factor: tuple[Array, int]
+
+
+@dataclass(frozen=True)
 class Rows:
-    """Whitened rows ``y = columns @ coefficients + nuisances @ steps + white noise``."""
+    """Whitened rows ``y = columns @ coefficients + nuisances @ steps + white noise``.
+
+    Attributes
+    ----------
+    y : (row,); columns : (row, force), each divided by its `scale`, the RMS force (rad).
+    nuisances : (row, 1 or 2), the sensor's zero and, where the frequency is free, the stiffness.
+    lags : rows of two periods, over which residuals may be correlated.
+    """
 
     y: Array
     columns: Array
     nuisances: Array
     scale: Array
+    lags: int = 2 * KNOTS_PER_PERIOD
 
 
 def force_columns(problem: Problem, frequency: float, x: Array, v: Array) -> Array:
@@ -69,9 +87,9 @@ def force_columns(problem: Problem, frequency: float, x: Array, v: Array) -> Arr
     for force in problem.forces:
         hidden = {}
         if not force.memoryless:
-            from sysid_trib.feature_library import carry_along
+            from sysid_trib.carrying import carry_along
 
-            hidden = carry_along(force, frequency * t, x, v, problem.shapes)
+            hidden = carry_along(force, frequency * t, x, v, problem.shapes, time=t)
         columns.append(force.value(x, v, t, shapes=problem.shapes, hidden=hidden))
     return np.stack(columns, axis=1) if columns else np.zeros((len(x), 0))
 
@@ -96,9 +114,11 @@ def partial_derivatives(problem: Problem, guess: Guess, path: Path) -> tuple[Arr
     amplitude = np.hypot(path.x, path.v) + 1e-12
     found = [np.ones_like(path.x), np.zeros_like(path.x)]
     for force, coefficient in zip(problem.forces, guess.coefficients, strict=True):
-        if not force.memoryless:
+        if not force.memoryless or coefficient == 0.0:
             continue
-        for i, along in enumerate((path.x, path.v)):
+        for i, (name, along) in enumerate((("x", path.x), ("v", path.v))):
+            if name not in force.formula.names:
+                continue
 
             def h(value: Array, force: Force = force, i: int = i) -> Array:
                 point = (value, path.v) if i == 0 else (path.x, value)
@@ -114,31 +134,50 @@ def partial_derivatives(problem: Problem, guess: Guess, path: Path) -> tuple[Arr
     return found[0], found[1]
 
 
-def whitened_rows(problem: Problem, guess: Guess, path: Path) -> Rows:
+def linearised(problem: Problem, guess: Guess, path: Path) -> Linearised:
+    """The operator of small deviations about a path, and what whitens its rows."""
+    k = (guess.frequency / problem.nominal) ** 2
+    stiffness, damping = partial_derivatives(problem, guess, path)
+    operator = noise_operator(problem.form, k * stiffness, np.sqrt(k) * damping)
+    return Linearised(operator, whitener(operator))
+
+
+def whitened_rows(problem: Problem, guess: Guess, path: Path, about: Linearised) -> Rows:
     """Rows of the regression about a path.
 
-    The equation linearised about the path, with L the operator that acts on small deviations:
-    ``A x + k value (H c) + L (angle - offset - x) = L noise``, k = (frequency/nominal)^2.
-    Along an exact solution the first part vanishes, so that errors of quadrature cannot bias the result.
+    With L the operator of small deviations, ``A x + k value (H c) + L (angle - offset - x) = L noise``,
+    k = (frequency/nominal)^2. Along an exact solution the first part vanishes, so that errors of quadrature
+    cannot bias the result.
     """
     form, k = problem.form, (guess.frequency / problem.nominal) ** 2
-    stiffness, damping = partial_derivatives(problem, guess, path)
-    operator = noise_operator(form, k * stiffness, np.sqrt(k) * damping)
-    residual = operator @ (problem.angle - guess.offset - path.x)
+    residual = about.operator @ (problem.angle - guess.offset - path.x)
     columns = k * (form.value @ path.columns)
     if not path.exact:
         residual = residual + form.curvature @ path.x + k * (form.value @ path.x) + columns @ guess.coefficients
-    nuisances = [-(operator @ np.ones_like(path.x))]
+    nuisances = [-(about.operator @ np.ones_like(path.x))]
     if problem.free:
         nuisances.append(k * (form.value @ path.x))
-    # Each column in units of its force: a coefficient on it is the RMS force in rad.
-    scale = np.sqrt(np.mean(path.columns**2, axis=0))
-    scale = np.where(scale > 0, scale, 1.0)
-    stacked = np.column_stack([-residual, columns / scale, *nuisances])
-    white = whiten(whitener(operator), stacked)
+    scale = rms_forces(path)
+    white = whiten(about.factor, np.column_stack([-residual, columns / scale, *nuisances]))
     count = columns.shape[1]
     y = white[:, 0] + white[:, 1 : count + 1] @ (scale * guess.coefficients)
     return Rows(y, white[:, 1 : count + 1], white[:, count + 1 :], scale)
+
+
+def rms_forces(path: Path) -> Array:
+    """RMS of each force along a path (rad): a coefficient in units of it is a force."""
+    scale = np.sqrt(np.mean(path.columns**2, axis=0))
+    return np.where(scale > 0, scale, 1.0)
+
+
+def least_squares(rows: Rows, active: Mask) -> tuple[Array, Array]:
+    """Coefficients (force,), zero where not active, and the steps of the nuisances."""
+    design = np.column_stack([rows.columns[:, active], rows.nuisances])
+    solution, *_ = np.linalg.lstsq(design, rows.y, rcond=None)
+    count = int(np.sum(active))
+    coefficients = np.zeros(len(active))
+    coefficients[active] = solution[:count] / rows.scale[active]
+    return coefficients, solution[count:]
 
 
 def moved(problem: Problem, guess: Guess, coefficients: Array, steps: Array) -> Guess:
@@ -154,36 +193,45 @@ def moved(problem: Problem, guess: Guess, coefficients: Array, steps: Array) -> 
     )
 
 
-def covariance(problem: Problem, rows: Rows, guess: Guess) -> tuple[Array, float, int]:
+def covariance(problem: Problem, rows: Rows, guess: Guess, active: Mask) -> tuple[Array, float, int]:
     """Covariance of (coefficients, reference frequency), noise level (rad) and lags of correlation allowed for.
 
     Of white rows it is sigma^2 (X' X)^-1. Where the model leaves something in the residual, its rows are
-    correlated: then the sandwich of Newey and West (1987) over two periods.
+    correlated: then the sandwich of Newey and West (1987) over two periods. A force that is not active has the
+    variance that it would have if it were added to the others.
     """
-    design = np.column_stack([rows.columns, rows.nuisances])
+    whole, noise, lags = _spread(problem, rows, guess, active)
+    for j in np.flatnonzero(~active):
+        added = active.copy()
+        added[j] = True
+        whole[j, j] = _spread(problem, rows, guess, added)[0][j, j]
+    return whole, noise, lags
+
+
+def _spread(problem: Problem, rows: Rows, guess: Guess, active: Mask) -> tuple[Array, float, int]:
+    design = np.column_stack([rows.columns[:, active], rows.nuisances])
     solution, *_ = np.linalg.lstsq(design, rows.y, rcond=None)
     residual = rows.y - design @ solution
     freedom = max(1, len(residual) - design.shape[1])
     noise = float(np.sqrt(residual @ residual / freedom))
     inverse = np.linalg.pinv(design.T @ design)
-    lags = 24 if _correlated(residual) else 0
-    scores = design * residual[:, None]
+    lags = rows.lags if _correlated(residual) else 0
     meat = noise**2 * design.T @ design
     if lags:
+        scores = design * residual[:, None]
         meat = scores.T @ scores
         for lag in range(1, lags + 1):
             cross = scores[lag:].T @ scores[:-lag]
             meat = meat + (1.0 - lag / (lags + 1)) * (cross + cross.T)
-    whole = inverse @ meat @ inverse
     # Back to the coefficients' own units, and from the stiffness to the frequency: w sqrt(1 + alpha).
-    count = len(problem.forces)
+    count, kept = len(active), int(np.sum(active))
     jacobian = np.zeros((count + 1, design.shape[1]))
-    jacobian[:count, :count] = np.diag(1.0 / rows.scale)
+    jacobian[np.flatnonzero(active), np.arange(kept)] = 1.0 / rows.scale[active]
     if problem.free:
         degrees = np.array([2.0 if f.speed_degree is None else f.speed_degree for f in problem.forces])
-        jacobian[:count, count + 1] = -0.5 * (2.0 - degrees) * guess.coefficients
-        jacobian[count, count + 1] = 0.5 * guess.frequency
-    return jacobian @ whole @ jacobian.T, noise, lags
+        jacobian[:count, kept + 1] = -0.5 * (2.0 - degrees) * guess.coefficients * active
+        jacobian[count, kept + 1] = 0.5 * guess.frequency
+    return jacobian @ inverse @ meat @ inverse @ jacobian.T, noise, lags
 
 
 def _correlated(residual: Array) -> bool:

@@ -31,13 +31,14 @@ class WeakForm:
     value, slope, curvature : (row, sample)
         ``value @ f`` is int psi f dtau for every test function psi; `slope` and `curvature` the same
         with psi' and psi''. Time is tau = w t.
+    splines : (sample, spline) each; all splines, also those at the ends, and their two derivatives.
     """
 
     tau: Array
-    knots: Array
     value: sp.csr_matrix
     slope: sp.csr_matrix
     curvature: sp.csr_matrix
+    splines: tuple[sp.csr_matrix, sp.csr_matrix, sp.csr_matrix]
 
     @property
     def rows(self) -> int:
@@ -60,14 +61,14 @@ def build_weak_form(tau: Array) -> WeakForm:
     weights = sp.diags_array(np.gradient(tau) * _end_weights(len(tau)))
     # The first two and last two clamped splines have a value or a slope at the ends: they are left out.
     keep = slice(2, len(knots) - DEGREE - 1 - 2)
-    matrices = [(_design(tau, knots, order).T.tocsr()[keep] @ weights).tocsr() for order in range(3)]
-    return WeakForm(tau, knots, *matrices)
+    first, second, third = (_design(tau, knots, order) for order in range(3))
+    matrices = [(design.T.tocsr()[keep] @ weights).tocsr() for design in (first, second, third)]
+    return WeakForm(tau, *matrices, splines=(first, second, third))
 
 
-def smooth(tau: Array, angle: Array) -> tuple[Array, Array, Array, float]:
+def smooth(form: WeakForm, angle: Array) -> tuple[Array, Array, Array, float]:
     """Least-squares spline through the record: theta, dtheta/dtau, d2theta/dtau2 (rad) and the noise (rad)."""
-    knots = knot_sequence(tau)
-    design = [_design(tau, knots, order) for order in range(3)]
+    tau, design = form.tau, form.splines
     factor, _ = whitener(design[0].T.tocsr())
     # The normal equations of B-splines are well conditioned, and banded.
     weights = scipy.linalg.cho_solve_banded((factor, True), design[0].T @ angle, check_finite=False)

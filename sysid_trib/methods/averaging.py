@@ -16,8 +16,8 @@ from sysid_trib.model import Model
 from sysid_trib.results import Estimate, identification
 from sysid_trib.signatures import averages
 from sysid_trib.simulate import trajectory
-from sysid_trib.start import fit_start
-from sysid_trib.weak_form import smooth, whiten, whitener
+from sysid_trib.start import first_guess, fit_start
+from sysid_trib.weak_form import whiten, whitener
 
 Array = NDArray[np.float64]
 
@@ -242,9 +242,8 @@ def _simulated(
     model = Model(library, coefficients, float(values[-1]), method.shapes)
     # Two periods fix the start; a model that is still biased may slip out of phase later.
     beginning = slice(0, int(np.searchsorted(time, time[0] + 4.0 * np.pi / values[-1])) + 1)
-    x, v, _, _ = smooth(values[-1] * (time[beginning] - time[0]), angle[beginning])
-    start = (float(x[0]), float(v[0] * values[-1]))
-    motion = fit_start(model, time[beginning], angle[beginning], start, fit_offset=False)
+    start = first_guess(time[beginning], angle[beginning], float(values[-1]))
+    motion = fit_start(model, time[beginning], angle[beginning], start, offset=None)
     moved = trajectory(model, time, motion.angle, motion.rate).angle
     simulated = _measured(xr.Dataset({"angle": ("time", moved)}, {"time": time}))
     shift = int(np.argmin(np.abs(simulated.extremum_time.values - measured.extremum_time.values[0])))

@@ -2,29 +2,36 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from sysid_trib.errors import DecayError, SimulationError
+from sysid_trib.envelope import usable_half_periods
+from sysid_trib.errors import DecayError, SimulationError, UsageError
 from sysid_trib.forces import ForceLibrary
-from sysid_trib.half_periods import dominant_period
+from sysid_trib.methods.strong_form import strong_form
 from sysid_trib.model import Model
 from sysid_trib.regression import (
     Guess,
+    Linearised,
+    Mask,
     Path,
     Problem,
     Rows,
     averaged_columns,
     covariance,
     force_columns,
+    least_squares,
+    linearised,
     moved,
     whitened_rows,
 )
 from sysid_trib.results import Estimate, identification
+from sysid_trib.selection import by_optimizer, significant, solved_by
 from sysid_trib.start import fit_start
+from sysid_trib.ties import dependent_columns
 from sysid_trib.weak_form import build_weak_form, smooth
 
 Array = NDArray[np.float64]
@@ -42,9 +49,11 @@ class Direct:
     ----------
     reference_frequency : w in rad/s, held; the library's force of formula `x` is then an unknown.
         Without it w is fitted and that force is absent.
-    optimizer : a pysindy optimiser. Columns are scaled to their RMS force, so that a threshold is a force
-        in rad. Default: least squares, which keeps every force.
-    significance : level of a family-wise error at which a force is kept; None keeps every force.
+    optimizer : a pysindy optimiser, which chooses the forces that are kept; their coefficients are then
+        refined. Columns are scaled to their RMS force, so that a threshold is a force in rad. Default:
+        `STLSQ(threshold=0, alpha=0)`, least squares, which keeps every force.
+    significance : family-wise level of error at which a force is kept; None keeps every force.
+    form : `weak`, or `strong`: `pysindy.SINDy` on derivatives of the smoothed record.
     refine : whether the nonlinear columns are taken from the motion of the identified model (refined
         instrumental variables, Young 2011), which removes the bias of smoothed columns.
     shapes : values of shape parameters, which are held.
@@ -58,32 +67,60 @@ class Direct:
     reference_frequency: float | None = None
     optimizer: Any = None
     significance: float | None = None
+    form: Literal["weak", "strong"] = "weak"
     refine: bool = True
     shapes: Mapping[str, float] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        if self.form not in ("weak", "strong"):
+            raise UsageError(f"form='{self.form}' is neither 'weak' nor 'strong'.")
+        if self.significance is not None and not 0.0 < self.significance < 1.0:
+            raise UsageError(f"significance={self.significance} must lie between 0 and 1, such as 0.01.")
+
     def identify(self, decay: xr.Dataset, library: ForceLibrary) -> xr.Dataset:
-        """Identify the forces of `library` from a decay with `angle(time)`."""
+        """Identify the forces of `library` from a decay with `angle(time)`.
+
+        Returns
+        -------
+        Dataset (see `identify`); a force that was not kept has `active` False, coefficient 0 and the standard
+        error it would have had. Scalars besides: `misfit`, the in-band residual over the noise; `start_angle`
+        (rad), `start_rate` (rad/s) and `offset` (rad) of the model's motion. attrs: `refined`, whether the
+        columns are from that motion; `correlation_lags`, over which the errors allow for correlation.
+
+        Raises
+        ------
+        DecayError
+            The decay cannot support the request: too short, or forces that are the same on it.
+        """
         stiffness = library.role("x")
         asked = library
         if self.reference_frequency is None and stiffness is not None:
             asked = library.select(s for s in library.symbols if s != stiffness.symbol)
-        problem, guess, path = _begin(decay, asked, self)
-        for _ in range(2):
-            rows = whitened_rows(problem, guess, path)
-            guess = _solved(self, problem, guess, rows)
-        refined = False
-        if self.refine:
-            guess, rows, refined = _refined(self, problem, guess, rows, asked)
-        spread, in_band, lags = covariance(problem, rows, guess)
-        noise = smooth(problem.nominal * problem.time, problem.angle)[3]
+        problem, guess, path, noise = _begin(self, decay, asked)
+        every = np.ones(len(asked), bool)
+        rows, about = _regressed(problem, guess, path)
+        guess = moved(problem, guess, *least_squares(rows, every))
+        active, refined = every, False
+        if self.form == "strong":
+            guess, rows, active = strong_form(self, problem, guess, path)
+        else:
+            rows, about = _regressed(problem, guess, path)
+            guess = moved(problem, guess, *least_squares(rows, every))
+            guess, rows, refined = _refined(self, problem, guess, rows, about, every, asked)
+            active = _selected(self, rows)
+            if not active.all():
+                guess = moved(problem, guess, *least_squares(rows, active))
+                guess, rows, refined = _refined(self, problem, guess, rows, about, active, asked)
+            guess = _finally(self, problem, guess, rows, active)
+        spread, in_band, lags = covariance(problem, rows, guess, active)
         extra = {
+            "misfit": (in_band / noise, "1", "in-band residual over the noise of the record"),
             "start_angle": (guess.start[0], "rad", "angle of the model at the first sample"),
             "start_rate": (guess.start[1], "rad/s", "rate of the model at the first sample"),
-            "misfit": (in_band / noise, "1", "noise of the whitened rows over the noise of the record"),
             "offset": (guess.offset, "rad", "zero of the sensor about the decay's equilibrium"),
         }
         estimate = Estimate(guess.coefficients, spread, guess.frequency, noise, extra)
-        result = identification(self, decay, asked, estimate, offered=library)
+        result = identification(self, decay, asked, estimate, offered=library, active=active)
         return result.assign_attrs(refined=str(refined), correlation_lags=lags)
 
     def quick(self) -> "Direct":
@@ -91,77 +128,96 @@ class Direct:
         return replace(self, refine=False)
 
 
-def _begin(decay: xr.Dataset, library: ForceLibrary, method: Direct) -> tuple[Problem, Guess, Path]:
-    """Weak form, and the smoothed record as the first reference trajectory."""
-    time = decay.time.values.astype(float)
-    angle = decay.angle.values.astype(float)
-    nominal = method.reference_frequency or 2.0 * np.pi / _period(time, angle)
-    tau = nominal * (time - time[0])
-    form = build_weak_form(tau)
-    problem = Problem(
-        time, angle, form, library.forces, dict(method.shapes), nominal, method.reference_frequency is None
-    )
-    x, v, acceleration, _ = smooth(tau, angle)
+def _begin(method: Direct, decay: xr.Dataset, library: ForceLibrary) -> tuple[Problem, Guess, Path, float]:
+    """Weak form, and the smoothed record as the first reference trajectory; noise in rad."""
+    time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
+    halves = usable_half_periods(time, angle, str(decay.attrs.get("source", "decay")))
+    nominal = method.reference_frequency or float(np.pi / np.median(halves.duration))
+    form = build_weak_form(nominal * (time - time[0]))
+    free = method.reference_frequency is None
+    problem = Problem(time, angle, form, library.forces, dict(method.shapes), nominal, free)
+    if form.rows < len(library) + 4:
+        raise DecayError(f"{form.rows} rows cannot decide {len(library)} forces; give a longer record.")
+    x, v, acceleration, noise = smooth(form, angle)
     columns = averaged_columns(problem, nominal, x, v, acceleration)
+    same = dependent_columns(np.column_stack([columns, x] if free else [columns]))
+    if same:
+        names = [(*library.symbols, "the frequency")[i] for i in same[0]]
+        raise DecayError(f"On this record {' and '.join(names)} are the same force; leave one out (--forces).")
     guess = Guess(np.zeros(len(library)), nominal, 0.0, (float(x[0]), float(v[0] * nominal)))
-    return problem, guess, Path(x, v, columns, exact=False)
+    return problem, guess, Path(x, v, columns, exact=False), noise
 
 
-def _period(time: Array, angle: Array) -> float:
-    period = dominant_period(time, angle)
-    if period is None:
-        raise DecayError("The record shows no oscillation; give a decay of at least three periods.")
-    return period
+def _regressed(problem: Problem, guess: Guess, path: Path) -> tuple[Rows, Linearised]:
+    about = linearised(problem, guess, path)
+    return whitened_rows(problem, guess, path, about), about
 
 
-def _solved(method: Direct, problem: Problem, guess: Guess, rows: Rows) -> Guess:
-    """Solve the whitened rows with the optimiser; offset and frequency are never thresholded."""
-    basis, triangle = np.linalg.qr(rows.nuisances)
-    columns = rows.columns - basis @ (basis.T @ rows.columns)
-    y = rows.y - basis @ (basis.T @ rows.y)
-    scaled = _optimizer(method).fit(columns, y[:, None]).coef_[0] if columns.size else np.zeros(0)
-    steps = np.linalg.solve(triangle, basis.T @ (rows.y - rows.columns @ scaled))
-    return moved(problem, guess, scaled / rows.scale, steps)
-
-
-def _optimizer(method: Direct) -> Any:
+def _selected(method: Direct, rows: Rows) -> Mask:
+    """Forces that are kept, by significance and by the optimiser."""
+    active = np.ones(rows.columns.shape[1], bool)
+    if method.significance is not None:
+        active &= significant(rows, method.significance)
     if method.optimizer is not None:
-        from sklearn.base import clone
+        active &= by_optimizer(rows, method.optimizer)
+    return active
 
-        return clone(method.optimizer)
+
+def _finally(method: Direct, problem: Problem, guess: Guess, rows: Rows, active: Mask) -> Guess:
+    """The kept forces' coefficients by a pysindy optimiser without threshold."""
+    if not active.any():
+        return guess
     from pysindy.optimizers import STLSQ
 
-    return STLSQ(threshold=0.0, alpha=0.0)
+    kept = replace(rows, columns=rows.columns[:, active], scale=rows.scale[active])
+    coefficients, steps = least_squares(rows, active)
+    coefficients[active] = solved_by(kept, STLSQ(threshold=0.0, alpha=0.0)) / kept.scale
+    return moved(problem, guess, coefficients, steps)
 
 
 def _refined(
-    method: Direct, problem: Problem, guess: Guess, rows: Rows, library: ForceLibrary
+    method: Direct,
+    problem: Problem,
+    guess: Guess,
+    rows: Rows,
+    about: Linearised,
+    active: Mask,
+    library: ForceLibrary,
 ) -> tuple[Guess, Rows, bool]:
-    """Take the columns from the motion of the identified model, and solve again, until nothing moves."""
-    for _ in range(MAX_REFINEMENTS):
+    """Take the columns from the motion of the identified model, and solve again, until nothing moves.
+
+    The last rows are about the last motion, so that they hold the final estimate's covariance.
+    """
+    first, sensitivity = (guess, rows), None
+    for _ in range(MAX_REFINEMENTS if method.refine else 0):
         try:
-            guess, path = _motion(problem, guess, library)
+            guess, path, sensitivity = _motion(problem, guess, library, active, sensitivity)
         except SimulationError:
-            return guess, rows, False
+            return (*first, False)
         gap = problem.angle - guess.offset - path.x
         if np.sqrt(np.mean(gap**2)) > SLIPPED * np.sqrt(np.mean(problem.angle**2)):
-            return guess, rows, False
-        rows = whitened_rows(problem, guess, path)
-        before = guess
-        guess = _solved(method, problem, guess, rows)
-        spread, _, _ = covariance(problem, rows, guess)
-        step = np.append(guess.coefficients - before.coefficients, guess.frequency - before.frequency)
-        error = np.sqrt(np.maximum(np.diag(spread), 1e-300))
-        if np.all(np.abs(step) < 0.02 * error + 1e-12 * np.abs(np.append(guess.coefficients, guess.frequency))):
+            return (*first, False)
+        rows = whitened_rows(problem, guess, path, about)
+        after = moved(problem, guess, *least_squares(rows, active))
+        spread, _, _ = covariance(problem, rows, guess, active)
+        moved_by = np.append(after.coefficients - guess.coefficients, after.frequency - guess.frequency)
+        size = np.append(after.coefficients, after.frequency)
+        settled = np.abs(moved_by) <= 0.02 * np.sqrt(np.diag(spread)) + 1e-12 * np.abs(size)
+        if np.all(settled[np.append(active, True)]):
             return guess, rows, True
-    return guess, rows, False
+        guess = after
+    return (*first, False)
 
 
-def _motion(problem: Problem, guess: Guess, library: ForceLibrary) -> tuple[Guess, Path]:
+def _motion(
+    problem: Problem, guess: Guess, library: ForceLibrary, active: Mask, sensitivity: Array | None
+) -> tuple[Guess, Path, Array]:
     """Motion of the present model, its start fitted to the record."""
-    coefficients = dict(zip(library.symbols, guess.coefficients.tolist(), strict=True))
-    model = Model(library, coefficients, guess.frequency, problem.shapes)
-    motion = fit_start(model, problem.time, problem.angle, guess.start, offset=guess.offset)
+    pairs = zip(library.symbols, guess.coefficients.tolist(), active, strict=True)
+    model = Model(library, {s: c for s, c, kept in pairs if kept}, guess.frequency, problem.shapes)
+    motion = fit_start(
+        model, problem.time, problem.angle, guess.start, offset=guess.offset, sensitivity=sensitivity
+    )
     columns = force_columns(problem, guess.frequency, motion.x, motion.v)
     guess = replace(guess, start=(motion.angle, motion.rate), offset=motion.offset)
-    return guess, Path(motion.x, motion.v, columns, exact=True)
+    return guess, Path(motion.x, motion.v, columns, exact=True), motion.sensitivity
