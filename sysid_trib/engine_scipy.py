@@ -16,7 +16,7 @@ from sysid_trib.sticking import settle
 
 # Where a step is looked at for a switching; close to its start, where the motion just left one.
 LOOKS = (0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0)
-SMALL = 1e-6  # below this, what is infinite at a switching surface is smoothed
+SMALL = 1e-9  # below this, what is infinite at a switching surface is smoothed
 TOO_FAR = 1e6  # rad
 MAX_STEP = 10.0  # in tau; only at rest would steps grow beyond, and then over what may push
 
@@ -110,7 +110,7 @@ def advance(
         return _joined(rows, y), y, float(grid[0]), False
     solver = DOP853(rates, grid[0], y, grid[-1], rtol=tolerance, atol=tolerance / 100, max_step=MAX_STEP)
     if not np.isfinite(solver.h_abs):
-        solver.h_abs = SMALL
+        solver.h_abs = 1e-6
     done = 1
     while solver.status == "running":
         run.steps -= 1

@@ -61,13 +61,13 @@ def follow(engine: Engine, y: Vector, p: Vector, grid: Vector) -> Path:
     while tau < end:
         ahead = np.concatenate([[tau], grid[done:]])
         if not run.stuck:
-            known, stop = len(run.history) - 1, np.nan
+            known, stop = len(run.times) - 1, np.nan
             found, y, tau = engine.glide(run, y, ahead)
             _check(motion, run, known, ahead[1 : 1 + len(found)], found)
         else:
             stop = tau if np.isnan(stop) else stop
             found, y, tau = _rest(engine, run, y, ahead)
-        _raise_failure(motion, run, y, tau)
+        _raise_failure(motion, run, found, ahead, y, tau)
         rows[done : done + len(found)] = found
         # A motion that came to rest at a grid point may not have reported it.
         reached = int(np.searchsorted(grid, tau, side="right"))
@@ -118,34 +118,37 @@ def _check(motion: Motion, run: Run, known: int, grid: Vector, rows: Vector) -> 
     """Every sample must lie on the side of each switching surface on which it was computed."""
     if not motion.switches or not len(rows) or run.failure:
         return
-    times = np.array([time for time, _ in run.history[known:]])
-    counts = np.diff(np.searchsorted(grid, times[1:]), prepend=0, append=len(grid))
-    past = np.array([p[motion.memory_at.start :] for _, p in run.history[known:]])
-    columns = [*run.p[: motion.memory_at.start], *(np.repeat(column, counts) for column in past.T)]
+    ends = np.append(np.searchsorted(grid, run.times[known + 1 :]), len(grid))
+    ends[1:] -= ends[:-1].copy()
+    fixed = motion.memory_at.start
+    past = np.repeat(run.past[known:, fixed:], ends, axis=0)
     with np.errstate(all="ignore"):
-        values = motion.surfaces(list(rows.T), columns, grid, NUMPY)
-    for value, sign in zip(values, columns[motion.signs_at.start :], strict=True):
-        if np.any(value * sign < -ON_SURFACE):
-            run.failure = "left a branch of its forces unnoticed"
+        values = motion.surfaces(list(rows.T), [*run.p[:fixed].tolist(), *past.T], grid, NUMPY)
+    signs = past.T[motion.signs_at.start - fixed :]
+    if any((value * sign).min() < -ON_SURFACE for value, sign in zip(values, signs, strict=True)):
+        run.failure = "left a branch of its forces unnoticed"
 
 
-def _raise_failure(motion: Motion, run: Run, y: Vector, tau: float) -> None:
-    when = f"{tau * run.p[motion.memory_at.start - 1]:.4g} s after the start"
-    if not abs(y[0]) < FAR:
+def _raise_failure(motion: Motion, run: Run, rows: Vector, grid: Vector, y: Vector, tau: float) -> None:
+    widest = max(abs(y[0]), np.abs(rows[:, 0]).max(initial=0.0))
+    if widest <= FAR and not run.failure:
+        return
+    far = np.flatnonzero(np.abs(rows[:, 0]) > FAR)
+    when = grid[1 + far[0]] if len(far) else tau
+    after = f"{when * run.p[motion.memory_at.start - 1]:.4g} s after the start"
+    if widest > FAR:
         raise DivergenceError(
-            f"The motion diverges: |angle| is beyond {FAR:g} rad {when}; "
+            f"The motion diverges: |angle| passes {FAR:g} rad by {after}; "
             "mind negative damping and negative stiffness in the coefficients."
         )
-    if run.failure or not np.all(np.isfinite(y)):
-        reason = run.failure or "is not finite"
-        raise SimulationError(f"The motion {reason}, {when}; mind forces that switch or are singular there.")
+    reason = run.failure or "is not finite"
+    raise SimulationError(f"The motion {reason}, {after}; mind forces that switch or are singular there.")
 
 
 def _hidden(motion: Motion, run: Run, rows: Vector, grid: Vector) -> dict[str, Vector]:
     hidden = dict(zip(motion.variables[2:], rows.T[2:], strict=True))
     if motion.memory:
-        at = np.searchsorted([time for time, _ in run.history], grid, side="right") - 1
-        past = np.array([p[motion.memory_at] for _, p in run.history])[at]
+        past = run.past[np.searchsorted(run.times, grid, side="right") - 1, motion.memory_at]
         hidden |= dict(zip(motion.memory, past.T, strict=True))
     return hidden
 
@@ -153,5 +156,5 @@ def _hidden(motion: Motion, run: Run, rows: Vector, grid: Vector) -> dict[str, V
 def _reversals(motion: Motion, run: Run) -> Vector:
     if not motion.reverses:
         return np.empty(0)
-    signs = np.array([p[motion.signs_at.start] for _, p in run.history])
-    return np.array([time for time, _ in run.history])[1:][np.diff(signs) != 0.0]
+    sign = run.past[:, motion.signs_at.start]
+    return run.times[1:][sign[1:] != sign[:-1]]

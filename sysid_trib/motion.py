@@ -8,7 +8,7 @@ each switching surface the motion is, so that between two switchings every right
 
 import ast
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -182,20 +182,32 @@ class Motion:
         )
 
 
-@dataclass
 class Run:
     """One run under way: its parameters, when they changed, and how it ended."""
 
-    p: Vector
-    budget: int  # switchings it may still take
-    steps: int = 100_000
-    stuck: bool = False
-    failure: str = ""
-    history: list[tuple[float, Vector]] = field(default_factory=list)
+    def __init__(self, p: Vector, *, budget: int, steps: int) -> None:
+        self.p = p
+        self.budget = budget  # switchings it may still take
+        self.steps = steps  # steps of the integrator it may still take
+        self.stuck = False
+        self.failure = ""
+        self._times: list[float] = []
+        self._past: list[bytes] = []
+
+    @property
+    def times(self) -> Vector:
+        """When the parameters changed, in tau."""
+        return np.array(self._times)
+
+    @property
+    def past(self) -> Vector:
+        """The parameters from each of `times` on."""
+        return np.frombuffer(b"".join(self._past)).reshape(-1, len(self.p))
 
     def note(self, tau: float) -> None:
         """Remember the parameters from `tau` on."""
-        self.history.append((tau, self.p.copy()))
+        self._times.append(tau)
+        self._past.append(self.p.tobytes())
 
     def count(self) -> bool:
         """Take one switching from the budget; False if none is left."""
