@@ -104,7 +104,13 @@ def solve_states(
         width = panels.high - panels.low
         tau = panels.low[:, None] + width[:, None] * nodes
         names = names_at(panels.segment[:, None], tau)
-        values, left = _newton(force, panels, names, guess, start=start, tolerance=tolerance)
+        try:
+            with np.errstate(all="ignore"):
+                values, left = _newton(force, panels, names, guess, start=start, tolerance=tolerance)
+        except np.linalg.LinAlgError:
+            raise LibraryError(
+                f"Force '{force.symbol}': its states are not finite along the motion."
+            ) from None
         # The force is watched too: it is integrated, and may switch where its states do not.
         h = force.formula.evaluate({**names, **_named(force, values)})
         h = np.broadcast_to(h, tau.shape)[..., None] * width[:, None, None]
@@ -138,8 +144,7 @@ def _named(force: Force, values: Array) -> dict[str, Array]:
 def _slopes(force: Force, names: Names, values: Array) -> Array:
     """Right sides of the states' equations at the nodes, (panel, node, state)."""
     full = {**names, **_named(force, values)}
-    with np.errstate(all="ignore"):
-        sides = [np.broadcast_to(f.evaluate(full), values.shape[:-1]) for f in force.state.values()]
+    sides = [np.broadcast_to(f.evaluate(full), values.shape[:-1]) for f in force.state.values()]
     return np.stack(sides, axis=-1)
 
 
@@ -198,7 +203,8 @@ def _chained(force: Force, gain: Array, offset: Array, row: Index, start: Array 
         for j in range(states):
             bands[states + i - j, (linked - 1) * states + j] = -gain[linked, i, j]
     right = np.concatenate((offset[..., None], np.where(first[:, None, None], gain, 0.0)), axis=-1)
-    ends = solve_banded((2 * states - 1, 0), bands, right.reshape(count * states, -1)).reshape(right.shape)
+    ends = solve_banded((2 * states - 1, 0), bands, right.reshape(count * states, -1), check_finite=False)
+    ends = ends.reshape(right.shape)
     if start is None:
         start = _closed(force, ends[last][..., 1:], ends[last][..., 0], np.abs(ends[..., 0]).max())
     ends = ends[..., 0] + np.einsum("pij,pj->pi", ends[..., 1:], start[row])

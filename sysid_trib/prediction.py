@@ -22,7 +22,11 @@ FLOOR = 1e-9
 LARGEST = 1e3
 TOLERANCE = 1e-11
 NODES = 16
-MAX_HALVINGS = 7
+# Of an octave: a signature with a kink, as where a slip begins, is halved no further.
+SHORTEST = 0.01
+NOISE = 1e-6
+
+Panel = tuple[float, float, Array]
 
 
 def predict_envelope(model: Model, time: ArrayLike, amplitude: float) -> xr.Dataset:
@@ -79,7 +83,7 @@ class Averaged:
     """The averaged equations of a model: powers of the amplitude, the rest tabulated as it is needed."""
 
     model: Model
-    octaves: dict[int, list[tuple[float, float, Array]]] = field(default_factory=dict, repr=False)
+    octaves: dict[int, list[Panel]] = field(default_factory=dict, repr=False)
 
     @cached_property
     def powers(self) -> tuple[Array, Array]:
@@ -121,26 +125,29 @@ class Averaged:
         sums = np.empty((a.size, 2))
         for octave in np.unique(np.floor(at)):
             if int(octave) not in self.octaves:
-                self.octaves[int(octave)] = list(self._panels(octave, octave + 1.0, 0))
+                self.octaves[int(octave)] = list(self._panels(octave, octave + 1.0))
             for low, high, series in self.octaves[int(octave)]:
                 inside = (at >= low) & (at < high)
                 if inside.any():
                     sums[inside] = chebyshev.chebval(2.0 * (at[inside] - low) / (high - low) - 1.0, series).T
         return sums
 
-    def _panels(self, low: float, high: float, depth: int) -> Iterator[tuple[float, float, Array]]:
-        """Series for a part of an octave, halved until its last coefficients no longer count."""
+    def _panels(self, low: float, high: float, before: float = np.inf) -> Iterator[Panel]:
+        """Series for a part of an octave, halved until its last coefficients no longer count.
+
+        `before` is their size in the part that was halved: rounding does not get smaller.
+        """
         nodes = chebyshev.chebpts1(NODES)
         a = 2.0 ** (low + 0.5 * (nodes + 1.0) * (high - low))
         values = np.sum([self._weighted(force, a) for force in self.others], axis=0).T
         series = np.asarray(chebyshev.chebfit(nodes, values, NODES - 1))
-        size = np.abs(series).max(initial=1e-300)
-        if depth == MAX_HALVINGS or np.abs(series[-3:]).max() < TOLERANCE * size:
+        last = np.abs(series[-3:]).max() / np.abs(series).max(initial=1e-300)
+        if last < TOLERANCE or high - low < SHORTEST or 0.5 * before < last < NOISE:
             yield low, high, series
         else:
             middle = 0.5 * (low + high)
-            yield from self._panels(low, middle, depth + 1)
-            yield from self._panels(middle, high, depth + 1)
+            yield from self._panels(low, middle, last)
+            yield from self._panels(middle, high, last)
 
 
 def _decay(averaged: Averaged, time: Array, amplitude: float) -> tuple[Array, Array, float]:

@@ -72,6 +72,8 @@ def averages(
     a = np.asarray(amplitude, dtype=float)
     if not (np.all(np.isfinite(a)) and np.all(a >= 0)):
         raise UsageError(f"Force '{force.symbol}': amplitudes must be finite angles >= 0 (rad).")
+    if a.size == 0:
+        return np.zeros(0), np.zeros(0)
     if force.degree is not None:
         unit = _unit_averages(force)
         scale = a**force.degree

@@ -30,11 +30,18 @@ CANDIDATES: dict[str, dict[str, Any]] = {
     "even_friction": {"formula": "x*sign(v)"},
     "drift": {"formula": "t*v"},
     "ageing": {"formula": "log(1 + t)*sign(v)"},
-    "ambient": {"formula": "sin(W*t + p)", "shape": {"W": number(5.0, 0.1, 50.0), "p": number(0.0, -4.0, 4.0)}},
+    "ambient": {
+        "formula": "sin(W*t + p)",
+        "shape": {"W": number(5.0, 0.1, 50.0), "p": number(0.0, -4.0, 4.0)},
+    },
     "maxwell": {"formula": "z", "state": {"z": "v - z/s"}, "shape": {"s": number(1.0, 0.01, 100.0)}},
     "dahl": {"formula": "z", "state": {"z": "(v - abs(v)*z)/s"}, "shape": {"s": number(0.01, 1e-4, 0.3)}},
     "bouc_wen": {"formula": "z", "state": {"z": "v - b*abs(v)*z"}, "shape": {"b": number(1.0, 1e-6, 1e3)}},
-    "bouc_wen_2": {"formula": "z", "state": {"z": "v - b*abs(v)*abs(z)*z"}, "shape": {"b": number(1.0, 1e-6, 1e4)}},
+    "bouc_wen_2": {
+        "formula": "z",
+        "state": {"z": "v - b*abs(v)*abs(z)*z"},
+        "shape": {"b": number(1.0, 1e-6, 1e4)},
+    },
     "jenkins": {
         "formula": SLIP,
         "memory": {"xr": "x", "zr": SLIP},

@@ -1,0 +1,156 @@
+import subprocess
+import sys
+
+import numpy as np
+import pysindy
+import pytest
+from candidates import CANDIDATES, candidate
+from sklearn.base import clone
+
+from sysid_trib import load_library
+from sysid_trib.carrying import carry_along
+from sysid_trib.errors import DecayError, LibraryError
+from sysid_trib.feature_library import ForceFeatures, readable
+from sysid_trib.library_files import parse_library
+
+# The paper's PDMS sphere on glass, with a linear elastic force besides.
+PAPER = {"lambda": -0.000023, "zeta": 0.0097, "delta": 0.037, "alpha": 0.05, "nu": -0.40, "epsilon": 0.30}
+
+
+def states(cycles=30.0, phase=0.0):
+    tau = np.arange(0.0, cycles * 2 * np.pi, 0.1)
+    a = 0.3 * np.exp(-0.01 * tau)
+    return np.column_stack((a * np.cos(tau + phase), -a * np.sin(tau + phase)))
+
+
+def target(x, coefficients=PAPER):
+    """Theta'' + theta, exact: minus the force."""
+    return -sum(c * load_library()[k].value(x[:, 0], x[:, 1]) for k, c in coefficients.items())[:, None]
+
+
+def sindy(features=None):
+    library = ForceFeatures(load_library()) if features is None else features
+    return pysindy.SINDy(feature_library=library, optimizer=pysindy.STLSQ(threshold=0, alpha=0))
+
+
+def remembering(*symbols):
+    return parse_library({"force": [{"symbol": k, **CANDIDATES[k]} for k in symbols]}, "test")
+
+
+def test_sindy_identifies_equation_1_from_exact_derivatives():
+    x = states()
+    model = sindy().fit(x, t=0.01, x_dot=target(x))
+    np.testing.assert_allclose(model.coefficients()[0], [-c for c in PAPER.values()], rtol=0, atol=1e-10)
+
+
+def test_sindy_prints_a_readable_equation(capsys):
+    x = states()
+    model = sindy().fit(x, t=0.01, x_dot=target(x))
+    model.print(lhs=["theta'' + theta"], precision=6)
+    assert capsys.readouterr().out.strip() == (
+        "theta'' + theta =  0.000023 sgn(theta') + -0.009700 2 theta' + -0.037000 theta' |theta'|"
+        " + -0.050000 theta +  0.400000 theta |theta| + -0.300000 theta^3"
+    )
+    assert model.equations()[0].endswith("-0.300 theta^3")
+
+
+def test_inputs_may_have_names_of_their_own():
+    features = ForceFeatures(load_library())
+    assert features.get_feature_names() == [
+        "sgn(theta')",
+        "2 theta'",
+        "theta' |theta'|",
+        "theta",
+        "theta |theta|",
+        "theta^3",
+    ]
+    assert features.get_feature_names(["q", "p"])[:3] == ["sgn(p)", "2 p", "p |p|"]
+
+
+@pytest.mark.parametrize(
+    ("symbol", "text"),
+    [
+        ("stribeck", "exp(-(theta'/0.05)^2) sgn(theta')"),
+        ("magnet", "(sin(2 theta)/2 - theta)"),
+        ("freeplay", "max(0, |theta| - 0.1) sgn(theta)"),
+        ("dahl", "dahl.z"),
+        ("jenkins", "max(-0.02, min(0.02, jenkins.zr + theta - jenkins.xr))"),
+        ("masing", "(masing.hr - (theta - masing.xr) |theta - masing.xr|/2)"),
+        ("power", "|theta'|^0.5 sgn(theta')"),
+    ],
+)
+def test_readable_names(symbol, text):
+    assert readable(candidate(symbol)) == text
+
+
+def test_it_clones():
+    features = ForceFeatures(load_library(), sampling_time=0.01, shapes={})
+    copy = clone(features)
+    assert copy is not features
+    assert copy.get_params()["sampling_time"] == 0.01
+    assert copy.library == features.library
+    x = states()
+    assert sindy(copy).fit(x, t=0.01, x_dot=target(x)).score(x, t=0.01, x_dot=target(x)) == pytest.approx(1.0)
+
+
+def test_several_trajectories():
+    runs = [states(), states(cycles=20.0, phase=1.0)]
+    model = sindy().fit(runs, t=0.01, x_dot=[target(x) for x in runs])
+    np.testing.assert_allclose(model.coefficients()[0], [-c for c in PAPER.values()], rtol=0, atol=1e-10)
+    found = ForceFeatures(load_library()).fit_transform(runs)
+    assert [f.shape for f in found] == [(len(x), 6) for x in runs]
+
+
+def test_single_precision_in_and_out():
+    x = states()
+    found = ForceFeatures(load_library()).fit_transform(x.astype(np.float32))
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found, ForceFeatures(load_library()).fit_transform(x), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "x", [np.zeros((10, 3)), np.zeros((10, 1)), np.zeros((2, 10, 2)), np.zeros((10, 2, 2))]
+)
+def test_two_columns_are_needed(x):
+    with pytest.raises(DecayError, match="two columns theta and theta'"):
+        ForceFeatures(load_library()).fit(x)
+    with pytest.raises(DecayError, match="two columns"):
+        ForceFeatures(load_library()).fit(states()).transform(x)
+
+
+def test_features_of_forces_with_a_past_are_carried_along_each_trajectory():
+    library = remembering("dahl", "jenkins", "drift", "scale")
+    features = ForceFeatures(library, sampling_time=0.01, reference_frequency=10.0, shapes={"dahl.s": 0.05})
+    x = states()
+    first, second = features.fit_transform([x, x])
+    np.testing.assert_array_equal(first, second)
+    assert first.shape == (len(x), 3)
+    tau = 0.1 * np.arange(len(x))
+    z = carry_along(library["dahl"], tau, x[:, 0], x[:, 1], {"dahl.s": 0.05})["z"]
+    np.testing.assert_allclose(first[:, 0], z, rtol=1e-8)
+    np.testing.assert_allclose(first[:, 2], 0.01 * np.arange(len(x)) * x[:, 1], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("symbol", "given", "missing"),
+    [
+        ("drift", {}, "sampling_time"),
+        ("dahl", {}, "sampling_time"),
+        ("dahl", {"sampling_time": 0.01}, "reference_frequency"),
+        ("jenkins", {"sampling_time": -1.0, "reference_frequency": 9.0}, "sampling_time"),
+    ],
+)
+def test_what_is_missing_is_said(symbol, given, missing):
+    with pytest.raises(LibraryError, match=f"Force '{symbol}' is carried along in time.*{missing}"):
+        ForceFeatures(remembering(symbol), **given).fit(states())
+
+
+def test_sensors_are_no_features():
+    with pytest.raises(LibraryError, match="no forces"):
+        ForceFeatures(remembering("scale")).fit(states())
+
+
+def test_the_package_does_not_import_pysindy():
+    modules = "sysid_trib, sysid_trib.carrying, sysid_trib.prediction"
+    code = f"import sys, {modules}; sys.exit('pysindy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

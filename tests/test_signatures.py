@@ -1,0 +1,274 @@
+import time
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from candidates import CANDIDATES, candidate, force
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy import pi
+from scipy.integrate import quad, solve_ivp
+from scipy.special import beta, dawsn, iv, j1, modstruve
+
+from sysid_trib import load_library
+from sysid_trib.errors import LibraryError, UsageError
+from sysid_trib.signatures import averages, lost_power, signature
+
+A = np.array([0.005, 0.03, 0.1, 0.2, 0.7, 1.5])
+
+
+def nothing(a):
+    return np.zeros_like(a)
+
+
+def clearance(a, g):
+    c = np.arccos(np.minimum(1.0, g / a))
+    return a / (2 * pi) * (2 * c - np.sin(2 * c))
+
+
+# Closed forms of the literature: force, shapes, sine, cosine.
+CLOSED: dict[str, tuple[dict[str, float], Callable, Callable]] = {
+    "cubic_damping": ({}, lambda a: -3 * a**3 / 8, nothing),
+    "van_der_pol": ({}, lambda a: -(a**3) / 8, nothing),
+    "stribeck": ({"s": 0.05}, lambda a: -2 / pi * dawsn(a / 0.05) / (a / 0.05), nothing),
+    "stribeck_exponential": (
+        {"s": 0.3},
+        lambda a: -2 / pi * (1 + pi / 2 * (modstruve(1, a / 0.3) - iv(1, a / 0.3))),
+        nothing,
+    ),
+    "detent": ({}, nothing, lambda a: np.full_like(a, 2 / pi)),
+    "magnet": ({}, nothing, lambda a: j1(2 * a) / 2 - a / 2),
+    "gravity": ({}, nothing, lambda a: j1(a) - a / 2),
+    "freeplay": ({"g": 0.1}, nothing, lambda a: clearance(a, 0.1)),
+    "wall": ({"g": 0.1}, nothing, lambda a: clearance(a, 0.1) / 2),
+    "offset": ({}, nothing, nothing),
+    "even": ({}, nothing, nothing),
+    "even_friction": ({}, nothing, nothing),
+    "maxwell": ({"s": 2.0}, lambda a: -a / 2 * 2 / 5, lambda a: a / 2 * 4 / 5),
+    "masing": ({}, lambda a: -2 / pi / 3 * a**2, lambda a: -4 / (3 * pi) * beta(2.5, 0.5) * a**2),
+    "jenkins": (
+        {"s": 0.02},
+        lambda a: np.where(a > 0.02, -2 * 0.02 / pi * (1 - 0.02 / a), 0.0),
+        lambda a: np.array([iwan(value, 0.02) for value in a]),
+    ),
+    "scale": ({}, nothing, lambda a: 3 * a**3 / 8),
+}
+
+
+def iwan(a, s):
+    """Cosine average of a Jenkins element: elastic for 2 s after a reversal, then sliding."""
+    slip = np.arccos(1 - 2 * s / a) if a > s else pi
+    held = s if a > s else a
+    stuck = quad(lambda phi: (held - a * (1 - np.cos(phi))) * np.cos(phi), 0, slip, epsabs=1e-15)[0]
+    return (stuck + quad(lambda phi: -s * np.cos(phi), slip, pi)[0]) / pi
+
+
+def shaped(symbol, shapes):
+    return {f"{symbol}.{k}": value for k, value in shapes.items()}
+
+
+@pytest.mark.parametrize("symbol", CLOSED)
+def test_closed_forms(symbol):
+    shapes, sine, cosine = CLOSED[symbol]
+    found = signature(candidate(symbol), A, shaped(symbol, shapes))
+    np.testing.assert_allclose(found.sine, sine(A), rtol=1e-11, atol=1e-13)
+    np.testing.assert_allclose(found.cosine, cosine(A), rtol=1e-11, atol=1e-13)
+
+
+@given(st.floats(0.0, 6.0), st.floats(0.0, 6.0), st.floats(0.01, 1.5))
+def test_powers_follow_the_beta_formula(p, q, a):
+    shape = {"p": {"default": p, "low": -1, "high": 9}, "q": {"default": q, "low": -1, "high": 9}}
+    lossy = signature(force("abs(x)**p*abs(v)**q*sign(v)", shape=shape), a)
+    elastic = signature(force("abs(x)**p*abs(v)**q*sign(x)", shape=shape), a)
+    size = a ** (p + q)
+    assert lossy.sine.item() == pytest.approx(-size * beta((p + 1) / 2, (q + 2) / 2) / pi, abs=1e-12 * size)
+    assert elastic.cosine.item() == pytest.approx(
+        size * beta((p + 2) / 2, (q + 1) / 2) / pi, abs=1e-12 * size
+    )
+    assert lossy.cosine.item() == elastic.sine.item() == 0.0
+
+
+def test_logarithm_far_above_its_scale():
+    a, s = 0.5, 1e-4
+    found = signature(candidate("rate"), a, {"rate.s": s}).sine.item()
+    assert found == pytest.approx(-2 / pi * (np.log(a / s) + np.log(2) - 1), rel=2e-4)
+
+
+@pytest.mark.parametrize("s", [1e-4, 0.01, 0.3])
+def test_dahl_is_the_exact_loop(s):
+    # Between reversals dz/dx = (1 - sgn(v) z)/s is linear; on the steady cycle |z| = tanh(a/s) at the ends.
+    a = 0.3
+
+    def z(phi):
+        return -1 + (1 + np.tanh(a / s)) * np.exp(a * (np.cos(phi) - 1) / s)
+
+    cuts = [0.0, *(min(3.0, k * np.sqrt(s / a)) for k in (1, 2, 4, 6, 9)), pi]
+    exact = [
+        sum(quad(lambda p, f=f: z(p) * f(p), lo, hi, epsabs=1e-14)[0] for lo, hi in pairwise(cuts)) / pi
+        for f in (np.sin, np.cos)
+    ]
+    found = signature(candidate("dahl"), a, {"dahl.s": s})
+    assert [found.sine.item(), found.cosine.item()] == pytest.approx(exact, abs=1e-12)
+
+
+@pytest.mark.parametrize("a", [1e-6, 1e-4])
+def test_dahl_at_small_amplitude_where_cycles_settle_slowly(a):
+    found = signature(candidate("dahl"), a, {"dahl.s": 0.01})
+    assert found.sine.item() == pytest.approx(-2 / (3 * pi) * (a / 0.01) ** 2, rel=1e-4)
+    assert found.cosine.item() == pytest.approx(a / 0.02, rel=1e-4)
+
+
+@pytest.mark.parametrize(("symbol", "n"), [("bouc_wen", 1), ("bouc_wen_2", 2)])
+def test_bouc_wen_at_small_b(symbol, n):
+    found = signature(candidate(symbol), A, {f"{symbol}.b": 1e-6})
+    np.testing.assert_allclose(found.sine, -2 / pi * 1e-6 * A ** (n + 1) / (n + 2), rtol=1e-5, atol=1e-17)
+
+
+@pytest.mark.parametrize("symbol", ["bouc_wen", "bouc_wen_2"])
+def test_bouc_wen_is_what_an_integrator_settles_to(symbol):
+    a, b = 0.3, 30.0
+    found = candidate(symbol)
+
+    def slopes(phi, y):
+        names = {"x": a * np.cos(phi), "v": -a * np.sin(phi), "z": y[0], "b": b}
+        return [found.state["z"].evaluate(names), y[0] * np.sin(phi), y[0] * np.cos(phi)]
+
+    y = np.zeros(3)
+    for half in range(24):
+        y[1:] = 0.0 if half == 22 else y[1:]
+        # A short step: the kink at z = 0 costs accuracy in proportion to its cube.
+        span = (half % 2 * pi, (half % 2 + 1) * pi)
+        y = solve_ivp(slopes, span, y, method="DOP853", rtol=1e-12, atol=1e-14, max_step=0.05).y[:, -1]
+    expected = y[1:] / (2 * pi)
+    assert np.ravel(averages(found, np.array([a]), {f"{symbol}.b": b})) == pytest.approx(expected, abs=1e-10)
+
+
+def test_state_and_memory_together_repeat_themselves():
+    # z' = v and m kept from the last reversal: z = x and m = x at that reversal, h = x + m.
+    both = force("z + m", state={"z": "v - (z - x)"}, memory={"m": "z"})
+    plain = force("x + m", memory={"m": "x"})
+    np.testing.assert_allclose(averages(both, A), averages(plain, A), rtol=1e-9, atol=1e-11)
+
+
+@given(
+    st.sampled_from(sorted(set(CANDIDATES) - {"regularised"})),
+    st.floats(-3.0, 3.0).filter(lambda c: abs(c) > 1e-3),
+    st.floats(0.02, 1.2),
+)
+def test_signature_is_linear(symbol, factor, a):
+    parts = dict(CANDIDATES[symbol])
+    whole = force(**(parts | {"formula": f"{factor!r}*({parts['formula']}) + 2*v"}), symbol=symbol)
+    sine, cosine = averages(candidate(symbol), np.array([a]), time=3.0)
+    found = averages(whole, np.array([a]), time=3.0)
+    assert found[0][0] == pytest.approx(factor * sine[0] - a, rel=1e-11, abs=1e-12)
+    assert found[1][0] == pytest.approx(factor * cosine[0], rel=1e-11, abs=1e-12)
+
+
+@given(
+    st.sampled_from(["zeta", "delta", "alpha", "nu", "epsilon"]), st.floats(1e-3, 1.5), st.floats(0.1, 5.0)
+)
+def test_homogeneous_forces_scale_with_their_degree(symbol, a, factor):
+    found = load_library()[symbol]
+    here, there = (signature(found, value) for value in (a, factor * a))
+    assert there.sine.item() == pytest.approx(factor**found.degree * here.sine.item(), rel=1e-12, abs=1e-15)
+    assert there.cosine.item() == pytest.approx(
+        factor**found.degree * here.cosine.item(), rel=1e-12, abs=1e-15
+    )
+
+
+@given(
+    st.sampled_from(["stribeck", "rate", "freeplay", "maxwell", "dahl", "jenkins"]),
+    st.floats(0.01, 1.0),
+    st.floats(0.2, 5.0),
+)
+def test_a_length_in_the_formula_scales_with_the_amplitude(symbol, a, factor):
+    # All but the Maxwell element, whose s is a time, are functions of a over their length.
+    name = next(iter(candidate(symbol).shape))
+    length = 0.05
+    grown = length if symbol == "maxwell" else factor * length
+    here = np.ravel(averages(candidate(symbol), np.array([a]), {f"{symbol}.{name}": length}))
+    there = np.ravel(averages(candidate(symbol), np.array([factor * a]), {f"{symbol}.{name}": grown}))
+    degree = 1 if symbol in ("freeplay", "maxwell", "jenkins") else 0
+    np.testing.assert_allclose(there, factor**degree * here, rtol=1e-10, atol=1e-12)
+
+
+def test_narrow_features_are_resolved():
+    # tanh(v/s) is sgn v but for a layer of width s/a at the reversals, sharper than any fixed grid.
+    found = signature(candidate("regularised"), 1.0).sine.item()
+    assert found == pytest.approx(-2 / pi * (1 - (0.001 * pi) ** 2 / 24), rel=1e-9)
+    # A needle at x = 0.1: <h cos phi> = (width sqrt(pi)) cos phi/(pi a |sin phi|) to leading order.
+    needle = signature(force("exp(-((x - 0.1)/0.0003)**2)"), 0.2).cosine.item()
+    assert needle == pytest.approx(0.0003 * np.sqrt(pi) * 0.5 / (pi * 0.2 * np.sqrt(0.75)), rel=1e-4)
+
+
+def test_time_is_held_in_a_cycle_and_runs_with_the_amplitudes():
+    t = np.array([0.0, 1.0, 4.0])
+    a = np.array([0.3, 0.2, 0.1])
+    found = signature(candidate("drift"), a, time=t)
+    np.testing.assert_allclose(found.sine, -a * t / 2, rtol=1e-12)
+    assert signature(candidate("ageing"), 0.3, time=np.e - 1).sine.item() == pytest.approx(-2 / pi)
+
+
+def test_power_is_lost_by_friction_and_not_by_springs():
+    six = load_library()
+    assert lost_power(six["lambda"], 0.3) == pytest.approx(0.3 * 2 / pi)
+    assert lost_power(six["nu"], [0.1, 0.3]).tolist() == [0.0, 0.0]
+    # A Jenkins element loses power only where it slips.
+    assert lost_power(candidate("jenkins"), np.array([0.01, 0.3]))[0] == pytest.approx(0.0, abs=1e-15)
+    assert lost_power(candidate("jenkins"), np.array([0.01, 0.3]))[1] > 0
+
+
+def test_dataset_is_labelled():
+    found = signature(candidate("dahl"), [0.1, 0.2], {"dahl.s": 0.05})
+    assert found.sine.dims == ("amplitude",)
+    assert found.sine.attrs["units"] == found.cosine.attrs["units"] == found.amplitude.attrs["units"] == "rad"
+    assert found.attrs["force"] == "dahl"
+    assert signature(candidate("dahl"), 0.1).sine.dims == ()
+    assert signature(candidate("dahl"), np.array([])).sine.size == 0
+
+
+@pytest.mark.parametrize("a", [-0.1, np.nan, np.inf, [[0.1]]])
+def test_bad_amplitudes_are_refused(a):
+    with pytest.raises(UsageError, match="amplitude"):
+        signature(candidate("dahl"), a)
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        force("m", memory={"m": "m + 1"}),
+        force("z", state={"z": "v + 1"}),
+        force("exp(x**5)"),
+        force("v/s", shape={"s": {"default": 1.0, "low": 0.0, "high": 1.0}}),
+        force("z", state={"z": "exp(abs(z))*v/s"}, shape={"s": {"default": 1.0, "low": 0.0, "high": 1.0}}),
+    ],
+    ids=["counting memory", "drifting state", "overflow", "division by zero", "exploding state"],
+)
+def test_forces_without_a_cycle_are_refused_by_name(bad):
+    with pytest.raises(LibraryError, match="Force 'g'"):
+        averages(bad, np.array([20.0]), {"g.s": 0.0})
+
+
+def test_amplitude_zero_and_many_amplitudes():
+    for symbol in CANDIDATES:
+        assert np.all(np.isfinite(averages(candidate(symbol), np.zeros(1))))
+    many = np.linspace(0.01, 1.0, 1000)
+    np.testing.assert_allclose(
+        averages(candidate("magnet"), many)[1], j1(2 * many) / 2 - many / 2, atol=1e-15
+    )
+
+
+def test_averages_are_fast_enough_to_be_called_in_a_loop():
+    a = np.linspace(0.02, 0.3, 80)
+    six = load_library()
+    cases = [(list(six), 1e-3), ([candidate("magnet")], 20e-3), ([candidate("freeplay")], 20e-3)]
+    for forces, limit in cases:
+        taken = []
+        for _ in range(5):
+            start = time.perf_counter()
+            for found in forces:
+                averages(found, a)
+            taken.append(time.perf_counter() - start)
+        # Machines that run the tests may be busy: four times the bar, which benchmarks hold.
+        assert min(taken) < 4 * limit
