@@ -1,0 +1,425 @@
+import itertools
+import time as clock
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from reference_motion import reference_motion
+
+from sysid_trib import Model, load_library
+from sysid_trib.errors import SimulationError, UsageError
+from sysid_trib.library_files import parse_library
+from sysid_trib.simulate import simulate, trajectory
+
+SIX = load_library("contact_forces")
+W = 9.91
+PAPER = {"lambda": -2.3e-5, "zeta": 0.0097, "delta": 0.037, "nu": -0.40, "epsilon": 0.30}
+TIME = np.linspace(0.0, 25.0, 2501)
+SHAPES = {
+    "s": {"default": 0.03, "low": 1e-4, "high": 0.5},
+    "W": {"default": 4.0, "low": 0.1, "high": 100.0},
+    "T": {"default": 3.0, "low": 0.1, "high": 100.0},
+}
+
+
+def force(symbol, formula, **rest):
+    shape = {k: SHAPES[k] for k in rest.pop("shape", "")}
+    return {"symbol": symbol, "formula": formula, "shape": shape, **rest}
+
+
+ODD = parse_library(
+    {
+        "force": [
+            force("dry", "sign(v)"),
+            force("viscous", "2*v"),
+            force("dahl", "z", state={"z": "(v - abs(v)*z)/s"}, shape="s"),
+            force(
+                "jenkins",
+                "max(-s, min(s, zr + x - xr))",
+                memory={"xr": "x", "zr": "max(-s, min(s, zr + x - xr))"},
+                start={"xr": "x", "zr": "0"},
+                shape="s",
+            ),
+            force(
+                "masing",
+                "hr - (x-xr)*abs(x-xr)/2",
+                memory={"xr": "x", "hr": "hr - (x-xr)*abs(x-xr)/2"},
+                start={"xr": "x", "hr": "-x*abs(x)"},
+            ),
+            force("maxwell", "z", state={"z": "v - z/T"}, shape="T"),
+            force("detent", "sign(x)"),
+            force("wall", "max(0, x - 0.1)"),
+            force("stribeck", "sign(v)*exp(-abs(v)/s)", shape="s"),
+            force("broken", "sign(v)*abs(v)**1.5"),
+            force("root", "sign(v)*sqrt(abs(v))"),
+            force("steep", "v*abs(v)**-0.5"),
+            force("logarithm", "v*log(abs(v) + 0.01)"),
+            force("ambient", "sin(W*t)", shape="W"),
+            force("wear", "t*v"),
+            force("belt", "sign(v - 0.05)"),
+            force("cubic", "x**3"),
+            force("pole", "1/(x + 2)"),
+            force("offset", "1", kind="sensor"),
+            force("clock", "t*v", kind="sensor"),
+        ]
+    },
+    "odd.toml",
+)
+
+
+def six(**coefficients):
+    renamed = {"lambda" if k == "lam" else k: c for k, c in coefficients.items()}
+    return Model(SIX, renamed, W)
+
+
+def odd(**coefficients):
+    return Model(ODD, coefficients, W)
+
+
+def both(model, time=TIME, *start):
+    return [trajectory(model, time, *start, engine=engine) for engine in ("heyoka", "scipy")]
+
+
+def energy(x, v, c):
+    return (
+        v**2 / 2
+        + (1 + c.get("alpha", 0.0)) * x**2 / 2
+        + c.get("nu", 0.0) * np.abs(x) ** 3 / 3
+        + c.get("epsilon", 0.0) * x**4 / 4
+    )
+
+
+FIGURES = [
+    {"lambda": 0.03},
+    *({"delta": d} for d in (0.9, 0.05, 0.1, 0.3, 0.8)),
+    {"zeta": 0.05},
+    *({"zeta": 0.05, "nu": nu} for nu in (-0.5, -0.2, 0.2, 0.9)),
+    *({"zeta": 0.05, "epsilon": e} for e in (-0.9, -0.1, 0.5, 1.5)),
+]
+
+
+@pytest.mark.parametrize("engine", ["heyoka", "scipy"])
+@pytest.mark.parametrize("friction", [-2.3e-5, 1e-3])
+def test_the_papers_run_is_exact(engine, friction):
+    coefficients = PAPER | {"lambda": friction}
+    found = simulate(Model(SIX, coefficients, W), TIME, engine=engine)
+    assert found.engine == engine
+    np.testing.assert_allclose(found.angle, reference_motion(coefficients, W, TIME), rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("coefficients", FIGURES, ids=str)
+def test_each_force_alone_is_exact(coefficients):
+    found = simulate(Model(SIX, coefficients, W), TIME, 1.0)
+    expected = reference_motion(coefficients, W, TIME, (1.0, 0.0))
+    np.testing.assert_allclose(found.angle, expected, rtol=0, atol=1e-10)
+
+
+def test_strong_friction_stops_the_papers_run_at_16_s():
+    stops = [
+        simulate(six(**PAPER | {"lambda": 1e-3}), TIME, engine=e).stop_time.item()
+        for e in ("heyoka", "scipy")
+    ]
+    assert stops[0] == pytest.approx(16.1, abs=0.05)
+    assert stops[0] == pytest.approx(stops[1], abs=1e-9)
+
+
+@pytest.mark.parametrize("engine", ["heyoka", "scipy"])
+def test_dry_friction_takes_2_lambda_each_half_period_and_stops_in_the_stick_band(engine):
+    model = six(lam=0.03)
+    found = trajectory(model, TIME, 1.0, engine=engine)
+    half_periods = np.diff(np.concatenate([[0.0], found.reversals, [found.stop_time]]))
+    np.testing.assert_allclose(half_periods, np.pi / W, rtol=1e-10)
+    turned = trajectory(model, np.concatenate([[0.0], found.reversals]), 1.0).angle
+    np.testing.assert_allclose(np.abs(turned), 1.0 - 0.06 * np.arange(len(turned)), rtol=0, atol=1e-12)
+    assert abs(found.angle[-1]) <= 0.03
+    after = found.stop_time < TIME
+    assert np.all(found.angle[after] == found.angle[-1])
+    assert np.all(found.rate[after] == 0.0)
+
+
+@pytest.mark.parametrize(
+    "c", [{"alpha": 0.2, "nu": -0.4, "epsilon": 0.3}, {"nu": 0.9}, {"epsilon": -0.5}], ids=str
+)
+def test_conservative_forces_keep_the_energy_over_1000_periods(c):
+    found = trajectory(Model(SIX, c, W), np.linspace(0, 2000 * np.pi / W, 10_001), 0.8, 1.0)
+    kept = energy(found.angle, found.rate / W, c)
+    np.testing.assert_allclose(kept, kept[0], rtol=1e-10)
+
+
+@pytest.mark.parametrize(("alpha", "zeta"), [(0.2, 0.0), (-0.3, 0.05), (0.0, 0.3)])
+def test_linear_forces_give_the_closed_solution(alpha, zeta):
+    w = W * np.sqrt(1 + alpha - zeta**2)
+    expected = np.exp(-zeta * W * TIME) * (np.cos(w * TIME) + zeta * W / w * np.sin(w * TIME)) * 0.5
+    found = simulate(six(alpha=alpha, zeta=zeta), TIME, 0.5)
+    np.testing.assert_allclose(found.angle, expected, rtol=0, atol=1e-10)
+
+
+def test_dry_friction_does_not_change_the_frequency():
+    alpha = 0.2
+    found = trajectory(six(lam=0.01, alpha=alpha), TIME, 0.5)
+    np.testing.assert_allclose(np.diff(found.reversals), np.pi / (W * np.sqrt(1 + alpha)), rtol=1e-9)
+
+
+def test_negative_dry_friction_has_a_limit_cycle():
+    model = six(lam=-2e-3, zeta=0.02)
+    ends = [np.max(trajectory(model, np.linspace(0, 60, 3001), a).angle[-500:]) for a in (0.01, 0.3)]
+    np.testing.assert_allclose(ends, 2 * 2e-3 / (np.pi * 0.02), rtol=0.01)
+    assert ends[0] == pytest.approx(ends[1], rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("coefficients", "bar"),
+    [
+        ({"dahl": 0.01}, 1e-9),
+        ({"dahl": 0.3}, 1e-9),
+        ({"jenkins": 0.3}, 1e-9),
+        ({"jenkins": 0.1, "viscous": 0.01}, 1e-9),
+        ({"masing": 0.05}, 1e-9),
+        ({"masing": 0.3}, 1e-9),
+        ({"maxwell": 0.3}, 1e-9),
+        ({"maxwell": 0.3, "dry": 0.05}, 1e-9),
+        ({"stribeck": 0.02, "dry": 0.01}, 1e-9),
+        ({"wall": 5.0, "dry": 1e-3}, 1e-9),
+        ({"detent": 0.1, "dry": 0.01}, 1e-9),
+        ({"detent": -0.05, "dry": 0.01}, 1e-9),
+        ({"broken": 0.05}, 1e-9),
+        ({"root": 0.01}, 1e-8),
+        ({"steep": 0.01}, 1e-8),
+        ({"logarithm": 0.01}, 1e-9),
+        ({"ambient": 0.1, "dry": 0.05}, 1e-9),
+        ({"ambient": 0.1, "dry": 0.005}, 1e-9),
+        ({"ambient": 0.01}, 1e-9),
+        ({"wear": 0.01, "dry": 0.01}, 1e-9),
+    ],
+    ids=str,
+)
+def test_the_engines_agree(coefficients, bar):
+    first, second = both(odd(**coefficients), TIME[:1001])
+    np.testing.assert_allclose(first.angle, second.angle, rtol=0, atol=bar)
+    np.testing.assert_allclose(first.stop_time, second.stop_time, rtol=0, atol=1e-6)
+    for name, values in first.hidden.items():
+        np.testing.assert_allclose(values, second.hidden[name], rtol=0, atol=1e-6)
+
+
+def half_periods(model, start):
+    """Positions at release and at every reversal."""
+    found = trajectory(model, TIME[:1001], start)
+    return found, trajectory(model, np.concatenate([[0.0], found.reversals]), start).angle
+
+
+def test_a_jenkins_element_dissipates_what_its_sliding_takes():
+    k, s = 0.1, 0.03
+    found, turned = half_periods(Model(ODD, {"jenkins": k}, W, {"jenkins.s": s}), 0.5)
+    # The first half period starts unstrained: the spring is loaded over s, unlike over 2 s later.
+    a, b = turned[1:-1], turned[2:]
+    slides = np.abs(b - a) > 2.2 * s
+    lost = (a**2 - b**2)[slides] / 2
+    np.testing.assert_allclose(lost, (k * s * (np.abs(b - a) - 2 * s))[slides], rtol=0, atol=1e-11)
+    assert slides.sum() > 5
+    assert set(found.hidden) == {"jenkins.xr", "jenkins.zr"}
+
+
+def test_a_masing_element_follows_its_branches():
+    c = 0.3
+    _, turned = half_periods(odd(masing=c), 0.5)
+    h = -turned[0] * abs(turned[0])
+    for a, b in itertools.pairwise(turned):
+        work = h * (b - a) - abs(b - a) ** 3 / 6
+        assert (a**2 - b**2) / 2 == pytest.approx(c * work, abs=1e-11)
+        h -= (b - a) * abs(b - a) / 2
+
+
+def test_a_dahl_element_dissipates_what_its_state_takes():
+    c, s = 0.1, 0.03
+    _, turned = half_periods(odd(dahl=c), 0.5)
+    z = 0.0
+    for a, b in itertools.pairwise(turned):
+        way, path = np.sign(b - a), abs(b - a)
+        work = path + s * (way * z - 1.0) * (1.0 - np.exp(-path / s))
+        assert (a**2 - b**2) / 2 == pytest.approx(c * work, abs=1e-11)
+        z = way + (z - way) * np.exp(-path / s)
+
+
+def test_a_detent_with_friction_ends_in_rest():
+    found = trajectory(odd(detent=0.1, dry=0.01), TIME)
+    assert found.stop_time < 10.0
+    assert abs(found.angle[-1]) < 1e-9
+
+
+def test_a_disturbed_oscillator_sticks_and_goes_on():
+    found, _ = both(odd(ambient=0.1, dry=0.05))
+    stuck = np.mean(found.rate == 0.0)
+    assert 0.2 < stuck < 0.9
+    assert np.isnan(found.stop_time)
+    assert len(found.reversals) > 10
+
+
+def test_a_state_that_moves_at_rest_sets_the_motion_free():
+    # The relaxing element lets the mass stick and slip towards the middle.
+    model = Model(ODD, {"maxwell": 1.0, "dry": 0.02}, W, {"maxwell.T": 3.0})
+    first, second = both(model, TIME[:1001], 0.3)
+    np.testing.assert_allclose(first.stop_time, second.stop_time, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(first.angle, second.angle, rtol=0, atol=1e-9)
+    assert np.sum(np.diff((first.rate == 0.0).astype(int)) == 1) > 20
+
+
+def test_time_scales_with_the_frequency():
+    slow = trajectory(Model(SIX, PAPER, 2.0), TIME * W / 2.0, 0.3, 0.4)
+    fast = trajectory(Model(SIX, PAPER, W), TIME, 0.3, 0.4 * W / 2.0)
+    np.testing.assert_allclose(slow.angle, fast.angle, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(slow.rate / 2.0, fast.rate / W, rtol=0, atol=1e-12)
+
+
+strengths = st.fixed_dictionaries(
+    {
+        "lambda": st.floats(0.0, 0.02),
+        "zeta": st.floats(0.0, 0.1),
+        "delta": st.floats(0.0, 0.5),
+        "alpha": st.floats(-0.3, 0.5),
+        "nu": st.floats(-0.3, 0.5),
+        "epsilon": st.floats(-0.3, 0.5),
+    }
+)
+starts = st.tuples(st.floats(-0.8, 0.8), st.floats(-3.0, 3.0))
+
+
+@settings(max_examples=30)
+@given(coefficients=strengths, start=starts)
+def test_energy_never_grows_and_both_sides_are_alike(coefficients, start):
+    model = Model(SIX, coefficients, W)
+    found = trajectory(model, TIME[:1001], *start)
+    assert np.all(np.diff(energy(found.angle, found.rate / W, coefficients)) <= 1e-13)
+    mirrored = trajectory(model, TIME[:1001], -start[0], -start[1])
+    np.testing.assert_allclose(mirrored.angle, -found.angle, rtol=0, atol=1e-11)
+
+
+@settings(max_examples=20)
+@given(coefficients=strengths, start=starts)
+def test_conservative_motions_run_backwards(coefficients, start):
+    model = Model(SIX, {k: coefficients[k] for k in ("alpha", "nu", "epsilon")}, W)
+    there = trajectory(model, TIME[:501], *start)
+    back = trajectory(model, TIME[:501], there.angle[-1], -there.rate[-1])
+    np.testing.assert_allclose(back.angle[::-1], there.angle, rtol=0, atol=1e-10)
+
+
+def test_uneven_times_give_the_same_motion():
+    some = np.sort(np.random.default_rng(1).choice(TIME, 300, replace=False))
+    some = np.concatenate([[0.0], some[some > 0.0]])
+    model = six(**PAPER | {"lambda": 1e-3})
+    expected = trajectory(model, TIME).angle[np.searchsorted(TIME, some)]
+    np.testing.assert_allclose(trajectory(model, some).angle, expected, rtol=0, atol=1e-12)
+
+
+def test_time_counts_from_the_first_sample():
+    model = odd(wear=0.01, dry=0.01, clock=1e-3)
+    early, late = trajectory(model, TIME), trajectory(model, TIME + 100.0)
+    np.testing.assert_allclose(late.angle, early.angle, rtol=0, atol=1e-9)
+    assert late.stop_time == pytest.approx(early.stop_time + 100.0, abs=1e-9)
+    np.testing.assert_allclose(late.reversals, early.reversals + 100.0, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("engine", ["heyoka", "scipy"])
+@pytest.mark.parametrize("start", [(0.0, 1.0), (0.3, 0.0), (0.0, -2.0), (-0.2, 0.5)])
+def test_starts_on_a_switching_surface_are_exact(engine, start):
+    found = simulate(Model(SIX, PAPER, W), TIME[:301], *start, engine=engine)
+    expected = reference_motion(PAPER, W, TIME[:301], start)
+    np.testing.assert_allclose(found.angle, expected, rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("engine", ["heyoka", "scipy"])
+def test_rest_in_the_stick_band_is_a_stop_at_once(engine):
+    found = simulate(six(lam=0.03, zeta=0.01), TIME + 5.0, 0.02, engine=engine)
+    assert found.stop_time == 5.0
+    assert np.all(found.angle == 0.02)
+    assert np.all(found.rate == 0.0)
+    assert simulate(six(zeta=0.01), TIME, 0.0, engine=engine).stop_time == 0.0
+
+
+@pytest.mark.parametrize("engine", ["heyoka", "scipy"])
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_short_records(engine, count):
+    found = simulate(Model(SIX, PAPER, W), TIME[:count], engine=engine)
+    np.testing.assert_allclose(found.angle, trajectory(Model(SIX, PAPER, W), TIME).angle[:count], atol=1e-12)
+
+
+def test_sensor_terms_change_the_measured_angle_alone():
+    plain, measured = trajectory(odd(dry=0.01), TIME), trajectory(odd(dry=0.01, offset=0.1, clock=1e-3), TIME)
+    np.testing.assert_array_equal(measured.rate, plain.rate)
+    np.testing.assert_array_equal(measured.position, plain.angle)
+    expected = plain.angle + 0.1 + 1e-3 * TIME * plain.rate / W
+    np.testing.assert_allclose(measured.angle, expected, rtol=0, atol=1e-15)
+
+
+def test_a_force_of_coefficient_zero_carries_its_state_and_changes_nothing():
+    with_state = trajectory(odd(viscous=0.01, dahl=0.0, jenkins=0.0), TIME)
+    np.testing.assert_allclose(
+        with_state.angle, trajectory(odd(viscous=0.01), TIME).angle, rtol=0, atol=1e-11
+    )
+    assert np.ptp(with_state.hidden["dahl.z"]) > 1.9
+    assert np.ptp(with_state.hidden["jenkins.xr"]) > 0.3
+
+
+def test_the_dataset_says_what_it_holds():
+    found = simulate(odd(dahl=0.1), TIME, 0.2)
+    assert set(found.data_vars) == {"angle", "rate", "stop_time", "dahl.z"}
+    assert (found.angle.units, found.rate.units, found.stop_time.units) == ("rad", "rad/s", "s")
+    assert found.time.units == "s"
+    assert all("long_name" in variable.attrs for variable in found.variables.values())
+    assert "dahl.z" not in simulate(odd(dahl=0.0, dry=0.01), TIME, 0.2)
+
+
+@pytest.mark.parametrize(
+    ("coefficients", "message"),
+    [
+        ({"viscous": -0.2}, "diverges: .* passes 1000 rad by"),
+        ({"cubic": -20.0}, "diverges: .* passes 1000 rad by"),
+        ({"wear": -1.0}, "diverges"),
+        ({"belt": 0.01}, "switches without end"),
+        ({"pole": 9.0}, "diverges|not finite|too steep|too many steps"),
+    ],
+)
+@pytest.mark.parametrize("engine", [None, "scipy"])
+def test_motions_without_a_future_are_refused_in_one_line(coefficients, message, engine, capfd):
+    began = clock.monotonic()
+    with pytest.raises(SimulationError, match=message) as caught:
+        simulate(odd(**coefficients), TIME, engine=engine)
+    assert "\n" not in str(caught.value)
+    assert clock.monotonic() - began < 30
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("time", [[], [0.0, 1.0, 1.0], [1.0, 0.0], [0.0, np.nan], [[0.0, 1.0]]], ids=str)
+def test_times_must_increase(time):
+    with pytest.raises(SimulationError, match="increase"):
+        simulate(odd(dry=0.1), time)
+
+
+def test_an_unknown_engine_is_named():
+    with pytest.raises(UsageError, match=r"'euler'.*scipy"):
+        simulate(odd(dry=0.1), TIME, engine="euler")
+
+
+def test_scipy_takes_over_without_heyoka(monkeypatch):
+    monkeypatch.setattr("sysid_trib.simulate._has_heyoka", lambda: False)
+    assert simulate(six(zeta=0.01), TIME[:100]).engine == "scipy"
+    with pytest.raises(UsageError, match="'heyoka'"):
+        simulate(six(zeta=0.01), TIME, engine="heyoka")
+
+
+def test_a_sample_on_the_wrong_branch_hands_the_run_to_scipy(monkeypatch):
+    from sysid_trib import engine_heyoka
+
+    compiled = engine_heyoka.Compiled(engine_heyoka.motion_of(six(lam=0.01).forces))
+    glide = compiled.glide
+
+    def wrong(run, y, grid):
+        rows, *end = glide(run, y, grid)
+        rows[5] *= -1.0
+        return rows, *end
+
+    monkeypatch.setattr(compiled, "glide", wrong)
+    monkeypatch.setattr(engine_heyoka, "compiled", lambda forces: compiled)
+    assert simulate(six(lam=0.01), TIME[:100]).engine == "scipy"
+    with pytest.raises(SimulationError, match="branch"):
+        simulate(six(lam=0.01), TIME[:100], engine="heyoka")
