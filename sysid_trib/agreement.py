@@ -36,7 +36,12 @@ def fitted_motion(decay: xr.Dataset, result: xr.Dataset) -> FittedMotion:
 
 
 def comparison(
-    decay: xr.Dataset, results: Sequence[xr.Dataset], motion: FittedMotion, methods: Sequence[Any], draws: int, seed: int
+    decay: xr.Dataset,
+    results: Sequence[xr.Dataset],
+    motion: FittedMotion,
+    methods: Sequence[Any],
+    draws: int,
+    seed: int,
 ) -> xr.Dataset:
     """Difference of two identifications, force by force and as a whole (see `cross_check`)."""
     first, second = results
@@ -56,12 +61,20 @@ def comparison(
     return xr.Dataset(
         {
             "difference": ("quantity", difference, per | {"long_name": "first method minus second"}),
-            "expected_difference": ("quantity", expected, per | {"long_name": "difference of the methods' biases"}),
+            "expected_difference": (
+                "quantity",
+                expected,
+                per | {"long_name": "difference of the methods' biases"},
+            ),
             "standard_error": ("quantity", error, per | {"long_name": "standard error of the difference"}),
             "z": ("quantity", excess / error, {"units": "1", "long_name": "excess over its standard error"}),
             "chi_square": ((), chi_square, {"units": "1", "long_name": "chi-square of all differences"}),
             "degrees_of_freedom": ((), count, {"units": "1", "long_name": "number of differences"}),
-            "p_value": ((), p_value, {"units": "1", "long_name": "probability of a larger chi-square by chance"}),
+            "p_value": (
+                (),
+                p_value,
+                {"units": "1", "long_name": "probability of a larger chi-square by chance"},
+            ),
         },
         {"quantity": labels},
     )
@@ -80,7 +93,11 @@ def residuals(
     table = np.array(rows)
     return xr.Dataset(
         {
-            "residual_rms": ("model", table[:, 0], {"units": "rad", "long_name": "RMS of record minus model"}),
+            "residual_rms": (
+                "model",
+                table[:, 0],
+                {"units": "rad", "long_name": "RMS of record minus model"},
+            ),
             "residual_over_noise": ("model", table[:, 1], {"units": "1", "long_name": "RMS over the noise"}),
             "departure_time": (
                 "model",
@@ -141,7 +158,8 @@ def _scatter(
 
     def difference(angle: Array, pair: Sequence[Any]) -> Array:
         record = xr.Dataset({"angle": ("time", angle)}, {"time": time})
-        return _difference(*(method.identify(record, library) for method in pair), kept)
+        first, second = (method.identify(record, library) for method in pair)
+        return _difference(first, second, kept)
 
     expected = difference(exact, methods)
     # First-order corrections and refinements move the mean, not the scatter: without them it is quick.
@@ -184,7 +202,9 @@ def method_of(result: xr.Dataset) -> Any:
     """The method of an identification with the options it was made with."""
     from sysid_trib import methods
 
-    kind = next(k for k in vars(methods).values() if getattr(k, "__name__", "").lower() == result.attrs["method"])
+    kind = next(
+        k for k in vars(methods).values() if getattr(k, "__name__", "").lower() == result.attrs["method"]
+    )
     options = json.loads(result.attrs["options"])
     # An optimiser is not kept as text: what the statistics need is its linear part.
     return kind(**{k: v for k, v in options.items() if k != "optimizer"})

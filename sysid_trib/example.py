@@ -1,4 +1,4 @@
-"""The embedded example: a simulated twin of the paper's PDMS/glass run. The measurement was never published."""
+"""The embedded example: a simulated twin of the paper's PDMS/glass run, which was never published."""
 
 import numpy as np
 import xarray as xr
@@ -24,7 +24,7 @@ def paper_model() -> Model:
 
 
 def paper_twin(*, seed: int = 2019) -> xr.Dataset:
-    """Simulate the paper's run: 25 s at 100 Hz from 0.3 rad, with noise of 5e-4 rad and angle steps of 1e-3 rad.
+    """Simulate the paper's run: 25 s at 100 Hz from 0.3 rad, noise 5e-4 rad, angle steps of 1e-3 rad.
 
     Returns
     -------

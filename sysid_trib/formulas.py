@@ -179,7 +179,7 @@ def _checked(
         case ast.BinOp(left=left, op=ast.Pow(), right=right):
             if not _is_exponent(right, exponents):
                 raise LibraryError(
-                    f"{where}: an exponent must be a number up to {MAX_EXPONENT} in size or a shape parameter."
+                    f"{where}: an exponent must be a number up to {MAX_EXPONENT} or a shape parameter."
                 )
             return ast.BinOp(inner(left), ast.Pow(), inner(right))
         case ast.BinOp(left=left, op=op, right=right) if type(op) in OPERATORS:

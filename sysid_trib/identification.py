@@ -31,9 +31,9 @@ def identify(decay: xr.Dataset, library: ForceLibrary, method: Method) -> xr.Dat
 
     Returns
     -------
-    Dataset with `coefficient(force)` (dimensionless unless its `unit` says otherwise), `standard_error(force)`,
-    `covariance(force, other_force)`, `active(force)`, `refers_to(force)` (rad/s), scalars `reference_frequency`,
-    `asymptotic_frequency` (rad/s), `noise` (rad), and the provenance in its attrs.
+    Dataset with `coefficient(force)` (dimensionless unless its `unit` says otherwise),
+    `standard_error(force)`, `covariance(force, other_force)`, `active(force)`, `refers_to(force)` (rad/s),
+    scalars `reference_frequency`, `asymptotic_frequency` (rad/s), `noise` (rad); provenance in its attrs.
 
     Raises
     ------
@@ -58,8 +58,8 @@ def cross_check(
     Returns
     -------
     DataTree with groups `record` (with each model's simulated angle), `envelope`, one group a method, and
-    `comparison`: over `quantity` (each force, and the asymptotic frequency) the `difference` first - second at
-    the first's reference frequency, the `expected_difference` (biases of the methods, on a simulated record
+    `comparison`: over `quantity` (each force, and the asymptotic frequency) the `difference` first -
+    second at the first's reference frequency, the `expected_difference` (biases of the methods, on a simulated record
     without noise), the `standard_error` of the difference and `z`; `chi_square`, `degrees_of_freedom`,
     `p_value`; over `model` the `residual_rms` (rad) of the simulated model, `residual_over_noise` and
     `departure_time` (s). Its attrs say what the methods cannot tell apart by principle, and the `verdict`.
@@ -87,6 +87,10 @@ def cross_check(
     compared.attrs |= ties(decay, second)
     record = decay.assign_coords(model=names)
     simulated = np.stack([motion.x + motion.offset for motion in motions])
-    record["simulated_angle"] = (("model", "time"), simulated, {"units": "rad", "long_name": "angle of the model"})
+    record["simulated_angle"] = (
+        ("model", "time"),
+        simulated,
+        {"units": "rad", "long_name": "angle of the model"},
+    )
     groups = {"record": record, "envelope": envelope(decay), names[0]: first, names[1]: second}
     return xr.DataTree.from_dict({**groups, "comparison": compared})

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from sysid_trib.errors import LibraryError, UsageError
 from sysid_trib.forces import Force, ForceLibrary
@@ -69,14 +69,3 @@ def rescaling_factors(forces: tuple[Force, ...], old: float, new: float) -> NDAr
     """
     degrees = [np.nan if f.speed_degree is None else f.speed_degree for f in forces]
     return np.asarray((old / new) ** (2.0 - np.array(degrees)))
-
-
-def restoring_force(model: Model, x: ArrayLike) -> NDArray[np.float64]:
-    """theta + sum of the conservative forces at rest (rad), in units of w^2."""
-    x = np.asarray(x, dtype=float)
-    total = x.copy()
-    for force in model.forces:
-        if force.character == "conservative":
-            value = force.value(x, np.zeros_like(x), shapes=model.shapes)
-            total = total + model.coefficients[force.symbol] * value
-    return total

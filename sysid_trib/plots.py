@@ -60,7 +60,9 @@ def record(tree: xr.DataTree, ax: "Axes | None" = None) -> "Axes":
         ax.plot(time, data.simulated_angle.sel(model=name).values[::step], linewidth=0.8, label=name, **line)
     ax.set(xlabel="time (s)", ylabel="angle (rad)", xlim=(time[0], time[-1]))
     # Above the panel: inside there is no room that the oscillation leaves free.
-    ax.legend(ncols=3, frameon=False, fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1)
+    ax.legend(
+        ncols=3, frameon=False, fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1
+    )
     return ax
 
 

@@ -95,13 +95,13 @@ def force_columns(problem: Problem, frequency: float, x: Array, v: Array) -> Arr
 
 
 def averaged_columns(problem: Problem, frequency: float, x: Array, v: Array, acceleration: Array) -> Array:
-    """`force_columns` averaged over each sample's cell, so that sign(v) turns where v does, not at a sample."""
+    """`force_columns` averaged over each sample's cell: sign(v) turns where v does, not at a sample."""
     step = frequency * np.gradient(problem.time)
-    total = 0.0
+    total = np.zeros((len(x), len(problem.forces)))
     for part in (-0.375, -0.125, 0.125, 0.375):
         near = part * step
         total = total + force_columns(problem, frequency, x + near * v, v + near * acceleration)
-    return np.asarray(total) / 4.0
+    return total / 4.0
 
 
 def partial_derivatives(problem: Problem, guess: Guess, path: Path) -> tuple[Array, Array]:
@@ -153,7 +153,9 @@ def whitened_rows(problem: Problem, guess: Guess, path: Path, about: Linearised)
     residual = about.operator @ (problem.angle - guess.offset - path.x)
     columns = k * (form.value @ path.columns)
     if not path.exact:
-        residual = residual + form.curvature @ path.x + k * (form.value @ path.x) + columns @ guess.coefficients
+        residual = (
+            residual + form.curvature @ path.x + k * (form.value @ path.x) + columns @ guess.coefficients
+        )
     nuisances = [-(about.operator @ np.ones_like(path.x))]
     if problem.free:
         nuisances.append(k * (form.value @ path.x))
@@ -177,7 +179,7 @@ def least_squares(rows: Rows, active: Mask) -> tuple[Array, Array]:
     count = int(np.sum(active))
     coefficients = np.zeros(len(active))
     coefficients[active] = solution[:count] / rows.scale[active]
-    return coefficients, solution[count:]
+    return coefficients, np.asarray(solution[count:], dtype=float)
 
 
 def moved(problem: Problem, guess: Guess, coefficients: Array, steps: Array) -> Guess:
@@ -194,11 +196,11 @@ def moved(problem: Problem, guess: Guess, coefficients: Array, steps: Array) -> 
 
 
 def covariance(problem: Problem, rows: Rows, guess: Guess, active: Mask) -> tuple[Array, float, int]:
-    """Covariance of (coefficients, reference frequency), noise level (rad) and lags of correlation allowed for.
+    """Covariance of (coefficients, reference frequency), noise (rad), lags of correlation allowed for.
 
     Of white rows it is sigma^2 (X' X)^-1. Where the model leaves something in the residual, its rows are
-    correlated: then the sandwich of Newey and West (1987) over two periods. A force that is not active has the
-    variance that it would have if it were added to the others.
+    correlated: then the sandwich of Newey and West (1987) over two periods. A force that is not active has
+    the variance that it would have if it were added to the others.
     """
     whole, noise, lags = _spread(problem, rows, guess, active)
     for j in np.flatnonzero(~active):

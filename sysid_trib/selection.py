@@ -21,8 +21,8 @@ def significant(rows: Rows, level: float) -> Mask:
 
     Returns
     -------
-    (force,) the set that minimises ``RSS/sigma^2 + t^2 * size``, t^2 the chi-square of one force at the level:
-    within it no force can be dropped, added or exchanged.
+    (force,) the set that minimises ``RSS/sigma^2 + t^2 * size``, t^2 the chi-square of one force at the
+    level: no force can be dropped, added or exchanged.
 
     Notes
     -----
@@ -31,7 +31,7 @@ def significant(rows: Rows, level: float) -> Mask:
     """
     columns, y = _without_nuisances(rows)
     count = columns.shape[1]
-    triangle = np.linalg.qr(np.column_stack([columns, y]), mode="r")
+    triangle: Array = np.asarray(np.linalg.qr(np.column_stack([columns, y]), mode="r"))
     table, target = triangle[:count, :count], triangle[:count, count]
     # Forces may be dependent: what all of them leave is the noise, by as many as are independent.
     freedom = max(1, len(y) - rows.nuisances.shape[1] - int(np.linalg.matrix_rank(table)))

@@ -8,7 +8,7 @@ import xarray as xr
 
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.model import Model
-from sysid_trib.results import write_beside
+from sysid_trib.result_files import write_beside
 from sysid_trib.simulate import simulate
 
 MAX_SAMPLES = 20_000_000
@@ -23,7 +23,7 @@ def simulated_record(
     noise: float = 0.0,
     seed: int = 0,
 ) -> xr.Dataset:
-    """Simulate a record: `duration` in s, `sampling_rate` in Hz, start in rad and rad/s, white `noise` in rad.
+    """Simulate a record: duration (s), sampling rate (Hz), start (rad and rad/s), white noise (rad).
 
     Raises
     ------

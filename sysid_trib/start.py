@@ -88,7 +88,7 @@ def fit_start(
             sensitivity = None
     v = found.rate / model.reference_frequency
     columns = np.empty((len(time), 2)) if sensitivity is None else sensitivity
-    return FittedMotion(*map(float, begin), zero, found.angle, v, found.stop_time, columns)
+    return FittedMotion(float(begin[0]), float(begin[1]), zero, found.angle, v, found.stop_time, columns)
 
 
 def _sensitivity(model: Model, time: Array, begin: Array, reach: Array, x: Array) -> Array:

@@ -133,7 +133,17 @@ def force_table(library: ForceLibrary) -> "Table":
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False, header_style="bold")
-    heads = ("symbol", "name", "formula", "parity", "type", "unit", "<h sin phi>", "<h cos phi>", "loses power")
+    heads = (
+        "symbol",
+        "name",
+        "formula",
+        "parity",
+        "type",
+        "unit",
+        "<h sin phi>",
+        "<h cos phi>",
+        "loses power",
+    )
     for head in heads:
         table.add_column(head)
     for force in library:
@@ -141,7 +151,15 @@ def force_table(library: ForceLibrary) -> "Table":
         power = "-" if force.kind == "sensor" else _loses_power(force)
         unit = "" if force.units == "1" else force.units
         table.add_row(
-            force.symbol, force.name, force.formula.text, force.parity, force.character, unit, sine, cosine, power
+            force.symbol,
+            force.name,
+            force.formula.text,
+            force.parity,
+            force.character,
+            unit,
+            sine,
+            cosine,
+            power,
         )
     return table
 
@@ -170,7 +188,9 @@ def _remarks(method: str, result: xr.Dataset) -> list[str]:
     if corrected != "yes":
         told.append(f"First-order bias of {method} removed: {corrected}.")
     if result.attrs.get("refined", "True") != "True":
-        told.append(f"The columns of {method} are from the smoothed record: its model's motion does not follow it.")
+        told.append(
+            f"The columns of {method} are from the smoothed record: its model's motion does not follow it."
+        )
     if int(result.attrs.get("correlation_lags", 0)):
         told.append(f"Residuals of {method} are correlated; its errors allow for it (Newey and West).")
     return told
@@ -186,7 +206,8 @@ def _signature_text(force: Force) -> tuple[str, str]:
     time = 1.0 if force.holds_time else 0.0
     sine, cosine = averages(force, amplitudes, None, time)
     return tuple(  # type: ignore[return-value]
-        "0" if np.max(np.abs(part)) < 1e-13 else f"{part[0]:.3g}, {part[1]:.3g} (a = 0.1, 1)" for part in (sine, cosine)
+        "0" if np.max(np.abs(part)) < 1e-13 else f"{part[0]:.3g}, {part[1]:.3g} (a = 0.1, 1)"
+        for part in (sine, cosine)
     )
 
 

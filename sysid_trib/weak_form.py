@@ -47,7 +47,7 @@ class WeakForm:
 
 
 def knot_sequence(tau: Array) -> Array:
-    """Clamped uniform knots, a twelfth of a period (2 pi in tau) apart and on whole samples where possible."""
+    """Clamped uniform knots, a twelfth of a period (2 pi in tau) apart, on whole samples if possible."""
     step = (tau[-1] - tau[0]) / (len(tau) - 1)
     per_knot = max(SAMPLES_PER_KNOT, round(2.0 * np.pi / KNOTS_PER_PERIOD / step))
     intervals = max(1, round((len(tau) - 1) / per_knot))
@@ -63,11 +63,11 @@ def build_weak_form(tau: Array) -> WeakForm:
     keep = slice(2, len(knots) - DEGREE - 1 - 2)
     first, second, third = (_design(tau, knots, order) for order in range(3))
     matrices = [(design.T.tocsr()[keep] @ weights).tocsr() for design in (first, second, third)]
-    return WeakForm(tau, *matrices, splines=(first, second, third))
+    return WeakForm(tau, matrices[0], matrices[1], matrices[2], (first, second, third))
 
 
 def smooth(form: WeakForm, angle: Array) -> tuple[Array, Array, Array, float]:
-    """Least-squares spline through the record: theta, dtheta/dtau, d2theta/dtau2 (rad) and the noise (rad)."""
+    """Least-squares spline through the record: theta and two derivatives by tau, and the noise (rad)."""
     tau, design = form.tau, form.splines
     factor, _ = whitener(design[0].T.tocsr())
     # The normal equations of B-splines are well conditioned, and banded.
@@ -104,7 +104,7 @@ def whitener(operator: sp.csr_matrix) -> tuple[Array, int]:
 
 def whiten(factor: tuple[Array, int], columns: Array) -> Array:
     """Solve L z = columns, so that the noise of z has the unit matrix as covariance."""
-    band, width = factor
+    band, _ = factor
     solve = scipy.linalg.get_lapack_funcs("tbtrs", (band, columns))
     found, info = solve(band, columns.reshape(len(columns), -1), uplo="L")
     if info:

@@ -69,7 +69,11 @@ class Averaging:
         estimate = Estimate(values[:-1], found.covariance, float(values[-1]), found.noise, extra)
         result = identification(self, decay, asked, estimate, offered=library)
         bias = found.values - values
-        result["first_order_bias"] = ("force", bias[:-1], {"units": "1", "long_name": "first-order bias removed"})
+        result["first_order_bias"] = (
+            "force",
+            bias[:-1],
+            {"units": "1", "long_name": "first-order bias removed"},
+        )
         return result.assign_attrs(first_order_bias_removed=corrected)
 
     def quick(self) -> "Averaging":
@@ -96,20 +100,20 @@ def _first_order(method: Averaging, measured: xr.Dataset, library: ForceLibrary)
     if fixed is not None:
         design, target = design[:, :-1], target - fixed * design[:, -1]
     _check_rank(design, library.symbols, len(w))
-    plain = np.linalg.lstsq(design, target, rcond=None)[0]
+    plain: Array = np.asarray(np.linalg.lstsq(design, target, rcond=None)[0], dtype=float)
     noise = _noise_of_equations(method, measured, library, plain[: len(library)])
     factor = whitener(noise)
     rows, y = whiten(factor, design), whiten(factor, target)
     if method.weighted and not last:
-        unknown, *_ = np.linalg.lstsq(rows, y, rcond=None)
-        spread = np.linalg.inv(rows.T @ rows)
+        unknown: Array = np.asarray(np.linalg.lstsq(rows, y, rcond=None)[0], dtype=float)
+        spread: Array = np.asarray(np.linalg.inv(rows.T @ rows), dtype=float)
     else:
         unknown, dense = plain, noise.toarray()
         if last:
             # The error of the last frequency is in every shift that is taken from it.
             dense[1::2] -= dense[-1]
         reached = np.linalg.pinv(design) @ dense
-        spread = reached @ reached.T
+        spread = np.asarray(reached @ reached.T, dtype=float)
     freedom = max(1, len(y) - len(unknown))
     misfit = float(np.sqrt(np.sum((y - rows @ unknown) ** 2) / freedom))
     spread = spread * max(1.0, misfit) ** 2
@@ -172,7 +176,7 @@ def _check_rank(design: Array, symbols: tuple[str, ...], instants: int) -> None:
     """Refuse what the averaged equations cannot decide, by name."""
     if len(design) < design.shape[1] + 2:
         raise DecayError(
-            f"{instants} amplitudes cannot decide {len(symbols)} forces; give a longer record or fewer forces."
+            f"{instants} amplitudes cannot decide {len(symbols)} forces; give a longer record or fewer."
         )
     size = np.linalg.norm(design, axis=0)
     silent = [s for s, n in zip(symbols, size, strict=False) if n < 1e-12 * size.max()]
@@ -248,7 +252,9 @@ def _simulated(
     simulated = _measured(xr.Dataset({"angle": ("time", moved)}, {"time": time}))
     shift = int(np.argmin(np.abs(simulated.extremum_time.values - measured.extremum_time.values[0])))
     count = min(measured.sizes["half_period"], simulated.sizes["half_period"] - shift)
-    simulated = simulated.isel(half_period=slice(shift, shift + count), instant=slice(shift, shift + count - 2))
+    simulated = simulated.isel(
+        half_period=slice(shift, shift + count), instant=slice(shift, shift + count - 2)
+    )
     for name in ("extremum_standard_error", "extremum_time_standard_error"):
         simulated[name] = measured[name].isel(half_period=slice(0, count))
     return simulated

@@ -143,7 +143,9 @@ def _begin(method: Direct, decay: xr.Dataset, library: ForceLibrary) -> tuple[Pr
     same = dependent_columns(np.column_stack([columns, x] if free else [columns]))
     if same:
         names = [(*library.symbols, "the frequency")[i] for i in same[0]]
-        raise DecayError(f"On this record {' and '.join(names)} are the same force; leave one out (--forces).")
+        raise DecayError(
+            f"On this record {' and '.join(names)} are the same force; leave one out (--forces)."
+        )
     guess = Guess(np.zeros(len(library)), nominal, 0.0, (float(x[0]), float(v[0] * nominal)))
     return problem, guess, Path(x, v, columns, exact=False), noise
 
