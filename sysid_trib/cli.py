@@ -22,20 +22,37 @@ app = typer.Typer(
 )
 
 Record = Annotated[
-    Path | None, typer.Argument(help="File with a decay; without it the embedded example runs.", show_default=False)
+    Path | None,
+    typer.Argument(help="File with a decay; without it the embedded example runs.", show_default=False),
 ]
 Time = Annotated[str | None, typer.Option(metavar="COLUMN", help="Time column, by name or number from 0.")]
-Angle = Annotated[str | None, typer.Option(metavar="COLUMN", help="Angle (or rate) column, by name or number.")]
+Angle = Annotated[
+    str | None, typer.Option(metavar="COLUMN", help="Angle (or rate) column, by name or number.")
+]
 Signal = Annotated[str, typer.Option(metavar="angle|rate", help="What was measured.")]
-Units = Annotated[str | None, typer.Option(metavar="rad|deg", help="Unit of the angle; default: the header's, or rad.")]
-Rate = Annotated[float | None, typer.Option(metavar="HZ", help="Sampling rate, where there is no time column.")]
-TimeUnits = Annotated[str | None, typer.Option(metavar="s|ms|us|min", help="Unit of time; default: the header's, or s.")]
-Window = Annotated[str, typer.Option(metavar="START:STOP", help="Part of the record in s; either side may be empty.")]
-Equilibrium = Annotated[str, typer.Option(metavar="VALUE|auto", help="Equilibrium angle in the record's unit.")]
+Units = Annotated[
+    str | None, typer.Option(metavar="rad|deg", help="Unit of the angle; default: the header's, or rad.")
+]
+Rate = Annotated[
+    float | None, typer.Option(metavar="HZ", help="Sampling rate, where there is no time column.")
+]
+TimeUnits = Annotated[
+    str | None, typer.Option(metavar="s|ms|us|min", help="Unit of time; default: the header's, or s.")
+]
+Window = Annotated[
+    str, typer.Option(metavar="START:STOP", help="Part of the record in s; either side may be empty.")
+]
+Equilibrium = Annotated[
+    str, typer.Option(metavar="VALUE|auto", help="Equilibrium angle in the record's unit.")
+]
 Library = Annotated[str, typer.Option(metavar="NAME|FILE", help="Force library.")]
 Forces = Annotated[str | None, typer.Option(metavar="A,B,...", help="Symbols of the forces to identify.")]
-Omega0 = Annotated[str | None, typer.Option(metavar="VALUE[±ERROR]", help="Frequency without contact (rad/s): adds alpha.")]
-Reference = Annotated[float | None, typer.Option(metavar="RAD/S", help="Reference frequency, held; default: fitted.")]
+Omega0 = Annotated[
+    str | None, typer.Option(metavar="VALUE[±ERROR]", help="Frequency without contact (rad/s): adds alpha.")
+]
+Reference = Annotated[
+    float | None, typer.Option(metavar="RAD/S", help="Reference frequency, held; default: fitted.")
+]
 Output = Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Where to write.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, and nothing else.")]
 Plot = Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for the figure (PDF and PNG).")]
@@ -61,7 +78,7 @@ def identify(
     plot: Plot = None,
 ) -> None:
     """Identify the forces of a decay in two ways, and cross-check them."""
-    from sysid_trib import cli_input, results
+    from sysid_trib import cli_input, result_files, results
     from sysid_trib.identification import cross_check
     from sysid_trib.methods import Averaging, Direct
 
@@ -77,14 +94,17 @@ def identify(
         "time_units": time_units,
     }
     decay, told = cli_input.read_decay(record, options, window, equilibrium)
-    methods = (Averaging(reference_frequency=reference_frequency), Direct(reference_frequency=reference_frequency))
+    methods = (
+        Averaging(reference_frequency=reference_frequency),
+        Direct(reference_frequency=reference_frequency),
+    )
     tree = cross_check(decay, *(method.identify(decay, offered) for method in methods))
     if contactless is not None:
         tree = results.map_identifications(
             tree, lambda result: results.with_contactless_frequency(result, *contactless)
         )
     if output is not None:
-        results.save(tree, output)
+        result_files.save(tree, output)
     if plot is not None:
         _save_figure(tree, plot)
     if as_json:
@@ -102,7 +122,8 @@ def identify(
 def simulate(
     output: Annotated[Path, typer.Option("-o", "--output", metavar="RECORD.csv|.nc", help="Where to write.")],
     set_: Annotated[
-        list[str], typer.Option("--set", metavar="SYMBOL=VALUE", help="A coefficient or shape (dahl.s=0.02); repeat.")
+        list[str],
+        typer.Option("--set", metavar="SYMBOL=VALUE", help="A coefficient or shape (dahl.s=0.02); repeat."),
     ] = [],  # noqa: B006 - typer copies it
     library: Library = "contact_forces",
     reference_frequency: Annotated[float, typer.Option(metavar="RAD/S", help="Reference frequency.")] = 9.91,
@@ -163,7 +184,7 @@ def _print(table: "Table") -> None:
 
 def _save_figure(tree: "xr.DataTree", folder: Path) -> None:
     from sysid_trib import plots
-    from sysid_trib.results import write_figure
+    from sysid_trib.result_files import write_figure
 
     write_figure(plots.identification(tree), folder / "identification")
 
