@@ -13,11 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 from sysid_trib.errors import UsageError
 from sysid_trib.formulas import Formula, Surface, parse
 
-GREEK = frozenset(
-    "alpha beta gamma delta epsilon zeta eta theta iota kappa lambda mu nu xi pi rho sigma tau phi chi psi "
-    "omega".split()  # noqa: SIM905 - two lines instead of twenty-four
-)
-
 
 @dataclass(frozen=True)
 class Shape:
@@ -164,8 +159,9 @@ class Force:
     @property
     def latex_symbol(self) -> str:
         """The coefficient's symbol in LaTeX."""
-        plain = self.symbol.replace("_", r"\_")
-        return f"\\{self.symbol}" if self.symbol in GREEK else rf"\mathrm{{{plain}}}"
+        import sympy
+
+        return str(sympy.latex(sympy.Symbol(self.symbol)))
 
     @cached_property
     def probe(self) -> dict[str, Any]:

@@ -58,11 +58,12 @@ def cross_check(
     Returns
     -------
     DataTree with groups `record` (with each model's simulated angle), `envelope`, one group a method, and
-    `comparison`: over `quantity` (each force, and the asymptotic frequency) the `difference` first -
-    second at the first's reference frequency, the `expected_difference` (biases of the methods, on a simulated record
-    without noise), the `standard_error` of the difference and `z`; `chi_square`, `degrees_of_freedom`,
-    `p_value`; over `model` the `residual_rms` (rad) of the simulated model, `residual_over_noise` and
-    `departure_time` (s). Its attrs say what the methods cannot tell apart by principle, and the `verdict`.
+    `comparison`: over `quantity` (each force, and the asymptotic frequency) the `difference` first - second
+    at the first's reference frequency, the `expected_difference` (biases of the methods, on a simulated
+    record without noise), the `standard_error` of the difference and `z`; `chi_square`,
+    `degrees_of_freedom`, `p_value`; over `model` the `residual_rms` (rad) of the simulated model,
+    `residual_over_noise` and `departure_time` (s). Its attrs say what the methods cannot tell apart by
+    principle, and the `verdict`.
 
     Raises
     ------

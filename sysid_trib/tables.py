@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.forces import Force, ForceLibrary
+from sysid_trib.results import library_of
 from sysid_trib.signatures import averages, lost_power
 
 if TYPE_CHECKING:
@@ -76,8 +77,15 @@ def verdict(tree: xr.DataTree) -> list[str]:
     worst = checked.residual_over_noise.max().item()
     if worst > 2.0:
         told.append("The model does not explain the record: a force is missing, or one is of another form.")
-    for method in (first, second):
-        told += _remarks(method, tree[method].ds)
+    results = [tree[method].ds for method in (first, second)]
+    for method, result in zip((first, second), results, strict=True):
+        told += _remarks(method, result)
+    stiffness = library_of(results[1], whole=True).role("x")
+    if stiffness is not None and stiffness.symbol not in results[1].force:
+        told.append(
+            f"{stiffness.symbol} and the frequency are one unknown in a single record: give --omega0 "
+            f"(frequency without contact) to have {stiffness.symbol}."
+        )
     for key, sentence in (
         ("averaging_cannot_tell_apart", "Averaging cannot tell apart by principle: {}."),
         ("averaging_cannot_see", "Averaging cannot see: {}."),
