@@ -143,6 +143,6 @@ def _check_finite(force: Force, where: str) -> None:
             values = np.asarray(np.nan)
         if not np.all(np.isfinite(values)) or np.max(np.abs(values)) > 1e9:
             raise LibraryError(
-                f"{where}: '{formula.text}' is not a finite number at all angles and speeds up to 1.2 rad; "
-                "mind overflow, division by zero, and roots or logarithms of negative numbers."
+                f"{where}: '{formula.text}' is not a finite number at all angles and speeds up to 1.2 rad "
+                "and states of either sign; mind overflow, division by zero, roots or logarithms below zero."
             )

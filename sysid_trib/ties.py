@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from sysid_trib.carrying import carry_along
 from sysid_trib.collocation import Array
 from sysid_trib.errors import UsageError
 from sysid_trib.forces import Force, ForceLibrary
@@ -62,16 +63,27 @@ def without_signature(
 def exactly_dependent(
     library: ForceLibrary, amplitude: float, *, shapes: Mapping[str, float] | None = None
 ) -> list[tuple[str, ...]]:
-    """Groups of forces that are linearly dependent as functions of x, v and t up to `amplitude` (rad).
+    """Groups of forces that no method can separate: linearly dependent in whatever motion there is.
 
-    No method can separate these. Forces with a past are compared by nothing here and left out.
+    Functions of x, v and t are compared at random points up to `amplitude` (rad); if there are forces with
+    a past, all are compared along one irregular motion.
     """
-    forces = [force for force in library if force.kind == "force" and force.memoryless]
+    forces = [force for force in library if force.kind == "force"]
     random = np.random.default_rng(20190417)
     x, v = amplitude * random.uniform(-1.0, 1.0, (2, POINTS))
     t = random.uniform(0.0, LATEST, POINTS)
-    table = np.column_stack([force.value(x, v, t, shapes=shapes) for force in forces])
-    return [tuple(forces[i].symbol for i in group) for group in dependent_columns(table)]
+    if not all(force.memoryless for force in forces):
+        t = np.linspace(0.0, LATEST, POINTS)
+        tau = 5.0 * t
+        # Two frequencies without a common measure: the motion comes near every point, and by many paths.
+        x = 0.5 * amplitude * (np.cos(tau) + np.cos(np.sqrt(2.0) * tau + 1.0))
+        v = -0.5 * amplitude * (np.sin(tau) + np.sqrt(2.0) * np.sin(np.sqrt(2.0) * tau + 1.0))
+    columns = []
+    for force in forces:
+        hidden = {} if force.memoryless else carry_along(force, tau, x, v, shapes, time=t)
+        columns.append(force.value(x, v, t, shapes=shapes, hidden=hidden))
+    found = dependent_columns(np.column_stack(columns)) if columns else []
+    return [tuple(forces[i].symbol for i in group) for group in found]
 
 
 def dependent_columns(table: Array, tolerance: float = TOLERANCE) -> list[tuple[int, ...]]:

@@ -66,6 +66,14 @@ def test_forces_that_are_the_same_function():
     assert exactly_dependent(forces, 0.3) == [("delta", "again"), ("delta", "positional", "radius")]
 
 
+def test_forces_with_a_past_are_compared_along_a_motion():
+    slip = {"formula": "m", "memory": {"m": "x"}}
+    dahl = {"formula": "z", "state": {"z": "(v - abs(v)*z)/0.05"}}
+    entries = {"zeta": {"formula": "2*v"}, "slip": slip, "dahl": dahl, "twice": dahl | {"formula": "v - 2*z"}}
+    forces = parse_library({"force": [{"symbol": k, **parts} for k, parts in entries.items()]}, "test")
+    assert exactly_dependent(forces, 0.3) == [("zeta", "dahl", "twice")]
+
+
 def test_sensors_are_not_forces():
     parsed = parse_library(
         {"force": [{"symbol": "e", "formula": "x**3"}, {"symbol": "s", "formula": "x**3", "kind": "sensor"}]},
