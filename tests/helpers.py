@@ -1,0 +1,112 @@
+"""Simulated decays with a known truth, and the limits within which statistics of many of them must lie."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy.stats import binom, chi2
+
+from sysid_trib import ForceLibrary, Model, load_library
+from sysid_trib.library_files import parse_library
+from sysid_trib.simulate import trajectory
+
+Array = NDArray[np.float64]
+
+# Le Bot et al. 2019, Sec. 3: PDMS sphere on glass.
+W = 9.91
+SIX: dict[str, float] = {
+    "lambda": -2.3e-5,
+    "zeta": 0.0097,
+    "delta": 0.037,
+    "alpha": 0.0,
+    "nu": -0.40,
+    "epsilon": 0.30,
+}
+FIVE = {symbol: value for symbol, value in SIX.items() if symbol != "alpha"}
+NOISE = 1e-4
+
+
+@dataclass(frozen=True)
+class Run:
+    """A decay from rest, simulated from its model."""
+
+    model: Model
+    time: Array
+    start: float = 0.3
+
+    @property
+    def angle(self) -> Array:
+        """The motion without noise, rad."""
+        return trajectory(self.model, self.time, self.start, 0.0).angle
+
+    def decay(self, seed: int | None = None, noise: float = NOISE) -> xr.Dataset:
+        """The decay with white noise."""
+        return decay(self.time, self.angle, seed, noise)
+
+
+def paper_run(
+    coefficients: Mapping[str, float] = SIX, *, duration: float = 25.0, sampling_rate: float = 100.0
+) -> Run:
+    """The paper's run."""
+    time = np.arange(round(duration * sampling_rate)) / sampling_rate
+    return Run(Model(load_library(), coefficients, W), time)
+
+
+def decay(time: Array, angle: Array, seed: int | None = None, noise: float = NOISE) -> xr.Dataset:
+    """Dataset with `angle(time)`, with white noise if there is a seed."""
+    if seed is not None:
+        angle = angle + noise * np.random.default_rng(seed).standard_normal(len(angle))
+    return xr.Dataset({"angle": ("time", angle)}, {"time": time})
+
+
+def library_of_formulas(**formulas: str) -> ForceLibrary:
+    """Forces from `symbol=formula`."""
+    entries = [{"symbol": symbol, "formula": formula} for symbol, formula in formulas.items()]
+    return parse_library({"force": entries}, "test")
+
+
+def values(result: xr.Dataset, truth: Mapping[str, float]) -> Array:
+    """Coefficients in the truth's order."""
+    return result.coefficient.sel(force=list(truth)).values
+
+
+def over_seeds(run: Run, identify: Callable[[xr.Dataset], xr.Dataset], seeds: int) -> tuple[Array, Array]:
+    """Errors of the coefficients and their standard errors, (seed, force)."""
+    truth, exact, found = run.model.coefficients, run.angle, []
+    for seed in range(seeds):
+        result = identify(decay(run.time, exact, seed)).sel(force=list(truth))
+        found.append((result.coefficient.values - list(truth.values()), result.standard_error.values))
+    errors, reported = np.array(found).swapaxes(0, 1)
+    return errors, reported
+
+
+def rms(values: Array, axis: int = 0) -> Array:
+    return np.sqrt(np.mean(np.asarray(values) ** 2, axis=axis))
+
+
+def rms_range(count: int, chance: float = 1e-4) -> tuple[float, float]:
+    """What the RMS of `count` standard normal numbers does not leave, but by this chance on either side."""
+    low, high = chi2.ppf([chance, 1.0 - chance], count)
+    return float(np.sqrt(low / count)), float(np.sqrt(high / count))
+
+
+def share_range(count: int, probability: float, chance: float = 1e-4) -> tuple[float, float]:
+    """What the share of hits of this probability in `count` trials does not leave."""
+    low, high = binom.ppf([chance, 1.0 - chance], count, probability)
+    return float(low / count), float(high / count)
+
+
+def correlated_noise(size: int, seed: int, correlation: float, noise: float = NOISE) -> Array:
+    """First-order autoregressive noise."""
+    white = np.random.default_rng(seed).standard_normal(size) * noise * np.sqrt(1.0 - correlation**2)
+    found = np.empty(size)
+    found[0] = white[0] / np.sqrt(1.0 - correlation**2)
+    for i in range(1, size):
+        found[i] = correlation * found[i - 1] + white[i]
+    return found
+
+
+def names(forces: Sequence[str], kept: Array) -> set[str]:
+    return {symbol for symbol, yes in zip(forces, kept, strict=True) if yes}
