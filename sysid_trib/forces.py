@@ -134,8 +134,13 @@ class Force:
 
     @cached_property
     def speed_degree(self) -> float | None:
-        """Degree of homogeneity in v alone (0 without v), None if there is none or if it has states."""
-        return None if self.state else self._degree_in("v")
+        """Degree of homogeneity in v alone (0 without v), None if there is none or if it has states.
+
+        A degree that depends on a shape parameter, as that of abs(v)**p, is none.
+        """
+        ends = [{k: getattr(s, end) for k, s in self.shape.items()} for end in ("default", "low", "high")]
+        degrees = {self._degree_in("v", shapes=shapes) for shapes in ends}
+        return None if self.state or len(degrees) > 1 else degrees.pop()
 
     @cached_property
     def units(self) -> str:
@@ -181,15 +186,16 @@ class Force:
         with np.errstate(all="ignore"):
             return np.broadcast_to(self.formula.evaluate(names), (64,))
 
-    def _degree_in(self, *variables: str) -> float | None:
-        here = self._at(self.probe)
+    def _degree_in(self, *variables: str, shapes: Mapping[str, float] | None = None) -> float | None:
+        probe = self.probe | dict(shapes or {})
+        here = self._at(probe)
         used = np.abs(here) > 1e-12
         if not used.any():
             return None
         degree = None
         # Over many scales: tanh(v/s) is as good as sign(v) on one of them.
         for factor in (2.0, 4.0, 1e-3, 1e-6):
-            there = self._at(self.probe | {k: factor * self.probe[k] for k in variables})
+            there = self._at(probe | {k: factor * probe[k] for k in variables})
             if degree is None:
                 ratio = np.abs(there[used] / here[used])
                 # Rounded to a tidy number so that a degree of 2 is 2 and not 1.9999999999.

@@ -1,5 +1,6 @@
 """Which forces a regression keeps: by significance, or by a sparsifying pysindy optimiser."""
 
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -49,11 +50,9 @@ def by_optimizer(rows: Rows, optimizer: Any) -> Mask:
 
 def solved_by(rows: Rows, optimizer: Any) -> Array:
     """Scaled coefficients (rad) by a pysindy optimiser; nuisances are taken out first, never thresholded."""
-    from sklearn.base import clone
-
     columns, y = _without_nuisances(rows)
     # The optimiser is the user's: it must not come back changed.
-    return np.asarray(clone(optimizer).fit(columns, y[:, None]).coef_[0], dtype=float)
+    return np.asarray(deepcopy(optimizer).fit(columns, y[:, None]).coef_[0], dtype=float)
 
 
 def _without_nuisances(rows: Rows) -> tuple[Array, Array]:
