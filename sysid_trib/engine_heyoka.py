@@ -1,4 +1,4 @@
-"""Motion by Taylor series to machine precision (heyoka), compiled once per set of forces."""
+"""Motion by Taylor series (heyoka) nearly to machine precision, compiled once per set of forces."""
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager

@@ -17,6 +17,7 @@ from sysid_trib.sticking import settle
 # Where a step is looked at for a switching; close to its start, where the motion just left one.
 LOOKS = (0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0)
 SMALL = 1e-9  # below this, what is infinite at a switching surface is smoothed
+ROUNDING = 1e-14  # a surface just left may seem crossed by this much
 TOO_FAR = 1e6  # rad
 MAX_STEP = 10.0  # in tau; only at rest would steps grow beyond, and then over what may push
 
@@ -138,7 +139,7 @@ def _first_crossing(
     before = start
     for part in LOOKS:
         tau = start + part * (end - start)
-        crossed = np.flatnonzero(guards(tau, dense(tau)) < 0.0)
+        crossed = np.flatnonzero(guards(tau, dense(tau)) < -ROUNDING)
         if len(crossed):
             return min(_root(guards, dense, int(i), before, tau) for i in crossed)
         before = tau

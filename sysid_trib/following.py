@@ -52,13 +52,13 @@ def follow(engine: Engine, y: Vector, p: Vector, grid: Vector) -> Path:
     SimulationError
         It diverges, switches without end, or fails the check of its samples.
     """
-    motion, tau, end, stop = engine.motion, 0.0, float(grid[-1]), np.nan
-    run = _new_run(motion, p, end)
+    motion, tau, stop = engine.motion, 0.0, np.nan
+    run = _new_run(motion, p, float(grid[-1]))
     rows, done = np.empty((len(grid), len(y))), 1
     rows[0] = y
     run.stuck = not settle(engine, y, run.p, tau)
     run.note(tau)
-    while tau < end:
+    while done < len(grid):
         ahead = np.concatenate([[tau], grid[done:]])
         if not run.stuck:
             known, stop = len(run.times) - 1, np.nan

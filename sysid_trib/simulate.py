@@ -51,7 +51,7 @@ def simulate(
     time : increasing times in s, not necessarily evenly spaced; `t` in a formula counts from the first.
     angle, rate : angle (rad) and its derivative (rad/s) at time[0].
     engine : `heyoka`, `scipy`, or None for the best that is installed, and the other if that fails.
-    tolerance : relative tolerance of scipy; heyoka always goes to machine precision.
+    tolerance : relative tolerance of scipy; heyoka always goes to 1e-13.
 
     Returns
     -------
