@@ -14,12 +14,14 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
+from sysid_trib.errors import DecayError
+
 Array = NDArray[np.float64]
 
 DEGREE = 5
 KNOTS_PER_PERIOD = 12
 # Fewer samples than this between knots and the splines would follow the noise.
-SAMPLES_PER_KNOT = 3
+SAMPLES_PER_KNOT = 2
 
 
 @dataclass(frozen=True)
@@ -99,16 +101,17 @@ def whitener(operator: sp.csr_matrix) -> tuple[Array, int]:
     for offset in range(width + 1):
         diagonal = covariance.diagonal(-offset)
         band[offset, : len(diagonal)] = diagonal
-    return scipy.linalg.cholesky_banded(band, lower=True, check_finite=False), width
+    try:
+        return scipy.linalg.cholesky_banded(band, lower=True, check_finite=False), width
+    except np.linalg.LinAlgError:
+        raise DecayError("The equations of this record are degenerate; check its sampling and length.") from None
 
 
 def whiten(factor: tuple[Array, int], columns: Array) -> Array:
     """Solve L z = columns, so that the noise of z has the unit matrix as covariance."""
     band, _ = factor
     solve = scipy.linalg.get_lapack_funcs("tbtrs", (band, columns))
-    found, info = solve(band, columns.reshape(len(columns), -1), uplo="L")
-    if info:
-        raise np.linalg.LinAlgError("singular covariance of weak rows")
+    found, _ = solve(band, columns.reshape(len(columns), -1), uplo="L")
     return np.asarray(found).reshape(columns.shape)
 
 
