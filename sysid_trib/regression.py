@@ -7,6 +7,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from sysid_trib.carrying import carry_along
 from sysid_trib.forces import Force
 from sysid_trib.model import rescaling_factors
 from sysid_trib.weak_form import KNOTS_PER_PERIOD, WeakForm, noise_operator, whiten, whitener
@@ -80,15 +81,18 @@ class Rows:
     lags: int = 2 * KNOTS_PER_PERIOD
 
 
-def force_columns(problem: Problem, frequency: float, x: Array, v: Array) -> Array:
-    """Every force along a trajectory, (sample, force); states and memory are carried along."""
+def force_columns(
+    problem: Problem, frequency: float, x: Array, v: Array, known: Mapping[str, Array] | None = None
+) -> Array:
+    """Every force along a trajectory, (sample, force); states and memory are `known` or carried along."""
     t = problem.time - problem.time[0]
     columns = []
     for force in problem.forces:
-        hidden = {}
-        if not force.memoryless:
-            from sysid_trib.carrying import carry_along
-
+        names = (*force.state, *force.memory)
+        hidden = {
+            k: (known or {})[f"{force.symbol}.{k}"] for k in names if f"{force.symbol}.{k}" in (known or {})
+        }
+        if len(hidden) < len(names):
             hidden = carry_along(force, frequency * t, x, v, problem.shapes, time=t)
         columns.append(force.value(x, v, t, shapes=problem.shapes, hidden=hidden))
     return np.stack(columns, axis=1) if columns else np.zeros((len(x), 0))

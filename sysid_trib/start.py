@@ -1,5 +1,6 @@
 """The start of a motion fitted to a record: angle and rate at the first sample, and the sensor's zero."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +23,7 @@ class FittedMotion:
     ----------
     angle, rate : start, rad and rad/s; offset : rad, zero of the sensor.
     x, v : (sample,) theta (rad) and theta'/w (rad) at the record's times.
+    hidden : (sample,) each, states and memory of forces as `dahl.z`.
     sensitivity : (sample, 2) of x to the start's angle (1) and rate (s).
     stop_time : s, nan if the motion does not stop within the record.
     """
@@ -32,6 +34,7 @@ class FittedMotion:
     x: Array
     v: Array
     stop_time: float
+    hidden: Mapping[str, Array]
     sensitivity: Array
 
 
@@ -88,7 +91,9 @@ def fit_start(
             sensitivity = None
     v = found.rate / model.reference_frequency
     columns = np.empty((len(time), 2)) if sensitivity is None else sensitivity
-    return FittedMotion(float(begin[0]), float(begin[1]), zero, found.angle, v, found.stop_time, columns)
+    return FittedMotion(
+        float(begin[0]), float(begin[1]), zero, found.angle, v, found.stop_time, found.hidden, columns
+    )
 
 
 def _sensitivity(model: Model, time: Array, begin: Array, reach: Array, x: Array) -> Array:

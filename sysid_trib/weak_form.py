@@ -104,7 +104,7 @@ def whitener(operator: sp.csr_matrix) -> tuple[Array, int]:
     try:
         return scipy.linalg.cholesky_banded(band, lower=True, check_finite=False), width
     except np.linalg.LinAlgError:
-        raise DecayError("The equations of this record are degenerate; check its sampling and length.") from None
+        raise DecayError("The equations of this record are degenerate; check its sampling.") from None
 
 
 def whiten(factor: tuple[Array, int], columns: Array) -> Array:

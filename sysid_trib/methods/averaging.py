@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from sysid_trib.envelope import envelope, instant_derivatives
 from sysid_trib.errors import DecayError, SysidTribError, UsageError
 from sysid_trib.forces import ForceLibrary
+from sysid_trib.methods.unknowns import unknown_forces
 from sysid_trib.model import Model
 from sysid_trib.results import Estimate, identification
 from sysid_trib.signatures import averages
@@ -56,10 +57,7 @@ class Averaging:
 
     def identify(self, decay: xr.Dataset, library: ForceLibrary) -> xr.Dataset:
         """Identify the forces of `library` from a decay with `angle(time)`."""
-        stiffness = library.role("x")
-        asked = library
-        if self.reference_frequency is None and stiffness is not None:
-            asked = library.select(s for s in library.symbols if s != stiffness.symbol)
+        asked = unknown_forces(library, self.reference_frequency)
         measured = _measured(decay)
         found = _first_order(self, measured, asked)
         values, corrected = found.values, "no"

@@ -12,6 +12,7 @@ from sysid_trib.envelope import usable_half_periods
 from sysid_trib.errors import DecayError, SimulationError, UsageError
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.methods.strong_form import strong_form
+from sysid_trib.methods.unknowns import unknown_forces
 from sysid_trib.model import Model
 from sysid_trib.regression import (
     Guess,
@@ -36,9 +37,10 @@ from sysid_trib.weak_form import build_weak_form, smooth
 
 Array = NDArray[np.float64]
 
-MAX_REFINEMENTS = 12
+MAX_REFINEMENTS = 25
 # A simulated motion this far from the record (RMS, of the record's) has slipped out of phase.
 SLIPPED = 0.3
+ROUNDING = 1e-10
 
 
 @dataclass(frozen=True)
@@ -92,10 +94,7 @@ class Direct:
         DecayError
             The decay cannot support the request: too short, or forces that are the same on it.
         """
-        stiffness = library.role("x")
-        asked = library
-        if self.reference_frequency is None and stiffness is not None:
-            asked = library.select(s for s in library.symbols if s != stiffness.symbol)
+        asked = unknown_forces(library, self.reference_frequency)
         problem, guess, path, noise = _begin(self, decay, asked)
         every = np.ones(len(asked), bool)
         rows, about = _regressed(problem, guess, path)
@@ -203,8 +202,9 @@ def _refined(
         after = moved(problem, guess, *least_squares(rows, active))
         spread, _, _ = covariance(problem, rows, guess, active)
         moved_by = np.append(after.coefficients - guess.coefficients, after.frequency - guess.frequency)
-        size = np.append(after.coefficients, after.frequency)
-        settled = np.abs(moved_by) <= 0.02 * np.sqrt(np.diag(spread)) + 1e-12 * np.abs(size)
+        # Without noise there are no errors to settle within, but rounding: of forces that are parts of the swing.
+        smallest = ROUNDING * np.append(np.sqrt(np.mean(path.x**2)) / rows.scale, after.frequency)
+        settled = np.abs(moved_by) <= 0.02 * np.sqrt(np.diag(spread)) + smallest
         if np.all(settled[np.append(active, True)]):
             return guess, rows, True
         guess = after
@@ -220,6 +220,6 @@ def _motion(
     motion = fit_start(
         model, problem.time, problem.angle, guess.start, offset=guess.offset, sensitivity=sensitivity
     )
-    columns = force_columns(problem, guess.frequency, motion.x, motion.v)
+    columns = force_columns(problem, guess.frequency, motion.x, motion.v, motion.hidden)
     guess = replace(guess, start=(motion.angle, motion.rate), offset=motion.offset)
     return guess, Path(motion.x, motion.v, columns, exact=True), motion.sensitivity
