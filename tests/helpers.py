@@ -26,6 +26,17 @@ SIX: dict[str, float] = {
 }
 FIVE = {symbol: value for symbol, value in SIX.items() if symbol != "alpha"}
 NOISE = 1e-4
+# Odd forces that are not there.
+EIGHT_MORE = {
+    "cubic_damping": "v**3",
+    "van_der_pol": "x**2*v",
+    "positional_damping": "abs(x)*v",
+    "structural_damping": "abs(x)*sign(v)",
+    "quadratic_structural": "x**2*sign(v)",
+    "quintic": "x**5",
+    "inertial": "x*v**2",
+    "mixed": "abs(v)*x",
+}
 
 
 @dataclass(frozen=True)
