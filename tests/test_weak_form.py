@@ -1,0 +1,125 @@
+"""The weak form: exact integrals, motions it annihilates, white rows."""
+
+import numpy as np
+import pytest
+import scipy.integrate
+import scipy.linalg
+from helpers import NOISE, SIX, W, decay, paper_run
+from scipy.interpolate import BSpline
+
+from sysid_trib.methods.direct import Direct, _begin, _motion
+from sysid_trib.regression import linearised, whitened_rows
+from sysid_trib.weak_form import (
+    DEGREE,
+    KNOTS_PER_PERIOD,
+    SAMPLES_PER_KNOT,
+    build_weak_form,
+    knot_sequence,
+    noise_operator,
+    smooth,
+    whiten,
+    whitener,
+)
+
+EVEN = np.linspace(0.0, 60.0, 1001)
+# Relative to the integral of the absolute value; at the ends the test functions do not end smoothly.
+INSIDE, AT_ENDS, UNEVEN = 3e-8, 1e-4, 1e-3
+JITTERED = EVEN + np.random.default_rng(0).uniform(-0.01, 0.01, EVEN.size) * EVEN[1]
+
+
+def assert_annihilated(operator, motion, inside=INSIDE, at_ends=AT_ENDS):
+    left = operator @ motion / (np.abs(operator) @ np.ones(motion.size))
+    np.testing.assert_allclose(left[4:-4], 0.0, atol=inside)
+    np.testing.assert_allclose(left, 0.0, atol=at_ends)
+
+
+@pytest.mark.parametrize("tau", [EVEN, EVEN[:200] + 3.0], ids=["long", "short"])
+def test_integrals_of_smooth_functions_are_exact(tau):
+    form, knots = build_weak_form(tau), knot_sequence(tau)
+    for row, spline in ((0, 2), (1, 3), (form.rows // 2, form.rows // 2 + 2), (form.rows - 1, form.rows + 1)):
+        psi = BSpline.basis_element(knots[spline : spline + DEGREE + 2], extrapolate=False)
+        low, high = knots[spline], knots[spline + DEGREE + 1]
+        for order, matrix in enumerate((form.value, form.slope, form.curvature)):
+
+            def integrand(t, psi=psi, order=order):
+                return np.nan_to_num(psi.derivative(order)(t) if order else psi(t)) * np.cos(1.1 * t + 0.3)
+
+            inner = np.unique(knots[(knots >= low) & (knots <= high)])
+            exact = sum(
+                scipy.integrate.fixed_quad(integrand, a, b, n=12)[0]
+                for a, b in zip(inner[:-1], inner[1:], strict=True)
+            )
+            found = (matrix @ np.cos(1.1 * tau + 0.3))[row]
+            accuracy = INSIDE if row == form.rows // 2 else AT_ENDS
+            assert found == pytest.approx(exact, abs=accuracy * np.abs(matrix[[row]]).sum())
+
+
+def test_test_functions_vanish_with_their_slope_at_both_ends():
+    form = build_weak_form(EVEN)
+    for matrix in (form.value, form.slope):
+        ends = matrix[:, [0, -1]].toarray()
+        np.testing.assert_allclose(ends, 0.0, atol=1e-12 * np.abs(matrix).max())
+
+
+@pytest.mark.parametrize("tau", [EVEN, JITTERED], ids=["even", "jittered"])
+def test_harmonic_motion_is_annihilated(tau):
+    form = build_weak_form(tau)
+    operator = noise_operator(form, np.ones(tau.size), np.zeros(tau.size))
+    for motion in (np.cos(tau), np.sin(tau + 0.7)):
+        assert_annihilated(operator, motion, *((INSIDE, AT_ENDS) if tau is EVEN else (UNEVEN, UNEVEN)))
+
+
+def test_damped_motion_with_a_stiffness_that_varies_is_annihilated():
+    # theta = exp(-c tau/2) cos(tau): theta'' + c theta' + (1 + c^2/4) theta = 0.
+    c = 0.05
+    form = build_weak_form(EVEN)
+    motion = np.exp(-c * EVEN / 2) * np.cos(EVEN)
+    operator = noise_operator(form, np.full(EVEN.size, 1 + c**2 / 4), np.full(EVEN.size, c))
+    assert_annihilated(operator, motion)
+
+
+def test_whitened_rows_have_the_unit_matrix_as_covariance():
+    form = build_weak_form(EVEN)
+    operator = noise_operator(form, 1.0 + 0.1 * np.cos(EVEN), 0.02 * np.ones(EVEN.size))
+    white = whiten(whitener(operator), operator.toarray())
+    np.testing.assert_allclose(white @ white.T, np.eye(form.rows), atol=1e-8)
+
+
+def test_whiten_solves_with_the_cholesky_factor():
+    random = np.random.default_rng(0)
+    band = np.vstack([random.uniform(1.0, 2.0, 30), random.normal(size=(3, 30))])
+    dense = sum(np.diag(band[k, : 30 - k], -k) for k in range(4))
+    y = random.normal(size=(30, 2))
+    expected = scipy.linalg.solve_triangular(dense, y, lower=True)
+    np.testing.assert_allclose(whiten((band, 3), y), expected, rtol=1e-8)
+    np.testing.assert_allclose(whiten((band, 3), y[:, 0]), expected[:, 0], rtol=1e-8)
+
+
+def test_smoothing_finds_motion_derivatives_and_noise():
+    tau = np.linspace(0.0, 60.0, 2501)
+    motion = 0.3 * np.exp(-0.02 * tau) * np.cos(tau)
+    x, v, a, noise = smooth(build_weak_form(tau), decay(tau, motion, seed=1).angle.values)
+    assert noise == pytest.approx(NOISE, rel=0.06)
+    assert np.sqrt(np.mean((x - motion) ** 2)) < 0.4 * NOISE
+    assert np.sqrt(np.mean((v - np.gradient(motion, tau, edge_order=2)) ** 2)) < 2e-3
+    assert np.sqrt(np.mean((a[50:-50] + motion[50:-50]) ** 2)) < 2e-2
+
+
+def test_whitened_residual_of_a_true_model_is_white():
+    run = paper_run()
+    problem, guess, _, noise = _begin(Direct(W), run.decay(2), run.model.library)
+    guess = type(guess)(np.array(list(SIX.values())), W, 0.0, (0.3, 0.0))
+    guess, path, _ = _motion(problem, guess, run.model.library, np.ones(6, bool), None)
+    rows = whitened_rows(problem, guess, path, linearised(problem, guess, path))
+    residual = (rows.y - rows.columns @ (rows.scale * guess.coefficients)) / NOISE
+    assert noise == pytest.approx(NOISE, rel=0.06)
+    count = len(residual)
+    assert np.sum(residual**2) == pytest.approx(count, abs=4.0 * np.sqrt(2.0 * count))
+    for lag in range(1, 6):
+        assert abs(np.mean(residual[lag:] * residual[:-lag])) < 4.0 / np.sqrt(count)
+
+
+def test_too_few_samples_between_knots_make_wider_test_functions():
+    coarse = np.linspace(0.0, 60.0, 150)
+    intervals = len(np.unique(knot_sequence(coarse))) - 1
+    assert intervals == round(149 / SAMPLES_PER_KNOT) < 60.0 / (2.0 * np.pi) * KNOTS_PER_PERIOD
