@@ -181,7 +181,7 @@ def _stiffness(library: Any) -> tuple[str, ...]:
 def _coarse(decay: xr.Dataset, result: xr.Dataset) -> tuple[Array, float]:
     """Times of a record of the same length with fewer samples, and the noise of their local means."""
     time = decay.time.values.astype(float)
-    period = 2.0 * np.pi / result.reference_frequency.item()
+    period = 2.0 * np.pi / result.asymptotic_frequency.item()
     most = int(SAMPLES_PER_PERIOD * (time[-1] - time[0]) / period) + 2
     if len(time) <= most:
         return time, result.noise.item()

@@ -1,17 +1,23 @@
 """The command line. Commands import what they need when they run, so that --help is quick."""
 
 import json
+import os
 import sys
+import traceback
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sysid_trib.errors import SysidTribError
+from sysid_trib.errors import SysidTribError, UsageError
 
 if TYPE_CHECKING:
     import xarray as xr
     from rich.table import Table
+
+# Columns of a table that is not cut short.
+WIDEST = 2000
 
 app = typer.Typer(
     help="Which forces act in an oscillator, learned from its free decay.",
@@ -43,7 +49,7 @@ Window = Annotated[
     str, typer.Option(metavar="START:STOP", help="Part of the record in s; either side may be empty.")
 ]
 Equilibrium = Annotated[
-    str, typer.Option(metavar="VALUE|auto", help="Equilibrium angle in the record's unit.")
+    str, typer.Option(metavar="VALUE|auto", help="Equilibrium angle, in the unit of the record's column.")
 ]
 Library = Annotated[str, typer.Option(metavar="NAME|FILE", help="Force library.")]
 Forces = Annotated[str | None, typer.Option(metavar="A,B,...", help="Symbols of the forces to identify.")]
@@ -83,8 +89,12 @@ def identify(
     from sysid_trib.methods import Averaging, Direct
 
     contactless = cli_input.parse_value_with_error(omega0, "--omega0")
-    alpha = contactless is not None or reference_frequency is not None
-    offered = cli_input.offered_forces(library, forces, alpha)
+    cli_input.check_positive(reference_frequency, "--reference-frequency")
+    if contactless and reference_frequency:
+        raise UsageError("--omega0 and --reference-frequency each give alpha a meaning: choose one.")
+    offered = cli_input.offered_forces(library, forces, bool(contactless or reference_frequency))
+    cli_input.check_output(output, ".nc", reads=record)
+    cli_input.check_folder(plot)
     options = {
         "time": time,
         "angle": angle,
@@ -94,6 +104,7 @@ def identify(
         "time_units": time_units,
     }
     decay, told = cli_input.read_decay(record, options, window, equilibrium)
+    cli_input.check_reference(reference_frequency, decay)
     methods = (
         Averaging(reference_frequency=reference_frequency),
         Direct(reference_frequency=reference_frequency),
@@ -110,9 +121,9 @@ def identify(
     if as_json:
         from sysid_trib.tables import identification_json
 
-        typer.echo(json.dumps(identification_json(tree), indent=2, ensure_ascii=False, allow_nan=False))
+        typer.echo(json.dumps(identification_json(tree), indent=2, allow_nan=False))
         return
-    _tell(tree, told)
+    _tell(tree, _printable(told))
     for place in (output, plot):
         if place is not None:
             typer.echo(f"Written: {place}")
@@ -135,13 +146,17 @@ def simulate(
     seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
 ) -> None:
     """Simulate the decay of a model; without --set, of the paper's PDMS/glass run."""
-    from sysid_trib import cli_input, example
+    from sysid_trib import cli_input
     from sysid_trib.library_files import load_library
     from sysid_trib.model import Model
     from sysid_trib.simulation_file import simulated_record, write_record
 
-    coefficients, shapes = cli_input.parse_settings(set_)
-    model = Model(load_library(library), coefficients or example.COEFFICIENTS, reference_frequency, shapes)
+    cli_input.check_output(output, ".csv .nc")
+    coefficients, shapes = cli_input.settings(set_, library)
+    cli_input.check_positive(reference_frequency, "--reference-frequency")
+    cli_input.check_positive(duration, "--duration")
+    cli_input.check_positive(sampling_rate, "--sampling-rate")
+    model = Model(load_library(library), coefficients, reference_frequency, shapes)
     record = simulated_record(model, duration, sampling_rate, (angle0, rate0), noise=noise, seed=seed)
     write_record(record, output)
     stop = record.stop_time.item()
@@ -177,9 +192,12 @@ def _tell(tree: "xr.DataTree", told: str) -> None:
 def _print(table: "Table") -> None:
     from rich.console import Console
 
-    # Rich would cut columns to a pipe's 80 characters: a result must be whole wherever it goes.
-    console = Console(highlight=False)
-    Console(highlight=False, width=max(console.width, 160) if not console.is_terminal else None).print(table)
+    # Markup would take a bracket in the name of a force for a command.
+    console = Console(highlight=False, markup=False, emoji=False)
+    size = console.measure(table, options=console.options.update(width=WIDEST))
+    # A result must be whole wherever it goes: a terminal may fold words but not numbers, a pipe nothing.
+    console.width = max(console.width, size.minimum) if console.is_terminal else size.maximum
+    console.print(table)
 
 
 def _save_figure(tree: "xr.DataTree", folder: Path) -> None:
@@ -189,26 +207,51 @@ def _save_figure(tree: "xr.DataTree", folder: Path) -> None:
     write_figure(plots.identification(tree), folder / "identification")
 
 
+def _printable(text: str) -> str:
+    """One line without control characters: a file's column names may hold any."""
+    return "".join(c if c.isprintable() else "?" for c in " ".join(text.split()))
+
+
 def main() -> None:
     """Run the command line: errors in one line on stderr, exit status as documented."""
-    # Typer brings its own click or uses the one installed, by its version: take the class from where it is.
-    click_error = next(k for k in typer.BadParameter.__mro__ if k.__name__ == "ClickException")
     for stream in (sys.stdout, sys.stderr):
         # A terminal or pipe that is not UTF-8 must not turn ± into a traceback.
         stream.reconfigure(errors="replace")  # type: ignore[union-attr]
-    try:
-        sys.exit(app(standalone_mode=False) or 0)
-    except SysidTribError as error:
-        _fail(str(error), error.exit_status)
-    except click_error as error:
-        _fail(f"{error.format_message()} See sysid-trib --help.", 2)  # type: ignore[attr-defined]
-    except (KeyboardInterrupt, typer.Abort):
-        _fail("interrupted.", 130)
-    except BrokenPipeError:
-        sys.stderr.close()
-        sys.exit(0)
-
-
-def _fail(message: str, status: int) -> None:
-    print("sysid-trib: " + " ".join(message.split()), file=sys.stderr)
+    with warnings.catch_warnings():
+        # Numerical libraries warn in their own terms; what matters of it is in the result, or an error here.
+        warnings.showwarning = lambda *_, **__: None
+        status, message = _outcome()
+    if message:
+        print(f"sysid-trib: {_printable(message)}", file=sys.stderr)
     sys.exit(status)
+
+
+def _outcome() -> tuple[int, str]:
+    """Exit status of the command, and the line for stderr if it failed."""
+    # Typer brings its own click or uses the one installed, by its version: take the class from where it is.
+    click_error: type[Exception] = next(
+        k for k in typer.BadParameter.__mro__ if k.__name__ == "ClickException"
+    )
+    try:
+        status = app(standalone_mode=False) or 0
+        sys.stdout.flush()
+        return status, ""
+    except SysidTribError as error:
+        return error.exit_status, str(error)
+    except click_error as error:
+        return 2, f"{error.format_message().rstrip('.')}. See sysid-trib --help."  # type: ignore[attr-defined]
+    except (KeyboardInterrupt, typer.Abort):
+        return 130, "interrupted."
+    except OSError as error:
+        # What is left in the buffer must not fail once more at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if isinstance(error, BrokenPipeError):
+            return 0, ""  # the reader has enough
+        return 1, f"{error.filename or 'standard output'}: {error.strerror or error}."
+    except MemoryError:
+        return 1, "Out of memory; take a shorter window, or a lower sampling rate."
+    except Exception as error:
+        # A fault of this package, but still no traceback: a line that finds the place.
+        frame = next(t for t in reversed(traceback.extract_tb(error.__traceback__)))
+        place = f"{Path(frame.filename).name}:{frame.lineno}"
+        return 1, f"Internal error ({type(error).__name__} in {place}: {error}); please report it."

@@ -1,10 +1,13 @@
 """What the command line reads: records, libraries, values with errors, settings of a model."""
 
+import os
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sysid_trib.errors import UsageError
+import numpy as np
+
+from sysid_trib.errors import DecayError, RecordError, UsageError
 from sysid_trib.library_files import load_library
 
 if TYPE_CHECKING:
@@ -12,6 +15,8 @@ if TYPE_CHECKING:
 
     from sysid_trib.forces import ForceLibrary
 
+# No oscillator is outside of this range in rad/s, Hz or s; far beyond it arithmetic overflows.
+LEAST, MOST = 1e-9, 1e9
 PLUS_MINUS = re.compile(r"\s*(?:±|\+/-|\+-)\s*")
 
 
@@ -19,12 +24,13 @@ def read_decay(
     record: Path | None, options: dict[str, Any], window: str, equilibrium: str
 ) -> "tuple[xr.Dataset, str]":
     """Free decay of a file, or of the embedded example, and a sentence on what it is."""
+    from sysid_trib.columns import ANGLE_UNITS
     from sysid_trib.example import paper_twin
     from sysid_trib.free_decay import free_decay
     from sysid_trib.records import read_record
 
     limits = parse_window(window)
-    centre = equilibrium if equilibrium == "auto" else parse_number(equilibrium, "--equilibrium")
+    centre: float | str = equilibrium if equilibrium == "auto" else parse_number(equilibrium, "--equilibrium")
     if record is None:
         given = [k for k, v in options.items() if v is not None and (k, v) != ("signal", "angle")]
         if given:
@@ -33,24 +39,75 @@ def read_decay(
         told = f"Embedded example: {read.attrs['source']}; {read.attrs['synthetic']}."
     else:
         read = read_record(record, **options)
-        told = f"Record: {record}."
+        unit = read.attrs["angle_unit_in_file"]
+        told = f"Record: {record}, {options['signal']} in {unit} from column {read.attrs['angle_column']}."
+        if not isinstance(centre, str):
+            centre *= ANGLE_UNITS.get(unit.removesuffix("/s"), 1.0)
     if read.angle.attrs.get("units") != "rad":
-        raise UsageError(f"{record}: a position in m must be scaled first (scale_translation in Python).")
+        raise DecayError(f"{record}: a position in m must be scaled first (scale_translation in Python).")
     return free_decay(read, window=limits, equilibrium=centre), told
 
 
 def offered_forces(library: str, forces: str | None, alpha: bool) -> "ForceLibrary":
     """The library's forces that are asked for, the linear elastic one among them where alpha is wanted."""
     whole = load_library(library)
-    if forces is None:
-        return whole
-    symbols = [s.strip() for s in forces.split(",") if s.strip()]
+    symbols = list(whole.symbols)
+    if forces is not None:
+        symbols = [s.strip() for s in forces.split(",") if s.strip()]
     if not symbols:
         raise UsageError(f"--forces '{forces}' names no force; the library has {', '.join(whole.symbols)}.")
     stiffness = whole.role("x")
-    if alpha and stiffness is not None:
+    if stiffness is not None and alpha:
         symbols.append(stiffness.symbol)
+    elif stiffness is not None and set(symbols) == {stiffness.symbol}:
+        raise UsageError(
+            f"Force '{stiffness.symbol}' is one unknown with the frequency: give --omega0 or "
+            "--reference-frequency, or further forces."
+        )
     return whole.select(symbols)
+
+
+def check_positive(value: float | None, option: str) -> None:
+    """Refuse what is not positive, or so large or small that arithmetic would overflow."""
+    if value is not None and not LEAST <= value <= MOST:
+        raise UsageError(f"{option} '{value:g}' must be a number from {LEAST:g} to {MOST:g}.")
+
+
+def check_reference(frequency: float | None, decay: "xr.Dataset") -> None:
+    """Refuse a reference frequency that the record cannot show."""
+    time = decay.time.values
+    slowest = 2.0 * np.pi / (time[-1] - time[0])
+    fastest = 0.5 * slowest * (len(time) - 1)
+    if frequency is not None and not slowest <= frequency <= fastest:
+        raise UsageError(
+            f"--reference-frequency '{frequency:g}': this record shows {slowest:.3g} to "
+            f"{fastest:.3g} rad/s; mind that it is in rad/s, not Hz."
+        )
+
+
+def check_output(target: Path | None, ending: str, *, reads: Path | None = None) -> None:
+    """Refuse a file that cannot be written before the work is done, not after."""
+    if target is None:
+        return
+    if target.is_dir():
+        raise RecordError(f"{target}: cannot be written, it is a directory; name a file in it with -o.")
+    if target.suffix.lower() not in ending.split():
+        raise UsageError(f"{target}: the ending must be {ending.replace(' ', ' or ')}.")
+    if not os.access(target.parent, os.W_OK | os.X_OK):
+        reason = "is not writable" if target.parent.is_dir() else "does not exist"
+        raise RecordError(f"{target}: cannot be written, its folder {reason}; choose another place with -o.")
+    if reads is not None and target.exists() and target.samefile(reads):
+        raise RecordError(f"{target}: the result would replace the record; choose another place with -o.")
+
+
+def check_folder(folder: Path | None) -> None:
+    """Refuse a folder for figures that is a file, or lies in one."""
+    if folder is None:
+        return
+    there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
+        reason = "is not writable" if there.is_dir() else "is a file"
+        raise RecordError(f"{folder}: cannot be written, {there} {reason}; choose another folder for --plot.")
 
 
 def parse_window(text: str) -> tuple[float | None, float | None]:
@@ -71,21 +128,29 @@ def parse_value_with_error(text: str | None, option: str) -> tuple[float, float]
         raise UsageError(f"{option} '{text}' must be VALUE or VALUE±ERROR.")
     value = parse_number(parts[0], option)
     error = parse_number(parts[1], option) if len(parts) == 2 else 0.0
-    if value <= 0 or error < 0:
-        raise UsageError(f"{option} '{text}' must be positive.")
+    check_positive(value, option)
+    if not 0.0 <= error <= value:
+        raise UsageError(f"{option} '{text}': the error must be positive and below the value.")
     return value, error
 
 
-def parse_settings(settings: list[str]) -> tuple[dict[str, float], dict[str, float]]:
-    """Coefficients and shape parameters from `lambda=1e-3`, `dahl.s=0.02`, also separated by commas."""
+def settings(texts: list[str], library: str) -> tuple[dict[str, float], dict[str, float]]:
+    """Coefficients and shape parameters from `lambda=1e-3`, `dahl.s=0.02`; the paper's without any."""
+    from sysid_trib.example import COEFFICIENTS
+
     coefficients: dict[str, float] = {}
     shapes: dict[str, float] = {}
-    for setting in (part for text in settings for part in text.split(",") if part.strip()):
-        name, equals, value = setting.partition("=")
-        if not equals or not name.strip():
+    for setting in (part for text in texts for part in text.split(",")):
+        name, equals, text = (part.strip() for part in setting.partition("="))
+        if not equals or not name:
             raise UsageError(f"--set '{setting}' must be SYMBOL=VALUE, such as lambda=1e-3.")
-        (shapes if "." in name else coefficients)[name.strip()] = parse_number(value, f"--set {name.strip()}")
-    return coefficients, shapes
+        value = parse_number(text, f"--set {name}")
+        if abs(value) > MOST:
+            raise UsageError(f"--set {name}: {text} is larger than {MOST:g}.")
+        (shapes if "." in name else coefficients)[name] = value
+    if not coefficients and (texts or library != "contact_forces"):
+        raise UsageError("No force is given a coefficient: add one, such as --set zeta=0.01.")
+    return coefficients or COEFFICIENTS, shapes
 
 
 def parse_number(text: str, option: str) -> float:

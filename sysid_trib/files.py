@@ -36,6 +36,8 @@ def read_table(path: Path) -> Table:
         raise UsageError(f"{path}: there is no such file.")
     if path.is_dir():
         raise RecordError(f"{path}: this is a directory, not a record; name a file in it.")
+    if not path.is_file():
+        raise RecordError(f"{path}: this is a pipe or a device, not a file; save the record as a file first.")
     try:
         with path.open("rb") as file:
             head = file.read(1024)

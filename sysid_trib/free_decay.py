@@ -11,6 +11,9 @@ from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.half_periods import FloatArray, noise_level
 from sysid_trib.records import check_sampling
 
+# rad or m, far below any measurement; the squares of still smaller numbers underflow.
+SMALLEST_SWING = 1e-15
+
 
 @dataclass(frozen=True)
 class Part:
@@ -62,6 +65,12 @@ def free_decay(
     time, angle = inside["time"].to_numpy().astype(float), inside["angle"].to_numpy().astype(float)
     _check_signal(time, angle, source)
     value = None if equilibrium == "auto" else _given(equilibrium)
+    if value is not None and not angle.min() < value < angle.max():
+        raise DecayError(
+            f"{source}: an equilibrium of {value:g} is outside of the record, which runs from "
+            f"{angle.min():.4g} to {angle.max():.4g} {inside['angle'].attrs.get('units', 'rad')}; "
+            "correct it, or let it be found (auto)."
+        )
     swing = find_swing(time, angle, value)
     if swing is None:
         raise DecayError(
@@ -120,7 +129,7 @@ def _check_signal(time: FloatArray, angle: FloatArray, source: str) -> None:
     if bad.size:
         raise DecayError(f"{source}: the angle at {time[bad[0]]:.6g} s is not a finite number; cut it out.")
     check_sampling(time, source)
-    if np.ptp(angle) <= 1e-12 * np.max(np.abs(angle)):
+    if np.ptp(angle) <= max(1e-12 * np.max(np.abs(angle)), SMALLEST_SWING):
         raise DecayError(f"{source}: the angle is flat at {angle[0]:.6g}; choose another column or window.")
 
 

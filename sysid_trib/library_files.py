@@ -65,7 +65,7 @@ def parse_library(data: Mapping[str, Any], source: str) -> ForceLibrary:
     for symbol in symbols:
         if symbols.count(symbol) > 1:
             raise LibraryError(f"{source}: the symbol '{symbol}' stands for several forces; rename one.")
-    return ForceLibrary(str(data.get("title", source)), forces, source)
+    return ForceLibrary(_words(data.get("title", source), f"{source}: 'title'"), forces, source)
 
 
 def _force(entry: Mapping[str, Any], source: str) -> Force:
@@ -78,8 +78,7 @@ def _force(entry: Mapping[str, Any], source: str) -> Force:
         raise LibraryError(f"{where}: unknown key '{unknown[0]}'; known are {', '.join(sorted(FORCE_KEYS))}.")
     words = {k: entry.get(k, "") for k in WORDS} | {"kind": entry.get("kind", "force")}
     for key, word in words.items():
-        if not isinstance(word, str):
-            raise LibraryError(f"{where}: '{key}' must be a text in quotes.")
+        words[key] = _words(word, f"{where}: '{key}'")
     if words["kind"] not in ("force", "sensor"):
         raise LibraryError(f'{where}: kind must be "force" or "sensor", not \'{words["kind"]}\'.')
     tables = {k: entry.get(k, {}) for k in TABLES}
@@ -107,6 +106,16 @@ def _force(entry: Mapping[str, Any], source: str) -> Force:
     )
     _check_finite(force, where)
     return force
+
+
+def _words(text: object, where: str) -> str:
+    """A text on one line, as tables and figures show it; control characters could steer a terminal."""
+    if not isinstance(text, str):
+        raise LibraryError(f"{where} must be a text in quotes.")
+    line = " ".join(text.split())
+    if not line.isprintable():
+        raise LibraryError(f"{where} holds control characters; leave them out.")
+    return line
 
 
 def _check_names(tables: Mapping[str, Mapping[str, Any]], where: str) -> None:

@@ -107,8 +107,8 @@ def _check_options(
         raise UsageError(f"units {units!r} are unknown: give rad, deg, mrad, m or mm.")
     if time_units is not None and time_units not in TIME_UNITS:
         raise UsageError(f"time units {time_units!r} are unknown: give s, ms, us or min.")
-    if sampling_rate is not None and not (np.isfinite(sampling_rate) and sampling_rate > 0):
-        raise UsageError(f"sampling rate {sampling_rate}: give a positive number of samples a second.")
+    if sampling_rate is not None and not 1e-9 <= sampling_rate <= 1e9:
+        raise UsageError(f"sampling rate {sampling_rate:g}: give a positive number of samples a second.")
 
 
 def _record(time: FloatArray, values: FloatArray, unit: str, attrs: dict[str, Any]) -> xr.Dataset:

@@ -6,12 +6,14 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.errors import UsageError
 from sysid_trib.model import Model
 from sysid_trib.result_files import write_beside
 from sysid_trib.simulate import simulate
 
 MAX_SAMPLES = 20_000_000
+MAX_PERIODS = 1_000_000
+MAX_NOISE = 1e3
 
 
 def simulated_record(
@@ -27,14 +29,25 @@ def simulated_record(
 
     Raises
     ------
-    DecayError
+    UsageError
         Numbers from which no record can be made.
     """
     samples = round(duration * sampling_rate) if np.isfinite(duration * sampling_rate) else 0
     if not 2 <= samples <= MAX_SAMPLES or duration <= 0:
-        raise DecayError(f"{duration:g} s at {sampling_rate:g} Hz must be 2 to {MAX_SAMPLES:,} samples.")
-    if not (np.all(np.isfinite(start)) and np.isfinite(noise) and noise >= 0 and seed >= 0):
-        raise DecayError("Start and noise of a simulation must be finite, noise and seed not negative.")
+        raise UsageError(
+            f"{duration:g} s at {sampling_rate:g} Hz must be 2 to {MAX_SAMPLES:,} samples; "
+            "change --duration or --sampling-rate."
+        )
+    if duration * model.reference_frequency > 2.0 * np.pi * MAX_PERIODS:
+        raise UsageError(
+            f"{duration:g} s at {model.reference_frequency:g} rad/s are more than {MAX_PERIODS:,} periods; "
+            "shorten --duration."
+        )
+    if not (np.all(np.isfinite(start)) and 0.0 <= noise <= MAX_NOISE and seed >= 0):
+        raise UsageError(
+            f"Start {start[0]:g} rad, {start[1]:g} rad/s with noise {noise:g} rad, seed {seed}: the start "
+            f"must be finite, the noise 0 to {MAX_NOISE:g} rad, the seed not negative."
+        )
     record = simulate(model, np.arange(samples) / sampling_rate, *start)
     record["angle"] = record.angle + noise * np.random.default_rng(seed).standard_normal(samples)
     record.angle.attrs = {"units": "rad", "long_name": "angle"}

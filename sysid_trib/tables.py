@@ -39,10 +39,10 @@ def identification_table(tree: xr.DataTree) -> "Table":
     table.add_column("force")
     table.add_column("formula")
     for method in methods:
-        table.add_column(method, justify="right")
+        table.add_column(method, justify="right", no_wrap=True)
     table.add_column("difference / error", justify="right")
+    results = [tree[m].ds for m in methods]
     for symbol in _symbols(tree, methods):
-        results = [tree[m].ds for m in methods]
         named = next(r for r in results if symbol in r.force).sel(force=symbol)
         row = [f"{symbol:8} {named['name'].item()}", named["formula"].item()]
         row += [_cell(result, symbol) for result in results]
