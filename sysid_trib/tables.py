@@ -36,8 +36,8 @@ def identification_table(tree: xr.DataTree) -> "Table":
     checked = tree["comparison"].ds
     methods = [checked.attrs["first"], checked.attrs["second"]]
     table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("force")
-    table.add_column("formula")
+    table.add_column("force", overflow="fold", min_width=8)
+    table.add_column("formula", overflow="fold")
     for method in methods:
         table.add_column(method, justify="right", no_wrap=True)
     table.add_column("difference / error", justify="right")
@@ -153,7 +153,8 @@ def force_table(library: ForceLibrary) -> "Table":
         "loses power",
     )
     for head in heads:
-        table.add_column(head)
+        whole = head == "symbol" or head.startswith("<")
+        table.add_column(head, overflow="fold", min_width=max(8, len(head)), no_wrap=whole)
     for force in library:
         sine, cosine = _signature_text(force)
         power = "-" if force.kind == "sensor" else _loses_power(force)
