@@ -1,9 +1,9 @@
-"""How precise the identifications are: simulated runs of the paper's experiment, errors over the Cramér-Rao bound.
+"""How precise the identifications are on simulated runs of the paper's experiment, over the Cramér-Rao bound.
 
 python benchmarks/identification.py [--quick] [--only WORDS]
 
-Every run is the paper's (w = 9.91 rad/s, from 0.3 rad at rest, 25 s at 100 Hz, white noise of 1e-4 rad) unless
-its title says otherwise; the seeds of the noise are 0, 1, 2, ...
+Every run is the paper's (w = 9.91 rad/s, from 0.3 rad at rest, 25 s at 100 Hz, white noise of 1e-4 rad)
+unless its title says otherwise; the seeds of the noise are 0, 1, 2, ...
 """
 
 import argparse
@@ -21,13 +21,25 @@ from rich.table import Table
 from scipy.stats import kstest
 
 sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "tests")]
-import peers
-from helpers import EIGHT_MORE, FIVE, NOISE, SIX, W, Run, decay, library_of_formulas, names, paper_run, rms
+import peers  # noqa: E402
+from helpers import (  # noqa: E402
+    EIGHT_MORE,
+    FIVE,
+    NOISE,
+    SIX,
+    Run,
+    W,
+    decay,
+    library_of_formulas,
+    names,
+    paper_run,
+    rms,
+)
 
-from sysid_trib import ForceLibrary
-from sysid_trib.bounds import cramer_rao_bound
-from sysid_trib.identification import cross_check
-from sysid_trib.methods import Averaging, Direct
+from sysid_trib import ForceLibrary  # noqa: E402
+from sysid_trib.bounds import cramer_rao_bound  # noqa: E402
+from sysid_trib.identification import cross_check  # noqa: E402
+from sysid_trib.methods import Averaging, Direct  # noqa: E402
 
 STRONG = SIX | {"lambda": 1e-3}
 QUICK = 20
@@ -35,7 +47,7 @@ QUICK = 20
 
 @dataclass(frozen=True)
 class Study:
-    """Many noisy records of one run, identified in one way: `identify` gives coefficients and their errors."""
+    """Many noisy records of one run, identified in one way: `identify` gives coefficients and errors."""
 
     title: str
     run: Run
@@ -139,7 +151,11 @@ def calibration_row(title: str, averaging: Averaging, seeds: int, tick: Callable
         p_values.append(cross_check(record, *pair, seed=seed).comparison.p_value.item())
         tick()
     shares = ", ".join(f"{100 * np.mean(np.array(p_values) < p):.0f} % < {p:g}" for p in (0.01, 0.05, 0.5))
-    return [f"p-value of the cross-check, {title}", str(seeds), f"{shares}; uniform: p = {kstest(p_values, 'uniform').pvalue:.2g}"]
+    return [
+        f"p-value of the cross-check, {title}",
+        str(seeds),
+        f"{shares}; uniform: p = {kstest(p_values, 'uniform').pvalue:.2g}",
+    ]
 
 
 def main() -> None:

@@ -162,12 +162,10 @@ def _scatter(
         return _difference(first, second, kept)
 
     expected = difference(exact, methods)
-    # First-order corrections and refinements move the mean, not the scatter: without them it is quick.
-    quick = [method.quick() for method in methods]
     found = []
     for _ in range(draws):
         try:
-            found.append(difference(exact + noise * random.standard_normal(len(time)), quick))
+            found.append(difference(exact + noise * random.standard_normal(len(time)), methods))
         except SysidTribError:
             continue
     return expected, np.atleast_2d(np.cov(np.array(found), rowvar=False))

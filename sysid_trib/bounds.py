@@ -77,7 +77,7 @@ def cramer_rao_bound(
 
 
 def _sensitivities(model: Model, time: Array, start: Array, free: bool) -> Array:
-    """Derivatives of the angle by (coefficients, start angle and rate, reference frequency), (sample, unknown)."""
+    """Derivatives of the angle by coefficients, start and reference frequency, (sample, unknown)."""
     w = model.reference_frequency
     at = np.array([*model.coefficients.values(), *start, *([w] if free else [])], dtype=float)
     count = len(model.coefficients)
@@ -97,6 +97,8 @@ def _sensitivities(model: Model, time: Array, start: Array, free: bool) -> Array
         # An unknown's own scale is not known beforehand: a first small step tells it.
         first = slope(unit, 1e-2 * REACH * swing)
         if not first.any():
-            raise UsageError(f"Force {list(model.coefficients)[j]} does not act on this motion; leave it out.")
+            raise UsageError(
+                f"Force {list(model.coefficients)[j]} does not act on this motion; leave it out."
+            )
         columns.append(slope(unit, REACH * swing / np.sqrt(np.mean(first**2))))
     return np.stack(columns, axis=1)

@@ -44,7 +44,7 @@ def identify(decay: xr.Dataset, library: ForceLibrary, method: Method) -> xr.Dat
 
 
 def cross_check(
-    decay: xr.Dataset, first: xr.Dataset, second: xr.Dataset, *, draws: int = 64, seed: int = 0
+    decay: xr.Dataset, first: xr.Dataset, second: xr.Dataset, *, draws: int = 32, seed: int = 0
 ) -> xr.DataTree:
     """Hold two identifications of one decay against each other.
 

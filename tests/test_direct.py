@@ -6,11 +6,9 @@ from helpers import (
     FIVE,
     NOISE,
     SIX,
-    W,
     Run,
-    correlated_noise,
+    W,
     decay,
-    library_of_formulas,
     over_seeds,
     paper_run,
     rms,
@@ -19,9 +17,7 @@ from helpers import (
     values,
 )
 
-from sysid_trib import Model, load_library
 from sysid_trib.bounds import cramer_rao_bound
-from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.methods import Direct
 from sysid_trib.simulate import trajectory
 

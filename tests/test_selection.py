@@ -53,9 +53,7 @@ def test_a_dropped_force_has_coefficient_zero_and_the_error_it_would_have_had():
     )
     without = Direct(W).identify(record, PAPER.model.library.select(FIVE))
     np.testing.assert_allclose(values(result, FIVE), values(without, FIVE), rtol=1e-4, atol=1e-9)
-    np.testing.assert_allclose(
-        result.standard_error.sel(force=list(FIVE)), without.standard_error, rtol=1e-3
-    )
+    np.testing.assert_allclose(result.standard_error.sel(force=list(FIVE)), without.standard_error, rtol=1e-3)
 
 
 def test_by_default_every_force_is_kept():
@@ -85,7 +83,9 @@ def test_a_sparsifying_optimiser_drops_what_is_small_and_comes_back_unchanged(op
 
 def test_a_threshold_is_a_force_in_rad():
     """A force is dropped by its size along the motion, not by its coefficient."""
-    sizes = {s: abs(c) * np.sqrt(np.mean(PAPER.model.library[s].value(*motion()) ** 2)) for s, c in SIX.items()}
+    sizes = {
+        s: abs(c) * np.sqrt(np.mean(PAPER.model.library[s].value(*motion()) ** 2)) for s, c in SIX.items()
+    }
     middle = np.sqrt(sizes["zeta"] * sizes["epsilon"])
     low, high = sorted(("zeta", "epsilon"), key=sizes.get)
     result = Direct(W, optimizer=pysindy.STLSQ(threshold=middle, alpha=0.0)).identify(
@@ -144,9 +144,7 @@ def test_nuisances_are_never_thresholded():
     random = np.random.default_rng(2)
     columns, nuisance = random.normal(size=(100, 2)), random.normal(size=(100, 1))
     y = columns @ [1.0, 0.05] + 0.01 * nuisance[:, 0]
-    found = by_optimizer(
-        Rows(y, columns, nuisance, np.ones(2)), pysindy.STLSQ(threshold=0.2, alpha=0.0)
-    )
+    found = by_optimizer(Rows(y, columns, nuisance, np.ones(2)), pysindy.STLSQ(threshold=0.2, alpha=0.0))
     assert found.tolist() == [True, False]
 
 

@@ -1,5 +1,7 @@
 """The weak form: exact integrals, motions it annihilates, white rows."""
 
+import itertools
+
 import numpy as np
 import pytest
 import scipy.integrate
@@ -46,8 +48,7 @@ def test_integrals_of_smooth_functions_are_exact(tau):
 
             inner = np.unique(knots[(knots >= low) & (knots <= high)])
             exact = sum(
-                scipy.integrate.fixed_quad(integrand, a, b, n=12)[0]
-                for a, b in zip(inner[:-1], inner[1:], strict=True)
+                scipy.integrate.fixed_quad(integrand, a, b, n=12)[0] for a, b in itertools.pairwise(inner)
             )
             found = (matrix @ np.cos(1.1 * tau + 0.3))[row]
             accuracy = INSIDE if row == form.rows // 2 else AT_ENDS

@@ -1,7 +1,7 @@
 """The paper's identification: amplitude decay and frequency shift against the signatures of the forces."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -73,10 +73,6 @@ class Averaging:
             {"units": "1", "long_name": "first-order bias removed"},
         )
         return result.assign_attrs(first_order_bias_removed=corrected)
-
-    def quick(self) -> "Averaging":
-        """The same without its iterations, for the statistics of many records."""
-        return replace(self, correct=False)
 
 
 @dataclass(frozen=True)

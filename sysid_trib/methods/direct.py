@@ -38,6 +38,7 @@ from sysid_trib.weak_form import build_weak_form, smooth
 Array = NDArray[np.float64]
 
 MAX_REFINEMENTS = 25
+MAX_SELECTIONS = 5
 # A simulated motion this far from the record (RMS, of the record's) has slipped out of phase.
 SLIPPED = 0.3
 ROUNDING = 1e-10
@@ -104,12 +105,17 @@ class Direct:
             guess, rows, active = strong_form(self, problem, guess, path)
         else:
             rows, about = _regressed(problem, guess, path)
-            guess = moved(problem, guess, *least_squares(rows, every))
-            guess, rows, refined = _refined(self, problem, guess, rows, about, every, asked)
-            active = _selected(self, rows)
-            if not active.all():
+            chosen = _selected(self, rows)
+            # About the motion of the kept forces alone the choice is better founded than about all of them.
+            for _ in range(MAX_SELECTIONS):
+                active = chosen
                 guess = moved(problem, guess, *least_squares(rows, active))
+                if not active.all():
+                    about = linearised(problem, guess, path)
                 guess, rows, refined = _refined(self, problem, guess, rows, about, active, asked)
+                chosen = _selected(self, rows)
+                if np.array_equal(chosen, active):
+                    break
             guess = _finally(self, problem, guess, rows, active)
         spread, in_band, lags = covariance(problem, rows, guess, active)
         extra = {
@@ -121,10 +127,6 @@ class Direct:
         estimate = Estimate(guess.coefficients, spread, guess.frequency, noise, extra)
         result = identification(self, decay, asked, estimate, offered=library, active=active)
         return result.assign_attrs(refined=str(refined), correlation_lags=lags)
-
-    def quick(self) -> "Direct":
-        """The same without its iterations, for the statistics of many records."""
-        return replace(self, refine=False)
 
 
 def _begin(method: Direct, decay: xr.Dataset, library: ForceLibrary) -> tuple[Problem, Guess, Path, float]:
@@ -189,7 +191,7 @@ def _refined(
 
     The last rows are about the last motion, so that they hold the final estimate's covariance.
     """
-    first, sensitivity = (guess, rows), None
+    first, sensitivity, last = (guess, rows), None, None
     for _ in range(MAX_REFINEMENTS if method.refine else 0):
         try:
             guess, path, sensitivity = _motion(problem, guess, library, active, sensitivity)
@@ -202,13 +204,32 @@ def _refined(
         after = moved(problem, guess, *least_squares(rows, active))
         spread, _, _ = covariance(problem, rows, guess, active)
         moved_by = np.append(after.coefficients - guess.coefficients, after.frequency - guess.frequency)
-        # Without noise there are no errors to settle within, but rounding: of forces that are parts of the swing.
+        # Without noise there are no errors to settle within, but rounding, of forces as parts of the swing.
         smallest = ROUNDING * np.append(np.sqrt(np.mean(path.x**2)) / rows.scale, after.frequency)
-        settled = np.abs(moved_by) <= 0.02 * np.sqrt(np.diag(spread)) + smallest
-        if np.all(settled[np.append(active, True)]):
+        step = moved_by / (0.02 * np.sqrt(np.diag(spread)) + smallest)
+        if np.all(np.abs(step) <= 1.0):
             return guess, rows, True
-        guess = after
+        ahead = _extrapolation(step, last)
+        last = None if ahead else step
+        guess = replace(
+            after,
+            coefficients=after.coefficients + ahead * moved_by[:-1],
+            frequency=after.frequency + ahead * moved_by[-1],
+        )
     return (*first, False)
+
+
+def _extrapolation(step: Array, last: Array | None) -> float:
+    """How many times a step is still to come, where steps shrink in one direction (Aitken's delta-squared).
+
+    Jumps at v = 0 are spread in the operator, so that it converges at a rate: slowly if forces that nearly
+    cancel hold large jumps.
+    """
+    if last is None:
+        return 0.0
+    rate = float(step @ last / (last @ last))
+    parallel = float(np.linalg.norm(step - rate * last)) < 0.3 * float(np.linalg.norm(step))
+    return rate / (1.0 - rate) if parallel and 0.4 < rate < 0.95 else 0.0
 
 
 def _motion(
