@@ -194,10 +194,10 @@ def _print(table: "Table") -> None:
 
     # Markup would take a bracket in the name of a force for a command.
     console = Console(highlight=False, markup=False, emoji=False)
-    size = console.measure(table, options=console.options.update(width=WIDEST))
     # A result must be whole wherever it goes: a terminal may fold words but not numbers, a pipe nothing.
-    console.width = max(console.width, size.minimum) if console.is_terminal else size.maximum
-    console.print(table)
+    if not console.is_terminal:
+        console.width = console.measure(table, options=console.options.update(width=WIDEST)).maximum
+    console.print(table, crop=False)
 
 
 def _save_figure(tree: "xr.DataTree", folder: Path) -> None:

@@ -31,32 +31,24 @@ def value_with_error(value: float, error: float) -> str:
 
 def identification_table(tree: xr.DataTree) -> "Table":
     """Coefficients by both methods with errors, and how many errors apart they are."""
-    from rich.table import Table
-
     checked = tree["comparison"].ds
     methods = [checked.attrs["first"], checked.attrs["second"]]
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("force", overflow="fold", min_width=8)
-    table.add_column("formula", overflow="fold")
-    for method in methods:
-        table.add_column(method, justify="right", no_wrap=True)
-    table.add_column("difference / error", justify="right")
     results = [tree[m].ds for m in methods]
+    rows = []
     for symbol in _symbols(tree, methods):
         named = next(r for r in results if symbol in r.force).sel(force=symbol)
         row = [f"{symbol:8} {named['name'].item()}", named["formula"].item()]
         row += [_cell(result, symbol) for result in results]
         z = checked.z.sel(quantity=symbol).item() if symbol in checked.quantity else np.nan
-        table.add_row(*row, f"{z:+.1f}" if np.isfinite(z) else "")
+        rows.append([*row, f"{z:+.1f}" if np.isfinite(z) else ""])
     for name, title in (("reference_frequency", "w (rad/s)"), ("asymptotic_frequency", "w_inf (rad/s)")):
         cells = [value_with_error(r[name].item(), r[f"{name}_standard_error"].item()) for r in results]
         z = checked.z.sel(quantity="asymptotic frequency").item()
-        table.add_row(title, name.replace("_", " "), *cells, f"{z:+.1f}" if name.startswith("asym") else "")
-    noise = [f"{r.noise.item():.2g}" for r in results]
-    table.add_row("noise (rad)", "", *noise, "")
+        rows.append([title, name.replace("_", " "), *cells, f"{z:+.1f}" if name.startswith("asym") else ""])
+    rows.append(["noise (rad)", "", *(f"{r.noise.item():.2g}" for r in results), ""])
     gap = [f"{checked.residual_over_noise.sel(model=m).item():.3g} x noise" for m in methods]
-    table.add_row("gap of the simulated model (RMS)", "", *gap, "")
-    return table
+    rows.append(["gap of the simulated model (RMS)", "", *gap, ""])
+    return _table(["force", "formula", *methods, "difference / error"], rows, numbers=(2, 3, 4))
 
 
 def verdict(tree: xr.DataTree) -> list[str]:
@@ -138,44 +130,40 @@ def identification_json(tree: xr.DataTree) -> dict[str, Any]:
 
 def force_table(library: ForceLibrary) -> "Table":
     """Forces of a library with what is derived from their formulas."""
-    from rich.table import Table
-
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    heads = (
-        "symbol",
-        "name",
-        "formula",
-        "parity",
-        "type",
-        "unit",
-        "<h sin phi>",
-        "<h cos phi>",
-        "loses power",
-    )
-    for head in heads:
-        whole = head == "symbol" or head.startswith("<")
-        table.add_column(head, overflow="fold", min_width=max(8, len(head)), no_wrap=whole)
+    heads = ["symbol", "name", "formula", "parity", "type", "unit"]
+    heads += ["<h sin phi>", "<h cos phi>", "loses power"]
+    rows = []
     for force in library:
-        sine, cosine = _signature_text(force)
         power = "-" if force.kind == "sensor" else _loses_power(force)
         unit = "" if force.units == "1" else force.units
-        table.add_row(
-            force.symbol,
-            force.name,
-            force.formula.text,
-            force.parity,
-            force.character,
-            unit,
-            sine,
-            cosine,
-            power,
-        )
-    return table
+        words = [force.symbol, force.name, force.formula.text, force.parity, force.character, unit]
+        rows.append([*words, *_signature_text(force), power])
+    return _table(heads, rows, whole=(0, 6, 7))
 
 
 def number(value: float) -> float | int | None:
     """A number that JSON can hold."""
     return value if np.isfinite(value) else None
+
+
+def _table(
+    heads: list[str], rows: list[list[str]], *, whole: tuple[int, ...] = (), numbers: tuple[int, ...] = ()
+) -> "Table":
+    """A table whose words a narrow terminal may fold, but not the columns `whole` nor the `numbers`."""
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for at, head in enumerate(heads):
+        longest = max(len(row[at]) for row in rows)
+        table.add_column(
+            head,
+            justify="right" if at in numbers else "left",
+            min_width=longest if at in (*whole, *numbers) else min(longest, 12),
+            overflow="fold",
+        )
+    for row in rows:
+        table.add_row(*row)
+    return table
 
 
 def _symbols(tree: xr.DataTree, methods: list[str]) -> list[str]:
