@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from rich.table import Table
 
+INTERRUPTED = 130
 # Columns of a table that is not cut short.
 WIDEST = 2000
 
@@ -241,7 +242,10 @@ def _outcome() -> tuple[int, str]:
     except click_error as error:
         return 2, f"{error.format_message().rstrip('.')}. See sysid-trib --help."  # type: ignore[attr-defined]
     except (KeyboardInterrupt, typer.Abort):
-        return 130, "interrupted."
+        return INTERRUPTED, "interrupted."
+    except SystemExit as ending:
+        # Typer ends the process itself, and silently, when it is interrupted or its reader leaves.
+        return int(ending.code or 0), "interrupted." if ending.code == INTERRUPTED else ""
     except OSError as error:
         # What is left in the buffer must not fail once more at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,0 +1,54 @@
+"""The command line in this process: what it prints, and with which status it ends."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sysid_trib import cli
+
+TIME = np.arange(0.0, 20.0, 0.01)
+
+
+@dataclass(frozen=True)
+class Ending:
+    """How a command ended."""
+
+    status: int
+    out: str
+    err: str
+
+    @property
+    def complaint(self) -> str:
+        """The only line on stderr of a command that failed and printed nothing."""
+        lines = [line for line in self.err.splitlines() if line.strip()]
+        assert len(lines) == 1, self.err
+        assert lines[0].startswith("sysid-trib: ")
+        assert "Traceback" not in self.err
+        assert self.out == ""
+        return lines[0]
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> Ending:
+    """Run `sysid-trib ARGUMENTS` in this process."""
+    capsys.readouterr()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["sysid-trib", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ending:
+            cli.main()
+    return Ending(int(ending.value.code or 0), *capsys.readouterr())
+
+
+def linear(time=TIME, zeta=0.01, omega=9.9, amplitude=0.3):
+    return amplitude * np.exp(-zeta * omega * time) * np.cos(omega * time)
+
+
+def write_csv(path: Path, time=TIME, angle=None, header="time (s),angle (rad)") -> Path:
+    """Write a record; without an angle, of a decay with a little noise."""
+    if angle is None:
+        angle = linear(time) + 1e-4 * np.random.default_rng(1).standard_normal(len(time))
+    rows = (f"{t:.9g},{a:.9g}" for t, a in zip(time, angle, strict=True))
+    path.write_text("\n".join([header, *rows]) + "\n", encoding="utf-8")
+    return path

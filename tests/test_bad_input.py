@@ -1,0 +1,297 @@
+"""Whatever is given to the command line: a status, one clear line on stderr, nothing executed or written."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.io
+import xarray as xr
+from command_line import TIME, linear, run, write_csv
+
+from sysid_trib import cli_input
+
+NOISE = np.random.default_rng(7).standard_normal(TIME.size)
+GAPPED = (TIME < 3.0) | (TIME > 4.0)
+JITTERED = np.cumsum(np.random.default_rng(8).uniform(0.005, 0.02, TIME.size))
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    """A folder with one good record, from which every command of a test is run."""
+    write_csv(tmp_path / "good.csv")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def refused(capsys, folder):
+    def command(*arguments) -> tuple[int, str]:
+        before = sorted(p for p in folder.rglob("*"))
+        ending = run(capsys, *arguments)
+        assert sorted(p for p in folder.rglob("*")) == before, "something was written"
+        assert len(ending.complaint) < 420
+        return ending.status, ending.complaint
+
+    return command
+
+
+# Content of the file (text, bytes, or a signal), and what is said of it.
+RECORDS = {
+    "empty": (b"", "bad.csv: the file is empty"),
+    "header only": ("time,angle\n", "no rows of numbers"),
+    "prose": ("it swung\nfor a while\n", "no rows of numbers"),
+    "binary": (bytes(range(256)) * 8, "binary content"),
+    "missing value": ("time,angle\n0,1\n0.1,nan\n0.2,1\n", "row 2 of column angle is missing"),
+    "infinite value": ("time,angle\n0,1\n0.1,inf\n0.2,1\n", "row 2 of column angle is infinite"),
+    "text in a column": ("time,angle\n0,1\n0.1,bad\n0.2,1\n", "row 2 of column angle holds 'bad'"),
+    "escape sequence": ("time,angle\n0,1\n0.1,\x1b[31m\n0.2,1\n", "row 2 of column angle holds"),
+    "time alone": ("time\n0\n1\n2\n", "no column for the angle"),
+    "reversed": ((TIME[::-1], linear()), "time must rise"),
+    "repeated": ((np.sort(np.append(TIME, 7.0)), np.append(linear(), 0.1)), "7 s in row 701 is repeated"),
+    "uneven": ((JITTERED, linear(JITTERED)), "2 % is allowed"),
+    "gap": ((TIME[GAPPED], linear(TIME[GAPPED])), "a time step of 1.02 s at 2.99 s"),
+    "two periods": ((TIME[:130], linear(TIME[:130])), "at least five are needed"),
+    "flat": ((TIME, 0.1 + 0.0 * TIME), "flat at 0.1"),
+    "all but flat": ((TIME, 1e-250 * linear()), "flat at"),
+    "only noise": ((TIME, 1e-3 * NOISE), "no oscillation stands out"),
+    "growing": ((TIME, linear(zeta=-0.005, amplitude=0.01)), "grows by 3"),
+    "clipped": ((TIME, np.clip(linear(), -0.2, 0.2)), "clipped at"),
+    "stuck at once": ((TIME, np.where(TIME < 0.5, linear(), 0.07)), "half periods of steady oscillation"),
+    "degrees as radians": ((TIME, linear(amplitude=30.0)), "if it is in degrees say so"),
+    "huge": ((TIME, linear(amplitude=1e300)), "too much for an oscillation"),
+}
+
+
+@pytest.mark.parametrize("name", RECORDS)
+def test_record(refused, folder, name):
+    content, reason = RECORDS[name]
+    if isinstance(content, tuple):
+        write_csv(folder / "bad.csv", *content)
+    else:
+        (folder / "bad.csv").write_bytes(content.encode() if isinstance(content, str) else content)
+    status, complaint = refused("identify", "bad.csv", "-o", "result.nc", "--json")
+    assert status == 1
+    assert reason in complaint
+    assert "bad.csv" in complaint
+    assert "\x1b" not in complaint
+
+
+@pytest.mark.parametrize("kind", ["mat", "xlsx", "nc", "csv"])
+def test_truncated(refused, folder, kind, capsys):
+    path, angle = folder / f"cut.{kind}", linear()
+    if kind == "mat":
+        scipy.io.savemat(path, {"time": TIME, "angle": angle})
+    elif kind == "nc":
+        xr.Dataset({"angle": ("time", angle)}, {"time": TIME}).to_netcdf(path, engine="h5netcdf")
+    elif kind == "xlsx":
+        frame = xr.Dataset({"angle": ("time", angle[:500])}, {"time": TIME[:500]}).to_dataframe()
+        frame.reset_index().to_excel(path, index=False)
+    else:
+        write_csv(path, TIME, angle)
+    os.truncate(path, int(0.6 * path.stat().st_size))
+    if kind == "csv":
+        # A line cut within its number is still a number: text cannot know.
+        assert cli_input.read_decay(path, {"signal": "angle"}, ":", "auto")[0].sizes["time"] > 1000
+        return
+    status, complaint = refused("identify", path.name)
+    assert status == 1
+    assert f"cut.{kind}: cannot be read, it seems damaged or cut off" in complaint
+
+
+GOOD = ("identify", "good.csv")
+SIMULATE = ("simulate", "-o", "x.csv")
+# Arguments after `sysid-trib`, exit status, and a part of what is said.
+COMMANDS = [
+    (["frobnicate"], 2, "No such command 'frobnicate'"),
+    ([], 2, "Missing command"),
+    (["identify", "--frob"], 2, "No such option: --frob"),
+    (["identify", "missing.csv"], 2, "missing.csv: there is no such file"),
+    (["identify", "."], 1, "is a directory"),
+    (["identify", "/dev/zero"], 1, "a pipe or a device"),
+    ([*GOOD, "good.csv"], 2, "extra argument"),
+    ([*GOOD, "--window", "a:b"], 2, "--window: 'a' is not a finite number"),
+    ([*GOOD, "--window", "3"], 2, "must be START:STOP"),
+    ([*GOOD, "--window", "1:2:3"], 2, "must be START:STOP"),
+    ([*GOOD, "--window", "9:3"], 2, "start must come before its end"),
+    ([*GOOD, "--window", "nan:"], 2, "not a finite number"),
+    ([*GOOD, "--window", "50:"], 1, "the record runs from 0 s to 19.99 s"),
+    ([*GOOD, "--omega0", "x"], 2, "--omega0: 'x' is not a finite number"),
+    ([*GOOD, "--omega0", "-5"], 2, "--omega0 '-5' must be"),
+    ([*GOOD, "--omega0", "1e300"], 2, "--omega0 '1e+300' must be"),
+    ([*GOOD, "--omega0", "9±x"], 2, "--omega0: 'x' is not"),
+    ([*GOOD, "--omega0", "9±-1"], 2, "the error must be positive"),
+    ([*GOOD, "--omega0", "9±1±2"], 2, "must be VALUE or VALUE±ERROR"),
+    ([*GOOD, "--omega0", "9", "--reference-frequency", "9"], 2, "choose one"),
+    ([*GOOD, "--reference-frequency", "0"], 2, "--reference-frequency '0' must be"),
+    ([*GOOD, "--reference-frequency", "nan"], 2, "--reference-frequency 'nan' must be"),
+    ([*GOOD, "--reference-frequency", "x"], 2, "Invalid value for '--reference-frequency'"),
+    ([*GOOD, "--reference-frequency", "1e6"], 2, "mind that it is in rad/s"),
+    ([*GOOD, "--sampling-rate", "0"], 2, "sampling rate 0"),
+    ([*GOOD, "--sampling-rate", "nan"], 2, "sampling rate nan"),
+    ([*GOOD, "--sampling-rate", "1e300"], 2, "sampling rate 1e+300"),
+    ([*GOOD, "--time", "0", "--sampling-rate", "100"], 2, "not both"),
+    ([*GOOD, "--equilibrium", "foo"], 2, "--equilibrium: 'foo'"),
+    ([*GOOD, "--equilibrium", "5"], 1, "an equilibrium of 5 is outside of the record"),
+    ([*GOOD, "--units", "furlong"], 2, "units 'furlong' are unknown"),
+    ([*GOOD, "--units", "mm"], 1, "must be scaled first"),
+    ([*GOOD, "--time-units", "fortnight"], 2, "time units 'fortnight'"),
+    ([*GOOD, "--signal", "foo"], 2, "signal 'foo' is unknown"),
+    ([*GOOD, "--time", "7"], 2, "no single column '7'; its columns are time (s), angle (rad)"),
+    ([*GOOD, "--angle", "theta"], 2, "no single column 'theta'"),
+    ([*GOOD, "--forces", "foo"], 2, "no force 'foo'; it has lambda, zeta"),
+    ([*GOOD, "--forces", ""], 2, "names no force"),
+    ([*GOOD, "--forces", "alpha"], 2, "one unknown with the frequency: give --omega0"),
+    ([*GOOD, "--library", "foo"], 2, "There is no library 'foo'"),
+    ([*GOOD, "--library", "."], 2, "There is no library '.'"),
+    ([*GOOD, "--library", "good.csv"], 1, "good.csv: not a readable TOML file"),
+    (["forces", "missing.toml"], 2, "There is no library 'missing.toml'"),
+    (["identify", "--units", "deg"], 2, "--units is for a RECORD"),
+    ([*GOOD, "-o", "missing/x.nc"], 1, "missing/x.nc: cannot be written, its folder does not exist"),
+    ([*GOOD, "-o", "."], 1, "it is a directory"),
+    ([*GOOD, "-o", "good.csv"], 2, "the ending must be .nc"),
+    ([*GOOD, "--plot", "good.csv"], 1, "good.csv is a file"),
+    ([*GOOD, "--plot", "good.csv/figures"], 1, "good.csv is a file"),
+    (["simulate"], 2, "Missing option '-o'"),
+    (["simulate", "-o", "x.txt"], 2, "the ending must be .csv or .nc"),
+    (["simulate", "-o", "missing/x.csv"], 1, "its folder does not exist"),
+    ([*SIMULATE, "--duration", "0"], 2, "--duration '0' must be"),
+    ([*SIMULATE, "--duration", "1e8"], 2, "change --duration or --sampling-rate"),
+    ([*SIMULATE, "--duration", "nan"], 2, "--duration 'nan' must be"),
+    ([*SIMULATE, "--sampling-rate", "-100"], 2, "--sampling-rate '-100' must be"),
+    ([*SIMULATE, "--reference-frequency", "1e6"], 2, "more than 1,000,000 periods"),
+    ([*SIMULATE, "--angle0", "nan"], 2, "the start must be finite"),
+    ([*SIMULATE, "--noise", "1e308"], 2, "the noise 0 to 1000 rad"),
+    ([*SIMULATE, "--seed", "-1"], 2, "the seed not negative"),
+    ([*SIMULATE, "--set", "lambda"], 2, "must be SYMBOL=VALUE"),
+    ([*SIMULATE, "--set", ""], 2, "must be SYMBOL=VALUE"),
+    ([*SIMULATE, "--set", "lambda=x"], 2, "--set lambda: 'x' is not a finite number"),
+    ([*SIMULATE, "--set", "epsilon=1e300"], 2, "larger than 1e+09"),
+    ([*SIMULATE, "--set", "foo=1"], 2, "no force 'foo'"),
+    ([*SIMULATE, "--set", "zeta=1,zeta.s=1"], 2, "no shape parameter 's'"),
+    ([*SIMULATE, "--set", "zeta=-3"], 1, "The motion diverges"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "status", "reason"), COMMANDS, ids=lambda a: None)
+def test_command(refused, arguments, status, reason):
+    found, complaint = refused(*arguments)
+    assert reason in complaint
+    assert found == status
+
+
+LIBRARIES = {
+    "__import__('os').system('touch X')": "holds something other than",
+    "x.__class__": "holds something other than",
+    "(lambda: x)()": "holds something other than",
+    "[x for x in x]": "holds something other than",
+    "f'{x}'": "holds something other than",
+    "(y := x)": "holds something other than",
+    "9**9**9": "an exponent must be a number",
+    "x**x": "an exponent must be a number",
+    "exp(800*x)": "is not a finite number",
+    "x*1e99*1e99*1e99*1e99": "is not a finite number",
+    "y": "unknown name 'y'",
+    "x**2": "Force g has no signature in envelope or frequency",
+    "v": "cannot tell apart z and g",
+}
+
+
+def write_library(path: Path, **formulas: str) -> None:
+    path.write_text("".join(f'[[force]]\nsymbol = "{s}"\nformula = "{f}"\n' for s, f in formulas.items()))
+
+
+@pytest.mark.parametrize("formula", LIBRARIES)
+def test_library(refused, folder, formula):
+    write_library(folder / "own.toml", z="2*v", g=formula)
+    status, complaint = refused(*GOOD, "--library", "own.toml", "-o", "result.nc")
+    assert LIBRARIES[formula] in complaint
+    assert status == 1
+
+
+def test_stiffness_alone(refused, folder):
+    write_library(folder / "own.toml", k="x")
+    status, complaint = refused(*GOOD, "--library", "own.toml")
+    assert (status, "Force 'k' is one unknown with the frequency" in complaint) == (2, True)
+
+
+def test_control_characters_of_a_library(refused, folder):
+    (folder / "own.toml").write_text('[[force]]\nsymbol = "z"\nformula = "v"\nname = "\\u001b[31m"\n')
+    assert refused("forces", "own.toml") == (
+        1,
+        "sysid-trib: own.toml, force 'z': 'name' holds control characters; leave them out.",
+    )
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root writes anywhere")
+def test_read_only_folder(refused, folder):
+    (folder / "locked").mkdir(mode=0o500)
+    assert refused("simulate", "-o", "locked/x.csv")[0] == 1
+    assert refused(*GOOD, "--plot", "locked")[0] == 1
+
+
+def test_result_does_not_replace_the_record(refused, folder):
+    xr.Dataset({"angle": ("time", linear())}, {"time": TIME}).to_netcdf("run.nc", engine="h5netcdf")
+    assert refused("identify", "run.nc", "-o", "../" + folder.name + "/run.nc")[0] == 1
+
+
+def test_disk_that_fills_up_leaves_no_half_file(refused, monkeypatch):
+    def full(self, path, **_):
+        Path(path).write_text("half")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("pandas.DataFrame.to_csv", full)
+    assert "x.csv: cannot be written (No space left on device)" in refused(*SIMULATE)[1]
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "said"),
+    [
+        (KeyboardInterrupt(), 130, "interrupted"),
+        (MemoryError(), 1, "Out of memory"),
+        (KeyError("a\nb"), 1, "Internal error (KeyError in test_bad_input.py"),
+    ],
+)
+def test_interrupt_and_faults(refused, monkeypatch, error, status, said):
+    def fail(*_, **__):
+        raise error
+
+    monkeypatch.setattr(cli_input, "read_decay", fail)
+    found, complaint = refused(*GOOD)
+    assert (found, said in complaint) == (status, True)
+
+
+def subprocess_run(*arguments: str, **options) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "sysid_trib", *arguments]
+    return subprocess.run(command, stderr=subprocess.PIPE, text=True, timeout=60, **options)
+
+
+def test_a_true_process():
+    for arguments, status in ((["identify", "missing.csv"], 2), (["identify", "."], 1)):
+        ended = subprocess_run(*arguments, stdout=subprocess.PIPE)
+        assert (ended.returncode, ended.stdout, ended.stderr.count("\n")) == (status, "", 1)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+def test_output_that_cannot_be_printed():
+    with open("/dev/full", "w") as full:
+        ended = subprocess_run("forces", stdout=full)
+    assert (ended.returncode, ended.stderr.count("\n")) == (1, 1)
+    assert "No space left on device" in ended.stderr
+
+
+def test_reader_that_leaves():
+    reading, writing = os.pipe()
+    os.close(reading)
+    ended = subprocess_run("forces", stdout=writing)
+    os.close(writing)
+    assert ended.stderr == ""
+
+
+def test_refusals_come_before_the_work(refused):
+    begin = time.perf_counter()
+    refused(*GOOD, "-o", "missing/x.nc")
+    assert time.perf_counter() - begin < 1.0
