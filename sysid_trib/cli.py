@@ -236,16 +236,14 @@ def _outcome() -> tuple[int, str]:
     try:
         status = app(standalone_mode=False) or 0
         sys.stdout.flush()
-        return status, ""
+        # Typer turns an interrupt into this status, silently.
+        return status, "interrupted." if status == INTERRUPTED else ""
     except SysidTribError as error:
         return error.exit_status, str(error)
     except click_error as error:
         return 2, f"{error.format_message().rstrip('.')}. See sysid-trib --help."  # type: ignore[attr-defined]
     except (KeyboardInterrupt, typer.Abort):
         return INTERRUPTED, "interrupted."
-    except SystemExit as ending:
-        # Typer ends the process itself, and silently, when it is interrupted or its reader leaves.
-        return int(ending.code or 0), "interrupted." if ending.code == INTERRUPTED else ""
     except OSError as error:
         # What is left in the buffer must not fail once more at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
