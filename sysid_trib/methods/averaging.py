@@ -60,11 +60,12 @@ class Averaging:
         asked = unknown_forces(library, self.reference_frequency)
         measured = _measured(decay)
         found = _first_order(self, measured, asked)
-        values, corrected = found.values, "no"
+        values, corrected, misfit = found.values, "no", found.misfit
         if self.correct:
-            values, corrected = _corrected(self, decay, asked, measured, found)
-        extra = {"misfit": (found.misfit, "1", "RMS of the averaged equations' residual over its error")}
-        estimate = Estimate(values[:-1], found.covariance, float(values[-1]), found.noise, extra)
+            values, corrected, misfit = _corrected(self, decay, asked, measured, found)
+        extra = {"misfit": (misfit, "1", "RMS of the averaged equations' residual over its error")}
+        spread = found.covariance * max(1.0, misfit) ** 2
+        estimate = Estimate(values[:-1], spread, float(values[-1]), found.noise, extra)
         result = identification(self, decay, asked, estimate, offered=library)
         bias = found.values - values
         result["first_order_bias"] = (
@@ -77,12 +78,21 @@ class Averaging:
 
 @dataclass(frozen=True)
 class _Averaged:
-    """First-order estimate: values and covariance of (coefficients, reference frequency)."""
+    """First-order estimate of (coefficients, reference frequency): values, their covariance by the noise.
+
+    `residual` : (equation,) what is left, of unit variance if it is noise; `freedom` : its degrees.
+    """
 
     values: Array
     covariance: Array
     noise: float
-    misfit: float
+    residual: Array
+    freedom: int
+
+    @property
+    def misfit(self) -> float:
+        """RMS of the residual."""
+        return float(np.sqrt(np.sum(self.residual**2) / self.freedom))
 
 
 def _first_order(method: Averaging, measured: xr.Dataset, library: ForceLibrary) -> _Averaged:
@@ -108,16 +118,14 @@ def _first_order(method: Averaging, measured: xr.Dataset, library: ForceLibrary)
             dense[1::2] -= dense[-1]
         reached = np.linalg.pinv(design) @ dense
         spread = np.asarray(reached @ reached.T, dtype=float)
-    freedom = max(1, len(y) - len(unknown))
-    misfit = float(np.sqrt(np.sum((y - rows @ unknown) ** 2) / freedom))
-    spread = spread * max(1.0, misfit) ** 2
+    residual, freedom = y - rows @ unknown, max(1, len(y) - len(unknown))
     if fixed is not None:
         unknown = np.append(unknown, fixed)
         spread = np.pad(spread, (0, 1))
         if last:
             spread[-1, -1] = measured.frequency_standard_error.values[-1] ** 2
     values, spread = _to_coefficients(library, unknown, spread, given=method.reference_frequency is not None)
-    return _Averaged(values, spread, float(measured.noise), misfit)
+    return _Averaged(values, spread, float(measured.noise), residual, freedom)
 
 
 def _averaged_equations(
@@ -213,22 +221,25 @@ def _measured(decay: xr.Dataset) -> xr.Dataset:
 
 def _corrected(
     method: Averaging, decay: xr.Dataset, library: ForceLibrary, measured: xr.Dataset, found: _Averaged
-) -> tuple[Array, str]:
-    """Values whose simulated motion, averaged in the same way, gives what the record gave."""
+) -> tuple[Array, str, float]:
+    """Values whose simulated motion, averaged in the same way, gives what the record gave; their misfit."""
     values = found.values
-    errors = np.sqrt(np.diag(found.covariance)) + 1e-300
+    errors = np.sqrt(np.diag(found.covariance)) * max(1.0, found.misfit) + 1e-300
     for _ in range(MAX_CORRECTIONS):
         try:
             again = _first_order(method, _simulated(method, decay, library, measured, values), library)
         except SysidTribError as error:
-            return found.values, f"no: {error}"
+            return found.values, f"no: {error}", found.misfit
         step = found.values - again.values
         if method.reference_frequency is not None:
             step[-1] = 0.0
         values = values + step
         if np.all(np.abs(step) < 1e-3 * errors):
-            return values, "yes"
-    return found.values, "no: the correction did not settle"
+            # What half-sines and first order leave is in the simulation as well.
+            shared = min(len(found.residual), len(again.residual))
+            gap = found.residual[:shared] - again.residual[:shared]
+            return values, "yes", float(np.sqrt(np.sum(gap**2) / found.freedom))
+    return found.values, "no: the correction did not settle", found.misfit
 
 
 def _simulated(

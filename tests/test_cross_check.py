@@ -1,0 +1,139 @@
+"""Two identifications of one decay held against each other."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+import xarray as xr
+from helpers import FIVE, SIX, Run, decay, library_of_formulas, paper_run
+from scipy.stats import chi2
+
+from sysid_trib import Model, load_library
+from sysid_trib.identification import cross_check, identify
+from sysid_trib.methods import Averaging, Direct
+from sysid_trib.result_files import load, save
+
+FORCES = load_library()
+GROUPS = {"record", "envelope", "averaging", "direct", "comparison"}
+
+
+def checked(record, library=FORCES, averaging=None, **options):
+    pair = [identify(record, library, method) for method in (averaging or Averaging(), Direct())]
+    return cross_check(record, *pair, **options)
+
+
+@cache
+def paper_check():
+    return checked(paper_run(FIVE).decay(7))
+
+
+def test_groups_and_labels():
+    tree = paper_check()
+    assert set(tree.children) == GROUPS
+    compared = tree["comparison"]
+    assert compared.quantity.values.tolist() == [*FIVE, "asymptotic frequency"]
+    assert compared.model.values.tolist() == ["averaging", "direct"]
+    assert {"difference", "expected_difference", "standard_error", "z"} <= set(compared.data_vars)
+    for node in tree.children.values():
+        assert all("long_name" in v.attrs for v in node.data_vars.values() if v.name not in ("angle", "unit"))
+
+
+def test_both_models_are_true_and_the_methods_agree():
+    compared = paper_check()["comparison"]
+    assert compared.attrs["verdict"] == "agree"
+    assert compared.p_value.item() > 0.01
+    assert np.all(np.abs(compared.z.values) < 4.0)
+    np.testing.assert_allclose(compared.residual_over_noise.values, 1.0, rtol=0.1)
+    assert np.all(np.isnan(compared.departure_time.values))
+    z = (compared.difference - compared.expected_difference) / compared.standard_error
+    np.testing.assert_allclose(z, compared.z, rtol=1e-12)
+
+
+def test_the_difference_is_taken_at_one_reference_frequency():
+    tree = paper_check()
+    averaging, direct = tree["averaging"], tree["direct"]
+    ratio = direct.reference_frequency.item() / averaging.reference_frequency.item()
+    moved = direct.coefficient.values * ratio ** np.array([2.0, 1.0, 0.0, 2.0, 2.0])
+    expected = averaging.coefficient.values - moved
+    np.testing.assert_allclose(tree["comparison"].difference.values[:-1], expected, rtol=1e-6, atol=1e-12)
+
+
+def test_p_values_are_those_of_chance():
+    run, exact, p_values = paper_run(FIVE), paper_run(FIVE).angle, []
+    for seed in range(8):
+        record = decay(run.time, exact, 100 + seed)
+        tree = checked(record, averaging=Averaging(correct=False), seed=seed, draws=16)
+        p_values.append(tree["comparison"].p_value.item())
+    # Fisher: minus twice the sum of the logarithms is chi-square distributed.
+    assert chi2.ppf(1e-3, 16) < -2.0 * np.sum(np.log(p_values)) < chi2.ppf(1.0 - 1e-3, 16)
+
+
+def test_a_missing_force_shows():
+    tree = checked(paper_run(FIVE).decay(7), FORCES.select(["lambda", "zeta", "delta", "epsilon"]))
+    compared = tree["comparison"]
+    assert compared.attrs["verdict"] == "disagree"
+    assert np.all(compared.residual_over_noise.values > 3.0)
+    assert np.all(compared.departure_time.values < 25.0)
+
+
+def test_first_order_bias_is_stated_where_it_is_not_removed():
+    record = paper_run(FIVE).decay(7)
+    compared = checked(record, averaging=Averaging(correct=False))["comparison"]
+    expected = compared.expected_difference.sel(quantity="epsilon").item()
+    assert expected == pytest.approx(0.2807 - 0.30, abs=2e-3)
+    assert abs(compared.difference.sel(quantity="epsilon").item()) > 0.01
+    assert compared.attrs["verdict"] == "agree"
+    corrected = paper_check()["comparison"].expected_difference
+    assert np.all(np.abs(corrected) < 0.05 * paper_check()["comparison"].standard_error)
+
+
+def test_same_seed_same_result():
+    record = paper_run(FIVE).decay(7)
+    again, other = checked(record, draws=8, seed=1), checked(record, draws=8, seed=2)
+    first = checked(record, draws=8, seed=1)
+    xr.testing.assert_identical(first["comparison"].to_dataset(), again["comparison"].to_dataset())
+    assert first["comparison"].p_value.item() != other["comparison"].p_value.item()
+
+
+def test_saved_and_read_back_the_same(tmp_path):
+    save(paper_check(), tmp_path / "result.nc")
+    back = load(tmp_path / "result.nc")
+    xr.testing.assert_identical(back, paper_check())
+    for name, node in paper_check().children.items():
+        assert back[name].attrs == node.attrs
+
+
+def test_two_of_one_method_keep_apart():
+    record = paper_run(FIVE).decay(7)
+    pair = [m.identify(record, FORCES) for m in (Direct(refine=False), Direct())]
+    tree = cross_check(record, *pair, draws=12)
+    assert set(tree.children) == {"record", "envelope", "direct_1", "direct_2", "comparison"}
+
+
+def test_simulated_angles_are_in_the_record():
+    record = paper_check()["record"]
+    assert record.simulated_angle.dims == ("model", "time")
+    gap = record.simulated_angle.sel(model="direct") - record.angle
+    rms = np.sqrt(float((gap**2).mean()))
+    assert rms == pytest.approx(paper_check()["comparison"].residual_rms.sel(model="direct").item(), rel=1e-9)
+
+
+def test_a_dropped_force_is_compared_by_the_others():
+    record = paper_run(SIX).decay(7)
+    pair = [
+        Averaging(reference_frequency=9.91).identify(record, FORCES),
+        Direct(9.91, significance=0.01).identify(record, FORCES),
+    ]
+    compared = cross_check(record, *pair, draws=12)["comparison"]
+    assert np.all(np.isfinite(compared.standard_error.values))
+
+
+def test_what_cannot_be_told_apart_is_said():
+    library = library_of_formulas(zeta="2*v", delta="v*abs(v)", positional="x**2*sign(v)")
+    run = Run(Model(library, {"zeta": 0.0097, "delta": 0.037}, 9.91), paper_run().time)
+    record = run.decay(0)
+    direct = Direct().identify(record, library)
+    averaging = Averaging().identify(record, library.select(["zeta", "delta"]))
+    attrs = cross_check(record, averaging, direct, draws=12)["comparison"].attrs
+    assert attrs["averaging_cannot_tell_apart"] == "delta = positional"
+    assert attrs["averaging_cannot_see"] == attrs["no_method_can_tell_apart"] == ""
