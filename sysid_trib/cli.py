@@ -122,12 +122,12 @@ def identify(
     if as_json:
         from sysid_trib.tables import identification_json
 
-        typer.echo(json.dumps(identification_json(tree), indent=2, allow_nan=False))
+        print(json.dumps(identification_json(tree), indent=2, allow_nan=False))
         return
     _tell(tree, _printable(told))
     for place in (output, plot):
         if place is not None:
-            typer.echo(f"Written: {place}")
+            print(f"Written: {place}")
 
 
 @app.command()
@@ -162,7 +162,7 @@ def simulate(
     write_record(record, output)
     stop = record.stop_time.item()
     ending = f"; it stops at {stop:.4g} s" if stop == stop else ""
-    typer.echo(f"{output}: {record.sizes['time']} simulated samples{ending}.")
+    print(f"{output}: {record.sizes['time']} simulated samples{ending}.")
 
 
 @app.command()
@@ -174,20 +174,20 @@ def forces(
     from sysid_trib.tables import force_table
 
     offered = load_library(library)
-    typer.echo(offered.title)
+    print(offered.title)
     _print(force_table(offered))
 
 
 def _tell(tree: "xr.DataTree", told: str) -> None:
     from sysid_trib.tables import identification_table, verdict
 
-    typer.echo(told)
-    typer.echo(tree["record"].attrs.get("free_decay", ""))
-    typer.echo("")
+    print(told)
+    print(tree["record"].attrs.get("free_decay", ""))
+    print()
     _print(identification_table(tree))
-    typer.echo("")
+    print()
     for sentence in verdict(tree):
-        typer.echo(sentence)
+        print(sentence)
 
 
 def _print(table: "Table") -> None:

@@ -1,5 +1,6 @@
 """The command line in this process: what it prints, and with which status it ends."""
 
+import io
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,14 +32,17 @@ class Ending:
         return lines[0]
 
 
-def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> Ending:
-    """Run `sysid-trib ARGUMENTS` in this process."""
-    capsys.readouterr()
+def run(*arguments: object, encoding: str = "utf-8") -> Ending:
+    """Run `sysid-trib ARGUMENTS` in this process, on terminals of this encoding."""
+    out, err = (io.TextIOWrapper(io.BytesIO(), encoding=encoding, write_through=True) for _ in range(2))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "argv", ["sysid-trib", *map(str, arguments)])
+        patch.setattr(sys, "stdout", out)
+        patch.setattr(sys, "stderr", err)
         with pytest.raises(SystemExit) as ending:
             cli.main()
-    return Ending(int(ending.value.code or 0), *capsys.readouterr())
+    texts = [stream.buffer.getvalue().decode(encoding) for stream in (out, err)]  # type: ignore[attr-defined]
+    return Ending(int(ending.value.code or 0), *texts)
 
 
 def linear(time=TIME, zeta=0.01, omega=9.9, amplitude=0.3):

@@ -28,10 +28,10 @@ def folder(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def refused(capsys, folder):
+def refused(folder):
     def command(*arguments) -> tuple[int, str]:
         before = sorted(p for p in folder.rglob("*"))
-        ending = run(capsys, *arguments)
+        ending = run(*arguments)
         assert sorted(p for p in folder.rglob("*")) == before, "something was written"
         assert len(ending.complaint) < 420
         return ending.status, ending.complaint
@@ -81,7 +81,7 @@ def test_record(refused, folder, name):
 
 
 @pytest.mark.parametrize("kind", ["mat", "xlsx", "nc", "csv"])
-def test_truncated(refused, folder, kind, capsys):
+def test_truncated(refused, folder, kind):
     path, angle = folder / f"cut.{kind}", linear()
     if kind == "mat":
         scipy.io.savemat(path, {"time": TIME, "angle": angle})

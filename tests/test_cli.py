@@ -1,0 +1,228 @@
+"""The command line as it is meant to be used: tables, JSON, files, figures, round trips."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import xarray as xr
+from command_line import run, write_csv
+
+from sysid_trib import cli, result_files
+from sysid_trib.example import COEFFICIENTS, FREQUENCY
+from sysid_trib.tables import identification_table, value_with_error
+
+DAHL = """
+[[force]]
+symbol = "zeta"
+formula = "2*v"
+[[force]]
+symbol = "dahl"
+name = "presliding [/b] hysteresis (±)"
+formula = "z"
+state = { z = "(v - abs(v)*z)/s" }
+shape = { s = { default = 0.01, low = 1e-4, high = 0.3 } }
+[[force]]
+symbol = "jenkins"
+formula = "max(-s, min(s, zr + x - xr))"
+memory = { xr = "x", zr = "max(-s, min(s, zr + x - xr))" }
+start = { xr = "x", zr = "0" }
+shape = { s = { default = 0.02, low = 1e-4, high = 0.5 } }
+[[force]]
+symbol = "drift"
+formula = "t"
+kind = "sensor"
+"""
+
+
+@pytest.fixture
+def dahl_library(tmp_path):
+    path = tmp_path / "own.toml"
+    path.write_text(DAHL, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def twin(tmp_path_factory):
+    """The embedded example with everything written: (folder, JSON)."""
+    folder = tmp_path_factory.mktemp("twin")
+    ending = run("identify", "--json", "-o", folder / "twin.nc", "--plot", folder / "new" / "figures")
+    assert (ending.status, ending.err) == (0, "")
+    return folder, json.loads(ending.out)
+
+
+@pytest.fixture(scope="module")
+def tree(twin):
+    return result_files.load(twin[0] / "twin.nc")
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory):
+    """A record of the paper's model as CSV."""
+    path = tmp_path_factory.mktemp("simulated") / "run.csv"
+    ending = run("simulate", "-o", path, "--noise", "1e-4", "--seed", "3")
+    assert (ending.status, ending.out) == (0, f"{path}: 2500 simulated samples.\n")
+    return path
+
+
+def number(text):
+    """A number that is not NaN or Infinity, as JSON knows no such thing."""
+    raise AssertionError(f"{text} is not JSON")
+
+
+def test_help_imports_nothing_heavy():
+    script = (
+        "import sys; sys.argv = ['sysid-trib', 'identify', '--help']\n"
+        "from sysid_trib import cli\n"
+        "try: cli.main()\n"
+        "except SystemExit: print(sorted(sys.modules))"
+    )
+    printed = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    ).stdout
+    assert "--reference-frequency" in printed
+    for heavy in ("pysindy", "heyoka", "matplotlib", "xarray", "scipy", "pandas", "sympy"):
+        assert f"'{heavy}'" not in printed
+
+
+def test_json_follows_the_schema(twin):
+    found = twin[1]
+    assert set(found["methods"]) == {"averaging", "direct"}
+    for method in found["methods"].values():
+        assert set(method["coefficients"]) == set(COEFFICIENTS)
+        for symbol, truth in COEFFICIENTS.items():
+            one = method["coefficients"][symbol]
+            assert abs(one["value"] - truth) < 4.5 * one["standard_error"]
+        for key in ("reference_frequency", "asymptotic_frequency", "noise"):
+            assert isinstance(method[key], float)
+        assert method["reference_frequency"] == pytest.approx(FREQUENCY, rel=2e-4)
+    check = found["cross_check"]
+    assert check["verdict"] == "agree"
+    assert check["p_value"] > 0.01
+    assert {*COEFFICIENTS, "asymptotic frequency"} == set(check["differences"])
+    # The twin's models never leave the noise: a time that is not finite is null.
+    assert check["models"]["direct"]["departure_time"] is None
+    assert "simulated twin" in found["record"]["source"]
+
+
+def test_result_file(twin, tree):
+    assert set(tree.children) == {"record", "envelope", "averaging", "direct", "comparison"}
+    for method, found in twin[1]["methods"].items():
+        for symbol, one in found["coefficients"].items():
+            assert tree[method].ds.coefficient.sel(force=symbol).item() == one["value"]
+    assert tree["record"].ds.simulated_angle.sizes["model"] == 2
+
+
+def test_result_file_comes_back_equal(tree, tmp_path):
+    result_files.save(tree, tmp_path / "again.nc")
+    again = result_files.load(tmp_path / "again.nc")
+    xr.testing.assert_identical(again, tree)
+
+
+def test_figure(twin):
+    written = sorted(path.name for path in (twin[0] / "new" / "figures").iterdir())
+    assert written == ["identification.pdf", "identification.png"]
+    assert (twin[0] / "new/figures/identification.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_table_of_the_example_on_an_ascii_terminal():
+    ending = run("identify", "--window", ":9", "--omega0", "8.87+-0.02", encoding="ascii")
+    assert (ending.status, ending.err) == (0, "")
+    first, second, *_ = ending.out.splitlines()
+    assert first.startswith("Embedded example: simulated twin")
+    assert second.startswith("Free decay: kept 0 s to 9 s")
+    for row in ("lambda   solid friction", "alpha    linear elastic force", "w_inf (rad/s)"):
+        assert row in ending.out
+    assert "Averaging and direct agree" in ending.out
+
+
+def test_alpha_is_the_papers(simulated, tmp_path):
+    result = tmp_path / "result.nc"
+    arguments = (simulated, "--window", ":9", "--omega0", "8.87±0.02", "--forces", "zeta,delta,nu,epsilon")
+    ending = run("identify", *arguments, "--json", "-o", result)
+    for name, method in json.loads(ending.out, parse_constant=number)["methods"].items():
+        limit, error = method["asymptotic_frequency"], method["asymptotic_frequency_standard_error"]
+        alpha = method["coefficients"]["alpha"]
+        assert alpha["value"] == pytest.approx((limit / 8.87) ** 2 - 1.0, rel=1e-12)
+        slope = 2.0 * limit / 8.87**2
+        assert alpha["standard_error"] == pytest.approx(np.hypot(slope * error, slope * limit / 8.87 * 0.02))
+        assert alpha["refers_to"] == 8.87
+        assert set(method["coefficients"]) == {"zeta", "delta", "alpha", "nu", "epsilon"}
+        assert result_files.load(result)[name].ds.omega0.item() == 8.87
+
+
+def test_reference_frequency_is_held_and_makes_alpha_an_unknown(simulated):
+    ending = run("identify", simulated, "--reference-frequency", "9.91", "--json")
+    methods = json.loads(ending.out, parse_constant=number)["methods"]
+    for method in methods.values():
+        assert method["reference_frequency"] == 9.91
+        for symbol, truth in {**COEFFICIENTS, "alpha": 0.0}.items():
+            one = method["coefficients"][symbol]
+            assert abs(one["value"] - truth) < 4.5 * one["standard_error"]
+
+
+@pytest.mark.parametrize("ending", [".csv", ".nc"])
+def test_simulated_forces_are_identified(tmp_path, ending):
+    path, truth = tmp_path / f"run{ending}", {"lambda": 2e-4, "zeta": 0.006, "epsilon": 0.25}
+    settings = [f"--set={symbol}={value}" for symbol, value in truth.items()]
+    run("simulate", "-o", path, *settings, "--noise", "1e-4", "--duration", "12", "--rate0", "0.5")
+    found = run("identify", path, "--forces", ",".join(truth), "--json")
+    methods = json.loads(found.out, parse_constant=number)["methods"]
+    for method in methods.values():
+        for symbol, value in truth.items():
+            one = method["coefficients"][symbol]
+            assert abs(one["value"] - value) < 4.5 * one["standard_error"]
+
+
+def test_degrees_and_their_equilibrium(tmp_path):
+    time = np.arange(0.0, 6.0, 0.01)
+    angle = 180.0 + 15.0 * np.exp(-0.1 * time) * np.cos(9.0 * time)
+    path = write_csv(tmp_path / "deg.csv", time, angle, "time (s),angle (deg)")
+    ending = run("identify", path, "--equilibrium", "180", "--forces", "zeta")
+    assert ending.status == 0
+    assert ending.out.startswith(f"Record: {path}, angle in deg from column angle (deg).")
+    assert "centred on 3.14159 as given rad" in ending.out
+
+
+def test_state_and_shape_of_an_own_library(tmp_path, dahl_library):
+    angles = []
+    for size in ("0.01", "0.1"):
+        path = tmp_path / f"dahl{size}.csv"
+        settings = ["--set", f"dahl=0.02,dahl.s={size}", "--set", "zeta=0.01"]
+        assert run("simulate", "-o", path, "--library", dahl_library, *settings).status == 0
+        angles.append(np.loadtxt(path, delimiter=",", skiprows=1)[:, 1])
+    assert path.read_text().startswith("time (s),angle (rad)\n")
+    assert np.max(np.abs(angles[0] - angles[1])) > 1e-3
+
+
+def test_forces_of_an_own_library(dahl_library):
+    ending = run("forces", dahl_library)
+    assert (ending.status, ending.err) == (0, "")
+    title, head, *rows = ending.out.splitlines()
+    assert title == "own.toml"
+    assert head.split("  ")[0] == "symbol"
+    assert [row.split()[0] for row in rows] == ["zeta", "dahl", "jenkins", "drift"]
+    assert "presliding [/b] hysteresis (±)" in ending.out
+    assert "presliding [/b] hysteresis (?)" in run("forces", dahl_library, encoding="ascii").out
+
+
+def test_forces_have_the_papers_signatures():
+    rows = {row.split()[0]: row for row in run("forces").out.splitlines()[2:]}
+    assert "-4/(3 pi) a^2" in rows["delta"]
+    assert "3/8 a^3" in rows["epsilon"]
+
+
+@pytest.mark.parametrize("colour", [{"NO_COLOR": "1"}, {}], ids=["plain", "colour"])
+def test_narrow_terminal_cuts_no_number(tree, monkeypatch, capsys, colour):
+    for name, value in {"COLUMNS": "60", "FORCE_COLOR": "1", "TERM": "xterm", **colour}.items():
+        monkeypatch.setenv(name, value)
+    cli._print(identification_table(tree))
+    printed = capsys.readouterr().out
+    assert "…" not in printed
+    for method in ("averaging", "direct"):
+        result = tree[method].ds
+        for symbol in COEFFICIENTS:
+            one = result.sel(force=symbol)
+            assert value_with_error(one.coefficient.item(), one.standard_error.item()) in printed
+    assert run("forces").out.count("4/(3 pi) a^2") == 2

@@ -1,0 +1,100 @@
+"""Measured records through the command line; what they must show is known from physics beforehand."""
+
+import json
+import time
+
+import numpy as np
+import pytest
+from command_line import run
+
+
+def identified(*arguments: object) -> dict:
+    ending = run("identify", *arguments, "--json")
+    assert (ending.status, ending.err) == (0, "")
+    return json.loads(ending.out)
+
+
+def coefficients(found: dict, symbol: str) -> list[float]:
+    return [method["coefficients"][symbol]["value"] for method in found["methods"].values()]
+
+
+def centre(found: dict) -> float:
+    return float(found["record"]["free_decay"].split("centred on ")[1].split()[0])
+
+
+def refuted(found: dict) -> bool:
+    """Whether the cross-check shows that the forces offered do not explain the record."""
+    check = found["cross_check"]
+    worst = max(model["residual_over_noise"] for model in check["models"].values())
+    return check["verdict"] == "disagree" and worst > 2.0
+
+
+@pytest.fixture(scope="module")
+def pendulum(data_folder):
+    path = data_folder / "single_pendulum" / "free_swing.csv"
+    return identified(path, "--window", "15:75", "--forces", "lambda,zeta,delta,epsilon")
+
+
+def test_pendulum_hangs_down_at_pi(pendulum):
+    assert centre(pendulum) == pytest.approx(np.pi, abs=2e-3)
+
+
+def test_gravity_softens_the_pendulum(pendulum):
+    # sin(x) = x - x^3/6: -1/6 to leading order, less at the large angles of this record.
+    for epsilon in coefficients(pendulum, "epsilon"):
+        assert -0.18 < epsilon < -0.14
+
+
+def test_bearing_of_the_pendulum_rubs(pendulum):
+    for friction in coefficients(pendulum, "lambda"):
+        assert 2.5e-3 < friction < 4e-3
+
+
+def test_cubic_force_is_not_gravity_at_large_angles(pendulum):
+    assert refuted(pendulum)
+    for model in pendulum["cross_check"]["models"].values():
+        assert model["residual_over_noise"] > 20.0
+
+
+def test_bob_on_a_string(data_folder):
+    found = identified(data_folder / "string_pendulum" / "run_1.txt", "--forces", "zeta,delta,epsilon")
+    for epsilon, delta in zip(coefficients(found, "epsilon"), coefficients(found, "delta"), strict=True):
+        assert -0.20 < epsilon < -0.15
+        assert 0.010 < delta < 0.020
+    assert refuted(found)
+
+
+def test_rolling_ship_model(data_folder):
+    path = data_folder / "roll_decay" / "model_test_21337.csv"
+    found = identified(path, "--angle", "phi", "--window", "25:", "--forces", "lambda,delta,epsilon")
+    for epsilon, delta in zip(coefficients(found, "epsilon"), coefficients(found, "delta"), strict=True):
+        assert 0.09 < delta < 0.13
+        assert epsilon > 0.0
+    # The roll axis: a natural frequency near 2.46 rad/s, 24 periods in a minute.
+    assert found["methods"]["direct"]["reference_frequency"] == pytest.approx(2.46, abs=0.02)
+    assert refuted(found)
+
+
+def test_segment_of_a_matlab_file(data_folder, pendulum):
+    path = data_folder / "single_pendulum" / "slice_15s_70s.mat"
+    found = identified(
+        path, "--time", "Time_id[1]", "--angle", "Y_id[1][0]", "--forces", "lambda,zeta,delta,epsilon"
+    )
+    assert found["record"]["angle_column"] == "Y_id[1][0]"
+    for epsilon in coefficients(found, "epsilon"):
+        assert -0.18 < epsilon < -0.14
+    frequencies = [f["methods"]["direct"]["reference_frequency"] for f in (found, pendulum)]
+    assert frequencies[0] == pytest.approx(frequencies[1], rel=5e-3)
+
+
+def test_far_beyond_weak_nonlinearity_there_is_a_verdict_or_a_reason(data_folder):
+    """The whole record, released at 2.4 rad: no model of the six follows it, and this must be said."""
+    path = data_folder / "single_pendulum" / "free_swing.csv"
+    begin = time.perf_counter()
+    ending = run("identify", path, "--json")
+    assert time.perf_counter() - begin < 30.0
+    if ending.status:
+        assert ending.status == 1
+        assert "diverges" in ending.complaint
+    else:
+        assert refuted(json.loads(ending.out))
