@@ -1,5 +1,6 @@
 """Envelope of a decay: a half-sine through every half period gives amplitude, its rate, and frequency."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -156,7 +157,7 @@ def envelope(decay: xr.Dataset) -> xr.Dataset:
         {"units": "s", "long_name": "time of the extremum"},
     )
     for name, error in (("extremum", errors[0]), ("extremum_time", errors[1])):
-        result[f"{name}_standard_error"] = ("half_period", error, _error_attrs(result[name]))
+        result[f"{name}_standard_error"] = ("half_period", error, _error_attrs(result[name].attrs))
     result["noise"] = ((), noise, {"units": "rad", "long_name": "noise of one sample"})
     return _with_instants(result)
 
@@ -188,11 +189,8 @@ def _scatter_ratio(value: FloatArray, error: FloatArray) -> float:
     return ratio if ratio > 1.0 + 4.0 / np.sqrt(value.size) else 1.0
 
 
-def _error_attrs(variable: xr.DataArray) -> dict[str, str]:
-    return {
-        "units": variable.attrs["units"],
-        "long_name": f"standard error of the {variable.attrs['long_name']}",
-    }
+def _error_attrs(attrs: Mapping[str, str]) -> dict[str, str]:
+    return {"units": attrs["units"], "long_name": f"standard error of the {attrs['long_name']}"}
 
 
 def _with_instants(result: xr.Dataset) -> xr.Dataset:
@@ -202,15 +200,18 @@ def _with_instants(result: xr.Dataset) -> xr.Dataset:
     span = t[2:] - t[:-2]
     rate, frequency = (b[2:] - b[:-2]) / span, 2.0 * np.pi / span
     both_b, both_t = variance_b[2:] + variance_b[:-2], variance_t[2:] + variance_t[:-2]
+    added = {}
     for name, value, variance, units, long_name in (
         ("instant_time", t[1:-1], variance_t[1:-1], "s", "time"),
         ("amplitude", 0.5 * (b[2:] + b[:-2]), 0.25 * both_b, "rad", "amplitude"),
         ("amplitude_rate", rate, (both_b + rate**2 * both_t) / span**2, "rad/s", "rate of the amplitude"),
         ("frequency", frequency, frequency**2 * both_t / span**2, "rad/s", "angular frequency"),
     ):
-        result[name] = ("instant", value, {"units": units, "long_name": long_name})
-        result[f"{name}_standard_error"] = ("instant", np.sqrt(variance), _error_attrs(result[name]))
-    return result
+        told = {"units": units, "long_name": long_name}
+        added[name] = ("instant", value, told)
+        added[f"{name}_standard_error"] = ("instant", np.sqrt(variance), _error_attrs(told))
+    # All at once: xarray takes a quarter of a millisecond for each on its own.
+    return result.assign(added)
 
 
 def instant_derivatives(result: xr.Dataset) -> xr.Dataset:

@@ -80,9 +80,9 @@ def identification(
         {"units": "rad/s", "long_name": "covariance with the asymptotic frequency"},
     )
     result = result.merge(_shapes(method, library)).assign_attrs(provenance(method, decay, offered))
-    for name, (value, units, long_name) in scalars.items():
-        result[name] = ((), float(value), {"units": units, "long_name": long_name})
-    return result
+    # All at once: xarray takes a quarter of a millisecond for each on its own.
+    labelled = {name: ((), float(x), {"units": u, "long_name": told}) for name, (x, u, told) in scalars.items()}
+    return result.assign(labelled)
 
 
 def _per_force(library: ForceLibrary, estimate: Estimate, kept: NDArray[np.bool_]) -> xr.Dataset:

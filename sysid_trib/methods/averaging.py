@@ -225,9 +225,11 @@ def _corrected(
     """Values whose simulated motion, averaged in the same way, gives what the record gave; their misfit."""
     values = found.values
     errors = np.sqrt(np.diag(found.covariance)) * max(1.0, found.misfit) + 1e-300
+    time, angle = _first_swings(decay, float(values[-1]))
+    start = first_guess(time, angle, float(values[-1]))
     for _ in range(MAX_CORRECTIONS):
         try:
-            again = _first_order(method, _simulated(method, decay, library, measured, values), library)
+            again = _first_order(method, _simulated(method, decay, library, measured, values, start), library)
         except SysidTribError as error:
             return found.values, f"no: {error}", found.misfit
         step = found.values - again.values
@@ -242,17 +244,26 @@ def _corrected(
     return found.values, "no: the correction did not settle", found.misfit
 
 
+def _first_swings(decay: xr.Dataset, frequency: float) -> tuple[Array, Array]:
+    """Two periods fix the start; a model that is still biased may slip out of phase later."""
+    time, angle = decay.time.values, decay.angle.values
+    count = int(np.searchsorted(time, time[0] + 4.0 * np.pi / frequency)) + 1
+    return time[:count], angle[:count]
+
+
 def _simulated(
-    method: Averaging, decay: xr.Dataset, library: ForceLibrary, measured: xr.Dataset, values: Array
+    method: Averaging,
+    decay: xr.Dataset,
+    library: ForceLibrary,
+    measured: xr.Dataset,
+    values: Array,
+    start: tuple[float, float],
 ) -> xr.Dataset:
     """The envelope of the model's motion, at the same half periods and with the record's error bars."""
-    time, angle = decay.time.values, decay.angle.values
+    time = decay.time.values
     coefficients = dict(zip(library.symbols, values[:-1].tolist(), strict=True))
     model = Model(library, coefficients, float(values[-1]), method.shapes)
-    # Two periods fix the start; a model that is still biased may slip out of phase later.
-    beginning = slice(0, int(np.searchsorted(time, time[0] + 4.0 * np.pi / values[-1])) + 1)
-    start = first_guess(time[beginning], angle[beginning], float(values[-1]))
-    motion = fit_start(model, time[beginning], angle[beginning], start, offset=None)
+    motion = fit_start(model, *_first_swings(decay, float(values[-1])), start, offset=None)
     moved = trajectory(model, time, motion.angle, motion.rate).angle
     simulated = _measured(xr.Dataset({"angle": ("time", moved)}, {"time": time}))
     shift = int(np.argmin(np.abs(simulated.extremum_time.values - measured.extremum_time.values[0])))

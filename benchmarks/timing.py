@@ -1,0 +1,83 @@
+"""How long identifications take, beside pysindy in the same run: medians of repeated calls in one process.
+
+python benchmarks/timing.py [--quick]
+"""
+
+import argparse
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "tests")]
+import peers  # noqa: E402
+from helpers import FIVE, W, paper_run  # noqa: E402
+
+from sysid_trib.identification import cross_check  # noqa: E402
+from sysid_trib.methods import Averaging, Direct  # noqa: E402
+
+SAMPLING_RATES = (100.0, 1000.0)
+
+
+def median_ms(call: Callable, repeats: int) -> float:
+    """Median time of a call; a first one, which compiles and imports, is not counted."""
+    call()
+    spent = []
+    for _ in range(repeats):
+        begin = time.perf_counter()
+        call()
+        spent.append(time.perf_counter() - begin)
+    return 1e3 * float(np.median(spent))
+
+
+def calls(sampling_rate: float) -> dict[str, tuple[Callable, int]]:
+    """What is timed on the paper's run at a sampling rate, and how often."""
+    run = paper_run(sampling_rate=sampling_rate)
+    record, library = run.decay(0), run.model.library
+    time, angle = run.time, record.angle.values
+    pair = [method.identify(record, library) for method in (Averaging(), Direct())]
+    states = peers.savitzky_golay(time, angle, 0.18)
+
+    def fit_alone() -> None:
+        peers.sindy(library, W, time, angle, lambda *_: states)
+
+    return {
+        "Direct": (lambda: Direct(W).identify(record, library), 15),
+        "Direct, frequency fitted": (lambda: Direct().identify(record, library.select(FIVE)), 15),
+        "Direct, unrefined": (lambda: Direct(W, refine=False).identify(record, library), 15),
+        "Averaging": (lambda: Averaging().identify(record, library), 9),
+        "Averaging, uncorrected": (lambda: Averaging(correct=False).identify(record, library), 15),
+        "cross_check": (lambda: cross_check(record, *pair), 2),
+        "pysindy.SINDy.fit": (fit_alone, 15),
+        "pysindy.WeakPDELibrary": (lambda: peers.weak_sindy(library, W, time, angle), 2),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="2,500 samples only")
+    options = parser.parse_args()
+    rates = SAMPLING_RATES[:1] if options.quick else SAMPLING_RATES
+    found = {}
+    for rate in rates:
+        for name, (call, repeats) in calls(rate).items():
+            found[name, rate] = median_ms(call, repeats)
+    table = Table("second call in a process", *(f"{25 * rate:,.0f} samples (ms)" for rate in rates))
+    for name in dict.fromkeys(name for name, _ in found):
+        table.add_row(name, *(f"{found[name, rate]:.1f}" for rate in rates))
+    for peer in ("pysindy.SINDy.fit", "pysindy.WeakPDELibrary"):
+        ratios = (f"{found['Direct', rate] / found[peer, rate]:.2f}" for rate in rates)
+        table.add_row(f"Direct / {peer}", *ratios)
+    command = [sys.executable, "-m", "sysid_trib", "--help"]
+    helped = median_ms(lambda: subprocess.run(command, capture_output=True, check=True), 5)
+    table.add_row("sysid-trib --help", f"{helped:.0f}")
+    Console(width=110).print(table)
+
+
+if __name__ == "__main__":
+    main()
