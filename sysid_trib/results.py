@@ -81,7 +81,9 @@ def identification(
     )
     result = result.merge(_shapes(method, library)).assign_attrs(provenance(method, decay, offered))
     # All at once: xarray takes a quarter of a millisecond for each on its own.
-    labelled = {name: ((), float(x), {"units": u, "long_name": told}) for name, (x, u, told) in scalars.items()}
+    labelled = {
+        name: ((), float(x), {"units": u, "long_name": told}) for name, (x, u, told) in scalars.items()
+    }
     return result.assign(labelled)
 
 
