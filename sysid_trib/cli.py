@@ -30,7 +30,9 @@ app = typer.Typer(
 
 Record = Annotated[
     Path | None,
-    typer.Argument(help="File with a decay; without it the embedded example runs.", show_default=False),
+    typer.Argument(
+        help="File with a decay; without it the embedded example runs.", show_default=False, readable=False
+    ),
 ]
 Time = Annotated[str | None, typer.Option(metavar="COLUMN", help="Time column, by name or number from 0.")]
 Angle = Annotated[
@@ -245,11 +247,13 @@ def _outcome() -> tuple[int, str]:
     except (KeyboardInterrupt, typer.Abort):
         return INTERRUPTED, "interrupted."
     except OSError as error:
+        if error.filename is not None:
+            return 1, f"{error.filename}: {error.strerror}; choose another file."
         # What is left in the buffer must not fail once more at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if isinstance(error, BrokenPipeError):
             return 0, ""  # the reader has enough
-        return 1, f"{error.filename or 'standard output'}: {error.strerror or error}."
+        return 1, f"standard output cannot be written: {error.strerror or error}."
     except MemoryError:
         return 1, "Out of memory; take a shorter window, or a lower sampling rate."
     except Exception as error:

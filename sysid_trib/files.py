@@ -51,6 +51,8 @@ def read_table(path: Path) -> Table:
             f"{path.name}: this format needs a further package ({error.name}): "
             'pip install "sysid-trib[files]".'
         ) from error
+    except PermissionError:
+        raise RecordError(f"{path}: you may not read this file; change its permissions.") from None
     # Readers of foreign formats meet a damaged file with any exception at all.
     except Exception as error:
         reason = next(iter(str(error).splitlines()), "") or type(error).__name__

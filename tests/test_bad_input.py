@@ -111,6 +111,7 @@ COMMANDS = [
     (["identify", "--frob"], 2, "No such option: --frob"),
     (["identify", "missing.csv"], 2, "missing.csv: there is no such file"),
     (["identify", "."], 1, "is a directory"),
+    (["identify", 300 * "a"], 1, "File name too long"),
     (["identify", "/dev/zero"], 1, "a pipe or a device"),
     ([*GOOD, "good.csv"], 2, "extra argument"),
     ([*GOOD, "--window", "a:b"], 2, "--window: 'a' is not a finite number"),
