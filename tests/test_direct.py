@@ -2,13 +2,16 @@
 
 import numpy as np
 import pytest
+from candidates import CANDIDATES
 from helpers import (
     FIVE,
     NOISE,
     SIX,
     Run,
     W,
+    correlated_noise,
     decay,
+    library_of_formulas,
     over_seeds,
     paper_run,
     rms,
@@ -17,7 +20,10 @@ from helpers import (
     values,
 )
 
+from sysid_trib import Model
 from sysid_trib.bounds import cramer_rao_bound
+from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.library_files import parse_library
 from sysid_trib.methods import Direct
 from sysid_trib.simulate import trajectory
 
@@ -131,3 +137,72 @@ def test_what_the_model_leaves_out_widens_the_errors():
     shared = ["zeta", "delta", "alpha"]
     ratio = short.standard_error.sel(force=shared) / with_all.standard_error.sel(force=shared)
     assert np.all(ratio > 3.0)
+
+
+PAST = {
+    "stribeck": (1e-3, {"stribeck.s": 0.05}),
+    "power": (2e-3, {"power.p": 0.5}),
+    "jenkins": (0.02, {"jenkins.s": 0.02}),
+    "dahl": (1e-3, {"dahl.s": 0.02}),
+    "maxwell": (0.02, {"maxwell.s": 1.0}),
+    "masing": (0.02, {}),
+}
+
+
+def run_with(symbol):
+    """A decay under viscous friction, a cubic force and one that has a shape or a past."""
+    coefficient, shapes = PAST[symbol]
+    entries = [{"symbol": s, "formula": f} for s, f in (("zeta", "2*v"), ("epsilon", "x**3"))]
+    library = parse_library({"force": [*entries, {"symbol": symbol, **CANDIDATES[symbol]}]}, "test")
+    truth = {"zeta": 0.0097, "epsilon": 0.30, symbol: coefficient}
+    return Run(Model(library, truth, W, shapes), np.arange(1400) / 100.0), Direct(W, shapes=shapes)
+
+
+@pytest.mark.parametrize("symbol", PAST)
+def test_forces_with_a_shape_or_a_past_are_exact_without_noise(symbol):
+    run, method = run_with(symbol)
+    result = method.identify(run.decay(), run.model.library)
+    assert result.attrs["refined"] == "True"
+    truth = run.model.coefficients
+    np.testing.assert_allclose(values(result, truth), list(truth.values()), rtol=1e-7)
+
+
+@pytest.mark.parametrize("symbol", ["stribeck", "jenkins", "masing"])
+def test_errors_of_forces_with_a_shape_or_a_past_tell_the_scatter(symbol):
+    run, method = run_with(symbol)
+    seeds = 25
+    errors, reported = over_seeds(run, lambda d: method.identify(d, run.model.library), seeds)
+    low, high = rms_range(seeds)
+    assert np.all((rms(errors / reported) > low) & (rms(errors / reported) < high))
+    # Rows are whitened as if what depends on the past did not act on the noise: masing pays for it.
+    assert np.all(rms(errors) / bound(run) < (2.0 if symbol == "masing" else 1.0) * high)
+
+
+def test_correlated_noise_is_allowed_for():
+    """White noise of this size would give a third of the error; Newey and West see most of it."""
+    run, pulls, lags = paper_run(FIVE), [], []
+    exact = run.angle
+    for seed in range(20):
+        record = decay(run.time, exact + correlated_noise(len(exact), seed, 0.9))
+        result = Direct().identify(record, run.model.library)
+        lags.append(result.attrs["correlation_lags"])
+        pulls.append((values(result, FIVE) - list(FIVE.values())) / result.standard_error.values)
+    assert min(lags) > 0
+    assert np.all(rms(pulls) < 1.25 * rms_range(20)[1])
+
+
+def test_forces_that_are_the_same_are_refused_by_name():
+    library = library_of_formulas(zeta="2*v", viscous="v", delta="v*abs(v)")
+    with pytest.raises(DecayError, match="zeta and viscous are the same force"):
+        Direct(W).identify(paper_run().decay(0), library)
+
+
+def test_too_short_a_record_is_refused():
+    run = paper_run()
+    with pytest.raises(DecayError):
+        Direct(W).identify(Run(run.model, run.time[:80]).decay(0), run.model.library)
+
+
+def test_unknown_form_is_refused():
+    with pytest.raises(UsageError, match="neither 'weak' nor 'strong'"):
+        Direct(form="medium")
