@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import f as f_distribution
 
-from sysid_trib.errors import SysidTribError
+from sysid_trib.errors import SimulationError, SysidTribError
 from sysid_trib.model import rescaling_factors
 from sysid_trib.results import library_of, model_of
 from sysid_trib.simulate import trajectory
@@ -24,22 +24,25 @@ SAMPLES_PER_PERIOD = 60
 LEFT = 2.0
 
 
-def fitted_motion(decay: xr.Dataset, result: xr.Dataset) -> FittedMotion:
-    """Motion of an identified model, its start and the sensor's zero fitted to the decay."""
+def fitted_motion(decay: xr.Dataset, result: xr.Dataset) -> FittedMotion | None:
+    """Motion of an identified model, its start and the sensor's zero fitted; None if it diverges."""
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
     frequency = result.reference_frequency.item()
     if "start_angle" in result:
         start = (result.start_angle.item(), result.start_rate.item())
     else:
         start = first_guess(time, angle, frequency)
-    return fit_start(model_of(result), time, angle, start)
+    try:
+        return fit_start(model_of(result), time, angle, start)
+    except SimulationError:
+        return None
 
 
 def comparison(
     decay: xr.Dataset,
     results: Sequence[xr.Dataset],
-    motion: FittedMotion,
-    methods: Sequence[Any],
+    motions: Sequence[FittedMotion | None],
+    *,
     draws: int,
     seed: int,
 ) -> xr.Dataset:
@@ -47,46 +50,50 @@ def comparison(
     first, second = results
     shared = [s for s in first.force.values.tolist() if s in second.force.values.tolist()]
     kept = [s for s in shared if _in_model(first, s) and _in_model(second, s)]
-    difference = _difference(first, second, kept)
-    expected, scatter = _scatter(decay, second, motion, methods, kept, draws, seed)
+    frequency = first.reference_frequency.item()
+    difference = _quantities(first, kept, frequency) - _quantities(second, kept, frequency)
     count = len(difference)
+    # The second's model is the truth of the simulated records, or the first's if that has no motion.
+    truth = next(((r, m) for r, m in zip(results[::-1], motions[::-1], strict=True) if m is not None), None)
+    expected, scatter = np.full(count, np.nan), np.full((count, count), np.nan)
+    if truth is not None:
+        expected, scatter = _scatter(decay, results, truth, kept, draws=draws, seed=seed)
     error = np.sqrt(np.diag(scatter))
     excess = difference - expected
-    chi_square = float(excess @ np.linalg.pinv(scatter) @ excess)
+    chi_square = float(excess @ np.linalg.pinv(scatter) @ excess) if truth is not None else float("nan")
     # The covariance is itself estimated from `draws` records: Hotelling's T^2, which is F distributed.
     freedom = max(1, draws - count)
     p_value = float(f_distribution.sf(chi_square * freedom / (count * max(1, draws - 1)), count, freedom))
-    labels = [*kept, "asymptotic frequency"]
     per = {"units": "1; rad/s for the frequency"}
-    return xr.Dataset(
-        {
-            "difference": ("quantity", difference, per | {"long_name": "first method minus second"}),
-            "expected_difference": (
-                "quantity",
-                expected,
-                per | {"long_name": "difference of the methods' biases"},
-            ),
-            "standard_error": ("quantity", error, per | {"long_name": "standard error of the difference"}),
-            "z": ("quantity", excess / error, {"units": "1", "long_name": "excess over its standard error"}),
-            "chi_square": ((), chi_square, {"units": "1", "long_name": "chi-square of all differences"}),
-            "degrees_of_freedom": ((), count, {"units": "1", "long_name": "number of differences"}),
-            "p_value": (
-                (),
-                p_value,
-                {"units": "1", "long_name": "probability of a larger chi-square by chance"},
-            ),
-        },
-        {"quantity": labels},
-    )
+    columns = {
+        "difference": (difference, per | {"long_name": "first method minus second"}),
+        "expected_difference": (expected, per | {"long_name": "difference of the methods' biases"}),
+        "standard_error": (error, per | {"long_name": "standard error of the difference"}),
+        "z": (excess / error, {"units": "1", "long_name": "excess over its standard error"}),
+    }
+    scalars = {
+        "chi_square": (chi_square, "chi-square of all differences"),
+        "degrees_of_freedom": (count, "number of differences"),
+        "p_value": (p_value, "probability of a larger chi-square by chance"),
+    }
+    variables: dict[str, Any] = {k: ("quantity", value, attrs) for k, (value, attrs) in columns.items()}
+    variables |= {k: ((), value, {"units": "1", "long_name": name}) for k, (value, name) in scalars.items()}
+    return xr.Dataset(variables, {"quantity": [*kept, "asymptotic frequency"]})
 
 
 def residuals(
-    decay: xr.Dataset, names: Sequence[str], motions: Sequence[FittedMotion], noise: float
+    decay: xr.Dataset, names: Sequence[str], motions: Sequence[FittedMotion | None], noise: float
 ) -> xr.Dataset:
-    """What each model leaves of the record: RMS, RMS over the noise, and when it first leaves the noise."""
+    """What each model leaves of the record: RMS, RMS over the noise, and when it first leaves the noise.
+
+    A model without a motion leaves nan.
+    """
     time, angle = decay.time.values, decay.angle.values
     rows = []
     for motion in motions:
+        if motion is None:
+            rows.append((np.nan, np.nan, float(time[0])))
+            continue
         gap = angle - motion.offset - motion.x
         rms = float(np.sqrt(np.mean(gap**2)))
         rows.append((rms, rms / noise, _departure(time, gap, noise, motion)))
@@ -129,46 +136,69 @@ def _in_model(result: xr.Dataset, symbol: str) -> bool:
     return bool(np.isclose(result.refers_to.sel(force=symbol), result.reference_frequency, rtol=1e-12))
 
 
-def _difference(first: xr.Dataset, second: xr.Dataset, kept: Sequence[str]) -> Array:
-    """First minus second, at the first's reference frequency, and of the asymptotic frequencies (rad/s)."""
-    library = library_of(second).select(kept)
+def _quantities(result: xr.Dataset, kept: Sequence[str], frequency: float) -> Array:
+    """Coefficients at the reference `frequency`, and the asymptotic frequency (rad/s)."""
     factors = rescaling_factors(
-        library.forces, second.reference_frequency.item(), first.reference_frequency.item()
+        library_of(result).select(kept).forces, result.reference_frequency.item(), frequency
     )
-    other = second.coefficient.sel(force=kept).values * np.where(np.isnan(factors), 1.0, factors)
-    coefficients = first.coefficient.sel(force=kept).values - other
-    return np.append(coefficients, first.asymptotic_frequency.item() - second.asymptotic_frequency.item())
+    coefficients = result.coefficient.sel(force=kept).values * np.where(np.isnan(factors), 1.0, factors)
+    return np.append(coefficients, result.asymptotic_frequency.item())
 
 
 def _scatter(
     decay: xr.Dataset,
-    result: xr.Dataset,
-    motion: FittedMotion,
-    methods: Sequence[Any],
+    results: Sequence[xr.Dataset],
+    truth: tuple[xr.Dataset, FittedMotion],
     kept: Sequence[str],
+    *,
     draws: int,
     seed: int,
 ) -> tuple[Array, Array]:
     """Mean difference without noise, and covariance of the difference over noisy records of a known model."""
+    result, motion = truth
     model, library = model_of(result), library_of(result, whole=True)
     library = library.select([s for s in library.symbols if s in (*kept, *_stiffness(library))])
     time, noise = _coarse(decay, result)
     exact = trajectory(model, time, motion.angle, motion.rate).angle
     random = np.random.default_rng(seed)
+    methods = [method_of(r) for r in results]
+    frequency = result.reference_frequency.item()
 
-    def difference(angle: Array, pair: Sequence[Any]) -> Array:
+    def identified(angle: Array) -> Array:
         record = xr.Dataset({"angle": ("time", angle)}, {"time": time})
-        first, second = (method.identify(record, library) for method in pair)
-        return _difference(first, second, kept)
+        return np.stack([_quantities(m.identify(record, library), kept, frequency) for m in methods])
 
-    expected = difference(exact, methods)
+    try:
+        without_noise = identified(exact)
+    except SysidTribError:
+        without_noise = np.zeros((2, len(kept) + 1))
     found = []
     for _ in range(draws):
         try:
-            found.append(difference(exact + noise * random.standard_normal(len(time)), methods))
+            found.append(identified(exact + noise * random.standard_normal(len(time))))
         except SysidTribError:
             continue
-    return expected, np.atleast_2d(np.cov(np.array(found), rowvar=False))
+    if len(found) < 3:
+        count = len(kept) + 1
+        return np.full(count, np.nan), np.full((count, count), np.nan)
+    both = np.array(found)
+    scatter = np.atleast_2d(np.cov(both[:, 0] - both[:, 1], rowvar=False))
+    inflation = _inflation(results, kept, both)
+    return without_noise[0] - without_noise[1], scatter * np.outer(inflation, inflation)
+
+
+def _inflation(results: Sequence[xr.Dataset], kept: Sequence[str], draws: Array) -> Array:
+    """How much the errors that the methods state exceed those by the noise alone.
+
+    Where a model leaves more than noise, methods weigh what is left differently: their difference is then to
+    be held against the errors they state, not against the noise. Below 1.5 it is chance.
+    """
+    stated = [
+        np.append(r.standard_error.sel(force=list(kept)).values, r.asymptotic_frequency_standard_error.item())
+        for r in results
+    ]
+    ratio = np.max(np.stack(stated) / draws.std(axis=0, ddof=1), axis=0)
+    return np.where(ratio > 1.5, ratio, 1.0)
 
 
 def _stiffness(library: Any) -> tuple[str, ...]:

@@ -5,7 +5,7 @@ from typing import Protocol
 import numpy as np
 import xarray as xr
 
-from sysid_trib.agreement import comparison, fitted_motion, method_of, residuals, ties
+from sysid_trib.agreement import comparison, fitted_motion, residuals, ties
 from sysid_trib.envelope import envelope
 from sysid_trib.forces import ForceLibrary
 
@@ -65,13 +65,12 @@ def cross_check(
     `residual_over_noise` and `departure_time` (s). Its attrs say what the methods cannot tell apart by
     principle, and the `verdict`.
 
-    Raises
-    ------
-    SimulationError
-        An identified model has no motion (it diverges).
-
     Notes
     -----
+    Where the errors that a method states exceed those by the noise alone, because the model leaves more than
+    noise, the error of the difference is raised by the same ratio. A model without a motion (it diverges)
+    has nan for its angle and residual.
+
     z = (difference - expected_difference)/standard_error; chi-square with the covariance of the scatter, its
     p-value by Hotelling's distribution because that covariance is estimated from `draws` records.
     """
@@ -80,14 +79,15 @@ def cross_check(
     if names[0] == names[1]:
         names = [f"{names[0]}_1", f"{names[1]}_2"]
     motions = [fitted_motion(decay, result) for result in results]
-    methods = [method_of(result) for result in results]
-    compared = comparison(decay, results, motions[1], methods, draws, seed)
+    compared = comparison(decay, results, motions, draws=draws, seed=seed)
     compared = compared.merge(residuals(decay, names, motions, second.noise.item()))
-    verdict = "agree" if compared.p_value.item() >= LEVEL else "disagree"
+    p_value = compared.p_value.item()
+    verdict = "unknown" if np.isnan(p_value) else "agree" if p_value >= LEVEL else "disagree"
     compared.attrs = {"first": names[0], "second": names[1], "verdict": verdict, "draws": draws, "seed": seed}
     compared.attrs |= ties(decay, second)
     record = decay.assign_coords(model=names)
-    simulated = np.stack([motion.x + motion.offset for motion in motions])
+    lost = np.full(decay.sizes["time"], np.nan)
+    simulated = np.stack([lost if motion is None else motion.x + motion.offset for motion in motions])
     record["simulated_angle"] = (
         ("model", "time"),
         simulated,

@@ -101,11 +101,19 @@ def force_columns(
 def averaged_columns(problem: Problem, frequency: float, x: Array, v: Array, acceleration: Array) -> Array:
     """`force_columns` averaged over each sample's cell: sign(v) turns where v does, not at a sample."""
     step = frequency * np.gradient(problem.time)
-    total = np.zeros((len(x), len(problem.forces)))
-    for part in (-0.375, -0.125, 0.125, 0.375):
-        near = part * step
-        total = total + force_columns(problem, frequency, x + near * v, v + near * acceleration)
-    return total / 4.0
+    t = problem.time - problem.time[0]
+    columns = force_columns(problem, frequency, x, v)
+    for j, force in enumerate(problem.forces):
+        # What a force remembers is continuous, and costly to carry along.
+        if not force.memoryless or not force.surfaces:
+            continue
+        parts = (-0.375 * step, -0.125 * step, 0.125 * step, 0.375 * step)
+        near = [
+            force.value(x + s * v, v + s * acceleration, t + s / frequency, shapes=problem.shapes)
+            for s in parts
+        ]
+        columns[:, j] = np.mean(near, axis=0)
+    return columns
 
 
 def partial_derivatives(problem: Problem, guess: Guess, path: Path) -> tuple[Array, Array]:

@@ -64,6 +64,9 @@ def verdict(tree: xr.DataTree) -> list[str]:
         left = checked.departure_time.sel(model=method).item()
         rms = checked.residual_rms.sel(model=method).item()
         noise = checked.residual_over_noise.sel(model=method).item()
+        if np.isnan(rms):
+            told.append(f"The model from {method} has no motion: it diverges.")
+            continue
         where = "never leaves the noise" if np.isnan(left) else f"leaves the noise at {left:.3g} s"
         told.append(f"The model from {method} {where}: RMS {rms:.3g} rad, {noise:.3g} times the noise.")
     worst = checked.residual_over_noise.max().item()
