@@ -1,8 +1,97 @@
-"""Which forces act in an oscillator, learned from its free decay."""
+"""Which forces act in an oscillator, learned from its free decay.
 
-from sysid_trib.forces import Force, ForceLibrary
-from sysid_trib.library_files import load_library
-from sysid_trib.model import Model
+The public names are listed here; each is imported when it is first used, so that the command line starts
+quickly.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from sysid_trib import methods, plots
+    from sysid_trib.bounds import cramer_rao_bound
+    from sysid_trib.decays.free_decay import free_decay
+    from sysid_trib.decays.half_sines import envelope
+    from sysid_trib.example import paper_twin
+    from sysid_trib.feature_library import ForceFeatures
+    from sysid_trib.forces import Force, ForceLibrary
+    from sysid_trib.identification import cross_check, identify
+    from sysid_trib.library_files import load_library
+    from sysid_trib.model import Model
+    from sysid_trib.prediction import predict_envelope
+    from sysid_trib.records import read_record, scale_translation
+    from sysid_trib.result_files import load, save
+    from sysid_trib.results import model_of, with_contactless_frequency
+    from sysid_trib.signatures import signature
+    from sysid_trib.simulation import simulate
+    from sysid_trib.ties import indistinguishable
 
 __version__ = "0.1.0"
-__all__ = ["Force", "ForceLibrary", "Model", "load_library"]
+
+_HOME = {
+    "Force": "forces",
+    "ForceFeatures": "feature_library",
+    "ForceLibrary": "forces",
+    "Model": "model",
+    "cramer_rao_bound": "bounds",
+    "cross_check": "identification",
+    "envelope": "decays.half_sines",
+    "free_decay": "decays.free_decay",
+    "identify": "identification",
+    "indistinguishable": "ties",
+    "load": "result_files",
+    "load_library": "library_files",
+    "methods": "",
+    "model_of": "results",
+    "paper_twin": "example",
+    "plots": "",
+    "predict_envelope": "prediction",
+    "read_record": "records",
+    "save": "result_files",
+    "scale_translation": "records",
+    "signature": "signatures",
+    "simulate": "simulation",
+    "with_contactless_frequency": "results",
+}
+
+__all__ = [
+    "Force",
+    "ForceFeatures",
+    "ForceLibrary",
+    "Model",
+    "cramer_rao_bound",
+    "cross_check",
+    "envelope",
+    "free_decay",
+    "identify",
+    "indistinguishable",
+    "load",
+    "load_library",
+    "methods",
+    "model_of",
+    "paper_twin",
+    "plots",
+    "predict_envelope",
+    "read_record",
+    "save",
+    "scale_translation",
+    "signature",
+    "simulate",
+    "with_contactless_frequency",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'sysid_trib' has no attribute '{name}'")
+    home = _HOME[name]
+    # A module (methods, plots) is itself the name; anything else lives in one.
+    found = (
+        getattr(import_module(f"sysid_trib.{home}"), name) if home else import_module(f"sysid_trib.{name}")
+    )
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])

@@ -11,15 +11,17 @@ from scipy.stats import f as f_distribution
 
 from sysid_trib.errors import SimulationError, SysidTribError
 from sysid_trib.model import rescaling_factors
+from sysid_trib.motion.start import FittedMotion, first_guess, fit_start
 from sysid_trib.results import library_of, model_of
-from sysid_trib.simulate import trajectory
-from sysid_trib.start import FittedMotion, first_guess, fit_start
+from sysid_trib.simulation import trajectory
 from sysid_trib.ties import exactly_dependent, indistinguishable, without_signature
 
 Array = NDArray[np.float64]
 
 # Samples a period for the statistics of the difference: more would cost time and change nothing.
 SAMPLES_PER_PERIOD = 60
+# Part of a standard error below which a difference of biases is none.
+NEGLIGIBLE = 0.1
 # A model has left the noise where the RMS over half a period is beyond this many noise levels.
 LEFT = 2.0
 
@@ -164,27 +166,50 @@ def _scatter(
     methods = [method_of(r) for r in results]
     frequency = result.reference_frequency.item()
 
-    def identified(angle: Array) -> Array:
+    def identified(angle: Array) -> list[xr.Dataset]:
         record = xr.Dataset({"angle": ("time", angle)}, {"time": time})
-        return np.stack([_quantities(m.identify(record, library), kept, frequency) for m in methods])
+        return [method.identify(record, library) for method in methods]
+
+    def quantities(pair: Sequence[xr.Dataset]) -> Array:
+        return np.stack([_quantities(r, kept, frequency) for r in pair])
+
+    def bias(about: xr.Dataset) -> Array:
+        moved = trajectory(model_of(about), time, motion.angle, motion.rate).angle
+        first, second = quantities(identified(moved))
+        return np.asarray(first - second)
 
     try:
-        without_noise = identified(exact)
+        expected = bias(result)
     except SysidTribError:
-        without_noise = np.zeros((2, len(kept) + 1))
-    found = []
+        expected = np.zeros(len(kept) + 1)
+    # A bias that matters is known only as well as the model it is computed from: it varies with each draw.
+    varies = bool(np.any(np.abs(expected) > NEGLIGIBLE * _stated(result, kept)))
+    both, differences = [], []
     for _ in range(draws):
         try:
-            found.append(identified(exact + noise * random.standard_normal(len(time))))
+            pair = identified(exact + noise * random.standard_normal(len(time)))
+            drawn = quantities(pair)
+            differences.append(drawn[0] - drawn[1] - (bias(pair[1]) if varies else 0.0))
+            both.append(drawn)
         except SysidTribError:
             continue
-    if len(found) < 3:
+    if len(both) < 3:
         count = len(kept) + 1
         return np.full(count, np.nan), np.full((count, count), np.nan)
-    both = np.array(found)
-    scatter = np.atleast_2d(np.cov(both[:, 0] - both[:, 1], rowvar=False))
-    inflation = _inflation(results, kept, both)
-    return without_noise[0] - without_noise[1], scatter * np.outer(inflation, inflation)
+    scatter = np.atleast_2d(np.cov(np.array(differences), rowvar=False))
+    if varies:
+        # Weights depend on the noise, and the bias on the weights: the draws know it better.
+        drawn = np.array(both)
+        expected = np.mean(drawn[:, 0] - drawn[:, 1], axis=0)
+        scatter = scatter * (1.0 + 1.0 / len(both))
+    inflation = _inflation(results, kept, np.array(both))
+    return expected, scatter * np.outer(inflation, inflation)
+
+
+def _stated(result: xr.Dataset, kept: Sequence[str]) -> Array:
+    """Standard errors that a method states, of the coefficients and the asymptotic frequency."""
+    coefficients = result.standard_error.sel(force=list(kept)).values
+    return np.append(coefficients, result.asymptotic_frequency_standard_error.item())
 
 
 def _inflation(results: Sequence[xr.Dataset], kept: Sequence[str], draws: Array) -> Array:
@@ -193,11 +218,10 @@ def _inflation(results: Sequence[xr.Dataset], kept: Sequence[str], draws: Array)
     Where a model leaves more than noise, methods weigh what is left differently: their difference is then to
     be held against the errors they state, not against the noise. Below 1.5 it is chance.
     """
-    stated = [
-        np.append(r.standard_error.sel(force=list(kept)).values, r.asymptotic_frequency_standard_error.item())
-        for r in results
-    ]
-    ratio = np.max(np.stack(stated) / draws.std(axis=0, ddof=1), axis=0)
+    stated = np.stack([_stated(result, kept) for result in results])
+    drawn = draws.std(axis=0, ddof=1)
+    # What does not vary, as a force that every draw drops, has nothing to be inflated.
+    ratio = np.max(np.divide(stated, drawn, out=np.ones_like(drawn), where=drawn > 0.0), axis=0)
     return np.where(ratio > 1.5, ratio, 1.0)
 
 

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sysid_trib.errors import UsageError
 from sysid_trib.model import Model
-from sysid_trib.simulate import trajectory
+from sysid_trib.simulation import trajectory
 
 Array = NDArray[np.float64]
 

@@ -24,9 +24,9 @@ def read_decay(
     record: Path | None, options: dict[str, Any], window: str, equilibrium: str
 ) -> "tuple[xr.Dataset, str]":
     """Free decay of a file, or of the embedded example, and a sentence on what it is."""
-    from sysid_trib.columns import ANGLE_UNITS
+    from sysid_trib.decays.free_decay import free_decay
     from sysid_trib.example import paper_twin
-    from sysid_trib.free_decay import free_decay
+    from sysid_trib.reading.columns import ANGLE_UNITS
     from sysid_trib.records import read_record
 
     limits = parse_window(window)

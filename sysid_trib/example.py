@@ -5,7 +5,7 @@ import xarray as xr
 
 from sysid_trib.library_files import load_library
 from sysid_trib.model import Model
-from sysid_trib.simulate import trajectory
+from sysid_trib.simulation import trajectory
 
 # Le Bot et al. 2019, Sec. 3: PDMS sphere on glass, alpha accounted for in w_inf.
 COEFFICIENTS = {"lambda": -0.000023, "zeta": 0.0097, "delta": 0.037, "nu": -0.40, "epsilon": 0.30}

@@ -9,7 +9,7 @@ from pysindy import AxesArray
 from pysindy.feature_library.base import BaseFeatureLibrary, x_sequence_or_item
 from sklearn.utils.validation import check_is_fitted
 
-from sysid_trib.carrying import carry_along
+from sysid_trib.cycles.carrying import carry_along
 from sysid_trib.errors import DecayError, LibraryError
 from sysid_trib.forces import Force, ForceLibrary
 

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.agreement import comparison, fitted_motion, residuals, ties
-from sysid_trib.envelope import envelope
+from sysid_trib.decays.half_sines import envelope
 from sysid_trib.forces import ForceLibrary
 
 # Below this probability of a larger difference by chance the methods are said to disagree.

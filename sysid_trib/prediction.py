@@ -11,7 +11,7 @@ from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 from scipy.integrate import quad, solve_ivp
 
-from sysid_trib.collocation import Array
+from sysid_trib.cycles.collocation import Array
 from sysid_trib.errors import SimulationError
 from sysid_trib.forces import Force
 from sysid_trib.model import Model

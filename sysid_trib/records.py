@@ -9,11 +9,18 @@ import numpy as np
 import xarray as xr
 from scipy.interpolate import CubicSpline
 
-from sysid_trib.columns import ANGLE_UNITS, LENGTH_UNITS, TIME_UNITS, choose_columns, numbers, unit_factor
-from sysid_trib.equilibrium import find_swing
+from sysid_trib.decays.equilibrium import find_swing
+from sysid_trib.decays.half_periods import FloatArray
 from sysid_trib.errors import RecordError, UsageError
-from sysid_trib.files import read_table
-from sysid_trib.half_periods import FloatArray
+from sysid_trib.reading.columns import (
+    ANGLE_UNITS,
+    LENGTH_UNITS,
+    TIME_UNITS,
+    choose_columns,
+    numbers,
+    unit_factor,
+)
+from sysid_trib.reading.tables import read_table
 
 LARGEST_AMPLITUDE = 4.0 * np.pi
 STEP_TOLERANCE = 0.02

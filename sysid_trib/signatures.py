@@ -10,8 +10,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from sysid_trib.collocation import Array
-from sysid_trib.cycles import cycle_averages
+from sysid_trib.cycles.averages import cycle_averages
+from sysid_trib.cycles.collocation import Array
 from sysid_trib.errors import UsageError
 from sysid_trib.forces import Force
 

@@ -9,7 +9,7 @@ import xarray as xr
 from sysid_trib.errors import UsageError
 from sysid_trib.model import Model
 from sysid_trib.result_files import write_beside
-from sysid_trib.simulate import simulate
+from sysid_trib.simulation import simulate
 
 MAX_SAMPLES = 20_000_000
 MAX_PERIODS = 1_000_000

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from sysid_trib.carrying import carry_along
-from sysid_trib.collocation import Array
+from sysid_trib.cycles.carrying import carry_along
+from sysid_trib.cycles.collocation import Array
 from sysid_trib.errors import UsageError
 from sysid_trib.forces import Force, ForceLibrary
 from sysid_trib.signatures import averages

@@ -10,7 +10,7 @@ from scipy.stats import binom, chi2
 
 from sysid_trib import ForceLibrary, Model, load_library
 from sysid_trib.library_files import parse_library
-from sysid_trib.simulate import trajectory
+from sysid_trib.simulation import trajectory
 
 Array = NDArray[np.float64]
 

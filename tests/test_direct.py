@@ -25,7 +25,7 @@ from sysid_trib.bounds import cramer_rao_bound
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.library_files import parse_library
 from sysid_trib.methods import Direct
-from sysid_trib.simulate import trajectory
+from sysid_trib.simulation import trajectory
 
 SEEDS = 50
 # By the issue: RMS error over its Cramér-Rao bound in 400 seeds, here widened by the chance of 50 seeds.

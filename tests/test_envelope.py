@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from sysid_trib.envelope import envelope, instant_derivatives
+from sysid_trib.decays.free_decay import free_decay
+from sysid_trib.decays.half_sines import envelope, instant_derivatives
 from sysid_trib.errors import DecayError
-from sysid_trib.free_decay import free_decay
 from sysid_trib.records import read_record
 
 OMEGA = 9.91

@@ -8,7 +8,7 @@ from candidates import CANDIDATES, candidate
 from sklearn.base import clone
 
 from sysid_trib import load_library
-from sysid_trib.carrying import carry_along
+from sysid_trib.cycles.carrying import carry_along
 from sysid_trib.errors import DecayError, LibraryError
 from sysid_trib.feature_library import ForceFeatures, readable
 from sysid_trib.library_files import parse_library
@@ -151,6 +151,6 @@ def test_sensors_are_no_features():
 
 
 def test_the_package_does_not_import_pysindy():
-    modules = "sysid_trib, sysid_trib.carrying, sysid_trib.prediction"
+    modules = "sysid_trib, sysid_trib.cycles.carrying, sysid_trib.prediction"
     code = f"import sys, {modules}; sys.exit('pysindy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -8,9 +8,15 @@ import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sysid_trib.decays.free_decay import free_decay
+from sysid_trib.decays.half_periods import (
+    find_half_periods,
+    noise_level,
+    quantisation_step,
+    regular_run,
+    smooth,
+)
 from sysid_trib.errors import DecayError, RecordError, UsageError
-from sysid_trib.free_decay import free_decay
-from sysid_trib.half_periods import find_half_periods, noise_level, quantisation_step, regular_run, smooth
 from sysid_trib.records import read_record
 
 OMEGA = 9.91

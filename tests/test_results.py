@@ -16,7 +16,7 @@ from sysid_trib.library_files import parse_library
 from sysid_trib.methods import Averaging, Direct
 from sysid_trib.result_files import load, save
 from sysid_trib.results import asymptotic_frequency, library_of, map_identifications, model_of
-from sysid_trib.simulate import trajectory
+from sysid_trib.simulation import trajectory
 
 FORCES = load_library()
 PER_FORCE = {"coefficient", "standard_error", "covariance", "active", "refers_to"}

@@ -10,7 +10,7 @@ from reference_motion import reference_motion
 from sysid_trib import Model, load_library
 from sysid_trib.errors import SimulationError, UsageError
 from sysid_trib.library_files import parse_library
-from sysid_trib.simulate import simulate, trajectory
+from sysid_trib.simulation import simulate, trajectory
 
 SIX = load_library("contact_forces")
 W = 9.91
@@ -401,14 +401,14 @@ def test_an_unknown_engine_is_named():
 
 
 def test_scipy_takes_over_without_heyoka(monkeypatch):
-    monkeypatch.setattr("sysid_trib.simulate._has_heyoka", lambda: False)
+    monkeypatch.setattr("sysid_trib.simulation._has_heyoka", lambda: False)
     assert simulate(six(zeta=0.01), TIME[:100]).engine == "scipy"
     with pytest.raises(UsageError, match="'heyoka'"):
         simulate(six(zeta=0.01), TIME, engine="heyoka")
 
 
 def test_a_sample_on_the_wrong_branch_hands_the_run_to_scipy(monkeypatch):
-    from sysid_trib import engine_heyoka
+    from sysid_trib.motion import engine_heyoka
 
     compiled = engine_heyoka.Compiled(engine_heyoka.motion_of(six(lam=0.01).forces))
     glide = compiled.glide

@@ -10,8 +10,8 @@ from helpers import NOISE, SIX, W, decay, paper_run
 from scipy.interpolate import BSpline
 
 from sysid_trib.methods.direct import Direct, _begin, _motion
-from sysid_trib.regression import linearised, whitened_rows
-from sysid_trib.weak_form import (
+from sysid_trib.regression.rows import linearised, whitened_rows
+from sysid_trib.regression.weak_form import (
     DEGREE,
     KNOTS_PER_PERIOD,
     SAMPLES_PER_KNOT,

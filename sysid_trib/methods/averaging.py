@@ -11,16 +11,16 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from sysid_trib.envelope import envelope, instant_derivatives
+from sysid_trib.decays.half_sines import envelope, instant_derivatives
 from sysid_trib.errors import DecayError, SysidTribError, UsageError
 from sysid_trib.forces import Force, ForceLibrary
 from sysid_trib.methods.unknowns import unknown_forces
 from sysid_trib.model import Model
+from sysid_trib.motion.start import first_guess, fit_start
+from sysid_trib.regression.weak_form import whiten, whitener
 from sysid_trib.results import Estimate, identification
 from sysid_trib.signatures import averages
-from sysid_trib.simulate import trajectory
-from sysid_trib.start import first_guess, fit_start
-from sysid_trib.weak_form import whiten, whitener
+from sysid_trib.simulation import trajectory
 
 Array = NDArray[np.float64]
 

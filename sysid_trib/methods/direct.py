@@ -8,13 +8,14 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from sysid_trib.envelope import usable_half_periods
+from sysid_trib.decays.half_sines import usable_half_periods
 from sysid_trib.errors import DecayError, SimulationError, UsageError
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.methods.strong_form import strong_form
 from sysid_trib.methods.unknowns import unknown_forces
 from sysid_trib.model import Model
-from sysid_trib.regression import (
+from sysid_trib.motion.start import fit_start
+from sysid_trib.regression.rows import (
     Guess,
     Linearised,
     Mask,
@@ -29,11 +30,10 @@ from sysid_trib.regression import (
     moved,
     whitened_rows,
 )
+from sysid_trib.regression.selection import by_optimizer, significant, solved_by
+from sysid_trib.regression.weak_form import build_weak_form, smooth
 from sysid_trib.results import Estimate, identification
-from sysid_trib.selection import by_optimizer, significant, solved_by
-from sysid_trib.start import fit_start
 from sysid_trib.ties import dependent_columns
-from sysid_trib.weak_form import build_weak_form, smooth
 
 Array = NDArray[np.float64]
 

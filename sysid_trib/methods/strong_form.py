@@ -4,9 +4,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sysid_trib.regression import Guess, Mask, Path, Problem, Rows, moved, rms_forces
-from sysid_trib.selection import by_optimizer, significant
-from sysid_trib.weak_form import smooth
+from sysid_trib.regression.rows import Guess, Mask, Path, Problem, Rows, moved, rms_forces
+from sysid_trib.regression.selection import by_optimizer, significant
+from sysid_trib.regression.weak_form import smooth
 
 if TYPE_CHECKING:
     from sysid_trib.methods.direct import Direct

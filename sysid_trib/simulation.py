@@ -10,10 +10,10 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from sysid_trib.errors import SimulationError, UsageError
-from sysid_trib.following import DivergenceError, Engine, Path, follow
 from sysid_trib.forces import Force
 from sysid_trib.model import Model
-from sysid_trib.motion import Vector
+from sysid_trib.motion.equations import Vector
+from sysid_trib.motion.following import DivergenceError, Engine, Path, follow
 
 
 @dataclass(frozen=True)
@@ -130,12 +130,12 @@ def _path(
 
 def _engine(name: str, forces: tuple[Force, ...], tolerance: float) -> Engine:
     if name == "scipy":
-        from sysid_trib.engine_scipy import interpreted
+        from sysid_trib.motion.engine_scipy import interpreted
 
         return interpreted(forces, tolerance)
     if name != "heyoka" or not _has_heyoka():
         raise UsageError(f"There is no engine '{name}' here; take scipy, or heyoka where it is installed.")
-    from sysid_trib.engine_heyoka import compiled
+    from sysid_trib.motion.engine_heyoka import compiled
 
     return compiled(forces)
 

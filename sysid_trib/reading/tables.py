@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from sysid_trib.errors import RecordError, UsageError
-from sysid_trib.text_files import read_text
+from sysid_trib.reading.text import read_text
 
 Columns = dict[str, Any]
 

@@ -7,10 +7,10 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from sysid_trib.carrying import carry_along
+from sysid_trib.cycles.carrying import carry_along
 from sysid_trib.forces import Force
 from sysid_trib.model import rescaling_factors
-from sysid_trib.weak_form import KNOTS_PER_PERIOD, WeakForm, noise_operator, whiten, whitener
+from sysid_trib.regression.weak_form import KNOTS_PER_PERIOD, WeakForm, noise_operator, whiten, whitener
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -5,9 +5,9 @@ from datetime import datetime
 
 import numpy as np
 
+from sysid_trib.decays.half_periods import FloatArray
 from sysid_trib.errors import RecordError, UsageError
-from sysid_trib.files import Table
-from sysid_trib.half_periods import FloatArray
+from sysid_trib.reading.tables import Table
 
 TIME_NAMES = {"time", "t", "times", "timestamp", "seconds", "elapsed", "elapsed time", "zeit", "temps"}
 ANGLE_NAMES = {"angle", "theta", "phi", "θ", "φ", "ϕ", "roll", "angular position", "rotation", "winkel"}

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import elementwise
 
-from sysid_trib.collocation import Array, Index, Panels, solve_states
+from sysid_trib.cycles.collocation import Array, Index, Panels, solve_states
 from sysid_trib.errors import LibraryError
 from sysid_trib.forces import Force
 from sysid_trib.formulas import Formula, evaluate_tree

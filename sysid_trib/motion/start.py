@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid_trib.model import Model
-from sysid_trib.simulate import trajectory
-from sysid_trib.weak_form import build_weak_form, smooth
+from sysid_trib.regression.weak_form import build_weak_form, smooth
+from sysid_trib.simulation import trajectory
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
-from sysid_trib.collocation import Array, Index, Panels, solve_states
+from sysid_trib.cycles.collocation import Array, Index, Panels, solve_states
 from sysid_trib.errors import DecayError, LibraryError
 from sysid_trib.forces import Force
 

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid_trib.equilibrium import Swing, signed_extrema
+from sysid_trib.decays.equilibrium import Swing, signed_extrema
+from sysid_trib.decays.half_periods import FloatArray
 from sysid_trib.errors import DecayError
-from sysid_trib.half_periods import FloatArray
 
 # Three full periods: five whole half periods and a part of one at either end.
 FEWEST_EXTREMA = 5

@@ -11,8 +11,8 @@ from scipy.integrate import DOP853
 from scipy.optimize import brentq
 
 from sysid_trib.forces import Force
-from sysid_trib.motion import Functions, Motion, Run, Vector, motion_of
-from sysid_trib.sticking import settle
+from sysid_trib.motion.equations import Functions, Motion, Run, Vector, motion_of
+from sysid_trib.motion.sticking import settle
 
 # Where a step is looked at for a switching; close to its start, where the motion just left one.
 LOOKS = (0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0)

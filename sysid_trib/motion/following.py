@@ -6,11 +6,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from sysid_trib.engine_scipy import advance
 from sysid_trib.errors import SimulationError
 from sysid_trib.formulas import NUMPY
-from sysid_trib.motion import Motion, Run, Vector
-from sysid_trib.sticking import Field, depart, settle
+from sysid_trib.motion.engine_scipy import advance
+from sysid_trib.motion.equations import Motion, Run, Vector
+from sysid_trib.motion.sticking import Field, depart, settle
 
 FAR = 1e3  # rad; no pendulum swings there
 ON_SURFACE = 1e-8  # how far on the wrong side of a surface a sample may lie

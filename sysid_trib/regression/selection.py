@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from sysid_trib.regression import Rows
+from sysid_trib.regression.rows import Rows
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from sysid_trib.decay_checks import after_the_largest, refuse_clipping
-from sysid_trib.equilibrium import Swing, find_swing
+from sysid_trib.decays.checks import after_the_largest, refuse_clipping
+from sysid_trib.decays.equilibrium import Swing, find_swing
+from sysid_trib.decays.half_periods import FloatArray, noise_level
 from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.half_periods import FloatArray, noise_level
 from sysid_trib.records import check_sampling
 
 # rad or m, far below any measurement; the squares of still smaller numbers underflow.

@@ -10,8 +10,8 @@ import heyoka as hy
 import numpy as np
 
 from sysid_trib.forces import Force
-from sysid_trib.motion import Functions, Motion, Run, Vector, motion_of
-from sysid_trib.sticking import NEAR, rises, settle
+from sysid_trib.motion.equations import Functions, Motion, Run, Vector, motion_of
+from sysid_trib.motion.sticking import NEAR, rises, settle
 
 # What heyoka would print on a diverging motion is raised instead.
 hy.set_logger_level_critical()

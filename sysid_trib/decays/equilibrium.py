@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid_trib.half_periods import (
+from sysid_trib.decays.half_periods import (
     FloatArray,
     HalfPeriods,
     Oscillation,

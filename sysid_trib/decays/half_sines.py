@@ -6,15 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from sysid_trib.equilibrium import find_swing
-from sysid_trib.errors import DecayError
-from sysid_trib.half_periods import (
+from sysid_trib.decays.equilibrium import find_swing
+from sysid_trib.decays.half_periods import (
     FloatArray,
     HalfPeriods,
     IntArray,
     noise_level,
     quantisation_step,
 )
+from sysid_trib.errors import DecayError
 
 # The third round moves the frequency by less than 1e-6 of itself.
 ROUNDS = 3

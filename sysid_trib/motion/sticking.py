@@ -5,7 +5,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid_trib.motion import Motion, Vector
+from sysid_trib.motion.equations import Motion, Vector
 
 NEAR = 1e-9  # nearer than this to a surface, its sign is decided by where the motion is going
 LOOK = 1e-5  # how far ahead in tau that is

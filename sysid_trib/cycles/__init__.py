@@ -1,0 +1,1 @@
+"""What forces do over a cycle, and what they remember along a motion."""

@@ -1,0 +1,1 @@
+"""Free decays: half periods, equilibrium, release and stop, envelope."""

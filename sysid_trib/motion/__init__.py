@@ -1,0 +1,1 @@
+"""The motion of a model: equations, switching, sticking, engines."""

@@ -1,0 +1,1 @@
+"""Regression of Eq. 1 in weak form."""
