@@ -11,6 +11,8 @@ from sysid_trib.forces import ForceLibrary
 
 # Below this probability of a larger difference by chance the methods are said to disagree.
 LEVEL = 0.01
+# A model whose simulated motion leaves more than this many noise levels (RMS) does not explain the record.
+EXPLAINED = 1.5
 
 
 class Method(Protocol):
@@ -63,7 +65,8 @@ def cross_check(
     record without noise), the `standard_error` of the difference and `z`; `chi_square`,
     `degrees_of_freedom`, `p_value`; over `model` the `residual_rms` (rad) of the simulated model,
     `residual_over_noise` and `departure_time` (s). Its attrs say what the methods cannot tell apart by
-    principle, and the `verdict`.
+    principle, the `verdict` (agree, disagree, unknown), and whether the record is `explained` (yes, no): the
+    models leave no more than noise.
 
     Notes
     -----
@@ -84,7 +87,9 @@ def cross_check(
     p_value = compared.p_value.item()
     verdict = "unknown" if np.isnan(p_value) else "agree" if p_value >= LEVEL else "disagree"
     compared.attrs = {"first": names[0], "second": names[1], "verdict": verdict, "draws": draws, "seed": seed}
-    compared.attrs |= ties(decay, second)
+    # A model without a motion has nan here, and explains nothing.
+    explained = bool(np.all(compared.residual_over_noise.values <= EXPLAINED))
+    compared.attrs |= {"explained": "yes" if explained else "no"} | ties(decay, second)
     record = decay.assign_coords(model=names)
     lost = np.full(decay.sizes["time"], np.nan)
     simulated = np.stack([lost if motion is None else motion.x + motion.offset for motion in motions])

@@ -69,8 +69,7 @@ def verdict(tree: xr.DataTree) -> list[str]:
             continue
         where = "never leaves the noise" if np.isnan(left) else f"leaves the noise at {left:.3g} s"
         told.append(f"The model from {method} {where}: RMS {rms:.3g} rad, {noise:.3g} times the noise.")
-    worst = checked.residual_over_noise.max().item()
-    if worst > 2.0:
+    if checked.attrs["explained"] == "no":
         told.append("The model does not explain the record: a force is missing, or one is of another form.")
     results = [tree[method].ds for method in (first, second)]
     for method, result in zip((first, second), results, strict=True):

@@ -25,8 +25,9 @@ def centre(found: dict) -> float:
 def refuted(found: dict) -> bool:
     """Whether the cross-check shows that the forces offered do not explain the record."""
     check = found["cross_check"]
-    worst = max(model["residual_over_noise"] for model in check["models"].values())
-    return check["verdict"] == "disagree" and worst > 2.0
+    gaps = [model["residual_over_noise"] for model in check["models"].values()]
+    # A model that diverges has no gap to tell.
+    return check["explained"] == "no" and any(gap is None or gap > 2.0 for gap in gaps)
 
 
 @pytest.fixture(scope="module")
@@ -91,10 +92,6 @@ def test_far_beyond_weak_nonlinearity_there_is_a_verdict_or_a_reason(data_folder
     """The whole record, released at 2.4 rad: no model of the six follows it, and this must be said."""
     path = data_folder / "single_pendulum" / "free_swing.csv"
     begin = time.perf_counter()
-    ending = run("identify", path, "--json")
-    assert time.perf_counter() - begin < 30.0
-    if ending.status:
-        assert ending.status == 1
-        assert "diverges" in ending.complaint
-    else:
-        assert refuted(json.loads(ending.out))
+    found = identified(path)
+    assert time.perf_counter() - begin < 60.0
+    assert refuted(found)
