@@ -2,6 +2,8 @@
 
 import json
 from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.stats import f as f_distribution
 
 from sysid_trib.errors import SimulationError, SysidTribError
+from sysid_trib.forces import ForceLibrary
 from sysid_trib.model import rescaling_factors
 from sysid_trib.motion.start import FittedMotion, first_guess, fit_start
 from sysid_trib.results import library_of, model_of
@@ -20,8 +23,6 @@ Array = NDArray[np.float64]
 
 # Samples a period for the statistics of the difference: more would cost time and change nothing.
 SAMPLES_PER_PERIOD = 60
-# Part of a standard error below which a difference of biases is none.
-NEGLIGIBLE = 0.1
 # A model has left the noise where the RMS over half a period is beyond this many noise levels.
 LEFT = 2.0
 
@@ -62,6 +63,8 @@ def comparison(
         expected, scatter = _scatter(decay, results, truth, kept, draws=draws, seed=seed)
     error = np.sqrt(np.diag(scatter))
     excess = difference - expected
+    # One method with and without its bias: nothing else differs.
+    z = np.divide(excess, error, out=np.zeros_like(excess), where=error != 0.0)
     chi_square = float(excess @ np.linalg.pinv(scatter) @ excess) if truth is not None else float("nan")
     # The covariance is itself estimated from `draws` records: Hotelling's T^2, which is F distributed.
     freedom = max(1, draws - count)
@@ -71,7 +74,7 @@ def comparison(
         "difference": (difference, per | {"long_name": "first method minus second"}),
         "expected_difference": (expected, per | {"long_name": "difference of the methods' biases"}),
         "standard_error": (error, per | {"long_name": "standard error of the difference"}),
-        "z": (excess / error, {"units": "1", "long_name": "excess over its standard error"}),
+        "z": (z, {"units": "1", "long_name": "excess over its standard error"}),
     }
     scalars = {
         "chi_square": (chi_square, "chi-square of all differences"),
@@ -163,47 +166,50 @@ def _scatter(
     time, noise = _coarse(decay, result)
     exact = trajectory(model, time, motion.angle, motion.rate).angle
     random = np.random.default_rng(seed)
-    methods = [method_of(r) for r in results]
+    best = [_at_its_best(decay, r, library) for r in results]
     frequency = result.reference_frequency.item()
 
-    def identified(angle: Array) -> list[xr.Dataset]:
-        record = xr.Dataset({"angle": ("time", angle)}, {"time": time})
-        return [method.identify(record, library) for method in methods]
+    def difference(pair: Sequence[xr.Dataset]) -> Array:
+        first, second = quantities(pair)
+        return np.asarray(first - second)
 
     def quantities(pair: Sequence[xr.Dataset]) -> Array:
         return np.stack([_quantities(r, kept, frequency) for r in pair])
 
-    def bias(about: xr.Dataset) -> Array:
-        moved = trajectory(model_of(about), time, motion.angle, motion.rate).angle
-        first, second = quantities(identified(moved))
-        return np.asarray(first - second)
+    def identified(angle: Array) -> list[xr.Dataset]:
+        record = xr.Dataset({"angle": ("time", angle)}, {"time": time})
+        return [method.identify(record, library) for method, _ in best]
 
-    try:
-        expected = bias(result)
-    except SysidTribError:
-        expected = np.zeros(len(kept) + 1)
-    # A bias that matters is known only as well as the model it is computed from: it varies with each draw.
-    varies = bool(np.any(np.abs(expected) > NEGLIGIBLE * _stated(result, kept)))
-    both, differences = [], []
+    # The bias that a method left in is what it would have removed; what remains shows without noise.
+    expected = difference(results) - difference([r for _, r in best])
+    with suppress(SysidTribError):
+        expected = expected + difference(identified(exact))
+    found = []
     for _ in range(draws):
         try:
-            pair = identified(exact + noise * random.standard_normal(len(time)))
-            drawn = quantities(pair)
-            differences.append(drawn[0] - drawn[1] - (bias(pair[1]) if varies else 0.0))
-            both.append(drawn)
+            found.append(quantities(identified(exact + noise * random.standard_normal(len(time)))))
         except SysidTribError:
             continue
-    if len(both) < 3:
+    if len(found) < 3:
         count = len(kept) + 1
         return np.full(count, np.nan), np.full((count, count), np.nan)
-    scatter = np.atleast_2d(np.cov(np.array(differences), rowvar=False))
-    if varies:
-        # Weights depend on the noise, and the bias on the weights: the draws know it better.
-        drawn = np.array(both)
-        expected = np.mean(drawn[:, 0] - drawn[:, 1], axis=0)
-        scatter = scatter * (1.0 + 1.0 / len(both))
-    inflation = _inflation(results, kept, np.array(both))
+    both = np.array(found)
+    scatter = np.atleast_2d(np.cov(both[:, 0] - both[:, 1], rowvar=False))
+    inflation = _inflation(results, kept, both)
     return expected, scatter * np.outer(inflation, inflation)
+
+
+def _at_its_best(decay: xr.Dataset, result: xr.Dataset, library: ForceLibrary) -> tuple[Any, xr.Dataset]:
+    """Method and result with the removal of bias that was left off: its scatter is calibrated."""
+    method = method_of(result)
+    off = {name: True for name in ("correct", "refine") if getattr(method, name, True) is False}
+    if not off:
+        return method, result
+    try:
+        better = replace(method, **off)
+        return better, better.identify(decay, library)
+    except SysidTribError:
+        return method, result
 
 
 def _stated(result: xr.Dataset, kept: Sequence[str]) -> Array:
