@@ -195,8 +195,9 @@ def _scatter(
         return np.full(count, np.nan), np.full((count, count), np.nan)
     both = np.array(found)
     scatter = np.atleast_2d(np.cov(both[:, 0] - both[:, 1], rowvar=False))
-    inflation = _inflation(results, kept, both)
-    return expected, scatter * np.outer(inflation, inflation)
+    if _beyond_noise(results, kept, both):
+        scatter = sum((_stated_covariance(result, kept) for result in results), np.zeros_like(scatter))
+    return expected, scatter
 
 
 def _at_its_best(decay: xr.Dataset, result: xr.Dataset, library: ForceLibrary) -> tuple[Any, xr.Dataset]:
@@ -212,23 +213,27 @@ def _at_its_best(decay: xr.Dataset, result: xr.Dataset, library: ForceLibrary) -
         return method, result
 
 
-def _stated(result: xr.Dataset, kept: Sequence[str]) -> Array:
-    """Standard errors that a method states, of the coefficients and the asymptotic frequency."""
-    coefficients = result.standard_error.sel(force=list(kept)).values
-    return np.append(coefficients, result.asymptotic_frequency_standard_error.item())
+def _stated_covariance(result: xr.Dataset, kept: Sequence[str]) -> Array:
+    """Covariance that a method states, of the coefficients and the asymptotic frequency."""
+    count = len(kept)
+    found = np.empty((count + 1, count + 1))
+    found[:count, :count] = result.covariance.sel(force=list(kept), other_force=list(kept))
+    found[count, :count] = found[:count, count] = result.frequency_covariance.sel(force=list(kept))
+    found[count, count] = result.asymptotic_frequency_standard_error.item() ** 2
+    return found
 
 
-def _inflation(results: Sequence[xr.Dataset], kept: Sequence[str], draws: Array) -> Array:
-    """How much the errors that the methods state exceed those by the noise alone.
+def _beyond_noise(results: Sequence[xr.Dataset], kept: Sequence[str], draws: Array) -> bool:
+    """Whether the errors that the methods state exceed those by the noise alone.
 
-    Where a model leaves more than noise, methods weigh what is left differently: their difference is then to
-    be held against the errors they state, not against the noise. Below 1.5 it is chance.
+    Where a model leaves more than noise, methods weigh what is left differently: they no longer share their
+    errors, which then add. A ratio below 1.5 is chance.
     """
-    stated = np.stack([_stated(result, kept) for result in results])
+    stated = np.stack([np.sqrt(np.diag(_stated_covariance(result, kept))) for result in results])
     drawn = draws.std(axis=0, ddof=1)
-    # What does not vary, as a force that every draw drops, has nothing to be inflated.
-    ratio = np.max(np.divide(stated, drawn, out=np.ones_like(drawn), where=drawn > 0.0), axis=0)
-    return np.where(ratio > 1.5, ratio, 1.0)
+    # What does not vary, as a force that every draw drops, has no ratio.
+    ratio = np.divide(stated, drawn, out=np.ones_like(drawn), where=drawn > 0.0)
+    return bool(np.max(ratio) > 1.5)
 
 
 def _stiffness(library: Any) -> tuple[str, ...]:

@@ -70,9 +70,9 @@ def cross_check(
 
     Notes
     -----
-    Where the errors that a method states exceed those by the noise alone, because the model leaves more than
-    noise, the error of the difference is raised by the same ratio. A model without a motion (it diverges)
-    has nan for its angle and residual.
+    Where the errors that the methods state exceed those by the noise alone, because the model leaves more
+    than noise, the methods no longer share their errors: the stated covariances add. A model without a motion
+    (it diverges) has nan for its angle and residual.
 
     z = (difference - expected_difference)/standard_error; chi-square with the covariance of the scatter, its
     p-value by Hotelling's distribution because that covariance is estimated from `draws` records.
