@@ -27,7 +27,7 @@ def write_figure(figure: Any, path: Path) -> None:
             f"{path.parent}: cannot be made ({error.strerror}); choose another folder."
         ) from None
     for suffix in (".pdf", ".png"):
-        write_beside(path.with_suffix(suffix), lambda beside: figure.savefig(beside, dpi=200))
+        write_beside(path.with_suffix(suffix), lambda beside: figure.savefig(beside, dpi=150))
 
 
 def write_beside(target: Path, write: Callable[[str], Any]) -> None:

@@ -133,7 +133,8 @@ def _begin(method: Direct, decay: xr.Dataset, library: ForceLibrary) -> tuple[Pr
     """Weak form, and the smoothed record as the first reference trajectory; noise in rad."""
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
     halves = usable_half_periods(time, angle, str(decay.attrs.get("source", "decay")))
-    nominal = method.reference_frequency or float(np.pi / np.median(halves.duration))
+    # A scale of time, to two digits: the same for records that differ by noise, and so their weak form.
+    nominal = method.reference_frequency or float(f"{np.pi / np.median(halves.duration):.2g}")
     form = build_weak_form(nominal * (time - time[0]))
     free = method.reference_frequency is None
     problem = Problem(time, angle, form, library.forces, dict(method.shapes), nominal, free)

@@ -7,6 +7,7 @@ a banded Cholesky factor; and clamped at the ends, so that nothing of the large 
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import scipy.linalg
@@ -20,6 +21,8 @@ Array = NDArray[np.float64]
 
 DEGREE = 5
 KNOTS_PER_PERIOD = 12
+# Samples up to which a weak form is kept for the next record on the same grid: some 40 MB.
+MOST_KEPT = 100_000
 # Fewer samples than this between knots and the splines would follow the noise.
 SAMPLES_PER_KNOT = 2
 
@@ -58,7 +61,16 @@ def knot_sequence(tau: Array) -> Array:
 
 
 def build_weak_form(tau: Array) -> WeakForm:
-    """Weak form on the samples `tau` = w t (increasing, not necessarily uniform)."""
+    """Weak form on the samples `tau` = w t (increasing, not necessarily uniform); the last few are kept."""
+    return _kept(tau.tobytes()) if len(tau) <= MOST_KEPT else _built(tau)
+
+
+@lru_cache(maxsize=4)
+def _kept(tau: bytes) -> WeakForm:
+    return _built(np.frombuffer(tau))
+
+
+def _built(tau: Array) -> WeakForm:
     knots = knot_sequence(tau)
     weights = sp.diags_array(np.gradient(tau) * _end_weights(len(tau)))
     # The first two and last two clamped splines have a value or a slope at the ends: they are left out.
