@@ -14,9 +14,9 @@ from scipy.stats import f as f_distribution
 from sysid_trib.errors import SimulationError, SysidTribError
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.model import rescaling_factors
-from sysid_trib.motion.start import FittedMotion, first_guess, fit_start
 from sysid_trib.results import library_of, model_of
 from sysid_trib.simulation import trajectory
+from sysid_trib.start import FittedMotion, first_guess, fit_start
 from sysid_trib.ties import exactly_dependent, indistinguishable, without_signature
 
 Array = NDArray[np.float64]

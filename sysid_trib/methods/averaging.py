@@ -16,11 +16,11 @@ from sysid_trib.errors import DecayError, SysidTribError, UsageError
 from sysid_trib.forces import Force, ForceLibrary
 from sysid_trib.methods.unknowns import unknown_forces
 from sysid_trib.model import Model
-from sysid_trib.motion.start import first_guess, fit_start
 from sysid_trib.regression.weak_form import whiten, whitener
 from sysid_trib.results import Estimate, identification
 from sysid_trib.signatures import averages
 from sysid_trib.simulation import trajectory
+from sysid_trib.start import first_guess, fit_start
 
 Array = NDArray[np.float64]
 

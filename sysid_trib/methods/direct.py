@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -14,7 +15,6 @@ from sysid_trib.forces import ForceLibrary
 from sysid_trib.methods.strong_form import strong_form
 from sysid_trib.methods.unknowns import unknown_forces
 from sysid_trib.model import Model
-from sysid_trib.motion.start import fit_start
 from sysid_trib.regression.rows import (
     Guess,
     Linearised,
@@ -33,6 +33,7 @@ from sysid_trib.regression.rows import (
 from sysid_trib.regression.selection import by_optimizer, significant, solved_by
 from sysid_trib.regression.weak_form import build_weak_form, smooth
 from sysid_trib.results import Estimate, identification
+from sysid_trib.start import fit_start
 from sysid_trib.ties import dependent_columns
 
 Array = NDArray[np.float64]
@@ -102,7 +103,7 @@ class Direct:
         guess = moved(problem, guess, *least_squares(rows, every))
         active, refined = every, False
         if self.form == "strong":
-            guess, rows, active = strong_form(self, problem, guess, path)
+            guess, rows, active = strong_form(problem, guess, path, partial(_selected, self))
         else:
             rows, about = _regressed(problem, guess, path)
             chosen = _selected(self, rows)

@@ -1,19 +1,17 @@
 """The strong form of direct identification: `pysindy.SINDy` on derivatives of the smoothed record."""
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
 
 from sysid_trib.regression.rows import Guess, Mask, Path, Problem, Rows, moved, rms_forces
-from sysid_trib.regression.selection import by_optimizer, significant
 from sysid_trib.regression.weak_form import smooth
 
-if TYPE_CHECKING:
-    from sysid_trib.methods.direct import Direct
 
-
-def strong_form(method: "Direct", problem: Problem, guess: Guess, path: Path) -> tuple[Guess, Rows, Mask]:
-    """Regress theta'' + theta of the smoothed record on the forces, by `pysindy.SINDy`.
+def strong_form(
+    problem: Problem, guess: Guess, path: Path, select: Callable[[Rows], Mask]
+) -> tuple[Guess, Rows, Mask]:
+    """Regress theta'' + theta of the smoothed record on the forces that `select` keeps, by `pysindy.SINDy`.
 
     For comparison: the noise of second derivatives makes it far less precise than the weak form, and
     smoothing biases it.
@@ -28,11 +26,7 @@ def strong_form(method: "Direct", problem: Problem, guess: Guess, path: Path) ->
     nuisances = [-np.ones_like(x)] + ([x] if problem.free else [])
     lags = 2 * round(2.0 * np.pi / float(np.median(np.diff(problem.form.tau))))
     rows = Rows(-(acceleration / k + x), path.columns / scale, np.column_stack(nuisances), scale, lags)
-    active = np.ones(len(scale), bool)
-    if method.significance is not None:
-        active &= significant(rows, method.significance)
-    if method.optimizer is not None:
-        active &= by_optimizer(rows, method.optimizer)
+    active = select(rows)
     # The columns hold states and memory carried along: SINDy takes them as they are, as its states.
     columns = np.column_stack([rows.columns[:, active], rows.nuisances])
     sindy = pysindy.SINDy(optimizer=STLSQ(threshold=0.0, alpha=0.0), feature_library=IdentityLibrary())
