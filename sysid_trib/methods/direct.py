@@ -98,26 +98,13 @@ class Direct:
         """
         asked = unknown_forces(library, self.reference_frequency)
         problem, guess, path, noise = _begin(self, decay, asked)
-        every = np.ones(len(asked), bool)
-        rows, about = _regressed(problem, guess, path)
-        guess = moved(problem, guess, *least_squares(rows, every))
-        active, refined = every, False
+        rows, _ = _regressed(problem, guess, path)
+        guess = moved(problem, guess, *least_squares(rows, np.ones(len(asked), bool)))
+        refined = False
         if self.form == "strong":
             guess, rows, active = strong_form(problem, guess, path, partial(_selected, self))
         else:
-            rows, about = _regressed(problem, guess, path)
-            chosen = _selected(self, rows)
-            # About the motion of the kept forces alone the choice is better founded than about all of them.
-            for _ in range(MAX_SELECTIONS):
-                active = chosen
-                guess = moved(problem, guess, *least_squares(rows, active))
-                if not active.all():
-                    about = linearised(problem, guess, path)
-                guess, rows, refined = _refined(self, problem, guess, rows, about, active, asked)
-                chosen = _selected(self, rows)
-                if np.array_equal(chosen, active):
-                    break
-            guess = _finally(self, problem, guess, rows, active)
+            guess, rows, active, refined = _weak_form(self, problem, guess, path, asked)
         spread, in_band, lags = covariance(problem, rows, guess, active)
         extra = {
             "misfit": (in_band / noise, "1", "in-band residual over the noise of the record"),
@@ -158,6 +145,25 @@ def _regressed(problem: Problem, guess: Guess, path: Path) -> tuple[Rows, Linear
     return whitened_rows(problem, guess, path, about), about
 
 
+def _weak_form(
+    method: Direct, problem: Problem, guess: Guess, path: Path, library: ForceLibrary
+) -> tuple[Guess, Rows, Mask, bool]:
+    """Choose forces and refine them in turn, until the choice stands; whether the refinement settled."""
+    rows, about = _regressed(problem, guess, path)
+    chosen = _selected(method, rows)
+    # About the motion of the kept forces alone the choice is better founded than about all of them.
+    for _ in range(MAX_SELECTIONS):
+        active = chosen
+        guess = moved(problem, guess, *least_squares(rows, active))
+        if not active.all():
+            about = linearised(problem, guess, path)
+        guess, rows, refined = _refined(method, problem, guess, rows, about, active, library)
+        chosen = _selected(method, rows)
+        if np.array_equal(chosen, active):
+            break
+    return _finally(problem, guess, rows, active), rows, active, refined
+
+
 def _selected(method: Direct, rows: Rows) -> Mask:
     """Forces that are kept, by significance and by the optimiser."""
     active = np.ones(rows.columns.shape[1], bool)
@@ -168,7 +174,7 @@ def _selected(method: Direct, rows: Rows) -> Mask:
     return active
 
 
-def _finally(method: Direct, problem: Problem, guess: Guess, rows: Rows, active: Mask) -> Guess:
+def _finally(problem: Problem, guess: Guess, rows: Rows, active: Mask) -> Guess:
     """The kept forces' coefficients by a pysindy optimiser without threshold."""
     if not active.any():
         return guess
