@@ -2,5 +2,6 @@
 
 from sysid_trib.methods.averaging import Averaging
 from sysid_trib.methods.direct import Direct
+from sysid_trib.methods.trajectory import Trajectory
 
-__all__ = ["Averaging", "Direct"]
+__all__ = ["Averaging", "Direct", "Trajectory"]
