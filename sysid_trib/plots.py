@@ -1,12 +1,14 @@
 """Figures from results only: one function a panel, each taking an optional `ax`."""
 
+from collections.abc import Iterator
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
-from sysid_trib.prediction import predict_envelope
-from sysid_trib.results import model_of
+from sysid_trib.decays.half_sines import envelope as half_sine_envelope
+from sysid_trib.errors import SysidTribError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -82,14 +84,13 @@ def residual(tree: xr.DataTree, ax: "Axes | None" = None) -> "Axes":
 
 
 def envelope(tree: xr.DataTree, ax: "Axes | None" = None) -> "Axes":
-    """Amplitude of the half periods against time, and the averaged equation of each model."""
+    """Amplitude of the half periods against time, of the record and of each model's motion."""
     ax = _axes(ax)
     measured = tree["envelope"].ds
     time, a = measured.instant_time.values, measured.amplitude.values
     ax.errorbar(time, a, measured.amplitude_standard_error.values, **MARKS)
-    for name, line in _models(tree):
-        predicted = predict_envelope(model_of(tree[name].ds), time, a[0])
-        ax.plot(time, predicted.amplitude.values, linewidth=1.0, label=name, **line)
+    for name, line, moved in _simulated(tree):
+        ax.plot(moved.instant_time.values, moved.amplitude.values, linewidth=1.0, label=name, **line)
     ax.set(xlabel="time (s)", ylabel="amplitude (rad)", yscale="log")
     ax.yaxis.set_major_formatter("{x:g}")
     ax.yaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "2346" else "")
@@ -97,20 +98,29 @@ def envelope(tree: xr.DataTree, ax: "Axes | None" = None) -> "Axes":
 
 
 def frequency(tree: xr.DataTree, ax: "Axes | None" = None) -> "Axes":
-    """Frequency of the half periods against their amplitude, and that of each model to first order."""
+    """Frequency of the half periods against their amplitude, of the record and of each model's motion."""
     ax = _axes(ax)
     measured = tree["envelope"].ds
     a, w = measured.amplitude.values, measured.frequency.values
     ax.errorbar(a, w, measured.frequency_standard_error.values, **MARKS)
-    time = measured.instant_time.values
-    for name, line in _models(tree):
-        predicted = predict_envelope(model_of(tree[name].ds), time, a[0])
-        ax.plot(predicted.amplitude.values, predicted.frequency.values, linewidth=1.0, label=name, **line)
+    for name, line, moved in _simulated(tree):
+        ax.plot(moved.amplitude.values, moved.frequency.values, linewidth=1.0, label=name, **line)
     # A few wild points at the noise floor must not squeeze the course into a line.
     low, high = np.percentile(w, [3, 97])
     ax.set(xlabel="amplitude (rad)", ylabel="frequency (rad/s)", xlim=(0.0, None))
     ax.set_ylim(low - 0.4 * (high - low), high + 0.4 * (high - low))
     return ax
+
+
+def _simulated(tree: xr.DataTree) -> Iterator[tuple[str, dict[str, Any], xr.Dataset]]:
+    """Each model's motion through the same half-sine fits; first order would differ at large amplitude."""
+    record = tree["record"].ds
+    for name, line in _models(tree):
+        moved = xr.Dataset({"angle": record.simulated_angle.sel(model=name)})
+        # A model without a motion has nothing to show.
+        with suppress(SysidTribError):
+            if bool(np.all(np.isfinite(moved.angle))):
+                yield name, line, half_sine_envelope(moved)
 
 
 def _models(tree: xr.DataTree) -> list[tuple[str, dict[str, Any]]]:
