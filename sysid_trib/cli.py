@@ -62,6 +62,9 @@ Omega0 = Annotated[
 Reference = Annotated[
     float | None, typer.Option(metavar="RAD/S", help="Reference frequency, held; default: fitted.")
 ]
+Shapes = Annotated[
+    list[str], typer.Option("--set", metavar="SYMBOL.SHAPE=VALUE", help="A shape parameter to hold; repeat.")
+]
 Output = Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Where to write.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, and nothing else.")]
 Plot = Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for the figure (PDF and PNG).")]
@@ -82,6 +85,7 @@ def identify(
     forces: Forces = None,
     omega0: Omega0 = None,
     reference_frequency: Reference = None,
+    set_: Shapes = [],  # noqa: B006 - typer copies it
     output: Output = None,
     as_json: Json = False,
     plot: Plot = None,
@@ -96,6 +100,7 @@ def identify(
     if contactless and reference_frequency:
         raise UsageError("--omega0 and --reference-frequency each give alpha a meaning: choose one.")
     offered = cli_input.offered_forces(library, forces, bool(contactless or reference_frequency))
+    shapes = cli_input.held_shapes(set_, offered)
     cli_input.check_output(output, ".nc", reads=record)
     cli_input.check_folder(plot)
     options = {
@@ -109,8 +114,8 @@ def identify(
     decay, told = cli_input.read_decay(record, options, window, equilibrium)
     cli_input.check_reference(reference_frequency, decay)
     methods = (
-        Averaging(reference_frequency=reference_frequency),
-        Direct(reference_frequency=reference_frequency),
+        Averaging(reference_frequency=reference_frequency, shapes=shapes),
+        Direct(reference_frequency=reference_frequency, shapes=shapes),
     )
     tree = cross_check(decay, *(method.identify(decay, offered) for method in methods))
     if contactless is not None:

@@ -153,6 +153,19 @@ def settings(texts: list[str], library: str) -> tuple[dict[str, float], dict[str
     return coefficients or COEFFICIENTS, shapes
 
 
+def held_shapes(texts: list[str], library: "ForceLibrary") -> dict[str, float]:
+    """Shape parameters of the forces asked for, such as `dahl.s=0.02`."""
+    known = [f"{force.symbol}.{name}" for force in library for name in force.shape]
+    shapes: dict[str, float] = {}
+    for text in (part for given in texts for part in given.split(",")):
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if not equals or name not in known:
+            there = ", ".join(known) or "none"
+            raise UsageError(f"--set '{text}': give SHAPE=VALUE; shapes of the forces asked for: {there}.")
+        shapes[name] = parse_number(value, f"--set {name}")
+    return shapes
+
+
 def parse_number(text: str, option: str) -> float:
     """A finite number, or a sentence that names the option."""
     try:

@@ -27,6 +27,13 @@ MARKS: dict[str, Any] = {
     "markeredgewidth": 0.7,
     "linewidth": 0.6,
 }
+LEGEND: dict[str, Any] = {
+    "frameon": False,
+    "fontsize": 8,
+    "loc": "lower right",
+    "bbox_to_anchor": (1.0, 1.0),
+    "borderaxespad": 0.1,
+}
 MOST_POINTS = 4000
 
 
@@ -62,9 +69,7 @@ def record(tree: xr.DataTree, ax: "Axes | None" = None) -> "Axes":
         ax.plot(time, data.simulated_angle.sel(model=name).values[::step], linewidth=0.8, label=name, **line)
     ax.set(xlabel="time (s)", ylabel="angle (rad)", xlim=(time[0], time[-1]))
     # Above the panel: inside there is no room that the oscillation leaves free.
-    ax.legend(
-        ncols=3, frameon=False, fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1
-    )
+    ax.legend(ncols=3, **LEGEND)
     return ax
 
 
@@ -78,8 +83,9 @@ def residual(tree: xr.DataTree, ax: "Axes | None" = None) -> "Axes":
         gap = (data.angle - data.simulated_angle.sel(model=name)).values[::step]
         ax.plot(time, 1e3 * gap, linewidth=0.6, label=name, **line)
     noise = 1e3 * tree[checked.attrs["second"]].ds.noise.item()
-    ax.axhspan(-2 * noise, 2 * noise, color="0.85", zorder=0, label="2 noise levels")
-    ax.set(xlabel="time (s)", ylabel="record - model (mrad)", xlim=(time[0], time[-1]))
+    band = ax.axhspan(-2 * noise, 2 * noise, color="0.85", zorder=0)
+    ax.legend([band], ["± 2 noise levels"], **LEGEND)
+    ax.set(xlabel="time (s)", ylabel="record \N{MINUS SIGN} model (mrad)", xlim=(time[0], time[-1]))
     return ax
 
 
@@ -92,8 +98,10 @@ def envelope(tree: xr.DataTree, ax: "Axes | None" = None) -> "Axes":
     for name, line, moved in _simulated(tree):
         ax.plot(moved.instant_time.values, moved.amplitude.values, linewidth=1.0, label=name, **line)
     ax.set(xlabel="time (s)", ylabel="amplitude (rad)", yscale="log")
+    # Within less than a decade every digit has room.
+    digits = "2346" if a.max() > 8.0 * a.min() else "23456789"
     ax.yaxis.set_major_formatter("{x:g}")
-    ax.yaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "2346" else "")
+    ax.yaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in digits else "")
     return ax
 
 

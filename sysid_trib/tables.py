@@ -11,6 +11,17 @@ from sysid_trib.forces import Force, ForceLibrary
 from sysid_trib.results import library_of
 from sysid_trib.signatures import averages, lost_power
 
+EXPLAINED = {
+    "yes": "The record is explained: what is left is white noise.",
+    "partly": "The model leaves a small gap, but more than white noise: the noise is coloured, or a force is "
+    "missing or of another form, and then coefficients are off by more than their errors.",
+    "no": "The model does not explain the record: a force is missing, or one is of another form.",
+}
+EXPLAINED_BY_RATE = (
+    "What the model leaves is more than white noise, as it must be in the integral of a measured rate: "
+    "whether a force is missing cannot be told from it."
+)
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -18,7 +29,11 @@ if TYPE_CHECKING:
 def value_with_error(value: float, error: float) -> str:
     """`0.0097 ± 0.0002`: two digits of the error, the value to the same place, one power of ten for both."""
     if not (np.isfinite(value) and np.isfinite(error)):
-        return f"{value:.5g} ± {'?' if not np.isfinite(error) else f'{error:.2g}'}"
+        return (
+            f"{value:.5g} ± {'?' if not np.isfinite(error) else f'{error:.2g}'}"
+            if np.isfinite(value)
+            else "-"
+        )
     if error <= 0.0:
         return f"{value:.6g}"
     size = max(abs(value), error)
@@ -44,36 +59,31 @@ def identification_table(tree: xr.DataTree) -> "Table":
     for name, title in (("reference_frequency", "w (rad/s)"), ("asymptotic_frequency", "w_inf (rad/s)")):
         cells = [value_with_error(r[name].item(), r[f"{name}_standard_error"].item()) for r in results]
         z = checked.z.sel(quantity="asymptotic frequency").item()
-        rows.append([title, name.replace("_", " "), *cells, f"{z:+.1f}" if name.startswith("asym") else ""])
+        shown = name.startswith("asym") and np.isfinite(z)
+        rows.append([title, name.replace("_", " "), *cells, f"{z:+.1f}" if shown else ""])
     rows.append(["noise (rad)", "", *(f"{r.noise.item():.2g}" for r in results), ""])
-    gap = [f"{checked.residual_over_noise.sel(model=m).item():.3g} x noise" for m in methods]
+    gap = [_times(checked.residual_over_noise.sel(model=m).item()) for m in methods]
     rows.append(["gap of the simulated model (RMS)", "", *gap, ""])
     return _table(["force", "formula", *methods, "difference / error"], rows, numbers=(2, 3, 4))
 
 
 def verdict(tree: xr.DataTree) -> list[str]:
-    """The cross-check in plain sentences."""
+    """The cross-check in plain sentences: is the record explained, then do the methods agree."""
     checked = tree["comparison"].ds
-    first, second = checked.attrs["first"], checked.attrs["second"]
+    names = [checked.attrs["first"], checked.attrs["second"]]
+    results = [tree[name].ds for name in names]
+    rolling = tree["record"].attrs.get("signal") == "rate"
     told = [
-        f"{first.capitalize()} and {second} {checked.attrs['verdict']}: chi-square "
-        f"{checked.chi_square.item():.3g} for {checked.degrees_of_freedom.item()} differences, "
-        f"p = {checked.p_value.item():.2g}."
+        EXPLAINED_BY_RATE
+        if rolling and checked.attrs["explained"] != "yes"
+        else EXPLAINED[checked.attrs["explained"]]
     ]
-    for method in (first, second):
-        left = checked.departure_time.sel(model=method).item()
-        rms = checked.residual_rms.sel(model=method).item()
-        noise = checked.residual_over_noise.sel(model=method).item()
-        if np.isnan(rms):
-            told.append(f"The model from {method} has no motion: it diverges.")
-            continue
-        where = "never leaves the noise" if np.isnan(left) else f"leaves the noise at {left:.3g} s"
-        told.append(f"The model from {method} {where}: RMS {rms:.3g} rad, {noise:.3g} times the noise.")
-    if checked.attrs["explained"] == "no":
-        told.append("The model does not explain the record: a force is missing, or one is of another form.")
-    results = [tree[method].ds for method in (first, second)]
-    for method, result in zip((first, second), results, strict=True):
-        told += _remarks(method, result)
+    told.append(_agreement(checked, results))
+    for name in names:
+        told.append(_gap(name, checked.sel(model=name)))
+    for name, result in zip(names, results, strict=True):
+        told += _remarks(name, result)
+    told += _held(results[1])
     stiffness = library_of(results[1], whole=True).role("x")
     if stiffness is not None and stiffness.symbol not in results[1].force:
         told.append(
@@ -88,6 +98,38 @@ def verdict(tree: xr.DataTree) -> list[str]:
         if checked.attrs[key]:
             told.append(sentence.format(checked.attrs[key]))
     return told
+
+
+def _agreement(checked: xr.Dataset, results: list[xr.Dataset]) -> str:
+    first, second = checked.attrs["first"], checked.attrs["second"]
+    if checked.attrs["verdict"] == "unknown":
+        return f"{first.capitalize()} and {second} cannot be compared: see below."
+    found = (
+        f"chi-square {checked.chi_square.item():.3g} for {checked.degrees_of_freedom.item()} differences, "
+        f"p = {checked.p_value.item():.2g} (Hotelling, {checked.attrs['draws']} simulated records)."
+    )
+    if checked.attrs["verdict"] == "disagree":
+        return f"{first.capitalize()} and {second} disagree: {found}"
+    if checked.attrs["explained"] == "yes":
+        return f"{first.capitalize()} and {second} agree: {found}"
+    return f"{first.capitalize()} and {second} differ by no more than their errors: {found}"
+
+
+def _gap(name: str, checked: xr.Dataset) -> str:
+    rms, noise = checked.residual_rms.item(), checked.residual_over_noise.item()
+    if np.isnan(rms):
+        return f"The model from {name} has no motion from this start: it diverges."
+    left = checked.departure_time.item()
+    where = "never leaves the noise" if np.isnan(left) else f"leaves the noise at {left:.3g} s"
+    return f"The model from {name} {where}: RMS {rms:.3g} rad, {noise:.3g} times the noise."
+
+
+def _held(result: xr.Dataset) -> list[str]:
+    if "shape" not in result:
+        return []
+    pairs = zip(result.shape_parameter.values.tolist(), result.shape.values.tolist(), strict=True)
+    held = ", ".join(f"{name} = {value:g}" for name, value in pairs)
+    return [f"Held, not fitted: {held} (--set to change)."]
 
 
 def identification_json(tree: xr.DataTree) -> dict[str, Any]:
@@ -120,7 +162,7 @@ def identification_json(tree: xr.DataTree) -> dict[str, Any]:
     per_method = {
         name: {
             k: number(checked[k].sel(model=name).item())
-            for k in ("residual_rms", "residual_over_noise", "departure_time")
+            for k in ("residual_rms", "residual_over_noise", "departure_time", "residual_p_value")
         }
         for name in methods
     }
@@ -168,6 +210,10 @@ def _table(
     return table
 
 
+def _times(ratio: float) -> str:
+    return f"{ratio:.3g} x noise" if np.isfinite(ratio) else "diverges"
+
+
 def _symbols(tree: xr.DataTree, methods: list[str]) -> list[str]:
     return list(dict.fromkeys(s for m in methods for s in tree[m].ds.force.values.tolist()))
 
@@ -185,7 +231,7 @@ def _remarks(method: str, result: xr.Dataset) -> list[str]:
     told = []
     corrected = result.attrs.get("first_order_bias_removed", "yes")
     if corrected != "yes":
-        told.append(f"First-order bias of {method} removed: {corrected}.")
+        told.append(f"First-order bias of {method} not removed: {corrected[2:].strip(': .') or 'as asked'}.")
     if result.attrs.get("refined", "True") != "True":
         told.append(
             f"The columns of {method} are from the smoothed record: its model's motion does not follow it."

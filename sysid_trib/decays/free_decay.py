@@ -8,6 +8,7 @@ import xarray as xr
 from sysid_trib.decays.checks import after_the_largest, refuse_clipping
 from sysid_trib.decays.equilibrium import Swing, find_swing
 from sysid_trib.decays.half_periods import FloatArray, noise_level
+from sysid_trib.decays.hand_stop import before_the_hand
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.records import check_sampling
 
@@ -78,7 +79,8 @@ def free_decay(
         )
     swing = after_the_largest(time, angle, swing, source)
     refuse_clipping(time, angle, swing, source)
-    part = _free_part(time, angle - swing.equilibrium, swing)
+    swing, by_hand = before_the_hand(swing)
+    part = _free_part(time, angle - swing.equilibrium, swing, by_hand=by_hand)
     decay = inside.isel(time=slice(part.start, part.stop)).copy()
     attrs = decay["angle"].attrs
     decay["angle"] = (decay["angle"] - swing.equilibrium).assign_attrs(attrs)
@@ -133,7 +135,7 @@ def _check_signal(time: FloatArray, angle: FloatArray, source: str) -> None:
         raise DecayError(f"{source}: the angle is flat at {angle[0]:.6g}; choose another column or window.")
 
 
-def _free_part(time: FloatArray, angle: FloatArray, swing: Swing) -> Part:
+def _free_part(time: FloatArray, angle: FloatArray, swing: Swing, *, by_hand: bool) -> Part:
     halves, run = swing.halves, swing.run
     smoothed, centred = swing.oscillation.time, swing.oscillation.signal - swing.equilibrium
     start, before = 0, ""
@@ -142,6 +144,10 @@ def _free_part(time: FloatArray, angle: FloatArray, swing: Swing) -> Part:
         top = smoothed[inside][np.argmax(np.abs(centred[inside]))]
         start = int(np.searchsorted(time, top))
         before = f"the {time[start] - time[0]:.4g} s before the first free extremum"
+    if by_hand:
+        stop = int(np.searchsorted(time, halves.crossing[run.stop]))
+        stopped = f"the last {time[-1] - time[stop - 1]:.4g} s, in which something other than its friction"
+        return Part(start, stop, before, f"{stopped} stopped it (a hand?)")
     if run.stop == halves.sign.size - 1 and _mirrors(smoothed, centred, swing, leading=False):
         return Part(start, time.size, before, "")
     stop, stop_time = _find_stop(time, angle, swing)
