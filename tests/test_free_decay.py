@@ -7,6 +7,7 @@ import pytest
 import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
 
 from sysid_trib.decays.free_decay import free_decay
 from sysid_trib.decays.half_periods import (
@@ -126,6 +127,87 @@ def test_hand_release_and_stop_are_found(hold, rest, noise):
     assert decay["stop_time"].item() == pytest.approx(release + duration, abs=0.15)
     assert decay["time"][-1].item() <= decay["stop_time"].item()
     assert abs(decay["equilibrium"].item() - 1.3) < max(4 * decay["equilibrium_standard_error"].item(), 2e-5)
+
+
+def swung(time, brake=lambda instant: 0.0, start=(0.0, 0.8, 0.0)):
+    """Angle and rate of a pendulum with solid, viscous and air friction, and a brake of dry friction."""
+    omega = 2.0 * np.pi / 1.5
+
+    def acceleration(instant, state):
+        angle, rate = state
+        speed = rate / omega
+        solid = (8e-4 + brake(instant)) * np.tanh(speed / 1e-3)
+        return rate, -(omega**2) * (np.sin(angle) + solid + 4e-3 * speed + 3e-3 * speed * abs(speed))
+
+    begin, *state = start
+    return solve_ivp(
+        acceleration, (begin, time[-1]), state, t_eval=time, max_step=0.02, rtol=1e-8, atol=1e-9
+    ).y
+
+
+PENDULUM = np.arange(0.0, 90.0, 0.005)
+CAUGHT = 68.0
+
+
+@pytest.fixture(scope="module")
+def pendulum():
+    return swung(PENDULUM)
+
+
+def stopped_by_hand(pendulum, instant, took, rest):
+    """The pendulum moved by a hand, smoothly, to where it holds it."""
+    angle, rate = (np.interp(instant, PENDULUM, values) for values in pendulum)
+    share = np.clip((PENDULUM - instant) / took, 0.0, 1.0)
+    go = 2 * share**3 - 3 * share**2 + 1
+    moved = go * angle + (share**3 - 2 * share**2 + share) * rate * took + (1 - go) * rest
+    return np.where(instant > PENDULUM, pendulum[0], moved)
+
+
+@pytest.mark.parametrize("instant", CAUGHT + np.array([0.0, 0.3, 0.6]))
+@pytest.mark.parametrize(("took", "rest"), [(0.2, 0.1), (0.2, -0.2), (0.5, 0.1), (1.0, 0.1), (1.0, -0.1)])
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_a_hand_that_stops_the_swing_is_cut_off(pendulum, instant, took, rest, noise):
+    angle = stopped_by_hand(pendulum, instant, took, rest)
+    angle += noise * np.random.default_rng(2).standard_normal(angle.size)
+    decay = free_decay(record(PENDULUM, angle))
+    assert instant - 1.6 < decay["time"][-1] < instant + 0.01
+    assert "hand" in decay.attrs["free_decay"]
+    assert "stop_time" not in decay
+
+
+@pytest.mark.parametrize("took", [0.5, 1.5, 3.0])
+def test_a_finger_that_brakes_the_swing_is_cut_off(pendulum, took):
+    first = int(np.searchsorted(PENDULUM, CAUGHT))
+    later = swung(
+        PENDULUM[first:],
+        lambda instant: 0.15 * np.clip((instant - CAUGHT) / took, 0.0, 1.0),
+        (PENDULUM[first], *pendulum[:, first]),
+    )
+    decay = free_decay(record(PENDULUM, np.concatenate((pendulum[0, :first], later[0]))))
+    assert CAUGHT - 1.6 < decay["time"][-1] < CAUGHT + 0.8
+    assert "hand" in decay.attrs["free_decay"]
+
+
+def test_record_ends_soon_after_the_hand(pendulum):
+    angle = stopped_by_hand(pendulum, CAUGHT, 0.5, 0.1)
+    decay = free_decay(record(PENDULUM, angle), window=(None, CAUGHT + 1.2))
+    assert CAUGHT - 1.6 < decay["time"][-1] < CAUGHT + 0.01
+
+
+@pytest.mark.parametrize("end", [67.3, 68.0, 68.4, 89.0])
+def test_a_swing_without_a_stop_is_kept_to_its_end(pendulum, end):
+    time = PENDULUM[end > PENDULUM]
+    original = record(time, pendulum[0, : time.size])
+    whole(free_decay(original), original, 1e-4)
+
+
+@pytest.mark.parametrize("solid", [1e-3, 5e-3, 0.02])
+def test_arrest_by_friction_is_not_taken_for_a_hand(solid):
+    time = np.arange(0.0, np.ceil(0.5 * 0.3 / solid) * np.pi / OMEGA + 10.0, 2e-3)
+    angle, stop = dry(time, solid)
+    decay = free_decay(record(time, angle))
+    assert "hand" not in decay.attrs["free_decay"]
+    assert decay["stop_time"].item() == pytest.approx(stop, abs=0.1)
 
 
 def test_mains_hum_and_a_spike_do_not_mislead():

@@ -79,8 +79,7 @@ def free_decay(
         )
     swing = after_the_largest(time, angle, swing, source)
     refuse_clipping(time, angle, swing, source)
-    swing, by_hand = before_the_hand(swing)
-    part = _free_part(time, angle - swing.equilibrium, swing, by_hand=by_hand)
+    part = _free_part(time, angle - swing.equilibrium, swing)
     decay = inside.isel(time=slice(part.start, part.stop)).copy()
     attrs = decay["angle"].attrs
     decay["angle"] = (decay["angle"] - swing.equilibrium).assign_attrs(attrs)
@@ -135,7 +134,7 @@ def _check_signal(time: FloatArray, angle: FloatArray, source: str) -> None:
         raise DecayError(f"{source}: the angle is flat at {angle[0]:.6g}; choose another column or window.")
 
 
-def _free_part(time: FloatArray, angle: FloatArray, swing: Swing, *, by_hand: bool) -> Part:
+def _free_part(time: FloatArray, angle: FloatArray, swing: Swing) -> Part:
     halves, run = swing.halves, swing.run
     smoothed, centred = swing.oscillation.time, swing.oscillation.signal - swing.equilibrium
     start, before = 0, ""
@@ -144,12 +143,13 @@ def _free_part(time: FloatArray, angle: FloatArray, swing: Swing, *, by_hand: bo
         top = smoothed[inside][np.argmax(np.abs(centred[inside]))]
         start = int(np.searchsorted(time, top))
         before = f"the {time[start] - time[0]:.4g} s before the first free extremum"
-    if by_hand:
-        stop = int(np.searchsorted(time, halves.crossing[run.stop]))
-        stopped = f"the last {time[-1] - time[stop - 1]:.4g} s, in which something other than its friction"
-        return Part(start, stop, before, f"{stopped} stopped it (a hand?)")
     if run.stop == halves.sign.size - 1 and _mirrors(smoothed, centred, swing, leading=False):
         return Part(start, time.size, before, "")
+    free = before_the_hand(swing)
+    if free is not None:
+        stop = int(np.searchsorted(time, halves.crossing[free.stop]))
+        cut = f"the last {time[-1] - time[stop - 1]:.4g} s, in which not friction but a hand, it seems,"
+        return Part(start, stop, before, f"{cut} stops it")
     stop, stop_time = _find_stop(time, angle, swing)
     if np.isfinite(stop_time):
         return Part(
