@@ -64,8 +64,8 @@ def simulate(
         The motion diverges or switches without end, or the times do not increase.
     """
     time = np.asarray(time, dtype=float)
-    acting = {symbol: c for symbol, c in model.coefficients.items() if c != 0.0}
-    model = model.with_coefficients(acting)
+    if not all(model.coefficients.values()):
+        model = model.with_coefficients({k: c for k, c in model.coefficients.items() if c != 0.0})
     found = trajectory(model, time, angle, rate, engine=engine, tolerance=tolerance)
     data: dict[str, Any] = {
         "angle": ("time", found.angle, {"units": "rad", "long_name": "angle"}),
@@ -74,8 +74,8 @@ def simulate(
     }
     for name, values in found.hidden.items():
         data[name] = ("time", values, {"units": "1", "long_name": f"{name}, state or memory of a force"})
-    coords = {"time": ("time", time, {"units": "s", "long_name": "time"})}
-    return xr.Dataset(data, coords, {"engine": found.engine})
+    data["time"] = ("time", time, {"units": "s", "long_name": "time"})
+    return xr.Dataset(data, attrs={"engine": found.engine})
 
 
 def trajectory(
