@@ -18,6 +18,7 @@ from sysid_trib.reading.columns import (
     TIME_UNITS,
     choose_columns,
     numbers,
+    refuse_rate,
     unit_factor,
 )
 from sysid_trib.reading.tables import read_table
@@ -48,12 +49,12 @@ def read_record(
     signal : "angle" or "rate"
         What the column ``angle`` holds. The rate of a gyroscope is integrated, without its bias.
     units : "rad", "deg", "mrad", "m", "mm"
-        Unit of that column (of a rate: per second); if not given, what the file says, else rad. A position in
-        m is for `scale_translation`.
+        Unit of that column (of a rate: per second), where the file does not say it; if not given either, rad.
+        A position in m is for `scale_translation`.
     sampling_rate : Hz
         Instead of a time column.
     time_units : "s", "ms", "us", "min"
-        If not given, what the file says, else s.
+        Where the file does not say it; if not given either, s.
 
     Returns
     -------
@@ -63,7 +64,7 @@ def read_record(
     Raises
     ------
     UsageError
-        An unknown column, option or file.
+        An unknown column, option or file; an option that contradicts the header.
     RecordError
         A file without such a record: malformed, not finite, times out of order, impossible units.
     """
@@ -75,13 +76,28 @@ def read_record(
     time_name, angle_name = choose_columns(
         table, source, time=time, angle=angle, signal=signal, timeless=sampling_rate is not None
     )
-    known = ANGLE_UNITS | LENGTH_UNITS
-    factor, unit = unit_factor(table, angle_name, wanted=units, known=known, default="rad", source=source)
+    if signal == "angle":
+        refuse_rate(table, angle_name, source)
+    factor, unit = unit_factor(
+        table,
+        angle_name,
+        wanted=units,
+        option="units",
+        known=ANGLE_UNITS | LENGTH_UNITS,
+        default="rad",
+        source=source,
+    )
     values = _scaled(numbers(table, angle_name, source), factor)
     time_unit = "s"
     if time_name is not None:
         second, time_unit = unit_factor(
-            table, time_name, wanted=time_units, known=TIME_UNITS, default="s", source=source
+            table,
+            time_name,
+            wanted=time_units,
+            option="time_units",
+            known=TIME_UNITS,
+            default="s",
+            source=source,
         )
         instants = _scaled(numbers(table, time_name, source), second)
     elif sampling_rate is not None:

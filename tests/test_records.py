@@ -107,12 +107,52 @@ def test_any_text_table_is_read_as_written(tmp_path_factory, delimiter, decimal,
         ("time,Angle [°]", {}),
         ("time,angle/deg", {}),
         ("time,angle", {"units": "deg"}),
-        ("time,angle (rad)", {"units": "deg"}),
+        ("time,angle (°)", {"units": "deg"}),
+        ("time,angle (V)", {"units": "deg"}),
     ],
 )
 def test_degrees(tmp_path, header, options):
     path = written(tmp_path, table(header=header, angle=np.degrees(ANGLE)))
     np.testing.assert_allclose(read_record(path, **options)["angle"], ANGLE, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("header", "unit"),
+    [
+        ("time,gz (deg/s)", "deg/s"),
+        ("time,gz [rad/s]", "rad/s"),
+        ("time,gz (dps)", "dps"),
+        ("time,gz_dps", "dps"),
+        ("time,gz_deg_per_s", "deg_per_s"),
+        ("time,Gyro Z [°/s]", "°/s"),
+        ("time,gz (rad s^-1)", r"rad s\^-1"),
+        ("time,speed (mm/s)", "mm/s"),
+    ],
+)
+def test_a_rate_is_not_read_as_an_angle(tmp_path, header, unit):
+    path = written(tmp_path, table(header=header))
+    with pytest.raises(UsageError, match=f"says {unit}: a rate; use --signal rate") as refusal:
+        read_record(path)
+    assert "\n" not in str(refusal.value)
+    assert "rate" in read_record(path, signal="rate")
+
+
+@pytest.mark.parametrize("header", ["time,angle (deg)", "t / s,phi / rad", "time_s,roll_m", "time,angles"])
+def test_an_angle_is_not_taken_for_a_rate(tmp_path, header):
+    assert "rate" not in read_record(written(tmp_path, table(header=header)))
+
+
+@pytest.mark.parametrize(
+    ("header", "options", "reason"),
+    [
+        ("time,angle (rad)", {"units": "deg"}, r"angle \(rad\) says rad, but --units says deg \(units="),
+        ("time,angle_mrad", {"units": "mm"}, "says mrad, but --units says mm"),
+        ("time (ms),angle", {"time_units": "s"}, r"says ms, but --time-units says s \(time_units="),
+    ],
+)
+def test_an_option_against_the_header_is_refused(tmp_path, header, options, reason):
+    with pytest.raises(UsageError, match=reason):
+        read_record(written(tmp_path, table(header=header)), **options)
 
 
 def test_columns_by_name_and_number(tmp_path):

@@ -26,6 +26,10 @@ ANGLE_UNITS = {
     **dict.fromkeys(("deg", "degree", "degrees", "°", "dps"), _DEGREE),
 }
 LENGTH_UNITS = {"m": 1.0, "metre": 1.0, "meter": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
+_RATE = re.compile(
+    r"(?:^|[\s\[({_/])(dps|(?:m?rad(?:ians?)?|deg(?:rees?)?|°|[cmuµ]?m)"
+    r"(?:\s*[/*·]\s*|[\s_]+|[\s_]*per[\s_]*)s(?:ec|econds?)?(?:\^?-1|⁻¹)?)\s*[\])}]?$"
+)
 
 
 def choose_columns(
@@ -111,12 +115,37 @@ def plain_unit(unit: str) -> str:
     return re.sub(r"\s*(?:/|_|per|\*|·|\s)\s*(?:s|sec|seconds?)(?:\^?-1|⁻¹)?$", "", unit)
 
 
+def refuse_rate(table: Table, name: str, source: str) -> None:
+    """Refuse a column in a unit per second where an angle or a position is wanted."""
+    for text in (table.units.get(name, ""), name):
+        match = _RATE.search(text.strip().lower().replace("μ", "µ"))
+        if match:
+            raise UsageError(
+                f"{source}: the header of column {name} says {match[1]}: a rate; "
+                "use --signal rate (signal= in Python)."
+            )
+
+
 def unit_factor(
-    table: Table, name: str, *, wanted: str | None, known: dict[str, float], default: str, source: str
+    table: Table,
+    name: str,
+    *,
+    wanted: str | None,
+    option: str,
+    known: dict[str, float],
+    default: str,
+    source: str,
 ) -> tuple[float, str]:
-    """Factor to SI and the unit of a column: as wanted, as the file says, or the default."""
-    unit = wanted or plain_unit(table.units.get(name, "")) or split_header(name)[1]
-    if unit in ("", "1", "none", "-") or (not wanted and np.asarray(table.columns[name]).dtype.kind == "M"):
+    """Factor to SI and the unit of a column: as wanted by the option, as the file says, or the default."""
+    dated = np.asarray(table.columns[name]).dtype.kind == "M"
+    stated = plain_unit(table.units.get(name, "")) or split_header(name)[1]
+    if wanted and stated in known and not dated and not _same(stated, wanted, known):
+        raise UsageError(
+            f"{source}: the header of column {name} says {stated}, but --{option.replace('_', '-')} says "
+            f"{wanted} ({option}= in Python); leave the option out or correct the header."
+        )
+    unit = wanted or stated
+    if unit in ("", "1", "none", "-") or (not wanted and dated):
         unit = default
     if unit not in known:
         raise RecordError(
@@ -124,6 +153,10 @@ def unit_factor(
             f"name it, one of {', '.join(list(known)[:6])}."
         )
     return known[unit], unit
+
+
+def _same(one: str, other: str, known: dict[str, float]) -> bool:
+    return known[one] == known[other] and (one in LENGTH_UNITS) == (other in LENGTH_UNITS)
 
 
 def numbers(table: Table, name: str, source: str) -> FloatArray:
