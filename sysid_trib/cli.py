@@ -160,11 +160,12 @@ def simulate(
     from sysid_trib.simulation_file import simulated_record, write_record
 
     cli_input.check_output(output, ".csv .nc")
-    coefficients, shapes = cli_input.settings(set_, library)
+    offered = load_library(library)
+    coefficients, shapes = cli_input.settings(set_, offered, papers=library == "contact_forces")
     cli_input.check_positive(reference_frequency, "--reference-frequency")
     cli_input.check_positive(duration, "--duration")
     cli_input.check_positive(sampling_rate, "--sampling-rate")
-    model = Model(load_library(library), coefficients, reference_frequency, shapes)
+    model = Model(offered, coefficients, reference_frequency, shapes)
     record = simulated_record(model, duration, sampling_rate, (angle0, rate0), noise=noise, seed=seed)
     write_record(record, output)
     stop = record.stop_time.item()

@@ -134,9 +134,12 @@ def parse_value_with_error(text: str | None, option: str) -> tuple[float, float]
     return value, error
 
 
-def settings(texts: list[str], library: str) -> tuple[dict[str, float], dict[str, float]]:
-    """Coefficients and shape parameters from `lambda=1e-3`, `dahl.s=0.02`; the paper's without any."""
+def settings(
+    texts: list[str], library: "ForceLibrary", *, papers: bool
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Coefficients and shape parameters from `lambda=1e-3`, `dahl.s=0.02`; the paper's if none is set."""
     from sysid_trib.example import COEFFICIENTS
+    from sysid_trib.model import check_shapes
 
     coefficients: dict[str, float] = {}
     shapes: dict[str, float] = {}
@@ -148,7 +151,8 @@ def settings(texts: list[str], library: str) -> tuple[dict[str, float], dict[str
         if abs(value) > MOST:
             raise UsageError(f"--set {name}: {text} is larger than {MOST:g}.")
         (shapes if "." in name else coefficients)[name] = value
-    if not coefficients and (texts or library != "contact_forces"):
+    check_shapes(shapes, library)
+    if not coefficients and (texts or not papers):
         raise UsageError("No force is given a coefficient: add one, such as --set zeta=0.01.")
     return coefficients or COEFFICIENTS, shapes
 

@@ -200,8 +200,14 @@ def _checked(
                     f"{where}: '{name}' got {len(args)} arguments; min, max take two, others one."
                 )
     allowed_functions = " ".join((*SWITCHING, *SMOOTH))
+    match node:
+        case ast.BinOp(op=ast.BitXor()) | ast.Call(func=ast.Name(id="sgn")):
+            hint = " (write ** for a power, sign for sgn)"
+        case _:
+            hint = ""
     raise LibraryError(
-        f"{where} holds something other than numbers, names, + - * / ** and functions {allowed_functions}."
+        f"{where} holds something other than numbers, names, + - * / ** and functions "
+        f"{allowed_functions}{hint}."
     )
 
 

@@ -1,6 +1,6 @@
 """A model: forces with coefficients, and the frequency to which the coefficients refer."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -41,10 +41,7 @@ class Model:
             self.library[symbol]
         if not (np.isfinite(self.reference_frequency) and self.reference_frequency > 0):
             raise LibraryError(f"Reference frequency {self.reference_frequency} must be positive (rad/s).")
-        for key in self.shapes:
-            symbol, _, name = key.partition(".")
-            if name not in self.library[symbol].shape:
-                raise UsageError(f"Force '{symbol}' has no shape parameter '{name}'.")
+        check_shapes(self.shapes, self.library)
 
     @property
     def forces(self) -> tuple[Force, ...]:
@@ -69,3 +66,17 @@ def rescaling_factors(forces: tuple[Force, ...], old: float, new: float) -> NDAr
     """
     degrees = [np.nan if f.speed_degree is None else f.speed_degree for f in forces]
     return np.asarray((old / new) ** (2.0 - np.array(degrees)))
+
+
+def check_shapes(names: Iterable[str], library: ForceLibrary) -> None:
+    """Refuse a shape parameter, such as `dahl.s`, that no force of the library has.
+
+    Raises
+    ------
+    UsageError
+        The force or the parameter does not exist.
+    """
+    for key in names:
+        symbol, _, name = key.partition(".")
+        if name not in library[symbol].shape:
+            raise UsageError(f"Force '{symbol}' has no shape parameter '{name}'.")

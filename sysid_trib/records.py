@@ -151,7 +151,8 @@ def _record(time: FloatArray, values: FloatArray, unit: str, attrs: dict[str, An
     if unit == "rad" and amplitude > LARGEST_AMPLITUDE:
         raise RecordError(
             f"{attrs['source']}: an amplitude of {amplitude:.3g} rad (column {attrs['angle_column']}) is too "
-            "much for an oscillation; if it is in degrees say so (units=deg), else choose another column."
+            "much for an oscillation; if it is in degrees say so, --units deg (units= in Python), "
+            "else choose another column, --angle NAME (angle=)."
         )
     return record
 
@@ -196,8 +197,10 @@ def check_sampling(time: FloatArray, source: str) -> None:
         return
     raise RecordError(
         f"{source}: a time step of {steps[worst]:.3g} s at {time[worst]:.6g} s, "
-        f"but {median:.3g} s is usual and 2 % is allowed. Keep a part without gaps (window), resample first "
-        "(record.interp(time=...)), or give the sampling rate if the time column is wrong."
+        f"but {median:.3g} s is usual and 2 % is allowed. "
+        "Keep a part without gaps, --window START:STOP (window= in Python), "
+        "resample first (record.interp in Python), or give the sampling rate if the time column is wrong, "
+        "--sampling-rate HZ (sampling_rate=)."
     )
 
 

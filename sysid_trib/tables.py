@@ -271,4 +271,4 @@ def _loses_power(force: Force) -> str:
     power = lost_power(force, np.array([0.05, 0.3, 1.0]), None, time=1.0)
     if np.all(np.abs(power) < 1e-13):
         return "no"
-    return "yes" if np.all(power > -1e-13) else "gains" if np.all(power < 1e-13) else "by amplitude"
+    return "yes" if np.all(power > -1e-13) else "gains power" if np.all(power < 1e-13) else "by amplitude"

@@ -145,7 +145,7 @@ COMMANDS = [
     ([*GOOD, "--units", "mm"], 2, "says rad, but --units says mm (units= in Python)"),
     ([*GOOD, "--time-units", "fortnight"], 2, "time units 'fortnight'"),
     ([*GOOD, "--signal", "foo"], 2, "signal 'foo' is unknown"),
-    ([*GOOD, "--time", "7"], 2, "no single column '7'; its columns are time (s), angle (rad)"),
+    ([*GOOD, "--time", "7"], 2, "no single column '7'; its columns are 0: time (s), 1: angle (rad)"),
     ([*GOOD, "--angle", "theta"], 2, "no single column 'theta'"),
     ([*GOOD, "--forces", "foo"], 2, "no force 'foo'; it has lambda, zeta"),
     ([*GOOD, "--forces", ""], 2, "names no force"),
@@ -177,6 +177,8 @@ COMMANDS = [
     ([*SIMULATE, "--set", "epsilon=1e300"], 2, "larger than 1e+09"),
     ([*SIMULATE, "--set", "foo=1"], 2, "no force 'foo'"),
     ([*SIMULATE, "--set", "zeta=1,zeta.s=1"], 2, "no shape parameter 's'"),
+    ([*SIMULATE, "--set", "zeta.q=1"], 2, "no shape parameter 'q'"),
+    ([*SIMULATE, "--set", "foo.q=1"], 2, "no force 'foo'"),
     ([*SIMULATE, "--set", "zeta=-3"], 1, "The motion diverges"),
 ]
 
@@ -195,6 +197,8 @@ LIBRARIES = {
     "[x for x in x]": "holds something other than",
     "f'{x}'": "holds something other than",
     "(y := x)": "holds something other than",
+    "-v^2": "(write ** for a power, sign for sgn)",
+    "sgn(v)": "(write ** for a power, sign for sgn)",
     "9**9**9": "an exponent must be a number",
     "x**x": "an exponent must be a number",
     "exp(800*x)": "is not a finite number",

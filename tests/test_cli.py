@@ -185,6 +185,12 @@ def test_degrees_and_their_equilibrium(tmp_path):
     assert "centred on 3.14159 as given rad" in ending.out
 
 
+def test_a_shape_alone_is_no_force(tmp_path, dahl_library):
+    for setting, reason in (("dahl.q=1", "no shape parameter 'q'"), ("dahl.s=1", "No force is given")):
+        ending = run("simulate", "-o", tmp_path / "x.csv", "--library", dahl_library, "--set", setting)
+        assert (ending.status, reason in ending.err) == (2, True)
+
+
 def test_state_and_shape_of_an_own_library(tmp_path, dahl_library):
     angles = []
     for size in ("0.01", "0.1"):

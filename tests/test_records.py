@@ -165,7 +165,7 @@ def test_columns_by_name_and_number(tmp_path):
     # A column called 2 wins over the column number 2.
     assert np.all(read_record(path, angle="2")["angle"] == 7)
     assert read_record(path, angle=2).attrs["angle_column"] == "phi"
-    with pytest.raises(UsageError, match=r"'psi'; its columns are time, drift, phi, 2\."):
+    with pytest.raises(UsageError, match=r"'psi'; its columns are 0: time, 1: drift, 2: phi, 3: 2\."):
         read_record(path, angle="psi")
     with pytest.raises(UsageError, match="'9'"):
         read_record(path, time=9)
@@ -206,7 +206,7 @@ def test_matlab_cells_and_structs(tmp_path):
     holds(read_record(path, time="T_id[0]", angle="Y_id[0][0]"))
     holds(read_record(path, time="run.time", angle="run.angle"))
     holds(read_record(path, time="run.time", angle="angle"))
-    with pytest.raises(UsageError, match=r"T_id\[0\], T_id\[1\], Y_id\[0\]\[0\]"):
+    with pytest.raises(UsageError, match=r"0: T_id\[0\], 1: T_id\[1\], 2: Y_id\[0\]\[0\]"):
         read_record(path, time="T_id", angle="Y_id[0][0]")
     with pytest.raises(RecordError, match="50 times but 300 angles"):
         read_record(path, time="T_id[1]", angle="Y_id[0][0]")
@@ -293,6 +293,15 @@ def test_missing_extra_is_named(tmp_path, monkeypatch, name, module):
         read_record(path)
 
 
+def test_missing_extra_without_a_name(tmp_path, monkeypatch):
+    def unable(*_):
+        raise ImportError("no engine")
+
+    monkeypatch.setattr(pd, "read_parquet", unable)
+    with pytest.raises(RecordError, match="to read this format a further package is needed; install"):
+        read_record(written(tmp_path, b"PAR1" + bytes(100), "run.parquet"))
+
+
 def test_dates_become_seconds(tmp_path):
     path = tmp_path / "run.xlsx"
     times = pd.Timestamp("2024-05-01 12:00:00") + pd.to_timedelta(TIME, unit="s")
@@ -368,7 +377,7 @@ BAD = {
     "cut off in a row": (table(header="time,angle") + "3.0", "row 301 of column angle is missing"),
     "ragged": (changed(17, angle="0.1,5,6"), "damaged or cut off"),
     "unknown unit": (table(header="time (s),angle (turns)"), "unit 'turns'"),
-    "degrees as radians": (table(header="time,angle", angle=1000 * ANGLE), "units=deg"),
+    "degrees as radians": (table(header="time,angle", angle=1000 * ANGLE), "--units deg"),
     "cut netcdf": (b"\x89HDF\r\n\x1a\n" + bytes(300), "damaged or cut off"),
     "cut matlab": (b"MATLAB 5.0 MAT-file" + bytes(300), "damaged or cut off"),
     "cut excel": (b"PK\x03\x04" + bytes(300), "damaged or cut off"),

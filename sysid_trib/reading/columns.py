@@ -69,7 +69,8 @@ def _usual_angle(names: list[str], signal: str, source: str) -> str:
     exact = [name for name in found if split_header(name)[0] == signal]
     if len(found) > 1 and len(exact) != 1:
         raise UsageError(
-            f"{source}: columns {' and '.join(found)} could each be the {signal}; name one (angle=)."
+            f"{source}: columns {' and '.join(found)} could each be the {signal}; "
+            "name one, --angle NAME (angle= in Python)."
         )
     return (exact or found or names)[0]
 
@@ -87,7 +88,9 @@ def find_column(table: Table, wanted: str | int, source: str) -> str:
                 return matches[0]
     if str(wanted).isdigit() and int(wanted) < len(names):
         return names[int(wanted)]
-    listed = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
+    listed = ", ".join(f"{number}: {name}" for number, name in enumerate(names[:12])) + (
+        ", ..." if len(names) > 12 else ""
+    )
     raise UsageError(f"{source}: there is no single column {str(wanted)!r}; its columns are {listed}.")
 
 

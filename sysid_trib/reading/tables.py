@@ -47,8 +47,9 @@ def read_table(path: Path) -> Table:
     except (RecordError, UsageError):
         raise
     except ImportError as error:
+        package = f"the package {error.name}" if error.name else "a further package"
         raise RecordError(
-            f"{path.name}: this format needs a further package ({error.name}): "
+            f"{path.name}: to read this format {package} is needed; install it with "
             'pip install "sysid-trib[files]".'
         ) from error
     except PermissionError:
