@@ -202,6 +202,35 @@ def test_state_and_shape_of_an_own_library(tmp_path, dahl_library):
     assert np.max(np.abs(angles[0] - angles[1])) > 1e-3
 
 
+def test_a_held_shape_is_set_and_told(tmp_path, dahl_library):
+    record = tmp_path / "dahl.csv"
+    made = ("--set", "zeta=0.01", "--set", "jenkins=2e-2", "--set", "jenkins.s=0.05", "--noise", "1e-4")
+    assert run("simulate", "-o", record, "--library", dahl_library, *made).status == 0
+    asked = ("identify", record, "--library", dahl_library, "--forces", "zeta,jenkins")
+    told = run(*asked, "--set", "jenkins.s=0.05").out
+    assert "Held, not fitted: jenkins.s = 0.05" in told
+    assert "The record is explained" in told
+    # At the library's own value the same record is not explained, and that is said.
+    assert "The record is explained" not in run(*asked).out
+    wrong = run(*asked, "--set", "jenkins.q=0.05")
+    assert wrong.status == 2
+    assert "jenkins.s" in wrong.complaint
+
+
+def test_a_forgotten_library_shows(tmp_path):
+    """The six forces imitate friction falling with speed, but for a gap that hides in the noise."""
+    library = tmp_path / "mine.toml"
+    library.write_text(
+        '[[force]]\nsymbol = "zeta"\nformula = "2*v"\n[[force]]\nsymbol = "stribeck"\n'
+        'formula = "exp(-abs(v)/0.05)*sign(v)"\n[[force]]\nsymbol = "place"\nformula = "x**2*sign(v)"\n'
+    )
+    made = ("--set", "stribeck=2e-3,zeta=3e-3,place=0.02", "--noise", "1e-4", "--library", library)
+    assert run("simulate", "-o", tmp_path / "d.csv", *made).status == 0
+    told = run("identify", tmp_path / "d.csv").out
+    assert "more than white noise" in told or "does not explain" in told
+    assert "direct agree" not in told
+
+
 def test_forces_of_an_own_library(dahl_library):
     ending = run("forces", dahl_library)
     assert (ending.status, ending.err) == (0, "")
