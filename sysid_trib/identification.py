@@ -7,6 +7,7 @@ import xarray as xr
 
 from sysid_trib.agreement import comparison, fitted_motion, residuals, ties
 from sysid_trib.decays.half_sines import envelope
+from sysid_trib.errors import UsageError
 from sysid_trib.forces import ForceLibrary
 
 # Below this probability of a larger difference by chance the methods are said to disagree.
@@ -42,7 +43,13 @@ def identify(decay: xr.Dataset, library: ForceLibrary, method: Method) -> xr.Dat
     ------
     DecayError
         The decay cannot support the request.
+    UsageError
+        Not a library, or not a method.
     """
+    if not isinstance(library, ForceLibrary):
+        raise UsageError(f"identify wants a ForceLibrary, not {library!r}: load_library('contact_forces').")
+    if isinstance(method, type) or not hasattr(method, "identify"):
+        raise UsageError(f"identify wants a method such as methods.Direct(), not {method!r}.")
     return method.identify(decay, library)
 
 

@@ -9,6 +9,7 @@ from helpers import FIVE, SIX, Run, decay, library_of_formulas, paper_run
 from scipy.stats import chi2
 
 from sysid_trib import Model, load_library
+from sysid_trib.errors import UsageError
 from sysid_trib.identification import cross_check, identify
 from sysid_trib.methods import Averaging, Direct
 from sysid_trib.result_files import load, save
@@ -138,3 +139,11 @@ def test_what_cannot_be_told_apart_is_said():
     attrs = cross_check(record, averaging, direct, draws=12)["comparison"].attrs
     assert attrs["averaging_cannot_tell_apart"] == "delta = positional"
     assert attrs["averaging_cannot_see"] == attrs["no_method_can_tell_apart"] == ""
+
+
+@pytest.mark.parametrize(
+    ("library", "method"), [("contact_forces", Direct()), (FORCES, Direct), (FORCES, "direct")]
+)
+def test_what_is_no_library_or_method_is_told(library, method):
+    with pytest.raises(UsageError, match="identify wants"):
+        identify(paper_run(FIVE).decay(0), library, method)
