@@ -11,6 +11,8 @@ from sysid_trib.forces import Force, ForceLibrary
 from sysid_trib.results import library_of
 from sysid_trib.signatures import averages, lost_power
 
+# Between the level at which methods disagree and this one they agree, but barely.
+BARELY = 0.05
 EXPLAINED = {
     "yes": "The record is explained: what is left is white noise.",
     "partly": "The model leaves a small gap, but more than white noise: the noise is coloured, or a force is "
@@ -110,6 +112,8 @@ def _agreement(checked: xr.Dataset, results: list[xr.Dataset]) -> str:
     )
     if checked.attrs["verdict"] == "disagree":
         return f"{first.capitalize()} and {second} disagree: {found}"
+    if checked.p_value.item() < BARELY:
+        return f"{first.capitalize()} and {second} agree but barely: {found}"
     if checked.attrs["explained"] == "yes":
         return f"{first.capitalize()} and {second} agree: {found}"
     return f"{first.capitalize()} and {second} differ by no more than their errors: {found}"
