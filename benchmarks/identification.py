@@ -39,7 +39,7 @@ from helpers import (  # noqa: E402
 from sysid_trib import ForceLibrary  # noqa: E402
 from sysid_trib.bounds import cramer_rao_bound  # noqa: E402
 from sysid_trib.identification import cross_check  # noqa: E402
-from sysid_trib.methods import Averaging, Direct  # noqa: E402
+from sysid_trib.methods import Averaging, Direct, Trajectory  # noqa: E402
 
 STRONG = SIX | {"lambda": 1e-3}
 QUICK = 20
@@ -76,6 +76,7 @@ def peer(function) -> Callable:
 
 PAPER, FINE = paper_run(), paper_run(sampling_rate=1000.0)
 DRY, FITTED = paper_run(STRONG, duration=14.0), paper_run(FIVE)
+STOP = paper_run(STRONG)
 GOLAY = peers.inner_savitzky_golay
 STUDIES = [
     Study("Direct", PAPER, ours(Direct(W)), 400, bar=1.2),
@@ -85,6 +86,8 @@ STUDIES = [
     Study("Direct, unrefined", PAPER, ours(Direct(W, refine=False)), 400),
     Study("Direct, unrefined, lambda = 1e-3, 14 s", DRY, ours(Direct(W, refine=False)), 400),
     Study("Direct, strong form", PAPER, ours(Direct(W, form="strong")), 50),
+    Study("Trajectory", PAPER, ours(Trajectory(W)), 400, bar=1.12),
+    Study("Trajectory, lambda = 1e-3, stop inside", STOP, ours(Trajectory(W)), 400, bar=1.12),
     Study("Averaging", FITTED, ours(Averaging()), 200),
     Study("Averaging, lambda = 1e-3, 14 s, w given", DRY, ours(Averaging(reference_frequency=W)), 100),
     Study("Averaging, uncorrected", FITTED, ours(Averaging(correct=False)), 200),
