@@ -210,13 +210,17 @@ def test_arrest_by_friction_is_not_taken_for_a_hand(solid):
     assert decay["stop_time"].item() == pytest.approx(stop, abs=0.1)
 
 
-def test_mains_hum_and_a_spike_do_not_mislead():
+def test_mains_hum_does_not_mislead_and_a_wild_sample_is_named():
     time = np.arange(0.0, 25.0, 1e-3)
     angle = linear(time, 0.011) + 0.003 * np.sin(2 * np.pi * 50 * time)
-    angle[7000] += 1.0
     decay = free_decay(record(time, angle))
     assert decay.sizes["time"] == time.size
     assert abs(decay["equilibrium"].item()) < 1e-4
+    for leap in (1.0, -9.0):
+        wild = angle.copy()
+        wild[7000] += leap
+        with pytest.raises(DecayError, match=r"at 7 s leaps to .* \(1 such"):
+            free_decay(record(time, wild))
 
 
 def test_three_periods_are_enough_and_their_equilibrium_is_uncertain():

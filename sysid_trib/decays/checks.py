@@ -1,4 +1,4 @@
-"""Whether a swing is a free decay: long enough, falling, never pushed, not clipped."""
+"""Whether a swing is a free decay: long enough, falling, never pushed, not clipped, no wild samples."""
 
 from dataclasses import replace
 
@@ -11,6 +11,21 @@ from sysid_trib.errors import DecayError
 # Three full periods: five whole half periods and a part of one at either end.
 FEWEST_EXTREMA = 5
 FEWEST_SAMPLES = 3
+
+
+def refuse_wild_samples(time: FloatArray, angle: FloatArray, source: str) -> None:
+    """Refuse single samples that leap out of the swing and back: least squares would follow them."""
+    middle = 0.5 * (angle[2:] + angle[:-2])
+    swing = float(np.ptp(np.percentile(angle, [1.0, 99.0])))
+    leap = np.abs(angle[1:-1] - middle)
+    # Off both neighbours alike, by half the swing: no motion that is sampled at all does this.
+    wild = np.flatnonzero((leap > 0.5 * swing) & (leap > 2.0 * np.abs(angle[2:] - angle[:-2])))
+    if wild.size:
+        at = wild[0] + 1
+        raise DecayError(
+            f"{source}: the sample at {time[at]:.6g} s leaps to {angle[at]:.4g} and back ({wild.size} such in "
+            "all); remove them from the file, or choose a window without them (--window)."
+        )
 
 
 def after_the_largest(time: FloatArray, angle: FloatArray, swing: Swing, source: str) -> Swing:
