@@ -23,8 +23,8 @@ def refuse_wild_samples(time: FloatArray, angle: FloatArray, source: str) -> Non
     if wild.size:
         at = wild[0] + 1
         raise DecayError(
-            f"{source}: the sample at {time[at]:.6g} s leaps to {angle[at]:.4g} and back ({wild.size} such in "
-            "all); remove them from the file, or choose a window without them (--window)."
+            f"{source}: the sample at {time[at]:.6g} s leaps to {angle[at]:.4g} and back ({wild.size} such "
+            "in all); remove them from the file, or choose a window without them (--window)."
         )
 
 
