@@ -15,7 +15,7 @@ from scipy.stats import f as f_distribution
 from sysid_trib.errors import SimulationError, SysidTribError
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.model import rescaling_factors
-from sysid_trib.results import library_of, model_of
+from sysid_trib.results import NOT_KEPT, library_of, model_of
 from sysid_trib.simulation import trajectory
 from sysid_trib.start import FittedMotion, first_guess, fit_start
 from sysid_trib.ties import exactly_dependent, indistinguishable, without_signature
@@ -289,5 +289,5 @@ def method_of(result: xr.Dataset) -> Any:
         k for k in vars(methods).values() if getattr(k, "__name__", "").lower() == result.attrs["method"]
     )
     options = json.loads(result.attrs["options"])
-    # An optimiser is not kept as text: what the statistics need is its linear part.
-    return kind(**{k: v for k, v in options.items() if k != "optimizer"})
+    # What an optimiser or a start model is for, the statistics do without.
+    return kind(**{k: v for k, v in options.items() if not (isinstance(v, dict) and NOT_KEPT in v)})

@@ -1,7 +1,6 @@
 """Figures from results only: one function a panel, each taking an optional `ax`."""
 
 from collections.abc import Iterator
-from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -126,9 +125,13 @@ def _simulated(tree: xr.DataTree) -> Iterator[tuple[str, dict[str, Any], xr.Data
     for name, line in _models(tree):
         moved = xr.Dataset({"angle": record.simulated_angle.sel(model=name)})
         # A model without a motion has nothing to show.
-        with suppress(SysidTribError):
-            if bool(np.all(np.isfinite(moved.angle))):
-                yield name, line, half_sine_envelope(moved)
+        if not bool(np.all(np.isfinite(moved.angle))):
+            continue
+        try:
+            fitted = half_sine_envelope(moved)
+        except SysidTribError:
+            continue
+        yield name, line, fitted
 
 
 def _models(tree: xr.DataTree) -> list[tuple[str, dict[str, Any]]]:

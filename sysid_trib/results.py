@@ -18,6 +18,10 @@ from sysid_trib.model import Model
 Array = NDArray[np.float64]
 
 
+# Marks an option that is told but cannot be read back: an optimiser, a start model.
+NOT_KEPT = "not kept"
+
+
 @dataclass(frozen=True)
 class Estimate:
     """What a method found, before it is labelled.
@@ -161,7 +165,7 @@ def provenance(method: Any, decay: xr.Dataset, library: ForceLibrary) -> dict[st
     )
     return {
         "method": type(method).__name__.lower(),
-        "options": json.dumps(options, default=str),
+        "options": json.dumps(options, default=lambda value: {NOT_KEPT: str(value)}),
         "sysid_trib_version": __version__,
         "library_title": library.title,
         "library_source": library.source,

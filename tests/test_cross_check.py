@@ -5,13 +5,15 @@ from functools import cache
 import numpy as np
 import pytest
 import xarray as xr
-from helpers import FIVE, SIX, Run, decay, library_of_formulas, paper_run
+from helpers import FIVE, SIX, Run, W, decay, library_of_formulas, paper_run
+from pysindy.optimizers import STLSQ
 from scipy.stats import chi2
 
 from sysid_trib import Model, load_library
+from sysid_trib.agreement import method_of
 from sysid_trib.errors import UsageError
 from sysid_trib.identification import cross_check, identify
-from sysid_trib.methods import Averaging, Direct
+from sysid_trib.methods import Averaging, Direct, Trajectory
 from sysid_trib.result_files import load, save
 
 FORCES = load_library()
@@ -147,3 +149,14 @@ def test_what_cannot_be_told_apart_is_said():
 def test_what_is_no_library_or_method_is_told(library, method):
     with pytest.raises(UsageError, match="identify wants"):
         identify(paper_run(FIVE).decay(0), library, method)
+
+
+def test_methods_with_options_that_are_no_text_are_held_against_each_other():
+    record, start = paper_run(FIVE).decay(0), Model(FORCES, FIVE, W)
+    first = identify(record, FORCES, Trajectory(start=start, bounds={"zeta": (0.0, 1.0)}))
+    second = identify(record, FORCES, Direct(optimizer=STLSQ(threshold=1e-9, alpha=0.0)))
+    assert method_of(first) == Trajectory(bounds={"zeta": [0.0, 1.0]}, fit_shapes=[])
+    assert method_of(second) == Direct()
+    compared = cross_check(record, first, second, draws=12)["comparison"]
+    assert compared.attrs["verdict"] == "agree"
+    assert compared.attrs["explained"] == "yes"
