@@ -12,7 +12,7 @@ import scipy.io
 import xarray as xr
 from command_line import TIME, linear, run, write_csv
 
-from sysid_trib import cli_input
+from sysid_trib.commands import checks
 
 NOISE = np.random.default_rng(7).standard_normal(TIME.size)
 GAPPED = (TIME < 3.0) | (TIME > 4.0)
@@ -99,7 +99,7 @@ def test_truncated(refused, folder, kind):
     os.truncate(path, int(0.6 * path.stat().st_size))
     if kind == "csv":
         # A line cut within its number is still a number: text cannot know.
-        assert cli_input.read_decay(path, {"signal": "angle"}, ":", "auto")[0].sizes["time"] > 1000
+        assert checks.read_decays([path], checks.Columns(), ":", "auto")[0][0].sizes["time"] > 1000
         return
     status, complaint = refused("identify", path.name)
     assert status == 1
@@ -268,7 +268,7 @@ def test_interrupt_and_faults(refused, monkeypatch, error, status, said):
     def fail(*_, **__):
         raise error
 
-    monkeypatch.setattr(cli_input, "read_decay", fail)
+    monkeypatch.setattr(checks, "read_decays", fail)
     found, complaint = refused(*GOOD)
     assert (found, said in complaint) == (status, True)
 

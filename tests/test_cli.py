@@ -9,9 +9,11 @@ import pytest
 import xarray as xr
 from command_line import run, write_csv
 
-from sysid_trib import cli, result_files
+from sysid_trib import result_files
+from sysid_trib.commands.terminal import print_table
 from sysid_trib.example import COEFFICIENTS, FREQUENCY
-from sysid_trib.tables import identification_table, value_with_error
+from sysid_trib.printing.identification import identification_table
+from sysid_trib.printing.layout import value_with_error
 
 DAHL = """
 [[force]]
@@ -252,7 +254,7 @@ def test_forces_have_the_papers_signatures():
 def test_narrow_terminal_cuts_no_number(tree, monkeypatch, capsys, colour):
     for name, value in {"COLUMNS": "60", "FORCE_COLOR": "1", "TERM": "xterm", **colour}.items():
         monkeypatch.setenv(name, value)
-    cli._print(identification_table(tree))
+    print_table(identification_table(tree))
     printed = capsys.readouterr().out
     assert "…" not in printed
     for method in ("averaging", "direct"):

@@ -1,15 +1,15 @@
-"""Results as tables for a terminal, and as plain data for JSON."""
+"""A cross-checked identification as a table, in sentences, and as plain data for JSON."""
 
-from fractions import Fraction
-from math import floor, log10, pi
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
-from sysid_trib.forces import Force, ForceLibrary
+from sysid_trib.printing.layout import number, text_table, value_with_error
 from sysid_trib.results import library_of
-from sysid_trib.signatures import averages, lost_power
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 # Between the level at which methods disagree and this one they agree, but barely.
 BARELY = 0.05
@@ -23,27 +23,6 @@ EXPLAINED_BY_RATE = (
     "What the model leaves is more than white noise, as it must be in the integral of a measured rate: "
     "whether a force is missing cannot be told from it."
 )
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-
-def value_with_error(value: float, error: float) -> str:
-    """`0.0097 ± 0.0002`: two digits of the error, the value to the same place, one power of ten for both."""
-    if not (np.isfinite(value) and np.isfinite(error)):
-        return (
-            f"{value:.5g} ± {'?' if not np.isfinite(error) else f'{error:.2g}'}"
-            if np.isfinite(value)
-            else "-"
-        )
-    if error <= 0.0:
-        return f"{value:.6g}"
-    size = max(abs(value), error)
-    power = floor(log10(size))
-    power = power if power < -3 or power > 4 else 0
-    digits = max(0, 1 - floor(log10(error)) + power)
-    text = f"{value / 10.0**power:.{digits}f} ± {error / 10.0**power:.{digits}f}"
-    return text if power == 0 else f"({text})e{power:+03d}"
 
 
 def identification_table(tree: xr.DataTree) -> "Table":
@@ -66,7 +45,7 @@ def identification_table(tree: xr.DataTree) -> "Table":
     rows.append(["noise (rad)", "", *(f"{r.noise.item():.2g}" for r in results), ""])
     gap = [_times(checked.residual_over_noise.sel(model=m).item()) for m in methods]
     rows.append(["gap of the simulated model (RMS)", "", *gap, ""])
-    return _table(["force", "formula", *methods, "difference / error"], rows, numbers=(2, 3, 4))
+    return text_table(["force", "formula", *methods, "difference / error"], rows, numbers=(2, 3, 4))
 
 
 def verdict(tree: xr.DataTree) -> list[str]:
@@ -176,44 +155,6 @@ def identification_json(tree: xr.DataTree) -> dict[str, Any]:
     return {"record": record, "methods": methods, "cross_check": check}
 
 
-def force_table(library: ForceLibrary) -> "Table":
-    """Forces of a library with what is derived from their formulas."""
-    heads = ["symbol", "name", "formula", "parity", "type", "unit"]
-    heads += ["<h sin phi>", "<h cos phi>", "loses power"]
-    rows = []
-    for force in library:
-        power = "-" if force.kind == "sensor" else _loses_power(force)
-        unit = "" if force.units == "1" else force.units
-        words = [force.symbol, force.name, force.formula.text, force.parity, force.character, unit]
-        rows.append([*words, *_signature_text(force), power])
-    return _table(heads, rows, whole=(0, 6, 7))
-
-
-def number(value: float) -> float | int | None:
-    """A number that JSON can hold."""
-    return value if np.isfinite(value) else None
-
-
-def _table(
-    heads: list[str], rows: list[list[str]], *, whole: tuple[int, ...] = (), numbers: tuple[int, ...] = ()
-) -> "Table":
-    """A table whose words a narrow terminal may fold, but not the columns `whole` nor the `numbers`."""
-    from rich.table import Table
-
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for at, head in enumerate(heads):
-        longest = max(len(row[at]) for row in rows)
-        table.add_column(
-            head,
-            justify="right" if at in numbers else "left",
-            min_width=longest if at in (*whole, *numbers) else min(longest, 12),
-            overflow="fold",
-        )
-    for row in rows:
-        table.add_row(*row)
-    return table
-
-
 def _times(ratio: float) -> str:
     return f"{ratio:.3g} x noise" if np.isfinite(ratio) else "diverges"
 
@@ -243,36 +184,3 @@ def _remarks(method: str, result: xr.Dataset) -> list[str]:
     if int(result.attrs.get("correlation_lags", 0)):
         told.append(f"Residuals of {method} are correlated; its errors allow for it (Newey and West).")
     return told
-
-
-def _signature_text(force: Force) -> tuple[str, str]:
-    """The signature as a closed form where it is one term, else its values at two amplitudes."""
-    if force.degree is not None:
-        parts = [float(part[0]) for part in averages(force, np.ones(1))]
-        power = "" if force.degree == 0 else " a" if force.degree == 1 else f" a^{force.degree:g}"
-        return tuple(f"{_closed(p)}{power}" if abs(p) > 1e-13 else "0" for p in parts)  # type: ignore[return-value]
-    amplitudes = np.array([0.1, 1.0])
-    time = 1.0 if force.holds_time else 0.0
-    sine, cosine = averages(force, amplitudes, None, time)
-    return tuple(  # type: ignore[return-value]
-        "0" if np.max(np.abs(part)) < 1e-13 else f"{part[0]:.3g}, {part[1]:.3g} (a = 0.1, 1)"
-        for part in (sine, cosine)
-    )
-
-
-def _closed(value: float) -> str:
-    for unit, name in ((1.0, ""), (1.0 / pi, "/pi")):
-        fraction = Fraction(value / unit).limit_denominator(64)
-        if fraction and abs(float(fraction) - value / unit) < 1e-12 * abs(value / unit):
-            over = fraction.denominator
-            if not name:
-                return str(fraction)
-            return f"{fraction.numerator}/pi" if over == 1 else f"{fraction.numerator}/({over} pi)"
-    return f"{value:.4g}"
-
-
-def _loses_power(force: Force) -> str:
-    power = lost_power(force, np.array([0.05, 0.3, 1.0]), None, time=1.0)
-    if np.all(np.abs(power) < 1e-13):
-        return "no"
-    return "yes" if np.all(power > -1e-13) else "gains power" if np.all(power < 1e-13) else "by amplitude"

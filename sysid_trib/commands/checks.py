@@ -2,8 +2,10 @@
 
 import os
 import re
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,10 +22,31 @@ LEAST, MOST = 1e-9, 1e9
 PLUS_MINUS = re.compile(r"\s*(?:±|\+/-|\+-)\s*")
 
 
-def read_decay(
-    record: Path | None, options: dict[str, Any], window: str, equilibrium: str
+@dataclass(frozen=True)
+class Columns:
+    """How a record is to be read: the options of `read_record`, None where not given."""
+
+    time: str | None = None
+    angle: str | None = None
+    signal: str = "angle"
+    units: str | None = None
+    sampling_rate: float | None = None
+    time_units: str | None = None
+
+
+def read_decays(
+    records: Sequence[Path], columns: Columns, window: str, equilibrium: str
+) -> "tuple[list[xr.Dataset], list[str]]":
+    """Free decays of the files, or of the embedded example, and a sentence on each."""
+    decays, told = zip(
+        *(_read_decay(record, columns, window, equilibrium) for record in (records or (None,))), strict=True
+    )
+    return list(decays), list(told)
+
+
+def _read_decay(
+    record: Path | None, columns: Columns, window: str, equilibrium: str
 ) -> "tuple[xr.Dataset, str]":
-    """Free decay of a file, or of the embedded example, and a sentence on what it is."""
     from sysid_trib.decays.free_decay import free_decay
     from sysid_trib.example import paper_twin
     from sysid_trib.reading.columns import ANGLE_UNITS
@@ -32,15 +55,15 @@ def read_decay(
     limits = parse_window(window)
     centre: float | str = equilibrium if equilibrium == "auto" else parse_number(equilibrium, "--equilibrium")
     if record is None:
-        given = [k for k, v in options.items() if v is not None and (k, v) != ("signal", "angle")]
+        given = [k for k, v in asdict(columns).items() if v is not None and (k, v) != ("signal", "angle")]
         if given:
             raise UsageError(f"--{given[0].replace('_', '-')} is for a RECORD, and none is given.")
         read = paper_twin()
         told = f"Embedded example: {read.attrs['source']}; {read.attrs['synthetic']}."
     else:
-        read = read_record(record, **options)
+        read = read_record(record, **asdict(columns))
         unit = read.attrs["angle_unit_in_file"]
-        told = f"Record: {record}, {options['signal']} in {unit} from column {read.attrs['angle_column']}."
+        told = f"Record: {record}, {columns.signal} in {unit} from column {read.attrs['angle_column']}."
         if not isinstance(centre, str):
             centre *= ANGLE_UNITS.get(unit.removesuffix("/s"), 1.0)
     if read.angle.attrs.get("units") != "rad":
@@ -85,7 +108,7 @@ def check_reference(frequency: float | None, decay: "xr.Dataset") -> None:
         )
 
 
-def check_output(target: Path | None, ending: str, *, reads: Path | None = None) -> None:
+def check_output(target: Path | None, ending: str, *, reads: Sequence[Path] = ()) -> None:
     """Refuse a file that cannot be written before the work is done, not after."""
     if target is None:
         return
@@ -96,7 +119,7 @@ def check_output(target: Path | None, ending: str, *, reads: Path | None = None)
     if not os.access(target.parent, os.W_OK | os.X_OK):
         reason = "is not writable" if target.parent.is_dir() else "does not exist"
         raise RecordError(f"{target}: cannot be written, its folder {reason}; choose another place with -o.")
-    if reads is not None and target.exists() and target.samefile(reads):
+    if target.exists() and any(record.exists() and target.samefile(record) for record in reads):
         raise RecordError(f"{target}: the result would replace the record; choose another place with -o.")
 
 

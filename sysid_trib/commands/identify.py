@@ -1,0 +1,93 @@
+"""`sysid-trib identify`."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sysid_trib.commands import options
+from sysid_trib.commands.terminal import print_table, printable
+from sysid_trib.errors import UsageError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def identify(
+    records: options.Records = [],  # noqa: B006 - typer copies it,
+    time: options.Time = None,
+    angle: options.Angle = None,
+    signal: options.Signal = "angle",
+    units: options.Units = None,
+    sampling_rate: options.Rate = None,
+    time_units: options.TimeUnits = None,
+    window: options.Window = ":",
+    equilibrium: options.Equilibrium = "auto",
+    library: options.Library = "contact_forces",
+    forces: options.Forces = None,
+    omega0: options.Omega0 = None,
+    reference_frequency: options.Reference = None,
+    set_: options.Shapes = [],  # noqa: B006 - typer copies it
+    output: options.Output = None,
+    as_json: options.Json = False,
+    plot: options.Plot = None,
+) -> None:
+    """Identify the forces of a decay in two ways, and cross-check them."""
+    from sysid_trib import result_files, results
+    from sysid_trib.commands import checks
+    from sysid_trib.identification import cross_check
+    from sysid_trib.methods import Averaging, Direct
+
+    contactless = checks.parse_value_with_error(omega0, "--omega0")
+    checks.check_positive(reference_frequency, "--reference-frequency")
+    if contactless and reference_frequency:
+        raise UsageError("--omega0 and --reference-frequency each give alpha a meaning: choose one.")
+    offered = checks.offered_forces(library, forces, bool(contactless or reference_frequency))
+    shapes = checks.held_shapes(set_, offered)
+    checks.check_output(output, ".nc", reads=records)
+    checks.check_folder(plot)
+    columns = checks.Columns(time, angle, signal, units, sampling_rate, time_units)
+    decays, told = checks.read_decays(records, columns, window, equilibrium)
+    decay = decays[0]
+    checks.check_reference(reference_frequency, decay)
+    methods = (
+        Averaging(reference_frequency=reference_frequency, shapes=shapes),
+        Direct(reference_frequency=reference_frequency, shapes=shapes),
+    )
+    tree = cross_check(decay, *(method.identify(decay, offered) for method in methods))
+    if contactless is not None:
+        tree = results.map_identifications(
+            tree, lambda result: results.with_contactless_frequency(result, *contactless)
+        )
+    if output is not None:
+        result_files.save(tree, output)
+    if plot is not None:
+        _save_figure(tree, plot)
+    if as_json:
+        from sysid_trib.printing.identification import identification_json
+
+        print(json.dumps(identification_json(tree), indent=2, allow_nan=False))
+        return
+    _tell(tree, told)
+    for place in (output, plot):
+        if place is not None:
+            print(f"Written: {place}")
+
+
+def _tell(tree: "xr.DataTree", told: list[str]) -> None:
+    from sysid_trib.printing.identification import identification_table, verdict
+
+    for sentence in told:
+        print(printable(sentence))
+    print(tree["record"].attrs.get("free_decay", ""))
+    print()
+    print_table(identification_table(tree))
+    print()
+    for sentence in verdict(tree):
+        print(sentence)
+
+
+def _save_figure(tree: "xr.DataTree", folder: Path) -> None:
+    from sysid_trib import plots
+    from sysid_trib.result_files import write_figure
+
+    write_figure(plots.identification(tree), folder / "identification")

@@ -1,0 +1,43 @@
+"""`sysid-trib simulate`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sysid_trib.commands import options
+
+
+def simulate(
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="RECORD.csv|.nc", help="Where to write.")],
+    set_: Annotated[
+        list[str],
+        typer.Option("--set", metavar="SYMBOL=VALUE", help="A coefficient or shape (dahl.s=0.02); repeat."),
+    ] = [],  # noqa: B006 - typer copies it
+    library: options.Library = "contact_forces",
+    reference_frequency: Annotated[float, typer.Option(metavar="RAD/S", help="Reference frequency.")] = 9.91,
+    duration: Annotated[float, typer.Option(metavar="S", help="Length of the record.")] = 25.0,
+    sampling_rate: Annotated[float, typer.Option(metavar="HZ", help="Samples a second.")] = 100.0,
+    angle0: Annotated[float, typer.Option(metavar="RAD", help="Angle at the start.")] = 0.3,
+    rate0: Annotated[float, typer.Option(metavar="RAD/S", help="Angular rate at the start.")] = 0.0,
+    noise: Annotated[float, typer.Option(metavar="RAD", help="Standard deviation of white noise.")] = 0.0,
+    seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
+) -> None:
+    """Simulate the decay of a model; without --set, of the paper's PDMS/glass run."""
+    from sysid_trib.commands import checks
+    from sysid_trib.commands.simulated_record import simulated_record, write_record
+    from sysid_trib.library_files import load_library
+    from sysid_trib.model import Model
+
+    checks.check_output(output, ".csv .nc")
+    offered = load_library(library)
+    coefficients, shapes = checks.settings(set_, offered, papers=library == "contact_forces")
+    checks.check_positive(reference_frequency, "--reference-frequency")
+    checks.check_positive(duration, "--duration")
+    checks.check_positive(sampling_rate, "--sampling-rate")
+    model = Model(offered, coefficients, reference_frequency, shapes)
+    record = simulated_record(model, duration, sampling_rate, (angle0, rate0), noise=noise, seed=seed)
+    write_record(record, output)
+    stop = record.stop_time.item()
+    ending = f"; it stops at {stop:.4g} s" if stop == stop else ""
+    print(f"{output}: {record.sizes['time']} simulated samples{ending}.")

@@ -1,0 +1,60 @@
+"""The forces of a library as a table."""
+
+from fractions import Fraction
+from math import pi
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sysid_trib.forces import Force, ForceLibrary
+from sysid_trib.printing.layout import text_table
+from sysid_trib.signatures import averages, lost_power
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+
+def force_table(library: ForceLibrary) -> "Table":
+    """Forces of a library with what is derived from their formulas."""
+    heads = ["symbol", "name", "formula", "parity", "type", "unit"]
+    heads += ["<h sin phi>", "<h cos phi>", "loses power"]
+    rows = []
+    for force in library:
+        power = "-" if force.kind == "sensor" else _loses_power(force)
+        unit = "" if force.units == "1" else force.units
+        words = [force.symbol, force.name, force.formula.text, force.parity, force.character, unit]
+        rows.append([*words, *_signature_text(force), power])
+    return text_table(heads, rows, whole=(0, 6, 7))
+
+
+def _signature_text(force: Force) -> tuple[str, str]:
+    """The signature as a closed form where it is one term, else its values at two amplitudes."""
+    if force.degree is not None:
+        parts = [float(part[0]) for part in averages(force, np.ones(1))]
+        power = "" if force.degree == 0 else " a" if force.degree == 1 else f" a^{force.degree:g}"
+        return tuple(f"{_closed(p)}{power}" if abs(p) > 1e-13 else "0" for p in parts)  # type: ignore[return-value]
+    amplitudes = np.array([0.1, 1.0])
+    time = 1.0 if force.holds_time else 0.0
+    sine, cosine = averages(force, amplitudes, None, time)
+    return tuple(  # type: ignore[return-value]
+        "0" if np.max(np.abs(part)) < 1e-13 else f"{part[0]:.3g}, {part[1]:.3g} (a = 0.1, 1)"
+        for part in (sine, cosine)
+    )
+
+
+def _closed(value: float) -> str:
+    for unit, name in ((1.0, ""), (1.0 / pi, "/pi")):
+        fraction = Fraction(value / unit).limit_denominator(64)
+        if fraction and abs(float(fraction) - value / unit) < 1e-12 * abs(value / unit):
+            over = fraction.denominator
+            if not name:
+                return str(fraction)
+            return f"{fraction.numerator}/pi" if over == 1 else f"{fraction.numerator}/({over} pi)"
+    return f"{value:.4g}"
+
+
+def _loses_power(force: Force) -> str:
+    power = lost_power(force, np.array([0.05, 0.3, 1.0]), None, time=1.0)
+    if np.all(np.abs(power) < 1e-13):
+        return "no"
+    return "yes" if np.all(power > -1e-13) else "gains power" if np.all(power < 1e-13) else "by amplitude"
