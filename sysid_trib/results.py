@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from sysid_trib.errors import UsageError
 from sysid_trib.forces import Force, ForceLibrary
 from sysid_trib.library_files import parse_library
 from sysid_trib.model import Model
+from sysid_trib.runs import Decays, as_runs
 
 Array = NDArray[np.float64]
 
@@ -32,19 +33,19 @@ class Estimate:
         reference frequency (zero where it was given).
     reference_frequency : rad/s.
     noise : rad.
-    extra : further scalars with (value, units, long_name).
+    extra : further scalars, or one number a run, with (value, units, long_name).
     """
 
     coefficients: Array
     covariance: Array
     reference_frequency: float
     noise: float
-    extra: Mapping[str, tuple[float, str, str]] = field(default_factory=dict)
+    extra: Mapping[str, tuple[ArrayLike, str, str]] = field(default_factory=dict)
 
 
 def identification(
     method: Any,
-    decay: xr.Dataset,
+    decay: Decays,
     library: ForceLibrary,
     estimate: Estimate,
     *,
@@ -61,7 +62,7 @@ def identification(
     count = len(library)
     kept = np.ones(count, bool) if active is None else active
     limit, gradient = asymptotic_frequency(library, estimate.coefficients, estimate.reference_frequency)
-    scalars = {
+    scalars: dict[str, tuple[ArrayLike, str, str]] = {
         "reference_frequency": (estimate.reference_frequency, "rad/s", "reference frequency w"),
         "reference_frequency_standard_error": (
             _root(float(estimate.covariance[count, count])),
@@ -86,9 +87,16 @@ def identification(
     result = result.merge(_shapes(method, library)).assign_attrs(provenance(method, decay, offered))
     # All at once: xarray takes a quarter of a millisecond for each on its own.
     labelled = {
-        name: ((), float(x), {"units": u, "long_name": told}) for name, (x, u, told) in scalars.items()
+        name: (*_per_run(value), {"units": units, "long_name": told})
+        for name, (value, units, told) in scalars.items()
     }
     return result.assign(labelled)
+
+
+def _per_run(value: ArrayLike) -> tuple[tuple[str, ...], Any]:
+    """Dimensions and values: a scalar, also if there is but one run."""
+    each = np.asarray(value, dtype=float)
+    return ((), float(each.item())) if each.size == 1 else (("run",), each)
 
 
 def _per_force(library: ForceLibrary, estimate: Estimate, kept: NDArray[np.bool_]) -> xr.Dataset:
@@ -154,9 +162,14 @@ def _root(variance: float) -> float:
     return float(np.sqrt(max(0.0, variance)))
 
 
-def provenance(method: Any, decay: xr.Dataset, library: ForceLibrary) -> dict[str, str]:
-    """How a result came about: package version, method and options, library text, record."""
+def provenance(method: Any, decay: Decays, library: ForceLibrary) -> dict[str, str]:
+    """How a result came about: package version, method and options, library text, record(s)."""
     from sysid_trib import __version__
+
+    runs = as_runs(decay)
+
+    def told(name: str) -> str:
+        return "; ".join(filter(None, (str(run.attrs.get(name, "")) for run in runs)))
 
     options = (
         {f.name: getattr(method, f.name) for f in fields(method)}
@@ -170,8 +183,8 @@ def provenance(method: Any, decay: xr.Dataset, library: ForceLibrary) -> dict[st
         "library_title": library.title,
         "library_source": library.source,
         "library": library.to_toml(),
-        "record_source": str(decay.attrs.get("source", "")),
-        "record_checksum": str(decay.attrs.get("record_checksum", "")),
+        "record_source": told("source"),
+        "record_checksum": told("record_checksum"),
     }
 
 

@@ -1,6 +1,7 @@
 """The weak form: exact integrals, motions it annihilates, white rows."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from helpers import NOISE, SIX, W, decay, paper_run
 from scipy.interpolate import BSpline
 
 from sysid_trib.methods.direct import Direct, _begin, _motion
-from sysid_trib.regression.rows import linearised, whitened_rows
+from sysid_trib.regression.rows import Guess, linearised, whitened_rows
 from sysid_trib.regression.weak_form import (
     DEGREE,
     KNOTS_PER_PERIOD,
@@ -108,12 +109,13 @@ def test_smoothing_finds_motion_derivatives_and_noise():
 
 def test_whitened_residual_of_a_true_model_is_white():
     run = paper_run()
-    problem, guess, _, noise = _begin(Direct(W), run.decay(2), run.model.library)
-    guess = type(guess)(np.array(list(SIX.values())), W, 0.0, (0.3, 0.0))
-    guess, path, _ = _motion(problem, guess, run.model.library, np.ones(6, bool), None)
+    (begun,) = _begin(Direct(W), [run.decay(2)], run.model.library)
+    true = replace(begun, guess=Guess(np.array(list(SIX.values())), W, 0.0, (0.3, 0.0)))
+    moving, _ = _motion(true, run.model.library, np.ones(6, bool), None)
+    problem, guess, path = moving.problem, moving.guess, moving.path
     rows = whitened_rows(problem, guess, path, linearised(problem, guess, path))
     residual = (rows.y - rows.columns @ (rows.scale * guess.coefficients)) / NOISE
-    assert noise == pytest.approx(NOISE, rel=0.06)
+    assert problem.noise == pytest.approx(NOISE, rel=0.06)
     count = len(residual)
     assert np.sum(residual**2) == pytest.approx(count, abs=4.0 * np.sqrt(2.0 * count))
     for lag in range(1, 6):

@@ -1,6 +1,6 @@
 """Direct identification of Eq. 1: weak form, whitened, with refined instrumental variables."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Literal
@@ -22,17 +22,20 @@ from sysid_trib.regression.rows import (
     Path,
     Problem,
     Rows,
+    Run,
     averaged_columns,
     covariance,
     force_columns,
     least_squares,
     linearised,
     moved,
+    together,
     whitened_rows,
 )
 from sysid_trib.regression.selection import by_optimizer, significant, solved_by
 from sysid_trib.regression.weak_form import build_weak_form, smooth
 from sysid_trib.results import Estimate, identification
+from sysid_trib.runs import Decays, as_runs, root_mean_square, start_variables
 from sysid_trib.start import fit_start
 from sysid_trib.ties import dependent_columns
 
@@ -81,15 +84,16 @@ class Direct:
         if self.significance is not None and not 0.0 < self.significance < 1.0:
             raise UsageError(f"significance={self.significance} must lie between 0 and 1, such as 0.01.")
 
-    def identify(self, decay: xr.Dataset, library: ForceLibrary) -> xr.Dataset:
-        """Identify the forces of `library` from a decay with `angle(time)`.
+    def identify(self, decay: Decays, library: ForceLibrary) -> xr.Dataset:
+        """Identify the forces of `library` from a decay with `angle(time)`, or from several runs.
 
         Returns
         -------
         Dataset (see `identify`); a force that was not kept has `active` False, coefficient 0 and the standard
-        error it would have had. Scalars besides: `misfit`, the in-band residual over the noise; `start_angle`
-        (rad), `start_rate` (rad/s) and `offset` (rad) of the model's motion. attrs: `refined`, whether the
-        columns are from that motion; `correlation_lags`, over which the errors allow for correlation.
+        error it would have had. Besides: `misfit`, the in-band residual over the noise; `start_angle` (rad),
+        `start_rate` (rad/s) and `offset` (rad) of the model's motion, `(run)` where there are several. attrs:
+        `refined`, whether the columns are from that motion; `correlation_lags`, over which the errors allow
+        for correlation.
 
         Raises
         ------
@@ -97,71 +101,94 @@ class Direct:
             The decay cannot support the request: too short, or forces that are the same on it.
         """
         asked = unknown_forces(library, self.reference_frequency)
-        problem, guess, path, noise = _begin(self, decay, asked)
-        rows, _ = _regressed(problem, guess, path)
-        guess = moved(problem, guess, *least_squares(rows, np.ones(len(asked), bool)))
+        runs = _begin(self, as_runs(decay), asked)
+        rows, _ = _regressed(runs)
+        runs = moved(runs, *least_squares(rows, np.ones(len(asked), bool)))
         refined = False
         if self.form == "strong":
-            guess, rows, active = strong_form(problem, guess, path, partial(_selected, self))
+            runs, rows, active = strong_form(runs, partial(_selected, self))
         else:
-            guess, rows, active, refined = _weak_form(self, problem, guess, path, asked)
-        spread, in_band, lags = covariance(problem, rows, guess, active)
+            runs, rows, active, refined = _weak_form(self, runs, asked)
+        spread, in_band, lags = covariance(runs[0], rows, active)
+        noise = root_mean_square([run.problem.noise for run in runs])
+        guesses = [run.guess for run in runs]
         extra = {
             "misfit": (in_band / noise, "1", "in-band residual over the noise of the record"),
-            "start_angle": (guess.start[0], "rad", "angle of the model at the first sample"),
-            "start_rate": (guess.start[1], "rad/s", "rate of the model at the first sample"),
-            "offset": (guess.offset, "rad", "zero of the sensor about the decay's equilibrium"),
+            **start_variables([guess.start for guess in guesses], [guess.offset for guess in guesses]),
         }
-        estimate = Estimate(guess.coefficients, spread, guess.frequency, noise, extra)
+        estimate = Estimate(guesses[0].coefficients, spread, guesses[0].frequency, noise, extra)
         result = identification(self, decay, asked, estimate, offered=library, active=active)
         return result.assign_attrs(refined=str(refined), correlation_lags=lags)
 
 
-def _begin(method: Direct, decay: xr.Dataset, library: ForceLibrary) -> tuple[Problem, Guess, Path, float]:
-    """Weak form, and the smoothed record as the first reference trajectory; noise in rad."""
-    time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
-    halves = usable_half_periods(time, angle, str(decay.attrs.get("source", "decay")))
+def _begin(method: Direct, decays: Sequence[xr.Dataset], library: ForceLibrary) -> tuple[Run, ...]:
+    """Weak forms, and the smoothed records as the first reference trajectories."""
+    records, durations = [], []
+    for decay in decays:
+        time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
+        halves = usable_half_periods(time, angle, str(decay.attrs.get("source", "decay")))
+        records.append((time, angle))
+        durations.append(float(np.median(halves.duration)))
     # A scale of time, to two digits: the same for records that differ by noise, and so their weak form.
-    nominal = method.reference_frequency or float(f"{np.pi / np.median(halves.duration):.2g}")
-    form = build_weak_form(nominal * (time - time[0]))
-    free = method.reference_frequency is None
-    problem = Problem(time, angle, form, library.forces, dict(method.shapes), nominal, free)
-    if form.rows < len(library) + 4:
-        raise DecayError(f"{form.rows} rows cannot decide {len(library)} forces; give a longer record.")
-    x, v, acceleration, noise = smooth(form, angle)
-    columns = averaged_columns(problem, nominal, x, v, acceleration)
-    same = dependent_columns(np.column_stack([columns, x] if free else [columns]))
+    nominal = method.reference_frequency or float(f"{np.pi / np.median(durations):.2g}")
+    runs = tuple(_first_run(method, time, angle, library, nominal) for time, angle in records)
+    rows = sum(run.problem.form.rows for run in runs)
+    if rows < len(library) + 3 + len(runs):
+        raise DecayError(f"{rows} rows cannot decide {len(library)} forces; give a longer record.")
+    columns = np.concatenate([run.path.columns for run in runs])
+    x = np.concatenate([run.path.x for run in runs])
+    same = dependent_columns(np.column_stack([columns, x] if runs[0].problem.free else [columns]))
     if same:
         names = [(*library.symbols, "the frequency")[i] for i in same[0]]
         raise DecayError(
             f"On this record {' and '.join(names)} are the same force; leave one out (--forces)."
         )
+    return runs
+
+
+def _first_run(method: Direct, time: Array, angle: Array, library: ForceLibrary, nominal: float) -> Run:
+    form = build_weak_form(nominal * (time - time[0]))
+    x, v, acceleration, noise = smooth(form, angle)
+    free = method.reference_frequency is None
+    problem = Problem(time, angle, form, library.forces, dict(method.shapes), nominal, free, noise)
+    columns = averaged_columns(problem, nominal, x, v, acceleration)
     guess = Guess(np.zeros(len(library)), nominal, 0.0, (float(x[0]), float(v[0] * nominal)))
-    return problem, guess, Path(x, v, columns, exact=False), noise
+    return Run(problem, guess, Path(x, v, columns, exact=False))
 
 
-def _regressed(problem: Problem, guess: Guess, path: Path) -> tuple[Rows, Linearised]:
-    about = linearised(problem, guess, path)
-    return whitened_rows(problem, guess, path, about), about
+def _regressed(runs: Sequence[Run]) -> tuple[Rows, list[Linearised]]:
+    about = [linearised(run.problem, run.guess, run.path) for run in runs]
+    return _rows(runs, about), about
+
+
+def _rows(runs: Sequence[Run], about: Sequence[Linearised]) -> Rows:
+    """The regression of all runs about their paths."""
+    each = [
+        whitened_rows(run.problem, run.guess, run.path, near) for run, near in zip(runs, about, strict=True)
+    ]
+    return together(each, [run.problem.noise for run in runs])
 
 
 def _weak_form(
-    method: Direct, problem: Problem, guess: Guess, path: Path, library: ForceLibrary
-) -> tuple[Guess, Rows, Mask, bool]:
+    method: Direct, runs: tuple[Run, ...], library: ForceLibrary
+) -> tuple[tuple[Run, ...], Rows, Mask, bool]:
     """Choose forces and refine them in turn, until the choice stands; whether the refinement settled."""
-    rows, about = _regressed(problem, guess, path)
+    rows, about = _regressed(runs)
     chosen = _selected(method, rows)
+    smoothed = [run.path for run in runs]
     # About the motion of the kept forces alone the choice is better founded than about all of them.
     for _ in range(MAX_SELECTIONS):
         active = chosen
-        guess = moved(problem, guess, *least_squares(rows, active))
+        runs = moved(runs, *least_squares(rows, active))
         if not active.all():
-            about = linearised(problem, guess, path)
-        guess, rows, refined = _refined(method, problem, guess, rows, about, active, library)
+            about = [
+                linearised(run.problem, run.guess, path) for run, path in zip(runs, smoothed, strict=True)
+            ]
+        runs, rows, refined = _refined(method, runs, rows, about, active, library)
         chosen = _selected(method, rows)
         if np.array_equal(chosen, active):
             break
-    return _finally(problem, guess, rows, active), rows, active, refined
+    return _finally(runs, rows, active), rows, active, refined
 
 
 def _selected(method: Direct, rows: Rows) -> Mask:
@@ -174,57 +201,73 @@ def _selected(method: Direct, rows: Rows) -> Mask:
     return active
 
 
-def _finally(problem: Problem, guess: Guess, rows: Rows, active: Mask) -> Guess:
+def _finally(runs: tuple[Run, ...], rows: Rows, active: Mask) -> tuple[Run, ...]:
     """The kept forces' coefficients by a pysindy optimiser without threshold."""
     if not active.any():
-        return guess
+        return runs
     from pysindy.optimizers import STLSQ
 
     kept = replace(rows, columns=rows.columns[:, active], scale=rows.scale[active])
     coefficients, steps = least_squares(rows, active)
     coefficients[active] = solved_by(kept, STLSQ(threshold=0.0, alpha=0.0)) / kept.scale
-    return moved(problem, guess, coefficients, steps)
+    return moved(runs, coefficients, steps)
 
 
 def _refined(
     method: Direct,
-    problem: Problem,
-    guess: Guess,
+    runs: tuple[Run, ...],
     rows: Rows,
-    about: Linearised,
+    about: Sequence[Linearised],
     active: Mask,
     library: ForceLibrary,
-) -> tuple[Guess, Rows, bool]:
+) -> tuple[tuple[Run, ...], Rows, bool]:
     """Take the columns from the motion of the identified model, and solve again, until nothing moves.
 
     The last rows are about the last motion, so that they hold the final estimate's covariance.
     """
-    first, sensitivity, last = (guess, rows), None, None
+    first, last = (runs, rows), None
+    slopes: list[Array | None] = [None] * len(runs)
     for _ in range(MAX_REFINEMENTS if method.refine else 0):
         try:
-            guess, path, sensitivity = _motion(problem, guess, library, active, sensitivity)
+            moving = [_motion(run, library, active, slope) for run, slope in zip(runs, slopes, strict=True)]
         except SimulationError:
             return (*first, False)
-        gap = problem.angle - guess.offset - path.x
-        if np.sqrt(np.mean(gap**2)) > SLIPPED * np.sqrt(np.mean(problem.angle**2)):
+        runs, slopes = tuple(run for run, _ in moving), [slope for _, slope in moving]
+        if any(_slipped(run) for run in runs):
             return (*first, False)
-        rows = whitened_rows(problem, guess, path, about)
-        after = moved(problem, guess, *least_squares(rows, active))
-        spread, _, _ = covariance(problem, rows, guess, active)
-        moved_by = np.append(after.coefficients - guess.coefficients, after.frequency - guess.frequency)
-        # Without noise there are no errors to settle within, but rounding, of forces as parts of the swing.
-        smallest = ROUNDING * np.append(np.sqrt(np.mean(path.x**2)) / rows.scale, after.frequency)
-        step = moved_by / (0.02 * np.sqrt(np.diag(spread)) + smallest)
+        rows = _rows(runs, about)
+        after = moved(runs, *least_squares(rows, active))
+        step, moved_by = _steps(runs, after, rows, active)
         if np.all(np.abs(step) <= 1.0):
-            return guess, rows, True
+            return runs, rows, True
         ahead = _extrapolation(step, last)
         last = None if ahead else step
-        guess = replace(
-            after,
-            coefficients=after.coefficients + ahead * moved_by[:-1],
-            frequency=after.frequency + ahead * moved_by[-1],
-        )
+        runs = tuple(_further(run, ahead * moved_by) for run in after)
     return (*first, False)
+
+
+def _slipped(run: Run) -> bool:
+    gap = run.problem.angle - run.guess.offset - run.path.x
+    return bool(np.sqrt(np.mean(gap**2)) > SLIPPED * np.sqrt(np.mean(run.problem.angle**2)))
+
+
+def _steps(runs: Sequence[Run], after: Sequence[Run], rows: Rows, active: Mask) -> tuple[Array, Array]:
+    """How far (coefficients, frequency) moved, in what still counts, and in their own units."""
+    here, there = runs[0].guess, after[0].guess
+    moved_by = np.append(there.coefficients - here.coefficients, there.frequency - here.frequency)
+    spread, _, _ = covariance(runs[0], rows, active)
+    # Without noise there are no errors to settle within, but rounding, of forces as parts of the swing.
+    swing = root_mean_square([np.sqrt(np.mean(run.path.x**2)) for run in runs])
+    smallest = ROUNDING * np.append(swing / rows.scale, there.frequency)
+    return moved_by / (0.02 * np.sqrt(np.diag(spread)) + smallest), moved_by
+
+
+def _further(run: Run, by: Array) -> Run:
+    guess = run.guess
+    return replace(
+        run,
+        guess=replace(guess, coefficients=guess.coefficients + by[:-1], frequency=guess.frequency + by[-1]),
+    )
 
 
 def _extrapolation(step: Array, last: Array | None) -> float:
@@ -240,10 +283,9 @@ def _extrapolation(step: Array, last: Array | None) -> float:
     return rate / (1.0 - rate) if parallel and 0.4 < rate < 0.95 else 0.0
 
 
-def _motion(
-    problem: Problem, guess: Guess, library: ForceLibrary, active: Mask, sensitivity: Array | None
-) -> tuple[Guess, Path, Array]:
+def _motion(run: Run, library: ForceLibrary, active: Mask, sensitivity: Array | None) -> tuple[Run, Array]:
     """Motion of the present model, its start fitted to the record."""
+    problem, guess = run.problem, run.guess
     pairs = zip(library.symbols, guess.coefficients.tolist(), active, strict=True)
     model = Model(library, {s: c for s, c, kept in pairs if kept}, guess.frequency, problem.shapes)
     motion = fit_start(
@@ -251,4 +293,4 @@ def _motion(
     )
     columns = force_columns(problem, guess.frequency, motion.x, motion.v, motion.hidden)
     guess = replace(guess, start=(motion.angle, motion.rate), offset=motion.offset)
-    return guess, Path(motion.x, motion.v, columns, exact=True), motion.sensitivity
+    return Run(problem, guess, Path(motion.x, motion.v, columns, exact=True)), motion.sensitivity

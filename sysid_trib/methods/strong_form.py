@@ -1,16 +1,14 @@
 """The strong form of direct identification: `pysindy.SINDy` on derivatives of the smoothed record."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from sysid_trib.regression.rows import Guess, Mask, Path, Problem, Rows, moved, rms_forces
+from sysid_trib.regression.rows import Mask, Rows, Run, moved, rms_forces, together
 from sysid_trib.regression.weak_form import smooth
 
 
-def strong_form(
-    problem: Problem, guess: Guess, path: Path, select: Callable[[Rows], Mask]
-) -> tuple[Guess, Rows, Mask]:
+def strong_form(runs: Sequence[Run], select: Callable[[Rows], Mask]) -> tuple[tuple[Run, ...], Rows, Mask]:
     """Regress theta'' + theta of the smoothed record on the forces that `select` keeps, by `pysindy.SINDy`.
 
     For comparison: the noise of second derivatives makes it far less precise than the weak form, and
@@ -20,19 +18,25 @@ def strong_form(
     from pysindy.feature_library import IdentityLibrary
     from pysindy.optimizers import STLSQ
 
-    x, _, acceleration, _ = smooth(problem.form, problem.angle)
-    k = (guess.frequency / problem.nominal) ** 2
-    scale = rms_forces(path)
-    nuisances = [-np.ones_like(x)] + ([x] if problem.free else [])
-    lags = 2 * round(2.0 * np.pi / float(np.median(np.diff(problem.form.tau))))
-    rows = Rows(-(acceleration / k + x), path.columns / scale, np.column_stack(nuisances), scale, lags)
+    rows = together([_strong_rows(run) for run in runs], [run.problem.noise for run in runs])
     active = select(rows)
     # The columns hold states and memory carried along: SINDy takes them as they are, as its states.
     columns = np.column_stack([rows.columns[:, active], rows.nuisances])
     sindy = pysindy.SINDy(optimizer=STLSQ(threshold=0.0, alpha=0.0), feature_library=IdentityLibrary())
-    sindy.fit(columns, t=problem.time, x_dot=rows.y[:, None])
+    # With derivatives given, time is but a count of the samples.
+    sindy.fit(columns, t=np.arange(len(columns), dtype=float), x_dot=rows.y[:, None])
     solution = sindy.coefficients()[0]
     count = int(np.sum(active))
     coefficients = np.zeros(len(active))
     coefficients[active] = solution[:count] / rows.scale[active]
-    return moved(problem, guess, coefficients, solution[count:]), rows, active
+    return moved(runs, coefficients, solution[count:]), rows, active
+
+
+def _strong_rows(run: Run) -> Rows:
+    problem, path = run.problem, run.path
+    x, _, acceleration, _ = smooth(problem.form, problem.angle)
+    k = (run.guess.frequency / problem.nominal) ** 2
+    scale = rms_forces(path)
+    nuisances = [-np.ones_like(x)] + ([x] if problem.free else [])
+    lags = 2 * round(2.0 * np.pi / float(np.median(np.diff(problem.form.tau))))
+    return Rows(-(acceleration / k + x), path.columns / scale, np.column_stack(nuisances), scale, lags)

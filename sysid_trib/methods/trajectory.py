@@ -1,6 +1,6 @@
 """Trajectory fit: maximum likelihood of the angle itself, with exact switching and sticking."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from sysid_trib.coloured_noise import autoregression, whitened
-from sysid_trib.errors import DecayError, SimulationError, UsageError
+from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.methods.direct import Direct
+from sysid_trib.methods.motions import Problem, Record
 from sysid_trib.methods.unknowns import unknown_forces
 from sysid_trib.model import Model
 from sysid_trib.results import Estimate, identification, model_of
-from sysid_trib.simulation import trajectory
+from sysid_trib.runs import Decays, as_runs, root_mean_square, start_variables
 from sysid_trib.start import first_guess
 
 Array = NDArray[np.float64]
@@ -26,10 +27,8 @@ WINDOWS = (0.06, 0.12, 0.22, 0.4, 0.65)
 # A start whose motion is this near to the record (RMS, of the record's) needs no growing window.
 NEAR = 0.1
 MAX_EVALUATIONS = 60
-# What a motion that cannot be computed leaves, in swings: far, but finite for the optimiser.
-FAR = 10.0
-# Sensitivities are forward differences over a step that moves the phase by about this much (rad).
-REACH = 1e-6
+# Rounds in which noise and fit of several runs, or of coloured noise, follow each other.
+ROUNDS = 3
 
 
 @dataclass(frozen=True)
@@ -49,8 +48,9 @@ class Trajectory:
 
     Notes
     -----
-    The window grows over the record unless the start already follows it; sensitivities are differences of
-    exact motions, so that switching times and the stop take part.
+    The window grows over the records unless the start already follows them; sensitivities are differences of
+    exact motions, so that switching times and the stop take part. Of several runs each counts by its own
+    noise, which is what it leaves.
     """
 
     reference_frequency: float | None = None
@@ -64,8 +64,8 @@ class Trajectory:
         if self.noise not in ("white", "coloured"):
             raise UsageError(f"noise='{self.noise}' is neither 'white' nor 'coloured'.")
 
-    def identify(self, decay: xr.Dataset, library: ForceLibrary) -> xr.Dataset:
-        """Identify the forces of `library` from a decay with `angle(time)`.
+    def identify(self, decay: Decays, library: ForceLibrary) -> xr.Dataset:
+        """Identify the forces of `library` from a decay with `angle(time)`, or from several runs.
 
         Raises
         ------
@@ -74,14 +74,21 @@ class Trajectory:
         """
         asked = unknown_forces(library, self.reference_frequency)
         _check_names(self, asked)
-        time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
-        problem = _Problem(self, asked, time, angle)
-        unknown = _grown(problem, _beginning(problem, decay, library))
-        unknown, filter_ = _fitted(problem, unknown), np.ones(1)
-        for _ in range(3 if self.noise == "coloured" else 0):
-            filter_ = autoregression(problem.residual(unknown))
-            unknown = _fitted(problem, unknown, filter_)
-        return _labelled(problem, decay, library, unknown, filter_)
+        decays = as_runs(decay)
+        records = [(d.time.values.astype(float), d.angle.values.astype(float)) for d in decays]
+        problem = Problem(
+            asked,
+            tuple(Record(time, angle) for time, angle in records),
+            self.reference_frequency,
+            self.fit_shapes,
+            self.shapes,
+        )
+        unknown = _grown(self, problem, _beginning(self, problem, decays, library))
+        unknown = _fitted(self, problem, unknown)
+        for _ in range(ROUNDS if self.noise == "coloured" or len(decays) > 1 else 0):
+            problem = _weighted(problem, unknown, coloured=self.noise == "coloured")
+            unknown = _fitted(self, problem, unknown)
+        return _labelled(self, problem, decays, library, unknown)
 
 
 def _check_names(method: Trajectory, library: ForceLibrary) -> None:
@@ -91,111 +98,60 @@ def _check_names(method: Trajectory, library: ForceLibrary) -> None:
             raise UsageError(f"There is no force or shape parameter '{name}' among the unknowns.")
 
 
-@dataclass(frozen=True)
-class _Problem:
-    """One record, its unknowns in one vector: coefficients, shapes, w if free, angle, rate, offset."""
-
-    method: Trajectory
-    library: ForceLibrary
-    time: Array
-    angle: Array
-
-    @property
-    def free(self) -> bool:
-        return self.method.reference_frequency is None
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        return (*self.library.symbols, *self.method.fit_shapes)
-
-    def model(self, unknown: Array) -> Model:
-        count, named = len(self.library), len(self.names)
-        coefficients = dict(zip(self.library.symbols, unknown[:count].tolist(), strict=True))
-        shapes = dict(zip(self.method.fit_shapes, unknown[count:named].tolist(), strict=True))
-        frequency = float(unknown[-4]) if self.free else float(self.method.reference_frequency or 0.0)
-        return Model(self.library, coefficients, frequency, dict(self.method.shapes) | shapes)
-
-    def first(self, part: float) -> "_Problem":
-        """The problem of the first part of the record."""
-        count = max(20, round(part * len(self.time)))
-        return replace(self, time=self.time[:count], angle=self.angle[:count])
-
-    def residual(self, unknown: Array) -> Array:
-        """Motion minus record (rad); far off where the motion cannot be computed."""
-        try:
-            found = trajectory(self.model(unknown), self.time, float(unknown[-3]), float(unknown[-2]))
-        except SimulationError:
-            return np.full(len(self.time), FAR * float(np.max(np.abs(self.angle))))
-        return np.asarray(found.angle + unknown[-1] - self.angle)
-
-    def sensitivity(self, unknown: Array) -> Array:
-        """Derivative of the residual by each unknown, (sample, unknown)."""
-        here = self.residual(unknown)
-        steps = self._steps(unknown)
-        columns = [
-            (self.residual(unknown + s * unit) - here) / s
-            for s, unit in zip(steps, np.eye(len(steps)), strict=True)
-        ]
-        columns[-1] = np.ones_like(here)
-        return np.stack(columns, axis=1)
-
-    def _steps(self, unknown: Array) -> Array:
-        """Steps that move the motion by about `REACH` swings at the end of the record."""
-        size = float(np.max(np.abs(self.angle)))
-        frequency = self.model(unknown).reference_frequency
-        phase = frequency * (self.time[-1] - self.time[0]) + 1.0
-        x = size * np.cos(np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False))
-        v = size * np.sin(np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False))
-        hidden = 0.5 * size
-        steps = []
-        for force in self.library:
-            names = dict.fromkeys((*force.state, *force.memory), hidden)
-            scale = np.sqrt(np.mean(force.value(x, v, shapes=self.method.shapes, hidden=names) ** 2))
-            steps.append(REACH * size / (phase * max(float(scale), 1e-9)))
-        count = len(self.library)
-        steps += [1e-5 * abs(value) for value in unknown[count : len(self.names)]]
-        steps += [REACH * frequency / phase] if self.free else []
-        return np.array([*steps, REACH * size, REACH * size * frequency, REACH * size])
-
-
-def _beginning(problem: _Problem, decay: xr.Dataset, library: ForceLibrary) -> Array:
+def _beginning(
+    method: Trajectory, problem: Problem, decays: Sequence[xr.Dataset], library: ForceLibrary
+) -> Array:
     """First guess of all unknowns: from the start model, or from direct identification."""
-    method = problem.method
-    start, offset = method.start, 0.0
+    start = method.start
     if start is None:
         quick = Direct(reference_frequency=method.reference_frequency, shapes=method.shapes)
-        found = quick.identify(decay, library)
-        start, offset = model_of(found), found.offset.item()
-        at = (found.start_angle.item(), found.start_rate.item())
+        found = quick.identify(decays, library)
+        start = model_of(found)
+        own = np.stack([np.ravel(found[k]) for k in ("start_angle", "start_rate", "offset")], axis=1)
     else:
-        at = first_guess(problem.time, problem.angle, start.reference_frequency)
+        frequency = start.reference_frequency
+        own = np.array([(*first_guess(r.time, r.angle, frequency), 0.0) for r in problem.records])
     coefficients = [start.coefficients.get(symbol, 0.0) for symbol in problem.library.symbols]
     defaults = {f"{f.symbol}.{k}": v for f in library for k, v in f.shape_values(method.shapes).items()}
     shapes = [start.shapes.get(name, defaults[name]) for name in method.fit_shapes]
-    frequency = [start.reference_frequency] if problem.free else []
-    return np.array([*coefficients, *shapes, *frequency, *at, offset])
+    frequencies = [start.reference_frequency] if problem.free else []
+    return np.array([*coefficients, *shapes, *frequencies, *own.ravel()])
 
 
-def _grown(problem: _Problem, unknown: Array) -> Array:
-    """Extend the fit over the record window by window, unless the start follows it already."""
-    gap = np.sqrt(np.mean(problem.residual(unknown) ** 2))
-    if gap < NEAR * np.sqrt(np.mean(problem.angle**2)):
+def _grown(method: Trajectory, problem: Problem, unknown: Array) -> Array:
+    """Extend the fit over the records window by window, unless the start follows them already."""
+    pairs = zip(problem.residuals(unknown), problem.records, strict=True)
+    if all(_rms(left) < NEAR * _rms(record.angle) for left, record in pairs):
         return unknown
     for part in WINDOWS:
-        unknown = _fitted(problem.first(part), unknown)
+        unknown = _fitted(method, problem.first(part), unknown)
     return unknown
 
 
-def _fitted(problem: _Problem, unknown: Array, filter_: Array | None = None) -> Array:
-    """Least squares from a first guess, on residuals whitened by a filter."""
-    white = np.ones(1) if filter_ is None else filter_
-    low, high = _limits(problem, len(unknown))
+def _weighted(problem: Problem, unknown: Array, *, coloured: bool) -> Problem:
+    """Each run with the weight of the noise that it leaves, and with the colour of it where asked for."""
+    records = []
+    for record, left in zip(problem.records, problem.residuals(unknown), strict=True):
+        filter_ = autoregression(left) if coloured else np.ones(1)
+        records.append(replace(record, filter_=filter_, weight=1.0 / _rms(whitened(left, filter_))))
+    # Relative to their RMS noise, so that what is left is an angle.
+    common = root_mean_square([1.0 / record.weight for record in records])
+    return replace(problem, records=tuple(replace(r, weight=common * r.weight) for r in records))
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _fitted(method: Trajectory, problem: Problem, unknown: Array) -> Array:
+    """Least squares from a first guess, on whitened residuals."""
+    low, high = _limits(method, problem, len(unknown))
     bounded = bool(np.any(np.isfinite(low)) or np.any(np.isfinite(high)))
     inside = np.clip(unknown, np.nextafter(low, np.inf), np.nextafter(high, -np.inf))
     found = least_squares(
-        lambda p: whitened(problem.residual(p), white),
+        problem.white_residual,
         inside,
-        jac=lambda p: whitened(problem.sensitivity(p), white),
+        jac=problem.white_sensitivity,
         bounds=(low, high) if bounded else (-np.inf, np.inf),
         method="trf" if bounded else "lm",
         x_scale="jac",
@@ -207,9 +163,9 @@ def _fitted(problem: _Problem, unknown: Array, filter_: Array | None = None) -> 
     return np.asarray(found.x, dtype=float)
 
 
-def _limits(problem: _Problem, count: int) -> tuple[Array, Array]:
+def _limits(method: Trajectory, problem: Problem, count: int) -> tuple[Array, Array]:
     low, high = np.full(count, -np.inf), np.full(count, np.inf)
-    given: dict[str, Any] = dict(problem.method.bounds)
+    given: dict[str, Any] = dict(method.bounds)
     for force in problem.library:
         given |= {
             f"{force.symbol}.{k}": given.get(f"{force.symbol}.{k}", (s.low, s.high))
@@ -222,12 +178,15 @@ def _limits(problem: _Problem, count: int) -> tuple[Array, Array]:
 
 
 def _labelled(
-    problem: _Problem, decay: xr.Dataset, library: ForceLibrary, unknown: Array, filter_: Array
+    method: Trajectory, problem: Problem, decays: Sequence[xr.Dataset], library: ForceLibrary, unknown: Array
 ) -> xr.Dataset:
-    residual = problem.residual(unknown)
-    table = whitened(problem.sensitivity(unknown), filter_)
-    white = whitened(residual, filter_)
-    if not np.all(np.isfinite(table)) or np.max(np.abs(residual)) > np.max(np.abs(problem.angle)):
+    residuals = problem.residuals(unknown)
+    table, white = problem.white_sensitivity(unknown), problem.white_residual(unknown)
+    lost = any(
+        np.max(np.abs(left)) > np.max(np.abs(record.angle))
+        for left, record in zip(residuals, problem.records, strict=True)
+    )
+    if lost or not np.all(np.isfinite(table)):
         raise DecayError(
             "No motion of these forces follows the record; offer other forces or a shorter window."
         )
@@ -238,18 +197,19 @@ def _labelled(
     keep = [*range(count), *([named] if problem.free else [])]
     covariance = np.zeros((count + 1, count + 1))
     covariance[np.ix_(range(len(keep)), range(len(keep)))] = spread[np.ix_(keep, keep)]
+    own = problem.own(unknown)
+    spreads = [float(np.std(left)) for left in residuals]
     extra = {
-        "start_angle": (unknown[-3], "rad", "angle of the model at the first sample"),
-        "start_rate": (unknown[-2], "rad/s", "rate of the model at the first sample"),
-        "offset": (unknown[-1], "rad", "zero of the sensor about the decay's equilibrium"),
-        "noise_of_sample": (float(np.std(residual)), "rad", "standard deviation of the residual"),
+        **start_variables([(angle, rate) for angle, rate, _ in own], own[:, 2]),
+        "noise_of_sample": (spreads, "rad", "standard deviation of the residual"),
     }
     model = problem.model(unknown)
     estimate = Estimate(unknown[:count], covariance, model.reference_frequency, noise, extra)
-    method = replace(problem.method, shapes=model.shapes)
-    result = identification(method, decay, problem.library, estimate, offered=library)
+    labelled = replace(method, shapes=model.shapes)
+    result = identification(labelled, decays, problem.library, estimate, offered=library)
     if "shape" in result:
-        errors = dict(zip(problem.method.fit_shapes, np.sqrt(np.diag(spread))[count:named], strict=True))
+        errors = dict(zip(method.fit_shapes, np.sqrt(np.diag(spread))[count:named], strict=True))
         values = [errors.get(name, np.nan) for name in result.shape_parameter.values.tolist()]
         result["shape_standard_error"] = result.shape_standard_error.copy(data=values)
-    return result.assign_attrs(noise_model=f"autoregression of order {len(filter_) - 1}")
+    orders = ", ".join(str(len(record.filter_) - 1) for record in problem.records)
+    return result.assign_attrs(noise_model=f"autoregression of order {orders}")

@@ -1,9 +1,10 @@
 """Weak rows of Eq. 1 along a reference trajectory: regression with whitened noise, and its covariance."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.linalg
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
@@ -21,9 +22,10 @@ REACH = 0.8
 
 @dataclass(frozen=True)
 class Problem:
-    """What is held fixed: the data, the test functions and the forces offered.
+    """What is held fixed of one record: the data, the test functions and the forces offered.
 
-    Time of the weak form is tau = `nominal` * t; `free` says whether the reference frequency is an unknown.
+    Time of the weak form is tau = `nominal` * t; `free` says whether the reference frequency is an unknown;
+    `noise` is that of one sample (rad).
     """
 
     time: Array
@@ -33,6 +35,7 @@ class Problem:
     shapes: Mapping[str, float]
     nominal: float
     free: bool
+    noise: float
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,15 @@ class Path:
 
 
 @dataclass(frozen=True)
+class Run:
+    """One record on its way to an estimate. Coefficients and frequency of the guess are those of all runs."""
+
+    problem: Problem
+    guess: Guess
+    path: Path
+
+
+@dataclass(frozen=True)
 class Linearised:
     """Operator of small deviations on the samples, (row, sample), and the factor that whitens its rows."""
 
@@ -70,7 +82,8 @@ class Rows:
     Attributes
     ----------
     y : (row,); columns : (row, force), each divided by its `scale`, the RMS force (rad).
-    nuisances : (row, 1 or 2), the sensor's zero and, where the frequency is free, the stiffness.
+    nuisances : (row, runs or runs + 1), the sensor's zero in each run and, where the frequency is free, the
+        stiffness.
     lags : rows of two periods, over which residuals may be correlated.
     """
 
@@ -178,6 +191,23 @@ def whitened_rows(problem: Problem, guess: Guess, path: Path, about: Linearised)
     return Rows(y, white[:, 1 : count + 1], white[:, count + 1 :], scale)
 
 
+def together(rows: Sequence[Rows], noise: Sequence[float]) -> Rows:
+    """Rows of several runs as one regression: shared coefficients and stiffness, a zero of its own for each.
+
+    Each run counts by its noise (rad), relative to their RMS.
+    """
+    if len(rows) == 1:
+        return rows[0]
+    weights = np.sqrt(np.mean(np.square(noise))) / np.asarray(noise)
+    samples = np.array([len(one.y) for one in rows])
+    scale = np.sqrt(samples @ np.stack([one.scale**2 for one in rows]) / samples.sum())
+    columns = [w * one.columns * (one.scale / scale) for one, w in zip(rows, weights, strict=True)]
+    zeros = scipy.linalg.block_diag(*(w * one.nuisances[:, :1] for one, w in zip(rows, weights, strict=True)))
+    stiffness = np.concatenate([w * one.nuisances[:, 1:] for one, w in zip(rows, weights, strict=True)])
+    y = np.concatenate([w * one.y for one, w in zip(rows, weights, strict=True)])
+    return Rows(y, np.concatenate(columns), np.column_stack([zeros, stiffness]), scale, rows[0].lags)
+
+
 def rms_forces(path: Path) -> Array:
     """RMS of each force along a path (rad): a coefficient in units of it is a force."""
     scale = np.sqrt(np.mean(path.columns**2, axis=0))
@@ -194,35 +224,51 @@ def least_squares(rows: Rows, active: Mask) -> tuple[Array, Array]:
     return coefficients, np.asarray(solution[count:], dtype=float)
 
 
-def moved(problem: Problem, guess: Guess, coefficients: Array, steps: Array) -> Guess:
-    """The next guess; a fitted stiffness is turned into the reference frequency, coefficients following."""
+def moved(runs: Sequence[Run], coefficients: Array, steps: Array) -> tuple[Run, ...]:
+    """The runs with the next guess; a fitted stiffness is turned into the reference frequency.
+
+    `steps` : the zeros of all runs, and the stiffness where the frequency is free.
+    """
+    problem, guess = runs[0].problem, runs[0].guess
     frequency = guess.frequency
     if problem.free:
-        frequency = guess.frequency * np.sqrt(max(0.25, 1.0 + steps[1]))
+        frequency = guess.frequency * np.sqrt(max(0.25, 1.0 + steps[-1]))
         factors = rescaling_factors(problem.forces, guess.frequency, frequency)
         # A force without a degree in v keeps its size at least: w^2 c stays.
         coefficients = coefficients * np.where(np.isnan(factors), (guess.frequency / frequency) ** 2, factors)
-    return replace(
-        guess, coefficients=coefficients, frequency=float(frequency), offset=guess.offset + float(steps[0])
+    return tuple(
+        replace(
+            run,
+            guess=replace(
+                run.guess,
+                coefficients=coefficients,
+                frequency=float(frequency),
+                offset=run.guess.offset + float(step),
+            ),
+        )
+        for run, step in zip(runs, steps, strict=False)
     )
 
 
-def covariance(problem: Problem, rows: Rows, guess: Guess, active: Mask) -> tuple[Array, float, int]:
+def covariance(run: Run, rows: Rows, active: Mask) -> tuple[Array, float, int]:
     """Covariance of (coefficients, reference frequency), noise (rad), lags of correlation allowed for.
+
+    `run` : any of those in the rows.
 
     Of white rows it is sigma^2 (X' X)^-1. Where the model leaves something in the residual, its rows are
     correlated: then the sandwich of Newey and West (1987) over two periods. A force that is not active has
     the variance that it would have if it were added to the others.
     """
-    whole, noise, lags = _spread(problem, rows, guess, active)
+    whole, noise, lags = _spread(run, rows, active)
     for j in np.flatnonzero(~active):
         added = active.copy()
         added[j] = True
-        whole[j, j] = _spread(problem, rows, guess, added)[0][j, j]
+        whole[j, j] = _spread(run, rows, added)[0][j, j]
     return whole, noise, lags
 
 
-def _spread(problem: Problem, rows: Rows, guess: Guess, active: Mask) -> tuple[Array, float, int]:
+def _spread(run: Run, rows: Rows, active: Mask) -> tuple[Array, float, int]:
+    problem, guess = run.problem, run.guess
     design = np.column_stack([rows.columns[:, active], rows.nuisances])
     solution, *_ = np.linalg.lstsq(design, rows.y, rcond=None)
     residual = rows.y - design @ solution
@@ -243,8 +289,8 @@ def _spread(problem: Problem, rows: Rows, guess: Guess, active: Mask) -> tuple[A
     jacobian[np.flatnonzero(active), np.arange(kept)] = 1.0 / rows.scale[active]
     if problem.free:
         degrees = np.array([2.0 if f.speed_degree is None else f.speed_degree for f in problem.forces])
-        jacobian[:count, kept + 1] = -0.5 * (2.0 - degrees) * guess.coefficients * active
-        jacobian[count, kept + 1] = 0.5 * guess.frequency
+        jacobian[:count, -1] = -0.5 * (2.0 - degrees) * guess.coefficients * active
+        jacobian[count, -1] = 0.5 * guess.frequency
     return jacobian @ inverse @ meat @ inverse @ jacobian.T, noise, lags
 
 

@@ -1,0 +1,151 @@
+"""The unknowns of a trajectory fit, what their motion leaves of each record, and its sensitivities."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid_trib.coloured_noise import whitened
+from sysid_trib.errors import SimulationError
+from sysid_trib.forces import ForceLibrary
+from sysid_trib.model import Model
+from sysid_trib.simulation import trajectory
+
+Array = NDArray[np.float64]
+
+# What a motion that cannot be computed leaves, in swings: far, but finite for the optimiser.
+FAR = 10.0
+# Sensitivities are forward differences over a step that moves the phase by about this much (rad).
+REACH = 1e-6
+# Unknowns of each run: angle and rate at the start, zero of the sensor.
+OWN = 3
+
+
+@dataclass(frozen=True)
+class Record:
+    """One run: `filter_` whitens its noise, `weight` is one over what it has then."""
+
+    time: Array
+    angle: Array
+    filter_: Array = field(default_factory=lambda: np.ones(1))
+    weight: float = 1.0
+
+    def residual(self, model: Model, own: Array) -> Array:
+        """Motion minus record (rad); far off where the motion cannot be computed."""
+        try:
+            found = trajectory(model, self.time, float(own[0]), float(own[1]))
+        except SimulationError:
+            return np.full(len(self.time), FAR * float(np.max(np.abs(self.angle))))
+        return np.asarray(found.angle + own[2] - self.angle)
+
+    def white(self, values: Array) -> Array:
+        """Values with noise of one level and no colour."""
+        return self.weight * whitened(values, self.filter_)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """The runs, and their unknowns in one vector: coefficients, shapes, w if free, then each run's own.
+
+    `reference_frequency` : w in rad/s, held, or None where it is an unknown; `fit_shapes` : shape parameters
+    that are unknowns, the others are in `shapes`.
+    """
+
+    library: ForceLibrary
+    records: tuple[Record, ...]
+    reference_frequency: float | None
+    fit_shapes: tuple[str, ...]
+    shapes: Mapping[str, float]
+
+    @property
+    def free(self) -> bool:
+        """Whether the reference frequency is an unknown."""
+        return self.reference_frequency is None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Coefficients and shape parameters that are unknowns."""
+        return (*self.library.symbols, *self.fit_shapes)
+
+    @property
+    def shared(self) -> int:
+        """Number of unknowns that all runs share."""
+        return len(self.names) + self.free
+
+    def own(self, unknown: Array) -> Array:
+        """Each run's own unknowns, (run, 3)."""
+        return unknown[self.shared :].reshape(-1, OWN)
+
+    def model(self, unknown: Array) -> Model:
+        """The model of these unknowns."""
+        count, named = len(self.library), len(self.names)
+        coefficients = dict(zip(self.library.symbols, unknown[:count].tolist(), strict=True))
+        shapes = dict(zip(self.fit_shapes, unknown[count:named].tolist(), strict=True))
+        frequency = float(unknown[named]) if self.free else float(self.reference_frequency or 0.0)
+        return Model(self.library, coefficients, frequency, dict(self.shapes) | shapes)
+
+    def first(self, part: float) -> "Problem":
+        """The problem of the first part of each record."""
+        counts = [max(20, round(part * len(record.time))) for record in self.records]
+        cut = [
+            replace(record, time=record.time[:count], angle=record.angle[:count])
+            for record, count in zip(self.records, counts, strict=True)
+        ]
+        return replace(self, records=tuple(cut))
+
+    def residuals(self, unknown: Array) -> list[Array]:
+        """What each run's motion leaves, rad."""
+        model, own = self.model(unknown), self.own(unknown)
+        return [record.residual(model, mine) for record, mine in zip(self.records, own, strict=True)]
+
+    def white_residual(self, unknown: Array) -> Array:
+        """Whitened residuals of all runs, one after the other."""
+        return np.concatenate(
+            [record.white(left) for record, left in zip(self.records, self.residuals(unknown), strict=True)]
+        )
+
+    def white_sensitivity(self, unknown: Array) -> Array:
+        """Derivative of the whitened residuals by each unknown, (sample, unknown)."""
+        blocks = []
+        for at, record in enumerate(self.records):
+            columns = record.white(self._sensitivity(unknown, at))
+            block = np.zeros((len(columns), len(unknown)))
+            mine = self.shared + OWN * at
+            block[:, : self.shared] = columns[:, : self.shared]
+            block[:, mine : mine + OWN] = columns[:, self.shared :]
+            blocks.append(block)
+        return np.concatenate(blocks)
+
+    def _sensitivity(self, unknown: Array, at: int) -> Array:
+        """Derivative of one run's residual by the shared unknowns and its own, (sample, unknown)."""
+        record, own = self.records[at], self.own(unknown)[at]
+        here = record.residual(self.model(unknown), own)
+        *shared, angle, rate, _ = self._steps(unknown, record)
+        columns = []
+        for j, step in enumerate(shared):
+            moved = unknown.copy()
+            moved[j] += step
+            columns.append((record.residual(self.model(moved), own) - here) / step)
+        model = self.model(unknown)
+        for step in (np.array([angle, 0.0, 0.0]), np.array([0.0, rate, 0.0])):
+            columns.append((record.residual(model, own + step) - here) / step.sum())
+        return np.stack([*columns, np.ones_like(here)], axis=1)
+
+    def _steps(self, unknown: Array, record: Record) -> Array:
+        """Steps that move the motion by about `REACH` swings at the end of the record."""
+        size = float(np.max(np.abs(record.angle)))
+        frequency = self.model(unknown).reference_frequency
+        phase = frequency * (record.time[-1] - record.time[0]) + 1.0
+        x = size * np.cos(np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False))
+        v = size * np.sin(np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False))
+        hidden = 0.5 * size
+        steps = []
+        for force in self.library:
+            names = dict.fromkeys((*force.state, *force.memory), hidden)
+            scale = np.sqrt(np.mean(force.value(x, v, shapes=self.shapes, hidden=names) ** 2))
+            steps.append(REACH * size / (phase * max(float(scale), 1e-9)))
+        count = len(self.library)
+        steps += [1e-5 * abs(value) for value in unknown[count : len(self.names)]]
+        steps += [REACH * frequency / phase] if self.free else []
+        return np.array([*steps, REACH * size, REACH * size * frequency, REACH * size])
