@@ -2,10 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import xarray as xr
 
+from sysid_trib.decays.analytic_signal import analytic_extrema
 from sysid_trib.decays.equilibrium import find_swing
 from sysid_trib.decays.half_periods import (
     FloatArray,
@@ -14,7 +16,7 @@ from sysid_trib.decays.half_periods import (
     noise_level,
     quantisation_step,
 )
-from sysid_trib.errors import DecayError
+from sysid_trib.errors import DecayError, UsageError
 
 # The third round moves the frequency by less than 1e-6 of itself.
 ROUNDS = 3
@@ -101,7 +103,7 @@ def _normal_equations(
     return normal, right
 
 
-def envelope(decay: xr.Dataset) -> xr.Dataset:
+def envelope(decay: xr.Dataset, curve: Literal["half-sines", "analytic-signal"] = "half-sines") -> xr.Dataset:
     """Envelope and frequency of a decay from half-sines (Le Bot et al. 2019, Sec. 2.3).
 
     Parameters
@@ -109,6 +111,8 @@ def envelope(decay: xr.Dataset) -> xr.Dataset:
     decay
         ``angle(time)`` about its equilibrium, as `free_decay` returns it. One without its marks is taken as
         it is.
+    curve
+        What gives the extrema: ``half-sines``, or the ``analytic-signal`` (see `analytic_extrema`).
 
     Returns
     -------
@@ -121,6 +125,8 @@ def envelope(decay: xr.Dataset) -> xr.Dataset:
     ------
     DecayError
         Fewer than three half periods, or too few samples in each.
+    UsageError
+        A curve of another name.
 
     Notes
     -----
@@ -134,13 +140,18 @@ def envelope(decay: xr.Dataset) -> xr.Dataset:
     decaying, not quite harmonic half period is no half-sine: b and t then carry an error that varies slowly
     from one half period to the next, of a few 1e-3 b in the paper's run.
     """
+    if curve not in ("half-sines", "analytic-signal"):
+        raise UsageError(f"curve='{curve}' is neither 'half-sines' nor 'analytic-signal'.")
     source = str(decay.attrs.get("source", "decay"))
     time = decay["time"].to_numpy().astype(float)
     angle = decay["angle"].to_numpy().astype(float)
     halves = usable_half_periods(time, angle, source)
     if np.diff(halves.samples(time)[0]).min() < 5:
         raise DecayError(f"{source}: fewer than five samples in a half period; sample faster.")
-    fit = fit_half_sines(time, angle, halves)
+    if curve == "half-sines":
+        fit = fit_half_sines(time, angle, halves)
+    else:
+        fit = HalfSines(*analytic_extrema(time, angle, halves))
     noise = max(noise_level(time, angle), quantisation_step(angle) / np.sqrt(12.0))
     extremum = np.abs(fit.extremum)
     errors, ratios = [], []

@@ -42,6 +42,7 @@ class Averaging:
     reference_frequency : w in rad/s, held; the library's force of formula `x` is then an unknown.
     weighted : generalised least squares with the covariance of the half-sine fits (never with `last`).
     shapes : values of shape parameters, which are held.
+    curve : what gives the extrema, `half-sines` or the `analytic-signal` (see `envelope`).
 
     Notes
     -----
@@ -54,6 +55,7 @@ class Averaging:
     reference_frequency: float | None = None
     weighted: bool = True
     shapes: Mapping[str, float] = field(default_factory=dict)
+    curve: Literal["half-sines", "analytic-signal"] = "half-sines"
 
     def __post_init__(self) -> None:
         if self.frequency not in ("fit", "last"):
@@ -62,7 +64,7 @@ class Averaging:
     def identify(self, decay: xr.Dataset, library: ForceLibrary) -> xr.Dataset:
         """Identify the forces of `library` from a decay with `angle(time)`."""
         asked = unknown_forces(library, self.reference_frequency)
-        measured = _measured(decay)
+        measured = _measured(self, decay)
         found = _first_order(self, measured, asked)
         values, corrected, misfit = found.values, "no", found.misfit
         if self.correct:
@@ -232,8 +234,8 @@ def _to_coefficients(
     return np.append(coefficients, frequency), jacobian @ spread @ jacobian.T
 
 
-def _measured(decay: xr.Dataset) -> xr.Dataset:
-    return envelope(decay).assign_attrs(first_time=float(decay.time.values[0]))
+def _measured(method: Averaging, decay: xr.Dataset) -> xr.Dataset:
+    return envelope(decay, method.curve).assign_attrs(first_time=float(decay.time.values[0]))
 
 
 def _corrected(
@@ -282,7 +284,7 @@ def _simulated(
     model = Model(library, coefficients, float(values[-1]), method.shapes)
     motion = fit_start(model, *_first_swings(decay, float(values[-1])), start, offset=None)
     moved = trajectory(model, time, motion.angle, motion.rate).angle
-    simulated = _measured(xr.Dataset({"angle": ("time", moved)}, {"time": time}))
+    simulated = _measured(method, xr.Dataset({"angle": ("time", moved)}, {"time": time}))
     shift = int(np.argmin(np.abs(simulated.extremum_time.values - measured.extremum_time.values[0])))
     count = min(measured.sizes["half_period"], simulated.sizes["half_period"] - shift)
     simulated = simulated.isel(
