@@ -1,0 +1,353 @@
+"""The candidates that come with the package, against what the literature says of each."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy import pi
+from scipy.integrate import solve_ivp
+from scipy.special import beta, dawsn, iv, j1, modstruve
+
+from sysid_trib import Model, indistinguishable, load_library
+from sysid_trib.methods import Averaging
+from sysid_trib.signatures import averages
+from sysid_trib.simulation import simulate, trajectory
+from sysid_trib.ties import exactly_dependent, without_signature
+
+SIX = load_library()
+CANDIDATES = load_library("candidate_effects")
+BOTH = replace(SIX, forces=(*SIX.forces, *CANDIDATES.forces))
+A = np.array([0.005, 0.03, 0.1, 0.2, 0.7, 1.5])
+TIME = 3.0
+W = 9.91
+
+
+def nothing(a):
+    return np.zeros_like(a)
+
+
+def lossy(p, q, factor=1.0):
+    """Averages of |x|^p |v|^q sgn v."""
+    return lambda a: -factor * a ** (p + q) * beta((p + 1) / 2, (q + 2) / 2) / pi, nothing
+
+
+def elastic(p, q, factor=1.0):
+    """Averages of |x|^p |v|^q sgn x."""
+    return nothing, lambda a: factor * a ** (p + q) * beta((p + 2) / 2, (q + 1) / 2) / pi
+
+
+def clearance(a, g=0.1):
+    c = np.arccos(np.minimum(1.0, g / a))
+    return a / (2 * pi) * (2 * c - np.sin(2 * c))
+
+
+def masing(m, kappa=1.0):
+    return (
+        lambda a: -2 / pi * kappa * (m - 1) / (m + 1) * a**m,
+        lambda a: -2 / pi * kappa * m / (m + 1) * beta(m + 0.5, 0.5) * a**m,
+    )
+
+
+def jenkins(a, s=0.02):
+    slip = np.arccos(np.maximum(-1.0, 1 - 2 * s / a))
+    return a / (2 * pi) * (slip - np.sin(2 * slip) / 2)
+
+
+def exponential(a, s=0.05):
+    # I1 and L1 are both as large as exp(a/s): their difference is lost above a/s = 10.
+    return -2 / pi * (1 + pi / 2 * (modstruve(1, a / s) - iv(1, a / s)))
+
+
+@cache
+def at(symbol, shapes=(), amplitudes=None):
+    return averages(CANDIDATES[symbol], A if amplitudes is None else np.array(amplitudes), dict(shapes), TIME)
+
+
+EVEN = (nothing, nothing)
+# Per candidate: parity, type by time reversal, <h sin phi> and <h cos phi> with default shapes at t = 3 s;
+# None where there is no closed form: those are in the tests of limits below.
+TABLE: dict[str, tuple[str, str, tuple[Callable, Callable] | None]] = {
+    "cubic_damping": ("odd", "dissipative", (lambda a: -3 * a**3 / 8, nothing)),
+    "van_der_pol": ("odd", "dissipative", (lambda a: -(a**3) / 8, nothing)),
+    "angle_damping": ("odd", "dissipative", (lambda a: -2 * a**2 / (3 * pi), nothing)),
+    "angle_drag": ("odd", "dissipative", lossy(1, 2)),
+    "three_halves_damping": ("odd", "dissipative", lossy(0, 1.5)),
+    "power_damping": ("odd", "dissipative", lossy(0, 0.5)),
+    "angle_friction": ("odd", "dissipative", (lambda a: -2 * a**2 / (3 * pi), nothing)),
+    "structural_damping": ("odd", "dissipative", (lambda a: -a / pi, nothing)),
+    "stribeck": ("odd", "dissipative", (lambda a: -2 / pi * dawsn(a / 0.05) / (a / 0.05), nothing)),
+    "stribeck_exponential": ("odd", "dissipative", None),
+    "log_friction": ("odd", "dissipative", None),
+    "maxwell": ("odd", "mixed", (lambda a: -a / 4, lambda a: a / 4)),
+    "jenkins": ("odd", "mixed", (lambda a: -0.04 / pi * np.maximum(0.0, 1 - 0.02 / a), jenkins)),
+    "iwan": ("odd", "mixed", None),
+    "dahl": ("odd", "mixed", None),
+    "lugre": ("odd", "mixed", None),
+    "bouc_wen": ("odd", "mixed", None),
+    "bouc_wen_2": ("odd", "mixed", None),
+    "partial_slip": ("odd", "mixed", masing(2)),
+    "masing": ("odd", "mixed", masing(1.5)),
+    "detent": ("odd", "conservative", (nothing, lambda a: np.full_like(a, 2 / pi))),
+    "quintic": ("odd", "conservative", (nothing, lambda a: 5 * a**5 / 16)),
+    "gravity": ("odd", "conservative", (nothing, lambda a: j1(a) - a / 2)),
+    "magnet": ("odd", "conservative", (nothing, lambda a: j1(2 * a) / 2 - a / 2)),
+    "inertia": ("odd", "conservative", (nothing, lambda a: a**3 / 8)),
+    "speed_detent": ("odd", "conservative", (nothing, lambda a: 2 * a**2 / (3 * pi))),
+    "speed_stiffness": ("odd", "conservative", elastic(1, 1)),
+    "freeplay": ("odd", "conservative", (nothing, clearance)),
+    "wall": ("mixed", "conservative", (nothing, lambda a: clearance(a) / 2)),
+    "bias": ("even", "conservative", EVEN),
+    "even_spring": ("even", "conservative", EVEN),
+    "bilinear": ("even", "conservative", EVEN),
+    "even_drag": ("even", "conservative", EVEN),
+    "even_speed": ("even", "conservative", EVEN),
+    "tilted_damping": ("even", "dissipative", EVEN),
+    "tilted_friction": ("even", "dissipative", EVEN),
+    "stiffness_drift": ("odd", "conservative", (nothing, lambda a: TIME * a / 2)),
+    "damping_drift": ("odd", "dissipative", (lambda a: -TIME * a / 2, nothing)),
+    "friction_drift": ("odd", "dissipative", lossy(0, 0, TIME)),
+    "ageing": ("odd", "dissipative", lossy(0, 0, np.log(1 + TIME))),
+    "equilibrium_drift": ("even", "conservative", EVEN),
+    "ambient": ("even", "conservative", EVEN),
+    "sensor_offset": ("even", "sensor", EVEN),
+    "sensor_drift": ("even", "sensor", EVEN),
+    "sensor_curve": ("even", "sensor", EVEN),
+    "sensor_cubic": ("odd", "sensor", (nothing, lambda a: 3 * a**3 / 8)),
+    "sensor_delay": ("odd", "sensor", (lambda a: a / 2, nothing)),
+    "clock": ("odd", "sensor", (lambda a: -TIME * a / 2, nothing)),
+    "clock_drift": ("odd", "sensor", (lambda a: -(TIME**2) * a / 2, nothing)),
+}
+
+
+def test_table_is_the_library():
+    assert tuple(TABLE) == CANDIDATES.symbols
+    assert not set(TABLE) & set(SIX.symbols)
+    for force in CANDIDATES:
+        assert all((force.name, force.meaning, force.source, force.family))
+        assert any(char.isdigit() for char in force.source)
+        assert all(shape.meaning for shape in force.shape.values())
+
+
+@pytest.mark.parametrize("symbol", TABLE)
+def test_parity_and_type(symbol):
+    parity, character, _ = TABLE[symbol]
+    assert (CANDIDATES[symbol].parity, CANDIDATES[symbol].character) == (parity, character)
+
+
+@pytest.mark.parametrize("symbol", [k for k, row in TABLE.items() if row[2] is not None])
+def test_signature_is_the_tables(symbol):
+    found = at(symbol)
+    for value, closed in zip(found, TABLE[symbol][2], strict=True):
+        np.testing.assert_allclose(value, closed(A), rtol=1e-11, atol=1e-13)
+
+
+@pytest.mark.parametrize("symbol", [k for k, row in TABLE.items() if row[1] != "sensor"])
+def test_a_positive_coefficient_takes_energy_out_if_a_force_can(symbol):
+    sine = at(symbol)[0]
+    dissipates = TABLE[symbol][:2] in (("odd", "dissipative"), ("odd", "mixed"))
+    assert np.all(sine[-2:] < 0) if dissipates else np.all(sine == 0)
+    assert np.all(sine <= 1e-15)
+
+
+def test_exponential_stribeck_is_struve_less_bessel():
+    a = (0.005, 0.03, 0.1, 0.2)
+    np.testing.assert_allclose(at("stribeck_exponential", (), a)[0], exponential(np.array(a)), rtol=1e-11)
+
+
+def test_logarithm_far_above_its_scale():
+    a, s = A[-3:], 1e-5
+    found = at("log_friction", (("log_friction.s", s),))[0][-3:]
+    # The next term is (pi/2)(s/a): below 1e-4 of the whole here.
+    np.testing.assert_allclose(found, -2 / pi * (np.log(2 * a / s) - 1), rtol=1e-4)
+
+
+def test_dahl_between_its_limits():
+    small, large = at("dahl", (("dahl.s", 100.0),)), at("dahl", (("dahl.s", 1e-7),))
+    np.testing.assert_allclose(small[0], -2 / (3 * pi) * (A / 100) ** 2, rtol=2e-3)
+    np.testing.assert_allclose(small[1], A / 200, rtol=0.02)
+    np.testing.assert_allclose(large[0], -2 / pi, rtol=1e-4)
+    # A length s of sliding is a phase sqrt(s/a) at a reversal: the frequency shift falls as slowly as that.
+    np.testing.assert_allclose(large[1], np.sqrt(2e-7 / (pi * A)), rtol=1e-4)
+
+
+def test_lugre_without_its_peak_is_dahl():
+    for value, expected in zip(at("lugre", (("lugre.r", 0.0),)), at("dahl"), strict=True):
+        np.testing.assert_allclose(value, expected, rtol=1e-9, atol=1e-12)
+    # With short bristles it is dry friction with a Stribeck peak.
+    shapes = (("lugre.s", 1e-6), ("lugre.r", 0.5), ("lugre.u", 0.05))
+    peak = 2 / pi * (1 + 0.5 * dawsn(A / 0.05) / (A / 0.05))
+    np.testing.assert_allclose(at("lugre", shapes)[0][2:], -peak[2:], rtol=1e-3)
+
+
+@pytest.mark.parametrize(("symbol", "n"), [("bouc_wen", 1), ("bouc_wen_2", 2)])
+def test_bouc_wen_at_small_b(symbol, n):
+    sine, cosine = at(symbol, ((f"{symbol}.b", 1e-6),))
+    np.testing.assert_allclose(sine, -2 / pi * 1e-6 * A ** (n + 1) / (n + 2), rtol=1e-5, atol=1e-17)
+    np.testing.assert_allclose(cosine, A / 2, rtol=1e-5)
+
+
+def test_bouc_wen_of_order_one_mimics_delta_but_not_nu():
+    # On a cycle z = x + (b/2) v|v| to first order in b: the table of the literature's forms adds a part like
+    # nu, which is there to the second order only.
+    b = 1e-3
+    sine, cosine = at("bouc_wen", (("bouc_wen.b", b),))
+    np.testing.assert_allclose(sine, b / 2 * averages(SIX["delta"], A)[0], rtol=1e-5)
+    assert np.all(np.abs(cosine - A / 2) < 0.2 * b**2 * A**3)
+
+
+def test_iwan_is_partial_slip_up_to_its_longest_slip_length_and_slides_beyond():
+    s = 0.1
+    sine, cosine = at("iwan")
+    parts = masing(2, 1 / (2 * s))
+    area = np.where(s < A, 2 * A * s - 4 * s**2 / 3, 2 * A**3 / (3 * s))
+    np.testing.assert_allclose(sine, -area / (2 * pi * A), rtol=1e-10)
+    np.testing.assert_allclose(cosine[:3], (A / 2 + parts[1](A))[:3], rtol=1e-10)
+
+
+def test_partial_slip_has_the_fingerprint():
+    sine, cosine = at("partial_slip")
+    delta = sine / averages(SIX["delta"], A)[0]
+    nu = cosine / averages(SIX["nu"], A)[1]
+    np.testing.assert_allclose(delta, 0.5, rtol=1e-12)
+    np.testing.assert_allclose(nu / delta, -3 * pi / 4, rtol=1e-12)
+
+
+def tied(*symbols, shapes=None):
+    return indistinguishable(BOTH.select(symbols), 0.01, 1.0, shapes=shapes)
+
+
+@pytest.mark.parametrize(
+    "group",
+    [
+        ("cubic_damping", "van_der_pol", "angle_drag"),
+        ("delta", "angle_friction", "angle_damping"),
+        ("zeta", "structural_damping"),
+        ("epsilon", "inertia"),
+        ("nu", "speed_detent", "speed_stiffness"),
+        ("alpha", "zeta", "maxwell"),
+        ("delta", "nu", "partial_slip"),
+    ],
+    ids="-".join,
+)
+def test_what_averaging_cannot_tell_apart_is_told_apart_by_the_motion(group):
+    assert tied(*group) == [group]
+    library = BOTH.select(group)
+    assert exactly_dependent(library, 1.0) == []
+
+
+@pytest.mark.parametrize(
+    ("pair", "shapes"),
+    [
+        (("lambda", "power_damping"), {"power_damping.p": 0.0}),
+        (("zeta", "power_damping"), {"power_damping.p": 1.0}),
+        (("delta", "power_damping"), {"power_damping.p": 2.0}),
+        (("three_halves_damping", "power_damping"), {"power_damping.p": 1.5}),
+        (("cubic_damping", "power_damping"), {"power_damping.p": 3.0}),
+        (("partial_slip", "masing"), {"masing.m": 2.0}),
+        (("dahl", "lugre"), {"lugre.r": 0.0}),
+    ],
+    ids=lambda part: "-".join(part) if isinstance(part, tuple) else "",
+)
+def test_one_force_written_twice_is_told_apart_by_nothing(pair, shapes):
+    assert exactly_dependent(BOTH.select(pair), 1.0, shapes=shapes) == [pair]
+
+
+def test_no_two_candidates_are_the_same_force():
+    assert exactly_dependent(BOTH, 1.0) == []
+
+
+def test_even_forces_and_shaking_have_no_signature():
+    expected = tuple(k for k, row in TABLE.items() if row[2] is EVEN and row[1] != "sensor")
+    assert without_signature(BOTH, 0.01, 1.0) == expected
+
+
+def alike(first, second):
+    return abs(first @ second) / (np.linalg.norm(first) * np.linalg.norm(second))
+
+
+def test_an_error_of_the_clock_is_a_frequency_and_its_drift_a_drift_of_stiffness():
+    time = np.linspace(0.0, 20.0, 2001)
+    model = Model(BOTH, {"zeta": 2e-3, "stiffness_drift": 0.0}, W)
+
+    def motion(**changes):
+        return trajectory(replace(model, **changes), time, 0.3).angle
+
+    here = trajectory(model, time, 0.3)
+    v = here.rate / W
+    step = 1e-6
+    faster = (motion(reference_frequency=W * (1 + step)) - here.angle) / step
+    np.testing.assert_allclose(faster, W * time * v, atol=1e-3 * np.abs(faster).max())
+    stiffer = motion(coefficients={"zeta": 2e-3, "stiffness_drift": step}) - here.angle
+    assert alike(stiffer, time**2 * v) > 0.9999
+
+
+# Relative frequency shifts over (strength a)^2, by an integration that shares nothing with the project's.
+SECOND_ORDER = [
+    ("even_spring", lambda x, v, c: c * x**2, -5 / 12, -5 / 12),
+    ("even_drag", lambda x, v, c: c * v**2, -1 / 6, -1 / 6),
+    # Between extrema as the table says; between zero crossings, whose phase moves with the amplitude, less.
+    ("delta", lambda x, v, c: c * v * abs(v), -1 / 6, -1 / 6 + 4 / (9 * pi)),
+]
+
+
+@pytest.mark.parametrize("row", SECOND_ORDER, ids=lambda row: row[0])
+def test_second_order_frequency_shift(row):
+    symbol, h, between_extrema, between_zeros = row
+    strength, start = 0.05, 0.3
+
+    def slows(tau, y):
+        return y[1]
+
+    def crosses(tau, y):
+        return y[0]
+
+    found = solve_ivp(
+        lambda tau, y: (y[1], -y[0] - h(y[0], y[1], strength)),
+        (0.0, 25.0),
+        (start, 0.0),
+        "DOP853",
+        events=(slows, crosses),
+        rtol=1e-13,
+        atol=1e-15,
+        dense_output=True,
+        max_step=0.02,
+    )
+    turns = np.append(0.0, found.t_events[0][found.t_events[0] > 1e-6])
+    ends = found.sol(turns)[0]
+    envelope = 0.5 * np.abs(np.diff(ends)) if symbol != "delta" else np.abs(ends)
+    at_times = turns[: len(envelope)] if symbol == "delta" else 0.5 * (turns[1:] + turns[:-1])
+    for times, expected in ((turns, between_extrema), (found.t_events[1], between_zeros)):
+        period, middle = times[2:] - times[:-2], times[1:-1]
+        size = strength * np.interp(middle, at_times, envelope)
+        np.testing.assert_allclose((2 * pi / period - 1) / size**2, expected, rtol=5e-3)
+    # The project's own motion has the same half periods.
+    grid = np.linspace(0.0, 25.0, 251)
+    ours = trajectory(Model(BOTH, {symbol: strength}, 1.0), grid, start).angle
+    np.testing.assert_allclose(ours, found.sol(grid)[0], atol=1e-10)
+
+
+def test_dry_friction_shifts_no_frequency():
+    time = np.linspace(0.0, 25.0, 2501)
+    found = trajectory(Model(SIX, {"lambda": 0.003}, 1.0), time, 0.3)
+    np.testing.assert_allclose(np.diff(found.reversals), pi, rtol=1e-12)
+
+
+def test_even_spring_fakes_a_cubic_force_of_minus_ten_ninths_of_its_square():
+    time, b = np.linspace(0.0, 120.0, 4801), 0.05
+    record = simulate(Model(BOTH, {"zeta": 0.01, "even_spring": b}, 1.0), time, 0.4)
+    fitted = Averaging().identify(record, BOTH.select(["zeta", "epsilon"]))
+    assert fitted.coefficient.sel(force="epsilon").item() == pytest.approx(-10 / 9 * b**2, rel=0.05)
+
+
+@pytest.mark.parametrize("symbol", TABLE)
+def test_every_candidate_moves_alike_on_both_engines(symbol):
+    time = np.linspace(0.0, 1.5, 151)
+    model = Model(BOTH, {"lambda": 1e-3, "zeta": 5e-3, "epsilon": 0.1, symbol: 0.01}, W)
+    plain = replace(model, coefficients={"lambda": 1e-3, "zeta": 5e-3, "epsilon": 0.1})
+    first, second = (
+        simulate(model, time, 0.3, 0.5, engine=name).angle.values for name in ("heyoka", "scipy")
+    )
+    np.testing.assert_allclose(first, second, atol=1e-10)
+    assert np.max(np.abs(first - simulate(plain, time, 0.3, 0.5).angle.values)) > 1e-6
