@@ -14,7 +14,7 @@ from scipy.stats import f as f_distribution
 
 from sysid_trib.errors import SimulationError, SysidTribError
 from sysid_trib.forces import ForceLibrary
-from sysid_trib.model import rescaling_factors
+from sysid_trib.quantities import FREQUENCY, in_model, quantities, stated_covariance
 from sysid_trib.results import NOT_KEPT, library_of, model_of
 from sysid_trib.simulation import trajectory
 from sysid_trib.start import FittedMotion, first_guess, fit_start
@@ -53,9 +53,9 @@ def comparison(
     """Difference of two identifications, force by force and as a whole (see `cross_check`)."""
     first, second = results
     shared = [s for s in first.force.values.tolist() if s in second.force.values.tolist()]
-    kept = [s for s in shared if _in_model(first, s) and _in_model(second, s)]
+    kept = [s for s in shared if in_model(first, s) and in_model(second, s)]
     frequency = first.reference_frequency.item()
-    difference = _quantities(first, kept, frequency) - _quantities(second, kept, frequency)
+    difference = quantities(first, kept, frequency) - quantities(second, kept, frequency)
     count = len(difference)
     # The second's model is the truth of the simulated records, or the first's if that has no motion.
     # Where a bias could not be removed, what to expect is not known.
@@ -90,7 +90,7 @@ def comparison(
     }
     variables: dict[str, Any] = {k: ("quantity", value, attrs) for k, (value, attrs) in columns.items()}
     variables |= {k: ((), value, {"units": "1", "long_name": name}) for k, (value, name) in scalars.items()}
-    return xr.Dataset(variables, {"quantity": [*kept, "asymptotic frequency"]})
+    return xr.Dataset(variables, {"quantity": [*kept, FREQUENCY]})
 
 
 def residuals(
@@ -141,19 +141,6 @@ def ties(decay: xr.Dataset, result: xr.Dataset) -> dict[str, str]:
     }
 
 
-def _in_model(result: xr.Dataset, symbol: str) -> bool:
-    return bool(np.isclose(result.refers_to.sel(force=symbol), result.reference_frequency, rtol=1e-12))
-
-
-def _quantities(result: xr.Dataset, kept: Sequence[str], frequency: float) -> Array:
-    """Coefficients at the reference `frequency`, and the asymptotic frequency (rad/s)."""
-    factors = rescaling_factors(
-        library_of(result).select(kept).forces, result.reference_frequency.item(), frequency
-    )
-    coefficients = result.coefficient.sel(force=kept).values * np.where(np.isnan(factors), 1.0, factors)
-    return np.append(coefficients, result.asymptotic_frequency.item())
-
-
 def _scatter(
     decay: xr.Dataset,
     results: Sequence[xr.Dataset],
@@ -174,11 +161,11 @@ def _scatter(
     frequency = result.reference_frequency.item()
 
     def difference(pair: Sequence[xr.Dataset]) -> Array:
-        first, second = quantities(pair)
+        first, second = stacked(pair)
         return np.asarray(first - second)
 
-    def quantities(pair: Sequence[xr.Dataset]) -> Array:
-        return np.stack([_quantities(r, kept, frequency) for r in pair])
+    def stacked(pair: Sequence[xr.Dataset]) -> Array:
+        return np.stack([quantities(r, kept, frequency) for r in pair])
 
     def identified(angle: Array) -> list[xr.Dataset]:
         record = xr.Dataset({"angle": ("time", angle)}, {"time": time})
@@ -191,7 +178,7 @@ def _scatter(
     found = []
     for _ in range(draws):
         try:
-            found.append(quantities(identified(exact + noise * random.standard_normal(len(time)))))
+            found.append(stacked(identified(exact + noise * random.standard_normal(len(time)))))
         except SysidTribError:
             continue
     if len(found) < 3:
@@ -200,7 +187,7 @@ def _scatter(
     both = np.array(found)
     scatter = np.atleast_2d(np.cov(both[:, 0] - both[:, 1], rowvar=False))
     if _beyond_noise(results, kept, both):
-        scatter = sum((_stated_covariance(result, kept) for result in results), np.zeros_like(scatter))
+        scatter = sum((stated_covariance(result, kept) for result in results), np.zeros_like(scatter))
     return expected, scatter
 
 
@@ -217,23 +204,13 @@ def _at_its_best(decay: xr.Dataset, result: xr.Dataset, library: ForceLibrary) -
         return method, result
 
 
-def _stated_covariance(result: xr.Dataset, kept: Sequence[str]) -> Array:
-    """Covariance that a method states, of the coefficients and the asymptotic frequency."""
-    count = len(kept)
-    found = np.empty((count + 1, count + 1))
-    found[:count, :count] = result.covariance.sel(force=list(kept), other_force=list(kept))
-    found[count, :count] = found[:count, count] = result.frequency_covariance.sel(force=list(kept))
-    found[count, count] = result.asymptotic_frequency_standard_error.item() ** 2
-    return found
-
-
 def _beyond_noise(results: Sequence[xr.Dataset], kept: Sequence[str], draws: Array) -> bool:
     """Whether the errors that the methods state exceed those by the noise alone.
 
     Where a model leaves more than noise, methods weigh what is left differently: they no longer share their
     errors, which then add. A ratio below 1.5 is chance.
     """
-    stated = np.stack([np.sqrt(np.diag(_stated_covariance(result, kept))) for result in results])
+    stated = np.stack([np.sqrt(np.diag(stated_covariance(result, kept))) for result in results])
     drawn = draws.std(axis=0, ddof=1)
     # What does not vary, as a force that every draw drops, has no ratio.
     ratio = np.divide(stated, drawn, out=np.ones_like(drawn), where=drawn > 0.0)

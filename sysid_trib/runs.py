@@ -47,3 +47,10 @@ def start_variables(
         "start_rate": (rates, "rad/s", "rate of the model at the first sample"),
         "offset": (offsets, "rad", "zero of the sensor about the decay's equilibrium"),
     }
+
+
+def run_noise(noises: Sequence[float]) -> Mapping[str, tuple[ArrayLike, str, str]]:
+    """The noise of each run where there are several, as `Estimate.extra` takes it."""
+    if len(noises) == 1:
+        return {}
+    return {"run_noise": (noises, "rad", "standard deviation of the noise of the run")}

@@ -1,32 +1,29 @@
 """The paper's identification: amplitude decay and frequency shift against the signatures of the forces."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Literal
 
 import numpy as np
 import scipy.sparse as sp
 import xarray as xr
-from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
+from numpy.typing import ArrayLike, NDArray
 
-from sysid_trib.decays.half_sines import envelope, instant_derivatives
+from sysid_trib.decays.half_sines import envelope
 from sysid_trib.errors import DecayError, SysidTribError, UsageError
-from sysid_trib.forces import Force, ForceLibrary
+from sysid_trib.forces import ForceLibrary
 from sysid_trib.methods.unknowns import unknown_forces
 from sysid_trib.model import Model
+from sysid_trib.regression.averaged import averaged_equations, noise_of_equations
 from sysid_trib.regression.weak_form import whiten, whitener
 from sysid_trib.results import Estimate, identification
-from sysid_trib.signatures import averages
+from sysid_trib.runs import Decays, as_runs, root_mean_square, run_noise
 from sysid_trib.simulation import trajectory
 from sysid_trib.start import first_guess, fit_start
 
 Array = NDArray[np.float64]
 
 MAX_CORRECTIONS = 20
-# A cubic spline through these is exact to 1e-10 rad, at a kink (Jenkins) to 1e-5.
-NODES_PER_OCTAVE = 64
 
 
 @dataclass(frozen=True)
@@ -61,17 +58,32 @@ class Averaging:
         if self.frequency not in ("fit", "last"):
             raise UsageError(f"frequency='{self.frequency}' is neither 'fit' nor 'last'.")
 
-    def identify(self, decay: xr.Dataset, library: ForceLibrary) -> xr.Dataset:
-        """Identify the forces of `library` from a decay with `angle(time)`."""
+    def identify(self, decay: Decays, library: ForceLibrary) -> xr.Dataset:
+        """Identify the forces of `library` from a decay with `angle(time)`, or from several runs.
+
+        Raises
+        ------
+        DecayError
+            The decay cannot support the request: too short, or forces of the same signature.
+        UsageError
+            The paper's rule for several runs: each has its own last frequency.
+        """
         asked = unknown_forces(library, self.reference_frequency)
-        measured = _measured(self, decay)
-        found = _first_order(self, measured, asked)
+        runs = [_Run(run, _measured(self, run)) for run in as_runs(decay)]
+        if self.frequency == "last" and len(runs) > 1:
+            raise UsageError("frequency='last' is a rule for one record; take 'fit' for several runs.")
+        found = _first_order(self, [run.measured for run in runs], asked)
         values, corrected, misfit = found.values, "no", found.misfit
         if self.correct:
-            values, corrected, misfit = _corrected(self, decay, asked, measured, found)
-        extra = {"misfit": (misfit, "1", "RMS of the averaged equations' residual over its error")}
+            values, corrected, misfit = _corrected(self, runs, asked, found)
+        noises = [float(run.measured.noise) for run in runs]
+        extra: dict[str, tuple[ArrayLike, str, str]] = {
+            "misfit": (misfit, "1", "RMS of the averaged equations' residual over its error"),
+            **run_noise(noises),
+        }
         spread = found.covariance * max(1.0, misfit) ** 2
-        estimate = Estimate(values[:-1], spread, float(values[-1]), found.noise, extra)
+        noise = root_mean_square(noises)
+        estimate = Estimate(values[:-1], spread, float(values[-1]), noise, extra)
         result = identification(self, decay, asked, estimate, offered=library)
         bias = found.values - values
         result["first_order_bias"] = (
@@ -83,35 +95,50 @@ class Averaging:
 
 
 @dataclass(frozen=True)
+class _Run:
+    """One decay and its envelope."""
+
+    decay: xr.Dataset
+    measured: xr.Dataset
+
+
+@dataclass(frozen=True)
 class _Averaged:
     """First-order estimate of (coefficients, reference frequency): values, their covariance by the noise.
 
-    `residual` : (equation,) what is left, of unit variance if it is noise; `freedom` : its degrees.
+    `residuals` : (equation,) of each run, what is left, of unit variance if it is noise; `freedom` : their
+    degrees.
     """
 
     values: Array
     covariance: Array
-    noise: float
-    residual: Array
+    residuals: list[Array]
     freedom: int
 
     @property
     def misfit(self) -> float:
         """RMS of the residual."""
-        return float(np.sqrt(np.sum(self.residual**2) / self.freedom))
+        return _misfit(self.residuals, self.freedom)
 
 
-def _first_order(method: Averaging, measured: xr.Dataset, library: ForceLibrary) -> _Averaged:
-    """The paper's least squares on the half periods of one decay."""
-    design, target = _averaged_equations(method, measured, library)
-    w = measured.frequency.values
+def _misfit(residuals: Sequence[Array], freedom: int) -> float:
+    return float(np.sqrt(sum(float(r @ r) for r in residuals) / freedom))
+
+
+def _first_order(method: Averaging, runs: Sequence[xr.Dataset], library: ForceLibrary) -> _Averaged:
+    """The paper's least squares on the half periods of all runs' envelopes."""
+    equations = [averaged_equations(measured, library, method.shapes) for measured in runs]
+    design, target = (np.concatenate(part) for part in zip(*equations, strict=True))
     last = method.frequency == "last" and method.reference_frequency is None
-    fixed = float(w[-1]) if last else method.reference_frequency
+    fixed = float(runs[0].frequency.values[-1]) if last else method.reference_frequency
     if fixed is not None:
         design, target = design[:, :-1], target - fixed * design[:, -1]
-    _check_rank(design, library.symbols, len(w))
+    _check_rank(design, library.symbols, len(target) // 2)
     plain: Array = np.asarray(np.linalg.lstsq(design, target, rcond=None)[0], dtype=float)
-    noise = _noise_of_equations(method, measured, library, plain[: len(library)])
+    noise = sp.block_diag(
+        [noise_of_equations(measured, library, method.shapes, plain[: len(library)]) for measured in runs],
+        format="csr",
+    )
     factor = whitener(noise)
     rows, y = whiten(factor, design), whiten(factor, target)
     if method.weighted and not last:
@@ -129,68 +156,10 @@ def _first_order(method: Averaging, measured: xr.Dataset, library: ForceLibrary)
         unknown = np.append(unknown, fixed)
         spread = np.pad(spread, (0, 1))
         if last:
-            spread[-1, -1] = measured.frequency_standard_error.values[-1] ** 2
+            spread[-1, -1] = runs[0].frequency_standard_error.values[-1] ** 2
     values, spread = _to_coefficients(library, unknown, spread, given=method.reference_frequency is not None)
-    return _Averaged(values, spread, float(measured.noise), residual, freedom)
-
-
-def _averaged_equations(
-    method: Averaging, measured: xr.Dataset, library: ForceLibrary
-) -> tuple[Array, Array]:
-    """Rows (rate and frequency of each instant, in turn) against (w c of each force, w)."""
-    a, w = measured.amplitude.values, measured.frequency.values
-    design = np.zeros((len(a), 2, len(library) + 1))
-    design[:, :, :-1] = _signature_columns(method, measured, library, a)
-    design[:, 1, -1] = 1.0
-    target = np.stack([measured.amplitude_rate.values, w], axis=1)
-    return design.reshape(-1, len(library) + 1), target.reshape(-1)
-
-
-def _signature_columns(
-    method: Averaging, measured: xr.Dataset, library: ForceLibrary, amplitude: Array
-) -> Array:
-    """L and M: <h sin phi> and <h cos phi>/a, (instant, 2, force)."""
-    t = measured.instant_time.values - measured.attrs["first_time"]
-    columns = np.zeros((len(amplitude), 2, len(library)))
-    low, high = np.floor(np.log2(amplitude.min())), np.ceil(np.log2(amplitude.max()))
-    for j, force in enumerate(library):
-        if force.degree is not None or force.holds_time:
-            sine, cosine = averages(force, amplitude, method.shapes, t)
-        else:
-            held = tuple(force.shape_values(method.shapes).items())
-            sine, cosine = _table(force, held, float(low), float(high))(np.log2(amplitude)).T
-        columns[:, 0, j], columns[:, 1, j] = sine, cosine / amplitude
-    return columns
-
-
-@lru_cache(maxsize=64)
-def _table(force: Force, held: tuple[tuple[str, float], ...], low: float, high: float) -> CubicSpline:
-    """Signature against log2 of the amplitude: a force that remembers takes a millisecond an amplitude."""
-    nodes = np.linspace(low, high, max(2, round(NODES_PER_OCTAVE * (high - low))) + 1)
-    shapes = {f"{force.symbol}.{name}": value for name, value in held}
-    return CubicSpline(nodes, np.stack(averages(force, 2.0**nodes, shapes), axis=1))
-
-
-def _noise_of_equations(
-    method: Averaging, measured: xr.Dataset, library: ForceLibrary, unknown: Array
-) -> sp.csr_matrix:
-    """How unit errors of the extrema and their times move each equation, (row, extrema then times)."""
-    slope = instant_derivatives(measured)
-    a = measured.amplitude.values
-    step = 1e-4 * a
-    near = [_signature_columns(method, measured, library, a + s * step) @ unknown for s in (-1.0, 1.0)]
-    steepness = (near[1] - near[0]) / (2.0 * step)[:, None]
-    by_amplitude = slope.amplitude_by_extremum.values
-    count = len(a)
-    rows = np.zeros((count, 2, 2, by_amplitude.shape[1]))
-    rows[:, 0, 0] = slope.amplitude_rate_by_extremum.values - steepness[:, :1] * by_amplitude
-    rows[:, 0, 1] = slope.amplitude_rate_by_time.values
-    rows[:, 1, 0] = -steepness[:, 1:] * by_amplitude
-    rows[:, 1, 1] = slope.frequency_by_time.values
-    errors = np.concatenate(
-        [measured.extremum_standard_error.values, measured.extremum_time_standard_error.values]
-    )
-    return sp.csr_matrix(rows.reshape(2 * count, -1) * errors)
+    ends = np.cumsum([len(part) for _, part in equations])[:-1]
+    return _Averaged(values, spread, np.split(residual, ends), freedom)
 
 
 def _check_rank(design: Array, symbols: tuple[str, ...], instants: int) -> None:
@@ -239,16 +208,20 @@ def _measured(method: Averaging, decay: xr.Dataset) -> xr.Dataset:
 
 
 def _corrected(
-    method: Averaging, decay: xr.Dataset, library: ForceLibrary, measured: xr.Dataset, found: _Averaged
+    method: Averaging, runs: Sequence[_Run], library: ForceLibrary, found: _Averaged
 ) -> tuple[Array, str, float]:
-    """Values whose simulated motion, averaged in the same way, gives what the record gave; their misfit."""
+    """Values whose simulated motions, averaged in the same way, give what the records gave; their misfit."""
     values = found.values
     errors = np.sqrt(np.diag(found.covariance)) * max(1.0, found.misfit) + 1e-300
-    time, angle = _first_swings(decay, float(values[-1]))
-    start = first_guess(time, angle, float(values[-1]))
+    frequency = float(values[-1])
+    starts = [first_guess(*_first_swings(run.decay, frequency), frequency) for run in runs]
     for _ in range(MAX_CORRECTIONS):
         try:
-            again = _first_order(method, _simulated(method, decay, library, measured, values, start), library)
+            moving = [
+                _simulated(method, run, library, values, start)
+                for run, start in zip(runs, starts, strict=True)
+            ]
+            again = _first_order(method, moving, library)
         except SysidTribError as error:
             return found.values, f"no: {error}", found.misfit
         step = found.values - again.values
@@ -257,9 +230,9 @@ def _corrected(
         values = values + step
         if np.all(np.abs(step) < 1e-3 * errors):
             # What half-sines and first order leave is in the simulation as well.
-            shared = min(len(found.residual), len(again.residual))
-            gap = found.residual[:shared] - again.residual[:shared]
-            return values, "yes", float(np.sqrt(np.sum(gap**2) / found.freedom))
+            pairs = zip(found.residuals, again.residuals, strict=True)
+            gaps = [one[: len(two)] - two[: len(one)] for one, two in pairs]
+            return values, "yes", _misfit(gaps, found.freedom)
     return found.values, "no: the correction did not settle", found.misfit
 
 
@@ -271,14 +244,10 @@ def _first_swings(decay: xr.Dataset, frequency: float) -> tuple[Array, Array]:
 
 
 def _simulated(
-    method: Averaging,
-    decay: xr.Dataset,
-    library: ForceLibrary,
-    measured: xr.Dataset,
-    values: Array,
-    start: tuple[float, float],
+    method: Averaging, run: _Run, library: ForceLibrary, values: Array, start: tuple[float, float]
 ) -> xr.Dataset:
     """The envelope of the model's motion, at the same half periods and with the record's error bars."""
+    decay, measured = run.decay, run.measured
     time = decay.time.values
     coefficients = dict(zip(library.symbols, values[:-1].tolist(), strict=True))
     model = Model(library, coefficients, float(values[-1]), method.shapes)

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from sysid_trib.decays.half_sines import usable_half_periods
 from sysid_trib.errors import DecayError, SimulationError, UsageError
@@ -35,7 +35,7 @@ from sysid_trib.regression.rows import (
 from sysid_trib.regression.selection import by_optimizer, significant, solved_by
 from sysid_trib.regression.weak_form import build_weak_form, smooth
 from sysid_trib.results import Estimate, identification
-from sysid_trib.runs import Decays, as_runs, root_mean_square, start_variables
+from sysid_trib.runs import Decays, as_runs, root_mean_square, run_noise, start_variables
 from sysid_trib.start import fit_start
 from sysid_trib.ties import dependent_columns
 
@@ -110,10 +110,12 @@ class Direct:
         else:
             runs, rows, active, refined = _weak_form(self, runs, asked)
         spread, in_band, lags = covariance(runs[0], rows, active)
-        noise = root_mean_square([run.problem.noise for run in runs])
+        noises = [run.problem.noise for run in runs]
+        noise = root_mean_square(noises)
         guesses = [run.guess for run in runs]
-        extra = {
+        extra: dict[str, tuple[ArrayLike, str, str]] = {
             "misfit": (in_band / noise, "1", "in-band residual over the noise of the record"),
+            **run_noise(noises),
             **start_variables([guess.start for guess in guesses], [guess.offset for guess in guesses]),
         }
         estimate = Estimate(guesses[0].coefficients, spread, guesses[0].frequency, noise, extra)

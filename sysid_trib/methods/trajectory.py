@@ -17,7 +17,7 @@ from sysid_trib.methods.motions import Problem, Record
 from sysid_trib.methods.unknowns import unknown_forces
 from sysid_trib.model import Model
 from sysid_trib.results import Estimate, identification, model_of
-from sysid_trib.runs import Decays, as_runs, root_mean_square, start_variables
+from sysid_trib.runs import Decays, as_runs, root_mean_square, run_noise, start_variables
 from sysid_trib.start import first_guess
 
 Array = NDArray[np.float64]
@@ -201,6 +201,7 @@ def _labelled(
     spreads = [float(np.std(left)) for left in residuals]
     extra = {
         **start_variables([(angle, rate) for angle, rate, _ in own], own[:, 2]),
+        **run_noise([noise / record.weight for record in problem.records]),
         "noise_of_sample": (spreads, "rad", "standard deviation of the residual"),
     }
     model = problem.model(unknown)

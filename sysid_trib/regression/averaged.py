@@ -1,0 +1,78 @@
+"""The averaged equations of one decay: amplitude rate and frequency of each instant, by the signatures."""
+
+from collections.abc import Mapping
+from functools import lru_cache
+
+import numpy as np
+import scipy.sparse as sp
+import xarray as xr
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from sysid_trib.decays.half_sines import instant_derivatives
+from sysid_trib.forces import Force, ForceLibrary
+from sysid_trib.signatures import averages
+
+Array = NDArray[np.float64]
+
+# A cubic spline through these is exact to 1e-10 rad, at a kink (Jenkins) to 1e-5.
+NODES_PER_OCTAVE = 64
+
+
+def averaged_equations(
+    measured: xr.Dataset, library: ForceLibrary, shapes: Mapping[str, float]
+) -> tuple[Array, Array]:
+    """Rows (rate and frequency of each instant, in turn) against (w c of each force, w)."""
+    a, w = measured.amplitude.values, measured.frequency.values
+    design = np.zeros((len(a), 2, len(library) + 1))
+    design[:, :, :-1] = _signature_columns(measured, library, shapes, a)
+    design[:, 1, -1] = 1.0
+    target = np.stack([measured.amplitude_rate.values, w], axis=1)
+    return design.reshape(-1, len(library) + 1), target.reshape(-1)
+
+
+def _signature_columns(
+    measured: xr.Dataset, library: ForceLibrary, shapes: Mapping[str, float], amplitude: Array
+) -> Array:
+    """L and M: <h sin phi> and <h cos phi>/a, (instant, 2, force)."""
+    t = measured.instant_time.values - measured.attrs["first_time"]
+    columns = np.zeros((len(amplitude), 2, len(library)))
+    low, high = np.floor(np.log2(amplitude.min())), np.ceil(np.log2(amplitude.max()))
+    for j, force in enumerate(library):
+        if force.degree is not None or force.holds_time:
+            sine, cosine = averages(force, amplitude, shapes, t)
+        else:
+            held = tuple(force.shape_values(shapes).items())
+            sine, cosine = _table(force, held, float(low), float(high))(np.log2(amplitude)).T
+        columns[:, 0, j], columns[:, 1, j] = sine, cosine / amplitude
+    return columns
+
+
+@lru_cache(maxsize=64)
+def _table(force: Force, held: tuple[tuple[str, float], ...], low: float, high: float) -> CubicSpline:
+    """Signature against log2 of the amplitude: a force that remembers takes a millisecond an amplitude."""
+    nodes = np.linspace(low, high, max(2, round(NODES_PER_OCTAVE * (high - low))) + 1)
+    shapes = {f"{force.symbol}.{name}": value for name, value in held}
+    return CubicSpline(nodes, np.stack(averages(force, 2.0**nodes, shapes), axis=1))
+
+
+def noise_of_equations(
+    measured: xr.Dataset, library: ForceLibrary, shapes: Mapping[str, float], unknown: Array
+) -> sp.csr_matrix:
+    """How unit errors of the extrema and their times move each equation, (row, extrema then times)."""
+    slope = instant_derivatives(measured)
+    a = measured.amplitude.values
+    step = 1e-4 * a
+    near = [_signature_columns(measured, library, shapes, a + s * step) @ unknown for s in (-1.0, 1.0)]
+    steepness = (near[1] - near[0]) / (2.0 * step)[:, None]
+    by_amplitude = slope.amplitude_by_extremum.values
+    count = len(a)
+    rows = np.zeros((count, 2, 2, by_amplitude.shape[1]))
+    rows[:, 0, 0] = slope.amplitude_rate_by_extremum.values - steepness[:, :1] * by_amplitude
+    rows[:, 0, 1] = slope.amplitude_rate_by_time.values
+    rows[:, 1, 0] = -steepness[:, 1:] * by_amplitude
+    rows[:, 1, 1] = slope.frequency_by_time.values
+    errors = np.concatenate(
+        [measured.extremum_standard_error.values, measured.extremum_time_standard_error.values]
+    )
+    return sp.csr_matrix(rows.reshape(2 * count, -1) * errors)
