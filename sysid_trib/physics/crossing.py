@@ -1,0 +1,145 @@
+"""Amplitudes at which two forces weigh the same."""
+
+import itertools
+from collections.abc import Callable
+
+import numpy as np
+import xarray as xr
+from scipy.optimize import brentq
+
+from sysid_trib.errors import LibraryError
+from sysid_trib.forces import Force
+from sysid_trib.physics.force_weights import peak
+from sysid_trib.physics.unknowns import Array, Unknowns, unknowns_of
+from sysid_trib.signatures import averages
+
+# Amplitudes (rad) among which a crossover is sought, and how finely: 20 a decade.
+LOWEST, HIGHEST, GRID = 1e-6, 10.0, 141
+RULES = ("peak force", "averaged")
+# Of ln a, for the slope of two weights that cross.
+STEP = 1e-4
+
+Size = Callable[[Array], Array]
+
+
+def crossovers(result: xr.Dataset) -> xr.Dataset:
+    """Amplitudes at which two forces weigh the same, by peak force and by what they do on average.
+
+    Parameters
+    ----------
+    result : an identification.
+
+    Returns
+    -------
+    Dataset over `pair` (coordinates `first`, `second`, and `acts_on`: envelope or frequency) and `rule`
+    (`peak force`, `averaged`): `amplitude` (rad, the smallest from 1e-6 to 10 rad; nan if there is none) with
+    `amplitude_standard_error`, `crossings`, how many there are, and over `pair` `opposed`, whether the two
+    act against each other at the averaged crossover; a pair of which one feeds and one damps then sustains
+    an oscillation there. Signs do not count for the amplitude. Forces with a past are in both groups.
+
+    Raises
+    ------
+    UsageError
+        Not an identification.
+
+    Notes
+    -----
+    Le Bot et al. 2019, Sec. 4, compares peak forces in the envelope, 2 zeta/delta and lambda/(2 zeta), and
+    averages in the frequency, 32 nu/(9 pi epsilon). By averages the first are 3 pi zeta/(4 delta) and
+    2 lambda/(pi zeta), by peak force the last is nu/epsilon.
+    """
+    found = unknowns_of(result)
+    at, rows, sizes = [], [], _Sizes(found)
+    for acts_on, kinds in (
+        ("envelope", ("dissipative", "mixed")),
+        ("frequency", ("conservative", "mixed")),
+    ):
+        group = [i for i, force in enumerate(found.forces) if force.character in kinds]
+        for pair in itertools.combinations(group, 2):
+            at.append((*(found.symbols[i] for i in pair), acts_on))
+            rows.append([_crossing(found, pair, [sizes(i, acts_on, rule) for i in pair]) for rule in RULES])
+    table = np.array(rows, dtype=float).reshape(-1, len(RULES), 4)
+    told = {"units": "rad", "long_name": "amplitude at which two forces weigh the same"}
+    error = told | {"long_name": "standard error of the amplitude"}
+    data = {
+        "amplitude": (("pair", "rule"), table[..., 0], told),
+        "amplitude_standard_error": (("pair", "rule"), table[..., 1], error),
+        "crossings": (("pair", "rule"), table[..., 2].astype(int), {"units": "1", "long_name": "crossings"}),
+        "opposed": ("pair", table[:, 1, 3] > 0, {"long_name": "whether they act against each other"}),
+    }
+    first, second, acts_on_each = (np.array([row[k] for row in at], dtype=str) for k in range(3))
+    return xr.Dataset(
+        data,
+        {
+            "pair": np.array([f"{one} {two} {kind}" for one, two, kind in at], dtype=str),
+            "rule": list(RULES),
+            "first": ("pair", first),
+            "second": ("pair", second),
+            "acts_on": ("pair", acts_on_each),
+        },
+        {"library": result.attrs["library"]},
+    )
+
+
+class _Sizes:
+    """Weight of each force with coefficient 1 as a function of amplitude, tabulated once."""
+
+    def __init__(self, found: Unknowns) -> None:
+        self.found = found
+        self.grid = np.geomspace(LOWEST, HIGHEST, GRID)
+        self.tables: dict[tuple[int, str, str], tuple[Size, Array]] = {}
+
+    def __call__(self, i: int, acts_on: str, rule: str) -> tuple[Size, Array]:
+        key = (i, acts_on if rule == "averaged" else "", rule)
+        if key not in self.tables:
+            size = self._size(self.found.forces[i], acts_on, rule)
+            self.tables[key] = size, size(self.grid)
+        return self.tables[key]
+
+    def _size(self, force: Force, acts_on: str, rule: str) -> Size:
+        def size(a: Array) -> Array:
+            if rule == "peak force":
+                return peak(force, a, self.found.shapes)
+            return averages(force, a, self.found.shapes)[0 if acts_on == "envelope" else 1]
+
+        def where_finite(a: Array) -> Array:
+            try:
+                return size(a)
+            except LibraryError:
+                # A gap or a limit of a formula: what lies beyond is no amplitude of this force.
+                return (
+                    np.full(1, np.nan) if a.size == 1 else np.concatenate([where_finite(p[None]) for p in a])
+                )
+
+        return where_finite
+
+
+def _crossing(
+    found: Unknowns, pair: tuple[int, ...], sizes: list[tuple[Size, Array]]
+) -> tuple[float, float, int, bool]:
+    """Smallest amplitude of equal weights, its error, how many there are, and whether they are opposed."""
+    c, spread = found.coefficients[list(pair)], found.spread[np.ix_(pair, pair)]
+
+    def difference(tables: list[Array]) -> Array:
+        with np.errstate(all="ignore"):
+            levels = [np.log(np.abs(k * table)) for k, table in zip(c, tables, strict=True)]
+            return levels[0] - levels[1]
+
+    def at(log_a: float) -> float:
+        return float(difference([size(np.array([np.exp(log_a)])) for size, _ in sizes])[0])
+
+    grid = np.log(np.geomspace(LOWEST, HIGHEST, GRID))
+    level = difference([table for _, table in sizes])
+    level[~np.isfinite(level)] = np.nan
+    turns = np.flatnonzero(np.sign(level[:-1]) * np.sign(level[1:]) < 0)
+    touched = np.flatnonzero(level == 0.0)
+    if not turns.size + touched.size or np.all(level[np.isfinite(level)] == 0.0):
+        return np.nan, np.nan, 0, False
+    roots = [*grid[touched], *(brentq(at, grid[i], grid[i + 1], xtol=1e-13) for i in turns)]
+    root = min(roots)
+    a = float(np.exp(root))
+    slope = (at(root + STEP) - at(root - STEP)) / (2.0 * STEP)
+    gradient = np.array([1.0, -1.0]) / c
+    error = a * float(np.sqrt(gradient @ spread @ gradient)) / abs(slope) if slope else np.nan
+    signed = [k * size(np.array([a]))[0] for k, (size, _) in zip(c, sizes, strict=True)]
+    return a, error, len(roots), bool(signed[0] * signed[1] < 0)

@@ -1,0 +1,72 @@
+"""The fingerprint of partial slip in a six-force model."""
+
+import numpy as np
+import xarray as xr
+from scipy.stats import norm
+
+from sysid_trib.errors import UsageError
+from sysid_trib.physics.unknowns import unknowns_of, with_error
+
+# nu/delta of a contact that slips from its rim inwards.
+SLIP_RATIO = -0.75 * np.pi
+# Below this probability of so large a difference by chance the ratio is another one.
+LEVEL = 0.01
+# A ratio tells something if its quadratic friction is so many errors from zero, and it is known this well.
+SIGNIFICANT = 3.0
+SHARP = 1.0 / 3.0
+
+
+def slip_fingerprint(result: xr.Dataset) -> xr.Dataset:
+    """Hold the ratio nu/delta against that of partial slip, -3 pi/4.
+
+    Parameters
+    ----------
+    result : an identification with the forces of formulas `x*abs(x)` (nu) and `v*abs(v)` (delta).
+
+    Returns
+    -------
+    Dataset with `ratio` and its standard error, `slip_ratio` = -3 pi/4, `z` and `p_value` of the difference,
+    `significance` of delta (its size over its error). attrs: `verdict`, which is `compatible`, `not
+    compatible` or `undecided` (the errors allow anything), and `numerator`, `denominator`, their symbols.
+
+    Raises
+    ------
+    UsageError
+        Not an identification, or one of the two forces is missing.
+
+    Notes
+    -----
+    A hysteresis of Masing's kind with the backbone k x - kappa x^2 (Mindlin's partial slip to leading order)
+    looks like delta = kappa/2 and nu = -3 pi kappa/8. z tests nu + (3 pi/4) delta = 0, which is sound also
+    where delta is not significant and the ratio has no symmetric error (Fieller). A nu of another cause, as a
+    magnet's, hides the fingerprint.
+    """
+    found = unknowns_of(result)
+    roles = [found.library.role(formula) for formula in ("x*abs(x)", "v*abs(v)")]
+    if roles[0] is None or roles[1] is None:
+        raise UsageError("The fingerprint of slip needs forces of formulas x*abs(x) and v*abs(v).")
+    symbols = [force.symbol for force in roles if force is not None]
+    at = [found.symbols.index(symbol) for symbol in symbols]
+    (nu, delta), spread = found.coefficients[at], found.spread[np.ix_(at, at)]
+    combination = np.array([1.0, -SLIP_RATIO])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = nu / delta
+        slope = np.array([1.0, -ratio]) / delta
+        error = np.sqrt(slope @ spread @ slope)
+        z = (combination @ [nu, delta]) / np.sqrt(combination @ spread @ combination)
+        significance = delta / np.sqrt(spread[1, 1])
+    p_value = float(2.0 * norm.sf(abs(z)))
+    known = abs(significance) >= SIGNIFICANT and error <= SHARP * abs(SLIP_RATIO)
+    # Slip takes energy: a quadratic friction that feeds it in is another thing.
+    other = p_value < LEVEL or significance <= -SIGNIFICANT
+    verdict = "not compatible" if other else "compatible" if known else "undecided"
+    data = with_error("ratio", (), (ratio, error), "1", f"{symbols[0]}/{symbols[1]}")
+    for name, value, told in (
+        ("slip_ratio", SLIP_RATIO, "ratio of partial slip"),
+        ("z", z, "difference from partial slip over its error"),
+        ("p_value", p_value, "probability of so large a difference by chance"),
+        ("significance", abs(significance), f"size of {symbols[1]} over its standard error"),
+    ):
+        data[name] = ((), float(value), {"units": "1", "long_name": told})
+    attrs = {"verdict": verdict, "numerator": symbols[0], "denominator": symbols[1]}
+    return xr.Dataset(data, attrs=attrs)

@@ -1,0 +1,109 @@
+"""How much each force weighs at an amplitude (Le Bot et al. 2019, Sec. 4)."""
+
+from collections.abc import Mapping
+from functools import lru_cache
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
+
+from sysid_trib.cycles.carrying import carry_along
+from sysid_trib.forces import Force
+from sysid_trib.physics.unknowns import Array, amplitudes, unknowns_of, with_error
+from sysid_trib.signatures import averages
+
+# Points of a cycle on which the peak of a force is sought; every maximum of a power of x or v is one of them.
+POINTS = 1440
+# A force with a past is followed over so many cycles, the last of which counts.
+CYCLES = 6
+POINTS_WITH_PAST = 360
+
+
+def weights(result: xr.Dataset, amplitude: ArrayLike, *, time: float = 0.0) -> xr.Dataset:
+    """Weigh the forces of an identification against each other, in envelope and in frequency.
+
+    Parameters
+    ----------
+    result : an identification.
+    amplitude : rad, a number or one row of them.
+    time : `t` of the formulas, s.
+
+    Returns
+    -------
+    Dataset over `force` (and `amplitude`): `peak_force` = |c| max |h| (rad; the paper's lambda, 2 zeta a,
+    delta a^2), `decay` = -c <h sin phi> (rad of amplitude lost per rad of phase), `frequency_shift` =
+    c <h cos phi>/a (1); `decay_share` and `frequency_share`, each over the sum of their sizes, negative where
+    a force feeds energy in or lowers the frequency, nan if none acts. Each with its standard error. All at the result's reference frequency, also an alpha that
+    was stated at another.
+
+    Raises
+    ------
+    UsageError
+        Not an identification, or not positive angles.
+    LibraryError
+        A force that is not finite on such a cycle.
+    """
+    found, a = unknowns_of(result), amplitudes(amplitude)
+    unit = np.array([averages(force, a, found.shapes, np.full(a.size, time)) for force in found.forces])
+    peaks = np.array([peak(force, a, found.shapes, time) for force in found.forces])
+    c, errors = found.coefficients[:, None], np.sqrt(np.diag(found.spread))[:, None]
+    dims = ("force", "amplitude")
+    # A zero without a sign.
+    decay, shift = 0.0 - unit[:, 0], unit[:, 1] / a + 0.0
+    data = (
+        with_error("peak_force", dims, (np.abs(c) * peaks, errors * peaks), "rad", "peak force")
+        | with_error("decay", dims, (c * decay, errors * np.abs(decay)), "rad", "loss of amplitude per rad")
+        | with_error("frequency_shift", dims, (c * shift, errors * np.abs(shift)), "1", "frequency shift")
+        | with_error("decay_share", dims, shares(c * decay, decay, found.spread), "1", "share in the decay")
+        | with_error(
+            "frequency_share", dims, shares(c * shift, shift, found.spread), "1", "share in the shift"
+        )
+    )
+    coords = {
+        "force": found.symbols,
+        "amplitude": ("amplitude", a, {"units": "rad", "long_name": "amplitude"}),
+    }
+    labelled = xr.Dataset(data, coords, {"library": result.attrs["library"]})
+    return labelled if np.ndim(amplitude) else labelled.isel(amplitude=0)
+
+
+def shares(terms: Array, unit: Array, spread: Array) -> tuple[Array, Array]:
+    """Each term, (force, amplitude), over the sum of their sizes, and its standard error.
+
+    `unit` are the terms of coefficients 1, `spread` the covariance of the coefficients.
+    """
+    size = np.abs(terms)
+    total = size.sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = terms / total + 0.0
+        # d share_i / d c_j = u_j (delta_ij - share_i sgn_j) / total
+        sign = np.where(terms < 0, -1.0, 1.0)
+        slope = (np.eye(len(terms))[:, :, None] - share[:, None, :] * sign[None]) * unit[None] / total
+    variance = np.einsum("ija,jk,ika->ia", slope, spread, slope)
+    return share, np.sqrt(np.maximum(variance, 0.0))
+
+
+def peak(force: Force, a: Array, shapes: Mapping[str, float], time: float = 0.0) -> Array:
+    """Largest |h| on the cycles of these amplitudes (rad), of a force with a past on its settled cycle."""
+    if force.degree is not None:
+        return np.asarray(_unit_peak(force) * a**force.degree)
+    if not force.memoryless:
+        return np.array([_settled_peak(force, amplitude, shapes, time) for amplitude in a.tolist()])
+    phi = 2.0 * np.pi * np.arange(POINTS) / POINTS
+    x, v = np.multiply.outer(a, np.cos(phi)), -np.multiply.outer(a, np.sin(phi))
+    return np.asarray(np.abs(force.value(x, v, time, shapes=shapes)).max(axis=1))
+
+
+@lru_cache(maxsize=1024)
+def _unit_peak(force: Force) -> float:
+    phi = 2.0 * np.pi * np.arange(POINTS) / POINTS
+    return float(np.abs(force.value(np.cos(phi), -np.sin(phi))).max())
+
+
+def _settled_peak(force: Force, a: float, shapes: Mapping[str, float], time: float) -> float:
+    tau = 2.0 * np.pi * np.arange(CYCLES * POINTS_WITH_PAST + 1) / POINTS_WITH_PAST
+    x, v = a * np.cos(tau), -a * np.sin(tau)
+    hidden = carry_along(force, tau, x, v, shapes, time=time)
+    last = slice(-POINTS_WITH_PAST, None)
+    past = {name: value[last] for name, value in hidden.items()}
+    return float(np.abs(force.value(x[last], v[last], time, shapes=shapes, hidden=past)).max())

@@ -1,0 +1,186 @@
+"""Identification in sliding windows, to see whether the coefficients stay the same during a decay."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from scipy.stats import chi2, norm
+
+from sysid_trib.decays.half_periods import HalfPeriods
+from sysid_trib.decays.half_sines import usable_half_periods
+from sysid_trib.errors import DecayError, SysidTribError, UsageError
+from sysid_trib.forces import ForceLibrary
+from sysid_trib.identification import Method
+from sysid_trib.model import rescaling_factors
+from sysid_trib.physics.unknowns import Array, Variables, propagated, unknowns_of, with_error
+
+SHORTEST = 3.0
+
+
+def sliding_coefficients(
+    decay: xr.Dataset,
+    library: ForceLibrary,
+    method: Method,
+    *,
+    window_periods: float = 10.0,
+    overlap: float = 0.5,
+) -> xr.Dataset:
+    """Identify a decay in sliding windows, and test whether its coefficients are constant.
+
+    Parameters
+    ----------
+    decay : `angle(time)` in rad, as `free_decay` returns it.
+    library, method : as for `identify`. With the method's `reference_frequency` the frequency is held in
+        every window, and a change of the linear stiffness shows in the force of formula `x`; without it the
+        frequency is fitted in every window and shows it itself.
+    window_periods : length of a window in periods, at least 3.
+    overlap : part of a window that it shares with the next, 0 to less than 1.
+
+    Returns
+    -------
+    Dataset over `window` (coordinates `window_time`, its centre in s, and `amplitude`, mean in rad) and
+    `force`: `coefficient`, `standard_error`, all referred to the one `common_frequency` (rad/s) although each
+    window's method has its own; `reference_frequency(window)` (rad/s) with its error; `reason(window)`, why
+    the method could not decide, its numbers being nan; `apart(window)`, the windows of the tests. Tests of
+    each force over these: `chi_square`, `degrees_of_freedom`, `p_value` of a constant coefficient,
+    `trend` (per s) with its error, `trend_p_value`.
+
+    Raises
+    ------
+    UsageError
+        A window or overlap that makes no sense.
+    DecayError
+        The decay is shorter than two windows, or no window can be decided.
+
+    Notes
+    -----
+    Windows that overlap share their noise: only windows that do not enter the tests. In a decay, time and
+    amplitude go together: a coefficient that drifts may also be a force that depends on amplitude in another
+    way. `t` in a formula counts from each window's first sample.
+    """
+    if not (np.isfinite(window_periods) and window_periods >= SHORTEST and 0.0 <= overlap < 1.0):
+        raise UsageError(
+            f"window_periods={window_periods} must be at least {SHORTEST:g}, overlap={overlap} from 0 to "
+            "less than 1."
+        )
+    time = decay.time.values.astype(float)
+    halves = usable_half_periods(
+        time, decay.angle.values.astype(float), str(decay.attrs.get("source", "decay"))
+    )
+    length = 2.0 * window_periods * float(np.median(halves.duration))
+    starts = time[0] + np.arange(0.0, time[-1] - time[0] - length + 1e-9, length * (1.0 - overlap))
+    if starts.size < 2 or starts[-1] - starts[0] < 0.999 * length:
+        raise DecayError(
+            f"Two windows of {window_periods:g} periods ({length:.3g} s) do not fit into "
+            f"{time[-1] - time[0]:.3g} s; take shorter ones."
+        )
+    found, reasons = zip(*_identified(decay, library, method, starts, length), strict=True)
+    decided = [result for result in found if result is not None]
+    if not decided:
+        raise DecayError(f"No window could be decided; in the first: {reasons[0]}")
+    table = _converted(found, decided)
+    table["reason"] = ("window", list(reasons), {"long_name": "why the window could not be decided"})
+    table["apart"] = ("window", _apart(starts, length), {"long_name": "whether it enters the tests"})
+    centre = {"units": "s", "long_name": "centre of the window"}
+    mean = {"units": "rad", "long_name": "mean amplitude in the window"}
+    table = table.assign_coords(
+        window=np.arange(starts.size),
+        window_time=("window", starts + 0.5 * length, centre),
+        amplitude=("window", _mean_amplitudes(halves, starts, length), mean),
+    )
+    return table.assign(_tests(table)).assign_attrs(decided[0].attrs)
+
+
+def _identified(
+    decay: xr.Dataset, library: ForceLibrary, method: Method, starts: Array, length: float
+) -> Iterator[tuple[xr.Dataset | None, str]]:
+    time = decay.time.values
+    for start in starts:
+        first, last = np.searchsorted(time, (start - 1e-9, start + length + 1e-9))
+        try:
+            yield method.identify(decay.isel(time=slice(int(first), int(last))), library), ""
+        except SysidTribError as error:
+            yield None, str(error)
+
+
+def _converted(found: tuple[xr.Dataset | None, ...], decided: list[xr.Dataset]) -> xr.Dataset:
+    """Coefficients and errors of every window at the mean of the windows' reference frequencies."""
+    common = _common_frequency(decided)
+    symbols = decided[0].force.values.tolist()
+    values = np.full((2, len(found), len(symbols)), np.nan)
+    frequency = np.full((2, len(found)), np.nan)
+    for i, result in enumerate(found):
+        if result is None:
+            continue
+        unknowns = unknowns_of(result)
+        forces = unknowns.forces
+
+        def at_common(z: Array, forces: Any = forces) -> Array:
+            factors = rescaling_factors(forces, float(z[-1]), common)
+            # A force that cannot be converted keeps the window's own frequency.
+            return np.asarray(z[:-1] * np.where(np.isfinite(factors), factors, 1.0))
+
+        values[:, i] = propagated(at_common, unknowns.values, unknowns.covariance)
+        frequency[:, i] = unknowns.frequency, np.sqrt(unknowns.covariance[-1, -1])
+    own, dims = {"units": "see the coordinate unit"}, ("window", "force")
+    data: Variables = {
+        "coefficient": (dims, values[0], own | {"long_name": "coefficient"}),
+        "standard_error": (dims, values[1], own | {"long_name": "standard error of the coefficient"}),
+        "common_frequency": ((), common, {"units": "rad/s", "long_name": "frequency they all refer to"}),
+    }
+    data |= with_error(
+        "reference_frequency", dims[:1], (frequency[0], frequency[1]), "rad/s", "frequency of the window"
+    )
+    return xr.Dataset(data, {"force": symbols, "unit": ("force", decided[0]["unit"].values)})
+
+
+def _common_frequency(decided: list[xr.Dataset]) -> float:
+    """Mean of the windows' reference frequencies by their precision, rad/s."""
+    w = np.array([result.reference_frequency.item() for result in decided])
+    errors = np.array([result.reference_frequency_standard_error.item() for result in decided])
+    return float(np.average(w, weights=errors**-2.0 if np.all(errors > 0) else None))
+
+
+def _apart(starts: Array, length: float) -> Array:
+    """The windows, from the first on, that share no sample."""
+    chosen = np.zeros(starts.size, dtype=bool)
+    free = -np.inf
+    for i, start in enumerate(starts):
+        if start >= free - 1e-6 * length:
+            chosen[i], free = True, start + length
+    return chosen
+
+
+def _mean_amplitudes(halves: HalfPeriods, starts: Array, length: float) -> Array:
+    middle = 0.5 * (halves.crossing[1:] + halves.crossing[:-1])
+    inside = [(middle >= start) & (middle < start + length) for start in starts]
+    return np.array([np.abs(halves.peak[i]).mean() if i.any() else np.nan for i in inside])
+
+
+def _tests(table: xr.Dataset) -> Variables:
+    """Chi-square of a constant and slope in time, force by force, over the windows that stand apart."""
+    usable = table.apart.values & (table.reason.values == "")
+    c, error = table.coefficient.values[usable], table.standard_error.values[usable]
+    count, t = int(usable.sum()), table.window_time.values[usable]
+    with np.errstate(all="ignore"):
+        weight = 1.0 / error**2
+        mean = (weight * c).sum(axis=0) / weight.sum(axis=0)
+        square = (weight * (c - mean) ** 2).sum(axis=0)
+        away = t[:, None] - (weight * t[:, None]).sum(axis=0) / weight.sum(axis=0)
+        size = (weight * away**2).sum(axis=0)
+        trend, spread = (weight * away * c).sum(axis=0) / size, 1.0 / np.sqrt(size)
+    enough = count > 1
+    p_value = chi2.sf(square, count - 1) if enough else np.full(square.shape, np.nan)
+    trend_p = 2.0 * norm.sf(np.abs(trend / spread)) if enough else np.full(square.shape, np.nan)
+    told = {
+        "mean_coefficient": (mean, "see the coordinate unit", "weighted mean of the coefficient"),
+        "chi_square": (square, "1", "chi-square of a constant coefficient"),
+        "p_value": (p_value, "1", "probability of so large a chi-square by chance"),
+        "trend": (trend, "per s", "slope of the coefficient in time"),
+        "trend_standard_error": (spread, "per s", "standard error of the slope"),
+        "trend_p_value": (trend_p, "1", "probability of so large a slope by chance"),
+    }
+    found: Variables = {k: (("force",), v, {"units": u, "long_name": n}) for k, (v, u, n) in told.items()}
+    freedom = {"units": "1", "long_name": "degrees of freedom of each chi-square"}
+    return found | {"degrees_of_freedom": ((), max(count - 1, 0), freedom)}
