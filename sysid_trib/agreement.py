@@ -16,6 +16,7 @@ from sysid_trib.errors import SimulationError, SysidTribError
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.quantities import FREQUENCY, in_model, quantities, stated_covariance
 from sysid_trib.results import NOT_KEPT, library_of, model_of
+from sysid_trib.runs import noise_of_run, one_or_all
 from sysid_trib.simulation import trajectory
 from sysid_trib.start import FittedMotion, first_guess, fit_start
 from sysid_trib.ties import exactly_dependent, indistinguishable, without_signature
@@ -28,12 +29,12 @@ SAMPLES_PER_PERIOD = 60
 LEFT = 2.0
 
 
-def fitted_motion(decay: xr.Dataset, result: xr.Dataset) -> FittedMotion | None:
-    """Motion of an identified model, its start and the sensor's zero fitted; None if it diverges."""
+def fitted_motion(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> FittedMotion | None:
+    """Motion of an identified model in a run, start and sensor's zero fitted; None if it diverges."""
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
     frequency = result.reference_frequency.item()
     if "start_angle" in result:
-        start = (result.start_angle.item(), result.start_rate.item())
+        start = (float(np.ravel(result.start_angle)[run]), float(np.ravel(result.start_rate)[run]))
     else:
         start = first_guess(time, angle, frequency)
     try:
@@ -43,14 +44,17 @@ def fitted_motion(decay: xr.Dataset, result: xr.Dataset) -> FittedMotion | None:
 
 
 def comparison(
-    decay: xr.Dataset,
+    runs: Sequence[xr.Dataset],
     results: Sequence[xr.Dataset],
-    motions: Sequence[FittedMotion | None],
+    motions: Sequence[Sequence[FittedMotion | None]],
     *,
     draws: int,
     seed: int,
 ) -> xr.Dataset:
-    """Difference of two identifications, force by force and as a whole (see `cross_check`)."""
+    """Difference of two identifications, force by force and as a whole (see `cross_check`).
+
+    `motions` : of each result, in each run.
+    """
     first, second = results
     shared = [s for s in first.force.values.tolist() if s in second.force.values.tolist()]
     kept = [s for s in shared if in_model(first, s) and in_model(second, s)]
@@ -63,11 +67,11 @@ def comparison(
     truth = (
         None
         if failed
-        else next(((r, m) for r, m in zip(results[::-1], motions[::-1], strict=True) if m is not None), None)
+        else next(((r, m) for r, m in zip(results[::-1], motions[::-1], strict=True) if None not in m), None)
     )
     expected, scatter = np.full(count, np.nan), np.full((count, count), np.nan)
     if truth is not None:
-        expected, scatter = _scatter(decay, results, truth, kept, draws=draws, seed=seed)
+        expected, scatter = _scatter(runs, results, truth, kept, draws=draws, seed=seed)
     error = np.sqrt(np.diag(scatter))
     excess = difference - expected
     # One method with and without its bias: nothing else differs.
@@ -125,11 +129,29 @@ def residuals(
     return xr.Dataset(variables, {"model": list(names)})
 
 
-def ties(decay: xr.Dataset, result: xr.Dataset) -> dict[str, str]:
+def pooled(each: Sequence[xr.Dataset]) -> xr.Dataset:
+    """`residuals` of several runs as one, those of each run beside it with the dimension `run`.
+
+    RMS over the runs, the earliest departure, and the least p-value times the number of runs (Bonferroni).
+    """
+    if len(each) == 1:
+        return each[0]
+    runs = xr.concat(each, "run")
+    whole = xr.Dataset(
+        {name: np.sqrt((runs[name] ** 2).mean("run")) for name in ("residual_rms", "residual_over_noise")}
+    )
+    whole["departure_time"] = runs.departure_time.min("run")
+    whole["residual_p_value"] = np.minimum(1.0, len(each) * runs.residual_p_value.min("run"))
+    for name in whole.data_vars:
+        whole[name].attrs = each[0][name].attrs
+    return whole.merge(runs.rename({name: f"run_{name}" for name in runs.data_vars}))
+
+
+def ties(runs: Sequence[xr.Dataset], result: xr.Dataset) -> dict[str, str]:
     """Forces that averaging, or any method, cannot tell apart by principle."""
     library = library_of(result)
     shapes = model_of(result).shapes
-    size = float(np.max(np.abs(decay.angle.values)))
+    size = max(float(np.max(np.abs(run.angle.values))) for run in runs)
 
     def told(groups: Sequence[Sequence[str]]) -> str:
         return "; ".join(" = ".join(group) for group in groups)
@@ -142,22 +164,26 @@ def ties(decay: xr.Dataset, result: xr.Dataset) -> dict[str, str]:
 
 
 def _scatter(
-    decay: xr.Dataset,
+    runs: Sequence[xr.Dataset],
     results: Sequence[xr.Dataset],
-    truth: tuple[xr.Dataset, FittedMotion],
+    truth: tuple[xr.Dataset, Sequence[FittedMotion | None]],
     kept: Sequence[str],
     *,
     draws: int,
     seed: int,
 ) -> tuple[Array, Array]:
     """Mean difference without noise, and covariance of the difference over noisy records of a known model."""
-    result, motion = truth
+    result, motions = truth
     model, library = model_of(result), library_of(result, whole=True)
     library = library.select([s for s in library.symbols if s in (*kept, *_stiffness(library))])
-    time, noise = _coarse(decay, result)
-    exact = trajectory(model, time, motion.angle, motion.rate).angle
+    noises = [_coarse(run, result, at) for at, run in enumerate(runs)]
+    exact = [
+        trajectory(model, time, motion.angle, motion.rate).angle
+        for (time, _), motion in zip(noises, motions, strict=True)
+        if motion is not None
+    ]
     random = np.random.default_rng(seed)
-    best = [_at_its_best(decay, r, library) for r in results]
+    best = [_at_its_best(runs, r, library) for r in results]
     frequency = result.reference_frequency.item()
 
     def difference(pair: Sequence[xr.Dataset]) -> Array:
@@ -167,18 +193,23 @@ def _scatter(
     def stacked(pair: Sequence[xr.Dataset]) -> Array:
         return np.stack([quantities(r, kept, frequency) for r in pair])
 
-    def identified(angle: Array) -> list[xr.Dataset]:
-        record = xr.Dataset({"angle": ("time", angle)}, {"time": time})
-        return [method.identify(record, library) for method, _ in best]
+    def identified(strength: float) -> list[xr.Dataset]:
+        records = [
+            xr.Dataset(
+                {"angle": ("time", x + strength * noise * random.standard_normal(len(x)))}, {"time": t}
+            )
+            for x, (t, noise) in zip(exact, noises, strict=True)
+        ]
+        return [method.identify(one_or_all(records), library) for method, _ in best]
 
     # The bias that a method left in is what it would have removed; what remains shows without noise.
     expected = difference(results) - difference([r for _, r in best])
     with suppress(SysidTribError):
-        expected = expected + difference(identified(exact))
+        expected = expected + difference(identified(0.0))
     found = []
     for _ in range(draws):
         try:
-            found.append(stacked(identified(exact + noise * random.standard_normal(len(time)))))
+            found.append(stacked(identified(1.0)))
         except SysidTribError:
             continue
     if len(found) < 3:
@@ -191,7 +222,9 @@ def _scatter(
     return expected, scatter
 
 
-def _at_its_best(decay: xr.Dataset, result: xr.Dataset, library: ForceLibrary) -> tuple[Any, xr.Dataset]:
+def _at_its_best(
+    runs: Sequence[xr.Dataset], result: xr.Dataset, library: ForceLibrary
+) -> tuple[Any, xr.Dataset]:
     """Method and result with the removal of bias that was left off: its scatter is calibrated."""
     method = method_of(result)
     off = {name: True for name in ("correct", "refine") if getattr(method, name, True) is False}
@@ -199,7 +232,7 @@ def _at_its_best(decay: xr.Dataset, result: xr.Dataset, library: ForceLibrary) -
         return method, result
     try:
         better = replace(method, **off)
-        return better, better.identify(decay, library)
+        return better, better.identify(one_or_all(runs), library)
     except SysidTribError:
         return method, result
 
@@ -222,14 +255,14 @@ def _stiffness(library: Any) -> tuple[str, ...]:
     return () if force is None else (force.symbol,)
 
 
-def _coarse(decay: xr.Dataset, result: xr.Dataset) -> tuple[Array, float]:
+def _coarse(decay: xr.Dataset, result: xr.Dataset, run: int) -> tuple[Array, float]:
     """Times of a record of the same length with fewer samples, and the noise of their local means."""
-    time = decay.time.values.astype(float)
+    time, noise = decay.time.values.astype(float), noise_of_run(result, run)
     period = 2.0 * np.pi / result.asymptotic_frequency.item()
     most = int(SAMPLES_PER_PERIOD * (time[-1] - time[0]) / period) + 2
     if len(time) <= most:
-        return time, result.noise.item()
-    return np.linspace(time[0], time[-1], most), result.noise.item() * np.sqrt(most / len(time))
+        return time, noise
+    return np.linspace(time[0], time[-1], most), noise * np.sqrt(most / len(time))
 
 
 def _departure(time: Array, gap: Array, noise: float, motion: FittedMotion) -> float:

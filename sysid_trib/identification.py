@@ -1,14 +1,17 @@
 """Identify the forces of a decay, and hold two identifications of it against each other."""
 
-from typing import Protocol
+from collections.abc import Sequence
+from typing import Any, Protocol
 
 import numpy as np
 import xarray as xr
 
-from sysid_trib.agreement import comparison, fitted_motion, residuals, ties
+from sysid_trib.agreement import comparison, fitted_motion, pooled, residuals, ties
 from sysid_trib.decays.half_sines import envelope
 from sysid_trib.errors import UsageError
 from sysid_trib.forces import ForceLibrary
+from sysid_trib.runs import Decays, as_runs, group_names, noise_of_run
+from sysid_trib.start import FittedMotion
 
 # Below this probability of a larger difference by chance the methods are said to disagree.
 LEVEL = 0.01
@@ -20,16 +23,17 @@ LARGE = 1.5
 class Method(Protocol):
     """An identification method: a frozen object with its options."""
 
-    def identify(self, decay: xr.Dataset, library: ForceLibrary) -> xr.Dataset:
-        """Identify the forces of `library` from a decay with `angle(time)`."""
+    def identify(self, decay: Any, library: ForceLibrary) -> xr.Dataset:
+        """Identify the forces of `library` from a decay with `angle(time)`, or from several if it can."""
 
 
-def identify(decay: xr.Dataset, library: ForceLibrary, method: Method) -> xr.Dataset:
-    """Identify the forces of a library from a decay by one method.
+def identify(decay: Decays, library: ForceLibrary, method: Method) -> xr.Dataset:
+    """Identify the forces of a library from a decay, or from runs of one experiment, by one method.
 
     Parameters
     ----------
-    decay : `angle(time)` in rad, as `free_decay` returns it.
+    decay : `angle(time)` in rad, as `free_decay` returns it; or a list of runs, which share their forces and
+        reference frequency, but have a start, a sensor's zero and a noise of their own.
     library : the forces offered.
     method : e.g. `methods.Direct()`.
 
@@ -37,7 +41,8 @@ def identify(decay: xr.Dataset, library: ForceLibrary, method: Method) -> xr.Dat
     -------
     Dataset with `coefficient(force)` (dimensionless unless its `unit` says otherwise),
     `standard_error(force)`, `covariance(force, other_force)`, `active(force)`, `refers_to(force)` (rad/s),
-    scalars `reference_frequency`, `asymptotic_frequency` (rad/s), `noise` (rad); provenance in its attrs.
+    scalars `reference_frequency`, `asymptotic_frequency` (rad/s), `noise` (rad, RMS over the runs);
+    provenance in its attrs. Whether runs agree: `run_agreement`.
 
     Raises
     ------
@@ -54,20 +59,21 @@ def identify(decay: xr.Dataset, library: ForceLibrary, method: Method) -> xr.Dat
 
 
 def cross_check(
-    decay: xr.Dataset, first: xr.Dataset, second: xr.Dataset, *, draws: int = 32, seed: int = 0
+    decay: Decays, first: xr.Dataset, second: xr.Dataset, *, draws: int = 32, seed: int = 0
 ) -> xr.DataTree:
-    """Hold two identifications of one decay against each other.
+    """Hold two identifications of one decay, or of the same runs, against each other.
 
     Parameters
     ----------
-    decay : the decay that both are from.
+    decay : the decay, or the runs, that both are from.
     first, second : identifications, e.g. by averaging and direct.
     draws, seed : simulated records of the second's model with its noise, on which both methods are run; the
         scatter of their difference is its error. Both saw the same noise, so their errors do not simply add.
 
     Returns
     -------
-    DataTree with groups `record` (with each model's simulated angle), `envelope`, one group a method, and
+    DataTree with groups `record` (with each model's simulated angle), `envelope` (`record_1`, `envelope_1`,
+    `record_2`, ... of several runs), one group a method, and
     `comparison`: over `quantity` (each force, and the asymptotic frequency) the `difference` first - second
     at the first's reference frequency, the `expected_difference` (biases of the methods, on a simulated
     record without noise), the `standard_error` of the difference and `z`; `chi_square`,
@@ -85,27 +91,37 @@ def cross_check(
     z = (difference - expected_difference)/standard_error; chi-square with the covariance of the scatter, its
     p-value by Hotelling's distribution because that covariance is estimated from `draws` records.
     """
-    results = (first, second)
+    runs, results = as_runs(decay), (first, second)
     names = [result.attrs["method"] for result in results]
     if names[0] == names[1]:
         names = [f"{names[0]}_1", f"{names[1]}_2"]
-    motions = [fitted_motion(decay, result) for result in results]
-    compared = comparison(decay, results, motions, draws=draws, seed=seed)
-    compared = compared.merge(residuals(decay, names, motions, second.noise.item()))
+    motions = [[fitted_motion(run, result, at) for at, run in enumerate(runs)] for result in results]
+    compared = comparison(runs, results, motions, draws=draws, seed=seed)
+    moving = list(zip(*motions, strict=True))
+    each = [
+        residuals(run, names, of_run, noise_of_run(second, at))
+        for at, (run, of_run) in enumerate(zip(runs, moving, strict=True))
+    ]
+    compared = compared.merge(pooled(each))
     p_value = compared.p_value.item()
     verdict = "unknown" if np.isnan(p_value) else "agree" if p_value >= LEVEL else "disagree"
     compared.attrs = {"first": names[0], "second": names[1], "verdict": verdict, "draws": draws, "seed": seed}
-    compared.attrs |= {"explained": _explained(compared)} | ties(decay, second)
-    record = decay.assign_coords(model=names)
+    compared.attrs |= {"explained": _explained(compared)} | ties(runs, second)
+    records = [_with_motions(run, names, of_run) for run, of_run in zip(runs, moving, strict=True)]
+    groups = dict(zip(group_names("record", len(runs)), records, strict=True))
+    groups |= dict(zip(group_names("envelope", len(runs)), [envelope(run) for run in runs], strict=True))
+    return xr.DataTree.from_dict({**groups, names[0]: first, names[1]: second, "comparison": compared})
+
+
+def _with_motions(
+    decay: xr.Dataset, names: Sequence[str], motions: Sequence[FittedMotion | None]
+) -> xr.Dataset:
+    """The record with the angle of each model, nan of one that diverges."""
+    record = decay.assign_coords(model=list(names))
     lost = np.full(decay.sizes["time"], np.nan)
     simulated = np.stack([lost if motion is None else motion.x + motion.offset for motion in motions])
-    record["simulated_angle"] = (
-        ("model", "time"),
-        simulated,
-        {"units": "rad", "long_name": "angle of the model"},
-    )
-    groups = {"record": record, "envelope": envelope(decay), names[0]: first, names[1]: second}
-    return xr.DataTree.from_dict({**groups, "comparison": compared})
+    told = {"units": "rad", "long_name": "angle of the model"}
+    return record.assign(simulated_angle=(("model", "time"), simulated, told))
 
 
 def _explained(compared: xr.Dataset) -> str:

@@ -54,3 +54,18 @@ def run_noise(noises: Sequence[float]) -> Mapping[str, tuple[ArrayLike, str, str
     if len(noises) == 1:
         return {}
     return {"run_noise": (noises, "rad", "standard deviation of the noise of the run")}
+
+
+def noise_of_run(result: xr.Dataset, run: int) -> float:
+    """Noise of one run of an identification, rad."""
+    return float(result.run_noise.values[run]) if "run_noise" in result else float(result.noise)
+
+
+def one_or_all(runs: Sequence[xr.Dataset]) -> Decays:
+    """The decay itself where there is but one."""
+    return runs[0] if len(runs) == 1 else list(runs)
+
+
+def group_names(name: str, count: int) -> list[str]:
+    """Names of the runs' groups in a tree: `record`, or `record_1`, `record_2`, ... of several."""
+    return [name] if count == 1 else [f"{name}_{at + 1}" for at in range(count)]
