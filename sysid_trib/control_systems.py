@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from sysid_trib.errors import UsageError
 from sysid_trib.forces import Force
 from sysid_trib.model import Model
-from sysid_trib.physics.unknowns import Variables, check_quantity, propagated, unknowns_of, with_error
+from sysid_trib.physics.quantities import Variables, check_quantity, propagated, with_error
+from sysid_trib.physics.unknowns import unknowns_of
 from sysid_trib.results import model_of
 from sysid_trib.signatures import averages
 
@@ -46,8 +47,8 @@ def to_nonlinear_system(
 
     Notes
     -----
-    Simulate with `solve_ivp_method="LSODA"` and tight tolerances, `solve_ivp_kwargs={"rtol": 1e-10,
-    "atol": 1e-12}`; once dry friction holds the oscillator the integrator chatters: `simulate` is exact there.
+    Simulate with `solve_ivp_method="LSODA"` and `solve_ivp_kwargs={"rtol": 1e-10, "atol": 1e-12}`; once dry
+    friction holds the oscillator the integrator chatters: `simulate` is exact there.
     """
     import control
 
@@ -89,8 +90,8 @@ def linearise(
 
     Returns
     -------
-    System with states and outputs `theta` (rad), `theta_dot` (rad/s) and the input `torque`; at rest also with
-    the internal states of the forces that are kept. About a cycle `t` in a formula is zero.
+    System with states and outputs `theta` (rad), `theta_dot` (rad/s) and the input `torque`; at rest also
+    with the internal states of the forces that are kept. About a cycle `t` in a formula is zero.
 
     Raises
     ------

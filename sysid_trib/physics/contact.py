@@ -4,7 +4,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.errors import UsageError
-from sysid_trib.physics.unknowns import Array, check_quantity, propagated, with_error
+from sysid_trib.physics.quantities import Array, check_quantity, propagated, with_error
 
 
 def contact_stiffness(

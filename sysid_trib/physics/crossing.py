@@ -10,7 +10,8 @@ from scipy.optimize import brentq
 from sysid_trib.errors import LibraryError
 from sysid_trib.forces import Force
 from sysid_trib.physics.force_weights import peak
-from sysid_trib.physics.unknowns import Array, Unknowns, unknowns_of
+from sysid_trib.physics.quantities import Array
+from sysid_trib.physics.unknowns import Unknowns, unknowns_of
 from sysid_trib.signatures import averages
 
 # Amplitudes (rad) among which a crossover is sought, and how finely: 20 a decade.

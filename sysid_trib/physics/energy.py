@@ -6,15 +6,8 @@ from numpy.typing import ArrayLike
 
 from sysid_trib.errors import SimulationError, UsageError
 from sysid_trib.physics.force_weights import shares
-from sysid_trib.physics.unknowns import (
-    Array,
-    Unknowns,
-    amplitudes,
-    check_quantity,
-    propagated,
-    unknowns_of,
-    with_error,
-)
+from sysid_trib.physics.quantities import Array, amplitudes, check_quantity, propagated, with_error
+from sysid_trib.physics.unknowns import Unknowns, unknowns_of
 from sysid_trib.prediction import predict_envelope
 from sysid_trib.signatures import averages
 from sysid_trib.simulation import trajectory
@@ -115,7 +108,7 @@ def arrest_time(result: xr.Dataset, amplitude: float) -> xr.Dataset:
         return _averaged_end(found, values, start)
 
     at = ends(found.values)
-    end, error = found.propagated(ends) if np.isfinite(at) else (at, np.nan)
+    end, error = propagated(ends, found.values, found.covariance) if np.isfinite(at) else (at, np.nan)
     data = with_error("arrest_time", (), (float(end), float(error)), "s", "arrest of the averaged motion")
     stop = _exact_end(found, start, float(end))
     told = {"units": "s", "long_name": "stop of the exact motion"}

@@ -5,7 +5,8 @@ import xarray as xr
 from scipy.stats import norm
 
 from sysid_trib.errors import UsageError
-from sysid_trib.physics.unknowns import unknowns_of, with_error
+from sysid_trib.physics.quantities import with_error
+from sysid_trib.physics.unknowns import unknowns_of
 
 # nu/delta of a contact that slips from its rim inwards.
 SLIP_RATIO = -0.75 * np.pi

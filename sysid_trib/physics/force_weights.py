@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike
 
 from sysid_trib.cycles.carrying import carry_along
 from sysid_trib.forces import Force
-from sysid_trib.physics.unknowns import Array, amplitudes, unknowns_of, with_error
+from sysid_trib.physics.quantities import Array, amplitudes, with_error
+from sysid_trib.physics.unknowns import unknowns_of
 from sysid_trib.signatures import averages
 
 # Points of a cycle on which the peak of a force is sought; every maximum of a power of x or v is one of them.
@@ -32,9 +33,9 @@ def weights(result: xr.Dataset, amplitude: ArrayLike, *, time: float = 0.0) -> x
     -------
     Dataset over `force` (and `amplitude`): `peak_force` = |c| max |h| (rad; the paper's lambda, 2 zeta a,
     delta a^2), `decay` = -c <h sin phi> (rad of amplitude lost per rad of phase), `frequency_shift` =
-    c <h cos phi>/a (1); `decay_share` and `frequency_share`, each over the sum of their sizes, negative where
-    a force feeds energy in or lowers the frequency, nan if none acts. Each with its standard error. All at the result's reference frequency, also an alpha that
-    was stated at another.
+    c <h cos phi>/a (1); `decay_share` and `frequency_share`, each over the sum of their sizes, negative
+    where a force feeds energy in or lowers the frequency, nan if none acts. Each with its standard error.
+    All at the result's reference frequency, also an alpha that was stated at another.
 
     Raises
     ------

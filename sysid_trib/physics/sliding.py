@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from scipy.stats import chi2, norm
 
 from sysid_trib.decays.half_periods import HalfPeriods
 from sysid_trib.decays.half_sines import usable_half_periods
@@ -13,7 +12,9 @@ from sysid_trib.errors import DecayError, SysidTribError, UsageError
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.identification import Method
 from sysid_trib.model import rescaling_factors
-from sysid_trib.physics.unknowns import Array, Variables, propagated, unknowns_of, with_error
+from sysid_trib.physics.constant import constancy, windows_apart
+from sysid_trib.physics.quantities import Array, Variables, propagated, with_error
+from sysid_trib.physics.unknowns import unknowns_of
 
 SHORTEST = 3.0
 
@@ -81,7 +82,7 @@ def sliding_coefficients(
         raise DecayError(f"No window could be decided; in the first: {reasons[0]}")
     table = _converted(found, decided)
     table["reason"] = ("window", list(reasons), {"long_name": "why the window could not be decided"})
-    table["apart"] = ("window", _apart(starts, length), {"long_name": "whether it enters the tests"})
+    table["apart"] = ("window", windows_apart(starts, length), {"long_name": "whether it enters the tests"})
     centre = {"units": "s", "long_name": "centre of the window"}
     mean = {"units": "rad", "long_name": "mean amplitude in the window"}
     table = table.assign_coords(
@@ -89,7 +90,7 @@ def sliding_coefficients(
         window_time=("window", starts + 0.5 * length, centre),
         amplitude=("window", _mean_amplitudes(halves, starts, length), mean),
     )
-    return table.assign(_tests(table)).assign_attrs(decided[0].attrs)
+    return table.assign(constancy(table)).assign_attrs(decided[0].attrs)
 
 
 def _identified(
@@ -142,45 +143,7 @@ def _common_frequency(decided: list[xr.Dataset]) -> float:
     return float(np.average(w, weights=errors**-2.0 if np.all(errors > 0) else None))
 
 
-def _apart(starts: Array, length: float) -> Array:
-    """The windows, from the first on, that share no sample."""
-    chosen = np.zeros(starts.size, dtype=bool)
-    free = -np.inf
-    for i, start in enumerate(starts):
-        if start >= free - 1e-6 * length:
-            chosen[i], free = True, start + length
-    return chosen
-
-
 def _mean_amplitudes(halves: HalfPeriods, starts: Array, length: float) -> Array:
     middle = 0.5 * (halves.crossing[1:] + halves.crossing[:-1])
     inside = [(middle >= start) & (middle < start + length) for start in starts]
     return np.array([np.abs(halves.peak[i]).mean() if i.any() else np.nan for i in inside])
-
-
-def _tests(table: xr.Dataset) -> Variables:
-    """Chi-square of a constant and slope in time, force by force, over the windows that stand apart."""
-    usable = table.apart.values & (table.reason.values == "")
-    c, error = table.coefficient.values[usable], table.standard_error.values[usable]
-    count, t = int(usable.sum()), table.window_time.values[usable]
-    with np.errstate(all="ignore"):
-        weight = 1.0 / error**2
-        mean = (weight * c).sum(axis=0) / weight.sum(axis=0)
-        square = (weight * (c - mean) ** 2).sum(axis=0)
-        away = t[:, None] - (weight * t[:, None]).sum(axis=0) / weight.sum(axis=0)
-        size = (weight * away**2).sum(axis=0)
-        trend, spread = (weight * away * c).sum(axis=0) / size, 1.0 / np.sqrt(size)
-    enough = count > 1
-    p_value = chi2.sf(square, count - 1) if enough else np.full(square.shape, np.nan)
-    trend_p = 2.0 * norm.sf(np.abs(trend / spread)) if enough else np.full(square.shape, np.nan)
-    told = {
-        "mean_coefficient": (mean, "see the coordinate unit", "weighted mean of the coefficient"),
-        "chi_square": (square, "1", "chi-square of a constant coefficient"),
-        "p_value": (p_value, "1", "probability of so large a chi-square by chance"),
-        "trend": (trend, "per s", "slope of the coefficient in time"),
-        "trend_standard_error": (spread, "per s", "standard error of the slope"),
-        "trend_p_value": (trend_p, "1", "probability of so large a slope by chance"),
-    }
-    found: Variables = {k: (("force",), v, {"units": u, "long_name": n}) for k, (v, u, n) in told.items()}
-    freedom = {"units": "1", "long_name": "degrees of freedom of each chi-square"}
-    return found | {"degrees_of_freedom": ((), max(count - 1, 0), freedom)}

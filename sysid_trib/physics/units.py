@@ -4,15 +4,8 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.forces import Force
-from sysid_trib.physics.unknowns import (
-    Array,
-    Unknowns,
-    Variables,
-    check_quantity,
-    propagated,
-    unknowns_of,
-    with_error,
-)
+from sysid_trib.physics.quantities import Array, Variables, check_quantity, propagated, with_error
+from sysid_trib.physics.unknowns import Unknowns, unknowns_of
 
 
 def physical_units(result: xr.Dataset, inertia: float, *, inertia_standard_error: float = 0.0) -> xr.Dataset:
@@ -37,8 +30,8 @@ def physical_units(result: xr.Dataset, inertia: float, *, inertia_standard_error
     Notes
     -----
     A force of degree q in v is the torque I w^(2-q) c h(theta, theta'), theta' in rad/s; a numerical factor
-    of a power law goes to the coefficient: 2 zeta I w. One without such a degree is I w^2 c h(theta, theta'/w).
-    Errors hold those of w and of the inertia.
+    of a power law goes to the coefficient: 2 zeta I w. One without such a degree is
+    I w^2 c h(theta, theta'/w). Errors hold those of w and of the inertia.
     """
     check_quantity("inertia", inertia, inertia_standard_error)
     found = unknowns_of(result)

@@ -1,23 +1,17 @@
 """The unknowns of an identification at one reference frequency, their covariance, and its propagation."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from sysid_trib.errors import UsageError
 from sysid_trib.forces import Force, ForceLibrary
 from sysid_trib.model import Model, rescaling_factors
+from sysid_trib.physics.quantities import Array
 from sysid_trib.results import asymptotic_frequency, library_of
-
-Array = NDArray[np.float64]
-Variables = dict[str, tuple[tuple[str, ...], ArrayLike, dict[str, str]]]
-
-# Of a standard error, and of the value itself: the step of a numerical derivative.
-STEP = 1e-3
-LEAST_STEP = 1e-7
 
 
 @dataclass(frozen=True)
@@ -63,30 +57,10 @@ class Unknowns:
         return self.covariance[:-1, :-1]
 
     def model(self, values: Array) -> Model:
-        """The model with these values of the unknowns."""
-        pairs = zip(self.symbols, values[:-1].tolist(), self.within, strict=True)
-        return Model(self.library, {s: c for s, c, own in pairs if own}, float(values[-1]), self.shapes)
-
-    def propagated(self, function: Callable[[Array], ArrayLike]) -> tuple[Array, Array]:
-        """Values of a function of the unknowns, and their standard errors (see `propagated`)."""
-        return propagated(function, self.values, self.covariance)
-
-
-def propagated(
-    function: Callable[[Array], ArrayLike], values: Array, covariance: Array
-) -> tuple[Array, Array]:
-    """A function's values and standard errors, to first order, by central differences."""
-    at = np.asarray(function(values), dtype=float)
-    errors = np.sqrt(np.diag(covariance))
-    moved = np.flatnonzero(errors > 0)
-    slopes = np.zeros((*at.shape, len(values)))
-    for i in moved:
-        step = np.zeros(len(values))
-        step[i] = max(STEP * errors[i], LEAST_STEP * abs(values[i]))
-        above, below = (np.asarray(function(values + s * step), dtype=float) for s in (1.0, -1.0))
-        slopes[..., i] = (above - below) / (2.0 * step[i])
-    variance = np.einsum("...i,ij,...j->...", slopes, covariance, slopes)
-    return at, np.sqrt(np.maximum(variance, 0.0))
+        """The model with these values of the unknowns, of the forces that are in it."""
+        chosen = self.within & (self.coefficients != 0.0)
+        pairs = zip(self.symbols, values[:-1].tolist(), chosen, strict=True)
+        return Model(self.library, {s: c for s, c, yes in pairs if yes}, float(values[-1]), self.shapes)
 
 
 def unknowns_of(result: xr.Dataset) -> Unknowns:
@@ -146,39 +120,3 @@ def _as_stated(result: xr.Dataset, library: ForceLibrary, own: NDArray[np.bool_]
         whole[:count, -1] = whole[-1, :count] = slope * its_error**2
         whole[-1, -1] = its_error**2
     return whole
-
-
-def amplitudes(amplitude: ArrayLike) -> Array:
-    """Amplitudes as a row; UsageError unless they are positive angles, a number or one row of them."""
-    a = np.asarray(amplitude, dtype=float)
-    if a.ndim > 1 or a.size == 0 or not np.all(np.isfinite(a) & (a > 0)):
-        raise UsageError("Amplitudes must be positive angles in rad: a number or one row of numbers.")
-    return np.atleast_1d(a)
-
-
-def check_quantity(name: str, value: float, error: float, *, positive: bool = True) -> None:
-    """Refuse a quantity that is not a finite positive number, or an error that is negative.
-
-    Raises
-    ------
-    UsageError
-        Either of them.
-    """
-    if not np.isfinite(value) or (positive and value <= 0):
-        raise UsageError(f"The {name} must be a positive number, not {value}.")
-    if not (np.isfinite(error) and error >= 0):
-        raise UsageError(f"The standard error of the {name} must be a number >= 0, not {error}.")
-
-
-def with_error(
-    name: str, dims: tuple[str, ...], found: tuple[ArrayLike, ArrayLike], units: str, long_name: str
-) -> Variables:
-    """A labelled variable and its `..._standard_error`."""
-    return {
-        name: (dims, found[0], {"units": units, "long_name": long_name}),
-        f"{name}_standard_error": (
-            dims,
-            found[1],
-            {"units": units, "long_name": f"standard error of the {long_name}"},
-        ),
-    }

@@ -11,8 +11,8 @@ from sysid_trib.physics.crossing import crossovers
 from sysid_trib.physics.energy import arrest_time, dissipated_energy
 from sysid_trib.physics.fingerprint import SIGNIFICANT, slip_fingerprint
 from sysid_trib.physics.force_weights import weights
+from sysid_trib.physics.quantities import amplitudes
 from sysid_trib.physics.units import physical_units
-from sysid_trib.physics.unknowns import amplitudes
 from sysid_trib.printing.layout import number, value_with_error
 from sysid_trib.results import library_of
 
@@ -68,29 +68,30 @@ def as_data(result: xr.Dataset, amplitude: ArrayLike, inertia: float | None = No
 
     Returns
     -------
-    `weights` and `energy` (lists, one entry an amplitude), `crossovers` (a list), `arrest`, and where they
-    apply `slip_fingerprint` and `physical_units`. Each number is a float or has `value` and `standard_error`.
+    `weights` and `energy` (lists, one entry an amplitude), `crossovers` (a list) and `arrest`, or in their
+    place `refused`, why there are none; where they apply `slip_fingerprint` and `physical_units`. Each number
+    is a float or has `value` and `standard_error`.
 
     Raises
     ------
     UsageError
         As `told`.
-    LibraryError
-        A force that is not finite on such a cycle.
     """
     a = amplitudes(amplitude)
     ends = sorted({float(a.max()), float(a.min())}, reverse=True)
-    data: dict[str, Any] = {
-        "weights": [_weights_data(result, end) for end in ends],
-        "energy": [_energy_data(result, end, inertia) for end in ends],
-        "crossovers": _crossovers_data(crossovers(result)),
-    }
-    end = arrest_time(result, ends[0])
-    data["arrest"] = {
-        "amplitude": ends[0],
-        "arrest_time": _pair(end, "arrest_time"),
-        "stop_time": number(end.stop_time.item()),
-    }
+    data: dict[str, Any] = {}
+    try:
+        data["weights"] = [_weights_data(result, end) for end in ends]
+        data["energy"] = [_energy_data(result, end, inertia) for end in ends]
+        data["crossovers"] = _crossovers_data(crossovers(result))
+        stop = arrest_time(result, ends[0])
+        data["arrest"] = {
+            "amplitude": ends[0],
+            "arrest_time": _pair(stop, "arrest_time"),
+            "stop_time": number(stop.stop_time.item()),
+        }
+    except LibraryError as error:
+        data = {"refused": str(error)}
     if _holds_fingerprint(result):
         slip = slip_fingerprint(result)
         scalars = {k: number(slip[k].item()) for k in ("slip_ratio", "z", "p_value", "significance")}
