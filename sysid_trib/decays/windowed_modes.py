@@ -1,0 +1,173 @@
+"""Instantaneous frequency, decay rate and amplitude by the eigensystem realisation algorithm on windows."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+import xarray as xr
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from sysid_trib.decays.half_periods import FloatArray, noise_level, quantisation_step
+from sysid_trib.decays.half_sines import usable_half_periods
+from sysid_trib.errors import DecayError
+
+ComplexArray = NDArray[np.complex128]
+
+# The Hankel matrix of a window has about 60 rows and columns: two periods of at least so many samples.
+SAMPLES = 122
+
+
+@dataclass(frozen=True)
+class Windows:
+    """The mode of each window: the motion is the real part of a multiple of exp(exponent t).
+
+    Attributes
+    ----------
+    middle : (window,) s; exponent : (window,) 1/s, complex; amplitude, amplitude_error : (window,) rad, in
+        the middle.
+    influence : (window, mean) of unit errors of the means of samples on the exponent.
+    noise, sample_noise : rad, of one mean and of one sample.
+    """
+
+    middle: FloatArray
+    exponent: ComplexArray
+    amplitude: FloatArray
+    amplitude_error: FloatArray
+    influence: sp.csr_matrix
+    noise: float
+    sample_noise: float
+
+
+def windowed_modes(decay: xr.Dataset) -> xr.Dataset:
+    """Frequency, decay rate and amplitude against time, without a model (Juang & Pappa 1985).
+
+    Parameters
+    ----------
+    decay : `angle(time)` about its equilibrium; motion that is locally that of a damped linear oscillator.
+
+    Returns
+    -------
+    Dataset over `era_window`, windows of two periods half a period apart: `window_time` (s, the middle),
+    `window_frequency` (rad/s), `window_decay_rate` (1/s), `window_amplitude` (rad); all but the time with
+    their `..._standard_error`. Neighbouring windows share samples, and so their errors.
+
+    Raises
+    ------
+    DecayError
+        The decay has fewer than three windows, or too few samples in a half period.
+    """
+    return table(fit_windows(decay))
+
+
+def table(windows: Windows) -> xr.Dataset:
+    """Windows as `windowed_modes` gives them."""
+    rate, turn = (
+        windows.noise * np.sqrt(np.asarray(part.multiply(part).sum(axis=1)).ravel())
+        for part in (windows.influence.real, windows.influence.imag)
+    )
+    result = xr.Dataset()
+    result["window_time"] = (
+        "era_window",
+        windows.middle,
+        {"units": "s", "long_name": "middle of the window"},
+    )
+    for name, value, error, units, told in (
+        ("frequency", windows.exponent.imag, turn, "rad/s", "instantaneous frequency"),
+        ("decay_rate", -windows.exponent.real, rate, "s-1", "instantaneous decay rate"),
+        ("amplitude", windows.amplitude, windows.amplitude_error, "rad", "amplitude"),
+    ):
+        result[f"window_{name}"] = ("era_window", value, {"units": units, "long_name": told})
+        about = {"units": units, "long_name": f"standard error of the {told}"}
+        result[f"window_{name}_standard_error"] = ("era_window", error, about)
+    return result
+
+
+def fit_windows(decay: xr.Dataset) -> Windows:
+    """The mode of every window of a decay (see `windowed_modes`)."""
+    source = str(decay.attrs.get("source", "decay"))
+    time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
+    halves = usable_half_periods(time, angle, source)
+    step = (time[-1] - time[0]) / (len(time) - 1)
+    period = 2.0 * float(np.mean(halves.duration))
+    if period < 10.0 * step:
+        raise DecayError(f"{source}: fewer than five samples in a half period; sample faster.")
+    noise = max(noise_level(time, angle), quantisation_step(angle) / np.sqrt(12.0))
+    if np.ptp(np.diff(time)) > 1e-6 * step:
+        even = time[0] + step * np.arange(len(time))
+        time, angle = even, CubicSpline(time, angle)(even)
+    # A second sample within a sixtieth of a period tells nothing that the mean of both does not.
+    block = max(1, round(2.0 * period / step / SAMPLES))
+    first, last = np.searchsorted(time, halves.crossing[[0, -1]])
+    count = int(last - first) // block
+    used = slice(first, first + count * block)
+    coarse, y = (values[used].reshape(count, block).mean(axis=1) for values in (time, angle))
+    length = round(2.0 * period / (block * step))
+    starts = np.arange(0, count - length + 1, max(1, round(0.25 * length)))
+    if len(starts) < 3:
+        raise DecayError(f"{source}: fewer than three windows of two periods; give a longer record.")
+    return _windows(coarse, y, starts, length, block, noise)
+
+
+def _windows(
+    time: FloatArray, y: FloatArray, starts: NDArray[np.int64], length: int, block: int, noise: float
+) -> Windows:
+    step = float(time[1] - time[0])
+    rows, found = [], []
+    for start in starts:
+        part = y[start : start + length]
+        root = _root(part)
+        if root is None:
+            continue
+        exponent = np.log(root) / step
+        centred = np.arange(length) - 0.5 * (length - 1)
+        mode = np.exp(exponent * step * centred)
+        design = np.stack([mode.real, -mode.imag], axis=1)
+        size, inverse = np.linalg.lstsq(design, part, rcond=None)[0], np.linalg.inv(design.T @ design)
+        inner = (np.arange(block) - 0.5 * (block - 1)) * step / block
+        passed = abs(np.mean(np.exp(exponent * inner)))
+        amplitude = np.hypot(*size)
+        error = np.sqrt(size @ inverse @ size) / amplitude
+        row = sp.csr_matrix(
+            _influence(root, complex(*size) / root ** (0.5 * (length - 1)), length) / (root * step)
+        )
+        row.indices = row.indices + start
+        rows.append(sp.csr_matrix((row.data, row.indices, row.indptr), (1, len(y))))
+        middle = time[start] + 0.5 * (length - 1) * step
+        found.append((middle, exponent, amplitude / passed, error / passed))
+    if len(found) < 3:
+        raise DecayError("Fewer than three windows hold an oscillation; the noise is too large.")
+    middle, exponents, amplitudes, errors = (np.array(column) for column in zip(*found, strict=True))
+    less = noise / np.sqrt(block)
+    influence = sp.csr_matrix(sp.vstack(rows))
+    return Windows(middle.real, exponents, amplitudes.real, less * errors.real, influence, less, noise)
+
+
+def _root(part: FloatArray) -> complex | None:
+    """Factor by which the mode of a window goes on from one sample to the next; None if it does not turn."""
+    from control import eigensys_realization
+
+    size = _hankel(len(part))
+    system, _ = eigensys_realization(part, r=2, m=size, n=size)
+    roots = np.linalg.eigvals(system.A)
+    return complex(roots[np.argmax(roots.imag)]) if np.any(roots.imag > 0.0) else None
+
+
+def _hankel(length: int) -> int:
+    return (length - 2) // 2
+
+
+def _influence(root: complex, weight: complex, length: int) -> ComplexArray:
+    """Of unit errors of the samples on the root, to first order in the noise: (sample,).
+
+    The samples are the real part of weight root^l. Errors of the Hankel matrices act on an eigenvalue by its
+    left and right vectors, columns of pseudo-inverse Vandermonde matrices.
+    """
+    size = _hankel(length)
+    powers = np.power.outer(np.array([root, np.conj(root)]), np.arange(size))
+    left = np.linalg.pinv(powers.T)[0]
+    both = np.convolve(left, left) / (0.5 * weight * root)
+    influence = np.zeros(length, dtype=complex)
+    influence[2 : 2 + len(both)] += both
+    influence[1 : 1 + len(both)] -= root * both
+    return influence

@@ -1,0 +1,165 @@
+"""Conservative forces from the shift of the frequency with the amplitude (Vasko et al. 2018)."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from sysid_trib.errors import DecayError
+from sysid_trib.forces import Force, ForceLibrary
+from sysid_trib.library_files import parse_library
+from sysid_trib.methods.classical import labelled, one_record
+from sysid_trib.methods.indirect import Found, Law, find
+from sysid_trib.methods.wu_decrement import energy_balance
+from sysid_trib.model import Model
+from sysid_trib.regression.relations import Equations
+from sysid_trib.signatures import averages
+
+Array = NDArray[np.float64]
+
+# What lets the simulated amplitude shrink as the record's: not looked for, and no matter why it does.
+DAMPING = parse_library(
+    {
+        "force": [
+            {"symbol": f"damping_beside_{p}", "formula": formula}
+            for p, formula in enumerate(("sign(v)", "2*v", "v*abs(v)"))
+        ]
+    },
+    "damping of frequency_shift",
+)
+VISCOUS = 1
+# (w_inf/w)^2 of a motion that hardly swings.
+SMALLEST = 1e-2
+
+
+@dataclass(frozen=True)
+class FrequencyShift:
+    """Conservative forces from w(a) = w_inf (1 + sum of c <h cos phi>/a).
+
+    Parameters
+    ----------
+    reference_frequency : w in rad/s without contact, held: coefficients refer to it, and the library's force
+        of formula `x` is an unknown. Without it they refer to the undamped w fitted.
+    correct : whether the bias of half-sines and averaging is removed (see `indirect.find`).
+    shapes : values of shape parameters, which are held.
+
+    Notes
+    -----
+    Solid, viscous and quadratic friction that follow the envelope are found beside, for the simulation and
+    for w_inf = w sqrt(1 + alpha - zeta^2), and are not reported.
+    """
+
+    ASSUMES: ClassVar[str] = "conservative forces alone shift the frequency, whatever damps the motion"
+
+    reference_frequency: float | None = None
+    correct: bool = True
+    shapes: Mapping[str, float] = field(default_factory=dict)
+
+    def identify(self, decay: xr.Dataset, library: ForceLibrary) -> xr.Dataset:
+        """Identify the conservative forces of `library` from a decay with `angle(time)`.
+
+        Raises
+        ------
+        DecayError
+            The library has no conservative force but that of formula `x`, or they look the same.
+        UsageError
+            Several decays.
+        """
+        decay = one_record(decay, "Frequency shift")
+        stiffness = library.role("x")
+        asked = library.select(f.symbol for f in library if _is_conservative(f) and f is not stiffness)
+        if not len(asked):
+            raise DecayError(
+                "Frequency shift wants a nonlinear conservative force, and the library has none."
+            )
+        law = _damped_law(asked, self.shapes)
+        found = find(law, decay, self.correct)
+        limit = _limit(found)
+        found = _without_damping(found, len(asked))
+        if self.reference_frequency is not None:
+            asked, found = _referred(found, asked, stiffness, self.reference_frequency)
+        result = labelled(self, decay, asked, found, library)
+        for name, value in zip(
+            ("asymptotic_frequency", "asymptotic_frequency_standard_error"), limit, strict=True
+        ):
+            result[name] = result[name].copy(data=value)
+        return result
+
+
+def _is_conservative(force: Force) -> bool:
+    return force.kind == "force" and force.character == "conservative" and not force.holds_time
+
+
+def _shifts(library: ForceLibrary, shapes: Mapping[str, float]) -> Equations:
+    """Frequency of every period against w_inf c of each force, and w_inf."""
+
+    def frequencies(extremum: Array, time: Array) -> tuple[Array, Array]:
+        a = 0.5 * (extremum[2:] + extremum[:-2])
+        columns = [averages(force, a, shapes)[1] / a for force in library]
+        return np.stack([*columns, np.ones_like(a)], axis=1), 2.0 * np.pi / (time[2:] - time[:-2])
+
+    return frequencies
+
+
+def _damped_law(library: ForceLibrary, shapes: Mapping[str, float]) -> Law:
+    """Shift of the frequency, and friction that the simulated amplitude shrinks by as the record's."""
+    whole = ForceLibrary("conservative forces, damped", (*library.forces, *DAMPING.forces))
+    count = len(library)
+
+    def values(unknown: Array) -> Array:
+        damping = unknown[count + 1 :]
+        # Undamped, the frequency would be higher than w_inf.
+        w = unknown[count] / np.sqrt(max(1.0 - damping[VISCOUS] ** 2, SMALLEST))
+        return np.concatenate([unknown[:count] * unknown[count] / w**2, damping, [w]])
+
+    def model(found: Array) -> Model:
+        coefficients = dict(zip(whole.symbols, found[:-1].tolist(), strict=True))
+        return Model(whole, coefficients, float(found[-1]), shapes)
+
+    return Law((_shifts(library, shapes), energy_balance(DAMPING)), values, model)
+
+
+def _limit(found: Found) -> tuple[float, float]:
+    """Frequency at vanishing amplitude and its standard error, rad/s."""
+    at = len(found.values) - 1 - len(DAMPING) + VISCOUS
+    w, viscous = found.values[-1], found.values[at]
+    root = np.sqrt(max(1.0 - viscous**2, SMALLEST))
+    gradient = np.zeros(len(found.values))
+    gradient[at], gradient[-1] = -w * viscous / root, root
+    return float(w * root), float(np.sqrt(gradient @ found.covariance @ gradient))
+
+
+def _without_damping(found: Found, count: int) -> Found:
+    """What was found of the `count` conservative forces and the frequency, with their misfit."""
+    keep = np.array([*range(count), -1])
+    return replace(
+        found,
+        values=found.values[keep],
+        bias=found.bias[keep],
+        covariance=found.covariance[np.ix_(keep, keep)],
+        misfits=found.misfits[:1],
+        misfit=found.misfits[0],
+    )
+
+
+def _referred(
+    found: Found, library: ForceLibrary, stiffness: Force | None, reference: float
+) -> tuple[ForceLibrary, Found]:
+    """Coefficients that refer to a frequency given, and the force of formula `x` if there is one."""
+    limit = found.values[-1]
+    ratio = (limit / reference) ** 2
+    forces = library.forces if stiffness is None else (stiffness, *library.forces)
+    count = len(library)
+    jacobian = np.zeros((len(forces) + 1, count + 1))
+    jacobian[-1 - count : -1, :-1] = ratio * np.eye(count)
+    jacobian[-1 - count : -1, -1] = 2.0 * ratio * found.values[:-1] / limit
+    values = np.append(found.values[:-1] * ratio, reference)
+    bias = np.append(found.bias[:-1] * ratio, 0.0)
+    if stiffness is not None:
+        jacobian[0, -1] = 2.0 * ratio / limit
+        values, bias = np.append(ratio - 1.0, values), np.append(2.0 * ratio * found.bias[-1] / limit, bias)
+    spread = jacobian @ found.covariance @ jacobian.T
+    return replace(library, forces=forces), replace(found, values=values, bias=bias, covariance=spread)

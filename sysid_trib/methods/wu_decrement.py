@@ -1,0 +1,75 @@
+"""Decrement of solid friction beside powers of the speed (Wu et al. 2007)."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from sysid_trib.errors import DecayError
+from sysid_trib.forces import Force, ForceLibrary
+from sysid_trib.methods.classical import identified, law_of_forces, needed, one_record
+from sysid_trib.regression.relations import Equations
+from sysid_trib.signatures import averages
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class WuDecrement:
+    """Solid friction and all powers of the speed in a library from the decrement, and the frequency.
+
+    Parameters
+    ----------
+    correct : whether the bias of half-sines and energy balance is removed (see `indirect.find`).
+
+    Notes
+    -----
+    The energy that a half period loses is the work of the forces along a sine of the mean amplitude a:
+    |X_i| - |X_i+1| = sum of c_p B_p a^p for forces c_p |v|^p sign(v), B_p = integral of sin^(p+1) over half a
+    period: 2 lambda + pi zeta a + (4/3) delta a^2. All powers are unknowns at once.
+    """
+
+    ASSUMES: ClassVar[str] = "solid friction, powers of the speed and a linear spring, nothing else"
+
+    correct: bool = True
+
+    def identify(self, decay: xr.Dataset, library: ForceLibrary) -> xr.Dataset:
+        """Identify `sign(v)` and all powers of the speed of `library` from a decay with `angle(time)`.
+
+        Raises
+        ------
+        DecayError
+            The library lacks solid friction or any other power, or the decay has too few half periods.
+        UsageError
+            Several decays.
+        """
+        decay = one_record(decay, "Wu's decrement")
+        needed(library, "sign(v)", "Wu's decrement")
+        asked = library.select(force.symbol for force in library if _is_power(force))
+        if len(asked) < 2:
+            raise DecayError("Wu's decrement wants a power of the speed beside sign(v), as 2*v or v*abs(v).")
+        law = law_of_forces(asked, energy_balance(asked), _values)
+        return identified(self, decay, asked, law, library)
+
+
+def energy_balance(library: ForceLibrary) -> Equations:
+    """Equations of the decrement for powers of the speed."""
+    unit = [(-np.pi * averages(force, np.ones(1))[0].item(), force.degree or 0.0) for force in library]
+
+    def decrements(extremum: Array, time: Array) -> tuple[Array, Array]:
+        mean = 0.5 * (extremum[1:] + extremum[:-1])
+        return np.stack([b * mean**p for b, p in unit], axis=1), -np.diff(extremum)
+
+    return decrements
+
+
+def _is_power(force: Force) -> bool:
+    powers = force.degree is not None and force.degree == force.speed_degree
+    return powers and force.kind == "force" and force.character == "dissipative"
+
+
+def _values(unknown: Array) -> Array:
+    """From coefficients and half a period (s) to coefficients and w, with the shift by viscous friction."""
+    return np.append(unknown[:-1], np.pi / unknown[-1])
