@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from sysid_trib.bounds import cramer_rao_bound
     from sysid_trib.decays.free_decay import free_decay
     from sysid_trib.decays.half_sines import envelope
+    from sysid_trib.differences import difference, run_agreement
     from sysid_trib.example import paper_twin
     from sysid_trib.feature_library import ForceFeatures
     from sysid_trib.forces import Force, ForceLibrary
@@ -35,6 +36,7 @@ _HOME = {
     "Model": "model",
     "cramer_rao_bound": "bounds",
     "cross_check": "identification",
+    "difference": "differences",
     "envelope": "decays.half_sines",
     "free_decay": "decays.free_decay",
     "identify": "identification",
@@ -47,6 +49,7 @@ _HOME = {
     "plots": "",
     "predict_envelope": "prediction",
     "read_record": "records",
+    "run_agreement": "differences",
     "save": "result_files",
     "scale_translation": "records",
     "signature": "signatures",
@@ -61,6 +64,7 @@ __all__ = [
     "Model",
     "cramer_rao_bound",
     "cross_check",
+    "difference",
     "envelope",
     "free_decay",
     "identify",
@@ -73,6 +77,7 @@ __all__ = [
     "plots",
     "predict_envelope",
     "read_record",
+    "run_agreement",
     "save",
     "scale_translation",
     "signature",

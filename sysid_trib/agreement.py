@@ -138,7 +138,10 @@ def pooled(each: Sequence[xr.Dataset]) -> xr.Dataset:
         return each[0]
     runs = xr.concat(each, "run")
     whole = xr.Dataset(
-        {name: np.sqrt((runs[name] ** 2).mean("run")) for name in ("residual_rms", "residual_over_noise")}
+        {
+            name: np.sqrt((runs[name] ** 2).mean("run", skipna=False))
+            for name in ("residual_rms", "residual_over_noise")
+        }
     )
     whole["departure_time"] = runs.departure_time.min("run")
     whole["residual_p_value"] = np.minimum(1.0, len(each) * runs.residual_p_value.min("run"))

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.stats import chi2, norm
 
+from sysid_trib.agreement import method_of
 from sysid_trib.errors import SysidTribError, UsageError
-from sysid_trib.forces import ForceLibrary
-from sysid_trib.identification import Method
 from sysid_trib.quantities import FREQUENCY, in_model, quantities, stated_covariance
 from sysid_trib.results import library_of
 
@@ -23,16 +22,13 @@ LEVEL = 0.01
 NEAR = 0.01
 
 
-def run_agreement(
-    decays: Sequence[xr.Dataset], library: ForceLibrary, method: Method, together: xr.Dataset
-) -> xr.Dataset:
+def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Dataset:
     """Test whether the runs of one experiment have the same forces.
 
     Parameters
     ----------
     decays : the runs.
-    library, method : those of the identification.
-    together : the identification of all runs.
+    together : the identification of all of them, whose method is run on each alone.
 
     Returns
     -------
@@ -47,6 +43,7 @@ def run_agreement(
     Cochran's Q. Large where a force changes from run to run (wear), or is of another form than the model's:
     then it changes with amplitude.
     """
+    method, library = method_of(together), library_of(together, whole=True)
     kept = [s for s in together.force.values.tolist() if in_model(together, s)]
     frequency = together.reference_frequency.item()
     free = together.reference_frequency_standard_error.item() > 0.0

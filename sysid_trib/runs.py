@@ -69,3 +69,11 @@ def one_or_all(runs: Sequence[xr.Dataset]) -> Decays:
 def group_names(name: str, count: int) -> list[str]:
     """Names of the runs' groups in a tree: `record`, or `record_1`, `record_2`, ... of several."""
     return [name] if count == 1 else [f"{name}_{at + 1}" for at in range(count)]
+
+
+def record_groups(tree: xr.DataTree) -> list[str]:
+    """Names of the records in a tree, in the order of the runs."""
+    count = 0
+    while f"record_{count + 1}" in tree.children:
+        count += 1
+    return group_names("record", max(1, count))

@@ -41,6 +41,11 @@ def read_decays(
     decays, told = zip(
         *(_read_decay(record, columns, window, equilibrium) for record in (records or (None,))), strict=True
     )
+    sums = [decay.attrs.get("record_checksum") for decay in decays]
+    for at, record in enumerate(records):
+        # Its noise would count as if it were another's.
+        if sums[at] in sums[:at]:
+            raise UsageError(f"{record} is given twice; runs of one experiment are different records.")
     return list(decays), list(told)
 
 

@@ -32,10 +32,14 @@ def identify(
     plot: options.Plot = None,
 ) -> None:
     """Identify the forces of a decay in two ways, and cross-check them."""
+    import xarray as xr
+
     from sysid_trib import result_files, results
     from sysid_trib.commands import checks
+    from sysid_trib.differences import run_agreement
     from sysid_trib.identification import cross_check
     from sysid_trib.methods import Averaging, Direct
+    from sysid_trib.runs import one_or_all
 
     contactless = checks.parse_value_with_error(omega0, "--omega0")
     checks.check_positive(reference_frequency, "--reference-frequency")
@@ -47,13 +51,18 @@ def identify(
     checks.check_folder(plot)
     columns = checks.Columns(time, angle, signal, units, sampling_rate, time_units)
     decays, told = checks.read_decays(records, columns, window, equilibrium)
-    decay = decays[0]
-    checks.check_reference(reference_frequency, decay)
+    for each in decays:
+        checks.check_reference(reference_frequency, each)
     methods = (
         Averaging(reference_frequency=reference_frequency, shapes=shapes),
         Direct(reference_frequency=reference_frequency, shapes=shapes),
     )
+    decay = one_or_all(decays)
     tree = cross_check(decay, *(method.identify(decay, offered) for method in methods))
+    if len(decays) > 1:
+        tree["runs"] = xr.DataTree(
+            run_agreement(decays, tree[tree["comparison"].attrs["second"]].to_dataset())
+        )
     if contactless is not None:
         tree = results.map_identifications(
             tree, lambda result: results.with_contactless_frequency(result, *contactless)
@@ -61,7 +70,7 @@ def identify(
     if output is not None:
         result_files.save(tree, output)
     if plot is not None:
-        _save_figure(tree, plot)
+        _save_figures(tree, plot)
     if as_json:
         from sysid_trib.printing.identification import identification_json
 
@@ -75,19 +84,30 @@ def identify(
 
 def _tell(tree: "xr.DataTree", told: list[str]) -> None:
     from sysid_trib.printing.identification import identification_table, verdict
+    from sysid_trib.printing.runs import runs_table, runs_told
+    from sysid_trib.runs import record_groups
 
-    for sentence in told:
+    for sentence, group in zip(told, record_groups(tree), strict=True):
         print(printable(sentence))
-    print(tree["record"].attrs.get("free_decay", ""))
+        print(tree[group].attrs.get("free_decay", ""))
     print()
     print_table(identification_table(tree))
     print()
     for sentence in verdict(tree):
         print(sentence)
+    if "runs" in tree:
+        print()
+        print_table(runs_table(tree["runs"].to_dataset()))
+        print()
+        for sentence in runs_told(tree["runs"].to_dataset()):
+            print(sentence)
 
 
-def _save_figure(tree: "xr.DataTree", folder: Path) -> None:
+def _save_figures(tree: "xr.DataTree", folder: Path) -> None:
     from sysid_trib import plots
     from sysid_trib.result_files import write_figure
+    from sysid_trib.runs import group_names, record_groups
 
-    write_figure(plots.identification(tree), folder / "identification")
+    runs = len(record_groups(tree))
+    for run, name in enumerate(group_names("identification", runs)):
+        write_figure(plots.identification(tree, run), folder / name)

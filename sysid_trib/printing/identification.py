@@ -6,7 +6,9 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.printing.layout import number, text_table, value_with_error
+from sysid_trib.printing.runs import runs_json
 from sysid_trib.results import library_of
+from sysid_trib.runs import record_groups
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -53,7 +55,7 @@ def verdict(tree: xr.DataTree) -> list[str]:
     checked = tree["comparison"].ds
     names = [checked.attrs["first"], checked.attrs["second"]]
     results = [tree[name].ds for name in names]
-    rolling = tree["record"].attrs.get("signal") == "rate"
+    rolling = tree[record_groups(tree)[0]].attrs.get("signal") == "rate"
     told = [
         EXPLAINED_BY_RATE
         if rolling and checked.attrs["explained"] != "yes"
@@ -151,8 +153,14 @@ def identification_json(tree: xr.DataTree) -> dict[str, Any]:
     }
     whole = {k: number(checked[k].item()) for k in ("chi_square", "degrees_of_freedom", "p_value")}
     check = {**whole, "differences": per_force, "models": per_method, **checked.attrs}
-    record = {k: v for k, v in tree["record"].attrs.items() if isinstance(v, str | int | float)}
-    return {"record": record, "methods": methods, "cross_check": check}
+    records = [
+        {k: v for k, v in tree[group].attrs.items() if isinstance(v, str | int | float)}
+        for group in record_groups(tree)
+    ]
+    found = {"record": records[0], "methods": methods, "cross_check": check}
+    if len(records) > 1:
+        found |= {"records": records, "runs": runs_json(tree["runs"].to_dataset())}
+    return found
 
 
 def _times(ratio: float) -> str:

@@ -1,0 +1,180 @@
+"""Several runs of one experiment at once, whether they agree, and the difference of two identifications."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import xarray as xr
+from command_line import run as command
+from helpers import FIVE, SIX, Run, W, paper_run, rms, rms_range, values
+from scipy.stats import kstest
+
+from sysid_trib import difference, identify, load, run_agreement, save
+from sysid_trib.errors import UsageError
+from sysid_trib.methods import Averaging, Direct, Trajectory
+
+LONG = paper_run(FIVE)
+SHORT = replace(paper_run(FIVE, duration=15.0, sampling_rate=50.0), start=0.6)
+LIBRARY = LONG.model.library
+METHODS = [Averaging(), Direct(), Trajectory()]
+SEEDS = 30
+
+
+def two_runs(seed: int) -> list[xr.Dataset]:
+    """Of different lengths, amplitudes, sampling rates and noises."""
+    return [LONG.decay(seed), SHORT.decay(1000 + seed, 3e-4)]
+
+
+@pytest.mark.parametrize("method", METHODS, ids=lambda m: type(m).__name__)
+def test_errors_of_two_runs_are_what_is_stated(method):
+    seeds = 12 if isinstance(method, Trajectory) else SEEDS
+    found = [identify(two_runs(seed), LIBRARY, method).sel(force=list(FIVE)) for seed in range(seeds)]
+    z = np.array([(r.coefficient.values - list(FIVE.values())) / r.standard_error.values for r in found])
+    low, high = rms_range(seeds)
+    assert np.all((rms(z) > low) & (rms(z) < high))
+    alone = [identify(run, LIBRARY, method).sel(force=list(FIVE)) for run in two_runs(0)]
+    best = np.min([r.standard_error.values for r in alone], axis=0)
+    # Averaging's errors of lambda are from the long run, nearly alone.
+    assert np.all(found[0].standard_error.values < 1.02 * best)
+    assert found[0].run_noise.values == pytest.approx([1e-4, 3e-4], rel=0.1)
+
+
+@pytest.mark.parametrize("method", METHODS, ids=lambda m: type(m).__name__)
+def test_a_list_of_one_is_the_run_itself(method):
+    decay = LONG.decay(3)
+    assert identify([decay], LIBRARY, method).identical(identify(decay, LIBRARY, method))
+
+
+@pytest.mark.parametrize("method", METHODS, ids=lambda m: type(m).__name__)
+def test_order_of_the_runs_does_not_matter(method):
+    runs = two_runs(4)
+    one, other = (identify(order, LIBRARY, method) for order in (runs, runs[::-1]))
+    moved = (one.coefficient - other.coefficient) / one.standard_error
+    assert np.all(np.abs(moved) < 0.05)
+
+
+def test_starts_are_each_runs_own():
+    result = identify(two_runs(5), LIBRARY, Direct())
+    assert result.start_angle.values == pytest.approx([0.3, 0.6], abs=1e-4)
+    assert result.start_rate.dims == result.offset.dims == ("run",)
+
+
+def test_frequency_held_for_all_runs():
+    runs = [replace(LONG, model=LONG.model.with_coefficients(SIX)).decay(6), two_runs(6)[1]]
+    result = identify(runs, LIBRARY, Direct(W))
+    assert "alpha" in result.force
+    assert (
+        abs(result.coefficient.sel(force="alpha").item())
+        < 4 * result.standard_error.sel(force="alpha").item()
+    )
+
+
+def test_two_short_runs_tell_apart_what_one_cannot():
+    """Tied at one amplitude, nu and epsilon are told apart by another: fewer than two periods each."""
+    weak = [replace(paper_run(FIVE, duration=4.0), start=start) for start in (0.1, 0.6)]
+    decays = [run.decay(seed) for seed, run in enumerate(weak)]
+    both = identify(decays, LIBRARY, Direct())
+    alone = [identify(decay, LIBRARY, Direct()) for decay in decays]
+    gain = np.min([r.standard_error.sel(force="nu") for r in alone]) / both.standard_error.sel(force="nu")
+    assert gain > 1.5
+    assert np.all(np.abs(values(both, FIVE) - list(FIVE.values())) < 4 * both.standard_error.values)
+
+
+def test_runs_of_one_experiment_agree():
+    p_values, each = [], []
+    for seed in range(SEEDS):
+        runs = two_runs(seed)
+        found = run_agreement(runs, identify(runs, LIBRARY, Direct()))
+        p_values.append(found.total_p_value.item())
+        each.append(found.p_value.values)
+    assert kstest(p_values, "uniform").pvalue > 1e-3
+    assert min(p_values) > 1e-3
+    assert kstest(np.array(each)[:, 0], "uniform").pvalue > 1e-3
+
+
+def test_a_force_that_differs_is_named():
+    worn = replace(SHORT, model=SHORT.model.with_coefficients(FIVE | {"lambda": 2e-4}))
+    runs = [LONG.decay(1), worn.decay(2)]
+    found = run_agreement(runs, identify(runs, LIBRARY, Direct()))
+    assert found.attrs["verdict"] == "disagree"
+    assert found.quantity.values[np.argmin(found.p_value.values)] == "lambda"
+    assert found.value.sel(quantity="lambda", run=1).item() == pytest.approx(2e-4, abs=4e-5)
+
+
+def test_a_run_that_alone_decides_nothing_says_so():
+    stub = LONG.decay(1).isel(time=slice(0, 150))
+    runs = [LONG.decay(2), stub]
+    found = run_agreement(runs, identify(runs, LIBRARY, Averaging()))
+    assert found.attrs["verdict"] == "unknown"
+    assert found.reason.values[0] == ""
+    assert "amplitudes cannot decide" in found.reason.values[1]
+
+
+def test_difference_is_what_the_contact_adds():
+    """A contact run minus a contactless one: friction, and the shift of the frequency."""
+    free = Run(replace(LONG.model, coefficients={"zeta": 0.004}, reference_frequency=8.87), LONG.time)
+    z, stiffness = [], []
+    for seed in range(SEEDS):
+        contact = identify(LONG.decay(seed), LIBRARY, Direct())
+        air = identify(free.decay(500 + seed), LIBRARY.select(["zeta", "delta"]), Direct())
+        found = difference(contact, air)
+        # In units of the contact run's frequency: a torque 2 zeta w theta' is what it is.
+        truth = xr.DataArray(list(FIVE.values()), {"force": list(FIVE)}, "force").copy()
+        truth.loc["zeta"] -= 0.004 * 8.87 / 9.91
+        z.append(((found.difference - truth) / found.standard_error).sel(force=list(FIVE)).values)
+        alpha = (9.91**2 - (0.0097 * 9.91) ** 2) / (8.87**2 - (0.004 * 8.87) ** 2) - 1.0
+        stiffness.append((found.stiffness_difference - alpha) / found.stiffness_difference_standard_error)
+    low, high = rms_range(SEEDS)
+    assert np.all((rms(z) > low) & (rms(z) < high))
+    assert low < rms(np.array(stiffness)) < high
+    assert found.second.sel(force="nu").item() == 0.0
+    assert found.p_value.sel(force="nu").item() < 1e-6
+
+
+def test_difference_of_itself_is_nothing():
+    result = identify(LONG.decay(1), LIBRARY, Direct())
+    found = difference(result, result)
+    assert np.all(found.difference.values == 0.0)
+    assert found.p_value_of_all.item() == pytest.approx(1.0)
+    assert found.stiffness_difference.item() == 0.0
+
+
+@pytest.mark.parametrize("nothing", [[], [LONG.decay(1).drop_vars("angle")], ["run.csv"]])
+def test_what_is_no_run_is_refused(nothing):
+    with pytest.raises(UsageError, match=r"No run is given|A decay is a Dataset"):
+        identify(nothing, LIBRARY, Direct())
+
+
+def test_the_papers_rule_takes_one_record():
+    with pytest.raises(UsageError, match="a rule for one record"):
+        identify(two_runs(0), LIBRARY, Averaging(frequency="last"))
+
+
+def test_difference_wants_identifications():
+    with pytest.raises(UsageError, match="two identifications"):
+        difference(LONG.decay(1), LONG.decay(2))
+
+
+def test_command_line_takes_several_records(tmp_path):
+    for name, run, seed in (("a.csv", LONG, 1), ("b.csv", SHORT, 2)):
+        run.decay(seed).to_dataframe().to_csv(tmp_path / name)
+    places = [str(tmp_path / name) for name in ("a.csv", "b.csv")]
+    ending = command("identify", *places, "-o", str(tmp_path / "r.nc"), "--plot", str(tmp_path / "figures"))
+    assert ending.status == 0, ending.err
+    assert "run 2" in ending.out
+    assert "The runs agree" in ending.out
+    tree = load(tmp_path / "r.nc")
+    assert {"record_1", "record_2", "envelope_2", "runs"} <= set(tree.children)
+    save(tree, tmp_path / "again.nc")
+    assert load(tmp_path / "again.nc").identical(tree)
+    names = {place.name for place in (tmp_path / "figures").iterdir()}
+    assert {"identification_1.png", "identification_2.pdf"} <= names
+
+
+def test_json_of_several_records(tmp_path):
+    for name, run, seed in (("a.csv", LONG, 1), ("b.csv", SHORT, 2)):
+        run.decay(seed).to_dataframe().to_csv(tmp_path / name)
+    found = json.loads(command("identify", str(tmp_path / "a.csv"), str(tmp_path / "b.csv"), "--json").out)
+    assert found["runs"]["verdict"] == "agree"
+    assert len(found["runs"]["quantities"]["nu"]["values"]) == len(found["records"]) == 2
