@@ -10,9 +10,8 @@ from scipy.interpolate import CubicSpline
 
 from sysid_trib.decays.half_periods import FloatArray, noise_level, quantisation_step
 from sysid_trib.decays.half_sines import usable_half_periods
+from sysid_trib.decays.realisation import ComplexArray, influence_on_root, mode_root, swing
 from sysid_trib.errors import DecayError
-
-ComplexArray = NDArray[np.complex128]
 
 # The Hankel matrix of a window has about 60 rows and columns: two periods of at least so many samples.
 SAMPLES = 122
@@ -113,61 +112,20 @@ def _windows(
     time: FloatArray, y: FloatArray, starts: NDArray[np.int64], length: int, block: int, noise: float
 ) -> Windows:
     step = float(time[1] - time[0])
-    rows, found = [], []
+    kept, found = [], []
     for start in starts:
         part = y[start : start + length]
-        root = _root(part)
-        if root is None:
-            continue
-        exponent = np.log(root) / step
-        centred = np.arange(length) - 0.5 * (length - 1)
-        mode = np.exp(exponent * step * centred)
-        design = np.stack([mode.real, -mode.imag], axis=1)
-        size, inverse = np.linalg.lstsq(design, part, rcond=None)[0], np.linalg.inv(design.T @ design)
-        inner = (np.arange(block) - 0.5 * (block - 1)) * step / block
-        passed = abs(np.mean(np.exp(exponent * inner)))
-        amplitude = np.hypot(*size)
-        error = np.sqrt(size @ inverse @ size) / amplitude
-        row = sp.csr_matrix(
-            _influence(root, complex(*size) / root ** (0.5 * (length - 1)), length) / (root * step)
-        )
-        row.indices = row.indices + start
-        rows.append(sp.csr_matrix((row.data, row.indices, row.indptr), (1, len(y))))
-        middle = time[start] + 0.5 * (length - 1) * step
-        found.append((middle, exponent, amplitude / passed, error / passed))
+        root = mode_root(part)
+        if root is not None:
+            kept.append(start)
+            found.append((root, *swing(part, root, block)))
     if len(found) < 3:
         raise DecayError("Fewer than three windows hold an oscillation; the noise is too large.")
-    middle, exponents, amplitudes, errors = (np.array(column) for column in zip(*found, strict=True))
+    roots, weights, errors = (np.array(column) for column in zip(*found, strict=True))
+    rows = [influence_on_root(*pair, length) / (pair[0] * step) for pair in zip(roots, weights, strict=True)]
+    columns = np.add.outer(kept, np.arange(length))
+    pointers = length * np.arange(len(kept) + 1)
+    influence = sp.csr_matrix((np.concatenate(rows), columns.ravel(), pointers), (len(kept), len(y)))
+    middle = time[kept] + 0.5 * (length - 1) * step
     less = noise / np.sqrt(block)
-    influence = sp.csr_matrix(sp.vstack(rows))
-    return Windows(middle.real, exponents, amplitudes.real, less * errors.real, influence, less, noise)
-
-
-def _root(part: FloatArray) -> complex | None:
-    """Factor by which the mode of a window goes on from one sample to the next; None if it does not turn."""
-    from control import eigensys_realization
-
-    size = _hankel(len(part))
-    system, _ = eigensys_realization(part, r=2, m=size, n=size)
-    roots = np.linalg.eigvals(system.A)
-    return complex(roots[np.argmax(roots.imag)]) if np.any(roots.imag > 0.0) else None
-
-
-def _hankel(length: int) -> int:
-    return (length - 2) // 2
-
-
-def _influence(root: complex, weight: complex, length: int) -> ComplexArray:
-    """Of unit errors of the samples on the root, to first order in the noise: (sample,).
-
-    The samples are the real part of weight root^l. Errors of the Hankel matrices act on an eigenvalue by its
-    left and right vectors, columns of pseudo-inverse Vandermonde matrices.
-    """
-    size = _hankel(length)
-    powers = np.power.outer(np.array([root, np.conj(root)]), np.arange(size))
-    left = np.linalg.pinv(powers.T)[0]
-    both = np.convolve(left, left) / (0.5 * weight * root)
-    influence = np.zeros(length, dtype=complex)
-    influence[2 : 2 + len(both)] += both
-    influence[1 : 1 + len(both)] -= root * both
-    return influence
+    return Windows(middle, np.log(roots) / step, np.abs(weights), less * errors.real, influence, less, noise)
