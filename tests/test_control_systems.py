@@ -33,7 +33,7 @@ OF_ONE_VARIABLE = [
 
 @pytest.mark.parametrize(("force", "variable"), OF_ONE_VARIABLE)
 def test_describing_function_reproduces_the_signature(force, variable):
-    # With u = A sin(p) the force is A |N| sin(p + arg N): <h sin phi> = -A N/2 in v, <h cos phi> = A N/2 in x.
+    # The first harmonic of h(A sin p) is A Re N sin p: <h sin phi> = -A N/2 in v, <h cos phi> = A N/2 in x.
     def h(u):
         return float(force.value(u, 0.0) if variable == "x" else force.value(0.0, u))
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 import xarray as xr
-from scipy.optimize import brentq
+from scipy.optimize import bisect, brentq
 
 from sysid_trib.errors import LibraryError
 from sysid_trib.forces import Force
@@ -14,8 +14,8 @@ from sysid_trib.physics.quantities import Array
 from sysid_trib.physics.unknowns import Unknowns, unknowns_of
 from sysid_trib.signatures import averages
 
-# Amplitudes (rad) among which a crossover is sought, and how finely: 20 a decade.
-LOWEST, HIGHEST, GRID = 1e-6, 10.0, 141
+# Amplitudes (rad) among which a crossover is sought where a force is no power law: 12 a decade.
+LOWEST, HIGHEST, GRID = 1e-4, np.pi, 55
 RULES = ("peak force", "averaged")
 # Of ln a, for the slope of two weights that cross.
 STEP = 1e-4
@@ -33,10 +33,11 @@ def crossovers(result: xr.Dataset) -> xr.Dataset:
     Returns
     -------
     Dataset over `pair` (coordinates `first`, `second`, and `acts_on`: envelope or frequency) and `rule`
-    (`peak force`, `averaged`): `amplitude` (rad, the smallest from 1e-6 to 10 rad; nan if there is none) with
-    `amplitude_standard_error`, `crossings`, how many there are, and over `pair` `opposed`, whether the two
-    act against each other at the averaged crossover; a pair of which one feeds and one damps then sustains
-    an oscillation there. Signs do not count for the amplitude. Forces with a past are in both groups.
+    (`peak force`, `averaged`): `amplitude` (rad; nan if there is none; of forces that are no power laws the
+    smallest from 1e-4 to pi) with `amplitude_standard_error`, `crossings`, how many there are, and over `pair`
+    `opposed`, whether the two act against each other at the averaged crossover; a pair of which one feeds and
+    one damps then sustains an oscillation there. Signs do not count for the amplitude. Forces with a past are
+    in both groups.
 
     Raises
     ------
@@ -129,14 +130,15 @@ def _crossing(
     def at(log_a: float) -> float:
         return float(difference([size(np.array([np.exp(log_a)])) for size, _ in sizes])[0])
 
-    grid = np.log(np.geomspace(LOWEST, HIGHEST, GRID))
-    level = difference([table for _, table in sizes])
-    level[~np.isfinite(level)] = np.nan
-    turns = np.flatnonzero(np.sign(level[:-1]) * np.sign(level[1:]) < 0)
-    touched = np.flatnonzero(level == 0.0)
-    if not turns.size + touched.size or np.all(level[np.isfinite(level)] == 0.0):
+    degrees = [found.forces[i].degree for i in pair]
+    if degrees[0] is not None and degrees[1] is not None:
+        level = at(0.0)
+        powers = degrees[1] - degrees[0]
+        roots = [level / powers] if powers and np.isfinite(level) else []
+    else:
+        roots = _roots(at, difference([table for _, table in sizes]))
+    if not roots:
         return np.nan, np.nan, 0, False
-    roots = [*grid[touched], *(brentq(at, grid[i], grid[i + 1], xtol=1e-13) for i in turns)]
     root = min(roots)
     a = float(np.exp(root))
     slope = (at(root + STEP) - at(root - STEP)) / (2.0 * STEP)
@@ -144,3 +146,17 @@ def _crossing(
     error = a * float(np.sqrt(gradient @ spread @ gradient)) / abs(slope) if slope else np.nan
     signed = [k * size(np.array([a]))[0] for k, (size, _) in zip(c, sizes, strict=True)]
     return a, error, len(roots), bool(signed[0] * signed[1] < 0)
+
+
+def _roots(function: Callable[[float], float], level: Array) -> list[float]:
+    """Zeros in ln a of a function that is `level` on the grid."""
+    grid = np.log(np.geomspace(LOWEST, HIGHEST, GRID))
+    # A force that does not act at small amplitudes has an infinite level there, which has a sign too.
+    sides = np.sign(level)
+    if not np.any(np.isfinite(level) & (level != 0.0)):
+        return []
+    roots = grid[level == 0.0].tolist()
+    for i in np.flatnonzero(sides[:-1] * sides[1:] < 0):
+        search = brentq if np.all(np.isfinite(level[i : i + 2])) else bisect
+        roots.append(float(search(function, grid[i], grid[i + 1], xtol=1e-12)))
+    return roots

@@ -2,12 +2,14 @@
 
 from collections.abc import Mapping
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
 from sysid_trib.cycles.carrying import carry_along
+from sysid_trib.cycles.collocation import Index, Panels, solve_states
 from sysid_trib.forces import Force
 from sysid_trib.physics.quantities import Array, amplitudes, with_error
 from sysid_trib.physics.unknowns import unknowns_of
@@ -15,9 +17,11 @@ from sysid_trib.signatures import averages
 
 # Points of a cycle on which the peak of a force is sought; every maximum of a power of x or v is one of them.
 POINTS = 1440
-# A force with a past is followed over so many cycles, the last of which counts.
+# A force with memory is followed over so many cycles, the last of which counts.
 CYCLES = 6
-POINTS_WITH_PAST = 360
+POINTS_WITH_MEMORY = 360
+# Of a cycle, to begin with, where states are solved; each has eight nodes.
+PANELS = 24
 
 
 def weights(result: xr.Dataset, amplitude: ArrayLike, *, time: float = 0.0) -> xr.Dataset:
@@ -85,11 +89,16 @@ def shares(terms: Array, unit: Array, spread: Array) -> tuple[Array, Array]:
 
 
 def peak(force: Force, a: Array, shapes: Mapping[str, float], time: float = 0.0) -> Array:
-    """Largest |h| on the cycles of these amplitudes (rad), of a force with a past on its settled cycle."""
+    """Largest |h| on the cycles of these amplitudes (rad), of a force with a past on its settled cycle.
+
+    Of a force with memory it is half from peak to peak.
+    """
     if force.degree is not None:
         return np.asarray(_unit_peak(force) * a**force.degree)
-    if not force.memoryless:
+    if force.memory:
         return np.array([_settled_peak(force, amplitude, shapes, time) for amplitude in a.tolist()])
+    if force.state:
+        return _steady_peaks(force, a, shapes, time)
     phi = 2.0 * np.pi * np.arange(POINTS) / POINTS
     x, v = np.multiply.outer(a, np.cos(phi)), -np.multiply.outer(a, np.sin(phi))
     return np.asarray(np.abs(force.value(x, v, time, shapes=shapes)).max(axis=1))
@@ -102,9 +111,29 @@ def _unit_peak(force: Force) -> float:
 
 
 def _settled_peak(force: Force, a: float, shapes: Mapping[str, float], time: float) -> float:
-    tau = 2.0 * np.pi * np.arange(CYCLES * POINTS_WITH_PAST + 1) / POINTS_WITH_PAST
+    tau = 2.0 * np.pi * np.arange(CYCLES * POINTS_WITH_MEMORY + 1) / POINTS_WITH_MEMORY
     x, v = a * np.cos(tau), -a * np.sin(tau)
     hidden = carry_along(force, tau, x, v, shapes, time=time)
-    last = slice(-POINTS_WITH_PAST, None)
+    last = slice(-POINTS_WITH_MEMORY, None)
     past = {name: value[last] for name, value in hidden.items()}
-    return float(np.abs(force.value(x[last], v[last], time, shapes=shapes, hidden=past)).max())
+    h = force.value(x[last], v[last], time, shapes=shapes, hidden=past)
+    # Half from peak to peak: an offset is what the memory began with.
+    return 0.5 * float(np.ptp(h))
+
+
+def _steady_peaks(force: Force, a: Array, shapes: Mapping[str, float], time: float) -> Array:
+    """Peaks on the steady cycles of the states, all amplitudes at once."""
+    edges = np.linspace(0.0, 2.0 * np.pi, PANELS + 1)
+    row = np.repeat(np.arange(a.size), PANELS)
+    low, high = np.tile(edges[:-1], a.size), np.tile(edges[1:], a.size)
+    given = {k: np.float64(value) for k, value in force.shape_values(shapes).items()}
+
+    def names(row: Index, phi: Array) -> dict[str, Any]:
+        return {"x": a[row] * np.cos(phi), "v": -a[row] * np.sin(phi), "t": time, **given}
+
+    found = solve_states(force, Panels(row, row, low, high), names)
+    at = found.panels.row[:, None]
+    h = force.formula.evaluate(names(at, found.tau) | found.named(force))
+    peaks = np.zeros(a.size)
+    np.maximum.at(peaks, np.broadcast_to(at, found.tau.shape), np.abs(h))
+    return peaks

@@ -1,0 +1,520 @@
+import json
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+import xarray as xr
+from candidates import CANDIDATES
+from helpers import paper_run, rms_range
+from known_results import PAPER, W, correlated, known
+from scipy.integrate import quad
+
+from sysid_trib import Model, load_library, with_contactless_frequency
+from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.library_files import parse_library
+from sysid_trib.methods import Direct
+from sysid_trib.model import rescaling_factors
+from sysid_trib.physics.contact import contact_stiffness, sphere_stiffness
+from sysid_trib.physics.crossing import crossovers
+from sysid_trib.physics.energy import arrest_time, dissipated_energy
+from sysid_trib.physics.fingerprint import SLIP_RATIO, slip_fingerprint
+from sysid_trib.physics.force_weights import weights
+from sysid_trib.physics.sliding import sliding_coefficients
+from sysid_trib.physics.units import inertia_with_mass, physical_units
+from sysid_trib.physics.unknowns import unknowns_of
+from sysid_trib.printing.physics import as_data, told
+from sysid_trib.results import library_of
+from sysid_trib.simulation import simulate, trajectory
+
+INERTIA = 1.33e-6
+# Dry friction, so that the motion stops, and every pair of forces far from its limits.
+DRY = {"lambda": 1e-3, "zeta": 0.01, "delta": 0.04, "nu": -0.4, "epsilon": 0.3}
+
+
+def every_force():
+    entries = [{"symbol": k, **v} for k, v in CANDIDATES.items()]
+    six = [{"symbol": f.symbol, "formula": f.formula.text} for f in load_library()]
+    return parse_library({"force": six + entries}, "test")
+
+
+def with_errors(coefficients, part=0.01, w=W):
+    values = np.array([*coefficients.values(), w])
+    return known(coefficients, correlated(values, part), w=w)
+
+
+# Energy balance.
+
+BALANCES = [
+    {"lambda": 1e-3},
+    {"zeta": 0.01},
+    {"delta": 0.05},
+    {"lambda": 2e-4, "zeta": 0.005, "delta": 0.04, "nu": -0.05, "epsilon": 0.05},
+    {"zeta": 0.005, "alpha": 0.02, "van_der_pol": 0.1},
+    {"zeta": -0.002, "cubic_damping": 0.2},
+    {"jenkins": 0.05},
+    {"masing": 0.05},
+    {"stribeck": 1e-3, "power": 2e-3},
+]
+
+
+def exact_loss(model, start):
+    """Energy lost in the second cycle (rad^2), its amplitude; two extrema apart the memory has settled."""
+    time = np.arange(0.0, 3.2 * 2 * np.pi / W, 1e-3)
+    run = simulate(model, time, start)
+    rate = run.rate.values
+    tops = np.flatnonzero((rate[:-1] > 0) & (rate[1:] <= 0))[:2]
+    heights = []
+    for i in tops:
+        at = np.linspace(time[i], time[i + 1], 3)[1]
+        fine = np.concatenate(([0.0], np.linspace(at - 2e-3, at + 2e-3, 401)))
+        heights.append(trajectory(model, fine, start).position[1:].max())
+    conservative = [f for f in model.forces if f.character == "conservative"]
+
+    def potential(a):
+        terms = (
+            model.coefficients[f.symbol] * quad(lambda x, f=f: float(f.value(x, 0.0)), 0, a)[0]
+            for f in conservative
+        )
+        return 0.5 * a**2 + sum(terms)
+
+    return potential(heights[0]) - potential(heights[1]), 0.5 * sum(heights)
+
+
+@pytest.mark.parametrize("coefficients", BALANCES, ids=lambda c: "+".join(c))
+def test_dissipated_energies_add_up_to_the_energy_lost_in_a_simulated_cycle(coefficients):
+    gaps = []
+    for part in (1.0, 0.5):
+        scaled = {k: part * c for k, c in coefficients.items()}
+        lost, amplitude = exact_loss(Model(every_force(), scaled, W), 0.3)
+        total = dissipated_energy(known(scaled, library=every_force()), amplitude).total_energy.item()
+        gaps.append(abs(total / lost - 1.0))
+    size = sum(abs(c) for c in coefficients.values())
+    assert gaps[0] < 2.0 * size
+    # First order in the forces: what is left of the balance is of second order.
+    assert gaps[1] < 0.7 * gaps[0] + 1e-6
+
+
+def test_energy_in_joule_and_its_shares():
+    result = with_errors(PAPER)
+    plain, joule = dissipated_energy(result, [0.3, 0.05]), dissipated_energy(result, [0.3, 0.05], INERTIA)
+    np.testing.assert_allclose(joule.energy, plain.energy * INERTIA * W**2, rtol=1e-12)
+    assert joule.energy.attrs["units"] == "J"
+    np.testing.assert_allclose(plain.energy.sum("force"), plain.total_energy, rtol=1e-12)
+    np.testing.assert_allclose(np.abs(plain.energy_share).sum("force"), 1.0, rtol=1e-12)
+    np.testing.assert_allclose(plain.energy_share, weights(result, [0.3, 0.05]).decay_share, atol=1e-14)
+    assert plain.energy.sel(force="lambda", amplitude=0.3).item() < 0
+    expected = 2 * np.pi * 0.0097 * 0.3**2
+    assert plain.energy.sel(force="zeta", amplitude=0.3).item() == pytest.approx(expected, rel=1e-12)
+
+
+# Errors.
+
+
+def scattered(coefficients, spread, function, draws):
+    """Values of `function` over identifications drawn from their covariance."""
+    random = np.random.default_rng(11)
+    at = np.array([*coefficients.values(), W])
+    found = []
+    for z in random.multivariate_normal(at, spread, draws, method="cholesky"):
+        found.append(function(known(dict(zip(coefficients, z[:-1], strict=True)), w=z[-1])))
+    return np.std(np.array(found), axis=0, ddof=1)
+
+
+def flat(dataset, names, suffix=""):
+    return np.concatenate([np.ravel(dataset[f"{name}{suffix}"].values) for name in names])
+
+
+QUANTITIES = {
+    "weights": (
+        lambda r: weights(r, [0.3, 0.05]),
+        ["peak_force", "decay", "frequency_shift", "decay_share", "frequency_share"],
+    ),
+    "crossovers": (crossovers, ["amplitude"]),
+    "arrest": (lambda r: arrest_time(r, 0.3), ["arrest_time"]),
+    "energy": (
+        lambda r: dissipated_energy(r, 0.3, INERTIA),
+        ["energy", "energy_share", "total_energy", "lost_fraction"],
+    ),
+    "fingerprint": (slip_fingerprint, ["ratio"]),
+    "stiffness": (lambda r: physical_units(r, INERTIA), ["linear_stiffness"]),
+}
+
+
+@pytest.mark.parametrize("quantity", QUANTITIES)
+def test_propagated_errors_are_the_scatter_of_drawn_identifications(quantity):
+    function, names = QUANTITIES[quantity]
+    draws = 120
+    spread = correlated(np.array([*DRY.values(), W]), 0.004)
+    stated = flat(function(known(DRY, spread)), names, "_standard_error")
+    found = scattered(DRY, spread, lambda r: flat(function(r), names), draws)
+    low, high = rms_range(draws - 1)
+    used = stated > 0
+    assert used.any()
+    np.testing.assert_array_less(low, found[used] / stated[used])
+    np.testing.assert_array_less(found[used] / stated[used], high)
+    assert np.all(found[~used] < 1e-15)
+
+
+def test_errors_of_si_coefficients_hold_those_of_frequency_and_inertia():
+    values = np.array([*DRY.values(), W])
+    spread = correlated(values, 0.01)
+    found = physical_units(known(DRY, spread), INERTIA, inertia_standard_error=0.02 * INERTIA)
+    random = np.random.default_rng(3)
+    drawn = random.multivariate_normal(values, spread, 20_000, method="cholesky")
+    inertia = INERTIA * (1 + 0.02 * random.standard_normal(20_000))
+    si = inertia * 2 * drawn[:, 1] * drawn[:, -1]
+    row = found.sel(force="zeta")
+    assert row.coefficient.item() == pytest.approx(2 * 0.01 * INERTIA * W, rel=1e-12)
+    assert row.standard_error.item() == pytest.approx(si.std(), rel=0.03)
+    together = np.cov(si, inertia * drawn[:, 0] * drawn[:, -1] ** 2)[0, 1]
+    assert row.covariance.sel(other_force="lambda").item() == pytest.approx(together, rel=0.1)
+    alone = physical_units(known(DRY, spread), INERTIA).sel(force="zeta").standard_error.item()
+    assert alone < row.standard_error.item()
+
+
+def test_covariance_with_the_frequency_is_recovered_from_a_result():
+    for coefficients in (DRY, {"zeta": 0.3, "nu": 0.1}):
+        spread = correlated(np.array([*coefficients.values(), W]), 0.02)
+        np.testing.assert_allclose(unknowns_of(known(coefficients, spread)).covariance, spread, rtol=1e-9)
+
+
+# Units, reference, symbols.
+
+
+def test_torques_are_the_same_whatever_the_formula():
+    library = every_force()
+    symbols = [f.symbol for f in library if f.kind == "force" and f.memoryless and not f.holds_time]
+    found = physical_units(known(dict.fromkeys(symbols, 0.7), library=library), INERTIA)
+    theta, rate = 0.23, 3.1
+    for force in (library[s] for s in symbols):
+        torque = abs(INERTIA * W**2 * 0.7 * float(force.value(theta, rate / W)))
+        term = found["multiplies"].sel(force=force.symbol).item()
+        if "x = theta" in term:
+            speed = rate if term.endswith("theta'") else rate / W
+            factor = abs(float(force.value(theta, speed)))
+        else:
+            power = term.replace("|theta'|", "rate").replace("|theta|", "theta").replace("^", "**")
+            factor = {"rate": rate, "theta": theta}.get(power) or np.prod(
+                [
+                    {"rate": rate, "theta": theta, "1": 1.0}[p.split("**")[0]]
+                    ** float((p + "**1").split("**")[1])
+                    for p in power.split()
+                ]
+            )
+        assert found.coefficient.sel(force=force.symbol).item() * factor == pytest.approx(torque, rel=1e-9)
+
+
+def test_units_follow_from_the_formulas():
+    library = every_force()
+    expected = {
+        "lambda": ("N m", "1"),
+        "zeta": ("N m s rad-1", "|theta'|"),
+        "delta": ("N m s2 rad-2", "|theta'|^2"),
+        "alpha": ("N m rad-1", "|theta|"),
+        "nu": ("N m rad-2", "|theta|^2"),
+        "epsilon": ("N m rad-3", "|theta|^3"),
+        "van_der_pol": ("N m s rad-3", "|theta|^2 |theta'|"),
+        "drift": ("N m", "t*v, x = theta, v = theta'"),
+        "stribeck": ("N m", "exp(-(v/s)**2)*sign(v), x = theta, v = theta'/w"),
+        "dahl": ("N m", "z, x = theta, v = theta'/w"),
+    }
+    found = physical_units(known(dict.fromkeys(expected, 0.1), library=library), INERTIA)
+    for symbol, (unit, term) in expected.items():
+        assert found["unit"].sel(force=symbol).item() == unit
+        assert found["multiplies"].sel(force=symbol).item() == term
+
+
+def test_torques_do_not_depend_on_the_reference_frequency():
+    library = load_library()
+    other = 8.0
+    forces = library.select(DRY).forces
+    converted = dict(zip(DRY, rescaling_factors(forces, W, other) * list(DRY.values()), strict=True))
+    first = physical_units(known(DRY), INERTIA)
+    second = physical_units(known(converted, w=other), INERTIA)
+    np.testing.assert_allclose(second.coefficient, first.coefficient, rtol=1e-12)
+
+
+def test_a_contactless_frequency_gives_the_contact_stiffness_with_its_error():
+    spread = correlated(np.array([*DRY.values(), W]), 0.002)
+    result = with_contactless_frequency(known(DRY, spread), 8.87, 0.03)
+    found = physical_units(result, INERTIA, inertia_standard_error=0.01 * INERTIA)
+    direct = contact_stiffness(
+        result, 8.87, INERTIA, omega0_standard_error=0.03, inertia_standard_error=0.01 * INERTIA
+    )
+    alpha = found.sel(force="alpha")
+    assert alpha.coefficient.item() == pytest.approx(direct.contact_stiffness.item(), rel=1e-12)
+    error = direct.contact_stiffness_standard_error.item()
+    assert alpha.standard_error.item() == pytest.approx(error, rel=1e-6)
+    # w holds alpha already, and so does the stiffness.
+    assert found.linear_stiffness.item() == pytest.approx(INERTIA * W**2, rel=1e-12)
+    held = known({"alpha": 0.2, **DRY})
+    assert physical_units(held, INERTIA).linear_stiffness.item() == pytest.approx(1.2 * INERTIA * W**2)
+    # In the frequency it weighs as much as (w_inf^2 - w0^2)/(2 w^2).
+    shift = weights(result, 0.1).frequency_shift.sel(force="alpha").item()
+    limit = result.asymptotic_frequency.item()
+    assert shift == pytest.approx((limit**2 - 8.87**2) / (2 * W**2), rel=1e-12)
+    np.testing.assert_allclose(
+        crossovers(result).sel(pair="nu epsilon frequency").amplitude,
+        crossovers(known(DRY)).sel(pair="nu epsilon frequency").amplitude,
+    )
+
+
+def test_no_force_is_known_by_its_symbol():
+    renamed = {"lambda": "a", "zeta": "lambda", "delta": "nu", "nu": "delta", "epsilon": "e", "alpha": "zeta"}
+    entries = [{"symbol": renamed[f.symbol], "formula": f.formula.text} for f in load_library()]
+    library = parse_library({"force": entries}, "test")
+    values = {**DRY, "alpha": 0.1}
+    spread = correlated(np.array([*values.values(), W]), 0.01)
+    one, other = (
+        known(values, spread),
+        known({renamed[k]: c for k, c in values.items()}, spread, library=library),
+    )
+    np.testing.assert_array_equal(weights(one, 0.3).decay, weights(other, 0.3).decay)
+    np.testing.assert_array_equal(crossovers(one).amplitude, crossovers(other).amplitude)
+    np.testing.assert_array_equal(
+        physical_units(one, 1.0).coefficient, physical_units(other, 1.0).coefficient
+    )
+    assert slip_fingerprint(one).ratio.item() == slip_fingerprint(other).ratio.item()
+    assert slip_fingerprint(other).attrs["numerator"] == "delta"
+
+
+# Weights, crossovers, arrest.
+
+
+def test_weights_of_any_force_are_its_signature():
+    library = every_force()
+    symbols = [f.symbol for f in library if f.kind == "force" and not f.holds_time]
+    found = weights(known(dict.fromkeys(symbols, 0.5), library=library), [0.02, 0.3])
+    assert np.all(np.isfinite(found.peak_force)) and np.all(found.peak_force.sel(amplitude=0.3) > 0)
+    # No average is larger than the peak.
+    assert np.all(np.abs(found.decay) <= found.peak_force * (1 + 1e-6))
+    assert found.peak_force.sel(force="jenkins", amplitude=0.3).item() == pytest.approx(0.5 * 0.02, rel=1e-6)
+    assert found.peak_force.sel(force="masing", amplitude=0.3).item() == pytest.approx(0.5 * 0.3**2, rel=1e-4)
+    np.testing.assert_allclose(np.abs(found.decay_share).sum("force"), 1.0)
+
+
+def test_a_drifting_force_is_weighed_at_a_time():
+    result = known({"zeta": 0.01, "drift": 0.002}, library=every_force())
+    assert weights(result, 0.3).decay.sel(force="drift").item() == 0.0
+    later = weights(result, 0.3, time=5.0).decay
+    assert later.sel(force="drift").item() == pytest.approx(later.sel(force="zeta").item() * 0.5, rel=1e-9)
+
+
+def test_crossovers_of_forces_that_are_no_powers():
+    library = every_force()
+    result = known({"zeta": 0.01, "jenkins": 0.1, "stribeck": 1e-3}, library=library)
+    found = crossovers(result)
+    for pair in ("zeta jenkins envelope", "zeta stribeck envelope"):
+        row = found.sel(pair=pair)
+        for rule, name in (("averaged", "decay"), ("peak force", "peak_force")):
+            a = row.amplitude.sel(rule=rule).item()
+            each = weights(result, a)[name]
+            first, second = (abs(each.sel(force=row[k].item()).item()) for k in ("first", "second"))
+            assert first == pytest.approx(second, rel=1e-6)
+    # Jenkins' friction is weak where it sticks and where it slips far: it leads in between only.
+    assert found.crossings.sel(pair="zeta jenkins envelope", rule="averaged").item() == 2
+
+
+def test_where_there_is_no_crossover_there_is_none():
+    same = crossovers(known({"zeta": 0.01, "maxwell": 0.1}, library=every_force()))
+    assert np.isnan(same.amplitude.sel(pair="zeta maxwell envelope", rule="averaged").item())
+    absent = crossovers(known({"zeta": 0.01, "delta": 0.0}))
+    assert np.all(np.isnan(absent.amplitude)) and np.all(absent.crossings == 0)
+    assert crossovers(known({"zeta": 0.01})).sizes["pair"] == 0
+
+
+def test_arrest_is_near_the_stop_of_the_exact_motion():
+    for start in (0.3, 0.1):
+        found = arrest_time(with_errors(DRY), start)
+        assert abs(found.stop_time.item() - found.arrest_time.item()) < np.pi / W
+        assert found.arrest_time_standard_error.item() > 0
+
+
+# Fingerprint.
+
+
+def test_a_slipping_contact_has_the_fingerprint():
+    # A record of Masing's hysteresis (m = 2), identified with the six forces.
+    model = Model(every_force(), {"zeta": 0.005, "masing": 0.04}, W)
+    time = np.arange(0.0, 25.0, 0.01)
+    angle = trajectory(model, time, 0.3).position + 1e-4 * np.random.default_rng(4).standard_normal(time.size)
+    result = Direct().identify(xr.Dataset({"angle": ("time", angle)}, {"time": time}), load_library())
+    found = slip_fingerprint(result)
+    assert found.ratio.item() == pytest.approx(SLIP_RATIO, rel=0.1)
+    assert found.significance.item() > 10
+
+
+@pytest.mark.parametrize(
+    ("nu", "delta", "errors", "verdict"),
+    [
+        (-0.0942, 0.04, (0.002, 0.001), "compatible"),
+        (-0.0942, 0.04, (0.2, 0.1), "undecided"),
+        (-0.40, 0.037, (0.003, 0.001), "not compatible"),
+        (0.0942, -0.04, (0.002, 0.001), "not compatible"),
+        (0.01, 0.0, (0.2, 0.001), "undecided"),
+        (0.4, 0.0, (0.02, 0.001), "not compatible"),
+    ],
+)
+def test_verdict_of_the_fingerprint(nu, delta, errors, verdict):
+    spread = np.diag([errors[1] ** 2, errors[0] ** 2, 0.0])
+    assert slip_fingerprint(known({"delta": delta, "nu": nu}, spread)).attrs["verdict"] == verdict
+
+
+# Stiffness and inertia.
+
+
+def test_errors_of_stiffness_and_inertia():
+    found = contact_stiffness(
+        9.91,
+        8.87,
+        INERTIA,
+        frequency_standard_error=0.01,
+        omega0_standard_error=0.02,
+        inertia_standard_error=2e-8,
+    )
+    parts = np.array([2 * 9.91 * INERTIA * 0.01, 2 * 8.87 * INERTIA * 0.02, (9.91**2 - 8.87**2) * 2e-8])
+    assert found.contact_stiffness_standard_error.item() == pytest.approx(np.linalg.norm(parts), rel=1e-6)
+    sphere = sphere_stiffness(0.53e6, 2e-4, contact_radius_standard_error=1e-5)
+    relative = sphere.contact_stiffness_standard_error.item() / sphere.contact_stiffness.item()
+    assert relative == pytest.approx(0.15, rel=1e-5)
+    whole = inertia_with_mass(1.24e-6, 9e-4, 0.01, inertia_standard_error=1e-8, radius_standard_error=1e-4)
+    expected = np.hypot(1e-8, 2 * 9e-4 * 0.01 * 1e-4)
+    assert whole.inertia_standard_error.item() == pytest.approx(expected, rel=1e-6)
+
+
+# Sliding windows.
+
+
+@dataclass(frozen=True)
+class Oracle:
+    """Knows the truth, but states it at a frequency of its own in every window; cannot decide some."""
+
+    shapes: dict = field(default_factory=dict)
+
+    def identify(self, decay, library):
+        start = decay.time.values[0]
+        if 5.0 < start < 7.0:
+            raise DecayError("nothing to see here")
+        w = W * (1.0 + 0.001 * start)
+        forces = library.select(DRY).forces
+        own = dict(zip(DRY, rescaling_factors(forces, W, w) * list(DRY.values()), strict=True))
+        return known(own, np.diag([1e-4] * len(DRY) + [0.0]) ** 2, w=w, library=library)
+
+
+def test_windows_are_compared_at_one_frequency():
+    found = sliding_coefficients(
+        paper_run().decay(1), load_library(), Oracle(), window_periods=6, overlap=0.5
+    )
+    decided = found.reason == ""
+    assert 0 < (~decided).sum().item() < 4
+    assert np.all(found.reason[~decided] == "nothing to see here")
+    assert np.all(np.isnan(found.coefficient[~decided])) and np.all(np.isfinite(found.coefficient[decided]))
+    spread = found.coefficient[decided].std("window") / np.abs(found.coefficient[decided].mean("window"))
+    assert np.all(spread < 1e-12)
+    assert np.all(np.diff(found.window_time) > 0) and np.all(np.diff(found.amplitude) < 0)
+    apart = found.window_time[found.apart].values
+    assert np.diff(apart).min() >= 6 * 2 * np.pi / W * 0.97
+    assert found.degrees_of_freedom.item() == int((found.apart & decided).sum()) - 1
+
+
+def test_constant_coefficients_pass_and_a_drift_is_found():
+    time = np.arange(0.0, 25.0, 0.01)
+    steady = {"zeta": 0.006, "nu": -0.2}
+    library = load_library().select(["zeta", "nu"])
+    for drift, constant in ((0.0, True), (2e-4, False)):
+        model = Model(every_force(), {**steady, "drift": 2 * drift}, W)
+        noise = 1e-4 * np.random.default_rng(8).standard_normal(time.size)
+        decay = xr.Dataset({"angle": ("time", trajectory(model, time, 0.3).position + noise)}, {"time": time})
+        found = sliding_coefficients(decay, library, Direct(), window_periods=8).sel(force="zeta")
+        assert (found.p_value.item() > 0.01) == constant
+        assert (found.trend_p_value.item() > 0.01) == constant
+        assert abs(found.trend.item() - drift) < 4 * found.trend_standard_error.item() + 0.05 * drift
+
+
+def test_a_held_frequency_shows_a_change_of_stiffness_as_alpha():
+    time = np.arange(0.0, 25.0, 0.01)
+    stiffer = parse_library(
+        {
+            "force": [
+                *({"symbol": f.symbol, "formula": f.formula.text} for f in load_library()),
+                {"symbol": "s", "formula": "t*x"},
+            ]
+        },
+        "test",
+    )
+    angle = trajectory(Model(stiffer, {"zeta": 0.006, "s": 1e-3}, W), time, 0.3).position
+    angle = angle + 1e-4 * np.random.default_rng(5).standard_normal(time.size)
+    decay = xr.Dataset({"angle": ("time", angle)}, {"time": time})
+    library = load_library().select(["zeta", "alpha"])
+    found = sliding_coefficients(decay, library, Direct(reference_frequency=W))
+    assert found.trend.sel(force="alpha").item() == pytest.approx(1e-3, rel=0.05)
+    assert found.trend_p_value.sel(force="alpha").item() < 1e-10
+    assert found.common_frequency.item() == pytest.approx(W)
+
+
+# Printing and wrong requests.
+
+
+def test_sentences_and_data():
+    result = with_contactless_frequency(with_errors(DRY), 8.87, 0.02)
+    sentences = told(result, np.linspace(0.02, 0.3, 5), INERTIA)
+    text = " ".join(sentences)
+    for part in ("At 0.3 rad", "At 0.02 rad", "weigh the same", "stops after", "partial slip", "N m s rad-1"):
+        assert part in text
+    data = json.loads(json.dumps(as_data(result, [0.02, 0.3], INERTIA), allow_nan=False))
+    assert data["weights"][0]["amplitude"] == 0.3
+    assert data["arrest"]["arrest_time"]["value"] > 0
+    assert {row["first"] for row in data["crossovers"]} >= {"lambda", "zeta", "nu"}
+    assert data["physical_units"]["coefficients"]["zeta"]["unit"] == "N m s rad-1"
+    assert data["slip_fingerprint"]["verdict"] == "not compatible"
+
+
+def test_a_model_without_the_two_forces_has_no_fingerprint():
+    result = known({"zeta": 0.01})
+    assert not any("slip" in sentence for sentence in told(result, 0.3))
+    assert "slip_fingerprint" not in as_data(result, 0.3)
+    with pytest.raises(UsageError, match="fingerprint"):
+        slip_fingerprint(result)
+
+
+def test_a_force_that_is_not_finite_is_named():
+    library = parse_library({"force": [{"symbol": "gap", "formula": "x/(x**2 - 0.01)"}]}, "test")
+    result = known({"gap": 0.01}, library=library)
+    assert "gap" in told(result, 0.3)[0]
+    assert "gap" in as_data(result, 0.3)["refused"]
+
+
+def test_results_keep_the_library_and_have_labels():
+    result = with_errors(DRY)
+    for found in (
+        weights(result, 0.1),
+        crossovers(result),
+        physical_units(result, 1.0),
+        arrest_time(result, 0.1),
+    ):
+        assert library_of(result).symbols == tuple(DRY)
+        assert found.attrs["library"] == result.attrs["library"]
+        assert all("long_name" in variable.attrs for variable in found.data_vars.values())
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: weights(xr.Dataset(), 0.3), "identification"),
+        (lambda: weights(known(DRY), -0.3), "positive angles"),
+        (lambda: weights(known(DRY), [[0.3]]), "one row"),
+        (lambda: arrest_time(known(DRY), [0.3, 0.2]), "One amplitude"),
+        (lambda: physical_units(known(DRY), 0.0), "inertia"),
+        (lambda: physical_units(known(DRY), 1.0, inertia_standard_error=-1.0), "standard error"),
+        (lambda: contact_stiffness(known(DRY), 8.87, 1.0, frequency_standard_error=0.1), "frequency"),
+        (lambda: sliding_coefficients(paper_run().decay(), load_library(), Direct(), overlap=1.0), "overlap"),
+    ],
+)
+def test_wrong_requests_are_usage_errors(call, message):
+    with pytest.raises(UsageError, match=message):
+        call()
+
+
+def test_a_short_decay_has_no_windows():
+    with pytest.raises(DecayError, match="Two windows"):
+        sliding_coefficients(paper_run(duration=5.0).decay(0), load_library(), Direct())
