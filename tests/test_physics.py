@@ -193,14 +193,8 @@ def test_torques_are_the_same_whatever_the_formula():
             speed = rate if term.endswith("theta'") else rate / W
             factor = abs(float(force.value(theta, speed)))
         else:
-            power = term.replace("|theta'|", "rate").replace("|theta|", "theta").replace("^", "**")
-            factor = {"rate": rate, "theta": theta}.get(power) or np.prod(
-                [
-                    {"rate": rate, "theta": theta, "1": 1.0}[p.split("**")[0]]
-                    ** float((p + "**1").split("**")[1])
-                    for p in power.split()
-                ]
-            )
+            powers = [part.partition("^") for part in term.split() if part != "1"]
+            factor = np.prod([(rate if "'" in base else theta) ** float(p or 1) for base, _, p in powers])
         assert found.coefficient.sel(force=force.symbol).item() * factor == pytest.approx(torque, rel=1e-9)
 
 
@@ -285,7 +279,8 @@ def test_weights_of_any_force_are_its_signature():
     library = every_force()
     symbols = [f.symbol for f in library if f.kind == "force" and not f.holds_time]
     found = weights(known(dict.fromkeys(symbols, 0.5), library=library), [0.02, 0.3])
-    assert np.all(np.isfinite(found.peak_force)) and np.all(found.peak_force.sel(amplitude=0.3) > 0)
+    assert np.all(np.isfinite(found.peak_force))
+    assert np.all(found.peak_force.sel(amplitude=0.3) > 0)
     # No average is larger than the peak.
     assert np.all(np.abs(found.decay) <= found.peak_force * (1 + 1e-6))
     assert found.peak_force.sel(force="jenkins", amplitude=0.3).item() == pytest.approx(0.5 * 0.02, rel=1e-6)
@@ -319,7 +314,8 @@ def test_where_there_is_no_crossover_there_is_none():
     same = crossovers(known({"zeta": 0.01, "maxwell": 0.1}, library=every_force()))
     assert np.isnan(same.amplitude.sel(pair="zeta maxwell envelope", rule="averaged").item())
     absent = crossovers(known({"zeta": 0.01, "delta": 0.0}))
-    assert np.all(np.isnan(absent.amplitude)) and np.all(absent.crossings == 0)
+    assert np.all(np.isnan(absent.amplitude))
+    assert np.all(absent.crossings == 0)
     assert crossovers(known({"zeta": 0.01})).sizes["pair"] == 0
 
 
@@ -333,15 +329,19 @@ def test_arrest_is_near_the_stop_of_the_exact_motion():
 # Fingerprint.
 
 
-def test_a_slipping_contact_has_the_fingerprint():
+@pytest.mark.parametrize("noise", [1e-5, 1e-3])
+@pytest.mark.parametrize("kappa", [0.02, 0.2])
+def test_a_slipping_contact_has_the_fingerprint(kappa, noise):
     # A record of Masing's hysteresis (m = 2), identified with the six forces.
-    model = Model(every_force(), {"zeta": 0.005, "masing": 0.04}, W)
+    model = Model(every_force(), {"zeta": 0.01, "masing": kappa}, W)
     time = np.arange(0.0, 25.0, 0.01)
-    angle = trajectory(model, time, 0.3).position + 1e-4 * np.random.default_rng(4).standard_normal(time.size)
+    angle = trajectory(model, time, 0.3).position + noise * np.random.default_rng(4).standard_normal(
+        time.size
+    )
     result = Direct().identify(xr.Dataset({"angle": ("time", angle)}, {"time": time}), load_library())
     found = slip_fingerprint(result)
-    assert found.ratio.item() == pytest.approx(SLIP_RATIO, rel=0.1)
-    assert found.significance.item() > 10
+    assert found.ratio.item() == pytest.approx(SLIP_RATIO, rel=0.16)
+    assert found.attrs["verdict"] == "compatible"
 
 
 @pytest.mark.parametrize(
@@ -351,6 +351,8 @@ def test_a_slipping_contact_has_the_fingerprint():
         (-0.0942, 0.04, (0.2, 0.1), "undecided"),
         (-0.40, 0.037, (0.003, 0.001), "not compatible"),
         (0.0942, -0.04, (0.002, 0.001), "not compatible"),
+        (-0.0942, 0.041, (1e-5, 1e-5), "compatible"),
+        (-0.06, 0.04, (1e-5, 1e-5), "not compatible"),
         (0.01, 0.0, (0.2, 0.001), "undecided"),
         (0.4, 0.0, (0.02, 0.001), "not compatible"),
     ],
@@ -408,10 +410,12 @@ def test_windows_are_compared_at_one_frequency():
     decided = found.reason == ""
     assert 0 < (~decided).sum().item() < 4
     assert np.all(found.reason[~decided] == "nothing to see here")
-    assert np.all(np.isnan(found.coefficient[~decided])) and np.all(np.isfinite(found.coefficient[decided]))
+    assert np.all(np.isnan(found.coefficient[~decided]))
+    assert np.all(np.isfinite(found.coefficient[decided]))
     spread = found.coefficient[decided].std("window") / np.abs(found.coefficient[decided].mean("window"))
     assert np.all(spread < 1e-12)
-    assert np.all(np.diff(found.window_time) > 0) and np.all(np.diff(found.amplitude) < 0)
+    assert np.all(np.diff(found.window_time) > 0)
+    assert np.all(np.diff(found.amplitude) < 0)
     apart = found.window_time[found.apart].values
     assert np.diff(apart).min() >= 6 * 2 * np.pi / W * 0.97
     assert found.degrees_of_freedom.item() == int((found.apart & decided).sum()) - 1

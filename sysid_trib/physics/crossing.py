@@ -34,10 +34,10 @@ def crossovers(result: xr.Dataset) -> xr.Dataset:
     -------
     Dataset over `pair` (coordinates `first`, `second`, and `acts_on`: envelope or frequency) and `rule`
     (`peak force`, `averaged`): `amplitude` (rad; nan if there is none; of forces that are no power laws the
-    smallest from 1e-4 to pi) with `amplitude_standard_error`, `crossings`, how many there are, and over `pair`
-    `opposed`, whether the two act against each other at the averaged crossover; a pair of which one feeds and
-    one damps then sustains an oscillation there. Signs do not count for the amplitude. Forces with a past are
-    in both groups.
+    smallest from 1e-4 to pi) with `amplitude_standard_error`, `crossings`, how many there are, and over
+    `pair` `opposed`, whether the two act against each other at the averaged crossover: a pair of which one
+    feeds and one damps then sustains an oscillation there. Signs do not count for the amplitude. Forces with
+    a past are in both groups.
 
     Raises
     ------
