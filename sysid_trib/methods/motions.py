@@ -49,7 +49,7 @@ class Problem:
     """The runs, and their unknowns in one vector: coefficients, shapes, w if free, then each run's own.
 
     `reference_frequency` : w in rad/s, held, or None where it is an unknown; `fit_shapes` : shape parameters
-    that are unknowns, the others are in `shapes`.
+    that are unknowns, the others are in `shapes`; `bounds` : of coefficients and shapes.
     """
 
     library: ForceLibrary
@@ -57,6 +57,7 @@ class Problem:
     reference_frequency: float | None
     fit_shapes: tuple[str, ...]
     shapes: Mapping[str, float]
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def free(self) -> bool:

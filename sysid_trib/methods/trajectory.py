@@ -2,17 +2,17 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from sysid_trib.coloured_noise import autoregression, whitened
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.methods.direct import Direct
+from sysid_trib.methods.fitting import fitted, grown, rms
 from sysid_trib.methods.motions import Problem, Record
 from sysid_trib.methods.unknowns import unknown_forces
 from sysid_trib.model import Model
@@ -22,11 +22,6 @@ from sysid_trib.start import first_guess
 
 Array = NDArray[np.float64]
 
-# Parts of the record to which the fit is extended in turn, so that a phase slip cannot trap it.
-WINDOWS = (0.06, 0.12, 0.22, 0.4, 0.65)
-# A start whose motion is this near to the record (RMS, of the record's) needs no growing window.
-NEAR = 0.1
-MAX_EVALUATIONS = 60
 # Rounds in which noise and fit of several runs, or of coloured noise, follow each other.
 ROUNDS = 3
 
@@ -82,12 +77,12 @@ class Trajectory:
             self.reference_frequency,
             self.fit_shapes,
             self.shapes,
+            self.bounds,
         )
-        unknown = _grown(self, problem, _beginning(self, problem, decays, library))
-        unknown = _fitted(self, problem, unknown)
+        unknown = fitted(problem, grown(problem, _beginning(self, problem, decays, library)))
         for _ in range(ROUNDS if self.noise == "coloured" or len(decays) > 1 else 0):
             problem = _weighted(problem, unknown, coloured=self.noise == "coloured")
-            unknown = _fitted(self, problem, unknown)
+            unknown = fitted(problem, unknown)
         return _labelled(self, problem, decays, library, unknown)
 
 
@@ -118,63 +113,15 @@ def _beginning(
     return np.array([*coefficients, *shapes, *frequencies, *own.ravel()])
 
 
-def _grown(method: Trajectory, problem: Problem, unknown: Array) -> Array:
-    """Extend the fit over the records window by window, unless the start follows them already."""
-    pairs = zip(problem.residuals(unknown), problem.records, strict=True)
-    if all(_rms(left) < NEAR * _rms(record.angle) for left, record in pairs):
-        return unknown
-    for part in WINDOWS:
-        unknown = _fitted(method, problem.first(part), unknown)
-    return unknown
-
-
 def _weighted(problem: Problem, unknown: Array, *, coloured: bool) -> Problem:
     """Each run with the weight of the noise that it leaves, and with the colour of it where asked for."""
     records = []
     for record, left in zip(problem.records, problem.residuals(unknown), strict=True):
         filter_ = autoregression(left) if coloured else np.ones(1)
-        records.append(replace(record, filter_=filter_, weight=1.0 / _rms(whitened(left, filter_))))
+        records.append(replace(record, filter_=filter_, weight=1.0 / rms(whitened(left, filter_))))
     # Relative to their RMS noise, so that what is left is an angle.
     common = root_mean_square([1.0 / record.weight for record in records])
     return replace(problem, records=tuple(replace(r, weight=common * r.weight) for r in records))
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
-
-
-def _fitted(method: Trajectory, problem: Problem, unknown: Array) -> Array:
-    """Least squares from a first guess, on whitened residuals."""
-    low, high = _limits(method, problem, len(unknown))
-    bounded = bool(np.any(np.isfinite(low)) or np.any(np.isfinite(high)))
-    inside = np.clip(unknown, np.nextafter(low, np.inf), np.nextafter(high, -np.inf))
-    found = least_squares(
-        problem.white_residual,
-        inside,
-        jac=problem.white_sensitivity,
-        bounds=(low, high) if bounded else (-np.inf, np.inf),
-        method="trf" if bounded else "lm",
-        x_scale="jac",
-        xtol=1e-12,
-        ftol=1e-12,
-        gtol=1e-14,
-        max_nfev=MAX_EVALUATIONS,
-    )
-    return np.asarray(found.x, dtype=float)
-
-
-def _limits(method: Trajectory, problem: Problem, count: int) -> tuple[Array, Array]:
-    low, high = np.full(count, -np.inf), np.full(count, np.inf)
-    given: dict[str, Any] = dict(method.bounds)
-    for force in problem.library:
-        given |= {
-            f"{force.symbol}.{k}": given.get(f"{force.symbol}.{k}", (s.low, s.high))
-            for k, s in force.shape.items()
-        }
-    for at, name in enumerate(problem.names):
-        if name in given:
-            low[at], high[at] = given[name]
-    return low, high
 
 
 def _labelled(

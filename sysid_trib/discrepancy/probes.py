@@ -1,0 +1,146 @@
+"""Candidates as probes: each force, at each value of its shape parameters, and how it moves the motion."""
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid_trib.discrepancy.response import Tangent, responses
+from sysid_trib.errors import SysidTribError
+from sysid_trib.forces import Force, ForceLibrary
+from sysid_trib.model import Model
+from sysid_trib.simulation import trajectory
+
+Array = NDArray[np.float64]
+
+# Values of one shape parameter; of several, so many combinations at most.
+VALUES = 7
+COMBINATIONS = 27
+# A force of this strength leaves the motion as it is, and lets what it remembers be carried along.
+TRACE = 1e-9
+# Parts of a cell over which a force that switches is averaged.
+PARTS = (np.arange(8) + 0.5) / 8.0 - 0.5
+
+
+@dataclass(frozen=True)
+class Probe:
+    """A candidate with its shape parameters held (`{"dahl.s": 0.02}`)."""
+
+    force: Force
+    shapes: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Course:
+    """One run's motion: the model, its start (rad, rad/s), the record's times, and the small deviations."""
+
+    model: Model
+    start: tuple[float, float]
+    time: Array
+    about: Tangent
+
+
+def probes_of(candidates: ForceLibrary, frequencies: Sequence[float] = ()) -> list[Probe]:
+    """Every candidate at a grid of its shape parameters.
+
+    `frequencies` : rad/s, at which a force that is periodic in time is tried; its period is a shape.
+    """
+    found = []
+    for force in candidates:
+        grids = [_grid(force, name, frequencies) for name in force.shape]
+        while np.prod([len(grid) for grid in grids], dtype=int) > max(
+            COMBINATIONS, len(frequencies) * VALUES
+        ):
+            longest = int(np.argmax([len(grid) for grid in grids]))
+            grids[longest] = grids[longest][::2]
+        for values in itertools.product(*grids):
+            shapes = {f"{force.symbol}.{k}": float(v) for k, v in zip(force.shape, values, strict=True)}
+            found.append(Probe(force, shapes))
+    return found
+
+
+def _grid(force: Force, name: str, frequencies: Sequence[float]) -> Array:
+    shape = force.shape[name]
+    if is_frequency(force, name):
+        inside = [w for w in frequencies if shape.low <= w <= shape.high]
+        return np.array(inside or [shape.default])
+    if shape.low > 0.0 and shape.high > 10.0 * shape.low:
+        return np.geomspace(shape.low, shape.high, VALUES)
+    return np.linspace(shape.low, shape.high, VALUES)
+
+
+def is_frequency(force: Force, name: str) -> bool:
+    """Whether a shape parameter is the angular frequency of a force periodic in time (by its formula)."""
+    if not force.memoryless or "t" not in force.formula.names:
+        return False
+    shape, t = force.shape[name], np.linspace(0.0, 3.0, 41)
+    if shape.low <= 0.0:
+        return False
+    x = np.full_like(t, 0.3)
+    for value in (shape.default, 1.7 * shape.default):
+        shapes = {f"{force.symbol}.{name}": value}
+        pair = [force.value(x, 0.7 * x, t + s, shapes=shapes) for s in (0.0, 2.0 * np.pi / value)]
+        if not np.allclose(*pair, rtol=1e-6, atol=1e-9) or np.ptp(pair[0]) == 0.0:
+            return False
+    return True
+
+
+def moved_by(course: Course, probes: Sequence[Probe]) -> tuple[Array, list[str]]:
+    """Derivative of the measured angle by the coefficient of each probe, (sample, probe), and why not.
+
+    A probe that cannot be computed on this motion moves nothing, and has a reason.
+    """
+    moved = np.zeros((len(course.time), len(probes)))
+    forces = np.zeros((len(course.about.x), len(probes)))
+    reasons = [""] * len(probes)
+    for at, probe in enumerate(probes):
+        try:
+            values = _along(course, probe)
+        except SysidTribError as error:
+            reasons[at] = str(error)
+            continue
+        if not np.all(np.isfinite(values)):
+            reasons[at] = "its formula is not finite on this motion"
+        elif probe.force.kind == "sensor":
+            moved[:, at] = course.about.at_samples(values)
+        else:
+            forces[:, at] = values
+    dynamic = [at for at, probe in enumerate(probes) if probe.force.kind != "sensor"]
+    if dynamic:
+        moved[:, dynamic] = responses(course.about, forces[:, dynamic])
+    # What overflows on the way is no response.
+    wild = ~np.all(np.isfinite(moved), axis=0)
+    moved[:, wild] = 0.0
+    return moved, [
+        r or ("its response is not finite" if w else "") for r, w in zip(reasons, wild, strict=True)
+    ]
+
+
+def _along(course: Course, probe: Probe) -> Array:
+    """Values of a probe along the motion, (point,)."""
+    about, force = course.about, probe.force
+    if force.memoryless:
+        if not force.surfaces or force.kind == "sensor":
+            return force.value(about.x, about.v, about.time, shapes=probe.shapes)
+        # A switching falls between points; x'' = -x is near enough for parts of a cell.
+        step = about.tau[1] - about.tau[0]
+        parts = [
+            force.value(
+                about.x + s * step * about.v, about.v - s * step * about.x, about.time, shapes=probe.shapes
+            )
+            for s in PARTS
+        ]
+        return np.asarray(np.mean(parts, axis=0))
+    library = ForceLibrary("with a candidate", (*course.model.library.forces, force))
+    model = replace(
+        course.model,
+        library=library,
+        coefficients={**course.model.coefficients, force.symbol: TRACE},
+        shapes={**course.model.shapes, **probe.shapes},
+    )
+    motion = trajectory(model, about.time + course.time[0], *course.start)
+    names = (*force.state, *force.memory)
+    hidden = {name: motion.hidden[f"{force.symbol}.{name}"] for name in names}
+    return force.value(about.x, about.v, about.time, shapes=probe.shapes, hidden=hidden)

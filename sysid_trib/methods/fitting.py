@@ -1,0 +1,66 @@
+"""Least squares of motions on records, over a window that grows where the first guess is far."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from sysid_trib.methods.motions import Problem
+
+Array = NDArray[np.float64]
+
+# Parts of the record to which the fit is extended in turn, so that a phase slip cannot trap it.
+WINDOWS = (0.06, 0.12, 0.22, 0.4, 0.65)
+# A start whose motion is this near to the record (RMS, of the record's) needs no growing window.
+NEAR = 0.1
+MAX_EVALUATIONS = 60
+# Steps, in units of the solution, below which a fit is done.
+TOLERANCE = 1e-12
+
+
+def grown(problem: Problem, unknown: Array, *, tolerance: float = TOLERANCE) -> Array:
+    """Extend the fit over the records window by window, unless the start follows them already."""
+    pairs = zip(problem.residuals(unknown), problem.records, strict=True)
+    if all(rms(left) < NEAR * rms(record.angle) for left, record in pairs):
+        return unknown
+    for part in WINDOWS:
+        unknown = fitted(problem.first(part), unknown, tolerance=tolerance)
+    return unknown
+
+
+def fitted(problem: Problem, unknown: Array, *, tolerance: float = TOLERANCE) -> Array:
+    """Unknowns of least whitened residual, from a first guess."""
+    low, high = _limits(problem, len(unknown))
+    bounded = bool(np.any(np.isfinite(low)) or np.any(np.isfinite(high)))
+    inside = np.clip(unknown, np.nextafter(low, np.inf), np.nextafter(high, -np.inf))
+    found = least_squares(
+        problem.white_residual,
+        inside,
+        jac=problem.white_sensitivity,
+        bounds=(low, high) if bounded else (-np.inf, np.inf),
+        method="trf" if bounded else "lm",
+        x_scale="jac",
+        xtol=tolerance,
+        ftol=tolerance,
+        gtol=0.01 * tolerance,
+        max_nfev=MAX_EVALUATIONS,
+    )
+    return np.asarray(found.x, dtype=float)
+
+
+def rms(values: Array) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _limits(problem: Problem, count: int) -> tuple[Array, Array]:
+    low, high = np.full(count, -np.inf), np.full(count, np.inf)
+    given = dict(problem.bounds)
+    for force in problem.library:
+        given |= {
+            f"{force.symbol}.{k}": given.get(f"{force.symbol}.{k}", (s.low, s.high))
+            for k, s in force.shape.items()
+        }
+    for at, name in enumerate(problem.names):
+        if name in given:
+            low[at], high[at] = given[name]
+    return low, high
