@@ -264,3 +264,13 @@ def test_slow_and_uneven_sampling_do_no_harm():
     gap, told = errors_of(found, run.model.coefficients)
     assert np.all(np.abs(gap) < 4.0 * told)
     assert found.standard_error.item() < 1.5 * direct.standard_error.item()
+
+
+@pytest.mark.parametrize("nu", [-0.2, 0.2])
+def test_an_elastic_force_passes_for_quadratic_friction_in_wus_decrement(nu):
+    run = paper_run(DAMPED | {"lambda": 1e-5, "nu": nu}, duration=15.0)
+    found = WuDecrement().identify(run.decay(0), FORCES)
+    gap = found.coefficient.sel(force="delta").item() - DAMPED["delta"]
+    assert gap == pytest.approx(-2.0 * DAMPED["zeta"] * nu, rel=0.2)
+    assert found.envelope_misfit.item() < 2.0
+    assert found.frequency_misfit.item() > 50.0

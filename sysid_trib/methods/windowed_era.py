@@ -56,7 +56,7 @@ class WindowedERA:
             np.array(values[:1]), scaled @ scaled.T, float(values[1]), windows.sample_noise, extra
         )
         result = identification(self, decay, asked, estimate, offered=library).merge(table(windows))
-        return result.assign_attrs(first_order_bias_removed="no: there is none", assumes=self.ASSUMES)
+        return result.assign_attrs(first_order_bias_removed="not needed", assumes=self.ASSUMES)
 
 
 def _linear(windows: Windows) -> list[tuple[Array, sp.csr_matrix]]:

@@ -26,9 +26,11 @@ class WuDecrement:
 
     Notes
     -----
-    The energy that a half period loses is the work of the forces along a sine of the mean amplitude a:
-    |X_i| - |X_i+1| = sum of c_p B_p a^p for forces c_p |v|^p sign(v), B_p = integral of sin^(p+1) over half a
-    period: 2 lambda + pi zeta a + (4/3) delta a^2. All powers are unknowns at once.
+    The energy that a half period loses is the work of the forces along a sine of the mean amplitude a: for
+    forces c_p |v|^p sign(v), |X_i| - |X_i+1| = sum of c_p B_p a^p, B_p the integral of sin^(p+1) over half a
+    period: 2 lambda + pi zeta a + (4/3) delta a^2. All powers are unknowns at once. An elastic force
+    nu x |x|, by which half periods last longer or shorter with the amplitude, passes for a delta of about
+    -2 zeta nu; `frequency_misfit` shows it, the envelope does not.
     """
 
     ASSUMES: ClassVar[str] = "solid friction, powers of the speed and a linear spring, nothing else"
@@ -71,5 +73,9 @@ def _is_power(force: Force) -> bool:
 
 
 def _values(unknown: Array) -> Array:
-    """From coefficients and half a period (s) to coefficients and w, with the shift by viscous friction."""
+    """From coefficients and half a period (s) to coefficients and w.
+
+    Damping of any power lowers the frequency to second order, together by what is well known of it: that is
+    left to the correction, for the share of viscous friction alone is not.
+    """
     return np.append(unknown[:-1], np.pi / unknown[-1])
