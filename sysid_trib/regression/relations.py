@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-import scipy.sparse as sp
 import xarray as xr
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded
@@ -78,43 +77,47 @@ def solve(equations: Equations, measured: xr.Dataset) -> Solution:
         weighted = cho_solve_banded((factor, True), design / size)
         inverse = np.linalg.inv(weighted.T @ (design / size)) / size[:, None]
         unknown = inverse @ (weighted.T @ target)
-    influence = inverse @ (noise.T @ weighted).T
-    return Solution(unknown, influence, target - design @ unknown, factor)
+    return Solution(unknown, inverse @ _spread(noise, weighted), target - design @ unknown, factor)
 
 
-def _noise(equations: Equations, measured: xr.Dataset, unknown: Array) -> sp.csr_matrix:
-    """How unit errors of the extrema and their times move each equation, (equation, extrema then times)."""
+def _noise(equations: Equations, measured: xr.Dataset, unknown: Array) -> Array:
+    """How unit errors move each equation i, (extremum or time, j, i): those of half period i + j."""
     b, t = measured.extremum.values, measured.extremum_time.values
 
-    def gap(values: tuple[Array, Array]) -> Array:
-        design, target = equations(*values)
+    def gap(extremum: Array, time: Array) -> Array:
+        design, target = equations(extremum, time)
         return target - design @ unknown
 
-    count = len(b) - len(gap((b, t))) + 1
-    here = np.arange(len(b) - count + 1)
-    blocks = []
-    reaches = (STEP * b, np.full(len(b), STEP * float(np.mean(np.diff(t)))))
-    names = ("extremum_standard_error", "extremum_time_standard_error")
-    for at, (reach, name) in enumerate(zip(reaches, names, strict=True)):
-        error = measured[name].values + ROUNDING * reach / STEP
-        block = sp.csr_matrix((len(here), len(b)))
+    here = np.arange(len(gap(b, t)))
+    count = len(b) - len(here) + 1
+    reaches = np.stack([STEP * b, np.full(len(b), STEP * float(np.mean(np.diff(t))))])
+    told = (measured.extremum_standard_error.values, measured.extremum_time_standard_error.values)
+    errors = np.stack(told) + ROUNDING * reaches / STEP
+    noise = np.empty((2, count, len(here)))
+    for at, first in np.ndindex(2, count):
         # Half periods so far apart that no equation holds two of them are moved at once.
-        for first in range(count):
-            moved = np.where(np.arange(len(b)) % count == first, reach, 0.0)
-            near = [gap((b + s * moved, t) if at == 0 else (b, t + s * moved)) for s in (1.0, -1.0)]
-            touched = here + (first - here) % count
-            slope = (near[0] - near[1]) / (2.0 * reach[touched]) * error[touched]
-            block += sp.csr_matrix((slope, (here, touched)), block.shape)
-        blocks.append(block)
-    return sp.csr_matrix(sp.hstack(blocks))
+        moved = np.zeros_like(reaches)
+        moved[at, first::count] = reaches[at, first::count]
+        change = gap(b + moved[0], t + moved[1]) - gap(b - moved[0], t - moved[1])
+        beyond = (first - here) % count
+        touched = here + beyond
+        noise[at, beyond, here] = change / (2.0 * reaches[at, touched]) * errors[at, touched]
+    return noise
 
 
-def _factor(noise: sp.csr_matrix) -> Array:
-    """Cholesky factor of the covariance, lower banded."""
-    covariance = (noise @ noise.T).todia()
-    size = covariance.shape[0]
-    width = int(np.max(np.abs(covariance.offsets)))
-    banded = np.zeros((width + 1, size))
-    for offset in range(width + 1):
-        banded[offset, : size - offset] = covariance.diagonal(-offset)
+def _factor(noise: Array) -> Array:
+    """Cholesky factor of the equations' covariance, lower banded."""
+    _, count, size = noise.shape
+    banded = np.zeros((count, size))
+    for k in range(count):
+        banded[k, : size - k] = np.sum(noise[:, k:, : size - k] * noise[:, : count - k, k:], axis=(0, 1))
     return np.asarray(cholesky_banded(banded, lower=True))
+
+
+def _spread(noise: Array, weighted: Array) -> Array:
+    """Weights of the equations carried over to unit errors, (unknown, extrema then times)."""
+    _, count, size = noise.shape
+    carried = np.zeros((weighted.shape[1], 2, size + count - 1))
+    for j in range(count):
+        carried[:, :, j : j + size] += noise[None, :, j] * weighted.T[:, None]
+    return carried.reshape(weighted.shape[1], -1)
