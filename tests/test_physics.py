@@ -10,6 +10,7 @@ from known_results import PAPER, W, correlated, known
 from scipy.integrate import quad
 
 from sysid_trib import Model, load_library, with_contactless_frequency
+from sysid_trib.control_systems import damp
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.library_files import parse_library
 from sysid_trib.methods import Direct
@@ -23,7 +24,6 @@ from sysid_trib.physics.sliding import sliding_coefficients
 from sysid_trib.physics.units import inertia_with_mass, physical_units
 from sysid_trib.physics.unknowns import unknowns_of
 from sysid_trib.printing.physics import as_data, told
-from sysid_trib.results import library_of
 from sysid_trib.simulation import simulate, trajectory
 
 INERTIA = 1.33e-6
@@ -251,6 +251,24 @@ def test_a_contactless_frequency_gives_the_contact_stiffness_with_its_error():
         crossovers(result).sel(pair="nu epsilon frequency").amplitude,
         crossovers(known(DRY)).sel(pair="nu epsilon frequency").amplitude,
     )
+
+
+def test_a_contactless_frequency_changes_neither_energy_nor_arrest_nor_motion():
+    plain = with_errors(DRY)
+    result = with_contactless_frequency(plain, 8.87, 0.03)
+    energy = dissipated_energy(result, 0.3).sel(force=list(DRY))
+    xr.testing.assert_allclose(energy, dissipated_energy(plain, 0.3))
+    xr.testing.assert_allclose(arrest_time(result, 0.3), arrest_time(plain, 0.3))
+    xr.testing.assert_allclose(damp(result), damp(plain))
+
+
+def test_sensor_terms_have_no_weight():
+    library = every_force()
+    assert library["scale"].kind == "sensor"
+    spread = correlated(np.array([0.01, 0.2, 0.3, W]), 0.01)
+    found = weights(known({"zeta": 0.01, "scale": 0.2, "nu": 0.3}, spread, library=library), 0.3)
+    assert found.force.values.tolist() == ["zeta", "nu"]
+    assert found.frequency_share.sel(force="nu").item() == 1.0
 
 
 def test_no_force_is_known_by_its_symbol():
@@ -482,23 +500,22 @@ def test_a_model_without_the_two_forces_has_no_fingerprint():
 
 
 def test_a_force_that_is_not_finite_is_named():
-    library = parse_library({"force": [{"symbol": "gap", "formula": "x/(x**2 - 0.01)"}]}, "test")
+    library = parse_library({"force": [{"symbol": "gap", "formula": "log(1.5 - x)"}]}, "test")
     result = known({"gap": 0.01}, library=library)
-    assert "gap" in told(result, 0.3)[0]
-    assert "gap" in as_data(result, 0.3)["refused"]
+    assert "gap" in told(result, 2.0)[0]
+    assert "gap" in as_data(result, 2.0)["refused"]
 
 
-def test_results_keep_the_library_and_have_labels():
+def test_results_keep_the_library_have_labels_and_are_saved(tmp_path):
     result = with_errors(DRY)
-    for found in (
-        weights(result, 0.1),
-        crossovers(result),
-        physical_units(result, 1.0),
-        arrest_time(result, 0.1),
-    ):
-        assert library_of(result).symbols == tuple(DRY)
-        assert found.attrs["library"] == result.attrs["library"]
+    of_amplitude = (weights(result, 0.1), dissipated_energy(result, [0.1]), arrest_time(result, 0.1))
+    no_pair = crossovers(known({"zeta": 0.01}))
+    for found in (*of_amplitude, crossovers(result), physical_units(result, 1.0), no_pair):
+        assert "[[force]]" in found.attrs["library"]
         assert all("long_name" in variable.attrs for variable in found.data_vars.values())
+        found.to_netcdf(tmp_path / "found.nc", engine="h5netcdf")
+        with xr.open_dataset(tmp_path / "found.nc", engine="h5netcdf") as back:
+            assert back.load().equals(found)
 
 
 @pytest.mark.parametrize(
@@ -511,6 +528,7 @@ def test_results_keep_the_library_and_have_labels():
         (lambda: physical_units(known(DRY), 0.0), "inertia"),
         (lambda: physical_units(known(DRY), 1.0, inertia_standard_error=-1.0), "standard error"),
         (lambda: contact_stiffness(known(DRY), 8.87, 1.0, frequency_standard_error=0.1), "frequency"),
+        (lambda: sliding_coefficients([paper_run().decay()], load_library(), Direct()), "one decay"),
         (lambda: sliding_coefficients(paper_run().decay(), load_library(), Direct(), overlap=1.0), "overlap"),
     ],
 )

@@ -50,7 +50,7 @@ def sliding_coefficients(
     Raises
     ------
     UsageError
-        A window or overlap that makes no sense.
+        Not one decay, or a window or overlap that makes no sense.
     DecayError
         The decay is shorter than two windows, or no window can be decided.
 
@@ -60,6 +60,8 @@ def sliding_coefficients(
     amplitude go together: a coefficient that drifts may also be a force that depends on amplitude in another
     way. `t` in a formula counts from each window's first sample.
     """
+    if not isinstance(decay, xr.Dataset) or "angle" not in decay:
+        raise UsageError("Windows slide over one decay, a Dataset with angle(time): free_decay(record).")
     if not (np.isfinite(window_periods) and window_periods >= SHORTEST and 0.0 <= overlap < 1.0):
         raise UsageError(
             f"window_periods={window_periods} must be at least {SHORTEST:g}, overlap={overlap} from 0 to "

@@ -64,7 +64,9 @@ class Unknowns:
 
 
 def unknowns_of(result: xr.Dataset) -> Unknowns:
-    """Read the unknowns of an identification; all coefficients are converted to its reference frequency.
+    """Read the unknowns of an identification, all coefficients converted to its reference frequency.
+
+    Sensor terms are left out.
 
     Raises
     ------
@@ -78,7 +80,10 @@ def unknowns_of(result: xr.Dataset) -> Unknowns:
             f"This wants an identification, as identify returns it; {', '.join(missing) or 'library'} is "
             "missing."
         )
+    # A sensor term takes no energy and has no weight.
     library = library_of(result)
+    library = library.select(f.symbol for f in library if f.kind == "force")
+    result = result.sel(force=list(library.symbols), other_force=list(library.symbols))
     w, refers = result.reference_frequency.item(), result.refers_to.values
     c = result.coefficient.values.astype(float)
     own = np.isclose(refers, w, rtol=1e-12)
