@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from sysid_trib import methods, plots
     from sysid_trib.bounds import cramer_rao_bound
+    from sysid_trib.comparing import compare
     from sysid_trib.decays.free_decay import free_decay
     from sysid_trib.decays.half_sines import envelope
     from sysid_trib.differences import difference, run_agreement
@@ -34,6 +35,7 @@ _HOME = {
     "ForceFeatures": "feature_library",
     "ForceLibrary": "forces",
     "Model": "model",
+    "compare": "comparing",
     "cramer_rao_bound": "bounds",
     "cross_check": "identification",
     "difference": "differences",
@@ -62,6 +64,7 @@ __all__ = [
     "ForceFeatures",
     "ForceLibrary",
     "Model",
+    "compare",
     "cramer_rao_bound",
     "cross_check",
     "difference",

@@ -1,0 +1,117 @@
+"""`sysid-trib compare`."""
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from sysid_trib.commands import options
+from sysid_trib.commands.terminal import print_table, printable
+from sysid_trib.errors import UsageError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+QUALITY = (
+    "RMS of record minus simulated model: of the whole record; identified from its first two thirds (train), "
+    "of these and of the last third (held out)"
+)
+
+
+def compare(
+    records: options.Records = [],  # noqa: B006 - typer copies it
+    time: options.Time = None,
+    angle: options.Angle = None,
+    signal: options.Signal = "angle",
+    units: options.Units = None,
+    sampling_rate: options.Rate = None,
+    time_units: options.TimeUnits = None,
+    window: options.Window = ":",
+    equilibrium: options.Equilibrium = "auto",
+    library: options.Library = "contact_forces",
+    forces: options.Forces = None,
+    omega0: options.Omega0 = None,
+    reference_frequency: options.Reference = None,
+    set_: options.Shapes = [],  # noqa: B006 - typer copies it
+    output: options.Output = None,
+    as_json: options.Json = False,
+    plot: options.Plot = None,
+) -> None:
+    """Identify the forces of one decay by every method, and test each on a part that it has not seen."""
+    from sysid_trib import comparing, result_files
+    from sysid_trib.commands import checks
+
+    contactless = checks.parse_value_with_error(omega0, "--omega0")
+    checks.check_positive(reference_frequency, "--reference-frequency")
+    if contactless and reference_frequency:
+        raise UsageError("--omega0 and --reference-frequency each give alpha a meaning: choose one.")
+    if len(records) > 1:
+        raise UsageError(
+            f"compare takes one RECORD, and {len(records)} are given: name the one to compare on."
+        )
+    offered = checks.offered_forces(library, forces, bool(contactless or reference_frequency))
+    shapes = checks.held_shapes(set_, offered)
+    checks.check_output(output, ".nc", reads=records)
+    checks.check_folder(plot)
+    columns = checks.Columns(time, angle, signal, units, sampling_rate, time_units)
+    (decay,), told = checks.read_decays(records, columns, window, equilibrium)
+    checks.check_reference(reference_frequency, decay)
+    methods = comparing.every_method(reference_frequency, shapes)
+    with _progress(len(methods)) as tell:
+        tree = comparing.compare(decay, offered, methods, contactless=contactless, tell=tell)
+    if output is not None:
+        result_files.save(tree, output)
+    if plot is not None:
+        from sysid_trib import plots
+
+        result_files.write_figure(plots.comparison(tree), plot / "comparison")
+    if as_json:
+        from sysid_trib.printing.comparison import comparison_json
+
+        print(json.dumps(comparison_json(tree), indent=2, allow_nan=False))
+        return
+    _tell(tree, told[0])
+    for place in (output, plot):
+        if place is not None:
+            print(f"Written: {place}")
+
+
+@contextmanager
+def _progress(steps: int) -> Iterator[Callable[[str], None]]:
+    """A bar on stderr with what is under way, gone when all is done; nothing where no terminal is."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    console = Console(stderr=True, markup=False)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("", total=steps)
+        done = -1
+
+        def tell(label: str) -> None:
+            nonlocal done
+            done += 1
+            bar.update(task, completed=done, description=label)
+
+        yield tell
+
+
+def _tell(tree: "xr.DataTree", told: str) -> None:
+    from sysid_trib.printing.comparison import (
+        coefficient_table,
+        comparison_told,
+        difference_table,
+        quality_table,
+    )
+
+    print(printable(told))
+    print(tree["record"].attrs.get("free_decay", ""))
+    for title, table in (
+        ("Coefficients", coefficient_table(tree)),
+        ("Difference from the method that predicts best, over the errors of both", difference_table(tree)),
+        (QUALITY, quality_table(tree)),
+    ):
+        print(f"\n{title}")
+        print_table(table)
+    print()
+    for sentence in comparison_told(tree):
+        print(sentence)

@@ -1,0 +1,143 @@
+"""A part of a decay held out: how a model follows what it has not seen, and whether another does better."""
+
+import re
+import tomllib
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+from sysid_trib.agreement import fitted_motion
+from sysid_trib.library_files import parse_library
+from sysid_trib.results import library_of
+from sysid_trib.start import FittedMotion
+
+Array = NDArray[np.float64]
+
+# Of the time of a decay, what a model is identified from where the rest is to be predicted.
+TRAINING = 2.0 / 3.0
+# In antiphase (rad) a model has lost the record: its RMS says nothing more of the forces.
+SLIPPED = np.pi
+TIME = re.compile(r"\bt\b")
+
+
+@dataclass(frozen=True)
+class Followed:
+    """How the motion of a model follows a record, its start and the sensor's zero fitted there.
+
+    Attributes
+    ----------
+    gap : (sample,) rad, record minus model; phase_error : rad, the largest, nan of a motion that stops early.
+    stop_time : s, nan if the model does not stop within the record.
+    """
+
+    gap: Array
+    phase_error: float
+    stop_time: float
+
+    @property
+    def rms(self) -> float:
+        """RMS of the gap, rad."""
+        return float(np.sqrt(np.mean(self.gap**2)))
+
+    @property
+    def complaint(self) -> str:
+        """Why the motion is not the record's, in a few words; nothing if it is."""
+        if np.isfinite(self.stop_time):
+            return f"stops at {self.stop_time:.3g} s"
+        if self.phase_error > SLIPPED:
+            return f"slips by {self.phase_error / (2.0 * np.pi):.2g} periods"
+        return ""
+
+
+def split(decay: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
+    """The first two thirds of a decay by time, and the last."""
+    time = decay.time.values.astype(float)
+    first = int(np.searchsorted(time, time[0] + TRAINING * (time[-1] - time[0])))
+    return decay.isel(time=slice(0, first)), decay.isel(time=slice(first, None))
+
+
+def followed(decay: xr.Dataset, result: xr.Dataset, measured: xr.Dataset) -> Followed | None:
+    """How an identified model follows the decay it is from; None if it diverges.
+
+    `measured` : the record's envelope, whose extrema give its phase.
+    """
+    motion = fitted_motion(decay, result)
+    return None if motion is None else _held_against(decay, motion, measured)
+
+
+def predicted(
+    part: xr.Dataset, result: xr.Dataset, measured: xr.Dataset, first_time: float
+) -> Followed | None:
+    """How a model identified from an earlier part of a decay follows a later part; None if it diverges.
+
+    `first_time` : s, of the decay's first sample, from which `t` in a formula counts. States of forces with
+    a past begin anew, as after a release.
+    """
+    later = _counted_from(result, float(part.time.values[0]) - first_time)
+    return followed(part, later.drop_vars(["start_angle", "start_rate"], errors="ignore"), measured)
+
+
+def no_better(gap: Array, best: Array, block: int) -> float:
+    """Probability by chance of as large a ratio between two models' squared errors (two-sided).
+
+    Parameters
+    ----------
+    gap, best : (sample,) rad, what each leaves of the same record.
+    block : samples over which errors may be correlated, a period.
+
+    Notes
+    -----
+    Diebold & Mariano 1995, with the logarithm of the mean square over a block as the loss: a decay's last
+    swings then count as its first. Blocks are taken as independent; Student's distribution.
+    """
+    count = len(gap) // block
+    if count < 3:
+        return float("nan")
+    squares = [np.mean(g[: count * block].reshape(count, block) ** 2, axis=1) for g in (gap, best)]
+    loss = np.log(np.maximum(squares[0], 1e-300)) - np.log(np.maximum(squares[1], 1e-300))
+    spread = float(loss.std(ddof=1))
+    if spread == 0.0:
+        return float(loss[0] == 0.0)
+    return float(2.0 * student.sf(abs(loss.mean()) / spread * np.sqrt(count), count - 1))
+
+
+def _held_against(decay: xr.Dataset, motion: FittedMotion, measured: xr.Dataset) -> Followed:
+    time = decay.time.values.astype(float)
+    gap = decay.angle.values - motion.offset - motion.x
+    stop = motion.stop_time if motion.stop_time < time[-1] else float("nan")
+    error = float("nan") if np.isfinite(stop) else _phase_error(time, motion, measured)
+    return Followed(np.asarray(gap, dtype=float), error, stop)
+
+
+def _phase_error(time: Array, motion: FittedMotion, measured: xr.Dataset) -> float:
+    """Largest angle (rad) between the phase of a motion and the record's, at the record's extrema."""
+    inside = (measured.extremum_time.values > time[0]) & (measured.extremum_time.values < time[-1])
+    turns, sign = measured.extremum_time.values[inside], measured.sign.values[inside]
+    if not len(turns):
+        return float("nan")
+    phase = np.interp(turns, time, np.unwrap(np.arctan2(-motion.v, motion.x)))
+    ahead = phase - np.pi * np.arange(len(turns)) - (0.0 if sign[0] > 0 else np.pi)
+    # Whole turns count from where the two are nearest: the start's own are arbitrary.
+    middle = 2.0 * np.pi * np.round(np.median(ahead) / (2.0 * np.pi))
+    return float(np.max(np.abs(ahead - middle)))
+
+
+def _counted_from(result: xr.Dataset, seconds: float) -> xr.Dataset:
+    """The identification with `t` of its formulas moved, for a motion that starts so much later."""
+    if not any(force.holds_time for force in library_of(result)):
+        return result
+    data = tomllib.loads(result.attrs["library"])
+
+    def moved(formula: Any) -> Any:
+        if isinstance(formula, dict):
+            return {name: moved(text) for name, text in formula.items()}
+        return TIME.sub(f"(t + {seconds!r})", str(formula))
+
+    for force in data["force"]:
+        force |= {key: moved(force[key]) for key in ("formula", "state", "memory", "start") if key in force}
+    library = parse_library(data, result.attrs["library_source"])
+    return result.assign_attrs(library=library.to_toml())
