@@ -1,5 +1,6 @@
 """What the classical methods share: the forces they want, the half periods' frequency, the result."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -48,14 +49,14 @@ def same_half_periods(extremum: Array, time: Array) -> tuple[Array, Array]:
     return np.ones((len(time) - 1, 1)), np.diff(time)
 
 
-def law_of_forces(library: ForceLibrary, amplitude: Equations, values: Any) -> Law:
+def law_of_forces(library: ForceLibrary, amplitude: Equations, values: Callable[[Array], Array]) -> Law:
     """A law of the decrement beside a steady frequency, for the model of all forces of `library`."""
 
     def model(found: Array) -> Model:
         coefficients = dict(zip(library.symbols, found[:-1].tolist(), strict=True))
         return Model(library, coefficients, float(found[-1]))
 
-    return Law((amplitude, same_half_periods), values, model)
+    return Law({"envelope": amplitude, "frequency": same_half_periods}, values, model)
 
 
 def identified(
@@ -70,9 +71,8 @@ def labelled(
 ) -> xr.Dataset:
     """The identification of what was found, with its bias, its misfits and what the method assumes."""
     extra = {"misfit": (found.misfit, "1", "RMS of the equations' residual over its error")}
-    names = ("envelope_misfit", "frequency_misfit")
-    for name, value in zip(names[-len(found.misfits) :], found.misfits, strict=True):
-        extra[name] = (value, "1", f"the same of the {name.split('_')[0]}'s equations alone")
+    for group, value in found.misfits.items():
+        extra[f"{group}_misfit"] = (value, "1", f"the same of the {group}'s equations alone")
     estimate = Estimate(found.values[:-1], found.covariance, float(found.values[-1]), found.noise, extra)
     result = identification(method, decay, asked, estimate, offered=offered)
     result["first_order_bias"] = (

@@ -119,7 +119,8 @@ def _damped_law(library: ForceLibrary, shapes: Mapping[str, float]) -> Law:
         coefficients = dict(zip(whole.symbols, found[:-1].tolist(), strict=True))
         return Model(whole, coefficients, float(found[-1]), shapes)
 
-    return Law((_shifts(library, shapes), energy_balance(DAMPING)), values, model)
+    equations = {"frequency": _shifts(library, shapes), "envelope": energy_balance(DAMPING)}
+    return Law(equations, values, model)
 
 
 def _limit(found: Found) -> tuple[float, float]:
@@ -140,8 +141,8 @@ def _without_damping(found: Found, count: int) -> Found:
         values=found.values[keep],
         bias=found.bias[keep],
         covariance=found.covariance[np.ix_(keep, keep)],
-        misfits=found.misfits[:1],
-        misfit=found.misfits[0],
+        misfits={"frequency": found.misfits["frequency"]},
+        misfit=found.misfits["frequency"],
     )
 
 

@@ -1,6 +1,6 @@
 """Indirect inference: what a simplified method gets wrong on the motion of its own model is taken off."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,12 +27,12 @@ class Law:
 
     Attributes
     ----------
-    equations : groups of equations between half periods with unknowns of their own.
-    values : from all unknowns to coefficients and, last, the frequency.
+    equations : groups of equations between half periods with unknowns of their own, `envelope`, `frequency`.
+    values : from all unknowns, in the groups' order, to coefficients and, last, the frequency.
     model : of such values.
     """
 
-    equations: tuple[Equations, ...]
+    equations: Mapping[str, Equations]
     values: Callable[[Array], Array]
     model: Callable[[Array], Model]
 
@@ -41,7 +41,7 @@ class Law:
 class Found:
     """Values of a law, what was taken off them, and how far the half periods are from it.
 
-    `told` : `yes`, or `no` and why. `misfits` : one a group of equations, RMS of the residual over its error;
+    `told` : `yes`, or `no` and why. `misfits` : of each group of equations, RMS of the residual over its error;
     each scales the errors of its own unknowns. `misfit` : of all.
     """
 
@@ -49,7 +49,7 @@ class Found:
     bias: Array
     covariance: Array
     noise: float
-    misfits: tuple[float, ...]
+    misfits: Mapping[str, float]
     misfit: float
     told: str
 
@@ -61,7 +61,7 @@ def find(law: Law, decay: xr.Dataset, correct: bool) -> Found:
     record did, and what that got wrong is subtracted, until nothing moves (Gourieroux et al. 1993).
     """
     measured = envelope(decay)
-    first = [solve(equations, measured) for equations in law.equations]
+    first = [solve(equations, measured) for equations in law.equations.values()]
     raw = law.values(np.concatenate([part.unknown for part in first]))
     values, told, gaps = raw, "no", [(part, part.residual) for part in first]
     if correct:
@@ -72,13 +72,14 @@ def find(law: Law, decay: xr.Dataset, correct: bool) -> Found:
             told = f"no: {error}"
     squares = [part.chi_square(residual) for part, residual in gaps]
     freedom = [part.freedom for part, _ in gaps]
-    misfits = tuple(float(np.sqrt(s / f)) for s, f in zip(squares, freedom, strict=True))
+    misfits = [float(np.sqrt(s / f)) for s, f in zip(squares, freedom, strict=True)]
     spread = _covariance(law, first, misfits)
+    named = dict(zip(law.equations, misfits, strict=True))
     total = float(np.sqrt(sum(squares) / sum(freedom)))
-    return Found(values, raw - values, spread, float(measured.noise), misfits, total, told)
+    return Found(values, raw - values, spread, float(measured.noise), named, total, told)
 
 
-def _covariance(law: Law, parts: list[Solution], misfits: tuple[float, ...]) -> Array:
+def _covariance(law: Law, parts: list[Solution], misfits: Sequence[float]) -> Array:
     """Of the values: groups share the errors of half periods, each is scaled by its own misfit."""
     unknown = np.concatenate([part.unknown for part in parts])
     influence = np.concatenate(
@@ -99,14 +100,14 @@ def _corrected(
 ) -> tuple[Array, list[tuple[Solution, Array]]]:
     """Values whose motion, seen in the same way, gives what the record gave; the residuals' gaps."""
     found = law.values(np.concatenate([part.unknown for part in first]))
-    errors = np.sqrt(np.diag(_covariance(law, first, (1.0,) * len(first))))
+    errors = np.sqrt(np.diag(_covariance(law, first, [1.0] * len(first))))
     small = SETTLED * errors + ROUNDING * np.abs(found)
     part = _first_swings(decay, float(found[-1]))
     start = first_guess(*part, float(found[-1]))
     values = found
     for _ in range(MAX_CORRECTIONS):
         simulated = _simulated(law.model(values), decay, part, start, measured)
-        again = [solve(equations, simulated) for equations in law.equations]
+        again = [solve(equations, simulated) for equations in law.equations.values()]
         step = found - law.values(np.concatenate([solution.unknown for solution in again]))
         values = values + step
         if np.all(np.abs(step) < small):
