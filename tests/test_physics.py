@@ -500,10 +500,21 @@ def test_a_model_without_the_two_forces_has_no_fingerprint():
 
 
 def test_a_force_that_is_not_finite_is_named():
-    library = parse_library({"force": [{"symbol": "gap", "formula": "log(1.5 - x)"}]}, "test")
-    result = known({"gap": 0.01}, library=library)
-    assert "gap" in told(result, 2.0)[0]
-    assert "gap" in as_data(result, 2.0)["refused"]
+    formulas = {"limited": "log(5 - x)*v", "zeta": "2*v"}
+    library = parse_library({"force": [{"symbol": k, "formula": f} for k, f in formulas.items()]}, "test")
+    result = known({"limited": 0.01, "zeta": 0.01}, library=library)
+    assert "limited" in told(result, 6.0)[0]
+    assert "limited" in as_data(result, 6.0)["refused"]
+    assert "limited" in told(result, 0.3)[0]
+    assert "refused" not in as_data(result, 0.3)
+
+
+def test_a_limit_of_a_formula_leaves_the_crossovers_below_it():
+    formulas = {"limited": "x/(2 - x)", "epsilon": "x**3"}
+    library = parse_library({"force": [{"symbol": k, "formula": f} for k, f in formulas.items()]}, "test")
+    found = crossovers(known({"limited": 0.2, "epsilon": 0.3}, library=library))
+    a = found.amplitude.sel(rule="averaged").item()
+    assert 0.5 < a < 2.0
 
 
 def test_results_keep_the_library_have_labels_and_are_saved(tmp_path):

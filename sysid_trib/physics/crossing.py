@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Callable
+from contextlib import suppress
 
 import numpy as np
 import xarray as xr
@@ -108,10 +109,12 @@ class _Sizes:
             try:
                 return size(a)
             except LibraryError:
-                # A gap or a limit of a formula: what lies beyond is no amplitude of this force.
-                return (
-                    np.full(1, np.nan) if a.size == 1 else np.concatenate([where_finite(p[None]) for p in a])
-                )
+                found = np.full(a.size, np.nan)
+            # A limit of a formula: what lies beyond is no amplitude of this force.
+            with suppress(LibraryError):
+                for i in range(a.size if a.size > 1 else 0):
+                    found[i] = size(a[i : i + 1])[0]
+            return found
 
         return where_finite
 
