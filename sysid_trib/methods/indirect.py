@@ -41,8 +41,8 @@ class Law:
 class Found:
     """Values of a law, what was taken off them, and how far the half periods are from it.
 
-    `told` : `yes`, or `no` and why. `misfits` : of each group of equations, RMS of the residual over its error;
-    each scales the errors of its own unknowns. `misfit` : of all.
+    `told` : `yes`, or `no` and why. `misfits` : of each group of equations, RMS of the residual over its
+    error, which scales the errors of the group's unknowns; `misfit` : of all.
     """
 
     values: Array
