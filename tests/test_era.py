@@ -7,9 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sysid_trib import Model, load, load_library, save
-from sysid_trib.decays.windowed_modes import windowed_modes
-from sysid_trib.errors import DecayError
-from sysid_trib.methods import WindowedERA
+from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.methods import WindowedERA, windowed_modes
 from sysid_trib.simulation import trajectory
 
 FORCES = load_library()
@@ -107,3 +106,15 @@ def test_uneven_times_are_taken_as_they_are():
 def test_slow_sampling_is_refused():
     with pytest.raises(DecayError, match="sample faster"):
         windowed_modes(paper_run(LINEAR, sampling_rate=12.0).decay())
+
+
+def test_several_records_are_refused():
+    with pytest.raises(UsageError, match="one record at a time"):
+        WindowedERA().identify([paper_run(LINEAR).decay()], FORCES)
+
+
+def test_noise_without_oscillation_is_refused():
+    random = np.random.default_rng(0)
+    time = np.arange(1000) / 100.0
+    with pytest.raises(DecayError):
+        windowed_modes(decay(time, 1e-3 * random.standard_normal(1000)))

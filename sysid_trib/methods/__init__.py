@@ -1,5 +1,6 @@
 """Identification methods: small frozen objects with one job, `identify(decay, library) -> Dataset`."""
 
+from sysid_trib.decays.windowed_modes import windowed_modes
 from sysid_trib.methods.averaging import Averaging
 from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.energy_decay import EnergyDecay
@@ -25,4 +26,5 @@ __all__ = [
     "WindowedERA",
     "WuDecrement",
     "feeny_liang_decrement",
+    "windowed_modes",
 ]
