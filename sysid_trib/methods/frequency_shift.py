@@ -150,17 +150,17 @@ def _referred(
     found: Found, library: ForceLibrary, stiffness: Force | None, reference: float
 ) -> tuple[ForceLibrary, Found]:
     """Coefficients that refer to a frequency given, and the force of formula `x` if there is one."""
-    limit = found.values[-1]
-    ratio = (limit / reference) ** 2
+    fitted = found.values[-1]
+    ratio = (fitted / reference) ** 2
     forces = library.forces if stiffness is None else (stiffness, *library.forces)
     count = len(library)
     jacobian = np.zeros((len(forces) + 1, count + 1))
     jacobian[-1 - count : -1, :-1] = ratio * np.eye(count)
-    jacobian[-1 - count : -1, -1] = 2.0 * ratio * found.values[:-1] / limit
+    jacobian[-1 - count : -1, -1] = 2.0 * ratio * found.values[:-1] / fitted
     values = np.append(found.values[:-1] * ratio, reference)
     bias = np.append(found.bias[:-1] * ratio, 0.0)
     if stiffness is not None:
-        jacobian[0, -1] = 2.0 * ratio / limit
-        values, bias = np.append(ratio - 1.0, values), np.append(2.0 * ratio * found.bias[-1] / limit, bias)
+        jacobian[0, -1] = 2.0 * ratio / fitted
+        values, bias = np.append(ratio - 1.0, values), np.append(2.0 * ratio * found.bias[-1] / fitted, bias)
     spread = jacobian @ found.covariance @ jacobian.T
     return replace(library, forces=forces), replace(found, values=values, bias=bias, covariance=spread)
