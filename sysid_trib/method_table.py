@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import floor, log10
 from typing import Any
 
 import numpy as np
@@ -78,6 +79,16 @@ def best_of(trials: Sequence[Trial]) -> Trial:
         return min(held_out, key=lambda trial: trial.holdout.rms if trial.holdout else np.inf)
     decided = [trial for trial in trials if trial.result is not None]
     return min(decided, key=lambda trial: trial.whole.rms if trial.whole else np.inf)
+
+
+def column_power(one: xr.Dataset) -> int:
+    """Power of ten of a column: of the best method's value or error, of all if it has none."""
+    best = one.sel({"method": one.attrs["best"]})
+    size = max(abs(best.coefficient.item()), best.standard_error.item())
+    if not (np.isfinite(size) and size > 0.0):
+        size = float(np.nanmedian(np.abs(one.coefficient.values)))
+    power = floor(log10(size)) if np.isfinite(size) and size > 0.0 else 0
+    return 0 if -2 < power < 4 else power
 
 
 def _common_frequency(trials: Sequence[Trial], best: Trial) -> tuple[float, str]:

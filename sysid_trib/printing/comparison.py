@@ -1,13 +1,13 @@
 """Methods side by side: tables, plain sentences, and plain data for JSON."""
 
 from collections.abc import Callable
-from math import floor, log10
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
 from sysid_trib.identification import LARGE
+from sysid_trib.method_table import column_power
 from sysid_trib.printing.layout import number, text_table, value_with_error
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def coefficient_table(tree: xr.DataTree) -> "Table":
     heads, columns = [], []
     for symbol in found.force.values.tolist():
         one = found.sel(force=symbol)
-        power = _power(one)
+        power = column_power(one)
         scale = 10.0**power
         pairs = zip(one.coefficient.values / scale, one.standard_error.values / scale, strict=True)
         unit = "" if one.unit.item() == "1" else f" {one.unit.item()}"
@@ -71,7 +71,7 @@ def quality_table(tree: xr.DataTree) -> "Table":
         "held out (mrad)": (1e3 * found.holdout_rms, _ratio),
         "held out/noise": (found.holdout_over_noise, _ratio),
         "phase (periods)": (found.phase_error / (2.0 * np.pi), lambda value: f"{value:.2f}"),
-        "time (s)": (found.time_taken, lambda value: f"{value:.2g}"),
+        "time (s)": (found.time_taken, lambda value: f"{value:#.2g}"),
     }
     columns = [_column(values, told) for values, told in numbers.values()]
     return _method_table(found, [*numbers, "remarks"], [*columns, remarks], words=1)
@@ -137,16 +137,6 @@ def _method_table(found: xr.Dataset, heads: list[str], columns: list[list[str]],
     return text_table(["method", *heads], rows, whole=(0,), numbers=numbers)
 
 
-def _power(one: xr.Dataset) -> int:
-    """Power of ten of a column: of the best method's value or error, of all if it has none."""
-    best = one.sel({"method": one.attrs["best"]})
-    size = max(abs(best.coefficient.item()), best.standard_error.item())
-    if not (np.isfinite(size) and size > 0.0):
-        size = float(np.nanmedian(np.abs(one.coefficient.values)))
-    power = floor(log10(size)) if np.isfinite(size) and size > 0.0 else 0
-    return 0 if -2 < power < 4 else power
-
-
 def _signed(z: float, best: bool) -> str:
     if not np.isfinite(z):
         return "-"
@@ -197,7 +187,6 @@ def _explanation(found: xr.Dataset) -> str:
         "disturbances are in the record."
     )
     labels = found.method.values[["white noise" in text for text in found.assumes.values]].tolist()
-    # Its motion differs from the record by more than noise, and by the same sign for long.
     return (
         f"{told} Errors stated by {' and '.join(labels)} take it for white noise: too small."
         if labels

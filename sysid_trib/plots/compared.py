@@ -1,0 +1,170 @@
+"""Figure of methods side by side: one panel a force, and how well each method predicts."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from sysid_trib.method_table import column_power
+from sysid_trib.plots.style import axes
+from sysid_trib.results import library_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+# Okabe and Ito's palette, and a mark for print: what a method looks at.
+FAMILIES: dict[str, tuple[str, str, str]] = {
+    "trajectory": ("#009E73", "D", "trajectory"),
+    "direct": ("#0072B2", "s", "direct"),
+    "averaging": ("#D55E00", "o", "averaging"),
+    "other": ("0.35", "^", "decrements and others"),
+}
+FREQUENCY = "asymptotic_frequency"
+# Height of a panel (inch): of what is about it, and of a method.
+MARGIN, ROW = 0.75, 0.16
+# A method farther from the best than this many times the usual distance is an arrow at the edge.
+FAR = 5.0
+
+
+def comparison(tree: xr.DataTree) -> "Figure":
+    """Coefficient of each force and asymptotic frequency by method, and the RMS in time and out of it.
+
+    Parameters
+    ----------
+    tree : result of `compare`.
+    """
+    from matplotlib.figure import Figure
+
+    found = tree["comparison"].ds
+    names = [*found.force.values.tolist(), FREQUENCY]
+    across = min((3, 4), key=lambda columns: -(len(names) + 1) % columns)
+    rows = -(-(len(names) + 1) // across)
+    height = rows * (MARGIN + ROW * found.sizes["method"])
+    figure = Figure(figsize=(7.2, height + 0.3), layout="constrained")
+    panels = figure.subplots(rows, across, sharey=True, squeeze=False).ravel()
+    for name, panel in zip(names, panels, strict=False):
+        coefficients(tree, name, panel)
+    prediction(tree, panels[len(names)])
+    for panel in panels[len(names) + 1 :]:
+        panel.remove()
+    for at, panel in enumerate(panels[: len(names) + 1]):
+        panel.set_title(f"({chr(ord('a') + at)})", loc="left", fontsize=8)
+        # Names stand once a row; the rows share them.
+        panel.tick_params(labelleft=at % across == 0)
+    figure.legend(handles=_handles(tree), ncols=6, loc="outside upper center", frameon=False, fontsize=7)
+    return figure
+
+
+def coefficients(tree: xr.DataTree, quantity: str, ax: "Axes | None" = None) -> "Axes":
+    """One coefficient, or the `asymptotic_frequency`, by method with its standard error.
+
+    The band is that of the method that predicts best; an arrow stands for a value beyond the edge.
+    """
+    ax = axes(ax)
+    found = tree["comparison"].ds
+    value, error, label = _quantity(tree, quantity)
+    low, high = _limits(value, error, found.method.values.tolist().index(found.attrs["best"]))
+    at = found.method.values.tolist().index(found.attrs["best"])
+    if np.isfinite(value[at]):
+        ax.axvspan(value[at] - error[at], value[at] + error[at], color="0.88", zorder=0)
+    for row, method in enumerate(found.method.values.tolist()):
+        if not np.isfinite(value[row]):
+            continue
+        color, marker, _ = FAMILIES[_family(tree, method)]
+        if low <= value[row] <= high:
+            ax.errorbar(value[row], row, xerr=error[row], fmt=marker, color=color, **_mark(tree, method))
+        else:
+            edge, arrow = (high, ">") if value[row] > high else (low, "<")
+            ax.plot(edge, row, arrow, color=color, markersize=4, clip_on=False)
+    ax.set(xlabel=label, xlim=(low, high))
+    ax.locator_params(axis="x", nbins=3)
+    return _with_methods(ax, found)
+
+
+def prediction(tree: xr.DataTree, ax: "Axes | None" = None) -> "Axes":
+    """RMS of record minus model over the noise: of the part identified from (open), and held out (full)."""
+    ax = axes(ax)
+    found = tree["comparison"].ds
+    for row, method in enumerate(found.method.values.tolist()):
+        color, marker, _ = FAMILIES[_family(tree, method)]
+        pair = [float(found[k].values[row]) for k in ("train_over_noise", "holdout_over_noise")]
+        ax.plot(pair, [row, row], "-", color=color, linewidth=0.7)
+        ax.plot(pair[:1], [row], marker, markerfacecolor="white", markersize=4, color=color)
+        ax.plot(pair[1:], [row], marker, markersize=4, color=color)
+    ax.axvline(1.0, color="0.6", linewidth=0.7, linestyle=":")
+    label = "RMS of record \N{MINUS SIGN} model over noise\nopen: first two thirds; full: held out"
+    ax.set(xlabel=label, xscale="log")
+    return _with_methods(ax, found)
+
+
+def _with_methods(ax: "Axes", found: xr.Dataset) -> "Axes":
+    """Methods as rows, the first on top."""
+    labels = found.method.values.tolist()
+    ax.set_yticks(range(len(labels)), labels)
+    ax.set_ylim(len(labels) - 0.4, -0.6)
+    ax.tick_params(labelsize=7)
+    ax.xaxis.label.set_fontsize(8)
+    ax.grid(axis="y", color="0.93", linewidth=0.5)
+    ax.set_axisbelow(True)
+    return ax
+
+
+def _quantity(tree: xr.DataTree, quantity: str) -> tuple[Array, Array, str]:
+    """Values, errors, and the label of the axis; a power of ten is in the label, not in the ticks."""
+    found = tree["comparison"].ds
+    if quantity == FREQUENCY:
+        named = (found[FREQUENCY], found[f"{FREQUENCY}_standard_error"])
+        value, error = (column.values for column in named)
+        return value, error, r"$\omega_\infty$ (rad/s)"
+    one = found.sel(force=quantity)
+    power, unit = column_power(one), one.unit.item()
+    scale = f"$10^{{{power}}}$" if power else "" if unit != "1" else "1"
+    label = f"${_latex(tree, quantity)}$ ({' '.join(filter(None, (scale, unit if unit != '1' else '')))})"
+    return one.coefficient.values / 10.0**power, one.standard_error.values / 10.0**power, label
+
+
+def _latex(tree: xr.DataTree, symbol: str) -> str:
+    result = next(node.ds for node in tree.children.values() if symbol in node.ds.get("force", ()))
+    return library_of(result, whole=True)[symbol].latex_symbol
+
+
+def _limits(value: Array, error: Array, best: int) -> tuple[float, float]:
+    """Ends of an axis on which most methods have room; the wildest must not squeeze the others."""
+    known = np.isfinite(value[best])
+    centre = float(value[best] if known else np.nanmedian(value))
+    reach = np.abs(value - centre) + error
+    usual = max(float(np.nanmedian(reach)), 3.0 * float(error[best]) if known else 0.0)
+    inside = reach <= FAR * usual
+    low = min(float((value - error)[inside].min(initial=np.inf)), centre - usual)
+    high = max(float((value + error)[inside].max(initial=-np.inf)), centre + usual)
+    spare = max(0.08 * (high - low), 1e-9 * abs(centre), 1e-300)
+    return low - spare, high + spare
+
+
+def _family(tree: xr.DataTree, method: str) -> str:
+    """By the class of the method, not by its label, which anyone may choose."""
+    kind = str(tree[method].attrs.get("method", "")) if method in tree.children else "other"
+    return kind if kind in FAMILIES else "other"
+
+
+def _mark(tree: xr.DataTree, method: str) -> dict[str, Any]:
+    """The first of a family full, its variants open."""
+    family = _family(tree, method)
+    same = [m for m in tree["comparison"].ds.method.values.tolist() if _family(tree, m) == family]
+    face = {} if family == "other" or method == same[0] else {"markerfacecolor": "white"}
+    return {"markersize": 4, "markeredgewidth": 0.9, "linewidth": 0.9, "capsize": 1.5} | face
+
+
+def _handles(tree: xr.DataTree) -> list[Any]:
+    from matplotlib.lines import Line2D
+
+    there = {_family(tree, m) for m in tree["comparison"].ds.method.values.tolist()}
+    return [
+        Line2D([], [], color=color, marker=marker, linestyle="", markersize=4, label=label)
+        for family, (color, marker, label) in FAMILIES.items()
+        if family in there
+    ]

@@ -1,0 +1,42 @@
+"""What figures share: colours, marks, legends, and axes where none are given."""
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+# Okabe and Ito's palette: told apart by colour-blind readers, and by their lines in print.
+LINES: tuple[dict[str, Any], ...] = (
+    {"color": "#D55E00", "linestyle": "--", "zorder": 4},
+    {"color": "#0072B2", "linestyle": "-", "zorder": 3},
+)
+MARKS: dict[str, Any] = {
+    "fmt": "o",
+    "color": "0.5",
+    "markerfacecolor": "none",
+    "markersize": 3.5,
+    "markeredgewidth": 0.7,
+    "linewidth": 0.6,
+}
+LEGEND: dict[str, Any] = {
+    "frameon": False,
+    "fontsize": 8,
+    "loc": "lower right",
+    "bbox_to_anchor": (1.0, 1.0),
+    "borderaxespad": 0.1,
+}
+MOST_POINTS = 4000
+
+
+def thinning(samples: int) -> int:
+    """Every how many-th sample a curve is drawn by."""
+    return max(1, samples // MOST_POINTS)
+
+
+def axes(ax: "Axes | None") -> "Axes":
+    """The axes given, or new ones."""
+    if ax is not None:
+        return ax
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(5.0, 3.2), layout="constrained").subplots()
