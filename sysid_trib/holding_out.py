@@ -77,7 +77,7 @@ def predicted(
     `first_time` : s, of the decay's first sample, from which `t` in a formula counts. States of forces with
     a past begin anew, as after a release.
     """
-    later = _counted_from(result, float(part.time.values[0]) - first_time)
+    later = _counted_from(result, float(part.time.values[0] - first_time))
     return followed(part, later.drop_vars(["start_angle", "start_rate"], errors="ignore"), measured)
 
 

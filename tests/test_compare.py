@@ -1,0 +1,341 @@
+"""Every method side by side on one record."""
+
+import json
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import pytest
+import xarray as xr
+from command_line import run
+from helpers import FIVE, NOISE, SIX, Run, W, library_of_formulas, paper_run
+from scipy.stats import chi2
+
+from sysid_trib import Model, compare, load_library, plots
+from sysid_trib.comparing import every_method, labelled
+from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.holding_out import no_better, predicted, split
+from sysid_trib.methods import Averaging, Direct, LinearDecrement, LogarithmicDecrement, WuDecrement
+from sysid_trib.model import rescaling_factors
+from sysid_trib.printing.comparison import comparison_told
+from sysid_trib.result_files import load, save
+
+FORCES = load_library()
+FULL = ["trajectory", "direct", "averaging", "averaging (analytic signal)"]
+DECREMENTS = ["Wu decrement", "Feeny-Liang decrement", "energy decay", "logarithmic decrement"]
+NUMBERS = (
+    *("reference_frequency", "asymptotic_frequency", "residual_rms", "residual_over_noise", "train_rms"),
+    *("train_over_noise", "holdout_rms", "holdout_over_noise", "holdout_p_value", "time_taken"),
+)
+TEXTS = ("reason", "bias", "sees", "blind_to", "cannot_tell_apart", "assumes")
+
+
+@cache
+def paper():
+    """Every method on the paper's run, with the labels in the order in which they were told."""
+    told = []
+    tree = compare(paper_run(FIVE).decay(7), FORCES, every_method(), tell=told.append)
+    return tree, told
+
+
+def table():
+    return paper()[0]["comparison"].to_dataset()
+
+
+def of(found, method):
+    """A method's row; `sel(method=...)` is an option of xarray."""
+    return found.sel({"method": method})
+
+
+def test_schema():
+    tree, told = paper()
+    found = table()
+    labels = found.method.values.tolist()
+    assert labels == told == list(every_method())
+    assert set(tree.children) == {"record", "envelope", "comparison", *labels}
+    assert found.force.values.tolist() == list(FIVE)
+    for name in ("coefficient", "standard_error", "z"):
+        assert found[name].dims == ("method", "force")
+    for name in NUMBERS:
+        assert found[name].dims == ("method",)
+        assert np.all(np.isfinite(found[name].values)), name
+        assert found[name].attrs["units"]
+    for name in TEXTS:
+        assert found[name].dims == ("method",)
+    assert all("long_name" in found[name].attrs for name in found.data_vars)
+    assert np.all(found.assumes.values != "")
+    assert tree["record"].holdout_start.item() == pytest.approx(2.0 / 3.0 * 24.99, abs=0.011)
+    for label in labels:
+        assert {"coefficient", "covariance", "reference_frequency"} <= set(tree[label].data_vars)
+
+
+def test_saved_and_read_back_the_same(tmp_path):
+    save(paper()[0], tmp_path / "result.nc")
+    assert load(tmp_path / "result.nc").identical(paper()[0])
+
+
+def test_true_models_predict_to_the_noise():
+    found = table()
+    rest = split(paper_run(FIVE).decay(7))[1].sizes["time"]
+    # The start and the zero are fitted there.
+    low, high = np.sqrt(chi2.ppf([1e-4, 1.0 - 1e-4], rest - 3) / rest) * NOISE
+    for label in FULL:
+        assert low < of(found, label).holdout_rms.item() < high
+        assert of(found, label).reason.item() == ""
+    assert found.attrs["best"] in FULL
+
+
+def test_a_biased_method_is_worse():
+    found = table()
+    for label in ("averaging (printed rule)", "direct (strong form)", *DECREMENTS):
+        one = of(found, label)
+        assert one.holdout_over_noise.item() > 2.0
+        assert one.holdout_p_value.item() < 0.01
+    assert "first-order bias" in of(found, "averaging (printed rule)").bias.item()
+    assert "smoothed" in of(found, "direct (strong form)").bias.item()
+    assert abs(of(found, "logarithmic decrement").z.sel(force="zeta").item()) > 10.0
+
+
+def test_columns_are_at_one_frequency():
+    tree, found = paper()[0], table()
+    common = found.common_frequency.item()
+    assert common == tree[found.attrs["best"]].reference_frequency.item()
+    own = tree["windowed ERA"].to_dataset()
+    factor = rescaling_factors((FORCES["zeta"],), own.reference_frequency.item(), common)
+    shown = of(found, "windowed ERA").sel(force="zeta")
+    assert shown.coefficient.item() == pytest.approx(own.coefficient.item() * factor[0], rel=1e-12)
+    assert shown.standard_error.item() == pytest.approx(own.standard_error.item() * factor[0], rel=1e-12)
+    assert np.isnan(of(found, "windowed ERA").coefficient.sel(force="lambda").item())
+
+
+def test_differences_are_over_the_errors_of_both():
+    found = table()
+    best, other = of(found, found.attrs["best"]), of(found, "Feeny-Liang decrement").sel(force="zeta")
+    best = best.sel(force="zeta")
+    both = np.hypot(best.standard_error, other.standard_error)
+    assert other.z.item() == pytest.approx(((other.coefficient - best.coefficient) / both).item())
+    assert best.z.item() == 0.0
+    calm = [label for label in FULL if label != found.attrs["best"]]
+    assert np.all(np.abs(found.z.sel({"method": calm}).values) < 4.0)
+
+
+def test_what_a_method_sees():
+    found = table()
+    assert (
+        of(found, "averaging").sees.item()
+        == "lambda, zeta, delta by the envelope; nu, epsilon by the frequency"
+    )
+    blind = "lambda, delta (taken for zeta); nu, epsilon (taken for the frequency)"
+    assert of(found, "logarithmic decrement").blind_to.item() == blind
+    assert of(found, "frequency shift").blind_to.item() == "lambda, zeta, delta"
+    assert of(found, "frequency shift").reason.item() == "its model has no damping"
+    assert of(found, "direct").blind_to.item() == ""
+
+
+def test_forces_of_one_signature_are_one_to_averaging():
+    library = library_of_formulas(zeta="2*v", delta="v*abs(v)", positional="x**2*sign(v)", even="x**2")
+    record = Run(Model(library, {"zeta": 0.0097, "delta": 0.037}, W), paper_run().time).decay(0)
+    found = compare(record, library, [Averaging(), Direct(), LogarithmicDecrement()])["comparison"].ds
+    assert found.cannot_tell_apart.values.tolist() == ["delta = positional", "", ""]
+    averaging = of(found, "averaging")
+    assert averaging.reason.item().startswith("does not apply: Force even has no signature")
+    assert averaging.blind_to.item() == "even"
+    assert np.all(np.isnan(averaging.coefficient))
+    assert np.isnan(averaging.time_taken)
+    blind = "delta, positional (taken for zeta); even"
+    assert of(found, "logarithmic decrement").blind_to.item() == blind
+    assert found.attrs["averaging_cannot_see"] == "even"
+
+
+def test_a_method_that_does_not_apply_keeps_its_row(tmp_path):
+    library = FORCES.select(["zeta", "epsilon"])
+    tree = compare(paper_run(FIVE).decay(7), library, [WuDecrement(), LinearDecrement(), Direct()])
+    found = tree["comparison"].to_dataset()
+    assert found.method.values.tolist() == ["wu decrement", "linear decrement", "direct"]
+    for label in ("wu decrement", "linear decrement"):
+        assert of(found, label).reason.item().startswith("does not apply: ")
+        assert np.isnan(of(found, label).holdout_rms.item())
+        assert label not in tree.children
+    assert of(found, "direct").z.values.tolist() == [0.0, 0.0]
+    save(tree, tmp_path / "result.nc")
+    assert load(tmp_path / "result.nc").identical(tree)
+
+
+@dataclass(frozen=True)
+class Wild:
+    """A method that identifies what runs away, or breaks."""
+
+    broken: bool = False
+
+    def identify(self, decay, library):
+        if self.broken:
+            raise ZeroDivisionError("by zero")
+        found = Direct().identify(decay, library)
+        return found.assign(coefficient=-1e3 * abs(found.coefficient))
+
+
+def test_a_model_that_runs_away_and_a_method_that_breaks():
+    record = paper_run(FIVE).decay(7)
+    found = compare(record, FORCES, [Wild(), Wild(broken=True), Direct()])["comparison"].ds
+    assert found.method.values.tolist() == ["wild", "wild (broken)", "direct"]
+    assert of(found, "wild").reason.item() == "its model diverges"
+    assert of(found, "wild (broken)").reason.item() == "failed: ZeroDivisionError, by zero"
+    assert np.isnan(of(found, "wild").residual_rms.item())
+
+
+def test_a_missing_force_is_told():
+    library = FORCES.select(["lambda", "zeta", "epsilon"])
+    tree = compare(paper_run(FIVE).decay(7), library, [Direct(), Averaging()])
+    assert tree["comparison"].residual_over_noise.values.min() > 3.0
+    assert "a force is missing or of another form" in " ".join(comparison_told(tree))
+
+
+def test_alpha_from_the_frequency_without_contact():
+    found = compare(paper_run(FIVE).decay(7), FORCES, [Direct()], contactless=(8.87, 0.02))["comparison"].ds
+    one = of(found, "direct")
+    alpha = (one.asymptotic_frequency.item() / 8.87) ** 2 - 1.0
+    assert one.coefficient.sel(force="alpha").item() == pytest.approx(alpha, rel=1e-12)
+    assert found.attrs["exchangeable_with_the_frequency"] == ""
+
+
+def test_a_given_frequency_is_the_common_one():
+    methods = [LogarithmicDecrement(), Direct(9.8)]
+    found = compare(paper_run(SIX).decay(7), FORCES, methods)["comparison"].ds
+    assert (found.common_frequency.item(), found.attrs["common_frequency_of"]) == (9.8, "given")
+    assert "alpha" in found.force
+
+
+def test_time_in_a_formula_counts_from_the_start_of_the_decay():
+    library = library_of_formulas(zeta="2*v", ageing="t*v")
+    made = Run(Model(library, {"zeta": 0.005, "ageing": 1e-3}, W), paper_run().time)
+    record = made.decay(3)
+    found = compare(record, library, [Direct()])
+    assert found["comparison"].holdout_over_noise.item() < 1.2
+    rest = split(record)[1]
+    late = predicted(rest, found["direct"].to_dataset(), found["envelope"].to_dataset(), rest.time.values[0])
+    assert late.rms > 3.0 * found["comparison"].holdout_rms.item()
+
+
+def test_chance_of_a_difference():
+    random = np.random.default_rng(0)
+    one, same, worse = random.standard_normal((3, 4000)) * [[1.0], [1.0], [1.3]]
+    assert no_better(one, one, 50) == 1.0
+    assert no_better(same, one, 50) > 1e-3
+    assert no_better(worse, one, 50) < 1e-6
+    assert np.isnan(no_better(one[:80], one[:80], 50))
+
+
+def test_labels():
+    pair = [Averaging(), Averaging(correct=False), Averaging("last"), Direct(), Direct(significance=0.01)]
+    assert list(labelled(pair)) == [
+        *("averaging", "averaging (not correct)", "averaging (frequency last)"),
+        *("direct", "direct (significance 0.01)"),
+    ]
+    assert list(labelled([Direct(), Direct()])) == ["direct", "direct 2"]
+    named = {"a/b": Direct(), "a-b": Direct(), "record": Direct(), "": LinearDecrement()}
+    assert list(labelled(named)) == ["a-b", "a-b 2", "record (method)", "linear decrement"]
+
+
+@pytest.mark.parametrize(
+    ("record", "library", "methods", "reason"),
+    [
+        ([], FORCES, [Direct()], "one record"),
+        (None, "contact_forces", [Direct()], "ForceLibrary"),
+        (None, FORCES, [Direct], "methods such as"),
+        (None, FORCES, ["direct"], "methods such as"),
+        (None, FORCES, [], "at least one"),
+    ],
+)
+def test_what_cannot_be_compared_is_told(record, library, methods, reason):
+    given = paper_run(FIVE).decay(0) if record is None else record
+    with pytest.raises(UsageError, match=reason):
+        compare(given, library, methods)
+
+
+def test_a_record_that_no_method_can_use():
+    with pytest.raises(DecayError, match=r"No method can identify this record\. direct: does not apply"):
+        compare(paper_run(FIVE).decay(0), FORCES.select(["alpha"]), [Direct()])
+
+
+def test_figure_shows_the_table():
+    tree, found = paper()[0], table()
+    axes = plots.coefficients(tree, "zeta")
+    labels = [text.get_text() for text in axes.get_yticklabels()]
+    assert labels == found.method.values.tolist()
+    shown = {round(float(c.lines[0].get_ydata()[0])): c.lines[0].get_xdata()[0] for c in axes.containers}
+    zeta = found.coefficient.sel(force="zeta").values
+    for row, value in shown.items():
+        assert value == pytest.approx(1e3 * zeta[row])
+    # Those farther away are arrows at the edge, none is left out.
+    arrows = [line for line in axes.lines if line.get_marker() in "<>"]
+    assert len(shown) + len(arrows) == np.isfinite(zeta).sum()
+    assert "10^{-3}" in axes.get_xlabel()
+
+
+def test_figure_shows_the_prediction():
+    tree, found = paper()[0], table()
+    axes = plots.prediction(tree)
+    assert axes.get_xscale() == "log"
+    lines = [line for line in axes.lines if line.get_linestyle() == "-"]
+    for row, line in enumerate(lines):
+        pair = [found[k].values[row] for k in ("train_over_noise", "holdout_over_noise")]
+        np.testing.assert_array_equal(line.get_xdata(), pair)
+    figure = plots.comparison(tree)
+    assert len(figure.axes) == len(FIVE) + 2
+    assert figure.axes[-2].get_xlabel() == r"$\omega_\infty$ (rad/s)"
+
+
+def test_command(tmp_path):
+    ending = run(
+        "compare", "-o", tmp_path / "twin.nc", "--plot", tmp_path / "figures", "--omega0", "8.87±0.02"
+    )
+    assert (ending.status, ending.err) == (0, "")
+    first, second, *lines = ending.out.splitlines()
+    assert first.startswith("Embedded example: simulated twin")
+    assert second.startswith("Free decay: kept")
+    for label in every_method():
+        assert sum(line.startswith(f"{label}  ") for line in lines) == 3, label
+    assert "is predicted best by" in ending.out
+    assert "alpha" in ending.out
+    assert {path.name for path in (tmp_path / "figures").iterdir()} == {"comparison.pdf", "comparison.png"}
+    assert "comparison" in load(tmp_path / "twin.nc").children
+
+
+def test_command_json():
+    def refused(text):
+        raise AssertionError(f"{text} is not JSON")
+
+    ending = run("compare", "--json", "--forces", "zeta,delta,nu,epsilon")
+    found = json.loads(ending.out, parse_constant=refused)
+    assert set(found["methods"]) == set(every_method())
+    direct, linear = found["methods"]["direct"], found["methods"]["linear decrement"]
+    assert set(direct["coefficients"]) == {"zeta", "delta", "nu", "epsilon"}
+    assert direct["coefficients"]["zeta"]["value"] == pytest.approx(FIVE["zeta"], rel=0.05)
+    assert linear["coefficients"]["zeta"]["value"] is linear["holdout_rms"] is None
+    assert linear["reason"].startswith("does not apply")
+    assert found["best"] in found["methods"]
+    assert found["common_frequency"] == pytest.approx(W, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "reason"),
+    [
+        (("a.csv", "b.csv"), 2, "takes one RECORD"),
+        (("nowhere.csv",), 2, "nowhere.csv"),
+        (("--forces", "mu"), 2, "no force 'mu'"),
+        (("--omega0", "9", "--reference-frequency", "9"), 2, "choose one"),
+        (("-o", "result.csv"), 2, ".nc"),
+        (("--window", ":0.5"), 1, ""),
+    ],
+)
+def test_bad_command(arguments, status, reason):
+    ending = run("compare", *arguments)
+    assert ending.status == status
+    assert reason in ending.complaint
+
+
+def test_the_decay_is_left_as_it_was():
+    record = paper_run(FIVE).decay(7)
+    before = record.copy(deep=True)
+    compare(record, FORCES, [LogarithmicDecrement()])
+    xr.testing.assert_identical(record, before)
