@@ -11,22 +11,30 @@ MAX_ORDER = 20
 
 
 def autoregression(residual: Array) -> Array:
-    """Coefficients (order + 1,) of the filter that whitens a residual, the first is 1.
+    """Coefficients (order + 1,) of the filter that whitens a residual, the first is 1."""
+    n = len(residual)
+    centred = residual - residual.mean()
+    covariance = np.array([centred[k:] @ centred[: n - k] for k in range(_most(n) + 1)]) / n
+    return autoregression_of(covariance, n)[0]
+
+
+def autoregression_of(covariance: Array, samples: int) -> tuple[Array, float]:
+    """Whitening filter (order + 1,) of a noise with this autocovariance (lag,), and its innovations' variance.
 
     Yule and Walker's equations; the order minimises n log(variance) + order log(n).
     """
-    n = len(residual)
-    most = min(MAX_ORDER, n // 20)
-    centred = residual - residual.mean()
-    covariance = np.array([centred[k:] @ centred[: n - k] for k in range(most + 1)]) / n
-    best, found = np.inf, np.ones(1)
-    for order in range(most + 1):
+    best, found, left = np.inf, np.ones(1), float(covariance[0])
+    for order in range(min(_most(samples) + 1, len(covariance))):
         weights = solve_toeplitz(covariance[:order], covariance[1 : order + 1]) if order else np.zeros(0)
-        variance = covariance[0] - weights @ covariance[1 : order + 1]
-        score = n * np.log(max(variance, 1e-300)) + order * np.log(n)
+        variance = float(covariance[0] - weights @ covariance[1 : order + 1])
+        score = samples * np.log(max(variance, 1e-300)) + order * np.log(samples)
         if score < best:
-            best, found = score, np.concatenate([[1.0], -weights])
-    return found
+            best, found, left = score, np.concatenate([[1.0], -weights]), variance
+    return found, left
+
+
+def _most(samples: int) -> int:
+    return min(MAX_ORDER, samples // 20)
 
 
 def whitened(values: Array, filter_: Array) -> Array:

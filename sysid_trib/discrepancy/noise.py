@@ -7,7 +7,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
-from sysid_trib.coloured_noise import autoregression, whitened
+from sysid_trib.coloured_noise import autoregression_of
 from sysid_trib.decays.half_sines import usable_half_periods
 from sysid_trib.regression.weak_form import build_weak_form, smooth
 
@@ -17,6 +17,9 @@ Array = NDArray[np.float64]
 HARMONICS = 6
 PERIODS_PER_KNOT = 4.0
 DEGREE = 3
+# Lines of the spectrum that keep less than this part of the noise are taken from this many neighbours.
+KEPT = 0.3
+WIDE = 15
 
 
 @dataclass(frozen=True)
@@ -64,10 +67,25 @@ def oscillations(decay: xr.Dataset) -> Array:
 def noise_of(residual: Array, basis: Array) -> Noise:
     """Level and colour of what a residual has beside slowly changing oscillations (rad).
 
-    The order of the autoregression is by the Bayesian information criterion.
+    Taking the oscillations out leaves gaps in the spectrum: each line is divided by the part of white noise
+    that it keeps, and where it keeps little its neighbours stand in for it. The order of the autoregression
+    is by the Bayesian information criterion.
     """
+    n = len(residual)
     left = residual - basis @ (basis.T @ residual)
-    filter_ = autoregression(left)
-    white = whitened(left, filter_)
-    freedom = max(1, len(white) - basis.shape[1])
-    return Noise(float(np.sqrt(white @ white / freedom)), filter_)
+    power = np.abs(np.fft.rfft(left)) ** 2 / n
+    kept = 1.0 - np.sum(np.abs(np.fft.rfft(basis, axis=0)) ** 2, axis=1) / n
+    good = kept > KEPT
+    good[0] = False
+    if not good.any():
+        return Noise(float(np.sqrt(left @ left / max(1, n - basis.shape[1]))), np.ones(1))
+    lines = np.arange(len(power))
+    # Neighbours on both sides, averaged: a single line scatters as much as it is high.
+    near = np.convolve(np.where(good, power / np.where(good, kept, 1.0), 0.0), np.ones(WIDE), "same")
+    near /= np.maximum(np.convolve(good.astype(float), np.ones(WIDE), "same"), 1e-9)
+    usable = np.convolve(good.astype(float), np.ones(WIDE), "same") > 0.5
+    filled = np.interp(lines, lines[usable], near[usable])
+    spectrum = np.where(good, power / np.where(good, kept, 1.0), filled)
+    covariance = np.fft.irfft(spectrum, n)[: n // 2]
+    filter_, variance = autoregression_of(covariance, n)
+    return Noise(float(np.sqrt(variance)), filter_)

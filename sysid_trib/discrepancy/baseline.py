@@ -1,0 +1,108 @@
+"""A model fitted to its runs, in units of their noise: what it leaves, and what its unknowns can move."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from sysid_trib.discrepancy.noise import Noise, noise_of
+from sysid_trib.discrepancy.probes import Course
+from sysid_trib.discrepancy.response import tangent
+from sysid_trib.methods.fitting import fitted, grown
+from sysid_trib.methods.motions import Problem, Record
+
+Array = NDArray[np.float64]
+
+# Fits are done when a step is below this part of the solution: far below any error.
+TOLERANCE = 1e-9
+# Rounds in which noise and fit follow each other.
+ROUNDS = 2
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """A model fitted to its runs.
+
+    Attributes
+    ----------
+    problem, unknown : the fit; its records whiten to unit noise.
+    noises : of each run.
+    residual : (sample,) record minus motion of all runs, whitened, in units of the noise.
+    table : (sample, unknown) its sensitivities, whitened.
+    """
+
+    problem: Problem
+    unknown: Array
+    noises: tuple[Noise, ...]
+    residual: Array
+    table: Array
+
+    @property
+    def chi_square(self) -> float:
+        """Sum of squares of what is left, in units of the noise."""
+        return float(self.residual @ self.residual)
+
+    @property
+    def space(self) -> Array:
+        """Orthonormal basis of what the unknowns can move, (sample, unknown)."""
+        size = np.linalg.norm(self.table, axis=0)
+        basis, _ = np.linalg.qr(self.table / np.where(size > 0.0, size, 1.0))
+        return np.asarray(basis)
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the unknowns."""
+        size = np.linalg.norm(self.table, axis=0)
+        size = np.where(size > 0.0, size, 1.0)
+        scaled = self.table / size
+        return np.asarray(np.linalg.pinv(scaled.T @ scaled) / np.outer(size, size))
+
+    def courses(self) -> list[Course]:
+        """Each run's motion with its small deviations."""
+        model, own = self.problem.model(self.unknown), self.problem.own(self.unknown)
+        return [
+            Course(model, (float(a), float(r)), record.time, tangent(model, record.time, float(a), float(r)))
+            for record, (a, r, _) in zip(self.problem.records, own, strict=True)
+        ]
+
+    def white(self, moved: Sequence[Array]) -> Array:
+        """Derivatives of each run's angle, whitened, one run after the other."""
+        return np.concatenate(
+            [record.white(values) for record, values in zip(self.problem.records, moved, strict=True)]
+        )
+
+
+def fit(problem: Problem, unknown: Array, noises: Sequence[Noise]) -> Baseline:
+    """Fit a model from a first guess, in noise that is known."""
+    weighted = with_noise(problem, noises)
+    unknown = fitted(weighted, grown(weighted, unknown, tolerance=TOLERANCE), tolerance=TOLERANCE)
+    return Baseline(
+        weighted,
+        unknown,
+        tuple(noises),
+        -weighted.white_residual(unknown),
+        weighted.white_sensitivity(unknown),
+    )
+
+
+def with_noise(problem: Problem, noises: Sequence[Noise]) -> Problem:
+    """The problem whose residuals are whitened to unit noise."""
+    records = [
+        replace(record, filter_=noise.filter_, weight=1.0 / noise.level)
+        for record, noise in zip(problem.records, noises, strict=True)
+    ]
+    return replace(problem, records=tuple(records))
+
+
+def refreshed(baseline: Baseline, bases: Sequence[Array]) -> Baseline:
+    """The fit again, with the noise that it leaves beside slowly changing oscillations."""
+    residuals = baseline.problem.residuals(baseline.unknown)
+    noises = [noise_of(left, basis) for left, basis in zip(residuals, bases, strict=True)]
+    return fit(baseline.problem, baseline.unknown, noises)
+
+
+def records_of(runs: Sequence[xr.Dataset]) -> tuple[Record, ...]:
+    """The runs as records of a fit."""
+    return tuple(Record(run.time.values.astype(float), run.angle.values.astype(float)) for run in runs)

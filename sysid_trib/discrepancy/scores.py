@@ -1,0 +1,122 @@
+"""Score tests: how strongly what a model leaves asks for each candidate, corrected for their number."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import find_peaks
+from scipy.stats import norm
+
+from sysid_trib.discrepancy.baseline import Baseline
+from sysid_trib.discrepancy.probes import Course, Probe, moved_by, probes_of
+from sysid_trib.forces import ForceLibrary
+
+Array = NDArray[np.float64]
+
+# A response of which less than this part is outside of what the model's unknowns can move is not testable.
+TESTABLE = 1e-5
+# Draws of the largest score of noise.
+DRAWS = 4000
+# Lines of the residual's spectrum at which a periodic force is tried.
+LINES = 3
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Each probe held against what the model leaves.
+
+    Attributes
+    ----------
+    probes : (probe,); reasons : why a probe cannot be tested, else empty.
+    z : (probe,) score; size : (probe,) its response outside of the model's, in units of the noise: the
+        error of its coefficient is 1/size; share : (probe,) the part of its response that is outside.
+    directions : (sample, probe) orthonormal responses outside of the model's.
+    tests : number of independent tests; p_values : (probe,) of a larger score by chance in any of them.
+    """
+
+    probes: list[Probe]
+    reasons: list[str]
+    z: Array
+    size: Array
+    share: Array
+    directions: Array
+    tests: float
+    p_values: Array
+
+    def best_of(self, symbol: str) -> int | None:
+        """The probe of a force with the largest score, None if none can be tested."""
+        mine = [at for at, p in enumerate(self.probes) if p.force.symbol == symbol and not self.reasons[at]]
+        return max(mine, key=lambda at: abs(self.z[at])) if mine else None
+
+
+def scores(baseline: Baseline, candidates: ForceLibrary, courses: Sequence[Course], seed: int = 0) -> Scores:
+    """Score every candidate at a grid of its shape parameters.
+
+    Notes
+    -----
+    z = <r, g'>/|g'| with the residual r in units of the noise, and g' the part of the response that the
+    model's own unknowns cannot move. The p-value is corrected for the number of tests: the largest of as many
+    scores of noise, correlated as these are.
+    """
+    space = baseline.space
+    residual = baseline.residual - space @ (space.T @ baseline.residual)
+    lines, looked = _lines(baseline, residual)
+    probes = probes_of(candidates, lines)
+    each = [moved_by(course, probes) for course in courses]
+    moved = baseline.white([values for values, _ in each])
+    whole = np.linalg.norm(moved, axis=0)
+    outside = moved - space @ (space.T @ moved)
+    outside = outside - space @ (space.T @ outside)
+    size = np.linalg.norm(outside, axis=0)
+    share = np.divide(size, whole, out=np.zeros_like(size), where=whole > 0.0)
+    reasons = [next((r for _, rs in each if (r := rs[at])), "") for at in range(len(probes))]
+    for at in np.flatnonzero(share < TESTABLE):
+        reasons[at] = reasons[at] or "not testable on this record: the model's own unknowns move the same"
+    good = np.array([not reason for reason in reasons])
+    directions = np.where(good, outside / np.where(size > 0.0, size, 1.0), 0.0)
+    z = directions.T @ residual
+    tests = independent_tests(directions[:, good], seed)
+    periodic = np.array([_is_searched(probe, candidates) for probe in probes])
+    chance = 2.0 * norm.sf(np.abs(z)) * np.where(periodic, tests + looked, tests)
+    return Scores(
+        probes, reasons, z, size, share, directions, tests, np.where(good, np.minimum(1.0, chance), 1.0)
+    )
+
+
+def independent_tests(directions: Array, seed: int = 0, level: float = 0.01) -> float:
+    """Number of independent tests whose largest score is as large as that of these correlated ones.
+
+    The level-quantile of the largest |z| of noise, by drawing; then Bonferroni's number for it.
+    """
+    if directions.shape[1] == 0:
+        return 1.0
+    covariance = directions.T @ directions
+    values, axes = np.linalg.eigh(covariance)
+    factor = axes * np.sqrt(np.clip(values, 0.0, None))
+    draws = np.random.default_rng(seed).standard_normal((DRAWS, len(values))) @ factor.T
+    largest = np.quantile(np.max(np.abs(draws), axis=1), 1.0 - level)
+    return max(1.0, level / (2.0 * float(norm.sf(largest))))
+
+
+def _is_searched(probe: Probe, candidates: ForceLibrary) -> bool:
+    from sysid_trib.discrepancy.probes import is_frequency
+
+    return any(is_frequency(probe.force, name) for name in probe.force.shape)
+
+
+def _lines(baseline: Baseline, residual: Array) -> tuple[list[float], int]:
+    """Frequencies (rad/s) of the strongest lines in what is left, and how many were looked at."""
+    found, looked, start = [], 0, 0
+    for record, noise in zip(baseline.problem.records, baseline.noises, strict=True):
+        count = len(record.time) - noise.order
+        part, start = residual[start : start + count], start + count
+        step = float(np.median(np.diff(record.time)))
+        # Zeros after the end: a line between two frequencies loses nothing.
+        power = np.abs(np.fft.rfft(part * np.hanning(count), 4 * count)) ** 2
+        frequency = 2.0 * np.pi * np.fft.rfftfreq(4 * count, step)
+        peaks, _ = find_peaks(power, distance=8)
+        strongest = peaks[np.argsort(power[peaks])[::-1][:LINES]]
+        found += [float(w) for w in frequency[strongest] if w > 0.0]
+        looked += count // 2
+    return found, looked
