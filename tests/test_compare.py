@@ -12,9 +12,10 @@ from helpers import FIVE, NOISE, SIX, Run, W, library_of_formulas, paper_run
 from scipy.stats import chi2
 
 from sysid_trib import Model, compare, load_library, plots
-from sysid_trib.comparing import every_method, labelled
+from sysid_trib.comparing import every_method
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.holding_out import no_better, predicted, split
+from sysid_trib.method_labels import labelled
 from sysid_trib.methods import Averaging, Direct, LinearDecrement, LogarithmicDecrement, WuDecrement
 from sysid_trib.model import rescaling_factors
 from sysid_trib.printing.comparison import comparison_told
@@ -188,6 +189,12 @@ def test_a_missing_force_is_told():
     tree = compare(paper_run(FIVE).decay(7), library, [Direct(), Averaging()])
     assert tree["comparison"].residual_over_noise.values.min() > 3.0
     assert "a force is missing or of another form" in " ".join(comparison_told(tree))
+
+
+def test_a_prediction_that_is_good_by_accident_is_told():
+    told = run("compare", "--forces", "lambda,zeta").out
+    assert "predicted best by averaging (printed rule)" in told
+    assert "by accident" in told
 
 
 def test_alpha_from_the_frequency_without_contact():

@@ -80,7 +80,7 @@ def quality_table(tree: xr.DataTree) -> "Table":
 def comparison_told(tree: xr.DataTree) -> list[str]:
     """The comparison in plain sentences: who predicts, who disagrees and probably why, what nobody sees."""
     found = tree["comparison"].ds
-    told = [_prediction(tree), _explanation(found), *_disagreements(found)]
+    told = [_prediction(tree), _explanation(found), *_by_accident(found), *_disagreements(found)]
     told.append(
         f"Coefficients refer to {found.common_frequency.item():.6g} rad/s ({_whose(found)}); differences are "
         "over the errors of both methods, taken as independent: the same noise was seen by all, so that they "
@@ -132,7 +132,11 @@ def comparison_json(tree: xr.DataTree) -> dict[str, Any]:
 
 
 def _method_table(found: xr.Dataset, heads: list[str], columns: list[list[str]], words: int = 0) -> "Table":
-    rows = [list(row) for row in zip(found.method.values.tolist(), *columns, strict=True)]
+    # As wide as a word of the head: a narrow terminal would break it.
+    widths = [max(len(word) for word in head.split()) for head in heads[: len(heads) - words]]
+    padded = [[cell.rjust(width) for cell in column] for column, width in zip(columns, widths, strict=False)]
+    texts = columns[len(padded) :]
+    rows = [list(row) for row in zip(found.method.values.tolist(), *padded, *texts, strict=True)]
     numbers = tuple(range(1, len(heads) + 1 - words))
     return text_table(["method", *heads], rows, whole=(0,), numbers=numbers)
 
@@ -166,6 +170,19 @@ def _prediction(tree: xr.DataTree) -> str:
         f"The last third, held out from {start:.4g} s on, is predicted best by {found.attrs['best']}: RMS "
         f"{1e3 * best.holdout_rms.item():.3g} mrad{others}."
     )
+
+
+def _by_accident(found: xr.Dataset) -> list[str]:
+    """A model that is poor on the whole record may still follow its last swings, and errors be wide."""
+    gaps = found.residual_rms.fillna(np.inf)
+    best, least = found.attrs["best"], found.method.values[int(np.argmin(gaps.values))].item()
+    ratio = gaps.sel({"method": best}).item() / gaps.min().item()
+    if not ratio > LARGE:
+        return []
+    return [
+        f"But of the whole record {best} leaves {ratio:.2g} times as much as {least}: its prediction is good "
+        "by accident, and differences from it say little."
+    ]
 
 
 def _as_good(one: xr.Dataset, best: xr.Dataset) -> bool:
