@@ -81,6 +81,7 @@ TABLE: dict[str, tuple[str, str, tuple[Callable, Callable] | None]] = {
     "stribeck_exponential": ("odd", "dissipative", None),
     "log_friction": ("odd", "dissipative", None),
     "maxwell": ("odd", "mixed", (lambda a: -a / 4, lambda a: a / 4)),
+    "resonator": ("odd", "mixed", None),
     "jenkins": ("odd", "mixed", (lambda a: -0.04 / pi * np.maximum(0.0, 1 - 0.02 / a), jenkins)),
     "iwan": ("odd", "mixed", None),
     "dahl": ("odd", "mixed", None),
@@ -116,6 +117,7 @@ TABLE: dict[str, tuple[str, str, tuple[Callable, Callable] | None]] = {
     "sensor_curve": ("even", "sensor", EVEN),
     "sensor_cubic": ("odd", "sensor", (nothing, lambda a: 3 * a**3 / 8)),
     "sensor_delay": ("odd", "sensor", (lambda a: a / 2, nothing)),
+    "shutter": ("even", "sensor", EVEN),
     "clock": ("odd", "sensor", (lambda a: -TIME * a / 2, nothing)),
     "clock_drift": ("odd", "sensor", (lambda a: -(TIME**2) * a / 2, nothing)),
 }
@@ -195,6 +197,15 @@ def test_bouc_wen_of_order_one_mimics_delta_but_not_nu():
     sine, cosine = at("bouc_wen", (("bouc_wen.b", b),))
     np.testing.assert_allclose(sine, b / 2 * averages(SIX["delta"], A)[0], rtol=1e-5)
     assert np.all(np.abs(cosine - A / 2) < 0.2 * b**2 * A**3)
+
+
+@pytest.mark.parametrize("k", [0.5, 0.99, 1.02, 3.0])
+def test_resonator_answers_at_the_frequency_of_the_motion(k):
+    d = 0.02
+    sine, cosine = at("resonator", (("resonator.k", k), ("resonator.d", d)))
+    weight = (k**2 - 1) ** 2 + 4 * d**2
+    np.testing.assert_allclose(sine, -A * d / weight, rtol=1e-9)
+    np.testing.assert_allclose(cosine, -A * (k**2 - 1) / (2 * weight), rtol=1e-9)
 
 
 def test_iwan_is_partial_slip_up_to_its_longest_slip_length_and_slides_beyond():
