@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from sysid_trib import methods, plots
     from sysid_trib.bounds import cramer_rao_bound
     from sysid_trib.comparing import compare
+    from sysid_trib.control_systems import damp, linearise, to_nonlinear_system
     from sysid_trib.decays.free_decay import free_decay
     from sysid_trib.decays.half_sines import envelope
     from sysid_trib.differences import difference, run_agreement
@@ -20,6 +21,13 @@ if TYPE_CHECKING:
     from sysid_trib.identification import cross_check, identify
     from sysid_trib.library_files import load_library
     from sysid_trib.model import Model
+    from sysid_trib.physics.contact import contact_stiffness, sphere_stiffness
+    from sysid_trib.physics.crossing import crossovers
+    from sysid_trib.physics.energy import arrest_time, dissipated_energy
+    from sysid_trib.physics.fingerprint import slip_fingerprint
+    from sysid_trib.physics.force_weights import weights
+    from sysid_trib.physics.sliding import sliding_coefficients
+    from sysid_trib.physics.units import inertia_with_mass, physical_units
     from sysid_trib.prediction import predict_envelope
     from sysid_trib.records import read_record, scale_translation
     from sysid_trib.result_files import load, save
@@ -35,19 +43,27 @@ _HOME = {
     "ForceFeatures": "feature_library",
     "ForceLibrary": "forces",
     "Model": "model",
+    "arrest_time": "physics.energy",
     "compare": "comparing",
+    "contact_stiffness": "physics.contact",
     "cramer_rao_bound": "bounds",
     "cross_check": "identification",
+    "crossovers": "physics.crossing",
+    "damp": "control_systems",
     "difference": "differences",
+    "dissipated_energy": "physics.energy",
     "envelope": "decays.half_sines",
     "free_decay": "decays.free_decay",
     "identify": "identification",
     "indistinguishable": "ties",
+    "inertia_with_mass": "physics.units",
+    "linearise": "control_systems",
     "load": "result_files",
     "load_library": "library_files",
     "methods": "",
     "model_of": "results",
     "paper_twin": "example",
+    "physical_units": "physics.units",
     "plots": "",
     "predict_envelope": "prediction",
     "read_record": "records",
@@ -56,6 +72,11 @@ _HOME = {
     "scale_translation": "records",
     "signature": "signatures",
     "simulate": "simulation",
+    "sliding_coefficients": "physics.sliding",
+    "slip_fingerprint": "physics.fingerprint",
+    "sphere_stiffness": "physics.contact",
+    "to_nonlinear_system": "control_systems",
+    "weights": "physics.force_weights",
     "with_contactless_frequency": "results",
 }
 
@@ -64,19 +85,27 @@ __all__ = [
     "ForceFeatures",
     "ForceLibrary",
     "Model",
+    "arrest_time",
     "compare",
+    "contact_stiffness",
     "cramer_rao_bound",
     "cross_check",
+    "crossovers",
+    "damp",
     "difference",
+    "dissipated_energy",
     "envelope",
     "free_decay",
     "identify",
     "indistinguishable",
+    "inertia_with_mass",
+    "linearise",
     "load",
     "load_library",
     "methods",
     "model_of",
     "paper_twin",
+    "physical_units",
     "plots",
     "predict_envelope",
     "read_record",
@@ -85,6 +114,11 @@ __all__ = [
     "scale_translation",
     "signature",
     "simulate",
+    "sliding_coefficients",
+    "slip_fingerprint",
+    "sphere_stiffness",
+    "to_nonlinear_system",
+    "weights",
     "with_contactless_frequency",
 ]
 

@@ -13,7 +13,6 @@ from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
 from sysid_trib.errors import SimulationError, SysidTribError
-from sysid_trib.forces import ForceLibrary
 from sysid_trib.quantities import FREQUENCY, in_model, quantities, stated_covariance
 from sysid_trib.results import NOT_KEPT, library_of, model_of
 from sysid_trib.runs import noise_of_run, one_or_all
@@ -177,8 +176,7 @@ def _scatter(
 ) -> tuple[Array, Array]:
     """Mean difference without noise, and covariance of the difference over noisy records of a known model."""
     result, motions = truth
-    model, library = model_of(result), library_of(result, whole=True)
-    library = library.select([s for s in library.symbols if s in (*kept, *_stiffness(library))])
+    model = model_of(result)
     noises = [_coarse(run, result, at) for at, run in enumerate(runs)]
     exact = [
         trajectory(model, time, motion.angle, motion.rate).angle
@@ -186,7 +184,9 @@ def _scatter(
         if motion is not None
     ]
     random = np.random.default_rng(seed)
-    best = [_at_its_best(runs, r, library) for r in results]
+    best = [_at_its_best(runs, r) for r in results]
+    # Each with what it was offered: forces that one of them neglects are part of its bias.
+    offered = [library_of(r, whole=True) for r in results]
     frequency = result.reference_frequency.item()
 
     def difference(pair: Sequence[xr.Dataset]) -> Array:
@@ -203,7 +203,10 @@ def _scatter(
             )
             for x, (t, noise) in zip(exact, noises, strict=True)
         ]
-        return [method.identify(one_or_all(records), library) for method, _ in best]
+        return [
+            method.identify(one_or_all(records), library)
+            for (method, _), library in zip(best, offered, strict=True)
+        ]
 
     # The bias that a method left in is what it would have removed; what remains shows without noise.
     expected = difference(results) - difference([r for _, r in best])
@@ -225,9 +228,7 @@ def _scatter(
     return expected, scatter
 
 
-def _at_its_best(
-    runs: Sequence[xr.Dataset], result: xr.Dataset, library: ForceLibrary
-) -> tuple[Any, xr.Dataset]:
+def _at_its_best(runs: Sequence[xr.Dataset], result: xr.Dataset) -> tuple[Any, xr.Dataset]:
     """Method and result with the removal of bias that was left off: its scatter is calibrated."""
     method = method_of(result)
     off = {name: True for name in ("correct", "refine") if getattr(method, name, True) is False}
@@ -235,7 +236,7 @@ def _at_its_best(
         return method, result
     try:
         better = replace(method, **off)
-        return better, better.identify(one_or_all(runs), library)
+        return better, better.identify(one_or_all(runs), library_of(result, whole=True))
     except SysidTribError:
         return method, result
 
@@ -251,11 +252,6 @@ def _beyond_noise(results: Sequence[xr.Dataset], kept: Sequence[str], draws: Arr
     # What does not vary, as a force that every draw drops, has no ratio.
     ratio = np.divide(stated, drawn, out=np.ones_like(drawn), where=drawn > 0.0)
     return bool(np.max(ratio) > 1.5)
-
-
-def _stiffness(library: Any) -> tuple[str, ...]:
-    force = library.role("x")
-    return () if force is None else (force.symbol,)
 
 
 def _coarse(decay: xr.Dataset, result: xr.Dataset, run: int) -> tuple[Array, float]:

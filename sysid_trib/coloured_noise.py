@@ -19,7 +19,7 @@ def autoregression(residual: Array) -> Array:
 
 
 def autoregression_of(covariance: Array, samples: int) -> tuple[Array, float]:
-    """Whitening filter (order + 1,) of a noise with this autocovariance (lag,), and its innovations' variance.
+    """Whitening filter (order + 1,) of noise with an autocovariance (lag,), variance of its innovations.
 
     Yule and Walker's equations; the order minimises n log(variance) + order log(n).
     """

@@ -196,6 +196,8 @@ class Force:
         # Over many scales: tanh(v/s) is as good as sign(v) on one of them.
         for factor in (2.0, 4.0, 1e-3, 1e-6):
             there = self._at(probe | {k: factor * probe[k] for k in variables})
+            if not np.all(np.isfinite(there)):
+                return None
             if degree is None:
                 ratio = np.abs(there[used] / here[used])
                 # Rounded to a tidy number so that a degree of 2 is 2 and not 1.9999999999.

@@ -4,6 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from candidates import CANDIDATES, candidate, force
+from helpers import library_of_formulas
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -318,3 +319,10 @@ def test_any_text_is_a_force_or_one_error(text):
     except LibraryError:
         return
     assert found.parity in ("odd", "even", "mixed")
+
+
+def test_a_formula_that_ends_somewhere_has_no_degree():
+    """log(1.5 - x) is finite at the points where formulas are compared, but not at all multiples of them."""
+    force = library_of_formulas(bounded="log(1.5 - x)").forces[0]
+    assert force.degree is None
+    assert force.speed_degree == 0.0

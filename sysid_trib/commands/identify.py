@@ -26,6 +26,7 @@ def identify(
     forces: options.Forces = None,
     omega0: options.Omega0 = None,
     reference_frequency: options.Reference = None,
+    inertia: options.Inertia = None,
     set_: options.Shapes = [],  # noqa: B006 - typer copies it
     output: options.Output = None,
     as_json: options.Json = False,
@@ -43,6 +44,7 @@ def identify(
 
     contactless = checks.parse_value_with_error(omega0, "--omega0")
     checks.check_positive(reference_frequency, "--reference-frequency")
+    checks.check_positive(inertia, "--inertia")
     if contactless and reference_frequency:
         raise UsageError("--omega0 and --reference-frequency each give alpha a meaning: choose one.")
     offered = checks.offered_forces(library, forces, bool(contactless or reference_frequency))
@@ -74,16 +76,16 @@ def identify(
     if as_json:
         from sysid_trib.printing.identification import identification_json
 
-        print(json.dumps(identification_json(tree), indent=2, allow_nan=False))
+        print(json.dumps(identification_json(tree, inertia), indent=2, allow_nan=False))
         return
-    _tell(tree, told)
+    _tell(tree, told, inertia)
     for place in (output, plot):
         if place is not None:
             print(f"Written: {place}")
 
 
-def _tell(tree: "xr.DataTree", told: list[str]) -> None:
-    from sysid_trib.printing.identification import identification_table, verdict
+def _tell(tree: "xr.DataTree", told: list[str], inertia: float | None) -> None:
+    from sysid_trib.printing.identification import consequences, identification_table, verdict
     from sysid_trib.printing.runs import runs_table, runs_told
     from sysid_trib.runs import record_groups
 
@@ -94,6 +96,9 @@ def _tell(tree: "xr.DataTree", told: list[str]) -> None:
     print_table(identification_table(tree))
     print()
     for sentence in verdict(tree):
+        print(sentence)
+    print()
+    for sentence in consequences(tree, inertia):
         print(sentence)
     if "runs" in tree:
         print()

@@ -42,6 +42,9 @@ Omega0 = Annotated[
 Reference = Annotated[
     float | None, typer.Option(metavar="RAD/S", help="Reference frequency, held; default: fitted.")
 ]
+Inertia = Annotated[
+    float | None, typer.Option(metavar="KG*M^2", help="Moment of inertia: coefficients in SI units too.")
+]
 Shapes = Annotated[
     list[str], typer.Option("--set", metavar="SYMBOL.SHAPE=VALUE", help="A shape parameter to hold; repeat.")
 ]

@@ -88,7 +88,7 @@ def refits(
 
 
 def refit(baseline: Baseline, probe: Probe, z: float, size: float, runs: Sequence[xr.Dataset]) -> Refit:
-    """One candidate fitted with the model, from what the score says or, where that is far, from regression."""
+    """One candidate fitted with the model, from what the score says or, if that is far, from regression."""
     problem = with_force(baseline.problem, probe.force)
     starts = [with_values(baseline, problem, probe, z / size)]
     gap = np.concatenate(baseline.problem.residuals(baseline.unknown))

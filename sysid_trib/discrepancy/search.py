@@ -25,7 +25,7 @@ LEVEL = 0.01
 
 @dataclass(frozen=True)
 class Step:
-    """One scan of the candidates: what the model left, what was asked for, and what was added (or nothing)."""
+    """One scan of the candidates: what the model left, what was asked for, what was added (or None)."""
 
     before: Baseline
     found: Scores

@@ -4,11 +4,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from sysid_trib.printing.layout import number, text_table, value_with_error
+from sysid_trib.printing.physics import as_data, told
 from sysid_trib.printing.runs import runs_json
 from sysid_trib.results import library_of
-from sysid_trib.runs import record_groups
+from sysid_trib.runs import group_names, record_groups
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -56,20 +58,20 @@ def verdict(tree: xr.DataTree) -> list[str]:
     names = [checked.attrs["first"], checked.attrs["second"]]
     results = [tree[name].ds for name in names]
     rolling = tree[record_groups(tree)[0]].attrs.get("signal") == "rate"
-    told = [
+    said = [
         EXPLAINED_BY_RATE
         if rolling and checked.attrs["explained"] != "yes"
         else EXPLAINED[checked.attrs["explained"]]
     ]
-    told.append(_agreement(checked, results))
+    said.append(_agreement(checked, results))
     for name in names:
-        told.append(_gap(name, checked.sel(model=name)))
+        said.append(_gap(name, checked.sel(model=name)))
     for name, result in zip(names, results, strict=True):
-        told += _remarks(name, result)
-    told += _held(results[1])
+        said += _remarks(name, result)
+    said += _held(results[1])
     stiffness = library_of(results[1], whole=True).role("x")
     if stiffness is not None and stiffness.symbol not in results[1].force:
-        told.append(
+        said.append(
             f"{stiffness.symbol} and the frequency are one unknown in a single record: give --omega0 "
             f"(frequency without contact) to have {stiffness.symbol}."
         )
@@ -79,8 +81,8 @@ def verdict(tree: xr.DataTree) -> list[str]:
         ("no_method_can_tell_apart", "No method can tell apart: {}."),
     ):
         if checked.attrs[key]:
-            told.append(sentence.format(checked.attrs[key]))
-    return told
+            said.append(sentence.format(checked.attrs[key]))
+    return said
 
 
 def _agreement(checked: xr.Dataset, results: list[xr.Dataset]) -> str:
@@ -117,7 +119,18 @@ def _held(result: xr.Dataset) -> list[str]:
     return [f"Held, not fitted: {held} (--set to change)."]
 
 
-def identification_json(tree: xr.DataTree) -> dict[str, Any]:
+def consequences(tree: xr.DataTree, inertia: float | None) -> list[str]:
+    """What follows from the second identification, in sentences; with an inertia (kg m^2) in SI units too."""
+    return told(tree[tree["comparison"].attrs["second"]].to_dataset(), _amplitudes(tree), inertia)
+
+
+def _amplitudes(tree: xr.DataTree) -> NDArray[np.float64]:
+    """Amplitudes of the half periods of all runs, rad."""
+    groups = group_names("envelope", len(record_groups(tree)))
+    return np.concatenate([tree[group].amplitude.values for group in groups])
+
+
+def identification_json(tree: xr.DataTree, inertia: float | None = None) -> dict[str, Any]:
     """The result as plain data; non-finite numbers are None."""
     checked = tree["comparison"].ds
     methods = {}
@@ -157,7 +170,9 @@ def identification_json(tree: xr.DataTree) -> dict[str, Any]:
         {k: v for k, v in tree[group].attrs.items() if isinstance(v, str | int | float)}
         for group in record_groups(tree)
     ]
+    second = tree[checked.attrs["second"]].to_dataset()
     found = {"record": records[0], "methods": methods, "cross_check": check}
+    found["consequences"] = as_data(second, _amplitudes(tree), inertia)
     if len(records) > 1:
         found |= {"records": records, "runs": runs_json(tree["runs"].to_dataset())}
     return found

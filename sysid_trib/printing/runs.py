@@ -40,11 +40,11 @@ def runs_told(runs: xr.Dataset) -> list[str]:
     if runs.attrs["verdict"] == "agree":
         return [*told, f"The runs agree: {found}"]
     worst = runs.p_value.fillna(1.0)
-    name = runs.quantity.values[int(np.argmin(worst.values))]
+    name, least = runs.quantity.values[int(np.argmin(worst.values))], _chance(worst.min().item(), "= ")
     return [
         *told,
-        f"The runs disagree: {found} Most in {name} (p {_chance(worst.min().item(), '= ')}): it changes from run to "
-        "run, or with amplitude because a force is of another form; the common errors are then too small.",
+        f"The runs disagree: {found} Most in {name} (p {least}): it changes from run to run, or with amplitude "
+        "because a force is of another form; the common errors are then too small.",
     ]
 
 
