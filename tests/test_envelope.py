@@ -8,9 +8,10 @@ import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
+from scipy.stats import binom
 
 from sysid_trib.decays.free_decay import free_decay
-from sysid_trib.decays.half_sines import envelope, instant_derivatives
+from sysid_trib.decays.half_sines import _scatter_ratio, envelope, instant_derivatives
 from sysid_trib.errors import DecayError
 from sysid_trib.records import read_record
 
@@ -144,6 +145,36 @@ def test_errors_grow_where_the_extrema_scatter():
     assert waves.attrs["scatter_of_extrema"] > 10
     error = np.abs(waves["amplitude"] - quiet["amplitude"]) / waves["amplitude_standard_error"]
     assert 0.4 < np.sqrt(np.mean(error**2)) < 2.0
+
+
+@pytest.mark.parametrize("count", [15, 16, 20, 30, 50, 77, 200])
+def test_white_noise_is_no_scatter(count):
+    """Errors are raised by chance in under 0.15 % of the records, for extrema as for their times."""
+    generator, trials = np.random.default_rng(count), 20_000
+    for decay_ratio in (1.0, 0.9, 0.6):
+        raised = sum(
+            _scatter_ratio(value, np.ones(count), decay_ratio) > 1.0
+            for value in generator.standard_normal((trials // 3, count))
+        )
+        assert raised <= binom.ppf(1.0 - 1e-4, trials // 3, 0.0015)
+
+
+@pytest.mark.parametrize("count", [15, 25, 77])
+def test_scatter_is_seen(count):
+    values = 6.0 * np.random.default_rng(count).standard_normal((500, count))
+    ratios = np.array([_scatter_ratio(value, np.ones(count), 0.95) for value in values])
+    assert np.mean(ratios > 1.0) > 0.75
+    assert np.median(ratios) == pytest.approx(6.0, rel=0.2)
+
+
+@pytest.mark.parametrize("zeta", [0.003, 0.05])
+@pytest.mark.parametrize("periods", [8, 12])
+def test_clean_records_keep_their_errors(zeta, periods):
+    time = np.arange(0.0, periods * 2 * np.pi / OMEGA, 0.01)
+    generator = np.random.default_rng(periods)
+    for _ in range(100):
+        found = envelope(decay_of(time, damped(time, zeta) + 1e-4 * generator.standard_normal(time.size)))
+        assert (found.attrs["scatter_of_extrema"], found.attrs["scatter_of_times"]) == (1.0, 1.0)
 
 
 def test_chattering_and_coarse_crossings_make_no_half_periods():

@@ -20,9 +20,10 @@ from sysid_trib.errors import DecayError, UsageError
 
 # The third round moves the frequency by less than 1e-6 of itself.
 ROUNDS = 3
-# Between half periods of one sign: whatever differs between the two sides cancels in every instant, and is no
-# scatter.
-FOURTH_DIFFERENCE = np.array([1.0, 0.0, -4.0, 0.0, 6.0, 0.0, -4.0, 0.0, 1.0])
+# Half periods that differences for the scatter reach over; fewer than a few of these decide nothing.
+REACH, FEWEST = 8, 15
+# White noise scatters by more than 1 + CHANCE/sqrt(differences) in one record of a thousand, short or long.
+CHANCE = 6.5
 
 
 @dataclass(frozen=True)
@@ -154,9 +155,10 @@ def envelope(decay: xr.Dataset, curve: Literal["half-sines", "analytic-signal"] 
         fit = HalfSines(*analytic_extrema(time, angle, halves))
     noise = max(noise_level(time, angle), quantisation_step(angle) / np.sqrt(12.0))
     extremum = np.abs(fit.extremum)
+    decay_ratio = float(np.clip(np.median(extremum[2:] / extremum[:-2]), 0.0, 1.0))
     errors, ratios = [], []
     for value, spread in ((extremum, fit.extremum_spread), (fit.extremum_time, fit.time_spread)):
-        ratio = _scatter_ratio(value, noise * spread)
+        ratio = _scatter_ratio(value, noise * spread, decay_ratio)
         errors.append(ratio * noise * spread)
         ratios.append(ratio)
     result = xr.Dataset(attrs=decay.attrs | {"scatter_of_extrema": ratios[0], "scatter_of_times": ratios[1]})
@@ -190,14 +192,20 @@ def usable_half_periods(time: FloatArray, angle: FloatArray, source: str) -> Hal
     return swing.halves.select(swing.run)
 
 
-def _scatter_ratio(value: FloatArray, error: FloatArray) -> float:
-    """How much more values scatter than their errors say; 1 where that may be chance."""
-    if value.size < 15:
+def _scatter_ratio(value: FloatArray, error: FloatArray, decay_ratio: float) -> float:
+    """How much more values scatter than their errors say; 1 where that may be chance.
+
+    `decay_ratio` : of extrema a period apart. Differences are between half periods of one sign: whatever
+    differs between the two sides cancels in every instant, and is no scatter. They leave nothing of a line
+    (solid friction), of a geometric decay (viscous friction), nor of their sum.
+    """
+    if value.size < FEWEST:
         return 1.0
-    difference = np.convolve(value, FOURTH_DIFFERENCE, "valid")
-    expected = np.sqrt(np.convolve(error**2, FOURTH_DIFFERENCE**2, "valid"))
+    weights = np.convolve([1.0, 0.0, -2.0, 0.0, 1.0], [1.0, 0.0, -2.0 * decay_ratio, 0.0, decay_ratio**2])
+    difference = np.convolve(value, weights, "valid")
+    expected = np.sqrt(np.convolve(error**2, weights**2, "valid"))
     ratio = float(1.4826 * np.median(np.abs(difference) / np.maximum(expected, 1e-300)))
-    return ratio if ratio > 1.0 + 4.0 / np.sqrt(value.size) else 1.0
+    return ratio if ratio > 1.0 + CHANCE / np.sqrt(value.size - REACH) else 1.0
 
 
 def _error_attrs(attrs: Mapping[str, str]) -> dict[str, str]:
