@@ -15,10 +15,8 @@ from sysid_trib.methods.motions import Problem, Record
 
 Array = NDArray[np.float64]
 
-# Fits are done when a step is below this part of the solution: far below any error.
-TOLERANCE = 1e-9
-# Rounds in which noise and fit follow each other.
-ROUNDS = 2
+# Fits are done when chi-square falls by less than this part: far below what a candidate must gain.
+TOLERANCE = 1e-5
 
 
 @dataclass(frozen=True)
@@ -74,10 +72,14 @@ class Baseline:
         )
 
 
-def fit(problem: Problem, unknown: Array, noises: Sequence[Noise]) -> Baseline:
-    """Fit a model from a first guess, in noise that is known."""
+def fit(
+    problem: Problem, unknown: Array, noises: Sequence[Noise], *, far: bool = False, evaluations: int = 40
+) -> Baseline:
+    """Fit a model from a first guess, in noise that is known; over a growing window if the guess is far."""
     weighted = with_noise(problem, noises)
-    unknown = fitted(weighted, grown(weighted, unknown, tolerance=TOLERANCE), tolerance=TOLERANCE)
+    if far:
+        unknown = grown(weighted, unknown, tolerance=TOLERANCE)
+    unknown = fitted(weighted, unknown, tolerance=TOLERANCE, evaluations=evaluations)
     return Baseline(
         weighted,
         unknown,

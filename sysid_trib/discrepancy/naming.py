@@ -1,6 +1,6 @@
-"""Name the missing effect: candidates refitted in full, the best of them, and those that explain as much."""
+"""Name the missing effect: candidates fitted in full with the model, and those that explain as much."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,81 +25,112 @@ TIE = 9.0
 # What a shape parameter must gain in chi-square to be worth it: of two forces that explain as much, the one
 # with fewer parameters is named.
 PRICE = 6.0
-# Candidates that are refitted: those whose squared score is not far below the largest, so many at most.
-MOST = 10
-WITHIN = 0.4
-# A gap beyond this part of the swing is too large for a score to say how strong an effect is.
-LARGE = 0.01
+# Twins that are fitted: so many at most, and those whose predicted chi-square is within this part of the
+# effect's own; scores are linear, and shapes come from a grid.
+TWINS = 6
+SLACK = 0.02
+# A gap beyond this part of the swing is too large for a score to say which force is missing, or how strong.
+LARGE = 0.02
+# Forces then tried by fits: what is quick to simulate, so many.
+TRIALS = 8
+EVALUATIONS = 12
 
 
 @dataclass(frozen=True)
 class Refit:
-    """A candidate fitted together with the model.
+    """A candidate fitted together with the model; `fitted` is None if the fit failed, for the `reason`."""
 
-    `fitted` is None if the fit failed, for the `reason`.
-    """
-
-    force: Force
+    probe: Probe
     score: float
     fitted: Baseline | None
     reason: str = ""
+
+    @property
+    def force(self) -> Force:
+        """The candidate."""
+        return self.probe.force
 
     @property
     def cost(self) -> float:
         """Chi-square, with the price of the candidate's shape parameters."""
         return np.inf if self.fitted is None else self.fitted.chi_square + PRICE * len(self.force.shape)
 
-    @property
-    def coefficient(self) -> tuple[float, float]:
-        """Value and standard error."""
-        if self.fitted is None:
-            return np.nan, np.nan
-        at = self.fitted.problem.library.symbols.index(self.force.symbol)
-        return float(self.fitted.unknown[at]), float(np.sqrt(self.fitted.covariance[at, at]))
-
-    @property
-    def shapes(self) -> dict[str, float]:
-        """Fitted shape parameters."""
-        if self.fitted is None:
-            return {}
-        names, count = self.fitted.problem.fit_shapes, len(self.fitted.problem.library)
-        values = self.fitted.unknown[count : count + len(names)].tolist()
-        return {k: x for k, x in zip(names, values, strict=True) if k.startswith(f"{self.force.symbol}.")}
-
-
-def refits(
-    baseline: Baseline, found: Scores, runs: Sequence[xr.Dataset], tick: Callable[[], None] = lambda: None
-) -> list[Refit]:
-    """The candidates that score highest, each fitted in full with the model, the best first."""
-    symbols = list(dict.fromkeys(probe.force.symbol for probe in found.probes))
-    best = {s: at for s in symbols if (at := found.best_of(s)) is not None}
-    ranked = sorted(best.values(), key=lambda at: -abs(found.z[at]))
-    if not ranked:
-        return []
-    least = WITHIN * found.z[ranked[0]] ** 2
-    chosen = [
-        at for at in ranked[:MOST] if found.z[at] ** 2 >= min(least, found.z[ranked[0]] ** 2 - 3.0 * TIE)
-    ]
-    done = []
-    for at in chosen:
-        done.append(refit(baseline, found.probes[at], float(found.z[at]), float(found.size[at]), runs))
-        tick()
-    return sorted(done, key=lambda one: one.cost)
-
 
 def refit(baseline: Baseline, probe: Probe, z: float, size: float, runs: Sequence[xr.Dataset]) -> Refit:
     """One candidate fitted with the model, from what the score says or, if that is far, from regression."""
     problem = with_force(baseline.problem, probe.force)
     starts = [with_values(baseline, problem, probe, z / size)]
-    gap = np.concatenate(baseline.problem.residuals(baseline.unknown))
-    swing = np.concatenate([record.angle for record in problem.records])
-    if rms(gap) > LARGE * rms(swing) and probe.force.kind == "force":
+    if is_large(baseline) and probe.force.kind == "force":
         starts += _by_regression(problem, probe, runs)
     try:
         first = min(starts, key=lambda unknown: rms(problem.white_residual(unknown)))
-        return Refit(probe.force, z, fit(problem, first, baseline.noises))
+        return Refit(probe, z, fit(problem, first, baseline.noises, evaluations=EVALUATIONS))
     except (SysidTribError, np.linalg.LinAlgError, ValueError) as error:
-        return Refit(probe.force, z, None, str(error))
+        return Refit(probe, z, None, str(error))
+
+
+def is_large(baseline: Baseline) -> bool:
+    """Whether the gap is too large for scores."""
+    gap = np.concatenate(baseline.problem.residuals(baseline.unknown))
+    return rms(gap) > LARGE * rms(np.concatenate([record.angle for record in baseline.problem.records]))
+
+
+def best_candidate(baseline: Baseline, found: Scores, runs: Sequence[xr.Dataset]) -> Refit | None:
+    """The candidate that explains most, fitted with the model; None if there is none.
+
+    By the scores; where the gap is too large for them, by fits of those that are quick to simulate. A twin that
+    explains more is found later (`twins`).
+    """
+    ranked = sorted(found.best(), key=lambda at: PRICE * len(found.probes[at].force.shape) - found.z[at] ** 2)
+    if not ranked:
+        return None
+    tried = ranked[:1]
+    if is_large(baseline):
+        tried = [at for at in ranked if not found.probes[at].force.memory][:TRIALS] or tried
+    done = [
+        refit(baseline, found.probes[at], float(found.z[at]), float(found.size[at]), runs) for at in tried
+    ]
+    return min(done, key=lambda one: one.cost)
+
+
+def twins(
+    fitted: Baseline,
+    symbol: str,
+    found: Scores,
+    runs: Sequence[xr.Dataset],
+    noise_fixed: Baseline | None = None,
+) -> list[Refit]:
+    """Candidates that may explain as much as an effect of the model in its place, each fitted, best first.
+
+    `found` : scores of the others about the same motion. Predicted: with y what the effect and the residual
+    are together outside of what the other unknowns can move, a candidate of direction u leaves
+    |y|^2 - (y.u)^2.
+    """
+    problem, unknown = without_force(fitted, symbol)
+    names = list(fitted.problem.names)
+    mine = [i for i, name in enumerate(names) if name == symbol or name.startswith(f"{symbol}.")]
+    others = np.delete(fitted.table, mine, axis=1)
+    size = np.linalg.norm(others, axis=0)
+    space, _ = np.linalg.qr(others / np.where(size > 0.0, size, 1.0))
+    # table is of motion minus record: what the effect adds to the motion, and what is still left of the record.
+    y = fitted.residual + fitted.table[:, mine[0]] * fitted.unknown[mine[0]]
+    y = y - space @ (space.T @ y)
+    outside = found.moved - space @ (space.T @ found.moved)
+    size = np.linalg.norm(outside, axis=0)
+    along = np.divide(outside.T @ y, size, out=np.zeros_like(size), where=size > 0.0)
+    cost = float(y @ y) - along**2 + PRICE * np.array([len(p.force.shape) for p in found.probes])
+    force = next(f for f in fitted.problem.library if f.symbol == symbol)
+    own = fitted.chi_square + PRICE * len(force.shape)
+    limit = own + TIE + SLACK * max(0.0, float(y @ y) - fitted.chi_square)
+    near: dict[str, int] = {}
+    for at in np.argsort(cost).tolist():
+        if cost[at] > limit or len(near) == TWINS:
+            break
+        if not found.reasons[at]:
+            near.setdefault(found.probes[at].force.symbol, at)
+    alone = replace(fitted, problem=problem, unknown=unknown)
+    done = [refit(alone, found.probes[at], float(along[at]), float(size[at]), runs) for at in near.values()]
+    return sorted(done, key=lambda one: one.cost)
 
 
 def with_force(problem: Problem, force: Force) -> Problem:
@@ -109,23 +140,23 @@ def with_force(problem: Problem, force: Force) -> Problem:
     return replace(problem, library=library, fit_shapes=(*problem.fit_shapes, *names))
 
 
-def without_force(baseline: Baseline, symbol: str) -> tuple[Problem, Array]:
-    """Problem and unknowns without a force."""
-    problem = baseline.problem
-    kept = [force for force in problem.library if force.symbol != symbol]
-    shapes = tuple(name for name in problem.fit_shapes if not name.startswith(f"{symbol}."))
-    names = list(problem.names)
-    stay = [i for i, name in enumerate(names) if name != symbol and not name.startswith(f"{symbol}.")]
-    unknown = np.concatenate([baseline.unknown[stay], baseline.unknown[len(names) :]])
-    return replace(problem, library=replace(problem.library, forces=tuple(kept)), fit_shapes=shapes), unknown
-
-
 def with_values(baseline: Baseline, problem: Problem, probe: Probe, coefficient: float) -> Array:
     """First guess of a problem with one force more."""
     count, named = len(baseline.problem.library), len(baseline.problem.names)
     before = baseline.unknown
     shapes = list(probe.shapes.values())
     return np.array([*before[:count], coefficient, *before[count:named], *shapes, *before[named:]])
+
+
+def without_force(baseline: Baseline, symbol: str) -> tuple[Problem, Array]:
+    """Problem and unknowns without a force."""
+    problem = baseline.problem
+    kept = tuple(force for force in problem.library if force.symbol != symbol)
+    shapes = tuple(name for name in problem.fit_shapes if not name.startswith(f"{symbol}."))
+    names = list(problem.names)
+    stay = [i for i, name in enumerate(names) if name != symbol and not name.startswith(f"{symbol}.")]
+    unknown = np.concatenate([baseline.unknown[stay], baseline.unknown[len(names) :]])
+    return replace(problem, library=replace(problem.library, forces=kept), fit_shapes=shapes), unknown
 
 
 def _by_regression(problem: Problem, probe: Probe, runs: Sequence[xr.Dataset]) -> list[Array]:
@@ -140,22 +171,14 @@ def _by_regression(problem: Problem, probe: Probe, runs: Sequence[xr.Dataset]) -
     fixed = [probe.shapes.get(name, problem.shapes.get(name, np.nan)) for name in problem.fit_shapes]
     frequency = [found.reference_frequency.item()] if problem.free else []
     own = np.stack([np.ravel(found[k]) for k in ("start_angle", "start_rate", "offset")], axis=1)
-    unknown = np.array(
-        [*(value.get(s, 0.0) for s in problem.library.symbols), *fixed, *frequency, *own.ravel()]
-    )
+    coefficients = [value.get(symbol, 0.0) for symbol in problem.library.symbols]
+    unknown = np.array([*coefficients, *fixed, *frequency, *own.ravel()])
     return [unknown] if np.all(np.isfinite(unknown)) else []
 
 
-def tie_class(done: Sequence[Refit]) -> list[Refit]:
-    """The best, and all that explain the record as well."""
-    return (
-        [one for one in done if one.cost <= done[0].cost + TIE] if done and np.isfinite(done[0].cost) else []
-    )
-
-
-def is_significant(baseline: Baseline, one: Refit, tests: float, level: float) -> bool:
-    """Whether a refitted candidate takes more from the gap than noise would give to the best of the tests."""
+def is_significant(before: Baseline, one: Refit, tests: float, level: float) -> bool:
+    """Whether a fitted candidate takes more from the gap than noise would give to the best of the tests."""
     if one.fitted is None:
         return False
-    gain = baseline.chi_square - one.fitted.chi_square
+    gain = before.chi_square - one.fitted.chi_square
     return bool(tests * chi2.sf(gain, 1 + len(one.force.shape)) < level)

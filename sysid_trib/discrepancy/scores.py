@@ -31,7 +31,7 @@ class Scores:
     probes : (probe,); reasons : why a probe cannot be tested, else empty.
     z : (probe,) score; size : (probe,) its response outside of the model's, in units of the noise: the
         error of its coefficient is 1/size; share : (probe,) the part of its response that is outside.
-    directions : (sample, probe) orthonormal responses outside of the model's.
+    moved : (sample, probe) whitened responses; directions : those outside of the model's, of unit length.
     tests : number of independent tests; p_values : (probe,) of a larger score by chance in any of them.
     """
 
@@ -40,14 +40,18 @@ class Scores:
     z: Array
     size: Array
     share: Array
+    moved: Array
     directions: Array
     tests: float
     p_values: Array
 
-    def best_of(self, symbol: str) -> int | None:
-        """The probe of a force with the largest score, None if none can be tested."""
-        mine = [at for at, p in enumerate(self.probes) if p.force.symbol == symbol and not self.reasons[at]]
-        return max(mine, key=lambda at: abs(self.z[at])) if mine else None
+    def best(self) -> list[int]:
+        """The probe of each force that scores highest, forces that cannot be tested left out, best first."""
+        found: dict[str, int] = {}
+        for at in np.argsort(-np.abs(self.z)).tolist():
+            if not self.reasons[at]:
+                found.setdefault(self.probes[at].force.symbol, at)
+        return list(found.values())
 
 
 def scores(baseline: Baseline, candidates: ForceLibrary, courses: Sequence[Course], seed: int = 0) -> Scores:
@@ -80,7 +84,15 @@ def scores(baseline: Baseline, candidates: ForceLibrary, courses: Sequence[Cours
     periodic = np.array([_is_searched(probe, candidates) for probe in probes])
     chance = 2.0 * norm.sf(np.abs(z)) * np.where(periodic, tests + looked, tests)
     return Scores(
-        probes, reasons, z, size, share, directions, tests, np.where(good, np.minimum(1.0, chance), 1.0)
+        probes,
+        reasons,
+        z,
+        size,
+        share,
+        moved,
+        directions,
+        tests,
+        np.where(good, np.minimum(1.0, chance), 1.0),
     )
 
 

@@ -1,14 +1,15 @@
-"""The search: score, refit, name, add, and scan again until nothing more is asked for."""
+"""The search: score, name, add, scan again; then hold every name against its twins."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from sysid_trib.discrepancy.baseline import Baseline, fit, records_of, refreshed
-from sysid_trib.discrepancy.naming import Refit, is_significant, refits, tie_class
+from sysid_trib.discrepancy.naming import TIE, Refit, best_candidate, is_significant, twins, without_force
 from sysid_trib.discrepancy.noise import Noise, oscillations
 from sysid_trib.discrepancy.omnibus import Omnibus, omnibus
 from sysid_trib.discrepancy.scores import Scores, scores
@@ -21,22 +22,35 @@ Array = NDArray[np.float64]
 
 # Family-wise level of error of a name.
 LEVEL = 0.01
+# Rounds of holding names against their twins.
+ROUNDS = 3
 
 
 @dataclass(frozen=True)
-class Step:
-    """One scan of the candidates: what the model left, what was asked for, what was added (or None)."""
+class Scan:
+    """What a model leaves: the candidates' scores and the test that knows none."""
 
     before: Baseline
     found: Scores
     generic: Omnibus
-    refits: list[Refit]
-    added: Refit | None
 
-    @property
-    def ties(self) -> list[Refit]:
-        """Candidates that explain as much as the one added, itself first."""
-        return tie_class(self.refits)
+
+@dataclass(frozen=True)
+class Search:
+    """The whole search.
+
+    Attributes
+    ----------
+    scans : one before each addition, and the last of the final model.
+    final : the final model.
+    added : its effects, in the order of their addition.
+    ties : of each effect, the candidates that explain as much in its place, itself first.
+    """
+
+    scans: list[Scan]
+    final: Baseline
+    added: tuple[str, ...]
+    ties: dict[str, list[Refit]] = field(default_factory=dict)
 
 
 def first_baseline(runs: Sequence[xr.Dataset], forces: ForceLibrary, frequency: float | None) -> Baseline:
@@ -49,7 +63,7 @@ def first_baseline(runs: Sequence[xr.Dataset], forces: ForceLibrary, frequency: 
     unknown = np.array([*quick.coefficient.values, *free, *own.ravel()])
     noises = [Noise(quick.noise.item(), np.ones(1))] * len(runs)
     bases = [oscillations(run) for run in runs]
-    return refreshed(refreshed(fit(problem, unknown, noises), bases), bases)
+    return refreshed(refreshed(fit(problem, unknown, noises, far=True), bases), bases)
 
 
 def search(
@@ -61,46 +75,84 @@ def search(
     level: float = LEVEL,
     seed: int = 0,
     told: Callable[[str], None] = lambda text: None,
-) -> list[Step]:
-    """Add effects to a model until the record asks for none; the last step adds nothing."""
+) -> Search:
+    """Add effects to a model until the record asks for none, then exchange those that have better twins."""
     bases = [oscillations(run) for run in runs]
-    steps: list[Step] = []
-    while True:
-        told(f"scan {len(steps) + 1}")
-        step = _scanned(runs, baseline, candidates, level, seed, told)
-        if step.added is None or step.added.fitted is None or len(steps) == max_effects:
-            steps.append(replace(step, added=None))
-            return steps
-        steps.append(step)
-        baseline = refreshed(step.added.fitted, bases)
-        candidates = _others(candidates, step.added.force.symbol)
+    scans: list[Scan] = []
+    added: tuple[str, ...] = ()
+    ties: dict[str, list[Refit]] = {}
+    for _ in range(ROUNDS):
+        while True:
+            told(f"scan {len(scans) + 1}")
+            scans.append(_scanned(baseline, candidates, added, seed))
+            one = _next(scans[-1], runs, level) if len(added) < max_effects else None
+            if one is None or one.fitted is None:
+                break
+            baseline, added = refreshed(one.fitted, bases), (*added, one.force.symbol)
+        changed = False
+        for symbol in added:
+            told(f"twins of {symbol}")
+            ties[symbol] = twins(baseline, symbol, scans[-1].found, runs)
+            best = ties[symbol][0] if ties[symbol] else None
+            if best is not None and best.fitted is not None and best.cost < _cost(baseline, symbol):
+                baseline = refreshed(best.fitted, bases)
+                added = tuple(best.force.symbol if s == symbol else s for s in added)
+                changed = True
+                break
+        pruned = _pruned(baseline, added, level)
+        if pruned is not None:
+            added = tuple(s for s in added if s != pruned)
+            problem, unknown = without_force(baseline, pruned)
+            baseline, changed = refreshed(fit(problem, unknown, baseline.noises), bases), True
+        if not changed:
+            break
+    return Search(scans, baseline, added, ties)
 
 
-def _scanned(
-    runs: Sequence[xr.Dataset],
-    baseline: Baseline,
-    candidates: ForceLibrary,
-    level: float,
-    seed: int,
-    told: Callable[[str], None],
-) -> Step:
+def _scanned(baseline: Baseline, candidates: ForceLibrary, added: Sequence[str], seed: int) -> Scan:
     courses = baseline.courses()
-    found = scores(baseline, candidates, courses, seed)
-    generic = omnibus(baseline, courses)
+    others = replace(candidates, forces=tuple(f for f in candidates if f.symbol not in added))
+    return Scan(baseline, scores(baseline, others, courses, seed), omnibus(baseline, courses))
+
+
+def _next(scan: Scan, runs: Sequence[xr.Dataset], level: float) -> Refit | None:
+    """The effect to add, if one is significant."""
+    found = scan.found
     if not len(found.p_values) or found.p_values.min() >= level:
-        return Step(baseline, found, generic, [], None)
-    done = refits(baseline, found, runs)
-    named = done[0] if done and is_significant(baseline, done[0], found.tests, level) else None
-    return Step(baseline, found, generic, done, named)
+        return None
+    one = best_candidate(scan.before, found, runs)
+    return one if one is not None and is_significant(scan.before, one, found.tests, level) else None
 
 
-def _others(candidates: ForceLibrary, symbol: str) -> ForceLibrary:
-    return replace(candidates, forces=tuple(f for f in candidates if f.symbol != symbol))
+def _cost(baseline: Baseline, symbol: str) -> float:
+    from sysid_trib.discrepancy.naming import PRICE
+
+    force = next(f for f in baseline.problem.library if f.symbol == symbol)
+    return baseline.chi_square + PRICE * len(force.shape)
 
 
-def verdict_of(steps: Sequence[Step], level: float = LEVEL) -> str:
+def _pruned(baseline: Baseline, added: Sequence[str], level: float) -> str | None:
+    """The added effect that the others make needless, if there is one."""
+    errors = np.sqrt(np.diag(baseline.covariance))
+    symbols = baseline.problem.library.symbols
+    weakest, least = None, float(chi2.isf(level / 10.0, 1))
+    for symbol in added:
+        at = symbols.index(symbol)
+        score = float((baseline.unknown[at] / errors[at]) ** 2)
+        if len(added) > 1 and score < least and not baseline.problem.library[symbol].shape:
+            weakest, least = symbol, score
+    return weakest
+
+
+def tie_class(found: Search, symbol: str) -> list[str]:
+    """The effect, and the candidates that explain the record as well in its place."""
+    own = _cost(found.final, symbol)
+    return [symbol, *(one.force.symbol for one in found.ties.get(symbol, []) if one.cost <= own + TIE)]
+
+
+def verdict_of(found: Search, level: float = LEVEL) -> str:
     """`explained`, `unknown effect` or `nothing missing`."""
-    last = steps[-1]
+    last = found.scans[-1]
     if last.generic.p_value < level or (len(last.found.p_values) and last.found.p_values.min() < level):
         return "unknown effect"
-    return "explained" if len(steps) > 1 else "nothing missing"
+    return "explained" if found.added else "nothing missing"

@@ -27,7 +27,9 @@ def grown(problem: Problem, unknown: Array, *, tolerance: float = TOLERANCE) -> 
     return unknown
 
 
-def fitted(problem: Problem, unknown: Array, *, tolerance: float = TOLERANCE) -> Array:
+def fitted(
+    problem: Problem, unknown: Array, *, tolerance: float = TOLERANCE, evaluations: int = MAX_EVALUATIONS
+) -> Array:
     """Unknowns of least whitened residual, from a first guess."""
     low, high = _limits(problem, len(unknown))
     bounded = bool(np.any(np.isfinite(low)) or np.any(np.isfinite(high)))
@@ -42,7 +44,7 @@ def fitted(problem: Problem, unknown: Array, *, tolerance: float = TOLERANCE) ->
         xtol=tolerance,
         ftol=tolerance,
         gtol=0.01 * tolerance,
-        max_nfev=MAX_EVALUATIONS,
+        max_nfev=evaluations,
     )
     return np.asarray(found.x, dtype=float)
 

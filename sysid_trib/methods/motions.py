@@ -147,6 +147,6 @@ class Problem:
             scale = np.sqrt(np.mean(force.value(x, v, shapes=self.shapes, hidden=names) ** 2))
             steps.append(REACH * size / (phase * max(float(scale), 1e-9)))
         count = len(self.library)
-        steps += [1e-5 * abs(value) for value in unknown[count : len(self.names)]]
+        steps += [1e-5 * max(abs(value), 1e-3) for value in unknown[count : len(self.names)]]
         steps += [REACH * frequency / phase] if self.free else []
         return np.array([*steps, REACH * size, REACH * size * frequency, REACH * size])
