@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +14,7 @@ from scipy.stats import t as student
 from sysid_trib.agreement import fitted_motion
 from sysid_trib.library_files import parse_library
 from sysid_trib.results import library_of
+from sysid_trib.runs import root_mean_square
 from sysid_trib.start import FittedMotion
 
 Array = NDArray[np.float64]
@@ -53,6 +55,74 @@ class Followed:
         return ""
 
 
+@dataclass(frozen=True)
+class FollowedRuns:
+    """How the motions of one model follow several runs, or the one there is.
+
+    Attributes
+    ----------
+    runs : each run's; noises : rad, of one sample of each.
+    """
+
+    runs: tuple[Followed, ...]
+    noises: tuple[float, ...]
+
+    @property
+    def each_rms(self) -> Array:
+        """RMS of the gap in each run, rad."""
+        return np.array([run.rms for run in self.runs])
+
+    @property
+    def rms(self) -> float:
+        """RMS over the runs, whatever their lengths, rad."""
+        return root_mean_square(self.each_rms)
+
+    @property
+    def over_noise(self) -> float:
+        """The same of each run's RMS over its own noise."""
+        return root_mean_square(self.each_rms / np.array(self.noises))
+
+    @property
+    def phase_error(self) -> float:
+        """The largest of all runs, rad; nan if one stops early."""
+        return float(np.max([run.phase_error for run in self.runs]))
+
+    @property
+    def complaint(self) -> str:
+        """Why the motion of a run is not the record's, and of which; nothing if all are."""
+        for at, run in enumerate(self.runs):
+            if run.complaint:
+                return f"{run.complaint} in run {at + 1}" if len(self.runs) > 1 else run.complaint
+        return ""
+
+
+@dataclass(frozen=True)
+class RunInParts:
+    """A decay, what is identified from and what is held out, and its envelope."""
+
+    decay: xr.Dataset
+    train: xr.Dataset
+    rest: xr.Dataset
+    measured: xr.Dataset
+
+    @property
+    def noise(self) -> float:
+        """Of one sample, rad."""
+        return float(self.measured.noise.item())
+
+    @property
+    def block(self) -> int:
+        """Samples of a period."""
+        step = float(np.median(np.diff(self.decay.time.values)))
+        return max(1, round(2 * float(np.median(np.diff(self.measured.extremum_time))) / step))
+
+    @property
+    def labelled(self) -> xr.Dataset:
+        """The record with the time at which the part held out starts."""
+        about = {"units": "s", "long_name": "start of the part held out"}
+        return self.decay.assign(holdout_start=((), float(self.rest.time.values[0]), about))
+
+
 def split(decay: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
     """The first two thirds of a decay by time, and the last."""
     time = decay.time.values.astype(float)
@@ -60,12 +130,12 @@ def split(decay: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
     return decay.isel(time=slice(0, first)), decay.isel(time=slice(first, None))
 
 
-def followed(decay: xr.Dataset, result: xr.Dataset, measured: xr.Dataset) -> Followed | None:
-    """How an identified model follows the decay it is from; None if it diverges.
+def followed(decay: xr.Dataset, result: xr.Dataset, measured: xr.Dataset, run: int = 0) -> Followed | None:
+    """How an identified model follows the decay, or the run, it is from; None if it diverges.
 
     `measured` : the record's envelope, whose extrema give its phase.
     """
-    motion = fitted_motion(decay, result)
+    motion = fitted_motion(decay, result, run)
     return None if motion is None else _held_against(decay, motion, measured)
 
 
@@ -81,28 +151,38 @@ def predicted(
     return followed(part, later.drop_vars(["start_angle", "start_rate"], errors="ignore"), measured)
 
 
-def no_better(gap: Array, best: Array, block: int) -> float:
+def no_better(gaps: Sequence[Array], best: Sequence[Array], blocks: Sequence[int]) -> float:
     """Probability by chance of as large a ratio between two models' squared errors (two-sided).
 
     Parameters
     ----------
-    gap, best : (sample,) rad, what each leaves of the same record.
-    block : samples over which errors may be correlated, a period.
+    gaps, best : (sample,) rad of each run, what each model leaves of the same runs.
+    blocks : samples of each run over which errors may be correlated, a period.
 
     Notes
     -----
     Diebold & Mariano 1995, with the logarithm of the mean square over a block as the loss: a decay's last
     swings then count as its first. Blocks are taken as independent; Student's distribution.
     """
-    count = len(gap) // block
+    sides = [
+        np.concatenate([_block_losses(gap, block) for gap, block in zip(each, blocks, strict=True)])
+        for each in (gaps, best)
+    ]
+    loss = sides[0] - sides[1]
+    count = len(loss)
     if count < 3:
         return float("nan")
-    squares = [np.mean(g[: count * block].reshape(count, block) ** 2, axis=1) for g in (gap, best)]
-    loss = np.log(np.maximum(squares[0], 1e-300)) - np.log(np.maximum(squares[1], 1e-300))
     spread = float(loss.std(ddof=1))
     if spread == 0.0:
         return float(loss[0] == 0.0)
     return float(2.0 * student.sf(abs(loss.mean()) / spread * np.sqrt(count), count - 1))
+
+
+def _block_losses(gap: Array, block: int) -> Array:
+    """Logarithm of the mean square of a gap over each whole block."""
+    count = len(gap) // block
+    squares = np.mean(gap[: count * block].reshape(count, block) ** 2, axis=1)
+    return np.asarray(np.log(np.maximum(squares, 1e-300)))
 
 
 def _held_against(decay: xr.Dataset, motion: FittedMotion, measured: xr.Dataset) -> Followed:

@@ -9,12 +9,20 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from sysid_trib.holding_out import Followed, no_better
+from sysid_trib.holding_out import FollowedRuns, no_better
 from sysid_trib.quantities import factors, in_model
+from sysid_trib.runs import root_mean_square
 from sysid_trib.visibility import Visibility
 
 Array = NDArray[np.float64]
 Columns = dict[str, tuple[Any, str, str]]
+
+# Name of a column, the attribute of a trial, and of what it is.
+GAPS = (
+    ("residual", "whole", "on the whole record"),
+    ("train", "train", "on the first two thirds, from which it is identified"),
+    ("holdout", "holdout", "on the last third, held out"),
+)
 
 
 @dataclass(frozen=True)
@@ -25,18 +33,18 @@ class Trial:
     seen: Visibility
     result: xr.Dataset | None = None
     seconds: float = float("nan")
-    whole: Followed | None = None
-    train: Followed | None = None
-    holdout: Followed | None = None
+    whole: FollowedRuns | None = None
+    train: FollowedRuns | None = None
+    holdout: FollowedRuns | None = None
     reason: str = ""
 
 
-def method_table(trials: Sequence[Trial], noise: float, block: int) -> xr.Dataset:
+def method_table(trials: Sequence[Trial], noises: Sequence[float], blocks: Sequence[int]) -> xr.Dataset:
     """The group `comparison` (see `compare`).
 
     Parameters
     ----------
-    noise : rad, one for all methods; block : samples of a period.
+    noises : rad, of each run, the same for all methods; blocks : samples of a period of each run.
     """
     best = best_of(trials)
     reference, referred = _common_frequency(trials, best)
@@ -59,12 +67,18 @@ def method_table(trials: Sequence[Trial], noise: float, block: int) -> xr.Datase
             reference,
             {"units": "rad/s", "long_name": "frequency to which coefficients refer"},
         ),
-        noise=((), noise, {"units": "rad", "long_name": "noise of one sample, the record's"}),
+        noise=(
+            (),
+            root_mean_square(noises),
+            {"units": "rad", "long_name": "noise of one sample, the record's"},
+        ),
     )
-    columns = _frequencies(trials, at) | _gaps(trials, noise, best, block) | _texts(trials)
+    columns = _frequencies(trials, at) | _gaps(trials, best, blocks) | _texts(trials)
     for name, (column, units, long_name) in columns.items():
         attrs = {"long_name": long_name} | ({"units": units} if units else {})
         table[name] = ("method", column, attrs)
+    if len(noises) > 1:
+        table = table.assign(_each_run(trials, noises))
     return table.assign_attrs(
         best=best.label,
         common_frequency_of=referred,
@@ -73,12 +87,12 @@ def method_table(trials: Sequence[Trial], noise: float, block: int) -> xr.Datase
 
 
 def best_of(trials: Sequence[Trial]) -> Trial:
-    """The method with the smallest RMS on the part held out; if none has any, on the whole record."""
+    """The method with the smallest RMS over the noise on the part held out; if none has any, on the whole."""
     held_out = [trial for trial in trials if trial.holdout is not None]
     if held_out:
-        return min(held_out, key=lambda trial: trial.holdout.rms if trial.holdout else np.inf)
+        return min(held_out, key=lambda trial: trial.holdout.over_noise if trial.holdout else np.inf)
     decided = [trial for trial in trials if trial.result is not None]
-    return min(decided, key=lambda trial: trial.whole.rms if trial.whole else np.inf)
+    return min(decided, key=lambda trial: trial.whole.over_noise if trial.whole else np.inf)
 
 
 def column_power(one: xr.Dataset) -> int:
@@ -157,27 +171,20 @@ def _scalars(trials: Sequence[Trial], name: str) -> Array:
     return np.array([np.nan if t.result is None else t.result[name].item() for t in trials])
 
 
-def _gaps(trials: Sequence[Trial], noise: float, best: Trial, block: int) -> Columns:
+def _gaps(trials: Sequence[Trial], best: Trial, blocks: Sequence[int]) -> Columns:
     """RMS of what the simulated models leave, the chance of the prediction's, phase and time."""
     columns: Columns = {}
-    for name, attribute, told in (
-        ("residual", "whole", "on the whole record"),
-        ("train", "train", "on the first two thirds, from which it is identified"),
-        ("holdout", "holdout", "on the last third, held out"),
-    ):
+    for name, attribute, told in GAPS:
         motions = [getattr(trial, attribute) for trial in trials]
-        rms = np.array([np.nan if motion is None else motion.rms for motion in motions])
-        columns[f"{name}_rms"] = (rms, "rad", f"RMS of record minus model {told}")
-        columns[f"{name}_over_noise"] = (
-            rms / noise,
-            "1",
-            f"RMS of record minus model {told}, over the noise",
-        )
+        rms = [np.nan if motion is None else motion.rms for motion in motions]
+        ratio = [np.nan if motion is None else motion.over_noise for motion in motions]
+        told = f"RMS of record minus model {told}"
+        columns[f"{name}_rms"] = (np.array(rms), "rad", told)
+        columns[f"{name}_over_noise"] = (np.array(ratio), "1", f"{told}, over the noise")
     nothing = float("nan")
-    chances = [
-        no_better(t.holdout.gap, best.holdout.gap, block) if t.holdout and best.holdout else nothing
-        for t in trials
-    ]
+    gaps = [None if t.holdout is None else [run.gap for run in t.holdout.runs] for t in trials]
+    least = gaps[[t.label for t in trials].index(best.label)]
+    chances = [no_better(gap, least, blocks) if gap and least else nothing for gap in gaps]
     phases = [t.whole.phase_error if t.whole else nothing for t in trials]
     chance = "probability by chance of so large a difference from the best on the part held out"
     columns["holdout_p_value"] = (np.array(chances), "1", chance)
@@ -188,6 +195,20 @@ def _gaps(trials: Sequence[Trial], noise: float, best: Trial, block: int) -> Col
     )
     columns["time_taken"] = (np.array([t.seconds for t in trials]), "s", "time of the whole identification")
     return columns
+
+
+def _each_run(trials: Sequence[Trial], noises: Sequence[float]) -> dict[str, Any]:
+    """What the simulated models leave of each of several runs, and its noise."""
+    variables: dict[str, Any] = {
+        "run_noise": ("run", list(noises), {"units": "rad", "long_name": "noise of one sample of the run"})
+    }
+    lost = np.full(len(noises), np.nan)
+    for name, attribute, told in GAPS:
+        motions = [getattr(trial, attribute) for trial in trials]
+        rms = np.stack([lost if motion is None else motion.each_rms for motion in motions])
+        attrs = {"units": "rad", "long_name": f"RMS of record minus model {told}, of each run"}
+        variables[f"run_{name}_rms"] = (("method", "run"), rms, attrs)
+    return variables
 
 
 def _texts(trials: Sequence[Trial]) -> Columns:

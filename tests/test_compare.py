@@ -1,7 +1,7 @@
-"""Every method side by side on one record."""
+"""Every method side by side on one record, or on several runs."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -11,7 +11,7 @@ from command_line import run
 from helpers import FIVE, NOISE, SIX, Run, W, library_of_formulas, paper_run
 from scipy.stats import chi2
 
-from sysid_trib import Model, compare, load_library, plots
+from sysid_trib import Model, compare, envelope, identify, load_library, plots
 from sysid_trib.comparing import every_method
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.holding_out import no_better, predicted, split
@@ -226,10 +226,12 @@ def test_time_in_a_formula_counts_from_the_start_of_the_decay():
 def test_chance_of_a_difference():
     random = np.random.default_rng(0)
     one, same, worse = random.standard_normal((3, 4000)) * [[1.0], [1.0], [1.3]]
-    assert no_better(one, one, 50) == 1.0
-    assert no_better(same, one, 50) > 1e-3
-    assert no_better(worse, one, 50) < 1e-6
-    assert np.isnan(no_better(one[:80], one[:80], 50))
+    assert no_better([one], [one], [50]) == 1.0
+    assert no_better([same], [one], [50]) > 1e-3
+    assert no_better([worse], [one], [50]) < 1e-6
+    assert np.isnan(no_better([one[:80]], [one[:80]], [50]))
+    halves = [[side[:2000], side[2000:]] for side in (worse, one)]
+    assert no_better(*halves, [50, 50]) == pytest.approx(no_better([worse], [one], [50]))
 
 
 def test_labels():
@@ -246,7 +248,8 @@ def test_labels():
 @pytest.mark.parametrize(
     ("record", "library", "methods", "reason"),
     [
-        ([], FORCES, [Direct()], "one record"),
+        ([], FORCES, [Direct()], "No run is given"),
+        ("run.csv", FORCES, [Direct()], "A decay is a Dataset"),
         (None, "contact_forces", [Direct()], "ForceLibrary"),
         (None, FORCES, [Direct], "methods such as"),
         (None, FORCES, ["direct"], "methods such as"),
@@ -327,7 +330,6 @@ def test_command_json():
 @pytest.mark.parametrize(
     ("arguments", "status", "reason"),
     [
-        (("a.csv", "b.csv"), 2, "takes one RECORD"),
         (("nowhere.csv",), 2, "nowhere.csv"),
         (("--forces", "mu"), 2, "no force 'mu'"),
         (("--omega0", "9", "--reference-frequency", "9"), 2, "choose one"),
@@ -346,3 +348,121 @@ def test_the_decay_is_left_as_it_was():
     before = record.copy(deep=True)
     compare(record, FORCES, [LogarithmicDecrement()])
     xr.testing.assert_identical(record, before)
+
+
+TOGETHER = [*FULL, "direct (strong form)"]
+SHORT = replace(paper_run(FIVE, duration=15.0, sampling_rate=50.0), start=0.6)
+
+
+@cache
+def two_runs():
+    """Of different lengths, amplitudes, sampling rates and noises."""
+    return [paper_run(FIVE).decay(7), SHORT.decay(8, 3e-4)]
+
+
+@cache
+def of_two_runs():
+    return compare(two_runs(), FORCES, every_method())
+
+
+def test_several_runs_are_identified_together():
+    tree = of_two_runs()
+    found = tree["comparison"].to_dataset()
+    runs = {f"{name}_{at}" for name in ("record", "envelope") for at in (1, 2)}
+    assert set(tree.children) == {*runs, "comparison", *TOGETHER}
+    for label in TOGETHER:
+        assert tree[label].to_dataset().equals(identify(two_runs(), FORCES, every_method()[label]))
+        assert of(found, label).reason.item() == ""
+    for label in set(every_method()) - set(TOGETHER):
+        one = of(found, label)
+        assert one.reason.item() == "takes one record at a time"
+        assert np.isnan(one.holdout_rms.item())
+        assert np.all(np.isnan(one.coefficient.values))
+    starts = [tree[f"record_{at}"].holdout_start.item() for at in (1, 2)]
+    assert starts == pytest.approx([2.0 / 3.0 * 24.99, 2.0 / 3.0 * 14.98], abs=0.021)
+
+
+def test_rms_are_over_the_runs_and_each_ones_noise():
+    tree = of_two_runs()
+    found = tree["comparison"].to_dataset()
+    noises = [envelope(run).noise.item() for run in two_runs()]
+    assert found.run_noise.values.tolist() == noises == pytest.approx([1e-4, 3e-4], rel=0.1)
+    for name in ("residual", "train", "holdout"):
+        each = found[f"run_{name}_rms"]
+        assert each.dims == ("method", "run")
+        np.testing.assert_allclose(found[f"{name}_rms"], np.sqrt((each**2).mean("run", skipna=False)))
+        ratio = np.sqrt(((each / noises) ** 2).mean("run", skipna=False))
+        np.testing.assert_allclose(found[f"{name}_over_noise"], ratio)
+    rest = sum(split(run)[1].sizes["time"] for run in two_runs())
+    low, high = np.sqrt(chi2.ppf([1e-4, 1.0 - 1e-4], rest / 4) / (rest / 4))
+    for label in FULL:
+        assert low < of(found, label).holdout_over_noise.item() < high
+    assert found.attrs["best"] in FULL
+    assert of(found, "direct (strong form)").holdout_p_value.item() < 0.01
+
+
+def test_two_runs_are_more_precise_than_one():
+    one, both = (of(found, "direct") for found in (table(), of_two_runs()["comparison"].ds))
+    assert np.all(both.standard_error.values < one.standard_error.values)
+
+
+def test_a_list_of_one_is_the_run_itself():
+    methods = [Direct(), LogarithmicDecrement()]
+    decay = two_runs()[0]
+    one, listed = (compare(given, FORCES, methods) for given in (decay, [decay]))
+    for tree in (one, listed):
+        tree["comparison"] = tree["comparison"].to_dataset().drop_vars("time_taken")
+    assert one.identical(listed)
+
+
+def test_runs_are_saved_told_and_drawn(tmp_path):
+    tree = of_two_runs()
+    save(tree, tmp_path / "result.nc")
+    assert load(tmp_path / "result.nc").identical(tree)
+    told = " ".join(comparison_told(tree))
+    assert "The last third of each run, held out from 16.66 s and 10 s on, is predicted best by" in told
+    assert "times each run's noise (0.097 and 0.3 mrad a sample" in told
+    assert len(plots.comparison(tree).axes) == len(FIVE) + 2
+
+
+@dataclass(frozen=True)
+class Stubborn:
+    """A method that finds too much friction."""
+
+    def identify(self, decay, library):
+        found = Direct().identify(decay, library)
+        return found.assign(coefficient=1.3 * found.coefficient)
+
+
+def test_a_run_in_which_the_model_stops_is_named():
+    rubbed = replace(SHORT, model=SHORT.model.with_coefficients({"lambda": 5e-3, "zeta": 1e-3}))
+    late = replace(rubbed, start=0.1)
+    decays = [rubbed.decay(1).isel(time=slice(0, 300)), late.decay(2).isel(time=slice(0, 150))]
+    found = compare(decays, FORCES.select(["lambda", "zeta"]), [Stubborn()])["comparison"].ds
+    assert found.reason.item().startswith("its model stops at 2")
+    assert found.reason.item().endswith("s in run 2")
+
+
+def test_a_method_may_not_have_the_name_of_a_run():
+    with pytest.raises(UsageError, match="'record_2' is the name of a run"):
+        compare(two_runs(), FORCES, {"record_2": Direct()})
+
+
+def test_runs_that_no_method_takes_together():
+    with pytest.raises(DecayError, match=r"these runs together\. logarithmic decrement: takes one record"):
+        compare(two_runs(), FORCES, [LogarithmicDecrement()])
+
+
+def test_command_takes_several_records(tmp_path):
+    places = [tmp_path / "a.csv", tmp_path / "b.csv"]
+    for place, decay in zip(places, two_runs(), strict=True):
+        decay.to_dataframe().to_csv(place)
+    ending = run("compare", *places, "-o", tmp_path / "r.nc", "--plot", tmp_path / "figures")
+    assert (ending.status, ending.err) == (0, "")
+    assert [line.startswith("Record: ") for line in ending.out.splitlines()[:4]] == [True, False] * 2
+    assert sum("takes one record at a time" in line for line in ending.out.splitlines()) == 9
+    assert {"record_1", "record_2", "envelope_2", "comparison"} <= set(load(tmp_path / "r.nc").children)
+    found = json.loads(run("compare", *places, "--json").out)
+    assert len(found["records"]) == len(found["run_noises"]) == len(found["holdout_starts"]) == 2
+    assert len(found["methods"]["direct"]["run_holdout_rms"]) == 2
+    assert found["methods"]["linear decrement"]["run_holdout_rms"] == [None, None]

@@ -37,7 +37,7 @@ def compare(
     as_json: options.Json = False,
     plot: options.Plot = None,
 ) -> None:
-    """Identify the forces of one decay by every method, and test each on a part that it has not seen."""
+    """Identify the forces of a decay by every method, and test each on a part that it has not seen."""
     from sysid_trib import comparing, result_files
     from sysid_trib.commands import checks
 
@@ -45,20 +45,17 @@ def compare(
     checks.check_positive(reference_frequency, "--reference-frequency")
     if contactless and reference_frequency:
         raise UsageError("--omega0 and --reference-frequency each give alpha a meaning: choose one.")
-    if len(records) > 1:
-        raise UsageError(
-            f"compare takes one RECORD, and {len(records)} are given: name the one to compare on."
-        )
     offered = checks.offered_forces(library, forces, bool(contactless or reference_frequency))
     shapes = checks.held_shapes(set_, offered)
     checks.check_output(output, ".nc", reads=records)
     checks.check_folder(plot)
     columns = checks.Columns(time, angle, signal, units, sampling_rate, time_units)
-    (decay,), told = checks.read_decays(records, columns, window, equilibrium)
-    checks.check_reference(reference_frequency, decay)
+    decays, told = checks.read_decays(records, columns, window, equilibrium)
+    for each in decays:
+        checks.check_reference(reference_frequency, each)
     methods = comparing.every_method(reference_frequency, shapes)
     with _progress(len(methods)) as tell:
-        tree = comparing.compare(decay, offered, methods, contactless=contactless, tell=tell)
+        tree = comparing.compare(decays, offered, methods, contactless=contactless, tell=tell)
     if output is not None:
         result_files.save(tree, output)
     if plot is not None:
@@ -70,7 +67,7 @@ def compare(
 
         print(json.dumps(comparison_json(tree), indent=2, allow_nan=False))
         return
-    _tell(tree, told[0])
+    _tell(tree, told)
     for place in (output, plot):
         if place is not None:
             print(f"Written: {place}")
@@ -95,16 +92,18 @@ def _progress(steps: int) -> Iterator[Callable[[str], None]]:
         yield tell
 
 
-def _tell(tree: "xr.DataTree", told: str) -> None:
+def _tell(tree: "xr.DataTree", told: list[str]) -> None:
     from sysid_trib.printing.comparison import (
         coefficient_table,
         comparison_told,
         difference_table,
         quality_table,
     )
+    from sysid_trib.runs import record_groups
 
-    print(printable(told))
-    print(tree["record"].attrs.get("free_decay", ""))
+    for sentence, group in zip(told, record_groups(tree), strict=True):
+        print(printable(sentence))
+        print(tree[group].attrs.get("free_decay", ""))
     for title, table in (
         ("Coefficients", coefficient_table(tree)),
         ("Difference from the method that predicts best, over the errors of both", difference_table(tree)),

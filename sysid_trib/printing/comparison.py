@@ -9,6 +9,7 @@ import xarray as xr
 from sysid_trib.identification import LARGE
 from sysid_trib.method_table import column_power
 from sysid_trib.printing.layout import number, text_table, value_with_error
+from sysid_trib.runs import record_groups
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -22,6 +23,7 @@ PER_METHOD = (
     *("residual_rms", "residual_over_noise", "train_rms", "train_over_noise", "holdout_rms"),
     *("holdout_over_noise", "holdout_p_value", "phase_error", "time_taken"),
 )
+RUN_RMS = ("run_residual_rms", "run_train_rms", "run_holdout_rms")
 TEXTS = ("reason", "bias", "sees", "blind_to", "cannot_tell_apart", "assumes")
 
 
@@ -122,13 +124,24 @@ def comparison_json(tree: xr.DataTree) -> dict[str, Any]:
         names = [*frequencies, *(f"{k}_standard_error" for k in frequencies), "asymptotic_frequency_z"]
         numbers = {name: number(one[name].item()) for name in (*names, *PER_METHOD)}
         methods[label] = {"coefficients": coefficients, **numbers, **{k: one[k].item() for k in TEXTS}}
-    record = {k: v for k, v in tree["record"].attrs.items() if isinstance(v, str | int | float)}
+    records = [
+        {k: v for k, v in tree[group].attrs.items() if isinstance(v, str | int | float)}
+        for group in record_groups(tree)
+    ]
+    starts = [number(tree[group].holdout_start.item()) for group in record_groups(tree)]
     whole = {
-        "holdout_start": number(tree["record"].holdout_start.item()),
+        "holdout_start": starts[0],
         "common_frequency": number(found.common_frequency.item()),
         "noise": number(found.noise.item()),
     }
-    return {"record": record, **whole, **found.attrs, "methods": methods}
+    told = {"record": records[0], **whole, **found.attrs, "methods": methods}
+    if len(records) > 1:
+        noises = [number(noise) for noise in found.run_noise.values.tolist()]
+        told |= {"records": records, "holdout_starts": starts, "run_noises": noises}
+        for name in RUN_RMS:
+            for label, row in zip(found.method.values.tolist(), found[name].values.tolist(), strict=True):
+                methods[label][name] = [number(rms) for rms in row]
+    return told
 
 
 def _method_table(found: xr.Dataset, heads: list[str], columns: list[list[str]], words: int = 0) -> "Table":
@@ -156,10 +169,12 @@ def _column(values: xr.DataArray, told: Callable[[float], str]) -> list[str]:
 
 
 def _prediction(tree: xr.DataTree) -> str:
-    found, start = tree["comparison"].ds, tree["record"].holdout_start.item()
+    found, groups = tree["comparison"].ds, record_groups(tree)
+    starts = " and ".join(f"{tree[group].holdout_start.item():.4g} s" for group in groups)
+    third = "The last third" if len(groups) == 1 else "The last third of each run"
     best = found.sel({"method": found.attrs["best"]})
     if np.isnan(best.holdout_rms.item()):
-        return "No method could be tested on the last third, held out."
+        return f"No method could be tested on {third.lower()}, held out."
     as_good = [
         label
         for label in found.method.values.tolist()
@@ -167,14 +182,14 @@ def _prediction(tree: xr.DataTree) -> str:
     ]
     others = f"; as well as that (within 1 %, or by chance): {', '.join(as_good)}" if as_good else ""
     return (
-        f"The last third, held out from {start:.4g} s on, is predicted best by {found.attrs['best']}: RMS "
+        f"{third}, held out from {starts} on, is predicted best by {found.attrs['best']}: RMS "
         f"{1e3 * best.holdout_rms.item():.3g} mrad{others}."
     )
 
 
 def _by_accident(found: xr.Dataset) -> list[str]:
     """A model that is poor on the whole record may still follow its last swings, and errors be wide."""
-    gaps = found.residual_rms.fillna(np.inf)
+    gaps = found.residual_over_noise.fillna(np.inf)
     best, least = found.attrs["best"], found.method.values[int(np.argmin(gaps.values))].item()
     ratio = gaps.sel({"method": best}).item() / gaps.min().item()
     if not ratio > LARGE:
@@ -186,14 +201,17 @@ def _by_accident(found: xr.Dataset) -> list[str]:
 
 
 def _as_good(one: xr.Dataset, best: xr.Dataset) -> bool:
-    close = one.holdout_rms.item() <= ALIKE * best.holdout_rms.item()
+    close = one.holdout_over_noise.item() <= ALIKE * best.holdout_over_noise.item()
     return close or one.holdout_p_value.item() > CHANCE
 
 
 def _explanation(found: xr.Dataset) -> str:
     best = found.sel({"method": found.attrs["best"]})
     source = found.attrs["noise_from"]
-    noise = f"the record's noise ({1e3 * found.noise.item():.2g} mrad a sample, from {source})"
+    levels = found.run_noise.values if "run_noise" in found else found.noise.values[None]
+    whose = "the record's noise" if len(levels) == 1 else "each run's noise"
+    sizes = " and ".join(f"{1e3 * level:.2g}" for level in levels.tolist())
+    noise = f"{whose} ({sizes} mrad a sample, from {source})"
     ratio = best.holdout_over_noise.item()
     if np.isnan(ratio):
         ratio = best.residual_over_noise.item()
