@@ -82,7 +82,10 @@ def coefficients(tree: xr.DataTree, quantity: str, ax: "Axes | None" = None) -> 
             ax.plot(edge, row, arrow, color=color, markersize=4, clip_on=False)
     ax.set(xlabel=label, xlim=(low, high))
     ax.locator_params(axis="x", nbins=3)
-    return _with_methods(ax, found)
+    ax = _with_methods(ax, found)
+    # Labels of a coefficient that is well known are long: larger ones run into each other.
+    ax.tick_params(axis="x", labelsize=6)
+    return ax
 
 
 def prediction(tree: xr.DataTree, ax: "Axes | None" = None) -> "Axes":
