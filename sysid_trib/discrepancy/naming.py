@@ -25,15 +25,19 @@ TIE = 9.0
 # What a shape parameter must gain in chi-square to be worth it: of two forces that explain as much, the one
 # with fewer parameters is named.
 PRICE = 6.0
-# Twins that are fitted: so many at most, and those whose predicted chi-square is within this part of the
-# effect's own; scores are linear, and shapes come from a grid.
+# Twins that are fitted: so many at most, and those whose predicted chi-square is within this part of what the
+# effect explains; scores are linear, and shapes come from a grid.
 TWINS = 6
-SLACK = 0.02
+SLACK = 0.001
+SLACK_OF_SHAPES = 0.01
 # A gap beyond this part of the swing is too large for a score to say which force is missing, or how strong.
 LARGE = 0.02
 # Forces then tried by fits: what is quick to simulate, so many.
 TRIALS = 8
 EVALUATIONS = 12
+# Evaluations after which a twin must be near, and how near in chi-square.
+FIRST = 4
+REACH = 100.0
 
 
 @dataclass(frozen=True)
@@ -56,15 +60,29 @@ class Refit:
         return np.inf if self.fitted is None else self.fitted.chi_square + PRICE * len(self.force.shape)
 
 
-def refit(baseline: Baseline, probe: Probe, z: float, size: float, runs: Sequence[xr.Dataset]) -> Refit:
-    """One candidate fitted with the model, from what the score says or, if that is far, from regression."""
+def refit(
+    baseline: Baseline,
+    probe: Probe,
+    z: float,
+    size: float,
+    runs: Sequence[xr.Dataset],
+    hopeless: float = np.inf,
+) -> Refit:
+    """One candidate fitted with the model, from what the score says or, if that is far, from regression.
+
+    `hopeless` : a chi-square above which, after a few steps, the fit is not brought to its end.
+    """
     problem = with_force(baseline.problem, probe.force)
     starts = [with_values(baseline, problem, probe, z / size)]
     if is_large(baseline) and probe.force.kind == "force":
         starts += _by_regression(problem, probe, runs)
     try:
         first = min(starts, key=lambda unknown: rms(problem.white_residual(unknown)))
-        return Refit(probe, z, fit(problem, first, baseline.noises, evaluations=EVALUATIONS))
+        evaluations = FIRST if np.isfinite(hopeless) else EVALUATIONS
+        found = fit(problem, first, baseline.noises, evaluations=evaluations)
+        if np.isfinite(hopeless) and found.chi_square < hopeless:
+            found = fit(problem, found.unknown, baseline.noises, evaluations=EVALUATIONS)
+        return Refit(probe, z, found)
     except (SysidTribError, np.linalg.LinAlgError, ValueError) as error:
         return Refit(probe, z, None, str(error))
 
@@ -78,15 +96,15 @@ def is_large(baseline: Baseline) -> bool:
 def best_candidate(baseline: Baseline, found: Scores, runs: Sequence[xr.Dataset]) -> Refit | None:
     """The candidate that explains most, fitted with the model; None if there is none.
 
-    By the scores; where the gap is too large for them, by fits of those that are quick to simulate. A twin that
-    explains more is found later (`twins`).
+    By the scores; where the gap is too large for them, by fits of those that are quick to simulate. A twin
+    that explains more is found later (`twins`).
     """
     ranked = sorted(found.best(), key=lambda at: PRICE * len(found.probes[at].force.shape) - found.z[at] ** 2)
     if not ranked:
         return None
     tried = ranked[:1]
     if is_large(baseline):
-        tried = [at for at in ranked if not found.probes[at].force.memory][:TRIALS] or tried
+        tried = [at for at in ranked if found.probes[at].force.memoryless][:TRIALS] or tried
     done = [
         refit(baseline, found.probes[at], float(found.z[at]), float(found.size[at]), runs) for at in tried
     ]
@@ -112,7 +130,7 @@ def twins(
     others = np.delete(fitted.table, mine, axis=1)
     size = np.linalg.norm(others, axis=0)
     space, _ = np.linalg.qr(others / np.where(size > 0.0, size, 1.0))
-    # table is of motion minus record: what the effect adds to the motion, and what is still left of the record.
+    # What the effect adds to the motion, and what is still left of the record.
     y = fitted.residual + fitted.table[:, mine[0]] * fitted.unknown[mine[0]]
     y = y - space @ (space.T @ y)
     outside = found.moved - space @ (space.T @ found.moved)
@@ -121,15 +139,20 @@ def twins(
     cost = float(y @ y) - along**2 + PRICE * np.array([len(p.force.shape) for p in found.probes])
     force = next(f for f in fitted.problem.library if f.symbol == symbol)
     own = fitted.chi_square + PRICE * len(force.shape)
-    limit = own + TIE + SLACK * max(0.0, float(y @ y) - fitted.chi_square)
+    explained = max(0.0, float(y @ y) - fitted.chi_square)
+    slack = np.array([SLACK_OF_SHAPES if p.force.shape else SLACK for p in found.probes])
+    beyond = cost - own - TIE - slack * explained
     near: dict[str, int] = {}
-    for at in np.argsort(cost).tolist():
-        if cost[at] > limit or len(near) == TWINS:
+    for at in np.argsort(beyond).tolist():
+        if beyond[at] > 0.0 or len(near) == TWINS:
             break
-        if not found.reasons[at]:
+        if found.can_be(at, float(along[at] / max(size[at], 1e-300))):
             near.setdefault(found.probes[at].force.symbol, at)
     alone = replace(fitted, problem=problem, unknown=unknown)
-    done = [refit(alone, found.probes[at], float(along[at]), float(size[at]), runs) for at in near.values()]
+    done = [
+        refit(alone, found.probes[at], float(along[at]), float(size[at]), runs, own + REACH)
+        for at in near.values()
+    ]
     return sorted(done, key=lambda one: one.cost)
 
 

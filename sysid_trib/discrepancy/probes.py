@@ -88,11 +88,24 @@ def is_frequency(force: Force, name: str) -> bool:
     return True
 
 
-def moved_by(course: Course, probes: Sequence[Probe]) -> tuple[Array, list[str]]:
-    """Derivative of the measured angle by the coefficient of each probe, (sample, probe), and why not.
+@dataclass(frozen=True)
+class Moved:
+    """How probes move one run.
 
-    A probe that cannot be computed on this motion moves nothing, and has a reason.
+    Attributes
+    ----------
+    angle : (sample, probe) derivative of the measured angle by each coefficient, zero if there is a reason.
+    strength : (probe,) RMS of the force (or sensor term) over that of the angle.
+    reasons : why a probe cannot be computed on this motion, else empty.
     """
+
+    angle: Array
+    strength: Array
+    reasons: list[str]
+
+
+def moved_by(course: Course, probes: Sequence[Probe]) -> Moved:
+    """How each probe, with a coefficient of 1, moves a run."""
     moved = np.zeros((len(course.time), len(probes)))
     forces = np.zeros((len(course.about.x), len(probes)))
     reasons = [""] * len(probes)
@@ -104,19 +117,22 @@ def moved_by(course: Course, probes: Sequence[Probe]) -> tuple[Array, list[str]]
             continue
         if not np.all(np.isfinite(values)):
             reasons[at] = "its formula is not finite on this motion"
-        elif probe.force.kind == "sensor":
+            continue
+        forces[:, at] = values
+        if probe.force.kind == "sensor":
             moved[:, at] = course.about.at_samples(values)
-        else:
-            forces[:, at] = values
     dynamic = [at for at, probe in enumerate(probes) if probe.force.kind != "sensor"]
     if dynamic:
         moved[:, dynamic] = responses(course.about, forces[:, dynamic])
     # What overflows on the way is no response.
     wild = ~np.all(np.isfinite(moved), axis=0)
     moved[:, wild] = 0.0
-    return moved, [
-        r or ("its response is not finite" if w else "") for r, w in zip(reasons, wild, strict=True)
-    ]
+    told = ("its response is not finite" if lost else "" for lost in wild)
+    return Moved(
+        moved,
+        np.sqrt(np.mean(forces**2, axis=0) / np.mean(course.about.x**2)),
+        [reason or other for reason, other in zip(reasons, told, strict=True)],
+    )
 
 
 def _along(course: Course, probe: Probe) -> Array:

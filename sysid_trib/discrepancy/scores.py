@@ -31,6 +31,7 @@ class Scores:
     probes : (probe,); reasons : why a probe cannot be tested, else empty.
     z : (probe,) score; size : (probe,) its response outside of the model's, in units of the noise: the
         error of its coefficient is 1/size; share : (probe,) the part of its response that is outside.
+    strength : (probe,) its RMS force over the RMS angle, with a coefficient of 1.
     moved : (sample, probe) whitened responses; directions : those outside of the model's, of unit length.
     tests : number of independent tests; p_values : (probe,) of a larger score by chance in any of them.
     """
@@ -40,16 +41,21 @@ class Scores:
     z: Array
     size: Array
     share: Array
+    strength: Array
     moved: Array
     directions: Array
     tests: float
     p_values: Array
 
+    def can_be(self, at: int, coefficient: float) -> bool:
+        """Whether a probe can be tested, and with this coefficient is no larger than the restoring force."""
+        return not self.reasons[at] and abs(coefficient) * float(self.strength[at]) < 1.0
+
     def best(self) -> list[int]:
         """The probe of each force that scores highest, forces that cannot be tested left out, best first."""
         found: dict[str, int] = {}
         for at in np.argsort(-np.abs(self.z)).tolist():
-            if not self.reasons[at]:
+            if self.can_be(at, float(self.z[at] / max(self.size[at], 1e-300))):
                 found.setdefault(self.probes[at].force.symbol, at)
         return list(found.values())
 
@@ -68,13 +74,14 @@ def scores(baseline: Baseline, candidates: ForceLibrary, courses: Sequence[Cours
     lines, looked = _lines(baseline, residual)
     probes = probes_of(candidates, lines)
     each = [moved_by(course, probes) for course in courses]
-    moved = baseline.white([values for values, _ in each])
+    moved = baseline.white([one.angle for one in each])
     whole = np.linalg.norm(moved, axis=0)
     outside = moved - space @ (space.T @ moved)
     outside = outside - space @ (space.T @ outside)
     size = np.linalg.norm(outside, axis=0)
     share = np.divide(size, whole, out=np.zeros_like(size), where=whole > 0.0)
-    reasons = [next((r for _, rs in each if (r := rs[at])), "") for at in range(len(probes))]
+    reasons = [next((r for one in each if (r := one.reasons[at])), "") for at in range(len(probes))]
+    strength = np.max([one.strength for one in each], axis=0)
     for at in np.flatnonzero(share < TESTABLE):
         reasons[at] = reasons[at] or "not testable on this record: the model's own unknowns move the same"
     good = np.array([not reason for reason in reasons])
@@ -89,6 +96,7 @@ def scores(baseline: Baseline, candidates: ForceLibrary, courses: Sequence[Cours
         z,
         size,
         share,
+        strength,
         moved,
         directions,
         tests,
