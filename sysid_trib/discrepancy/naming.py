@@ -34,6 +34,8 @@ SLACK_OF_SHAPES = 0.01
 LARGE = 0.02
 # Forces then tried by fits: what is quick to simulate, so many.
 TRIALS = 8
+# Part of the squared score that a fit must bring.
+PROMISED = 0.8
 EVALUATIONS = 12
 # Evaluations after which a twin must be near, and how near in chi-square.
 FIRST = 4
@@ -102,13 +104,23 @@ def best_candidate(baseline: Baseline, found: Scores, runs: Sequence[xr.Dataset]
     ranked = sorted(found.best(), key=lambda at: PRICE * len(found.probes[at].force.shape) - found.z[at] ** 2)
     if not ranked:
         return None
-    tried = ranked[:1]
     if is_large(baseline):
-        tried = [at for at in ranked if found.probes[at].force.memoryless][:TRIALS] or tried
-    done = [
-        refit(baseline, found.probes[at], float(found.z[at]), float(found.size[at]), runs) for at in tried
-    ]
-    return min(done, key=lambda one: one.cost)
+        tried = [at for at in ranked if found.probes[at].force.memoryless][:TRIALS] or ranked[:1]
+        done = [_refitted(baseline, found, at, runs) for at in tried]
+        return min(done, key=lambda one: one.cost)
+    best: Refit | None = None
+    for at in ranked[:TRIALS]:
+        one = _refitted(baseline, found, at, runs)
+        if best is None or one.cost < best.cost:
+            best = one
+        # A fit that brings what its score promises is not followed by a better one.
+        if baseline.chi_square - best.cost > PROMISED * found.z[at] ** 2 - PRICE * len(best.force.shape):
+            break
+    return best
+
+
+def _refitted(baseline: Baseline, found: Scores, at: int, runs: Sequence[xr.Dataset]) -> Refit:
+    return refit(baseline, found.probes[at], float(found.z[at]), float(found.size[at]), runs)
 
 
 def twins(

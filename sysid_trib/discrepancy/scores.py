@@ -1,7 +1,8 @@
 """Score tests: how strongly what a model leaves asks for each candidate, corrected for their number."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +10,7 @@ from scipy.signal import find_peaks
 from scipy.stats import norm
 
 from sysid_trib.discrepancy.baseline import Baseline
-from sysid_trib.discrepancy.probes import Course, Probe, moved_by, probes_of
+from sysid_trib.discrepancy.probes import Course, Probe, is_frequency, moved_by, probes_of
 from sysid_trib.forces import ForceLibrary
 
 Array = NDArray[np.float64]
@@ -18,6 +19,10 @@ Array = NDArray[np.float64]
 TESTABLE = 1e-5
 # Draws of the largest score of noise.
 DRAWS = 4000
+# Rounds in which the grid is made finer, from which score on, and for which forces (part of the highest).
+FINER = 2
+HIGH = 5.0
+NEAR = 0.7
 # Lines of the residual's spectrum at which a periodic force is tried.
 LINES = 3
 
@@ -61,7 +66,7 @@ class Scores:
 
 
 def scores(baseline: Baseline, candidates: ForceLibrary, courses: Sequence[Course], seed: int = 0) -> Scores:
-    """Score every candidate at a grid of its shape parameters.
+    """Score every candidate at a grid of its shape parameters, finer where a score is high.
 
     Notes
     -----
@@ -72,7 +77,21 @@ def scores(baseline: Baseline, candidates: ForceLibrary, courses: Sequence[Cours
     space = baseline.space
     residual = baseline.residual - space @ (space.T @ baseline.residual)
     lines, looked = _lines(baseline, residual)
-    probes = probes_of(candidates, lines)
+    found = _scored(baseline, probes_of(candidates, lines), courses, space, residual)
+    for _ in range(FINER):
+        more = _between(found)
+        if more:
+            found = _joined(found, _scored(baseline, more, courses, space, residual))
+    good = np.array([not reason for reason in found.reasons])
+    tests = independent_tests(found.directions[:, good], seed)
+    searched = np.array([_is_searched(probe) for probe in found.probes])
+    chance = 2.0 * norm.sf(np.abs(found.z)) * np.where(searched, tests + looked, tests)
+    return replace(found, tests=tests, p_values=np.where(good, np.minimum(1.0, chance), 1.0))
+
+
+def _scored(
+    baseline: Baseline, probes: list[Probe], courses: Sequence[Course], space: Array, residual: Array
+) -> Scores:
     each = [moved_by(course, probes) for course in courses]
     moved = baseline.white([one.angle for one in each])
     whole = np.linalg.norm(moved, axis=0)
@@ -81,27 +100,43 @@ def scores(baseline: Baseline, candidates: ForceLibrary, courses: Sequence[Cours
     size = np.linalg.norm(outside, axis=0)
     share = np.divide(size, whole, out=np.zeros_like(size), where=whole > 0.0)
     reasons = [next((r for one in each if (r := one.reasons[at])), "") for at in range(len(probes))]
-    strength = np.max([one.strength for one in each], axis=0)
     for at in np.flatnonzero(share < TESTABLE):
         reasons[at] = reasons[at] or "not testable on this record: the model's own unknowns move the same"
     good = np.array([not reason for reason in reasons])
     directions = np.where(good, outside / np.where(size > 0.0, size, 1.0), 0.0)
-    z = directions.T @ residual
-    tests = independent_tests(directions[:, good], seed)
-    periodic = np.array([_is_searched(probe, candidates) for probe in probes])
-    chance = 2.0 * norm.sf(np.abs(z)) * np.where(periodic, tests + looked, tests)
+    strength = np.max([one.strength for one in each], axis=0)
+    none = np.ones(len(probes))
     return Scores(
-        probes,
-        reasons,
-        z,
-        size,
-        share,
-        strength,
-        moved,
-        directions,
-        tests,
-        np.where(good, np.minimum(1.0, chance), 1.0),
+        probes, reasons, directions.T @ residual, size, share, strength, moved, directions, 1.0, none
     )
+
+
+def _between(found: Scores) -> list[Probe]:
+    """Probes halfway from the best of each force to its neighbours on the grid, where a score is high."""
+    best = [at for at in found.best() if found.probes[at].shapes]
+    highest = max((abs(float(z)) for z in found.z), default=0.0)
+    more = []
+    for at in best:
+        if highest < HIGH or abs(found.z[at]) < NEAR * highest:
+            continue
+        probe = found.probes[at]
+        for name, value in probe.shapes.items():
+            tried = sorted({p.shapes[name] for p in found.probes if p.force.symbol == probe.force.symbol})
+            place = tried.index(value)
+            for other in (*tried[max(0, place - 1) : place], *tried[place + 1 : place + 2]):
+                both = value * other
+                middle = np.sqrt(both) if value > 0.0 and other > 0.0 else 0.5 * (value + other)
+                more.append(Probe(probe.force, {**probe.shapes, name: float(middle)}))
+    return more
+
+
+def _joined(first: Scores, second: Scores) -> Scores:
+    def both(name: str) -> Any:
+        one, other = getattr(first, name), getattr(second, name)
+        return one + other if isinstance(one, list) else np.concatenate([one, other], axis=-1)
+
+    names = ("probes", "reasons", "z", "size", "share", "strength", "moved", "directions", "p_values")
+    return replace(first, **{name: both(name) for name in names})
 
 
 def independent_tests(directions: Array, seed: int = 0, level: float = 0.01) -> float:
@@ -119,9 +154,7 @@ def independent_tests(directions: Array, seed: int = 0, level: float = 0.01) -> 
     return max(1.0, level / (2.0 * float(norm.sf(largest))))
 
 
-def _is_searched(probe: Probe, candidates: ForceLibrary) -> bool:
-    from sysid_trib.discrepancy.probes import is_frequency
-
+def _is_searched(probe: Probe) -> bool:
     return any(is_frequency(probe.force, name) for name in probe.force.shape)
 
 
