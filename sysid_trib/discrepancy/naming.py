@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from sysid_trib.discrepancy.baseline import Baseline, fit
-from sysid_trib.discrepancy.probes import Probe
-from sysid_trib.discrepancy.scores import Scores
+from sysid_trib.discrepancy.probes import Course, Probe
+from sysid_trib.discrepancy.scores import FINER, Scores, finer
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces import Force, ForceLibrary
 from sysid_trib.methods.direct import Direct
@@ -27,9 +27,11 @@ TIE = 9.0
 PRICE = 6.0
 # Twins that are fitted: so many at most, and those whose predicted chi-square is within this part of what the
 # effect explains; scores are linear, and shapes come from a grid.
-TWINS = 6
+TWINS = 8
 SLACK = 0.001
 SLACK_OF_SHAPES = 0.01
+# Shapes are looked at more finely within this part of what the effect explains.
+COARSE = 0.1
 # A gap beyond this part of the swing is too large for a score to say which force is missing, or how strong.
 LARGE = 0.02
 # Forces then tried by fits: what is quick to simulate, so many.
@@ -62,20 +64,24 @@ class Refit:
         return np.inf if self.fitted is None else self.fitted.chi_square + PRICE * len(self.force.shape)
 
 
-def refit(
-    baseline: Baseline,
-    probe: Probe,
-    z: float,
-    size: float,
-    runs: Sequence[xr.Dataset],
-    hopeless: float = np.inf,
-) -> Refit:
+@dataclass(frozen=True)
+class Hint:
+    """What the scores say of a candidate: its probe, score, coefficient, and response (sample,)."""
+
+    probe: Probe
+    score: float
+    coefficient: float
+    response: Array
+
+
+def refit(baseline: Baseline, hint: Hint, runs: Sequence[xr.Dataset], hopeless: float = np.inf) -> Refit:
     """One candidate fitted with the model, from what the score says or, if that is far, from regression.
 
     `hopeless` : a chi-square above which, after a few steps, the fit is not brought to its end.
     """
+    probe, z = hint.probe, hint.score
     problem = with_force(baseline.problem, probe.force)
-    starts = [with_values(baseline, problem, probe, z / size)]
+    starts = [with_values(baseline, hint)]
     if is_large(baseline) and probe.force.kind == "force":
         starts += _by_regression(problem, probe, runs)
     try:
@@ -120,25 +126,57 @@ def best_candidate(baseline: Baseline, found: Scores, runs: Sequence[xr.Dataset]
 
 
 def _refitted(baseline: Baseline, found: Scores, at: int, runs: Sequence[xr.Dataset]) -> Refit:
-    return refit(baseline, found.probes[at], float(found.z[at]), float(found.size[at]), runs)
+    z = float(found.z[at])
+    return refit(baseline, Hint(found.probes[at], z, z / float(found.size[at]), found.moved[:, at]), runs)
 
 
 def twins(
-    fitted: Baseline,
-    symbol: str,
-    found: Scores,
-    runs: Sequence[xr.Dataset],
-    noise_fixed: Baseline | None = None,
+    fitted: Baseline, symbol: str, found: Scores, courses: Sequence[Course], runs: Sequence[xr.Dataset]
 ) -> list[Refit]:
     """Candidates that may explain as much as an effect of the model in its place, each fitted, best first.
 
-    `found` : scores of the others about the same motion. Predicted: with y what the effect and the residual
-    are together outside of what the other unknowns can move, a candidate of direction u leaves
-    |y|^2 - (y.u)^2.
+    `found` : scores of the others about the same motion, `courses`.
     """
     problem, unknown = without_force(fitted, symbol)
-    names = list(fitted.problem.names)
-    mine = [i for i, name in enumerate(names) if name == symbol or name.startswith(f"{symbol}.")]
+    force = fitted.problem.library[symbol]
+    own = fitted.chi_square + PRICE * len(force.shape)
+    for _ in range(FINER + 1):
+        along, size, left = _in_place(fitted, symbol, found)
+        explained = max(0.0, float(np.max(along**2, initial=0.0)))
+        shaped = np.array([len(p.force.shape) for p in found.probes])
+        beyond = left + PRICE * shaped - own - TIE
+        near: dict[str, int] = {}
+        for at in np.argsort(beyond).tolist():
+            if found.can_be(at, float(along[at] / max(size[at], 1e-300))):
+                near.setdefault(found.probes[at].force.symbol, at)
+        shapes = [at for at in near.values() if shaped[at] and beyond[at] < REACH + COARSE * explained]
+        finest, found = found, finer(found, shapes, fitted, courses)
+    slack = np.where(shaped > 0, SLACK_OF_SHAPES, SLACK) * explained
+    kept = [at for at in near.values() if beyond[at] <= slack[at]][:TWINS]
+    # Without the effect, but with what is left if it stays in the motion: a start for what takes its place.
+    mine = _own_columns(fitted, symbol)
+    alone = replace(
+        fitted,
+        problem=problem,
+        unknown=unknown,
+        residual=fitted.residual + fitted.table[:, mine[0]] * fitted.unknown[mine[0]],
+        table=np.delete(fitted.table, mine, axis=1),
+    )
+    hints = [
+        Hint(finest.probes[at], float(along[at]), float(along[at] / size[at]), finest.moved[:, at])
+        for at in kept
+    ]
+    done = [refit(alone, hint, runs, own + REACH) for hint in hints]
+    return sorted(done, key=lambda one: one.cost)
+
+
+def _in_place(fitted: Baseline, symbol: str, found: Scores) -> tuple[Array, Array, Array]:
+    """Score and size of each probe in place of an effect, and the chi-square that it would leave.
+
+    With y what the effect and the residual are together outside of what the other unknowns can move, a
+    candidate of direction u leaves |y|^2 - (y.u)^2.
+    """
+    mine = _own_columns(fitted, symbol)
     others = np.delete(fitted.table, mine, axis=1)
     size = np.linalg.norm(others, axis=0)
     space, _ = np.linalg.qr(others / np.where(size > 0.0, size, 1.0))
@@ -148,24 +186,7 @@ def twins(
     outside = found.moved - space @ (space.T @ found.moved)
     size = np.linalg.norm(outside, axis=0)
     along = np.divide(outside.T @ y, size, out=np.zeros_like(size), where=size > 0.0)
-    cost = float(y @ y) - along**2 + PRICE * np.array([len(p.force.shape) for p in found.probes])
-    force = next(f for f in fitted.problem.library if f.symbol == symbol)
-    own = fitted.chi_square + PRICE * len(force.shape)
-    explained = max(0.0, float(y @ y) - fitted.chi_square)
-    slack = np.array([SLACK_OF_SHAPES if p.force.shape else SLACK for p in found.probes])
-    beyond = cost - own - TIE - slack * explained
-    near: dict[str, int] = {}
-    for at in np.argsort(beyond).tolist():
-        if beyond[at] > 0.0 or len(near) == TWINS:
-            break
-        if found.can_be(at, float(along[at] / max(size[at], 1e-300))):
-            near.setdefault(found.probes[at].force.symbol, at)
-    alone = replace(fitted, problem=problem, unknown=unknown)
-    done = [
-        refit(alone, found.probes[at], float(along[at]), float(size[at]), runs, own + REACH)
-        for at in near.values()
-    ]
-    return sorted(done, key=lambda one: one.cost)
+    return along, size, float(y @ y) - along**2
 
 
 def with_force(problem: Problem, force: Force) -> Problem:
@@ -175,12 +196,22 @@ def with_force(problem: Problem, force: Force) -> Problem:
     return replace(problem, library=library, fit_shapes=(*problem.fit_shapes, *names))
 
 
-def with_values(baseline: Baseline, problem: Problem, probe: Probe, coefficient: float) -> Array:
-    """First guess of a problem with one force more."""
+def _own_columns(baseline: Baseline, symbol: str) -> list[int]:
+    """Which unknowns are a force's own: its coefficient, then its shapes."""
+    names = baseline.problem.names
+    return [i for i, name in enumerate(names) if name == symbol or name.startswith(f"{symbol}.")]
+
+
+def with_values(baseline: Baseline, hint: Hint) -> Array:
+    """First guess with one force more; the others make room for it, as far as small deviations say."""
+    size = np.linalg.norm(baseline.table, axis=0)
+    scaled = baseline.table / np.where(size > 0.0, size, 1.0)
+    wanted = baseline.residual - hint.coefficient * hint.response
+    steps = np.linalg.lstsq(scaled, wanted, rcond=1e-10)[0] / np.where(size > 0.0, size, 1.0)
+    before = baseline.unknown + steps
     count, named = len(baseline.problem.library), len(baseline.problem.names)
-    before = baseline.unknown
-    shapes = list(probe.shapes.values())
-    return np.array([*before[:count], coefficient, *before[count:named], *shapes, *before[named:]])
+    shapes = list(hint.probe.shapes.values())
+    return np.array([*before[:count], hint.coefficient, *before[count:named], *shapes, *before[named:]])
 
 
 def without_force(baseline: Baseline, symbol: str) -> tuple[Problem, Array]:
@@ -189,7 +220,7 @@ def without_force(baseline: Baseline, symbol: str) -> tuple[Problem, Array]:
     kept = tuple(force for force in problem.library if force.symbol != symbol)
     shapes = tuple(name for name in problem.fit_shapes if not name.startswith(f"{symbol}."))
     names = list(problem.names)
-    stay = [i for i, name in enumerate(names) if name != symbol and not name.startswith(f"{symbol}.")]
+    stay = [i for i in range(len(names)) if i not in _own_columns(baseline, symbol)]
     unknown = np.concatenate([baseline.unknown[stay], baseline.unknown[len(names) :]])
     return replace(problem, library=replace(problem.library, forces=kept), fit_shapes=shapes), unknown
 

@@ -79,9 +79,9 @@ def scores(baseline: Baseline, candidates: ForceLibrary, courses: Sequence[Cours
     lines, looked = _lines(baseline, residual)
     found = _scored(baseline, probes_of(candidates, lines), courses, space, residual)
     for _ in range(FINER):
-        more = _between(found)
-        if more:
-            found = _joined(found, _scored(baseline, more, courses, space, residual))
+        highest = float(np.max(np.abs(found.z), initial=0.0))
+        promising = [at for at in found.best() if highest > HIGH and abs(found.z[at]) > NEAR * highest]
+        found = finer(found, promising, baseline, courses)
     good = np.array([not reason for reason in found.reasons])
     tests = independent_tests(found.directions[:, good], seed)
     searched = np.array([_is_searched(probe) for probe in found.probes])
@@ -111,14 +111,10 @@ def _scored(
     )
 
 
-def _between(found: Scores) -> list[Probe]:
-    """Probes halfway from the best of each force to its neighbours on the grid, where a score is high."""
-    best = [at for at in found.best() if found.probes[at].shapes]
-    highest = max((abs(float(z)) for z in found.z), default=0.0)
+def finer(found: Scores, chosen: Sequence[int], baseline: Baseline, courses: Sequence[Course]) -> Scores:
+    """The scores with probes halfway from the chosen ones to their neighbours on the grid of shapes."""
     more = []
-    for at in best:
-        if highest < HIGH or abs(found.z[at]) < NEAR * highest:
-            continue
+    for at in chosen:
         probe = found.probes[at]
         for name, value in probe.shapes.items():
             tried = sorted({p.shapes[name] for p in found.probes if p.force.symbol == probe.force.symbol})
@@ -127,7 +123,11 @@ def _between(found: Scores) -> list[Probe]:
                 both = value * other
                 middle = np.sqrt(both) if value > 0.0 and other > 0.0 else 0.5 * (value + other)
                 more.append(Probe(probe.force, {**probe.shapes, name: float(middle)}))
-    return more
+    if not more:
+        return found
+    space = baseline.space
+    residual = baseline.residual - space @ (space.T @ baseline.residual)
+    return _joined(found, _scored(baseline, more, courses, space, residual))
 
 
 def _joined(first: Scores, second: Scores) -> Scores:

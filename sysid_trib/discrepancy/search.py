@@ -12,6 +12,7 @@ from sysid_trib.discrepancy.baseline import Baseline, fit, records_of, refreshed
 from sysid_trib.discrepancy.naming import TIE, Refit, best_candidate, is_significant, twins, without_force
 from sysid_trib.discrepancy.noise import Noise, oscillations
 from sysid_trib.discrepancy.omnibus import Omnibus, omnibus
+from sysid_trib.discrepancy.probes import Course
 from sysid_trib.discrepancy.scores import Scores, scores
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.methods.direct import Direct
@@ -31,6 +32,7 @@ class Scan:
     """What a model leaves: the candidates' scores and the test that knows none."""
 
     before: Baseline
+    courses: list[Course]
     found: Scores
     generic: Omnibus
 
@@ -92,7 +94,7 @@ def search(
         changed = False
         for symbol in added:
             told(f"twins of {symbol}")
-            ties[symbol] = twins(baseline, symbol, scans[-1].found, runs)
+            ties[symbol] = twins(baseline, symbol, scans[-1].found, scans[-1].courses, runs)
             best = ties[symbol][0] if ties[symbol] else None
             if best is not None and best.fitted is not None and best.cost < _cost(baseline, symbol):
                 baseline = refreshed(best.fitted, bases)
@@ -112,7 +114,7 @@ def search(
 def _scanned(baseline: Baseline, candidates: ForceLibrary, added: Sequence[str], seed: int) -> Scan:
     courses = baseline.courses()
     others = replace(candidates, forces=tuple(f for f in candidates if f.symbol not in added))
-    return Scan(baseline, scores(baseline, others, courses, seed), omnibus(baseline, courses))
+    return Scan(baseline, courses, scores(baseline, others, courses, seed), omnibus(baseline, courses))
 
 
 def _next(scan: Scan, runs: Sequence[xr.Dataset], level: float) -> Refit | None:
