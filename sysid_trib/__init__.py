@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from sysid_trib.decays.free_decay import free_decay
     from sysid_trib.decays.half_sines import envelope
     from sysid_trib.differences import difference, run_agreement
+    from sysid_trib.discrepancy.discover import discover
     from sysid_trib.example import paper_twin
     from sysid_trib.feature_library import ForceFeatures
     from sysid_trib.forces import Force, ForceLibrary
@@ -51,6 +52,7 @@ _HOME = {
     "crossovers": "physics.crossing",
     "damp": "control_systems",
     "difference": "differences",
+    "discover": "discrepancy.discover",
     "dissipated_energy": "physics.energy",
     "envelope": "decays.half_sines",
     "free_decay": "decays.free_decay",
@@ -93,6 +95,7 @@ __all__ = [
     "crossovers",
     "damp",
     "difference",
+    "discover",
     "dissipated_energy",
     "envelope",
     "free_decay",

@@ -9,7 +9,15 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from sysid_trib.discrepancy.baseline import Baseline, fit, records_of, refreshed
-from sysid_trib.discrepancy.naming import TIE, Refit, best_candidate, is_significant, twins, without_force
+from sysid_trib.discrepancy.naming import (
+    PRICE,
+    TIE,
+    Refit,
+    best_candidate,
+    is_significant,
+    twins,
+    without_force,
+)
 from sysid_trib.discrepancy.noise import Noise, oscillations
 from sysid_trib.discrepancy.omnibus import Omnibus, omnibus
 from sysid_trib.discrepancy.probes import Course
@@ -96,7 +104,7 @@ def search(
             told(f"twins of {symbol}")
             ties[symbol] = twins(baseline, symbol, scans[-1].found, scans[-1].courses, runs)
             best = ties[symbol][0] if ties[symbol] else None
-            if best is not None and best.fitted is not None and best.cost < _cost(baseline, symbol):
+            if best is not None and best.fitted is not None and best.cost < cost_of(baseline, symbol):
                 baseline = refreshed(best.fitted, bases)
                 added = tuple(best.force.symbol if s == symbol else s for s in added)
                 changed = True
@@ -126,9 +134,8 @@ def _next(scan: Scan, runs: Sequence[xr.Dataset], level: float) -> Refit | None:
     return one if one is not None and is_significant(scan.before, one, found.tests, level) else None
 
 
-def _cost(baseline: Baseline, symbol: str) -> float:
-    from sysid_trib.discrepancy.naming import PRICE
-
+def cost_of(baseline: Baseline, symbol: str) -> float:
+    """Chi-square of a model, with the price of an effect's shape parameters."""
     force = next(f for f in baseline.problem.library if f.symbol == symbol)
     return baseline.chi_square + PRICE * len(force.shape)
 
@@ -148,7 +155,7 @@ def _pruned(baseline: Baseline, added: Sequence[str], level: float) -> str | Non
 
 def tie_class(found: Search, symbol: str) -> list[str]:
     """The effect, and the candidates that explain the record as well in its place."""
-    own = _cost(found.final, symbol)
+    own = cost_of(found.final, symbol)
     return [symbol, *(one.force.symbol for one in found.ties.get(symbol, []) if one.cost <= own + TIE)]
 
 
