@@ -43,8 +43,8 @@ def runs_told(runs: xr.Dataset) -> list[str]:
     name, least = runs.quantity.values[int(np.argmin(worst.values))], _chance(worst.min().item(), "= ")
     return [
         *told,
-        f"The runs disagree: {found} Most in {name} (p {least}): it changes from run to run, or with amplitude "
-        "because a force is of another form; the common errors are then too small.",
+        f"The runs disagree: {found} Most in {name} (p {least}): it changes from run to run, or with "
+        "amplitude because a force is of another form; the common errors are then too small.",
     ]
 
 
