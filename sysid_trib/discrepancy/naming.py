@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from sysid_trib.discrepancy.baseline import Baseline, fit
-from sysid_trib.discrepancy.probes import Course, Probe
+from sysid_trib.discrepancy.probes import Course, Probe, is_frequency
 from sysid_trib.discrepancy.scores import FINER, Scores, finer
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces import Force, ForceLibrary
@@ -23,25 +23,31 @@ Array = NDArray[np.float64]
 # Candidates within this chi-square of the best explain the record as well (three standard errors).
 TIE = 9.0
 # What a shape parameter must gain in chi-square to be worth it: of two forces that explain as much, the one
-# with fewer parameters is named.
-PRICE = 6.0
+# with fewer parameters is named. A frequency is found among hundreds.
+PRICE = 4.0
+PRICE_OF_FREQUENCY = 14.0
 # Twins that are fitted: so many at most, and those whose predicted chi-square is within this part of what the
 # effect explains; scores are linear, and shapes come from a grid.
 TWINS = 8
 SLACK = 0.001
-SLACK_OF_SHAPES = 0.01
+SLACK_OF_SHAPES = 0.003
 # Shapes are looked at more finely within this part of what the effect explains.
 COARSE = 0.1
 # A gap beyond this part of the swing is too large for a score to say which force is missing, or how strong.
 LARGE = 0.02
 # Forces then tried by fits: what is quick to simulate, so many.
-TRIALS = 8
+TRIALS = 6
 # Part of the squared score that a fit must bring.
 PROMISED = 0.8
 EVALUATIONS = 12
 # Evaluations after which a twin must be near, and how near in chi-square.
 FIRST = 4
 REACH = 100.0
+
+
+def price_of(force: Force) -> float:
+    """What a candidate's shape parameters must gain in chi-square."""
+    return sum(PRICE_OF_FREQUENCY if is_frequency(force, name) else PRICE for name in force.shape)
 
 
 @dataclass(frozen=True)
@@ -61,7 +67,7 @@ class Refit:
     @property
     def cost(self) -> float:
         """Chi-square, with the price of the candidate's shape parameters."""
-        return np.inf if self.fitted is None else self.fitted.chi_square + PRICE * len(self.force.shape)
+        return np.inf if self.fitted is None else self.fitted.chi_square + price_of(self.force)
 
 
 @dataclass(frozen=True)
@@ -82,7 +88,7 @@ def refit(baseline: Baseline, hint: Hint, runs: Sequence[xr.Dataset], hopeless: 
     probe, z = hint.probe, hint.score
     problem = with_force(baseline.problem, probe.force)
     starts = [with_values(baseline, hint)]
-    if is_large(baseline) and probe.force.kind == "force":
+    if not np.isfinite(hopeless) and is_large(baseline) and probe.force.kind == "force":
         starts += _by_regression(problem, probe, runs)
     try:
         first = min(starts, key=lambda unknown: rms(problem.white_residual(unknown)))
@@ -107,7 +113,7 @@ def best_candidate(baseline: Baseline, found: Scores, runs: Sequence[xr.Dataset]
     By the scores; where the gap is too large for them, by fits of those that are quick to simulate. A twin
     that explains more is found later (`twins`).
     """
-    ranked = sorted(found.best(), key=lambda at: PRICE * len(found.probes[at].force.shape) - found.z[at] ** 2)
+    ranked = sorted(found.best(), key=lambda at: price_of(found.probes[at].force) - found.z[at] ** 2)
     if not ranked:
         return None
     if is_large(baseline):
@@ -120,7 +126,7 @@ def best_candidate(baseline: Baseline, found: Scores, runs: Sequence[xr.Dataset]
         if best is None or one.cost < best.cost:
             best = one
         # A fit that brings what its score promises is not followed by a better one.
-        if baseline.chi_square - best.cost > PROMISED * found.z[at] ** 2 - PRICE * len(best.force.shape):
+        if baseline.chi_square - best.cost > PROMISED * found.z[at] ** 2 - price_of(best.force):
             break
     return best
 
@@ -139,12 +145,12 @@ def twins(
     """
     problem, unknown = without_force(fitted, symbol)
     force = fitted.problem.library[symbol]
-    own = fitted.chi_square + PRICE * len(force.shape)
+    own = fitted.chi_square + price_of(force)
     for _ in range(FINER + 1):
         along, size, left = _in_place(fitted, symbol, found)
         explained = max(0.0, float(np.max(along**2, initial=0.0)))
         shaped = np.array([len(p.force.shape) for p in found.probes])
-        beyond = left + PRICE * shaped - own - TIE
+        beyond = left + np.array([price_of(p.force) for p in found.probes]) - own - TIE
         near: dict[str, int] = {}
         for at in np.argsort(beyond).tolist():
             if found.can_be(at, float(along[at] / max(size[at], 1e-300))):

@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +16,11 @@ from sysid_trib.simulation import trajectory
 
 Array = NDArray[np.float64]
 
-# Values of one shape parameter; of several, so many combinations at most.
+# Values of one shape parameter (fewer where each costs a motion of its own); of several, so many combinations
+# at most. Promising ones are looked at more finely.
 VALUES = 7
-COMBINATIONS = 27
+FEWER = 5
+COMBINATIONS = 16
 # A force of this strength leaves the motion as it is, and lets what it remembers be carried along.
 TRACE = 1e-9
 # Parts of a cell over which a force that switches is averaged.
@@ -66,11 +69,13 @@ def _grid(force: Force, name: str, frequencies: Sequence[float]) -> Array:
     if is_frequency(force, name):
         inside = [w for w in frequencies if shape.low <= w <= shape.high]
         return np.array(inside or [shape.default])
+    count = VALUES if force.memoryless else FEWER
     if shape.low > 0.0 and shape.high > 10.0 * shape.low:
-        return np.geomspace(shape.low, shape.high, VALUES)
-    return np.linspace(shape.low, shape.high, VALUES)
+        return np.geomspace(shape.low, shape.high, count)
+    return np.linspace(shape.low, shape.high, count)
 
 
+@cache
 def is_frequency(force: Force, name: str) -> bool:
     """Whether a shape parameter is the angular frequency of a force periodic in time (by its formula)."""
     if not force.memoryless or "t" not in force.formula.names:

@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 
 # A response of which less than this part is outside of what the model's unknowns can move is not testable.
 TESTABLE = 1e-5
+# A force beyond this part of the restoring force is not small: scores say nothing of it.
+STRONGEST = 0.5
 # Draws of the largest score of noise.
 DRAWS = 4000
 # Rounds in which the grid is made finer, from which score on, and for which forces (part of the highest).
@@ -53,8 +55,8 @@ class Scores:
     p_values: Array
 
     def can_be(self, at: int, coefficient: float) -> bool:
-        """Whether a probe can be tested, and with this coefficient is no larger than the restoring force."""
-        return not self.reasons[at] and abs(coefficient) * float(self.strength[at]) < 1.0
+        """Whether a probe can be tested, and with this coefficient stays below the restoring force."""
+        return not self.reasons[at] and abs(coefficient) * float(self.strength[at]) < STRONGEST
 
     def best(self) -> list[int]:
         """The probe of each force that scores highest, forces that cannot be tested left out, best first."""

@@ -10,7 +10,6 @@ from scipy.stats import chi2
 
 from sysid_trib.discrepancy.baseline import Baseline, fit, records_of, refreshed
 from sysid_trib.discrepancy.naming import (
-    PRICE,
     TIE,
     Refit,
     best_candidate,
@@ -136,8 +135,7 @@ def _next(scan: Scan, runs: Sequence[xr.Dataset], level: float) -> Refit | None:
 
 def cost_of(baseline: Baseline, symbol: str) -> float:
     """Chi-square of a model, with the price of an effect's shape parameters."""
-    force = next(f for f in baseline.problem.library if f.symbol == symbol)
-    return baseline.chi_square + PRICE * len(force.shape)
+    return baseline.chi_square + price_of(baseline.problem.library[symbol])
 
 
 def _pruned(baseline: Baseline, added: Sequence[str], level: float) -> str | None:
