@@ -14,6 +14,7 @@ from sysid_trib.discrepancy.naming import (
     Refit,
     best_candidate,
     is_significant,
+    price_of,
     twins,
     without_force,
 )
