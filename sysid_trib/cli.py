@@ -9,6 +9,7 @@ from pathlib import Path
 import typer
 
 from sysid_trib.commands.compare import compare
+from sysid_trib.commands.discover import discover
 from sysid_trib.commands.forces import forces
 from sysid_trib.commands.identify import identify
 from sysid_trib.commands.simulate import simulate
@@ -25,7 +26,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-for command in (identify, compare, simulate, forces):
+for command in (identify, discover, compare, simulate, forces):
     app.command()(command)
 
 

@@ -6,10 +6,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
+from scipy.signal import freqz
 from scipy.stats import chi2
 
 from sysid_trib.discrepancy.baseline import Baseline
+from sysid_trib.discrepancy.noise import Noise
 from sysid_trib.discrepancy.probes import Course
+from sysid_trib.discrepancy.trends import trend
 from sysid_trib.regression.weak_form import build_weak_form, smooth
 
 Array = NDArray[np.float64]
@@ -17,9 +20,11 @@ Array = NDArray[np.float64]
 # Spans of the record in each of which the gap is demodulated, so many at most, of a period at least.
 SPANS = 24
 # Cells of the map, each way.
-CELLS = 15
+CELLS = 11
 # A gap whose mean square over half a period is beyond this many times the noise's has left it.
 LEFT = 4.0
+# A part of the gap counts that noise alone would make so large with this chance.
+CHANCE = 1e-3
 TERMS = {
     "offset": "mean of the gap",
     "amplitude_error": "record's amplitude minus the model's",
@@ -29,32 +34,55 @@ TERMS = {
     "third_cosine": "part of the gap with cos 3 phi",
     "third_sine": "part of the gap with sin 3 phi",
 }
+# Harmonic of the motion whose noise each term takes.
+HARMONICS = np.array([0, 1, 1, 2, 2, 3, 3])
+PARTS = {
+    "phase": ("phase_error",),
+    "amplitude": ("amplitude_error",),
+    "offset": ("offset",),
+    "second harmonic": ("second_cosine", "second_sine"),
+    "third harmonic": ("third_cosine", "third_sine"),
+}
 
 
 def disagreement(baseline: Baseline, courses: Sequence[Course]) -> xr.Dataset:
-    """The gap of a model, demodulated against the phase of its own motion.
+    """The gap of a model, demodulated against the phase of its own motion while it moves.
 
     Returns
     -------
     Dataset. Over `span` (of all runs in turn; `run`, `time` in s, `amplitude` in rad): `rms` (rad),
     `gap_over_noise`, and with standard errors `offset`, `amplitude_error`, `phase_error`, `second_cosine`,
-    ... (rad). Over `x` and `v` (rad): `force`, the mean force that the gap asks for, as a part of I w^2, and
+    ... (rad). As trends through these `frequency_error` and `decay_error`, of the record minus the model's,
+    over w. Over `x` and `v` (rad): `force`, the mean force that the gap asks for, as a part of I w^2, and
     the number of `samples`. attrs: `departure_time` (s, of the run `departure_run`), `parts` of which
-    the gap is made, most first, and `where` it acts.
+    the gap is made beyond the noise, most first, and `where` it acts.
     """
     residuals = [-left for left in baseline.problem.residuals(baseline.unknown)]
-    spans, cells = [], []
-    departures = []
+    spans, cells, departures = [], [], []
     for run, (course, gap, noise) in enumerate(zip(courses, residuals, baseline.noises, strict=True)):
         x, v = course.about.at_samples(course.about.x), course.about.at_samples(course.about.v)
-        departures.append(_departure(course.time, gap, x, noise.level))
-        spans.append(_demodulated(run, course.time, gap, x, v, noise.level))
-        cells.append((x, v, _asked_force(course, gap)))
+        departures.append(_departure(course.time, gap, x, _level(noise)))
+        spans.append(_demodulated(run, course, gap, (x, v), noise))
+        cells.append(_asked_force(course, gap, (x, v)))
     found = xr.concat(spans, "span").merge(_map(cells))
     left = [(time, run) for run, time in enumerate(departures) if np.isfinite(time)]
     first = min(left) if left else (np.nan, 0)
-    found.attrs = {"departure_time": first[0], "departure_run": first[1], **_described(found)}
+    found, where = _with_rates(found, courses[0].model.reference_frequency)
+    parts = _parts(found)
+    place = where.get(parts[0], _place_of_rms(found)) if parts else ""
+    found.attrs = {
+        "departure_time": first[0],
+        "departure_run": first[1],
+        "parts": ", ".join(parts),
+        "where": place,
+    }
     return found
+
+
+def _level(noise: Noise) -> float:
+    """Standard deviation of one sample, rad."""
+    _, response = freqz([1.0], noise.filter_, 4096)
+    return noise.level * float(np.sqrt(np.mean(np.abs(response) ** 2)))
 
 
 def _departure(time: Array, gap: Array, x: Array, noise: float) -> float:
@@ -69,27 +97,34 @@ def _departure(time: Array, gap: Array, x: Array, noise: float) -> float:
     return float(time[beyond[0]]) if len(beyond) else float("nan")
 
 
-def _demodulated(run: int, time: Array, gap: Array, x: Array, v: Array, noise: float) -> xr.Dataset:
-    phase, amplitude = np.arctan2(-v, x), np.hypot(x, v)
-    turns = np.abs(np.unwrap(phase)[-1] - phase[0]) / (2.0 * np.pi)
+def _demodulated(
+    run: int, course: Course, gap: Array, motion: tuple[Array, Array], noise: Noise
+) -> xr.Dataset:
+    # After its stop a motion has no phase.
+    moving = len(course.about.x[:: course.about.every])
+    gap, x, v = gap[:moving], motion[0][:moving], motion[1][:moving]
+    phase, amplitude = np.unwrap(np.arctan2(-v, x)), np.hypot(x, v)
+    turns = np.abs(phase[-1] - phase[0]) / (2.0 * np.pi)
     count = int(max(1, min(SPANS, turns)))
+    step = float(np.median(np.diff(course.time)))
+    _, response = freqz([1.0], noise.filter_, HARMONICS * min(1.0, course.model.reference_frequency * step))
+    coloured = noise.level * np.abs(response)
     rows = []
-    for part in np.array_split(np.arange(len(time)), count):
+    for part in np.array_split(np.arange(len(gap)), count):
         p, a = phase[part], amplitude[part]
-        columns = np.stack(
-            [
-                np.ones_like(p),
-                np.cos(p),
-                -a * np.sin(p),
-                *(w(m * p) for m in (2, 3) for w in (np.cos, np.sin)),
-            ],
-            axis=1,
-        )
+        waves = [w(m * p) for m in (2, 3) for w in (np.cos, np.sin)]
+        columns = np.stack([np.ones_like(p), a * np.cos(p), -a * np.sin(p), *waves], axis=1)
         values, *_ = np.linalg.lstsq(columns, gap[part], rcond=None)
-        errors = noise * np.sqrt(np.diag(np.linalg.pinv(columns.T @ columns)))
+        errors = coloured * np.sqrt(np.diag(np.linalg.pinv(columns.T @ columns)))
+        # The record is a turned and stretched motion: exact also where it has slipped far.
+        cosine, sine, mean = 1.0 + values[1], values[2], float(np.mean(a))
+        values[1:3] = mean * (np.hypot(cosine, sine) - 1.0), np.arctan2(sine, cosine)
+        errors[1] *= mean
         rms = float(np.sqrt(np.mean(gap[part] ** 2)))
-        rows.append((float(np.mean(time[part])), float(np.mean(a)), rms, rms / noise, *values, *errors))
+        rows.append((float(np.mean(course.time[part])), mean, rms, rms / _level(noise), *values, *errors))
     table = np.array(rows).T
+    slipped = list(TERMS).index("phase_error")
+    table[4 + slipped] = np.unwrap(table[4 + slipped])
     data: dict[str, Any] = {
         "run": ("span", np.full(count, run)),
         "time": ("span", table[0], {"units": "s", "long_name": "time"}),
@@ -104,20 +139,71 @@ def _demodulated(run: int, time: Array, gap: Array, x: Array, v: Array, noise: f
     return xr.Dataset(data)
 
 
-def _asked_force(course: Course, gap: Array) -> Array:
-    """Force that would make the smoothed gap: what its curvature and the spring ask for, (sample,)."""
+def _with_rates(found: xr.Dataset, frequency: float) -> tuple[xr.Dataset, dict[str, str]]:
+    """Errors of frequency and decay as trends through those of phase and amplitude, and where they act."""
+    a, tau, run = found.amplitude.values, frequency * found.time.values, found.run.values
+    slip = trend(found.phase_error.values, found.phase_error_standard_error.values, run, tau, a)
+    shrunk, error = found.amplitude_error.values / a, found.amplitude_error_standard_error.values / a
+    decay = trend(-shrunk, error, run, tau, a)
+    told = {
+        "frequency_error": "frequency of record minus model",
+        "decay_error": "decay of record minus model",
+    }
+    rates = {
+        name: ("span", one.rate, {"units": "1", "long_name": f"{told[name]}, over w"})
+        for name, one in (("frequency_error", slip), ("decay_error", decay))
+    }
+    return found.assign(rates), {"phase": slip.where, "amplitude": decay.where}
+
+
+def _parts(found: xr.Dataset) -> list[str]:
+    """Parts of the gap that noise would not make, and that are not small beside the largest."""
+    size = {}
+    for part, names in PARTS.items():
+        z = np.stack([found[name].values / found[f"{name}_standard_error"].values for name in names])
+        values = np.stack([found[name].values for name in names])
+        if float(np.sum(z**2)) > chi2.isf(CHANCE, z.size):
+            scaled = values * found.amplitude.values if part == "phase" else values
+            size[part] = float(np.sqrt(np.mean(np.sum(scaled**2, axis=0))))
+    ordered = sorted(size, key=lambda part: -size[part])
+    return [part for part in ordered if size[part] > 0.5 * size[ordered[0]]]
+
+
+def _place_of_rms(found: xr.Dataset) -> str:
+    """Where the gap itself is largest."""
+    a, gap = found.amplitude.values, found.rms.values
+    early, late = gap[a > np.median(a)], gap[a <= np.median(a)]
+    ratio = float(np.mean(early) / max(float(np.mean(late)), 1e-300)) if len(early) and len(late) else 1.0
+    return "large amplitude" if ratio > 2.0 else "small amplitude" if ratio < 0.5 else "all amplitudes"
+
+
+def _asked_force(course: Course, gap: Array, motion: tuple[Array, Array]) -> tuple[Array, Array, Array]:
+    """Angle, rate over w, and the force that would make the gap, by its equation of motion.
+
+    Both motions are smoothed alike, so that what smoothing takes from them falls out.
+    """
+    x, v = motion
     w = course.model.reference_frequency
-    form = build_weak_form(w * (course.time - course.time[0]))
-    smoothed, _, curvature, _ = smooth(form, gap)
-    return -(curvature + smoothed)
+    since = course.time - course.time[0]
+    left, rate, curvature, _ = smooth(build_weak_form(w * since), gap)
+    asked = -(curvature + left)
+    for force in course.model.library:
+        if force.memoryless and force.kind == "force":
+            here, there = (
+                force.value(x + part * left, v + part * rate, since, shapes=course.model.shapes)
+                for part in (0.0, 1.0)
+            )
+            asked = asked - course.model.coefficients.get(force.symbol, 0.0) * (there - here)
+    return x, v, asked
 
 
 def _map(cells: Sequence[tuple[Array, Array, Array]]) -> xr.Dataset:
     x, v, force = (np.concatenate(part) for part in zip(*cells, strict=True))
     size = 1.001 * float(np.max(np.hypot(x, v)))
     edges = np.linspace(-size, size, CELLS + 1)
-    samples, *_ = np.histogram2d(x, v, [edges, edges])
-    total, *_ = np.histogram2d(x, v, [edges, edges], weights=force)
+    good = np.isfinite(force)
+    samples, *_ = np.histogram2d(x[good], v[good], [edges, edges])
+    total, *_ = np.histogram2d(x[good], v[good], [edges, edges], weights=force[good])
     mean = np.divide(total, samples, out=np.full_like(total, np.nan), where=samples > 0)
     middle = 0.5 * (edges[1:] + edges[:-1])
     told = {"units": "rad", "long_name": "force that the gap asks for, over I w^2"}
@@ -128,27 +214,3 @@ def _map(cells: Sequence[tuple[Array, Array, Array]]) -> xr.Dataset:
             "v": ("v", middle, {"units": "rad", "long_name": "angular rate over w"}),
         },
     )
-
-
-def _described(found: xr.Dataset) -> dict[str, str]:
-    """What kind of force is missing, and where it acts, by what the gap is made of."""
-    a = found.amplitude.values
-    phase = found.phase_error.values * a
-    parts = {
-        "phase": float(np.sqrt(np.mean(phase**2))),
-        "amplitude": float(np.sqrt(np.mean(found.amplitude_error.values**2))),
-        "offset": float(np.sqrt(np.mean(found.offset.values**2))),
-        "second harmonic": _size(found, "second"),
-        "third harmonic": _size(found, "third"),
-    }
-    ordered = sorted(parts, key=lambda name: -parts[name])
-    strong = [name for name in ordered if parts[name] > 0.5 * parts[ordered[0]]]
-    rates = np.abs(np.gradient(found.phase_error.values)) if ordered[0] == "phase" else found.rms.values
-    early, late = rates[a > np.median(a)], rates[a <= np.median(a)]
-    ratio = float(np.mean(early) / max(float(np.mean(late)), 1e-300)) if len(early) and len(late) else 1.0
-    where = "large amplitude" if ratio > 2.0 else "small amplitude" if ratio < 0.5 else "all amplitudes"
-    return {"parts": ", ".join(strong), "where": where}
-
-
-def _size(found: xr.Dataset, name: str) -> float:
-    return float(np.sqrt(np.mean(found[f"{name}_cosine"].values ** 2 + found[f"{name}_sine"].values ** 2)))

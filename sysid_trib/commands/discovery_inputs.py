@@ -1,0 +1,71 @@
+"""What `sysid-trib discover` is given beside records: candidates, and what is held out."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sysid_trib.commands.checks import parse_number
+from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.library_files import load_library
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from sysid_trib.forces import ForceLibrary
+
+EFFECTS = "candidate_effects"
+
+
+def offered_candidates(library: str, candidates: str | None, start: "ForceLibrary") -> "ForceLibrary":
+    """What may be missing: the library asked for, or the other forces of the model's and the usual effects.
+
+    Raises
+    ------
+    UsageError
+        A candidate has the symbol of another force of the model: a name would then say nothing.
+    """
+    if candidates is not None:
+        found = load_library(candidates)
+    else:
+        whole, effects = load_library(library), load_library(EFFECTS)
+        others = [force for force in whole if force.symbol not in start.symbols]
+        taken = [force.symbol for force in (*start, *others)]
+        # One's own force of a symbol goes before the usual effect of the same.
+        others += [force for force in effects if force.symbol not in taken]
+        found = replace(effects, forces=tuple(others))
+    for force in found:
+        if force.symbol in start.symbols and force.formula.text != start[force.symbol].formula.text:
+            raise UsageError(
+                f"Candidate '{force.symbol}' ({force.formula.text}) has the symbol of another force of the "
+                f"start model ({start[force.symbol].formula.text}); rename one of them."
+            )
+    return found
+
+
+def held_out(
+    decays: "Sequence[xr.Dataset]", window: str | None
+) -> "tuple[list[xr.Dataset], list[xr.Dataset]]":
+    """What is learned from, and what is kept for prediction: the window (`START:STOP`, s) of each decay."""
+    if window is None:
+        return list(decays), []
+    sides = window.split(":")
+    if len(sides) != 2:
+        raise UsageError(f"--holdout '{window}' must be START:STOP in seconds, such as 15:, :5 or 15:20.")
+    low, high = (parse_number(side, "--holdout") if side.strip() else None for side in sides)
+    pairs = [_parted(decay, low, high, window) for decay in decays]
+    return [seen for seen, _ in pairs], [held for _, held in pairs]
+
+
+def _parted(
+    decay: "xr.Dataset", low: float | None, high: float | None, window: str
+) -> "tuple[xr.Dataset, xr.Dataset]":
+    time = decay.time.values
+    inside = (time >= (time[0] if low is None else low)) & (time <= (time[-1] if high is None else high))
+    here = f"the decay is from {time[0]:.4g} s to {time[-1]:.4g} s"
+    if not inside.any() or inside.all():
+        raise DecayError(f"--holdout '{window}' holds out {'all' if inside.any() else 'nothing'}: {here}.")
+    if not (inside[0] or inside[-1]):
+        raise UsageError(f"--holdout '{window}' must reach to the start or the end: {here}.")
+    return decay.isel(time=np.flatnonzero(~inside)), decay.isel(time=np.flatnonzero(inside))

@@ -1,0 +1,163 @@
+"""Figures of a discovery: the gap before and after, and where in a cycle it asks for a force."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.decays.half_sines import envelope as half_sine_envelope
+from sysid_trib.errors import SysidTribError
+from sysid_trib.plots.style import LEGEND, LINES, MARKS, axes, thinning
+from sysid_trib.runs import noise_of_run, record_groups
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.collections import QuadMesh
+    from matplotlib.figure import Figure
+
+MODELS = dict(zip(("before", "after"), LINES, strict=True))
+# Cells of fewer samples say nothing; colours end where so many percent of the cells lie within.
+FEW = 5
+WITHIN = 98.0
+
+
+def discovery(tree: xr.DataTree, run: int = 0) -> "Figure":
+    """Record, what the models before and after leave of it, envelope, and frequency against amplitude.
+
+    Parameters
+    ----------
+    tree : result of `discover`.
+    run : which of several runs, from 0.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.2, 8.8), layout="constrained")
+    panels = figure.subplot_mosaic("AA;BB;CC;DE", height_ratios=[1.2, 0.8, 0.8, 1.2])
+    _record(tree, panels["A"], run)
+    for place, model in (("B", "before"), ("C", "after")):
+        _residual(tree, panels[place], run, model)
+        panels[place].sharex(panels["A"])
+    for place in "AB":
+        panels[place].set_xlabel("")
+        panels[place].tick_params(labelbottom=False)
+    _envelope(tree, panels["D"], run)
+    _frequency(tree, panels["E"], run)
+    for label, panel in zip("abcde", panels.values(), strict=True):
+        panel.set_title(f"({label})", loc="left", fontsize=9)
+    return figure
+
+
+def disagreement(tree: xr.DataTree) -> "Figure":
+    """The disagreement map before and after, in the same colours."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.2, 3.3), layout="constrained")
+    first, second = figure.subplots(1, 2, sharex=True, sharey=True)
+    for label, panel, model in (("a", first, "before"), ("b", second, "after")):
+        mesh = _mapped(tree, panel, after=model == "after")
+        panel.set_title(f"({label}) {model}", loc="left", fontsize=9)
+    second.set_ylabel("")
+    _with_bar(figure, mesh, [first, second])
+    return figure
+
+
+def disagreement_map(tree: xr.DataTree, ax: "Axes | None" = None, *, after: bool = False) -> "Axes":
+    """Mean force that the gap asks for over angle and rate, as a part of I w^2; blank without samples.
+
+    Parameters
+    ----------
+    tree : result of `discover`.
+    after : of the final model, in the colours of the start model.
+    """
+    ax = axes(ax)
+    _with_bar(ax.figure, _mapped(tree, ax, after), ax)
+    return ax
+
+
+def _mapped(tree: xr.DataTree, ax: "Axes", after: bool) -> "QuadMesh":
+    from matplotlib.colors import TwoSlopeNorm
+
+    before, found = (tree[name].to_dataset() for name in ("disagreement", "disagreement_after"))
+    kept = np.abs(before.force.values[before.samples.values >= FEW])
+    limit = 1e3 * float(np.percentile(kept[np.isfinite(kept)], WITHIN)) if np.isfinite(kept).any() else 1.0
+    shown = found if after else before
+    force = np.where(shown.samples.values >= FEW, 1e3 * shown.force.values, np.nan)
+    norm = TwoSlopeNorm(0.0, -limit, limit)
+    mesh = ax.pcolormesh(
+        shown.x.values, shown.v.values, force.T, cmap="RdBu_r", norm=norm, shading="nearest", rasterized=True
+    )
+    ax.set(xlabel=r"angle $\theta$ (rad)", ylabel=r"$\dot\theta/\omega$ (rad)", aspect="equal")
+    return mesh
+
+
+def _with_bar(figure: Any, mesh: "QuadMesh", panels: Any) -> None:
+    bar = figure.colorbar(mesh, ax=panels, extend="both", shrink=0.9)
+    bar.set_label(r"missing force over $I\omega^2$ (mrad)")
+
+
+def _record(tree: xr.DataTree, ax: "Axes", run: int) -> None:
+    data = tree[record_groups(tree)[run]].ds
+    step = thinning(data.sizes["time"])
+    time = data.time.values[::step]
+    ax.plot(time, data.angle.values[::step], ".", color="0.6", markersize=2.5, label="record")
+    for name, line in MODELS.items():
+        moved = data.simulated_angle.sel(model=name).values[::step]
+        ax.plot(time, moved, linewidth=0.8, label=f"model {name}", **line)
+    ax.set(xlabel="time (s)", ylabel="angle (rad)", xlim=(time[0], time[-1]))
+    ax.legend(ncols=3, **LEGEND)
+
+
+def _residual(tree: xr.DataTree, ax: "Axes", run: int, model: str) -> None:
+    data = tree[record_groups(tree)[run]].ds
+    step = thinning(data.sizes["time"])
+    time = data.time.values[::step]
+    gap = (data.angle - data.simulated_angle.sel(model=model)).values[::step]
+    noise = 1e3 * noise_of_run(tree["after"].to_dataset(), run)
+    band = ax.axhspan(-2 * noise, 2 * noise, color="0.85", zorder=0)
+    ax.plot(time, 1e3 * gap, linewidth=0.5, color=MODELS[model]["color"])
+    ax.legend([band], ["± 2 noise levels"], **LEGEND)
+    ax.set(xlabel="time (s)", ylabel=f"record \N{MINUS SIGN} model\n{model} (mrad)")
+
+
+def _envelope(tree: xr.DataTree, ax: "Axes", run: int) -> None:
+    for name, style, found in _envelopes(tree, run):
+        time, a = found.instant_time.values, found.amplitude.values
+        if name == "record":
+            ax.errorbar(time, a, found.amplitude_standard_error.values, **style)
+            low, high = 0.8 * float(np.min(a)), 1.15 * float(np.max(a))
+            ax.set_ylim(max(low, 0.2 * float(np.median(a))), high)
+        else:
+            ax.plot(time, a, linewidth=1.0, **style)
+    ax.set(xlabel="time (s)", ylabel="amplitude (rad)", yscale="log")
+    low, high = ax.get_ylim()
+    digits = "2346" if high > 8.0 * low else "23456789"
+    ax.yaxis.set_major_formatter("{x:g}")
+    ax.yaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in digits else "")
+
+
+def _frequency(tree: xr.DataTree, ax: "Axes", run: int) -> None:
+    for name, style, found in _envelopes(tree, run):
+        a, w = found.amplitude.values, found.frequency.values
+        if name == "record":
+            ax.errorbar(a, w, found.frequency_standard_error.values, **style)
+            # A few wild points at the noise floor must not squeeze the course into a line.
+            low, high = np.percentile(w, [3, 97])
+            ax.set_ylim(low - 0.4 * (high - low), high + 0.4 * (high - low))
+            ax.set_xlim(0.0, 1.05 * float(np.max(a)))
+        else:
+            ax.plot(a, w, linewidth=1.0, **style)
+    ax.set(xlabel="amplitude (rad)", ylabel="frequency (rad/s)")
+
+
+def _envelopes(tree: xr.DataTree, run: int) -> Iterator[tuple[str, dict[str, Any], xr.Dataset]]:
+    """The record's and each model's motion through the same half-sine fits, where there are such."""
+    data = tree[record_groups(tree)[run]].to_dataset()
+    motions = {"record": (MARKS, data[["angle"]])}
+    for name, line in list(MODELS.items())[::-1]:
+        motions[name] = (line, xr.Dataset({"angle": data.simulated_angle.sel(model=name, drop=True)}))
+    for name, (style, motion) in motions.items():
+        try:
+            yield name, style, half_sine_envelope(motion)
+        except SysidTribError:
+            continue

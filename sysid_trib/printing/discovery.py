@@ -1,0 +1,139 @@
+"""A discovery as a story in plain sentences: where the gap is, what closes it, what could have been seen."""
+
+import json
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.printing.gap import in_mrad, noise_of, place_told, residual_of, times_noise
+from sysid_trib.printing.layout import value_with_error
+from sysid_trib.printing.seeing import candidates_of, remedy, strengths_told
+
+# Generic shapes and candidates that are named where they stand out.
+MOST = 3
+
+
+def discovery_told(tree: xr.DataTree) -> dict[str, list[str]]:
+    """The result of `discover` as headings with sentences, in the order of the work."""
+    story = {"Where model and record disagree": _start_told(tree)}
+    steps = [line for at in range(tree["steps"].attrs["count"]) for line in _step_told(tree, at)]
+    if steps:
+        story["What is missing"] = steps
+    story["Verdict"] = _verdict_told(tree)
+    story["What this record can show"] = strengths_told(tree)
+    return story
+
+
+def _start_told(tree: xr.DataTree) -> list[str]:
+    gap, noise = residual_of(tree, "before"), noise_of(tree)
+    forces = ", ".join(tree["before"].force.values.tolist())
+    told = [
+        f"The start model ({forces}) leaves {in_mrad(gap)} (RMS): {times_noise(gap, noise)} "
+        f"of {in_mrad(noise)}."
+    ]
+    return told + place_told(tree, "disagreement")
+
+
+def _step_told(tree: xr.DataTree, at: int) -> list[str]:
+    step = tree["steps"].to_dataset().isel(step=at)
+    shapes = json.loads(step.shapes.item())
+    shaped = "".join(f", {name} = {value:.3g}" for name, value in shapes.items())
+    unit = "" if step.unit.item() == "1" else f" {step.unit.item()}"
+    value = value_with_error(step.coefficient.item(), step.standard_error.item())
+    what = "error of the sensor" if step.kind.item() == "sensor" else step.family.item()
+    told = [
+        f"{at + 1}. {step.symbol.item()}, {step['name'].item()} {step.formula.item()}{shaped} ({what}): "
+        f"{value}{unit}, z = {step.z.item():.3g}, corrected p {chance(step.p_value.item())}."
+    ]
+    told.append(f"   Adding it takes the gap from {_shrinking(tree, at)}.")
+    if step.worsens_holdout.item():
+        told.append("   It makes the prediction of what was held out worse: do not trust it yet.")
+    tied = step.ties.item().split("; ")[1:]
+    if tied:
+        offered = candidates_of(tree)
+        named = ", ".join(f"{s} ({offered[s].formula.text})" for s in tied)
+        told.append(f"   It cannot be told from: {named}.")
+        told.append(f"   {remedy([offered[s] for s in (step.symbol.item(), *tied)])}")
+    costs = json.loads(step.tie_costs.item())
+    if wild := [symbol for symbol, cost in costs.items() if cost is None]:
+        told.append(f"   In its place these were tried, but their fits did not settle: {', '.join(wild)}.")
+    return told
+
+
+def _shrinking(tree: xr.DataTree, at: int) -> str:
+    """From the gap before a step to that after it, on the fit and on the hold-out."""
+    step, held, noise = tree["steps"].isel(step=at), tree["holdout"].rms.values, noise_of(tree)
+    fitted = step.residual_before.item(), step.residual_after.item()
+    told = _pair(*fitted, noise)
+    if np.all(np.isfinite(held[at : at + 2])):
+        what = f" ({tree.attrs['held_out']})" if at == 0 else ""
+        told += f", on the hold-out{what} from {_pair(held[at], held[at + 1], noise)}"
+    return told
+
+
+def _pair(before: float, after: float, noise: float) -> str:
+    return (
+        f"{before / noise:.3g} to {after / noise:.3g} times the noise "
+        f"({1e3 * before:.3g} to {1e3 * after:.3g} mrad)"
+    )
+
+
+def _verdict_told(tree: xr.DataTree) -> list[str]:
+    said = {"explained": _explained, "nothing missing": _nothing, "unknown effect": _unknown}
+    return said[tree.attrs["verdict"]](tree)
+
+
+def _explained(tree: xr.DataTree) -> list[str]:
+    gap, noise = residual_of(tree, "after"), noise_of(tree)
+    added = " and ".join(tree["steps"].symbol.values.tolist())
+    return [
+        f"Explained: with {added} the model leaves {times_noise(gap, noise)}; no other candidate and no "
+        f"generic force stands out of it (chance of error {_level(tree):.2g})."
+    ]
+
+
+def _nothing(tree: xr.DataTree) -> list[str]:
+    noise = times_noise(residual_of(tree, "after"), noise_of(tree))
+    return [
+        f"Nothing is missing: the model leaves {noise}; no candidate and no generic force stands out of it "
+        f"(chance of error {_level(tree):.2g}). Effects below the strengths that follow may be there unseen."
+    ]
+
+
+def _unknown(tree: xr.DataTree) -> list[str]:
+    gap, noise = residual_of(tree, "after"), noise_of(tree)
+    told = [f"Unknown effect: something is left that was not named; the gap is {times_noise(gap, noise)}."]
+    told += place_told(tree, "disagreement_after")
+    generic = tree["generic"].to_dataset().isel(scan=-1)
+    if generic.p_value.item() < _level(tree):
+        order = np.argsort(-np.abs(generic.z.values))[:MOST]
+        shapes = ", ".join(f"{generic['shape'].values[i]} (z = {generic.z.values[i]:.3g})" for i in order)
+        told.append(
+            f"Generic forces of amplitude r and phase phi that it resembles: {shapes}; chance that nothing "
+            f"is left {chance(generic.p_value.item())}."
+        )
+    last = tree["ranking"].to_dataset().isel(scan=-1)
+    strong = np.flatnonzero(last.p_value.values < _level(tree))
+    if len(strong):
+        order = strong[np.argsort(-np.abs(last.z.values[strong]))][:MOST]
+        named = ", ".join(f"{last.candidate.values[i]} (z = {last.z.values[i]:.3g})" for i in order)
+        options = json.loads(tree.attrs["options"])
+        full = tree["steps"].attrs["count"] >= options["max_effects"]
+        told.append(
+            f"Candidates nearest to it: {named}"
+            + (
+                f"; no more than {options['max_effects']} effects were asked for (--max-effects)."
+                if full
+                else "; fitted in full, none takes from the gap what its score promises."
+            )
+        )
+    return told
+
+
+def _level(tree: xr.DataTree) -> float:
+    return float(json.loads(tree.attrs["options"])["level"])
+
+
+def chance(p_value: float) -> str:
+    """A p-value as a sentence takes it."""
+    return f"= {p_value:.2g}" if p_value > 1e-300 else "< 1e-300"
