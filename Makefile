@@ -8,7 +8,7 @@ demo: .venv/ready
 	$(BIN)/sysid-trib identify --omega0 8.87
 
 test: .venv/ready-dev
-	$(BIN)/python -m pytest -q
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n auto --dist loadfile
 
 check: .venv/ready-dev
 	$(BIN)/ruff check

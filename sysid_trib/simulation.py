@@ -15,6 +15,8 @@ from sysid_trib.model import Model
 from sysid_trib.motion.equations import Vector
 from sysid_trib.motion.following import DivergenceError, Engine, Path, follow
 
+FAST = "fast"
+
 
 @dataclass(frozen=True)
 class Trajectory:
@@ -89,6 +91,9 @@ def trajectory(
 ) -> Trajectory:
     """Simulate without labels, the fast way for repeated use (see `simulate`).
 
+    `engine` may also be `FAST`: the best that is installed, and no other if that fails, which may take a
+    thousand times longer (a stiff state).
+
     The equations are compiled once per set of forces; coefficients, shapes and frequency are free. Forces
     with coefficient zero stay in, their states and memory carried along.
     """
@@ -112,7 +117,9 @@ def trajectory(
 def _path(
     model: Model, grid: Vector, at: tuple[float, float], engine: str | None, tolerance: float
 ) -> tuple[Path, str]:
-    choice = (engine,) if engine else ("heyoka", "scipy") if _has_heyoka() else ("scipy",)
+    choice: tuple[str, ...] = ("heyoka", "scipy") if _has_heyoka() else ("scipy",)
+    if engine:
+        choice = choice[:1] if engine == FAST else (engine,)
     for name in choice:
         field = _engine(name, model.forces, tolerance)
         motion = field.motion

@@ -12,6 +12,7 @@ from sysid_trib.discrepancy.probes import Course
 from sysid_trib.discrepancy.response import tangent
 from sysid_trib.methods.fitting import fitted, grown
 from sysid_trib.methods.motions import Problem, Record
+from sysid_trib.simulation import FAST
 
 Array = NDArray[np.float64]
 
@@ -107,4 +108,6 @@ def refreshed(baseline: Baseline, bases: Sequence[Array]) -> Baseline:
 
 def records_of(runs: Sequence[xr.Dataset]) -> tuple[Record, ...]:
     """The runs as records of a fit."""
-    return tuple(Record(run.time.values.astype(float), run.angle.values.astype(float)) for run in runs)
+    return tuple(
+        Record(run.time.values.astype(float), run.angle.values.astype(float), engine=FAST) for run in runs
+    )

@@ -12,7 +12,7 @@ from sysid_trib.discrepancy.response import Tangent, responses
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces import Force, ForceLibrary
 from sysid_trib.model import Model
-from sysid_trib.simulation import trajectory
+from sysid_trib.simulation import FAST, trajectory
 
 Array = NDArray[np.float64]
 
@@ -162,7 +162,7 @@ def _along(course: Course, probe: Probe) -> Array:
         coefficients={**course.model.coefficients, force.symbol: TRACE},
         shapes={**course.model.shapes, **probe.shapes},
     )
-    motion = trajectory(model, about.time + course.time[0], *course.start)
+    motion = trajectory(model, about.time + course.time[0], *course.start, engine=FAST)
     names = (*force.state, *force.memory)
     hidden = {name: motion.hidden[f"{force.symbol}.{name}"] for name in names}
     return force.value(about.x, about.v, about.time, shapes=probe.shapes, hidden=hidden)

@@ -30,11 +30,12 @@ class Record:
     angle: Array
     filter_: Array = field(default_factory=lambda: np.ones(1))
     weight: float = 1.0
+    engine: str | None = None
 
     def residual(self, model: Model, own: Array) -> Array:
         """Motion minus record (rad); far off where the motion cannot be computed."""
         try:
-            found = trajectory(model, self.time, float(own[0]), float(own[1]))
+            found = trajectory(model, self.time, float(own[0]), float(own[1]), engine=self.engine)
         except SimulationError:
             return np.full(len(self.time), FAR * float(np.max(np.abs(self.angle))))
         return np.asarray(found.angle + own[2] - self.angle)
