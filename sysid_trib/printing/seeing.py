@@ -109,14 +109,11 @@ def _ties_told(tree: xr.DataTree) -> list[str]:
 
 
 def _untestable_told(tree: xr.DataTree) -> list[str]:
-    reasons: dict[str, str] = {}
-    for group in ("forecast", "forecast_after"):
-        found = tree[group].to_dataset()
-        each = zip(found.candidate.values.tolist(), found.reason.values.tolist(), strict=True)
-        reasons |= {symbol: reason.rstrip(".") for symbol, reason in each if reason}
+    found = tree["forecast_after"].to_dataset()
     by_reason: dict[str, list[str]] = {}
-    for symbol, reason in reasons.items():
-        by_reason.setdefault(reason, []).append(symbol)
+    for symbol, reason in zip(found.candidate.values.tolist(), found.reason.values.tolist(), strict=True):
+        if reason:
+            by_reason.setdefault(reason.rstrip("."), []).append(symbol)
     told = []
     for reason, symbols in by_reason.items():
         # The reason may name the record already.

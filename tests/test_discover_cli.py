@@ -1,0 +1,366 @@
+"""`sysid-trib discover`: the story, JSON, files and figures of a discovery, and what it refuses."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from command_line import run, write_csv
+from helpers import FIVE, W, library_of_formulas, paper_run
+
+from sysid_trib import Model, discover, load, plots
+from sysid_trib.discrepancy.trends import trend
+from sysid_trib.forces import ForceLibrary
+from sysid_trib.printing.discovered import discovery_json, strongest, thresholds
+from sysid_trib.printing.discovery import discovery_told
+from sysid_trib.printing.gap import noise_of, residual_of
+from sysid_trib.printing.seeing import remedy
+from sysid_trib.result_files import save
+from sysid_trib.simulation import trajectory
+
+VISCOUS = {"zeta": "2*v"}
+OFFERED = {"drag": "v*abs(v)", "cubic": "x**3", "rubber": "x*abs(x)", "wild": "sqrt(2.25 - x**2)*x"}
+TIME = np.arange(0.0, 8.0, 0.02)
+CHILDREN = {
+    *("record", "disagreement", "disagreement_after", "forecast", "forecast_after", "ranking"),
+    *("steps", "generic", "before", "after", "holdout"),
+}
+
+
+def decayed(seed, noise=1e-3, start=0.3, time=TIME, **formulas):
+    """A record of zeta = 0.01 and one further force, with its coefficient first: `x**3=(0.5, ...)`."""
+    library = library_of_formulas(**VISCOUS, **{k: text for k, (text, _) in formulas.items()})
+    coefficients = {"zeta": 0.01} | {k: value for k, (_, value) in formulas.items()}
+    moved = trajectory(Model(library, coefficients, W), time, start, 0.0).angle
+    return moved + noise * np.random.default_rng(seed).standard_normal(len(time))
+
+
+def toml(path, formulas):
+    blocks = [f'[[force]]\nsymbol = "{k}"\nformula = "{text}"\n' for k, text in formulas.items()]
+    path.write_text("\n".join(blocks), encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Libraries of a viscous friction and of four candidates, and a record that lacks none of them."""
+    there = tmp_path_factory.mktemp("discover")
+    toml(there / "viscous.toml", VISCOUS)
+    toml(there / "offered.toml", OFFERED)
+    write_csv(there / "plain.csv", TIME, decayed(1))
+    write_csv(there / "large.csv", TIME, decayed(5, start=2.0))
+    write_csv(there / "cubic.csv", TIME, decayed(2, cubic=("x**3", 0.8)))
+    write_csv(there / "cubic_2.csv", TIME, decayed(3, start=0.5, cubic=("x**3", 0.8)))
+    write_csv(there / "even.csv", TIME, decayed(4, even=("x**2", 0.4)))
+    return there
+
+
+def small(folder, *arguments):
+    return run(
+        "discover", *arguments, "--library", folder / "viscous.toml", "--candidates", folder / "offered.toml"
+    )
+
+
+@pytest.fixture(scope="module")
+def twin(tmp_path_factory):
+    """The embedded example: (tree, JSON)."""
+    path = tmp_path_factory.mktemp("twin") / "twin.nc"
+    ending = run("discover", "--json", "-o", path)
+    assert (ending.status, ending.err) == (0, "")
+    return load(path), json.loads(ending.out, parse_constant=pytest.fail)
+
+
+def story(tree):
+    return "\n".join(line for lines in discovery_told(tree).values() for line in lines)
+
+
+def test_twin_is_explained_by_its_two_elastic_forces(twin):
+    tree, found = twin
+    assert found["verdict"] == "explained"
+    assert [step["symbol"] for step in found["steps"]] == ["nu", "epsilon"]
+    for step in found["steps"]:
+        assert abs(step["coefficient"] - FIVE[step["symbol"]]) < 4.5 * step["standard_error"]
+        assert step["residual_after"] < step["residual_before"]
+        assert step["holdout_after"] < step["holdout_before"]
+    assert set(tree.children) == CHILDREN
+    assert found["residual"] == pytest.approx(found["noise"], rel=0.03)
+
+
+def test_the_twins_phase_slips_most_at_large_amplitude(twin):
+    attrs, spans = twin[0]["disagreement"].attrs, twin[0]["disagreement"].to_dataset()
+    assert attrs["parts"].split(", ")[0] == "phase"
+    assert attrs["where"] == "large amplitude"
+    # nu < 0: softer at large amplitude; a mean frequency is then too high there, too low at small ones.
+    order = np.argsort(spans.amplitude.values)
+    assert spans.frequency_error.values[order[-1]] < 0.0 < spans.frequency_error.values[order[0]]
+    after = twin[0]["disagreement_after"].attrs
+    assert (after["parts"], after["where"]) == ("", "")
+    assert np.isnan(after["departure_time"])
+
+
+def test_story_of_the_twin(twin):
+    tree, found = twin
+    told = story(tree)
+    gaps = [residual_of(tree, model) / noise_of(tree) for model in ("before", "after")]
+    assert f"{gaps[0]:.3g} times the noise" in told
+    assert "The start model (lambda, zeta, delta)" in told
+    assert "most at large amplitude: a conservative force is missing, or the clock is wrong" in told
+    for step in found["steps"]:
+        assert f"{step['symbol']}, {step['name']} {step['formula']}" in told
+        assert f"z = {step['z']:.3g}" in told
+        pair = (step[f"residual_{when}"] / found["noise"] for when in ("before", "after"))
+        assert "gap from {:.3g} to {:.3g} times the noise".format(*pair) in told
+        pair = (step[f"holdout_{when}"] / found["noise"] for when in ("before", "after"))
+        assert re.search(r"hold-out.* from {:.3g} to {:.3g} times the noise".format(*pair), told)
+        for other in step["indistinguishable_from"]:
+            assert f"{other['symbol']} ({other['formula']})" in told
+    assert f"with nu and epsilon the model leaves {gaps[1]:.3g} times the noise" in told
+    friction = 5.0 * tree["after"].standard_error.sel(force="lambda").item()
+    assert f"lambda {friction:.2g}" in told
+    assert "Not testable on this record: " in told
+    assert "worse" not in told
+
+
+def test_json_follows_the_schema(twin):
+    tree, found = twin
+    assert {"disagreement", "steps", "verdict", "noise", "residual", "model"} <= set(found)
+    keys = (
+        *("symbol", "name", "formula", "family", "kind", "coefficient", "standard_error", "shapes", "z"),
+        *("p_value", "indistinguishable_from", "residual_before", "residual_after"),
+    )
+    for step in found["steps"]:
+        assert set(keys) <= set(step)
+        assert step["symbol"] not in [other["symbol"] for other in step["indistinguishable_from"]]
+        assert all(set(other) == {"symbol", "name", "formula"} for other in step["indistinguishable_from"])
+    assert set(found["model"]["coefficients"]) == set(FIVE)
+    assert found["disagreement_after"]["departure_time"] is None
+    assert len(found["disagreement"]["spans"]["time"]) == tree["disagreement"].sizes["span"]
+    assert found["residual"] == pytest.approx(residual_of(tree, "after"))
+
+
+def test_saved_and_read_back_the_same(twin, tmp_path):
+    save(twin[0], tmp_path / "again.nc")
+    assert load(tmp_path / "again.nc").identical(twin[0])
+
+
+def test_figures_are_written(folder, tmp_path):
+    ending = small(folder, folder / "cubic.csv", "--plot", tmp_path / "new" / "figures")
+    assert (ending.status, ending.err) == (0, "")
+    names = {path.name for path in (tmp_path / "new" / "figures").iterdir()}
+    assert names == {
+        f"{name}.{ending}"
+        for name in ("discovery", "disagreement", "ranking", "forecast")
+        for ending in ("pdf", "png")
+    }
+
+
+def test_figure_of_the_gap_shows_the_records(twin):
+    tree = twin[0]
+    panels = plots.discovery(tree).axes
+    assert len(panels) == 5
+    record = tree["record"].to_dataset()
+    drawn = {line.get_label(): line.get_ydata() for line in panels[0].lines}
+    np.testing.assert_array_equal(drawn["record"], record.angle.values)
+    for model, panel in (("before", panels[1]), ("after", panels[2])):
+        moved = record.simulated_angle.sel(model=model).values
+        np.testing.assert_array_equal(drawn[f"model {model}"], moved)
+        np.testing.assert_allclose(panel.lines[0].get_ydata(), 1e3 * (record.angle.values - moved))
+        assert "(mrad)" in panel.get_ylabel()
+
+
+def test_disagreement_map_is_blank_without_samples_and_centred(twin):
+    found = twin[0]["disagreement"].to_dataset()
+    mesh = plots.disagreement_map(twin[0]).collections[0]
+    shown = mesh.get_array()
+    blank = np.ma.getmaskarray(shown).T
+    assert np.all(blank[found.samples.values == 0])
+    filled = ~blank
+    np.testing.assert_allclose(shown.T[filled], 1e3 * found.force.values[filled])
+    assert mesh.norm.vcenter == 0.0
+    assert mesh.norm.vmin == -mesh.norm.vmax
+
+
+def test_ranking_shows_the_scores_with_their_threshold(twin):
+    tree = twin[0]
+    for scan in range(tree["ranking"].sizes["scan"]):
+        ax = plots.ranking(tree, scan=scan)
+        labels = [text.get_text() for text in ax.get_yticklabels()]
+        points = [line for line in ax.lines if line.get_linestyle() == "None"]
+        z = tree["ranking"].z.isel(scan=scan).sel(candidate=labels).values
+        np.testing.assert_allclose([line.get_xdata()[0] for line in points], np.abs(z))
+        dashed = next(line for line in ax.lines if line.get_linestyle() == "--")
+        assert dashed.get_xdata()[0] == thresholds(tree)[scan]
+        assert labels[:3] == strongest(tree["ranking"].to_dataset().isel(scan=[scan]), 3)
+        assert np.nanmax(np.abs(tree["ranking"].z.isel(scan=scan))) == np.max(np.abs(z))
+    named = [line for line in plots.ranking(tree, scan=0).lines if line.get_marker() == "D"]
+    assert len(named) == 1
+
+
+def test_forecast_shows_the_detectable_strengths(twin):
+    tree = twin[0]
+    ax = plots.forecast(tree)
+    labels = [text.get_text() for text in ax.get_yticklabels()]
+    assert sorted(labels) == sorted(tree["forecast"].candidate.values.tolist())
+    full = {
+        labels[round(line.get_ydata()[0])]: line.get_xdata()[0]
+        for line in ax.lines
+        if line.get_marker() == "o" and line.get_color() == "0.2"
+    }
+    after = tree["forecast_after"].to_dataset()
+    for symbol in after.candidate.values.tolist():
+        np.testing.assert_equal(full[symbol], after.detectable.sel(candidate=symbol).item())
+
+
+def test_nothing_is_missing(folder):
+    ending = small(folder, folder / "plain.csv")
+    assert (ending.status, ending.err) == (0, "")
+    assert "Nothing is missing" in ending.out
+    assert "What is missing" not in ending.out
+    assert "Candidates would be detected" in ending.out
+
+
+def test_a_candidate_that_is_not_finite_on_this_motion_is_told(folder):
+    ending = small(folder, folder / "large.csv")
+    assert (ending.status, ending.err) == (0, "")
+    assert re.search(r"Not testable on this record: wild \(.*not finite", ending.out)
+
+
+def test_an_effect_outside_of_the_library_stays_unknown(folder, tmp_path):
+    ending = small(folder, folder / "even.csv", "--json", "-o", tmp_path / "even.nc")
+    found = json.loads(ending.out)
+    assert found["verdict"] == "unknown effect"
+    assert found["generic_p_value"] < 0.01
+    told = story(load(tmp_path / "even.nc"))
+    assert "Unknown effect: something is left that was not named" in told
+    assert "Generic forces" in told
+
+
+def test_a_held_out_window_takes_no_part(folder, tmp_path):
+    path = tmp_path / "cubic.nc"
+    ending = small(folder, folder / "cubic.csv", "--holdout", "6:", "-o", path, "--max-effects", "1")
+    assert (ending.status, ending.err) == (0, "")
+    tree = load(path)
+    assert tree["steps"].symbol.values.tolist() == ["cubic"]
+    assert tree["record"].time.values.max() < 6.0
+    assert tree.attrs["held_out"] == "6: s of each record"
+    assert tree["holdout"].rms.values[1] < 0.5 * tree["holdout"].rms.values[0]
+    assert "on the hold-out (6: s of each record)" in ending.out
+    assert f"Written: {path}" in ending.out
+
+
+def test_several_runs(folder):
+    both = (folder / "cubic.csv", folder / "cubic_2.csv")
+    found = json.loads(small(folder, *both, "--json").out)
+    assert len(found["records"]) == 2
+    assert [step["symbol"] for step in found["steps"]] == ["cubic"]
+    assert set(found["disagreement"]["spans"]["run"]) == {0, 1}
+    step = found["steps"][0]
+    assert abs(step["coefficient"] - 0.8) < 4.5 * step["standard_error"]
+
+
+def test_a_record_that_is_short_tells_what_it_would_have_shown(folder):
+    ending = small(folder, folder / "cubic.csv", "--window", "5:8")
+    assert ending.status == 0
+    assert re.search(r"(Nothing is missing|cubic)", ending.out)
+    assert re.search(r"(Five standard errors of the forces in the model: zeta \S+)", ending.out)
+
+
+def test_candidates_that_the_model_has_are_left_out_and_told(folder, tmp_path):
+    doubled = toml(tmp_path / "doubled.toml", {"again": "v*2", "cubic": "x**3"})
+    ending = run(
+        *("discover", folder / "plain.csv", "--library", folder / "viscous.toml", "--candidates", doubled)
+    )
+    assert "Not offered, because the model has them: again." in ending.out
+
+
+def test_a_fit_that_does_not_settle_and_a_step_that_worsens_are_told(twin):
+    tree = twin[0].copy(deep=True)
+    steps = tree["steps"].to_dataset()
+    steps["tie_costs"] = ("step", ['{"lost": null, "near": 20.0}', "{}"])
+    steps["worsens_holdout"] = ("step", [False, True])
+    tree["steps"] = type(tree)(steps)
+    told = story(tree)
+    assert "their fits did not settle: lost." in told
+    assert told.count("held out worse: do not trust it yet") == 1
+
+
+def test_what_would_break_a_tie():
+    forces = library_of_formulas(
+        cubic="x**3", gravity="sin(x) - x", drag="v**3", drift="t*x", friction="sign(v)"
+    )
+    said = {
+        ("cubic", "gravity"): "larger amplitude",
+        ("cubic", "drift"): "0.6 of the amplitude",
+        ("drag", "friction"): "0.2 of the amplitude",
+    }
+    for pair, words in said.items():
+        assert words in remedy([forces[symbol] for symbol in pair])
+
+
+def test_trend_finds_where_a_rate_differs():
+    tau = np.linspace(0.0, 200.0, 24)
+    amplitude = 0.3 * np.exp(-0.01 * tau)
+    rates = {
+        "large amplitude": amplitude,
+        "small amplitude": 0.01 / amplitude,
+        "late times": 1e-3 * tau,
+        "all amplitudes": np.full_like(tau, 0.02),
+    }
+    error, run_of = np.full_like(tau, 1e-3), np.zeros_like(tau)
+    for where, rate in rates.items():
+        steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(tau)
+        value = np.concatenate([[0.0], np.cumsum(steps)])
+        found = trend(value, error, run_of, tau, amplitude)
+        assert found.where == where
+        np.testing.assert_allclose(found.rate, rate, rtol=1e-6, atol=1e-12)
+
+
+def test_without_a_step_there_is_a_tree_too(folder):
+    decay = paper_run(FIVE, duration=6.0).decay(1)
+    model = library_of_formulas(**VISCOUS, d="v*abs(v)", n="x*abs(x)", e="x**3")
+    tree = discover(decay, model, library_of_formulas(fifth="x**5"), max_effects=0)
+    assert discovery_json(tree)["steps"] == []
+    assert plots.rankings(tree).axes
+    assert isinstance(model, ForceLibrary)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "reason"),
+    [
+        (("nowhere.csv",), 2, "nowhere.csv"),
+        (("--forces", ""), 2, "names no force"),
+        (("--forces", "alpha"), 2, "one unknown with the frequency"),
+        (("--forces", "mu"), 2, "no force 'mu'"),
+        (("--candidates", "nothing_such"), 2, "no library 'nothing_such'"),
+        (("--max-effects", "-1"), 2, "max-effects"),
+        (("--max-effects", "many"), 2, "max-effects"),
+        (("--holdout", "5"), 2, "--holdout '5' must be START:STOP"),
+        (("--holdout", "5:x"), 2, "--holdout: 'x'"),
+        (("--holdout", "5:10"), 2, "must reach to the start or the end"),
+        (("--holdout", "90:"), 1, "holds out nothing"),
+        (("--holdout", ":90"), 1, "holds out all"),
+        (("--reference-frequency", "-1"), 2, "--reference-frequency"),
+        (("-o", "result.csv"), 2, ".nc"),
+        (("--window", ":0.5"), 1, ""),
+    ],
+)
+def test_bad_command(arguments, status, reason):
+    ending = run("discover", *arguments)
+    assert ending.status == status
+    assert reason in ending.complaint
+
+
+def test_bad_candidates(folder, tmp_path):
+    broken = tmp_path / "broken.toml"
+    broken.write_text('[[force]]\nsymbol = "a"\nformula = "__import__(1)"\n', encoding="utf-8")
+    ending = run("discover", "--candidates", broken)
+    assert ending.status == 1
+    assert "broken.toml" in ending.complaint
+    other = toml(tmp_path / "other.toml", {"zeta": "v**3"})
+    ending = run("discover", "--candidates", other)
+    assert ending.status == 2
+    assert "'zeta' (v**3) has the symbol of another force" in ending.complaint
+    same = toml(tmp_path / "same.toml", VISCOUS)
+    ending = run("discover", folder / "plain.csv", "--library", same, "--candidates", same)
+    assert ending.status == 2
+    assert "No candidate is left" in ending.complaint
