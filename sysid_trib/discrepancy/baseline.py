@@ -99,11 +99,11 @@ def with_noise(problem: Problem, noises: Sequence[Noise]) -> Problem:
     return replace(problem, records=tuple(records))
 
 
-def refreshed(baseline: Baseline, bases: Sequence[Array]) -> Baseline:
-    """The fit again, with the noise that it leaves beside slowly changing oscillations."""
-    residuals = baseline.problem.residuals(baseline.unknown)
+def refreshed(problem: Problem, unknown: Array, bases: Sequence[Array]) -> Baseline:
+    """A fit with the noise that it leaves beside slowly changing oscillations."""
+    residuals = problem.residuals(unknown)
     noises = [noise_of(left, basis) for left, basis in zip(residuals, bases, strict=True)]
-    return fit(baseline.problem, baseline.unknown, noises)
+    return fit(problem, unknown, noises)
 
 
 def records_of(runs: Sequence[xr.Dataset]) -> tuple[Record, ...]:

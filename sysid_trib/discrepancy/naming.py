@@ -8,7 +8,8 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from sysid_trib.discrepancy.baseline import Baseline, fit
+from sysid_trib.discrepancy.baseline import Baseline, fit, with_noise
+from sysid_trib.discrepancy.chord import chord
 from sysid_trib.discrepancy.probes import Course, Probe, is_frequency
 from sysid_trib.discrepancy.scores import FINER, Scores, finer
 from sysid_trib.errors import SysidTribError
@@ -40,8 +41,7 @@ TRIALS = 6
 # Part of the squared score that a fit must bring.
 PROMISED = 0.8
 EVALUATIONS = 12
-# Evaluations after which a twin must be near, and how near in chi-square.
-FIRST = 4
+# How near in chi-square a twin must be to be fitted to the end.
 REACH = 100.0
 
 
@@ -52,11 +52,13 @@ def price_of(force: Force) -> float:
 
 @dataclass(frozen=True)
 class Refit:
-    """A candidate fitted together with the model; `fitted` is None if the fit failed, for the `reason`."""
+    """A candidate fitted with the model: problem, unknowns, chi-square (inf if the fit failed)."""
 
     probe: Probe
     score: float
-    fitted: Baseline | None
+    problem: Problem
+    unknown: Array
+    chi_square: float
     reason: str = ""
 
     @property
@@ -67,7 +69,7 @@ class Refit:
     @property
     def cost(self) -> float:
         """Chi-square, with the price of the candidate's shape parameters."""
-        return np.inf if self.fitted is None else self.fitted.chi_square + price_of(self.force)
+        return self.chi_square + price_of(self.force)
 
 
 @dataclass(frozen=True)
@@ -85,20 +87,30 @@ def refit(baseline: Baseline, hint: Hint, runs: Sequence[xr.Dataset], hopeless: 
 
     `hopeless` : a chi-square above which, after a few steps, the fit is not brought to its end.
     """
-    probe, z = hint.probe, hint.score
-    problem = with_force(baseline.problem, probe.force)
-    starts = [with_values(baseline, hint)]
-    if not np.isfinite(hopeless) and is_large(baseline) and probe.force.kind == "force":
-        starts += _by_regression(problem, probe, runs)
+    probe, far = hint.probe, not np.isfinite(hopeless) and is_large(baseline)
+    problem = with_noise(with_force(baseline.problem, probe.force), baseline.noises)
+    unknown = with_values(baseline, hint)
     try:
-        first = min(starts, key=lambda unknown: rms(problem.white_residual(unknown)))
-        evaluations = FIRST if np.isfinite(hopeless) else EVALUATIONS
-        found = fit(problem, first, baseline.noises, evaluations=evaluations)
-        if np.isfinite(hopeless) and found.chi_square < hopeless:
-            found = fit(problem, found.unknown, baseline.noises, evaluations=EVALUATIONS)
-        return Refit(probe, z, found)
+        if not far:
+            unknown, chi_square, settled = chord(problem, unknown, _with_column(baseline, hint))
+            if settled or chi_square > hopeless:
+                return Refit(probe, hint.score, problem, unknown, chi_square)
+        elif probe.force.kind == "force":
+            starts = [unknown, *_by_regression(problem, probe, runs)]
+            unknown = min(starts, key=lambda start: rms(problem.white_residual(start)))
+        found = fit(problem, unknown, baseline.noises, evaluations=EVALUATIONS)
+        return Refit(probe, hint.score, problem, found.unknown, found.chi_square)
     except (SysidTribError, np.linalg.LinAlgError, ValueError) as error:
-        return Refit(probe, z, None, str(error))
+        return Refit(probe, hint.score, problem, unknown, np.inf, str(error))
+
+
+def _with_column(baseline: Baseline, hint: Hint) -> Array:
+    """The table of sensitivities with the candidate's response, nan for its shapes."""
+    count, named = len(baseline.problem.library), len(baseline.problem.names)
+    table = baseline.table
+    shapes = np.full((len(table), len(hint.probe.shapes)), np.nan)
+    parts = [table[:, :count], hint.response[:, None], table[:, count:named], shapes, table[:, named:]]
+    return np.concatenate(parts, axis=1)
 
 
 def is_large(baseline: Baseline) -> bool:
@@ -250,7 +262,5 @@ def _by_regression(problem: Problem, probe: Probe, runs: Sequence[xr.Dataset]) -
 
 def is_significant(before: Baseline, one: Refit, tests: float, level: float) -> bool:
     """Whether a fitted candidate takes more from the gap than noise would give to the best of the tests."""
-    if one.fitted is None:
-        return False
-    gain = before.chi_square - one.fitted.chi_square
+    gain = before.chi_square - one.chi_square
     return bool(tests * chi2.sf(gain, 1 + len(one.force.shape)) < level)

@@ -33,6 +33,8 @@ Array = NDArray[np.float64]
 LEVEL = 0.01
 # Rounds of holding names against their twins.
 ROUNDS = 3
+# A twin takes an effect's place if its chi-square is lower by more than fits are uncertain.
+SWAP = 0.5
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,9 @@ def first_baseline(runs: Sequence[xr.Dataset], forces: ForceLibrary, frequency: 
     unknown = np.array([*quick.coefficient.values, *free, *own.ravel()])
     noises = [Noise(quick.noise.item(), np.ones(1))] * len(runs)
     bases = [oscillations(run) for run in runs]
-    return refreshed(refreshed(fit(problem, unknown, noises, far=True), bases), bases)
+    first = fit(problem, unknown, noises, far=True)
+    second = refreshed(problem, first.unknown, bases)
+    return refreshed(problem, second.unknown, bases)
 
 
 def search(
@@ -96,16 +100,16 @@ def search(
             told(f"scan {len(scans) + 1}")
             scans.append(_scanned(baseline, candidates, added, seed))
             one = _next(scans[-1], runs, level) if len(added) < max_effects else None
-            if one is None or one.fitted is None:
+            if one is None:
                 break
-            baseline, added = refreshed(one.fitted, bases), (*added, one.force.symbol)
+            baseline, added = refreshed(one.problem, one.unknown, bases), (*added, one.force.symbol)
         changed = False
         for symbol in added:
             told(f"twins of {symbol}")
             ties[symbol] = twins(baseline, symbol, scans[-1].found, scans[-1].courses, runs)
             best = ties[symbol][0] if ties[symbol] else None
-            if best is not None and best.fitted is not None and best.cost < cost_of(baseline, symbol):
-                baseline = refreshed(best.fitted, bases)
+            if best is not None and best.cost < cost_of(baseline, symbol) - SWAP:
+                baseline = refreshed(best.problem, best.unknown, bases)
                 added = tuple(best.force.symbol if s == symbol else s for s in added)
                 changed = True
                 break
@@ -113,7 +117,8 @@ def search(
         if pruned is not None:
             added = tuple(s for s in added if s != pruned)
             problem, unknown = without_force(baseline, pruned)
-            baseline, changed = refreshed(fit(problem, unknown, baseline.noises), bases), True
+            alone = fit(problem, unknown, baseline.noises, far=True)
+            baseline, changed = refreshed(problem, alone.unknown, bases), True
         if not changed:
             break
     return Search(scans, baseline, added, ties)

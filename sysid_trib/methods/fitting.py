@@ -31,7 +31,7 @@ def fitted(
     problem: Problem, unknown: Array, *, tolerance: float = TOLERANCE, evaluations: int = MAX_EVALUATIONS
 ) -> Array:
     """Unknowns of least whitened residual, from a first guess."""
-    low, high = _limits(problem, len(unknown))
+    low, high = limits(problem, len(unknown))
     bounded = bool(np.any(np.isfinite(low)) or np.any(np.isfinite(high)))
     inside = np.clip(unknown, np.nextafter(low, np.inf), np.nextafter(high, -np.inf))
     found = least_squares(
@@ -54,7 +54,8 @@ def rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _limits(problem: Problem, count: int) -> tuple[Array, Array]:
+def limits(problem: Problem, count: int) -> tuple[Array, Array]:
+    """Lowest and highest value of each unknown, from the bounds and the shapes' limits."""
     low, high = np.full(count, -np.inf), np.full(count, np.inf)
     given = dict(problem.bounds)
     for force in problem.library:
