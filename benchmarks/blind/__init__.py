@@ -1,0 +1,1 @@
+"""Blind tests: hidden forces from an integrator of their own, named from a file alone."""

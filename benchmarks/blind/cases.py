@@ -1,0 +1,253 @@
+"""A case: runs with hidden effects of known strength, and the answers."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.signal import lfilter
+
+from .draws import NOISE, ONE_SIGN, grid, innovation, noise, oscillator, shapes, whitener
+from .effects import FORCES, SENSORS, Shapes, family, make
+from .generator import Motion, NoDecayError, Oscillator, motion
+
+# Second run: released from this part of the first angle.
+SECOND = 0.6
+# A stronger force is no missing effect but another oscillator.
+STRONGEST = 0.3
+HIDDEN = [*FORCES, *SENSORS]
+
+
+class UnseenError(Exception):
+    """An effect that no admissible strength makes visible in this record."""
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """One hidden effect: coefficient, shapes, nominal z."""
+
+    symbol: str
+    family: str
+    coefficient: float
+    shapes: Shapes
+    z: float
+
+
+@dataclass
+class Setting:
+    """What a case is drawn from: the oscillator, its runs, and how the noise is whitened."""
+
+    oscillator: Oscillator
+    starts: list[float]
+    step: float
+    count: int
+    colour: str
+    weights: np.ndarray
+    level: float
+
+    @property
+    def time(self) -> np.ndarray:
+        return np.arange(self.count) * self.step / self.oscillator.w
+
+    def run(self, symbols: list[tuple[str, Shapes, float]], start: float, **changed: float) -> Motion:
+        """The run from `start` with these effects; `changed` adds to base coefficients."""
+        base = self.oscillator.base
+        moved = Oscillator(self.oscillator.w, base | {k: base.get(k, 0.0) + q for k, q in changed.items()})
+        active = [(make(s, p), c) for s, p, c in symbols if s not in SENSORS]
+        found = motion(moved, active, start, self.step, self.count)
+        x = found.x.copy()
+        for symbol, _, c in symbols:
+            if symbol in SENSORS:
+                x += c * SENSORS[symbol](found.x, found.v, self.time)
+        return Motion(x, found.v)
+
+    def whitened(self, columns: np.ndarray) -> np.ndarray:
+        return lfilter(self.weights, [1.0], columns, axis=0) / self.level
+
+
+class Sight:
+    """What a record shows of an effect beside its model's own unknowns, by finite differences."""
+
+    def __init__(self, setting: Setting) -> None:
+        self.setting = setting
+        self.plain = [setting.run([], start) for start in setting.starts]
+        blocks = [self._unknowns(i) for i in range(len(setting.starts))]
+        shared = np.concatenate([shared for shared, _ in blocks])
+        own = [
+            np.concatenate([o if i == j else np.zeros_like(o) for j, (_, o) in enumerate(blocks)])
+            for i in range(len(blocks))
+        ]
+        table = np.concatenate([shared, *own], axis=1)
+        self.space, _ = np.linalg.qr(table / np.linalg.norm(table, axis=0))
+
+    def _unknowns(self, i: int) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives by base coefficients and w, and by start angle, start rate and offset, of one run."""
+        setting, start, plain = self.setting, self.setting.starts[i], self.plain[i]
+        size = {"lambda": 1e-8 * start, "zeta": 1e-8, "delta": 1e-7, "nu": 1e-7, "epsilon": 1e-6}
+        shared = [
+            (setting.run([], start, **{k: size[k]}).x - plain.x) / size[k] for k in setting.oscillator.base
+        ]
+        # tau = w t and the start rate shifts the time.
+        shared.append(plain.v * setting.time)
+        by_start = (setting.run([], start * (1 + 1e-7)).x - plain.x) / (start * 1e-7)
+        own = [by_start, plain.v, np.ones(setting.count)]
+        return setting.whitened(np.stack(shared, axis=1)), setting.whitened(np.stack(own, axis=1))
+
+    def response(self, symbol: str, p: Shapes) -> tuple[np.ndarray, np.ndarray]:
+        """Derivative of all runs by the coefficient, whitened: whole, and outside of the unknowns."""
+        small, parts = 1e-7, []
+        for start, plain in zip(self.setting.starts, self.plain, strict=True):
+            moved = self.setting.run([(symbol, p, small)], start).x - plain.x
+            parts.append(self.setting.whitened(moved[:, None])[:, 0] / small)
+        whole = np.concatenate(parts)
+        return whole, whole - self.space @ (self.space.T @ whole)
+
+
+@dataclass
+class Case:
+    """Runs (time, angle) to be read, what is offered, and the truth."""
+
+    kind: str
+    setting: Setting
+    runs: list[tuple[np.ndarray, np.ndarray]]
+    hidden: list[Hidden]
+    left_out: list[str] = field(default_factory=list)
+    # z that the best one (two) of the candidates would leave of the truth.
+    beyond: list[float] = field(default_factory=list)
+
+
+def draw_setting(rng: np.random.Generator, colour: str, runs: int) -> Setting:
+    """An oscillator whose amplitude falls to between 3 and 60 %."""
+    while True:
+        start = float(rng.uniform(0.2, 0.6))
+        periods = rng.uniform(40.0, 60.0)
+        rate = rng.uniform(50.0, min(120.0, 3500.0 / periods))
+        step, count = 2.0 * np.pi / rate, int(periods * rate)
+        weights = whitener(rng, colour)
+        setting = Setting(
+            oscillator(rng, start),
+            [start, SECOND * start][:runs],
+            step,
+            count,
+            colour,
+            weights,
+            NOISE * start * innovation(weights),
+        )
+        if all(_decays(setting, [], s) for s in setting.starts):
+            return setting
+
+
+def draw(
+    kind: str, number: int, symbols: list[str], z: float, *, sign: float = 1.0, colour: str, runs: int = 1
+) -> Case:
+    """A case with these effects hidden, each with a nominal z about as given."""
+    rng = np.random.default_rng([number, *kind.encode()])
+    for _ in range(12):
+        setting = draw_setting(rng, colour, runs)
+        free = [s for s in symbols if s not in setting.oscillator.base]
+        if len(free) < len(symbols):
+            continue
+        sight = Sight(setting)
+        hidden = _hidden(rng, sight, symbols, z, sign)
+        effects = [(one.symbol, one.shapes, one.coefficient) for one in hidden]
+        if not _admissible(setting, effects):
+            continue
+        measured = [_measured(rng, setting, effects, start) for start in setting.starts]
+        case = Case(kind, setting, measured, hidden)
+        if kind.startswith(("left out", "outside")):
+            _leave_out(case)
+        return case
+    raise UnseenError(f"{kind} {number}: {symbols} at z = {z:.0f}")
+
+
+def _hidden(
+    rng: np.random.Generator, sight: Sight, symbols: list[str], z: float, sign: float
+) -> list[Hidden]:
+    """Effects scaled so that each is seen with this z beside the unknowns and the others."""
+    setting = sight.setting
+    drawn = [(s, shapes(rng, s, setting.starts[0], setting.oscillator.w, setting.time[-1])) for s in symbols]
+    outside = [sight.response(s, p)[1] for s, p in drawn]
+    found = []
+    for i, (symbol, p) in enumerate(drawn):
+        others = [u for j, u in enumerate(outside) if j != i]
+        size = float(np.linalg.norm(_beside(outside[i], others)))
+        way = 1.0 if symbol in ONE_SIGN else sign
+        found.append(Hidden(symbol, family(symbol), way * z / max(size, 1e-9), p, way * z))
+    return found
+
+
+def _beside(u: np.ndarray, others: list[np.ndarray]) -> np.ndarray:
+    """The part of a response outside of those of others."""
+    if not others:
+        return u
+    basis, _ = np.linalg.qr(np.stack(others, axis=1))
+    return np.asarray(u - basis @ (basis.T @ u))
+
+
+def _admissible(setting: Setting, effects: list[tuple[str, Shapes, float]]) -> bool:
+    """Whether the effects are weak beside the spring, and the motion with them still decays."""
+    for symbol, p, c in effects:
+        weak = setting.run([(symbol, p, 1e-7)], setting.starts[0]) if symbol in SENSORS else None
+        if weak is not None:
+            size = np.abs(weak.x - setting.run([], setting.starts[0]).x).max() / 1e-7
+        else:
+            x = setting.starts[0]
+            size = max(
+                abs(make(symbol, p).push(q * x, r * x, 1.0, 1.0, setting.time[-1], [x, x]))
+                for q, r in ((1.0, 0.0), (0.0, 1.0), (0.7, 0.7), (0.45, 0.9), (0.9, 0.45))
+            )
+        if abs(c) * size > STRONGEST * setting.starts[0]:
+            return False
+    return all(_decays(setting, effects, start) for start in setting.starts)
+
+
+def _decays(setting: Setting, effects: list[tuple[str, Shapes, float]], start: float) -> bool:
+    try:
+        x = setting.run(effects, start).x
+    except (NoDecayError, OverflowError):
+        return False
+    last = x[-int(2.0 * np.pi / setting.step) :]
+    return bool(0.03 < np.ptp(last) / (2.0 * start) < 0.6)
+
+
+def _measured(
+    rng: np.random.Generator, setting: Setting, effects: list[tuple[str, Shapes, float]], start: float
+) -> tuple[np.ndarray, np.ndarray]:
+    level, zero = NOISE * setting.starts[0], rng.uniform(-0.01, 0.01) * start
+    angle = setting.run(effects, start).x + zero
+    if setting.colour == "quantised":
+        # A little noise beside, as any sensor has.
+        least = np.sqrt(12.0) * level
+        angle = least * np.round((angle + 0.2 * level * rng.standard_normal(len(angle))) / least)
+    else:
+        angle = angle + level * noise(rng, setting.colour, setting.weights, len(angle))
+    return setting.time, angle
+
+
+def _leave_out(case: Case) -> None:
+    """Take the truth's twins from the library, and tell what the best of the others would leave of it."""
+    truth, fine = case.hidden[0], case.setting
+    # Every other sample shows as much, if its noise counts as much less.
+    setting = replace(fine, step=2.0 * fine.step, count=fine.count // 2, level=fine.level / np.sqrt(2.0))
+    sight = Sight(setting)
+    y = truth.coefficient * sight.response(truth.symbol, truth.shapes)[1]
+    start, base = setting.starts[0], setting.oscillator.base
+    left: dict[str, tuple[float, np.ndarray]] = {}
+    for symbol in HIDDEN:
+        # A line at a frequency of its own stands in for nothing else.
+        if symbol in base or symbol in (truth.symbol, "ambient"):
+            continue
+        for p in grid(symbol, start, setting.oscillator.w):
+            try:
+                u = sight.response(symbol, p)[1]
+            except NoDecayError:
+                continue
+            rest = float(np.linalg.norm(_beside(y, [u]))) if np.linalg.norm(u) > 0.0 else np.inf
+            if rest < left.get(symbol, (np.inf, u))[0]:
+                left[symbol] = (rest, u)
+    if case.kind.startswith("left out"):
+        # A tenth of the truth: shapes between those of the grid come nearer than these.
+        near = [s for s, (rest, _) in left.items() if rest < max(3.0, 0.1 * abs(truth.z))]
+        case.left_out = [truth.symbol, *near]
+    stay = sorted((rest, s) for s, (rest, _) in left.items() if s not in case.left_out)
+    best = left[stay[0][1]][1]
+    pair = min(float(np.linalg.norm(_beside(y, [best, left[s][1]]))) for _, s in stay[1:])
+    case.beyond = [stay[0][0], pair]

@@ -1,0 +1,31 @@
+"""The workflow under test: it sees files, the base model's symbols and what to leave out, nothing else."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from sysid_trib import free_decay, load_library, read_record
+from sysid_trib.discrepancy.discover import discover
+
+
+def named(paths: Sequence[Path], base: Sequence[str], left_out: Sequence[str]) -> dict[str, Any]:
+    """Verdict, steps and hold-out gap of the runs in these files."""
+    runs = [free_decay(read_record(path)) for path in paths]
+    contact, others = load_library(), load_library("candidate_effects")
+    offered = tuple(force for force in (*contact, *others) if force.symbol not in {*base, *left_out})
+    tree = discover(runs, contact.select(list(base)), replace(others, forces=offered))
+    steps, holdout = tree["steps"].dataset, tree["holdout"].dataset
+    return {
+        "verdict": tree.attrs["verdict"],
+        "steps": [_step(steps.isel(step=i)) for i in range(steps.sizes.get("step", 0))],
+        "gap": float(holdout.gap_above_noise[-1]),
+    }
+
+
+def _step(row: xr.Dataset) -> dict[str, Any]:
+    words = {name: str(row[name].item()) for name in ("symbol", "family")}
+    numbers = {name: float(row[name]) for name in ("coefficient", "standard_error", "p_value")}
+    return words | numbers | {"ties": str(row.ties.item()).split("; ")}
