@@ -194,6 +194,9 @@ def _asked_force(course: Course, gap: Array, motion: tuple[Array, Array]) -> tup
                 for part in (0.0, 1.0)
             )
             asked = asked - course.model.coefficients.get(force.symbol, 0.0) * (there - here)
+    # A spline bends freely in the quarter period before its ends.
+    inside = np.minimum(w * since, w * (since[-1] - since)) > 0.5 * np.pi
+    asked = np.where(inside, asked, np.nan)
     return x, v, asked
 
 

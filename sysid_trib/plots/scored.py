@@ -67,7 +67,8 @@ def ranking(tree: xr.DataTree, ax: "Axes | None" = None, scan: int = 0) -> "Axes
         style = NAMED if symbol == named else TIED if symbol in tied else OTHERS
         ax.plot([left, z], [row, row], "-", color=style["color"], linewidth=0.8)
         ax.plot([z], [row], linestyle="", **style)
-        ax.annotate(f"{z:.3g}", (z, row), (5, 0), textcoords="offset points", va="center", fontsize=6)
+        text = ax.annotate(f"{z:.3g}", (z, row), (5, 0), textcoords="offset points", va="center", fontsize=6)
+        text.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.4})
     ax.axvline(limit, color="black", linewidth=0.8, linestyle="--")
     ax.set_yticks(range(len(chosen)), chosen)
     ax.set_ylim(max(len(chosen), 1) - 0.4, -0.6)
