@@ -1,0 +1,177 @@
+"""The parts of the discrepancy workflow: responses, noise without a model, scores, twins, the search."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers import (
+    FIVE,
+    NOISE,
+    W,
+    correlated_noise,
+    decay,
+    library_of_formulas,
+    paper_run,
+    rms,
+    rms_range,
+    share_range,
+)
+
+from sysid_trib import ForceLibrary, Model, cramer_rao_bound, load_library
+from sysid_trib.discrepancy.baseline import fit, records_of
+from sysid_trib.discrepancy.noise import Noise, noise_of, oscillations
+from sysid_trib.discrepancy.omnibus import omnibus
+from sysid_trib.discrepancy.probes import Course, Probe, is_frequency, moved_by, probes_of
+from sysid_trib.discrepancy.response import tangent
+from sysid_trib.discrepancy.scores import scores
+from sysid_trib.discrepancy.search import first_baseline, search, tie_class, verdict_of
+from sysid_trib.methods.motions import Problem
+from sysid_trib.simulation import trajectory
+
+CONTACT, EFFECTS = load_library(), load_library("candidate_effects")
+RUN = paper_run(FIVE)
+BASE = CONTACT.select(FIVE)
+TRUTH = np.array([*FIVE.values(), W, 0.3, 0.0, 0.0])
+# Narrower than a cell of the motion, or singular there: no derivative to hold them against.
+SINGULAR = {"stribeck", "stribeck_exponential"}
+
+
+def course(coefficients=FIVE):
+    model = Model(CONTACT, coefficients, W)
+    return Course(model, (0.3, 0.0), RUN.time, tangent(model, RUN.time, 0.3, 0.0))
+
+
+def with_effect(symbol, coefficient, shapes=None):
+    """The paper's run with one effect more."""
+    library = ForceLibrary("with an effect", (*BASE.forces, EFFECTS[symbol]))
+    model = Model(library, FIVE | {symbol: coefficient}, W, shapes or {})
+    return trajectory(model, RUN.time, 0.3, 0.0).angle
+
+
+@pytest.mark.parametrize("solid", [-2.3e-5, 3e-4])
+def test_responses_are_derivatives_of_the_motion(solid):
+    base = FIVE | {"lambda": solid}
+    probes = [Probe(f, {f"{f.symbol}.{k}": v for k, v in f.shape_values().items()}) for f in EFFECTS]
+    moved = moved_by(course(base), probes)
+    for at, probe in enumerate(probes):
+        symbol = probe.force.symbol
+        if symbol in SINGULAR or moved.reasons[at]:
+            continue
+        found = moved.angle[:, at]
+        step = 1e-6 / max(rms(found).item(), 1e-12)
+        library = ForceLibrary("with one", (*CONTACT.forces, probe.force))
+        ends = [
+            trajectory(Model(library, base | {symbol: s * step}, W, probe.shapes), RUN.time, 0.3, 0.0).angle
+            for s in (1.0, -1.0)
+        ]
+        true = (ends[0] - ends[1]) / (2.0 * step)
+        # The net effect of a friction that changes sides is a difference of large parts.
+        limit = 0.05 if symbol == "tilted_friction" else 0.01
+        assert np.linalg.norm(found - true) < limit * np.linalg.norm(true), symbol
+
+
+def test_what_is_not_finite_has_a_reason():
+    library = library_of_formulas(wild="exp(30*t)*x", tame="x**7")
+    moved = moved_by(course(), [Probe(force, {}) for force in library])
+    assert "not finite" in moved.reasons[0]
+    assert moved.reasons[1] == ""
+    assert np.all(moved.angle[:, 0] == 0.0)
+
+
+def test_a_frequency_is_known_by_its_formula():
+    assert is_frequency(EFFECTS["ambient"], "W")
+    assert not is_frequency(EFFECTS["ambient"], "p")
+    assert not is_frequency(EFFECTS["stribeck"], "s")
+    grid = {p.shapes["ambient.W"] for p in probes_of(EFFECTS.select(["ambient"]), [3.0, 11.0])}
+    assert grid == {3.0, 11.0}
+
+
+@pytest.mark.parametrize(("correlation", "order"), [(0.0, 0), (0.6, 1)])
+def test_noise_is_found_without_a_model(correlation, order):
+    levels, orders = [], []
+    for seed in range(12):
+        added = correlated_noise(len(RUN.time), seed, correlation)
+        run = decay(RUN.time, RUN.angle + added)
+        # A wrong model leaves an oscillation a thousand times the noise.
+        wrong = 0.1 * RUN.angle * np.cos(0.2 * RUN.time)
+        found = noise_of(added + wrong, oscillations(run))
+        levels.append(found.level / (NOISE * np.sqrt(1.0 - correlation**2)))
+        orders.append(found.order)
+    assert np.mean(levels) == pytest.approx(1.0, abs=0.02)
+    assert np.median(orders) == order
+
+
+def true_baseline(seed):
+    problem = Problem(BASE, records_of([RUN.decay(seed)]), None, (), {})
+    return fit(problem, TRUTH, [Noise(NOISE, np.ones(1))])
+
+
+def test_errors_of_a_baseline_are_the_bound():
+    found = true_baseline(1)
+    bound = cramer_rao_bound(RUN.model, RUN.time, 0.3, 0.0, NOISE, free=True)
+    mine = np.sqrt(np.diag(found.covariance))[: len(FIVE)]
+    # The zero of the sensor is one unknown more.
+    assert mine == pytest.approx(bound.standard_error.values, rel=0.02)
+
+
+def test_scores_of_noise_are_noise():
+    """Scores are standard normal, and the least p-value of all is below 0.05 in a twentieth of records."""
+    seeds, z, least, generic = 20, [], [], []
+    # A frequency is taken from the record's own spectrum: its score is the largest of many.
+    candidates = EFFECTS.select(s for s in EFFECTS.symbols if s != "ambient")
+    about = [course()]
+    for seed in range(seeds):
+        found = true_baseline(seed)
+        scored = scores(found, candidates, about)
+        good = np.array([not reason for reason in scored.reasons])
+        z.append(scored.z[good])
+        least.append(scored.p_values.min())
+        generic.append(omnibus(found, about).p_value)
+    low, high = rms_range(seeds)
+    each = rms(np.array([values[: min(map(len, z))] for values in z]))
+    assert np.all((each > low) & (each < high))
+    allowed = share_range(seeds, 0.05)[1]
+    assert np.mean(np.array(least) < 0.05) <= allowed
+    assert np.mean(np.array(generic) < 0.05) <= allowed
+
+
+@pytest.mark.parametrize(
+    ("symbol", "coefficient"),
+    [("van_der_pol", 0.13), ("inertia", 0.34), ("partial_slip", 0.12), ("tilted_friction", 2.4e-3)],
+)
+def test_a_hidden_effect_is_named(symbol, coefficient):
+    run = decay(RUN.time, with_effect(symbol, coefficient), seed=3)
+    found = search([run], first_baseline([run], BASE, None), EFFECTS)
+    assert verdict_of(found) == "explained"
+    assert symbol in tie_class(found, found.added[0])
+    at = list(found.final.problem.names).index(found.added[0])
+    if found.added == (symbol,):
+        error = float(np.sqrt(found.final.covariance[at, at]))
+        assert abs(found.final.unknown[at] - coefficient) < 4.0 * error
+
+
+def test_nothing_is_missing_from_the_truth():
+    run = RUN.decay(5)
+    found = search([run], first_baseline([run], BASE, None), EFFECTS)
+    assert found.added == ()
+    assert verdict_of(found) == "nothing missing"
+
+
+def test_an_effect_that_no_candidate_mimics_is_unknown():
+    run = decay(RUN.time, with_effect("even_spring", 5e-3), seed=6)
+    few = EFFECTS.select(["van_der_pol", "quintic", "stiffness_drift"])
+    found = search([run], first_baseline([run], BASE, None), few)
+    assert verdict_of(found) == "unknown effect"
+
+
+def test_two_missing_effects_are_both_named():
+    """The paper's own: without its two elastic forces, a third that mimics both is no answer."""
+    run = RUN.decay(7)
+    start = CONTACT.select(["lambda", "zeta", "delta"])
+    candidates = replace(EFFECTS, forces=(*CONTACT.select(["alpha", "nu", "epsilon"]), *EFFECTS))
+    found = search([run], first_baseline([run], start, None), candidates)
+    assert len(found.added) == 2
+    assert tie_class(found, "nu") == ["nu"]
+    other = next(symbol for symbol in found.added if symbol != "nu")
+    # Gravity and a magnet are cubic, too, at this amplitude.
+    assert "epsilon" in tie_class(found, other)
