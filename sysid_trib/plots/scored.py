@@ -76,11 +76,11 @@ def ranking(tree: xr.DataTree, ax: "Axes | None" = None, scan: int = 0) -> "Axes
     if far:
         ax.set(xscale="log", xlim=(left, right * (right / left) ** 0.15))
         ax.xaxis.set_major_formatter("{x:g}")
-        ax.xaxis.set_minor_formatter("")
+        ax.xaxis.set_minor_formatter(lambda z, _: f"{z:g}" if f"{z:e}"[0] in "25" else "")
     else:
         ax.set_xlim(0.0, 1.15 * right)
     ax.set_xlabel("score |z|")
-    ax.tick_params(labelsize=7)
+    ax.tick_params(labelsize=7, which="both")
     return ax
 
 

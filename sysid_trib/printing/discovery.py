@@ -11,6 +11,8 @@ from sysid_trib.printing.seeing import candidates_of, remedy, strengths_told
 
 # Generic shapes and candidates that are named where they stand out.
 MOST = 3
+# An effect of fewer standard errors in the final model is not significant there.
+FAINT = 3.0
 
 
 def discovery_told(tree: xr.DataTree) -> dict[str, list[str]]:
@@ -46,6 +48,8 @@ def _step_told(tree: xr.DataTree, at: int) -> list[str]:
         f"{value}{unit}, z = {step.z.item():.3g}, corrected p {chance(step.p_value.item())}."
     ]
     told.append(f"   Adding it takes the gap from {_shrinking(tree, at)}.")
+    if abs(step.z.item()) < FAINT:
+        told.append("   In the final model its coefficient is not significant.")
     if step.worsens_holdout.item():
         told.append("   It makes the prediction of what was held out worse: do not trust it yet.")
     tied = step.ties.item().split("; ")[1:]
