@@ -113,7 +113,9 @@ def _residual(tree: xr.DataTree, ax: "Axes", run: int, model: str) -> None:
     step = thinning(data.sizes["time"])
     time = data.time.values[::step]
     gap = (data.angle - data.simulated_angle.sel(model=model)).values[::step]
-    noise = 1e3 * noise_of_run(tree["after"].to_dataset(), run)
+    after = tree["after"].to_dataset()
+    # An identification has the noise of its innovations; the band is that of samples.
+    noise = 1e3 * noise_of_run(after, run) * tree["holdout"].noise.item() / after.noise.item()
     band = ax.axhspan(-2 * noise, 2 * noise, color="0.85", zorder=0)
     ax.plot(time, 1e3 * gap, linewidth=0.5, color=MODELS[model]["color"])
     ax.legend([band], ["± 2 noise levels"], **LEGEND)
