@@ -15,6 +15,7 @@ from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.reading.columns import (
     ANGLE_UNITS,
     LENGTH_UNITS,
+    OFFERED,
     TIME_UNITS,
     choose_columns,
     numbers,
@@ -127,9 +128,9 @@ def _check_options(
     if signal not in ("angle", "rate"):
         raise UsageError(f"signal {signal!r} is unknown: give angle or rate.")
     if units is not None and units not in ANGLE_UNITS | LENGTH_UNITS:
-        raise UsageError(f"units {units!r} are unknown: give rad, deg, mrad, m or mm.")
+        raise UsageError(f"units {units!r} are unknown: give {OFFERED['units']}.")
     if time_units is not None and time_units not in TIME_UNITS:
-        raise UsageError(f"time units {time_units!r} are unknown: give s, ms, us or min.")
+        raise UsageError(f"time units {time_units!r} are unknown: give {OFFERED['time_units']}.")
     if sampling_rate is not None and not 1e-9 <= sampling_rate <= 1e9:
         raise UsageError(f"sampling rate {sampling_rate:g}: give a positive number of samples a second.")
 

@@ -18,7 +18,12 @@ from sysid_trib.holding_out import no_better, predicted, split
 from sysid_trib.method_labels import labelled
 from sysid_trib.methods import Averaging, Direct, LinearDecrement, LogarithmicDecrement, WuDecrement
 from sysid_trib.model import rescaling_factors
-from sysid_trib.printing.comparison import comparison_told
+from sysid_trib.printing.comparison import (
+    coefficient_table,
+    comparison_told,
+    difference_table,
+    quality_table,
+)
 from sysid_trib.result_files import load, save
 
 FORCES = load_library()
@@ -423,6 +428,18 @@ def test_runs_are_saved_told_and_drawn(tmp_path):
     assert "The last third of each run, held out from 16.66 s and 10 s on, is predicted best by" in told
     assert "times each run's noise (0.097 and 0.3 mrad a sample" in told
     assert len(plots.comparison(tree).axes) == len(FIVE) + 2
+    # Digits of a frequency stand in full; an offset would run into the label.
+    axis = plots.coefficients(tree, "asymptotic_frequency").xaxis
+    assert axis.get_major_formatter().get_useOffset() is False
+
+
+def test_a_method_that_does_not_apply_has_a_remark_and_no_other_row():
+    methods = [LogarithmicDecrement(), Direct()]
+    tree = compare(two_runs(), FORCES.select(FIVE), methods)
+    for axes in (plots.coefficients(tree, "zeta"), plots.prediction(tree)):
+        assert [text.get_text() for text in axes.get_yticklabels()] == ["direct"]
+    tables = coefficient_table(tree), difference_table(tree), quality_table(tree)
+    assert [each.row_count for each in tables] == [1, 1, 2]
 
 
 @dataclass(frozen=True)

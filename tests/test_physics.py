@@ -483,6 +483,10 @@ def test_sentences_and_data():
     text = " ".join(sentences)
     for part in ("At 0.3 rad", "At 0.02 rad", "weigh the same", "stops after", "partial slip", "N m s rad-1"):
         assert part in text
+    # What happens at amplitudes that were not seen is told as such.
+    crossings = [s for s in sentences if "weigh the same" in s]
+    missed = [s for s in crossings if "not reached by this motion" in s]
+    assert 0 < len(missed) < len(crossings)
     data = json.loads(json.dumps(as_data(result, [0.02, 0.3], INERTIA), allow_nan=False))
     assert data["weights"][0]["amplitude"] == 0.3
     assert data["arrest"]["arrest_time"]["value"] > 0

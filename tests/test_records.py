@@ -376,7 +376,11 @@ BAD = {
     "time alone": ("time\n0\n1\n2\n", "no column for the angle"),
     "cut off in a row": (table(header="time,angle") + "3.0", "row 301 of column angle is missing"),
     "ragged": (changed(17, angle="0.1,5,6"), "damaged or cut off"),
-    "unknown unit": (table(header="time (s),angle (turns)"), "unit 'turns'"),
+    "unknown unit": (table(header="time (s),angle (turns)"), "unit 'turns' .*--units .*deg"),
+    "empty cell in the first row": (
+        table(header="time,angle").replace("0.300000", "", 1),
+        "row 1 of column angle",
+    ),
     "degrees as radians": (table(header="time,angle", angle=1000 * ANGLE), "--units deg"),
     "cut netcdf": (b"\x89HDF\r\n\x1a\n" + bytes(300), "damaged or cut off"),
     "cut matlab": (b"MATLAB 5.0 MAT-file" + bytes(300), "damaged or cut off"),

@@ -26,6 +26,7 @@ FAMILIES: dict[str, tuple[str, str, str]] = {
 FREQUENCY = "asymptotic_frequency"
 # Height of a panel (inch): of what is about it, and of a method.
 MARGIN, ROW = 0.75, 0.16
+TOLD = ("coefficient", FREQUENCY, "train_over_noise", "holdout_over_noise")
 # A method farther from the best than this many times the usual distance is an arrow at the edge.
 FAR = 5.0
 
@@ -33,13 +34,15 @@ FAR = 5.0
 def comparison(tree: xr.DataTree) -> "Figure":
     """Coefficient of each force and asymptotic frequency by method, and the RMS in time and out of it.
 
+    A method that does not apply has no row.
+
     Parameters
     ----------
     tree : result of `compare`.
     """
     from matplotlib.figure import Figure
 
-    found = tree["comparison"].ds
+    found = _shown(tree)
     names = [*found.force.values.tolist(), FREQUENCY]
     across = min((3, 4), key=lambda columns: -(len(names) + 1) % columns)
     rows = -(-(len(names) + 1) // across)
@@ -65,7 +68,7 @@ def coefficients(tree: xr.DataTree, quantity: str, ax: "Axes | None" = None) -> 
     The band is that of the method that predicts best; an arrow stands for a value beyond the edge.
     """
     ax = axes(ax)
-    found = tree["comparison"].ds
+    found = _shown(tree)
     value, error, label = _quantity(tree, quantity)
     low, high = _limits(value, error, found.method.values.tolist().index(found.attrs["best"]))
     at = found.method.values.tolist().index(found.attrs["best"])
@@ -81,6 +84,7 @@ def coefficients(tree: xr.DataTree, quantity: str, ax: "Axes | None" = None) -> 
             edge, arrow = (high, ">") if value[row] > high else (low, "<")
             ax.plot(edge, row, arrow, color=color, markersize=4, clip_on=False)
     ax.set(xlabel=label, xlim=(low, high))
+    ax.ticklabel_format(axis="x", useOffset=False)
     ax.locator_params(axis="x", nbins=3)
     ax = _with_methods(ax, found)
     # Labels of a coefficient that is well known are long: larger ones run into each other.
@@ -91,7 +95,7 @@ def coefficients(tree: xr.DataTree, quantity: str, ax: "Axes | None" = None) -> 
 def prediction(tree: xr.DataTree, ax: "Axes | None" = None) -> "Axes":
     """RMS of record minus model over the noise: of the part identified from (open), and held out (full)."""
     ax = axes(ax)
-    found = tree["comparison"].ds
+    found = _shown(tree)
     for row, method in enumerate(found.method.values.tolist()):
         color, marker, _ = FAMILIES[_family(tree, method)]
         pair = [float(found[k].values[row]) for k in ("train_over_noise", "holdout_over_noise")]
@@ -102,6 +106,19 @@ def prediction(tree: xr.DataTree, ax: "Axes | None" = None) -> "Axes":
     label = "RMS of record \N{MINUS SIGN} model over noise\nopen: first two thirds; full: held out"
     ax.set(xlabel=label, xscale="log")
     return _with_methods(ax, found)
+
+
+def _shown(tree: xr.DataTree) -> xr.Dataset:
+    """The comparison, of methods that found anything."""
+    found = tree["comparison"].ds
+    told = xr.concat(
+        [
+            found[name].notnull().any("force") if "force" in found[name].dims else found[name].notnull()
+            for name in TOLD
+        ],
+        "what",
+    )
+    return found.isel(method=np.flatnonzero(told.any("what").values))
 
 
 def _with_methods(ax: "Axes", found: xr.Dataset) -> "Axes":
@@ -118,7 +135,7 @@ def _with_methods(ax: "Axes", found: xr.Dataset) -> "Axes":
 
 def _quantity(tree: xr.DataTree, quantity: str) -> tuple[Array, Array, str]:
     """Values, errors, and the label of the axis; a power of ten is in the label, not in the ticks."""
-    found = tree["comparison"].ds
+    found = _shown(tree)
     if quantity == FREQUENCY:
         named = (found[FREQUENCY], found[f"{FREQUENCY}_standard_error"])
         value, error = (column.values for column in named)
@@ -157,7 +174,7 @@ def _family(tree: xr.DataTree, method: str) -> str:
 def _mark(tree: xr.DataTree, method: str) -> dict[str, Any]:
     """The first of a family full, its variants open."""
     family = _family(tree, method)
-    same = [m for m in tree["comparison"].ds.method.values.tolist() if _family(tree, m) == family]
+    same = [m for m in _shown(tree).method.values.tolist() if _family(tree, m) == family]
     face = {} if family == "other" or method == same[0] else {"markerfacecolor": "white"}
     return {"markersize": 4, "markeredgewidth": 0.9, "linewidth": 0.9, "capsize": 1.5} | face
 
@@ -165,7 +182,7 @@ def _mark(tree: xr.DataTree, method: str) -> dict[str, Any]:
 def _handles(tree: xr.DataTree) -> list[Any]:
     from matplotlib.lines import Line2D
 
-    there = {_family(tree, m) for m in tree["comparison"].ds.method.values.tolist()}
+    there = {_family(tree, m) for m in _shown(tree).method.values.tolist()}
     return [
         Line2D([], [], color=color, marker=marker, linestyle="", markersize=4, label=label)
         for family, (color, marker, label) in FAMILIES.items()

@@ -28,8 +28,11 @@ TEXTS = ("reason", "bias", "sees", "blind_to", "cannot_tell_apart", "assumes")
 
 
 def coefficient_table(tree: xr.DataTree) -> "Table":
-    """Coefficients with errors: a row a method, a column a force with its power of ten in the head."""
-    found = tree["comparison"].ds
+    """Coefficients with errors: a row a method, a column a force with its power of ten in the head.
+
+    A method that does not apply has no row here; `quality_table` says why.
+    """
+    found = _applied(tree)
     heads, columns = [], []
     for symbol in found.force.values.tolist():
         one = found.sel(force=symbol)
@@ -48,7 +51,7 @@ def coefficient_table(tree: xr.DataTree) -> "Table":
 
 def difference_table(tree: xr.DataTree) -> "Table":
     """Differences from the method that predicts best, over the errors of both."""
-    found = tree["comparison"].ds
+    found = _applied(tree)
     columns = [
         [
             _signed(z, label == found.attrs["best"])
@@ -142,6 +145,13 @@ def comparison_json(tree: xr.DataTree) -> dict[str, Any]:
             for label, row in zip(found.method.values.tolist(), found[name].values.tolist(), strict=True):
                 methods[label][name] = [number(rms) for rms in row]
     return told
+
+
+def _applied(tree: xr.DataTree) -> xr.Dataset:
+    """The comparison, of methods that found a coefficient or a frequency."""
+    found = tree["comparison"].ds
+    told = found.coefficient.notnull().any("force") | found.asymptotic_frequency.notnull()
+    return found.isel(method=np.flatnonzero(told.values))
 
 
 def _method_table(found: xr.Dataset, heads: list[str], columns: list[list[str]], words: int = 0) -> "Table":

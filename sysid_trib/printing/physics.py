@@ -48,7 +48,7 @@ def told(result: xr.Dataset, amplitude: ArrayLike, inertia: float | None = None)
         for end in ends:
             sentences += _weights_told(result, end)
         sentences += _energy_told(result, ends[0], inertia)
-        sentences += _crossovers_told(crossovers(result))
+        sentences += _crossovers_told(crossovers(result), ends)
         sentences += _arrest_told(arrest_time(result, ends[0]))
     except LibraryError as error:
         sentences.append(f"Weights cannot be told: {error}")
@@ -139,7 +139,8 @@ def _energy_told(result: xr.Dataset, amplitude: float, inertia: float | None) ->
     return [f"A cycle at {amplitude:.3g} rad takes {lost} of the energy I w^2 a^2/2{joule}."]
 
 
-def _crossovers_told(found: xr.Dataset) -> list[str]:
+def _crossovers_told(found: xr.Dataset, ends: list[float]) -> list[str]:
+    """Where two forces weigh the same; an amplitude that the motion does not pass is only extrapolated."""
     sentences = []
     for i in range(found.sizes["pair"]):
         pair = found.isel(pair=i)
@@ -149,10 +150,13 @@ def _crossovers_told(found: xr.Dataset) -> list[str]:
             if np.isfinite(pair.amplitude.sel(rule=rule).item())
         ]
         if rules:
-            opposed = " (they act against each other)" if pair.opposed.item() else ""
+            missed = (pair.amplitude < min(ends)) | (pair.amplitude > max(ends)) | pair.amplitude.isnull()
+            remarks = ["they act against each other"] if pair.opposed.item() else []
+            remarks += ["not reached by this motion"] if missed.all() else []
+            told_too = f" ({'; '.join(remarks)})" if remarks else ""
             sentences.append(
                 f"{pair['first'].item()} and {pair['second'].item()} weigh the same in the "
-                f"{pair.acts_on.item()} at {', '.join(rules)}{opposed}."
+                f"{pair.acts_on.item()} at {', '.join(rules)}{told_too}."
             )
     return sentences
 
@@ -169,7 +173,7 @@ def _arrest_told(found: xr.Dataset) -> list[str]:
 
 def _fingerprint_told(found: xr.Dataset) -> str:
     ratio = f"{found.attrs['numerator']}/{found.attrs['denominator']} = {_with_error(found, 'ratio')}"
-    slip = f"partial slip has -3 pi/4 = {found.slip_ratio.item():.3f}"
+    slip = f"partial slip has -3 pi/4 = {found.slip_ratio.item():.3f} within a tenth"
     apart = f"{found.attrs['verdict']}, {abs(found.z.item()):.3g} errors apart"
     if found.significance.item() < SIGNIFICANT:
         apart += f"; {found.attrs['denominator']} itself is not significant"

@@ -26,6 +26,8 @@ ANGLE_UNITS = {
     **dict.fromkeys(("deg", "degree", "degrees", "°", "dps"), _DEGREE),
 }
 LENGTH_UNITS = {"m": 1.0, "metre": 1.0, "meter": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
+# Units that are told of, by option.
+OFFERED = {"units": "rad, deg, mrad, m or mm", "time_units": "s, ms, us or min"}
 _RATE = re.compile(
     r"(?:^|[\s\[({_/])(dps|(?:m?rad(?:ians?)?|deg(?:rees?)?|°|[cmuµ]?m)"
     r"(?:\s*[/*·]\s*|[\s_]+|[\s_]*per[\s_]*)s(?:ec|econds?)?(?:\^?-1|⁻¹)?)\s*[\])}]?$"
@@ -153,7 +155,7 @@ def unit_factor(
     if unit not in known:
         raise RecordError(
             f"{source}: the unit {unit!r} of column {name} is unknown; "
-            f"name it, one of {', '.join(list(known)[:6])}."
+            f"give --{option.replace('_', '-')} ({option}= in Python): {OFFERED[option]}."
         )
     return known[unit], unit
 

@@ -34,7 +34,9 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None]:
     delimiter, start = _find_block(lines)
     if start is None:
         raise RecordError(f"{path.name}: no rows of numbers were found in it (other formats: {FORMATS}).")
-    header = _header(lines[:start], delimiter, len(_fields(lines[start], delimiter)))
+    # The last cell of the first row may be empty.
+    width = max(len(_fields(line, delimiter)) for line in lines[start : start + 2])
+    header = _header(lines[:start], delimiter, width)
     commas = any("," in line for line in lines[start : start + 50])
     decimal = "," if commas and delimiter != "," else "."
     if delimiter == "," and header and len(header) == 1:
@@ -102,6 +104,9 @@ def _first_row(lines: list[str], delimiter: str | None, start: int, width: int) 
     """Go back over rows that are numbers by half: bad data, not a header."""
     while start > 0 and not _is_comment(lines[start - 1]):
         fields = _fields(lines[start - 1], delimiter)
+        if len(fields) < width:
+            # The last cell may be empty.
+            fields = lines[start - 1].split(delimiter)
         if len(fields) != width or 2 * sum(_is_number(item) for item in fields) < width:
             break
         start -= 1
