@@ -9,8 +9,9 @@ from .draws import NOISE, ONE_SIGN, grid, innovation, noise, oscillator, shapes,
 from .effects import FORCES, SENSORS, Shapes, family, make
 from .generator import Motion, NoDecayError, Oscillator, motion
 
-# Second run: released from this part of the first angle.
+# Second run: released from this part of the first angle; the run that is predicted, from that.
 SECOND = 0.6
+HELD_OUT = 0.8
 # A stronger force is no missing effect but another oscillator.
 STRONGEST = 0.3
 HIDDEN = [*FORCES, *SENSORS]
@@ -46,6 +47,11 @@ class Setting:
     @property
     def time(self) -> np.ndarray:
         return np.arange(self.count) * self.step / self.oscillator.w
+
+    @property
+    def released(self) -> list[float]:
+        """Angles of all runs, that held out last."""
+        return [*self.starts, HELD_OUT * self.starts[0]]
 
     def run(self, symbols: list[tuple[str, Shapes, float]], start: float, **changed: float) -> Motion:
         """The run from `start` with these effects; `changed` adds to base coefficients."""
@@ -103,7 +109,7 @@ class Sight:
 
 @dataclass
 class Case:
-    """Runs (time, angle) to be read, what is offered, and the truth."""
+    """Runs (time, angle) to be read, the last one held out; what is offered; the truth."""
 
     kind: str
     setting: Setting
@@ -131,7 +137,7 @@ def draw_setting(rng: np.random.Generator, colour: str, runs: int) -> Setting:
             weights,
             NOISE * start * innovation(weights),
         )
-        if all(_decays(setting, [], s) for s in setting.starts):
+        if all(_decays(setting, [], s) for s in setting.released):
             return setting
 
 
@@ -150,7 +156,7 @@ def draw(
         effects = [(one.symbol, one.shapes, one.coefficient) for one in hidden]
         if not _admissible(setting, effects):
             continue
-        measured = [_measured(rng, setting, effects, start) for start in setting.starts]
+        measured = [_measured(rng, setting, effects, start) for start in setting.released]
         case = Case(kind, setting, measured, hidden)
         if kind.startswith(("left out", "outside")):
             _leave_out(case)
@@ -196,7 +202,7 @@ def _admissible(setting: Setting, effects: list[tuple[str, Shapes, float]]) -> b
             )
         if abs(c) * size > STRONGEST * setting.starts[0]:
             return False
-    return all(_decays(setting, effects, start) for start in setting.starts)
+    return all(_decays(setting, effects, start) for start in setting.released)
 
 
 def _decays(setting: Setting, effects: list[tuple[str, Shapes, float]], start: float) -> bool:

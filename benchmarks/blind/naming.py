@@ -12,11 +12,12 @@ from sysid_trib.discrepancy.discover import discover
 
 
 def named(paths: Sequence[Path], base: Sequence[str], left_out: Sequence[str]) -> dict[str, Any]:
-    """Verdict, steps and hold-out gap of the runs in these files."""
-    runs = [free_decay(read_record(path)) for path in paths]
+    """Verdict, steps and hold-out gap of the runs in these files, the last one held out."""
+    *runs, unseen = [free_decay(read_record(path)) for path in paths]
     contact, others = load_library(), load_library("candidate_effects")
     offered = tuple(force for force in (*contact, *others) if force.symbol not in {*base, *left_out})
-    tree = discover(runs, contact.select(list(base)), replace(others, forces=offered))
+    model = contact.select(list(base))
+    tree = discover(runs, model, replace(others, forces=offered), holdout=[unseen])
     steps, holdout = tree["steps"].dataset, tree["holdout"].dataset
     return {
         "verdict": tree.attrs["verdict"],
@@ -28,4 +29,4 @@ def named(paths: Sequence[Path], base: Sequence[str], left_out: Sequence[str]) -
 def _step(row: xr.Dataset) -> dict[str, Any]:
     words = {name: str(row[name].item()) for name in ("symbol", "family")}
     numbers = {name: float(row[name]) for name in ("coefficient", "standard_error", "p_value")}
-    return words | numbers | {"ties": str(row.ties.item()).split("; ")}
+    return words | numbers | {"ties": str(row.ties.item()).split("; "), "costs": str(row.tie_costs.item())}

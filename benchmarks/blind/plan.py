@@ -1,6 +1,5 @@
 """Which cases the study runs: deterministic, so that a stopped study goes on where it was."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +9,8 @@ from .effects import STRANGERS
 
 # Classes of strength, by nominal z.
 STRENGTHS = {"8-20": (9.0, 20.0), "20-60": (20.0, 60.0), "60-300": (60.0, 300.0), ">300": (300.0, 1000.0)}
+# Steps through the list of effects, so that a part of the study sees all families; coprime to its length.
+STRIDE = 11
 COLOURS = ("ar1", "ar2", "pink")
 # Pairs are of one of each, so that both can be told.
 FIRST = ("cubic_damping", "stribeck", "van_der_pol", "damping_drift", "jenkins", "tilted_friction")
@@ -43,7 +44,7 @@ class Planned:
             return draw(kind, n, pair, z, sign=sign, colour="white", runs=runs)
         if kind.startswith("left out"):
             z = float(kind.split()[-1])
-            symbol = HIDDEN[(7 * n + 3) % len(HIDDEN)]
+            symbol = HIDDEN[(STRIDE * n + 3) % len(HIDDEN)]
             return draw(kind, n, [symbol], z, sign=sign, colour="white", runs=runs)
         if kind.startswith("outside"):
             z = float(kind.split()[-1])
@@ -53,7 +54,7 @@ class Planned:
         low, high = STRENGTHS[kind.split()[1]]
         z = float(np.exp(rng.uniform(np.log(low), np.log(high))))
         colour = "white" if rng.uniform() < 0.7 else str(rng.choice([*COLOURS[:2], "quantised"]))
-        symbol = HIDDEN[n % len(HIDDEN)]
+        symbol = HIDDEN[(STRIDE * n) % len(HIDDEN)]
         return draw(kind, n, [symbol], z, sign=sign, colour=colour, runs=runs)
 
 
@@ -74,20 +75,10 @@ FULL = {
 
 
 def planned(only: str, most: int | None) -> list[Planned]:
-    """Cases of the classes whose name holds `only`, at most so many of each, mixed."""
-    each: list[Iterator[Planned]] = [
-        iter([Planned(kind, n) for n in range(min(count, most or count))])
-        for kind, count in FULL.items()
-        if only in kind
-    ]
-    # In turn, so that a study that is stopped has seen something of every class.
-    found: list[Planned] = []
-    while each:
-        left = []
-        for one in each:
-            item = next(one, None)
-            if item is not None:
-                found.append(item)
-                left.append(one)
-        each = left
-    return found
+    """Cases of the classes whose name holds `only`, at most so many of each.
+
+    Mixed in the proportions of the whole, so that a study that is stopped has seen something of every class.
+    """
+    counts = {kind: min(count, most or count) for kind, count in FULL.items() if only in kind}
+    found = [((n + 0.5) / count, Planned(kind, n)) for kind, count in counts.items() for n in range(count)]
+    return [one for _, one in sorted(found, key=lambda pair: pair[0])]

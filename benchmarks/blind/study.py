@@ -45,7 +45,7 @@ def run(one: Planned) -> dict[str, Any]:
     row = {
         "key": one.key,
         "kind": one.kind,
-        "runs": len(case.runs),
+        "runs": len(case.runs) - 1,
         "colour": case.setting.colour,
         "base": case.setting.oscillator.base,
         "start": case.setting.starts[0],
