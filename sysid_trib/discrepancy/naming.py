@@ -24,12 +24,13 @@ Array = NDArray[np.float64]
 # Candidates within this chi-square of the best explain the record as well (three standard errors).
 TIE = 9.0
 # What a shape parameter must gain in chi-square to be worth it: of two forces that explain as much, the one
-# with fewer parameters is named. A frequency is found among hundreds.
-PRICE = 4.0
-PRICE_OF_FREQUENCY = 14.0
-# Twins that are fitted: so many at most, and those whose predicted chi-square is within this part of what the
-# effect explains; scores are linear, and shapes come from a grid.
-TWINS = 8
+# with fewer parameters is named. More than `TIE`: a force that contains the named one as a limit, and so fits
+# as well whatever is true, is no rival. A frequency is found among hundreds.
+PRICE = 10.0
+PRICE_OF_FREQUENCY = 20.0
+# Twins that are fitted: so many at most without shapes and as many with, and those whose predicted chi-square
+# is within this part of what the effect explains; scores are linear, and shapes come from a grid.
+TWINS = 5
 SLACK = 0.001
 SLACK_OF_SHAPES = 0.003
 # Shapes are looked at more finely within this part of what the effect explains.
@@ -170,7 +171,11 @@ def twins(
         shapes = [at for at in near.values() if shaped[at] and beyond[at] < REACH + COARSE * explained]
         finest, found = found, finer(found, shapes, fitted, courses)
     slack = np.where(shaped > 0, SLACK_OF_SHAPES, SLACK) * explained
-    kept = [at for at in near.values() if beyond[at] <= slack[at]][:TWINS]
+    wanted = [at for at in near.values() if beyond[at] <= slack[at]]
+    kept = [
+        *[at for at in wanted if not shaped[at]][:TWINS],
+        *[at for at in wanted if shaped[at]][:TWINS],
+    ]
     # Without the effect, but with what is left if it stays in the motion: a start for what takes its place.
     mine = _own_columns(fitted, symbol)
     alone = replace(
