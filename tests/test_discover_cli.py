@@ -104,7 +104,8 @@ def test_story_of_the_twin(twin):
     gaps = [residual_of(tree, model) / noise_of(tree) for model in ("before", "after")]
     assert f"{gaps[0]:.3g} times the noise" in told
     assert "The start model (lambda, zeta, delta)" in told
-    assert "most at large amplitude: a conservative force is missing, or the clock is wrong" in told
+    assert "Most of it is phase, most at large amplitude." in told
+    assert "a conservative force is missing, or the clock is wrong." in told
     for step in found["steps"]:
         assert f"{step['symbol']}, {step['name']} {step['formula']}" in told
         assert f"z = {step['z']:.3g}" in told

@@ -3,16 +3,9 @@
 import numpy as np
 import xarray as xr
 
+from sysid_trib.printing.kinds import kind_told
 from sysid_trib.runs import record_groups
 
-MEANING = {
-    "phase": "a conservative force is missing, or the clock is wrong",
-    "amplitude": "a dissipative force is missing",
-    "offset": "an even force is missing, or the zero of the sensor moves",
-    "second harmonic": "an even force is missing, or the sensor is not linear",
-    "third harmonic": "a force of another form within the cycle is missing, or the sensor is not linear",
-}
-BOTH = "forces of both types are missing, or one with memory"
 UNKNOWN = "what is left does not follow the motion: vibration from outside, or noise of another kind"
 # Places that a sentence tells; a gap that is everywhere needs none.
 WHERE = {
@@ -58,9 +51,9 @@ def place_told(tree: xr.DataTree, group: str) -> list[str]:
     told.append(f"{_sizes_told(found)}.")
     if rates := _rates_told(found, parts[0]):
         told.append(rates)
-    both = set(parts[:2]) == {"phase", "amplitude"}
-    most, meaning = ("phase and amplitude", BOTH) if both else (parts[0], MEANING[parts[0]])
-    return [*told, f"Most of it is {most}{WHERE.get(found.attrs['where'], '')}: {meaning}."]
+    most = "phase and amplitude" if set(parts[:2]) == {"phase", "amplitude"} else parts[0]
+    told.append(f"Most of it is {most}{WHERE.get(found.attrs['where'], '')}.")
+    return [*told, *filter(None, [kind_told(tree, -1 if group.endswith("after") else 0)])]
 
 
 def _departure_told(tree: xr.DataTree, found: xr.Dataset) -> str:
