@@ -3,15 +3,14 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.signal import lfilter
 
 from .draws import NOISE, ONE_SIGN, grid, innovation, noise, oscillator, shapes, whitener
 from .effects import FORCES, SENSORS, Shapes, family, make
-from .generator import Motion, NoDecayError, Oscillator, motion
+from .generator import NoDecayError
+from .sight import SMALL, Setting, Sight, beside
 
-# Second run: released from this part of the first angle; the run that is predicted, from that.
+# A second run is released from this part of the first angle.
 SECOND = 0.6
-HELD_OUT = 0.8
 # A stronger force is no missing effect but another oscillator.
 STRONGEST = 0.3
 HIDDEN = [*FORCES, *SENSORS]
@@ -30,81 +29,6 @@ class Hidden:
     coefficient: float
     shapes: Shapes
     z: float
-
-
-@dataclass
-class Setting:
-    """What a case is drawn from: the oscillator, its runs, and how the noise is whitened."""
-
-    oscillator: Oscillator
-    starts: list[float]
-    step: float
-    count: int
-    colour: str
-    weights: np.ndarray
-    level: float
-
-    @property
-    def time(self) -> np.ndarray:
-        return np.arange(self.count) * self.step / self.oscillator.w
-
-    @property
-    def released(self) -> list[float]:
-        """Angles of all runs, that held out last."""
-        return [*self.starts, HELD_OUT * self.starts[0]]
-
-    def run(self, symbols: list[tuple[str, Shapes, float]], start: float, **changed: float) -> Motion:
-        """The run from `start` with these effects; `changed` adds to base coefficients."""
-        base = self.oscillator.base
-        moved = Oscillator(self.oscillator.w, base | {k: base.get(k, 0.0) + q for k, q in changed.items()})
-        active = [(make(s, p), c) for s, p, c in symbols if s not in SENSORS]
-        found = motion(moved, active, start, self.step, self.count)
-        x = found.x.copy()
-        for symbol, _, c in symbols:
-            if symbol in SENSORS:
-                x += c * SENSORS[symbol](found.x, found.v, self.time)
-        return Motion(x, found.v)
-
-    def whitened(self, columns: np.ndarray) -> np.ndarray:
-        return lfilter(self.weights, [1.0], columns, axis=0) / self.level
-
-
-class Sight:
-    """What a record shows of an effect beside its model's own unknowns, by finite differences."""
-
-    def __init__(self, setting: Setting) -> None:
-        self.setting = setting
-        self.plain = [setting.run([], start) for start in setting.starts]
-        blocks = [self._unknowns(i) for i in range(len(setting.starts))]
-        shared = np.concatenate([shared for shared, _ in blocks])
-        own = [
-            np.concatenate([o if i == j else np.zeros_like(o) for j, (_, o) in enumerate(blocks)])
-            for i in range(len(blocks))
-        ]
-        table = np.concatenate([shared, *own], axis=1)
-        self.space, _ = np.linalg.qr(table / np.linalg.norm(table, axis=0))
-
-    def _unknowns(self, i: int) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives by base coefficients and w, and by start angle, start rate and offset, of one run."""
-        setting, start, plain = self.setting, self.setting.starts[i], self.plain[i]
-        size = {"lambda": 1e-8 * start, "zeta": 1e-8, "delta": 1e-7, "nu": 1e-7, "epsilon": 1e-6}
-        shared = [
-            (setting.run([], start, **{k: size[k]}).x - plain.x) / size[k] for k in setting.oscillator.base
-        ]
-        # tau = w t and the start rate shifts the time.
-        shared.append(plain.v * setting.time)
-        by_start = (setting.run([], start * (1 + 1e-7)).x - plain.x) / (start * 1e-7)
-        own = [by_start, plain.v, np.ones(setting.count)]
-        return setting.whitened(np.stack(shared, axis=1)), setting.whitened(np.stack(own, axis=1))
-
-    def response(self, symbol: str, p: Shapes) -> tuple[np.ndarray, np.ndarray]:
-        """Derivative of all runs by the coefficient, whitened: whole, and outside of the unknowns."""
-        small, parts = 1e-7, []
-        for start, plain in zip(self.setting.starts, self.plain, strict=True):
-            moved = self.setting.run([(symbol, p, small)], start).x - plain.x
-            parts.append(self.setting.whitened(moved[:, None])[:, 0] / small)
-        whole = np.concatenate(parts)
-        return whole, whole - self.space @ (self.space.T @ whole)
 
 
 @dataclass
@@ -174,33 +98,26 @@ def _hidden(
     found = []
     for i, (symbol, p) in enumerate(drawn):
         others = [u for j, u in enumerate(outside) if j != i]
-        size = float(np.linalg.norm(_beside(outside[i], others)))
+        size = float(np.linalg.norm(beside(outside[i], others)))
         way = 1.0 if symbol in ONE_SIGN else sign
         found.append(Hidden(symbol, family(symbol), way * z / max(size, 1e-9), p, way * z))
     return found
 
 
-def _beside(u: np.ndarray, others: list[np.ndarray]) -> np.ndarray:
-    """The part of a response outside of those of others."""
-    if not others:
-        return u
-    basis, _ = np.linalg.qr(np.stack(others, axis=1))
-    return np.asarray(u - basis @ (basis.T @ u))
-
-
 def _admissible(setting: Setting, effects: list[tuple[str, Shapes, float]]) -> bool:
     """Whether the effects are weak beside the spring, and the motion with them still decays."""
+    x = setting.starts[0]
     for symbol, p, c in effects:
-        weak = setting.run([(symbol, p, 1e-7)], setting.starts[0]) if symbol in SENSORS else None
-        if weak is not None:
-            size = np.abs(weak.x - setting.run([], setting.starts[0]).x).max() / 1e-7
+        if symbol in SENSORS:
+            seen, true = setting.run([(symbol, p, SMALL)], x), setting.run([], x)
+            size = np.abs(seen.x - true.x).max() / SMALL
         else:
-            x = setting.starts[0]
+            push = make(symbol, p).push
             size = max(
-                abs(make(symbol, p).push(q * x, r * x, 1.0, 1.0, setting.time[-1], [x, x]))
+                abs(push(q * x, r * x, 1.0, 1.0, setting.time[-1], [x, x]))
                 for q, r in ((1.0, 0.0), (0.0, 1.0), (0.7, 0.7), (0.45, 0.9), (0.9, 0.45))
             )
-        if abs(c) * size > STRONGEST * setting.starts[0]:
+        if abs(c) * size > STRONGEST * x:
             return False
     return all(_decays(setting, effects, start) for start in setting.released)
 
@@ -246,7 +163,7 @@ def _leave_out(case: Case) -> None:
                 u = sight.response(symbol, p)[1]
             except NoDecayError:
                 continue
-            rest = float(np.linalg.norm(_beside(y, [u]))) if np.linalg.norm(u) > 0.0 else np.inf
+            rest = float(np.linalg.norm(beside(y, [u]))) if np.linalg.norm(u) > 0.0 else np.inf
             if rest < left.get(symbol, (np.inf, u))[0]:
                 left[symbol] = (rest, u)
     if case.kind.startswith("left out"):
@@ -255,5 +172,5 @@ def _leave_out(case: Case) -> None:
         case.left_out = [truth.symbol, *near]
     stay = sorted((rest, s) for s, (rest, _) in left.items() if s not in case.left_out)
     best = left[stay[0][1]][1]
-    pair = min(float(np.linalg.norm(_beside(y, [best, left[s][1]]))) for _, s in stay[1:])
+    pair = min(float(np.linalg.norm(beside(y, [best, left[s][1]]))) for _, s in stay[1:])
     case.beyond = [stay[0][0], pair]
