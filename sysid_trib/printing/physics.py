@@ -51,7 +51,7 @@ def told(result: xr.Dataset, amplitude: ArrayLike, inertia: float | None = None)
         sentences += _crossovers_told(crossovers(result), ends)
         sentences += _arrest_told(arrest_time(result, ends[0]))
     except LibraryError as error:
-        sentences.append(f"Weights cannot be told: {error}")
+        sentences.append(f"The rest cannot be told: {error}")
     if _holds_fingerprint(result):
         sentences.append(_fingerprint_told(slip_fingerprint(result)))
     if inertia is not None:
