@@ -166,7 +166,7 @@ def twins(
         beyond = left + np.array([price_of(p.force) for p in found.probes]) - own - TIE
         near: dict[str, int] = {}
         for at in np.argsort(beyond).tolist():
-            if found.can_be(at, float(along[at] / max(size[at], 1e-300))):
+            if found.can_be(at, float(along[at] / max(size[at], 1e-300)), instead=True):
                 near.setdefault(found.probes[at].force.symbol, at)
         shapes = [at for at in near.values() if shaped[at] and beyond[at] < REACH + COARSE * explained]
         finest, found = found, finer(found, shapes, fitted, courses)

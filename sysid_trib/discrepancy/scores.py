@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 
 # A response of which less than this part is outside of what the model's unknowns can move is not testable.
 TESTABLE = 1e-5
+SAME = "not testable on this record: the model's own unknowns move the same"
 # A force beyond this part of the restoring force is not small: scores say nothing of it.
 STRONGEST = 0.5
 # Draws of the largest score of noise.
@@ -54,9 +55,13 @@ class Scores:
     tests: float
     p_values: Array
 
-    def can_be(self, at: int, coefficient: float) -> bool:
-        """Whether a probe can be tested, and with this coefficient stays below the restoring force."""
-        return not self.reasons[at] and abs(coefficient) * float(self.strength[at]) < STRONGEST
+    def can_be(self, at: int, coefficient: float, *, instead: bool = False) -> bool:
+        """Whether a probe can be tested, and with this coefficient stays below the restoring force.
+
+        `instead` : in place of a force of the model, where beside it it may be the same.
+        """
+        good = self.reasons[at] in (("", SAME) if instead else ("",))
+        return good and abs(coefficient) * float(self.strength[at]) < STRONGEST
 
     def best(self) -> list[int]:
         """The probe of each force that scores highest, forces that cannot be tested left out, best first."""
@@ -103,7 +108,7 @@ def _scored(
     share = np.divide(size, whole, out=np.zeros_like(size), where=whole > 0.0)
     reasons = [next((r for one in each if (r := one.reasons[at])), "") for at in range(len(probes))]
     for at in np.flatnonzero(share < TESTABLE):
-        reasons[at] = reasons[at] or "not testable on this record: the model's own unknowns move the same"
+        reasons[at] = reasons[at] or SAME
     good = np.array([not reason for reason in reasons])
     directions = np.where(good, outside / np.where(size > 0.0, size, 1.0), 0.0)
     strength = np.max([one.strength for one in each], axis=0)

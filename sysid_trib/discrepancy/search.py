@@ -121,6 +121,12 @@ def search(
             baseline, changed = refreshed(problem, alone.unknown, bases), True
         if not changed:
             break
+        ties = {}
+    final = scans[-1]
+    if final.before is not baseline:
+        final = _scanned(baseline, candidates, added, seed)
+        scans.append(final)
+    ties = {s: ties.get(s) or twins(baseline, s, final.found, final.courses, runs) for s in added}
     return Search(scans, baseline, added, ties)
 
 
