@@ -24,6 +24,8 @@ TOLERANCE = 1e-11
 NODES = 16
 # Of an octave: a signature with a kink, as where a slip begins, is halved no further.
 SHORTEST = 0.01
+# Part of the amplitude to which a tabulated force is known at least.
+CANCELLED = 1e-14
 NOISE = 1e-6
 
 Panel = tuple[float, float, Array]
@@ -141,7 +143,9 @@ class Averaged:
         a = 2.0 ** (low + 0.5 * (nodes + 1.0) * (high - low))
         values = np.sum([self._weighted(force, a) for force in self.others], axis=0).T
         series = np.asarray(chebyshev.chebfit(nodes, values, NODES - 1))
-        last = np.abs(series[-3:]).max() / np.abs(series).max(initial=1e-300)
+        # Beside the spring's a, what a formula such as sin(x) - x loses to rounding is nothing.
+        size = max(np.abs(series).max(initial=1e-300), CANCELLED / TOLERANCE * 2.0**high)
+        last = np.abs(series[-3:]).max() / size
         if last < TOLERANCE or high - low < SHORTEST or 0.5 * before < last < NOISE:
             yield low, high, series
         else:

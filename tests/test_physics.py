@@ -28,6 +28,7 @@ from sysid_trib.simulation import simulate, trajectory
 
 INERTIA = 1.33e-6
 # Dry friction, so that the motion stops, and every pair of forces far from its limits.
+PENDULUM = {"lambda": "sign(v)", "zeta": "2*v", "gravity": "sin(x) - x"}
 DRY = {"lambda": 1e-3, "zeta": 0.01, "delta": 0.04, "nu": -0.4, "epsilon": 0.3}
 
 
@@ -326,6 +327,14 @@ def test_crossovers_of_forces_that_are_no_powers():
             assert first == pytest.approx(second, rel=1e-6)
     # Jenkins' friction is weak where it sticks and where it slips far: it leads in between only.
     assert found.crossings.sel(pair="zeta jenkins envelope", rule="averaged").item() == 2
+
+
+def test_arrest_with_a_force_that_cancels_at_small_amplitude():
+    library = parse_library({"force": [{"symbol": s, "formula": f} for s, f in PENDULUM.items()]}, "test")
+    found = arrest_time(known({"lambda": 1e-3, "zeta": 0.01, "gravity": 1.0}, library=library), 0.3)
+    alone = arrest_time(known({"lambda": 1e-3, "zeta": 0.01}), 0.3)
+    # Gravity restores and does not damp.
+    assert found.arrest_time.item() == pytest.approx(alone.arrest_time.item(), rel=1e-9)
 
 
 def test_where_there_is_no_crossover_there_is_none():

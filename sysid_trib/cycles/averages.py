@@ -23,6 +23,8 @@ SAMPLES = 97
 # A piece is accepted when doubling its nodes changes it by less than this part of the mean of |h|.
 ACCEPTED = 3e-13
 NOISE = 1e-6
+# Plus this part of the amplitude: at small ones sin(x) - x is rounding of x.
+CANCELLED = 1e-14
 # Part of the mean of |h| below which an average is rounding.
 ROUNDING = 1e-14
 MAX_ROUNDS = 60
@@ -219,7 +221,7 @@ def _integrals(
         done = error <= ACCEPTED * size[row]
         left = np.bincount(row[~done], error[~done], len(total))
         # Halving does not lessen the rounding of a formula that cancels, as log(1 + v/s) at small v does.
-        noise = (left > 0.6 * before) & (left < NOISE * size) & (turn > 2)
+        noise = (left > 0.6 * before) & (left < NOISE * size + CANCELLED * rows["a"]) & (turn > 2)
         done, before = done | noise[row], left
         np.add.at(total, row[done], fine[done])
         if done.all():
