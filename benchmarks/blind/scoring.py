@@ -8,6 +8,8 @@ import numpy as np
 Row = dict[str, Any]
 STRENGTHS = ("8-20", "20-60", "60-300", ">300")
 SIZES = {"8-20": 3.5, "20-60": 2.3, "60-300": 1.3}
+# Bouc-Wen hysteresis with n = 1 is Dahl's, its coefficient over b.
+SAME = ({"dahl", "bouc_wen"},)
 # Above this z the gap that is left is no matter of chance.
 CLEAR = 30.0
 
@@ -17,15 +19,20 @@ def classes(row: Row) -> list[list[str]]:
     return [step["ties"] for step in row["found"]["steps"]]
 
 
+def names(truth: str) -> set[str]:
+    """The truth's symbols: one force may be written in two ways."""
+    return next((same for same in SAME if truth in same), {truth})
+
+
 def hit(row: Row) -> bool:
     """Whether every hidden effect is in the tie class of a step."""
-    return all(any(one["symbol"] in ties for ties in classes(row)) for one in row["hidden"])
+    return all(any(names(one["symbol"]) & {*ties} for ties in classes(row)) for one in row["hidden"])
 
 
 def size(row: Row) -> int:
     """Size of the class that holds the truth, or of the first."""
-    truth = row["hidden"][0]["symbol"]
-    return min([len(ties) for ties in classes(row) if truth in ties] or [len(classes(row)[0])])
+    truth = names(row["hidden"][0]["symbol"])
+    return min([len(ties) for ties in classes(row) if truth & {*ties}] or [len(classes(row)[0])])
 
 
 def family_right(row: Row) -> bool:
