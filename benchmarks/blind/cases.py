@@ -41,6 +41,8 @@ class Case:
     setting: Setting
     runs: list[tuple[np.ndarray, np.ndarray]]
     hidden: list[Hidden]
+    # RMS of the noise of the run held out (rad).
+    noise: float
     left_out: list[str] = field(default_factory=list)
     # z that the best one (two) of the candidates would leave of the truth.
     beyond: list[float] = field(default_factory=list)
@@ -83,7 +85,8 @@ def draw(
         if not _admissible(setting, effects):
             continue
         measured = [_measured(rng, setting, effects, start) for start in setting.released]
-        case = Case(kind, setting, measured, hidden)
+        runs_read = [(setting.time, angle) for angle, _ in measured]
+        case = Case(kind, setting, runs_read, hidden, noise=measured[-1][1])
         if kind.startswith(("left out", "outside")):
             _leave_out(case)
         return case
@@ -135,16 +138,17 @@ def _decays(setting: Setting, effects: list[tuple[str, Shapes, float]], start: f
 
 def _measured(
     rng: np.random.Generator, setting: Setting, effects: list[tuple[str, Shapes, float]], start: float
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, float]:
+    """A run as it is measured, and the RMS of its noise."""
     level, zero = NOISE * setting.starts[0], rng.uniform(-0.01, 0.01) * start
-    angle = setting.run(effects, start).x + zero
+    true = setting.run(effects, start).x + zero
     if setting.colour == "quantised":
         # A little noise beside, as any sensor has.
         least = np.sqrt(12.0) * level
-        angle = least * np.round((angle + 0.2 * level * rng.standard_normal(len(angle))) / least)
+        angle = least * np.round((true + 0.2 * level * rng.standard_normal(len(true))) / least)
     else:
-        angle = angle + level * noise(rng, setting.colour, setting.weights, len(angle))
-    return setting.time, angle
+        angle = true + level * noise(rng, setting.colour, setting.weights, len(true))
+    return angle, float(np.sqrt(np.mean((angle - true) ** 2)))
 
 
 def _leave_out(case: Case) -> None:

@@ -12,7 +12,7 @@ from sysid_trib.discrepancy.discover import discover
 
 
 def named(paths: Sequence[Path], base: Sequence[str], left_out: Sequence[str]) -> dict[str, Any]:
-    """Verdict, steps and hold-out gap of the runs in these files, the last one held out."""
+    """Verdict, steps and hold-out RMS before and after, of the runs in these files, the last one held out."""
     *runs, unseen = [free_decay(read_record(path)) for path in paths]
     contact, others = load_library(), load_library("candidate_effects")
     offered = tuple(force for force in (*contact, *others) if force.symbol not in {*base, *left_out})
@@ -22,7 +22,7 @@ def named(paths: Sequence[Path], base: Sequence[str], left_out: Sequence[str]) -
     return {
         "verdict": tree.attrs["verdict"],
         "steps": [_step(steps.isel(step=i)) for i in range(steps.sizes.get("step", 0))],
-        "gap": float(holdout.gap_above_noise[-1]),
+        "holdout": [float(holdout.rms[0]), float(holdout.rms[-1])],
     }
 
 

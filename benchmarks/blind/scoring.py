@@ -94,11 +94,8 @@ def table(rows: list[Row]) -> str:
     for runs in (1, 2):
         some = [row for row in effects if row["runs"] == runs]
         share(f"truth in the tie class, {runs} run(s)", "", some, hit)
-    gaps = [
-        row["found"]["gap"]
-        for row in effects
-        if abs(row["hidden"][0]["z"]) >= CLEAR and hit(row) and row["found"]["gap"] is not None
-    ]
+    clear = [row for row in effects if abs(row["hidden"][0]["z"]) >= CLEAR and hit(row)]
+    gaps = [row["found"]["gap"] for row in clear if np.isfinite(row["found"]["gap"])]
     if gaps:
         low, middle, high = 100 * np.quantile(gaps, [0.05, 0.5, 0.95])
         lines.append(
