@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from sysid_trib.agreement import fitted_motion
+from sysid_trib.forces import ForceLibrary
 from sysid_trib.library_files import parse_library
 from sysid_trib.results import library_of
 from sysid_trib.runs import root_mean_square
@@ -210,7 +211,15 @@ def _counted_from(result: xr.Dataset, seconds: float) -> xr.Dataset:
     """The identification with `t` of its formulas moved, for a motion that starts so much later."""
     if not any(force.holds_time for force in library_of(result)):
         return result
-    data = tomllib.loads(result.attrs["library"])
+    library = counted_from(library_of(result, whole=True), seconds)
+    return result.assign_attrs(library=library.to_toml())
+
+
+def counted_from(library: ForceLibrary, seconds: float) -> ForceLibrary:
+    """The forces with `t` of their formulas moved, for a motion that starts so much later."""
+    if not any(force.holds_time for force in library):
+        return library
+    data = tomllib.loads(library.to_toml())
 
     def moved(formula: Any) -> Any:
         if isinstance(formula, dict):
@@ -219,5 +228,4 @@ def _counted_from(result: xr.Dataset, seconds: float) -> xr.Dataset:
 
     for force in data["force"]:
         force |= {key: moved(force[key]) for key in ("formula", "state", "memory", "start") if key in force}
-    library = parse_library(data, result.attrs["library_source"])
-    return result.assign_attrs(library=library.to_toml())
+    return parse_library(data, library.source)

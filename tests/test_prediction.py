@@ -73,7 +73,9 @@ CLOSED = [
 ]
 
 
-@pytest.mark.parametrize(("coefficients", "start", "closed", "arrest"), CLOSED, ids=[str(case[0]) for case in CLOSED])
+@pytest.mark.parametrize(
+    ("coefficients", "start", "closed", "arrest"), CLOSED, ids=[str(case[0]) for case in CLOSED]
+)
 def test_envelope_and_arrest_are_the_closed_solutions(coefficients, start, closed, arrest):
     found = predicted(coefficients, start)
     np.testing.assert_allclose(found.amplitude, closed(TIME), atol=1e-10)

@@ -22,6 +22,7 @@ from sysid_trib.discrepancy.search import (
     verdict_of,
 )
 from sysid_trib.discrepancy.stages import WORSE, Stages, labelled, stages_of
+from sysid_trib.discrepancy.thinning import thinned
 from sysid_trib.errors import UsageError
 from sysid_trib.forces import Force, ForceLibrary
 from sysid_trib.methods.fitting import rms
@@ -61,7 +62,8 @@ def discover(
 
     Returns
     -------
-    DataTree. attrs: `verdict` (`explained`, `unknown effect`, `nothing missing`), `left_out`. Groups:
+    DataTree, of records thinned to some sixty samples a period (attrs `thinned`). attrs: `verdict`
+    (`explained`, `unknown effect`, `nothing missing`), `left_out`. Groups:
     `record` (`record_1`, ... of several runs) with `simulated_angle(model)` before and after;
     `disagreement` and `disagreement_after` (see `locate.disagreement`); `forecast` and `forecast_after` (see
     `forecast`); `ranking` of the candidates before each step; `steps`, the effects added; `before` and
@@ -74,7 +76,7 @@ def discover(
     DecayError
         The decay cannot support the start model.
     """
-    runs = as_runs(decay)
+    runs = [thinned(run) for run in as_runs(decay)]
     if not len(model_forces):
         raise UsageError("The start model has no force; give at least one, such as a viscous one.")
     model = unknown_forces(model_forces, reference_frequency)
@@ -86,7 +88,8 @@ def discover(
     found = search(runs, start, offered, max_effects=max_effects, level=level, seed=seed, told=tell)
     tell("hold-out")
     unseen = as_runs(holdout) if isinstance(holdout, xr.Dataset) or len(holdout) else []
-    stages = stages_of(found, unseen)
+    unseen = [thinned(part) for part in unseen]
+    stages = stages_of(found, runs, unseen)
     tell("where they disagree")
     verdict = verdict_of(found, level)
     tree = _tree(runs, found, stages, offered)
@@ -98,7 +101,8 @@ def discover(
         "candidates": offered.to_toml(),
         "verdict": verdict,
         "left_out": ", ".join(left_out),
-        "held_out": f"{len(unseen)} runs" if unseen else "the last third of each run",
+        "held_out": f"{len(unseen)} run{'s' * (len(unseen) > 1)}" if unseen else "the last third of each run",
+        "thinned": "; ".join(filter(None, (run.attrs.get("thinned", "") for run in runs))),
     }
     return tree
 

@@ -6,17 +6,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from sysid_trib.discrepancy.baseline import Baseline, fit
 from sysid_trib.discrepancy.naming import without_force
 from sysid_trib.discrepancy.search import Search
 from sysid_trib.errors import SysidTribError
+from sysid_trib.holding_out import counted_from
 from sysid_trib.methods.fitting import rms
-from sysid_trib.methods.motions import Problem, Record
+from sysid_trib.methods.motions import Record
 from sysid_trib.results import Estimate, identification
 from sysid_trib.runs import one_or_all, root_mean_square, run_noise, start_variables
-from sysid_trib.start import first_guess
+from sysid_trib.start import first_guess, fit_start
 
 Array = NDArray[np.float64]
 
@@ -34,35 +34,62 @@ class Stages:
     holdout: Array
 
 
-def stages_of(found: Search, unseen: Sequence[xr.Dataset]) -> Stages:
+def stages_of(found: Search, runs: Sequence[xr.Dataset], unseen: Sequence[xr.Dataset]) -> Stages:
     """The start model, and the models with one, two, ... of the effects found.
 
-    `unseen` : runs that took no part; without any the models are fitted again on the first two thirds of
-    each run, and predict the rest. What predicts has its start and the sensor's zero fitted to what it
-    predicts, nothing else.
+    `unseen` : runs, or other parts of the same records, that took no part; without any the models are fitted
+    again on the first two thirds of each run, and predict the rest. What predicts has its start and the
+    sensor's zero fitted to what it predicts, nothing else.
     """
-    models = [found.final]
-    for symbol in found.added[:0:-1]:
-        problem, unknown = without_force(models[0], symbol)
-        models.insert(0, fit(problem, unknown, found.final.noises, far=True))
+    models = [found.scans[0].before]
+    for count in range(1, len(found.added)):
+        models.append(_between(found, count))
     if found.added:
-        models.insert(0, found.scans[0].before)
-    return Stages(models, np.array([_held_out(model, unseen) for model in models]))
+        models.append(found.final)
+    return Stages(models, np.array([_held_out(model, runs, unseen) for model in models]))
 
 
-def _held_out(model: Baseline, unseen: Sequence[xr.Dataset]) -> float:
-    if unseen:
-        records = tuple(Record(u.time.values.astype(float), u.angle.values.astype(float)) for u in unseen)
-        trained = model
-    else:
-        cut = [round(TRAINED * len(record.time)) for record in model.problem.records]
-        first, records = zip(*map(_split, model.problem.records, cut), strict=True)
-        problem = replace(model.problem, records=first)
-        trained = fit(problem, model.unknown, model.noises, far=True)
+def _between(found: Search, count: int) -> Baseline:
+    """The model with the first effects: as the search had it, or the final one without the others."""
+    symbols = set(found.added[:count])
+    start = set(found.scans[0].before.problem.library.symbols)
+    known = [
+        scan.before for scan in found.scans if set(scan.before.problem.library.symbols) == start | symbols
+    ]
+    if known:
+        return min(known, key=lambda model: rms(np.concatenate(model.problem.residuals(model.unknown))))
+    model = found.final
+    for symbol in found.added[: count - 1 : -1]:
+        problem, unknown = without_force(model, symbol)
+        model = fit(problem, unknown, found.final.noises, far=True)
+    return model
+
+
+def _held_out(model: Baseline, runs: Sequence[xr.Dataset], unseen: Sequence[xr.Dataset]) -> float:
+    """RMS (rad) of what a model leaves of what it has not seen, nan if it has no motion there."""
+    starts = [float(record.time[0]) for record in model.problem.records]
     try:
-        return rms(np.concatenate(_predicted(trained, records)))
+        if unseen:
+            pairs = [(_times_and_angles(part), _origin(part, runs)) for part in unseen]
+            return _predicted(model, pairs)
+        cut = [round(TRAINED * len(record.time)) for record in model.problem.records]
+        first, last = zip(*map(_split, model.problem.records, cut), strict=True)
+        trained = fit(replace(model.problem, records=first), model.unknown, model.noises, far=True)
+        pairs = [((record.time, record.angle), start) for record, start in zip(last, starts, strict=True)]
+        return _predicted(trained, pairs)
     except SysidTribError:
         return float("nan")
+
+
+def _times_and_angles(part: xr.Dataset) -> tuple[Array, Array]:
+    return part.time.values.astype(float), part.angle.values.astype(float)
+
+
+def _origin(part: xr.Dataset, runs: Sequence[xr.Dataset]) -> float:
+    """Time from which `t` counts: the first sample of the record that the part is from, else its own."""
+    name = part.attrs.get("record_checksum")
+    same = [run for run in runs if name and run.attrs.get("record_checksum") == name]
+    return float((same or [part])[0].time.values[0])
 
 
 def _split(record: Record, cut: int) -> tuple[Record, Record]:
@@ -72,38 +99,15 @@ def _split(record: Record, cut: int) -> tuple[Record, Record]:
     )
 
 
-def _predicted(trained: Baseline, records: Sequence[Record]) -> list[Array]:
-    """What the model leaves of records whose start alone is fitted."""
-    problem, shared = trained.problem, trained.unknown[: trained.problem.shared]
-    model = problem.model(trained.unknown)
+def _predicted(trained: Baseline, parts: Sequence[tuple[tuple[Array, Array], float]]) -> float:
+    """RMS of what the model leaves of parts (times, angles, origin of `t`), their starts fitted."""
+    model = trained.problem.model(trained.unknown)
     left = []
-    for record in records:
-        guess = first_guess(record.time, record.angle, model.reference_frequency)
-        alone = _Held(replace(problem, records=(record,)), shared)
-        left.append(alone.residual(np.array([*guess, 0.0])))
-    return left
-
-
-@dataclass(frozen=True)
-class _Held:
-    """A record whose start and zero are the only unknowns."""
-
-    problem: Problem
-    shared: Array
-
-    def residual(self, own: Array) -> Array:
-        def whole(own: Array) -> Array:
-            return np.concatenate([self.shared, own])
-
-        count = len(self.shared)
-        found = least_squares(
-            lambda own: self.problem.white_residual(whole(own)),
-            own,
-            jac=lambda own: self.problem.white_sensitivity(whole(own))[:, count:],
-            x_scale="jac",
-            max_nfev=20,
-        )
-        return self.problem.residuals(whole(found.x))[0]
+    for (time, angle), origin in parts:
+        later = replace(model, library=counted_from(model.library, float(time[0] - origin)))
+        motion = fit_start(later, time, angle, first_guess(time, angle, model.reference_frequency))
+        left.append(angle - motion.offset - motion.x)
+    return rms(np.concatenate(left))
 
 
 def labelled(model: Baseline, runs: Sequence[xr.Dataset]) -> xr.Dataset:
