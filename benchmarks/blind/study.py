@@ -32,6 +32,8 @@ from blind.plan import Planned, planned
 from blind.scoring import table
 
 QUICK = 4
+# Records of a worker.
+RECORDS = 25
 
 
 def run(one: Planned) -> dict[str, Any]:
@@ -91,7 +93,9 @@ def study(cases: list[Planned], keep: Path | None, processes: int) -> list[dict[
         task = progress.add_task("blind tests", total=len(cases), completed=len(rows))
         came = map(run, left)
         if processes > 1:
-            pool = stack.enter_context(multiprocessing.get_context("spawn").Pool(processes))
+            # Compiled motions are kept, some 100 MB in ten records: a worker ends after so many.
+            context = multiprocessing.get_context("spawn")
+            pool = stack.enter_context(context.Pool(processes, maxtasksperchild=RECORDS))
             came = pool.imap_unordered(run, left)
         # Stopped by hand, it shows the table of what there is.
         with suppress(KeyboardInterrupt):
