@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid_trib.errors import SysidTribError
 from sysid_trib.methods.fitting import limits
 from sysid_trib.methods.motions import Problem
 
@@ -28,20 +29,23 @@ def chord(problem: Problem, unknown: Array, table: Array) -> tuple[Array, float,
     The unknowns, their chi-square, and whether the descent settled.
     """
     low, high = limits(problem, len(unknown))
-    residual = problem.white_residual(unknown)
+    unknown = np.clip(unknown, low, high)
+    residual = _residual(problem, unknown)
+    best = float(residual @ residual)
+    if not np.isfinite(best):
+        return unknown, best, False
     for at in np.flatnonzero(~np.isfinite(table).all(axis=0)):
         moved = unknown.copy()
         moved[at] += REACH * max(abs(moved[at]), 1e-3)
-        table[:, at] = (problem.white_residual(moved) - residual) / (moved[at] - unknown[at])
+        table[:, at] = (_residual(problem, moved) - residual) / (moved[at] - unknown[at])
     size = np.linalg.norm(table, axis=0)
     size = np.where(size > 0.0, size, 1.0)
     inverse = np.linalg.pinv(table / size, rcond=1e-10)
-    best = float(residual @ residual)
     for _ in range(STEPS):
         step = -(inverse @ residual) / size
         for part in (1.0, 0.3):
             trial = np.clip(unknown + part * step, low, high)
-            left = problem.white_residual(trial)
+            left = _residual(problem, trial)
             if float(left @ left) < best:
                 break
         else:
@@ -51,3 +55,11 @@ def chord(problem: Problem, unknown: Array, table: Array) -> tuple[Array, float,
         if gain < SETTLED:
             return unknown, best, True
     return unknown, best, False
+
+
+def _residual(problem: Problem, unknown: Array) -> Array:
+    """The whitened residual, infinite where there is no such model (a frequency below zero)."""
+    try:
+        return problem.white_residual(unknown)
+    except SysidTribError:
+        return np.full(1, np.inf)

@@ -16,11 +16,11 @@ from sysid_trib.simulation import FAST, trajectory
 
 Array = NDArray[np.float64]
 
-# Values of one shape parameter (fewer where each costs a motion of its own); of several, so many combinations
-# at most. Promising ones are looked at more finely.
-VALUES = 7
+# Values of one shape parameter (fewer where each costs a motion with memory, which is slow); of several, so
+# many combinations at most. Promising ones are looked at more finely.
+VALUES = 13
 FEWER = 5
-COMBINATIONS = 16
+COMBINATIONS = 20
 # A force of this strength leaves the motion as it is, and lets what it remembers be carried along.
 TRACE = 1e-9
 # Parts of a cell over which a force that switches is averaged.
@@ -69,7 +69,7 @@ def _grid(force: Force, name: str, frequencies: Sequence[float]) -> Array:
     if is_frequency(force, name):
         inside = [w for w in frequencies if shape.low <= w <= shape.high]
         return np.array(inside or [shape.default])
-    count = VALUES if force.memoryless else FEWER
+    count = FEWER if force.memory else VALUES
     if shape.low > 0.0 and shape.high > 10.0 * shape.low:
         return np.geomspace(shape.low, shape.high, count)
     return np.linspace(shape.low, shape.high, count)

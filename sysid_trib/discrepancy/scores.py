@@ -25,7 +25,7 @@ DRAWS = 4000
 # Rounds in which the grid is made finer, from which score on, and for which forces (part of the highest).
 FINER = 2
 HIGH = 5.0
-NEAR = 0.7
+NEAR = 0.6
 # Lines of the residual's spectrum at which a periodic force is tried.
 LINES = 3
 

@@ -13,6 +13,7 @@ from sysid_trib.discrepancy.naming import (
     TIE,
     Refit,
     best_candidate,
+    is_large,
     is_significant,
     price_of,
     twins,
@@ -22,6 +23,7 @@ from sysid_trib.discrepancy.noise import Noise, oscillations
 from sysid_trib.discrepancy.omnibus import Omnibus, omnibus
 from sysid_trib.discrepancy.probes import Course
 from sysid_trib.discrepancy.scores import Scores, scores
+from sysid_trib.discrepancy.simpler import simpler
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.motions import Problem
@@ -99,11 +101,17 @@ def search(
         while True:
             told(f"scan {len(scans) + 1}")
             scans.append(_scanned(baseline, candidates, added, seed))
-            one = _next(scans[-1], runs, level) if len(added) < max_effects else None
-            if one is None:
+            more = _next(scans[-1], runs, level, max_effects - len(added))
+            if more is None:
                 break
-            baseline, added = refreshed(one.problem, one.unknown, bases), (*added, one.force.symbol)
+            problem, unknown, symbols = more
+            baseline, added = refreshed(problem, unknown, bases), (*added, *symbols)
         changed = False
+        fewer = simpler(baseline, added, scans[-1].found) if len(added) > 1 else None
+        if fewer is not None:
+            problem, unknown, added = fewer
+            baseline, ties = refreshed(problem, unknown, bases), {}
+            continue
         for symbol in added:
             told(f"twins of {symbol}")
             ties[symbol] = twins(baseline, symbol, scans[-1].found, scans[-1].courses, runs)
@@ -136,13 +144,20 @@ def _scanned(baseline: Baseline, candidates: ForceLibrary, added: Sequence[str],
     return Scan(baseline, courses, scores(baseline, others, courses, seed), omnibus(baseline, courses))
 
 
-def _next(scan: Scan, runs: Sequence[xr.Dataset], level: float) -> Refit | None:
-    """The effect to add, if one is significant."""
+def _next(
+    scan: Scan, runs: Sequence[xr.Dataset], level: float, most: int
+) -> tuple[Problem, Array, tuple[str, ...]] | None:
+    """The model with the effect to add, or two that explain more together, if they are significant."""
     found = scan.found
-    if not len(found.p_values) or found.p_values.min() >= level:
+    if most < 1 or not len(found.p_values) or found.p_values.min() >= level:
         return None
+    pair = simpler(scan.before, (), found) if most > 1 and not is_large(scan.before) else None
+    if pair is not None and len(pair[2]) > 1:
+        return pair
     one = best_candidate(scan.before, found, runs)
-    return one if one is not None and is_significant(scan.before, one, found.tests, level) else None
+    if one is None or not is_significant(scan.before, one, found.tests, level):
+        return None
+    return one.problem, one.unknown, (one.force.symbol,)
 
 
 def cost_of(baseline: Baseline, symbol: str) -> float:
