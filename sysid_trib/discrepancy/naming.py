@@ -130,7 +130,7 @@ def best_candidate(baseline: Baseline, found: Scores, runs: Sequence[xr.Dataset]
     if not ranked:
         return None
     if is_large(baseline):
-        tried = [at for at in ranked if found.probes[at].force.memoryless][:TRIALS] or ranked[:1]
+        tried = [at for at in ranked if _is_plain(found.probes[at].force)][:TRIALS] or ranked[:1]
         done = [_refitted(baseline, found, at, runs) for at in tried]
         return min(done, key=lambda one: one.cost)
     best: Refit | None = None
@@ -142,6 +142,11 @@ def best_candidate(baseline: Baseline, found: Scores, runs: Sequence[xr.Dataset]
         if baseline.chi_square - best.cost > PROMISED * found.z[at] ** 2 - price_of(best.force):
             break
     return best
+
+
+def _is_plain(force: Force) -> bool:
+    """Without a past, which is slow, and without a frequency, which near resonance mimics anything."""
+    return force.memoryless and not any(is_frequency(force, name) for name in force.shape)
 
 
 def _refitted(baseline: Baseline, found: Scores, at: int, runs: Sequence[xr.Dataset]) -> Refit:

@@ -12,7 +12,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from sysid_trib.errors import DecayError
 from sysid_trib.model import Model
-from sysid_trib.simulation import trajectory
+from sysid_trib.simulation import FAST, trajectory
 
 Array = NDArray[np.float64]
 
@@ -79,7 +79,7 @@ def tangent(model: Model, time: Array, angle: float, rate: float) -> Tangent:
     every = max(1, int(np.ceil(POINTS_PER_PERIOD * w * step / (2.0 * np.pi))))
     count = (len(time) - 1) * every + 1
     points = np.interp(np.arange(count) / every, np.arange(len(time)), time)
-    motion = trajectory(model, points, angle, rate)
+    motion = trajectory(model, points, angle, rate, engine=FAST)
     if np.isfinite(motion.stop_time):
         count = int(np.searchsorted(points, motion.stop_time))
     if count < 2 * every:
@@ -88,7 +88,8 @@ def tangent(model: Model, time: Array, angle: float, rate: float) -> Tangent:
     columns = []
     for unit in np.array([[REACH * size, 0.0], [0.0, REACH * size * w]]):
         ahead, behind = (
-            trajectory(model, points, angle + s * unit[0], rate + s * unit[1]) for s in (1.0, -1.0)
+            trajectory(model, points, angle + s * unit[0], rate + s * unit[1], engine=FAST)
+            for s in (1.0, -1.0)
         )
         columns.append(
             np.stack([ahead.position - behind.position, (ahead.rate - behind.rate) / w], axis=1)

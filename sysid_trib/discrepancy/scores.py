@@ -83,8 +83,8 @@ def scores(baseline: Baseline, candidates: ForceLibrary, courses: Sequence[Cours
     """
     space = baseline.space
     residual = baseline.residual - space @ (space.T @ baseline.residual)
-    lines, looked = _lines(baseline, residual)
-    found = _scored(baseline, probes_of(candidates, lines), courses, space, residual)
+    frequencies, looked = _lines(baseline, residual)
+    found = _scored(baseline, probes_of(candidates, frequencies), courses, space, residual)
     for _ in range(FINER):
         highest = float(np.max(np.abs(found.z), initial=0.0))
         promising = [at for at in found.best() if highest > HIGH and abs(found.z[at]) > NEAR * highest]
@@ -92,7 +92,9 @@ def scores(baseline: Baseline, candidates: ForceLibrary, courses: Sequence[Cours
     good = np.array([not reason for reason in found.reasons])
     tests = independent_tests(found.directions[:, good], seed)
     searched = np.array([_is_searched(probe) for probe in found.probes])
-    chance = 2.0 * norm.sf(np.abs(found.z)) * np.where(searched, tests + looked, tests)
+    # A line may lie between two frequencies, with any phase: some 2.5 chances each, of two degrees.
+    lines = 2.5 * looked * np.exp(-0.5 * found.z**2)
+    chance = 2.0 * norm.sf(np.abs(found.z)) * tests + np.where(searched, lines, 0.0)
     return replace(found, tests=tests, p_values=np.where(good, np.minimum(1.0, chance), 1.0))
 
 

@@ -24,6 +24,7 @@ from sysid_trib.discrepancy.omnibus import Omnibus, omnibus
 from sysid_trib.discrepancy.probes import Course
 from sysid_trib.discrepancy.scores import Scores, scores
 from sysid_trib.discrepancy.simpler import simpler
+from sysid_trib.errors import SysidTribError
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.motions import Problem
@@ -35,6 +36,8 @@ Array = NDArray[np.float64]
 LEVEL = 0.01
 # Rounds of holding names against their twins.
 ROUNDS = 3
+# A score of so small a probability stands for something even if no candidate that scores it fits.
+DOUBTLESS = 1e-6
 # A twin takes an effect's place if its chi-square is lower by more than fits are uncertain.
 SWAP = 0.5
 
@@ -105,19 +108,27 @@ def search(
             if more is None:
                 break
             problem, unknown, symbols = more
-            baseline, added = refreshed(problem, unknown, bases), (*added, *symbols)
+            after = refreshed(problem, unknown, bases)
+            if not _moves(after):
+                break
+            baseline, added = after, (*added, *symbols)
         changed = False
         fewer = simpler(baseline, added, scans[-1].found) if len(added) > 1 else None
         if fewer is not None:
-            problem, unknown, added = fewer
-            baseline, ties = refreshed(problem, unknown, bases), {}
-            continue
+            problem, unknown, symbols = fewer
+            after = refreshed(problem, unknown, bases)
+            if _moves(after):
+                baseline, added, ties = after, symbols, {}
+                continue
         for symbol in added:
             told(f"twins of {symbol}")
             ties[symbol] = twins(baseline, symbol, scans[-1].found, scans[-1].courses, runs)
             best = ties[symbol][0] if ties[symbol] else None
             if best is not None and best.cost < cost_of(baseline, symbol) - SWAP:
-                baseline = refreshed(best.problem, best.unknown, bases)
+                after = refreshed(best.problem, best.unknown, bases)
+                if not _moves(after):
+                    continue
+                baseline = after
                 added = tuple(best.force.symbol if s == symbol else s for s in added)
                 changed = True
                 break
@@ -135,7 +146,35 @@ def search(
         final = _scanned(baseline, candidates, added, seed)
         scans.append(final)
     ties = {s: ties.get(s) or twins(baseline, s, final.found, final.courses, runs) for s in added}
-    return Search(scans, baseline, added, ties)
+    return Search(scans, baseline, _by_weight(baseline, added), ties)
+
+
+def _by_weight(baseline: Baseline, added: Sequence[str]) -> tuple[str, ...]:
+    """The effects in the order in which each explains most of what those before it leave."""
+    names = baseline.problem.names
+    out = [i for i, name in enumerate(names) if name.split(".")[0] in added]
+    others = np.delete(baseline.table, out, axis=1)
+    size = np.linalg.norm(others, axis=0)
+    space, _ = np.linalg.qr(others / np.where(size > 0.0, size, 1.0))
+    parts = {s: baseline.table[:, names.index(s)] * baseline.unknown[names.index(s)] for s in added}
+    parts = {s: part - space @ (space.T @ part) for s, part in parts.items()}
+    left = baseline.residual + sum(parts.values(), np.zeros_like(baseline.residual))
+    ordered: list[str] = []
+    while len(ordered) < len(added):
+        rest = [s for s in added if s not in ordered]
+        taken = {s: float(parts[s] @ left) / max(float(np.linalg.norm(parts[s])), 1e-300) for s in rest}
+        ordered.append(max(rest, key=lambda s: abs(taken[s])))
+        direction = parts[ordered[-1]] / max(float(np.linalg.norm(parts[ordered[-1]])), 1e-300)
+        left = left - direction * float(direction @ left)
+    return tuple(ordered)
+
+
+def _moves(baseline: Baseline) -> bool:
+    """Whether the motions of a model can be followed."""
+    try:
+        return bool(baseline.courses())
+    except SysidTribError:
+        return False
 
 
 def _scanned(baseline: Baseline, candidates: ForceLibrary, added: Sequence[str], seed: int) -> Scan:
@@ -187,6 +226,8 @@ def tie_class(found: Search, symbol: str) -> list[str]:
 def verdict_of(found: Search, level: float = LEVEL) -> str:
     """`explained`, `unknown effect` or `nothing missing`."""
     last = found.scans[-1]
-    if last.generic.p_value < level or (len(last.found.p_values) and last.found.p_values.min() < level):
+    # A score that no fit bears out is no effect, unless it is beyond doubt.
+    flagged = len(last.found.p_values) and last.found.p_values.min() < DOUBTLESS
+    if last.generic.p_value < level or flagged:
         return "unknown effect"
     return "explained" if found.added else "nothing missing"

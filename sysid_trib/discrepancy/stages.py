@@ -43,26 +43,31 @@ def stages_of(found: Search, runs: Sequence[xr.Dataset], unseen: Sequence[xr.Dat
     """
     models = [found.scans[0].before]
     for count in range(1, len(found.added)):
-        models.append(_between(found, count))
+        models.append(_between(found, count, models[-1]))
     if found.added:
         models.append(found.final)
     return Stages(models, np.array([_held_out(model, runs, unseen) for model in models]))
 
 
-def _between(found: Search, count: int) -> Baseline:
-    """The model with the first effects: as the search had it, or the final one without the others."""
-    symbols = set(found.added[:count])
-    start = set(found.scans[0].before.problem.library.symbols)
-    known = [
-        scan.before for scan in found.scans if set(scan.before.problem.library.symbols) == start | symbols
-    ]
-    if known:
-        return min(known, key=lambda model: rms(np.concatenate(model.problem.residuals(model.unknown))))
+def _between(found: Search, count: int, before: Baseline) -> Baseline:
+    """The model with the first effects: the best of what the search had and of fits from both sides."""
+    wanted = {*found.scans[0].before.problem.library.symbols, *found.added[:count]}
+    models = [scan.before for scan in found.scans if set(scan.before.problem.library.symbols) == wanted]
+    problem, unknown = found.final.problem, found.final.unknown
     model = found.final
-    for symbol in found.added[: count - 1 : -1]:
+    for symbol in found.added[count:]:
         problem, unknown = without_force(model, symbol)
-        model = fit(problem, unknown, found.final.noises, far=True)
-    return model
+        model = replace(model, problem=problem, unknown=unknown)
+    models.append(fit(problem, unknown, found.final.noises, far=True))
+    # From below: the unknowns of the stage before, and those of the new effect as they are in the end.
+    names = [*problem.names, *(["w"] if problem.free else [])]
+    known = dict(zip([*before.problem.names, *(["w"] if problem.free else [])], before.unknown, strict=False))
+    mixed = unknown.copy()
+    for at, name in enumerate(names):
+        mixed[at] = known.get(name, unknown[at])
+    mixed[len(names) :] = before.unknown[before.problem.shared :]
+    models.append(fit(problem, mixed, found.final.noises, far=True))
+    return min(models, key=lambda one: rms(np.concatenate(one.problem.residuals(one.unknown))))
 
 
 def _held_out(model: Baseline, runs: Sequence[xr.Dataset], unseen: Sequence[xr.Dataset]) -> float:

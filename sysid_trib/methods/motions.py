@@ -145,9 +145,9 @@ class Problem:
         steps = []
         for force in self.library:
             names = dict.fromkeys((*force.state, *force.memory), hidden)
-            # A force that grows with time is nothing at first.
-            last = float(record.time[-1] - record.time[0])
-            scale = np.sqrt(np.mean(force.value(x, v, last, shapes=self.shapes, hidden=names) ** 2))
+            # A force that grows with time is nothing at first, one that is periodic nothing at times.
+            times = np.linspace(0.0, float(record.time[-1] - record.time[0]), len(x))
+            scale = np.sqrt(np.mean(force.value(x, v, times, shapes=self.shapes, hidden=names) ** 2))
             steps.append(REACH * size / (phase * max(float(scale), 1e-9)))
         count = len(self.library)
         steps += [1e-5 * max(abs(value), 1e-3) for value in unknown[count : len(self.names)]]
