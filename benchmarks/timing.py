@@ -18,8 +18,9 @@ sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / 
 import peers  # noqa: E402
 from helpers import FIVE, W, paper_run  # noqa: E402
 
+from sysid_trib import ForceLibrary, discover, load_library  # noqa: E402
 from sysid_trib.identification import cross_check  # noqa: E402
-from sysid_trib.methods import Averaging, Direct  # noqa: E402
+from sysid_trib.methods import Averaging, Direct, Trajectory  # noqa: E402
 
 SAMPLING_RATES = (100.0, 1000.0)
 
@@ -43,6 +44,12 @@ def calls(sampling_rate: float) -> dict[str, tuple[Callable, int]]:
     pair = [method.identify(record, library) for method in (Averaging(), Direct())]
     states = peers.savitzky_golay(time, angle, 0.18)
 
+    start = library.select(["lambda", "zeta", "delta"])
+    effects = (*library.select(["nu", "epsilon"]), *load_library("candidate_effects"))
+
+    def found(candidates: int) -> None:
+        discover(record, start, ForceLibrary("candidates", effects[:candidates]))
+
     def fit_alone() -> None:
         peers.sindy(library, W, time, angle, lambda *_: states)
 
@@ -52,6 +59,10 @@ def calls(sampling_rate: float) -> dict[str, tuple[Callable, int]]:
         "Direct, unrefined": (lambda: Direct(W, refine=False).identify(record, library), 15),
         "Averaging": (lambda: Averaging().identify(record, library), 9),
         "Averaging, uncorrected": (lambda: Averaging(correct=False).identify(record, library), 15),
+        "Trajectory": (lambda: Trajectory(W).identify(record, library), 5),
+        "discover, 20 candidates": (lambda: found(20), 1),
+        "discover, 40 candidates": (lambda: found(40), 1),
+        f"discover, {len(effects)} candidates": (lambda: found(len(effects)), 1),
         "cross_check": (lambda: cross_check(record, *pair), 2),
         "pysindy.SINDy.fit": (fit_alone, 15),
         "pysindy.WeakPDELibrary": (lambda: peers.weak_sindy(library, W, time, angle), 2),
