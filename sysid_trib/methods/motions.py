@@ -84,7 +84,8 @@ class Problem:
         count, named = len(self.library), len(self.names)
         coefficients = dict(zip(self.library.symbols, unknown[:count].tolist(), strict=True))
         shapes = dict(zip(self.fit_shapes, unknown[count:named].tolist(), strict=True))
-        frequency = float(unknown[named]) if self.free else float(self.reference_frequency or 0.0)
+        # A step of the optimiser below zero: only the square of the frequency counts.
+        frequency = abs(float(unknown[named])) if self.free else float(self.reference_frequency or 0.0)
         return Model(self.library, coefficients, frequency, dict(self.shapes) | shapes)
 
     def first(self, part: float) -> "Problem":
