@@ -25,6 +25,7 @@ from sysid_trib.discrepancy.probes import Course, Probe, is_frequency, moved_by,
 from sysid_trib.discrepancy.response import tangent
 from sysid_trib.discrepancy.scores import scores
 from sysid_trib.discrepancy.search import first_baseline, search, tie_class, verdict_of
+from sysid_trib.discrepancy.thinning import thinned
 from sysid_trib.formulas import parse
 from sysid_trib.methods.motions import Problem
 from sysid_trib.simulation import trajectory
@@ -178,3 +179,28 @@ def test_two_missing_effects_are_both_named():
     other = next(symbol for symbol in found.added if symbol != "nu")
     # Gravity and a magnet are cubic, too, at this amplitude.
     assert "epsilon" in tie_class(found, other)
+
+
+def test_two_effects_that_one_flexible_force_mimics_are_both_named():
+    library = ForceLibrary("with two", (*BASE.forces, *EFFECTS.select(["cubic_damping", "tilted_friction"])))
+    model = Model(library, FIVE | {"cubic_damping": 0.08, "tilted_friction": 4e-3}, W)
+    run = decay(RUN.time, trajectory(model, RUN.time, 0.3, 0.0).angle, seed=8)
+    found = search([run], first_baseline([run], BASE, None), EFFECTS)
+    assert set(found.added) == {"cubic_damping", "tilted_friction"}
+
+
+def test_thinning_keeps_the_motion_and_white_noise():
+    fine = paper_run(FIVE, sampling_rate=1000.0)
+    exact = thinned(decay(fine.time, fine.angle))
+    assert exact.sizes["time"] == pytest.approx(25.0 * W / (2.0 * np.pi) * 60.0, rel=0.1)
+    at = np.searchsorted(fine.time, exact.time.values - 1e-9)
+    assert np.max(np.abs(exact.angle.values - fine.angle[at])) < 3e-7
+    gap = thinned(fine.decay(1)).angle.values - exact.angle.values
+    each = fine.time.size / exact.sizes["time"]
+    assert rms(gap).item() == pytest.approx(NOISE * np.sqrt(9.0 / 4.0 / each), rel=0.1)
+    assert abs(np.corrcoef(gap[1:], gap[:-1])[0, 1]) < 4.0 / np.sqrt(len(gap))
+
+
+def test_a_record_with_few_samples_a_period_is_not_thinned():
+    run = RUN.decay(1)
+    assert thinned(run) is run
