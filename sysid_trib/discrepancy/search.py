@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeAlias
 
 import numpy as np
 import xarray as xr
@@ -31,6 +32,9 @@ from sysid_trib.methods.motions import Problem
 from sysid_trib.runs import one_or_all
 
 Array = NDArray[np.float64]
+
+# A model and the effects added to it.
+State: TypeAlias = tuple[Baseline, tuple[str, ...]]
 
 # Family-wise level of error of a name.
 LEVEL = 0.01
@@ -95,58 +99,90 @@ def search(
     seed: int = 0,
     told: Callable[[str], None] = lambda text: None,
 ) -> Search:
-    """Add effects to a model until the record asks for none, then exchange those that have better twins."""
+    """Add effects to a model until the record asks for none, then see what can be said more simply.
+
+    Several effects are replaced by one or two that cost less, each by a twin that costs less, and one that
+    the others make needless is taken out; after a change the record is scanned again.
+    """
     bases = [oscillations(run) for run in runs]
     scans: list[Scan] = []
-    added: tuple[str, ...] = ()
+    state: State = (baseline, ())
     ties: dict[str, list[Refit]] = {}
     for _ in range(ROUNDS):
         while True:
             told(f"scan {len(scans) + 1}")
-            scans.append(_scanned(baseline, candidates, added, seed))
-            more = _next(scans[-1], runs, level, max_effects - len(added))
-            if more is None:
+            scans.append(_scanned(*state, candidates, seed))
+            more = _next(scans[-1], runs, level, max_effects - len(state[1]))
+            longer = more and _stepped(more, bases, state[1])
+            if not longer:
                 break
-            problem, unknown, symbols = more
-            after = refreshed(problem, unknown, bases)
-            if not _moves(after):
-                break
-            baseline, added = after, (*added, *symbols)
-        changed = False
-        fewer = simpler(baseline, added, scans[-1].found) if len(added) > 1 else None
-        if fewer is not None:
-            problem, unknown, symbols = fewer
-            after = refreshed(problem, unknown, bases)
-            if _moves(after):
-                baseline, added, ties = after, symbols, {}
-                continue
-        for symbol in added:
-            told(f"twins of {symbol}")
-            ties[symbol] = twins(baseline, symbol, scans[-1].found, scans[-1].courses, runs)
-            best = ties[symbol][0] if ties[symbol] else None
-            if best is not None and best.cost < cost_of(baseline, symbol) - SWAP:
-                after = refreshed(best.problem, best.unknown, bases)
-                if not _moves(after):
-                    continue
-                baseline = after
-                added = tuple(best.force.symbol if s == symbol else s for s in added)
-                changed = True
-                break
-        pruned = _pruned(baseline, added, level)
-        if pruned is not None:
-            added = tuple(s for s in added if s != pruned)
-            problem, unknown = without_force(baseline, pruned)
-            alone = fit(problem, unknown, baseline.noises, far=True)
-            baseline, changed = refreshed(problem, alone.unknown, bases), True
+            state = longer
+        told("twins")
+        ties = {}
+        changed = (
+            _taken_back(scans[-1], state, bases)
+            or _exchanged(scans[-1], state, runs, bases, ties)
+            or _without_needless(state, bases, level)
+        )
         if not changed:
             break
-        ties = {}
-    final = scans[-1]
-    if final.before is not baseline:
-        final = _scanned(baseline, candidates, added, seed)
-        scans.append(final)
-    ties = {s: ties.get(s) or twins(baseline, s, final.found, final.courses, runs) for s in added}
+        state = changed
+    baseline, added = state
+    if scans[-1].before is not baseline:
+        scans.append(_scanned(baseline, added, candidates, seed))
+    last = scans[-1]
+    ties = {s: ties.get(s) or twins(baseline, s, last.found, last.courses, runs) for s in added}
     return Search(scans, baseline, _by_weight(baseline, added), ties)
+
+
+def _stepped(
+    model: tuple[Problem, Array, tuple[str, ...]], bases: Sequence[Array], before: tuple[str, ...] = ()
+) -> State | None:
+    """The model fitted in the noise that it leaves; None if its motions cannot be followed."""
+    problem, unknown, symbols = model
+    after = refreshed(problem, unknown, bases)
+    try:
+        after.courses()
+    except SysidTribError:
+        return None
+    return after, (*before, *symbols)
+
+
+def _taken_back(scan: Scan, state: State, bases: Sequence[Array]) -> State | None:
+    """One or two effects in place of all, if they cost less."""
+    fewer = simpler(*state, scan.found) if len(state[1]) > 1 else None
+    return _stepped(fewer, bases) if fewer is not None else None
+
+
+def _exchanged(
+    scan: Scan,
+    state: State,
+    runs: Sequence[xr.Dataset],
+    bases: Sequence[Array],
+    ties: dict[str, list[Refit]],
+) -> State | None:
+    """The model with a better twin in place of an effect, if there is one; `ties` is filled on the way."""
+    baseline, added = state
+    for symbol in added:
+        ties[symbol] = twins(baseline, symbol, scan.found, scan.courses, runs)
+        best = ties[symbol][0] if ties[symbol] else None
+        if best is not None and best.cost < cost_of(baseline, symbol) - SWAP:
+            names = tuple(best.force.symbol if s == symbol else s for s in added)
+            swapped = _stepped((best.problem, best.unknown, names), bases)
+            if swapped:
+                return swapped
+    return None
+
+
+def _without_needless(state: State, bases: Sequence[Array], level: float) -> State | None:
+    """The model without an effect that the others make needless, if there is one."""
+    baseline, added = state
+    needless = _pruned(baseline, added, level)
+    if needless is None:
+        return None
+    problem, unknown = without_force(baseline, needless)
+    alone = fit(problem, unknown, baseline.noises, far=True)
+    return refreshed(problem, alone.unknown, bases), tuple(s for s in added if s != needless)
 
 
 def _by_weight(baseline: Baseline, added: Sequence[str]) -> tuple[str, ...]:
@@ -169,15 +205,7 @@ def _by_weight(baseline: Baseline, added: Sequence[str]) -> tuple[str, ...]:
     return tuple(ordered)
 
 
-def _moves(baseline: Baseline) -> bool:
-    """Whether the motions of a model can be followed."""
-    try:
-        return bool(baseline.courses())
-    except SysidTribError:
-        return False
-
-
-def _scanned(baseline: Baseline, candidates: ForceLibrary, added: Sequence[str], seed: int) -> Scan:
+def _scanned(baseline: Baseline, added: Sequence[str], candidates: ForceLibrary, seed: int) -> Scan:
     courses = baseline.courses()
     others = replace(candidates, forces=tuple(f for f in candidates if f.symbol not in added))
     return Scan(baseline, courses, scores(baseline, others, courses, seed), omnibus(baseline, courses))
