@@ -101,6 +101,12 @@ def check_positive(value: float | None, option: str) -> None:
         raise UsageError(f"{option} '{value:g}' must be a number from {LEAST:g} to {MOST:g}.")
 
 
+def check_alpha(contactless: tuple[float, float] | None, reference_frequency: float | None) -> None:
+    """Refuse two frequencies for alpha."""
+    if contactless and reference_frequency:
+        raise UsageError("--omega0 and --reference-frequency each give alpha a meaning: choose one.")
+
+
 def check_reference(frequency: float | None, decay: "xr.Dataset") -> None:
     """Refuse a reference frequency that the record cannot show."""
     time = decay.time.values

@@ -6,8 +6,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from sysid_trib.commands import options
-from sysid_trib.commands.terminal import print_table, printable
-from sysid_trib.errors import UsageError
+from sysid_trib.commands.terminal import print_records, print_table, print_written
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -43,8 +42,7 @@ def compare(
 
     contactless = checks.parse_value_with_error(omega0, "--omega0")
     checks.check_positive(reference_frequency, "--reference-frequency")
-    if contactless and reference_frequency:
-        raise UsageError("--omega0 and --reference-frequency each give alpha a meaning: choose one.")
+    checks.check_alpha(contactless, reference_frequency)
     offered = checks.offered_forces(library, forces, bool(contactless or reference_frequency))
     shapes = checks.held_shapes(set_, offered)
     checks.check_output(output, ".nc", reads=records)
@@ -68,9 +66,7 @@ def compare(
         print(json.dumps(comparison_json(tree), indent=2, allow_nan=False))
         return
     _tell(tree, told)
-    for place in (output, plot):
-        if place is not None:
-            print(f"Written: {place}")
+    print_written(output, plot)
 
 
 @contextmanager
@@ -99,11 +95,8 @@ def _tell(tree: "xr.DataTree", told: list[str]) -> None:
         difference_table,
         quality_table,
     )
-    from sysid_trib.runs import record_groups
 
-    for sentence, group in zip(told, record_groups(tree), strict=True):
-        print(printable(sentence))
-        print(tree[group].attrs.get("free_decay", ""))
+    print_records(tree, told)
     for title, table in (
         ("Coefficients", coefficient_table(tree)),
         ("Difference from the method that predicts best, over the errors of both", difference_table(tree)),

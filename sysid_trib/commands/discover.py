@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sysid_trib.commands import options
-from sysid_trib.commands.terminal import print_table, printable
+from sysid_trib.commands.terminal import print_records, print_table, print_written, printable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -101,9 +101,7 @@ def discover(
         print(json.dumps(discovery_json(tree), indent=2, allow_nan=False))
         return
     _tell(tree, told)
-    for place in (output, plot):
-        if place is not None:
-            print(f"Written: {place}")
+    print_written(output, plot)
 
 
 @contextmanager
@@ -123,11 +121,8 @@ def _progress() -> Iterator[Callable[[str], None]]:
 def _tell(tree: "xr.DataTree", told: list[str]) -> None:
     from sysid_trib.printing.discovered import ranking_table
     from sysid_trib.printing.discovery import discovery_told
-    from sysid_trib.runs import record_groups
 
-    for sentence, group in zip(told, record_groups(tree), strict=True):
-        print(printable(sentence))
-        print(tree[group].attrs.get("free_decay", ""))
+    print_records(tree, told)
     for title, sentences in discovery_told(tree).items():
         print(f"\n{title}")
         for sentence in sentences:

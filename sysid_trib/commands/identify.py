@@ -5,15 +5,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sysid_trib.commands import options
-from sysid_trib.commands.terminal import print_table, printable
-from sysid_trib.errors import UsageError
+from sysid_trib.commands.terminal import print_records, print_table, print_written
 
 if TYPE_CHECKING:
     import xarray as xr
 
 
 def identify(
-    records: options.Records = [],  # noqa: B006 - typer copies it,
+    records: options.Records = [],  # noqa: B006 - typer copies it
     time: options.Time = None,
     angle: options.Angle = None,
     signal: options.Signal = "angle",
@@ -45,8 +44,7 @@ def identify(
     contactless = checks.parse_value_with_error(omega0, "--omega0")
     checks.check_positive(reference_frequency, "--reference-frequency")
     checks.check_positive(inertia, "--inertia")
-    if contactless and reference_frequency:
-        raise UsageError("--omega0 and --reference-frequency each give alpha a meaning: choose one.")
+    checks.check_alpha(contactless, reference_frequency)
     offered = checks.offered_forces(library, forces, bool(contactless or reference_frequency))
     shapes = checks.held_shapes(set_, offered)
     checks.check_output(output, ".nc", reads=records)
@@ -79,19 +77,14 @@ def identify(
         print(json.dumps(identification_json(tree, inertia), indent=2, allow_nan=False))
         return
     _tell(tree, told, inertia)
-    for place in (output, plot):
-        if place is not None:
-            print(f"Written: {place}")
+    print_written(output, plot)
 
 
 def _tell(tree: "xr.DataTree", told: list[str], inertia: float | None) -> None:
     from sysid_trib.printing.identification import consequences, identification_table, verdict
     from sysid_trib.printing.runs import runs_table, runs_told
-    from sysid_trib.runs import record_groups
 
-    for sentence, group in zip(told, record_groups(tree), strict=True):
-        print(printable(sentence))
-        print(tree[group].attrs.get("free_decay", ""))
+    print_records(tree, told)
     print()
     print_table(identification_table(tree))
     print()

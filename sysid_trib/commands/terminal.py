@@ -3,6 +3,9 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
+    import xarray as xr
     from rich.table import Table
 
 # Columns of a table that is not cut short.
@@ -19,6 +22,22 @@ def print_table(table: "Table") -> None:
     if not console.is_terminal:
         console.width = console.measure(table, options=console.options.update(width=WIDEST)).maximum
     console.print(table, crop=False)
+
+
+def print_records(tree: "xr.DataTree", told: list[str]) -> None:
+    """What each record is, and what was cut of it."""
+    from sysid_trib.runs import record_groups
+
+    for sentence, group in zip(told, record_groups(tree), strict=True):
+        print(printable(sentence))
+        print(tree[group].attrs.get("free_decay", ""))
+
+
+def print_written(*places: "Path | None") -> None:
+    """The files and folders that were written."""
+    for place in places:
+        if place is not None:
+            print(f"Written: {place}")
 
 
 def printable(text: str) -> str:

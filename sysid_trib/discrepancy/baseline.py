@@ -46,9 +46,7 @@ class Baseline:
     @property
     def space(self) -> Array:
         """Orthonormal basis of what the unknowns can move, (sample, unknown)."""
-        size = np.linalg.norm(self.table, axis=0)
-        basis, _ = np.linalg.qr(self.table / np.where(size > 0.0, size, 1.0))
-        return np.asarray(basis)
+        return basis_of(self.table)
 
     @property
     def covariance(self) -> Array:
@@ -66,11 +64,23 @@ class Baseline:
             for record, (a, r, _) in zip(self.problem.records, own, strict=True)
         ]
 
+    def of_each_run(self, values: Array) -> list[Array]:
+        """Whitened values of all runs, (sample,), run by run."""
+        counts = [len(r.time) - n.order for r, n in zip(self.problem.records, self.noises, strict=True)]
+        return np.split(values, np.cumsum(counts)[:-1])
+
     def white(self, moved: Sequence[Array]) -> Array:
         """Derivatives of each run's angle, whitened, one run after the other."""
         return np.concatenate(
             [record.white(values) for record, values in zip(self.problem.records, moved, strict=True)]
         )
+
+
+def basis_of(table: Array) -> Array:
+    """Orthonormal basis of the columns of a table, whatever their sizes."""
+    size = np.linalg.norm(table, axis=0)
+    basis, _ = np.linalg.qr(table / np.where(size > 0.0, size, 1.0))
+    return np.asarray(basis)
 
 
 def fit(

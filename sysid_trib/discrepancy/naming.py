@@ -8,9 +8,9 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from sysid_trib.discrepancy.baseline import Baseline, fit, with_noise
+from sysid_trib.discrepancy.baseline import Baseline, basis_of, fit, with_noise
 from sysid_trib.discrepancy.chord import chord
-from sysid_trib.discrepancy.probes import Course, Probe, is_frequency
+from sysid_trib.discrepancy.probes import Course, Probe, is_frequency, is_searched
 from sysid_trib.discrepancy.scores import FINER, Scores, finer
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces import Force, ForceLibrary
@@ -56,11 +56,9 @@ class Refit:
     """A candidate fitted with the model: problem, unknowns, chi-square (inf if the fit failed)."""
 
     probe: Probe
-    score: float
     problem: Problem
     unknown: Array
     chi_square: float
-    reason: str = ""
 
     @property
     def force(self) -> Force:
@@ -75,10 +73,9 @@ class Refit:
 
 @dataclass(frozen=True)
 class Hint:
-    """What the scores say of a candidate: its probe, score, coefficient, and response (sample,)."""
+    """What the scores say of a candidate: its probe, coefficient, and response (sample,)."""
 
     probe: Probe
-    score: float
     coefficient: float
     response: Array
 
@@ -95,14 +92,14 @@ def refit(baseline: Baseline, hint: Hint, runs: Sequence[xr.Dataset], hopeless: 
         if not far:
             unknown, chi_square, settled = chord(problem, unknown, _with_column(baseline, hint))
             if settled or chi_square > hopeless:
-                return Refit(probe, hint.score, problem, unknown, chi_square)
+                return Refit(probe, problem, unknown, chi_square)
         elif probe.force.kind == "force":
             starts = [unknown, *_by_regression(problem, probe, runs)]
             unknown = min(starts, key=lambda start: rms(problem.white_residual(start)))
         found = fit(problem, unknown, baseline.noises, evaluations=EVALUATIONS)
-        return Refit(probe, hint.score, problem, found.unknown, found.chi_square)
-    except (SysidTribError, np.linalg.LinAlgError, ValueError) as error:
-        return Refit(probe, hint.score, problem, unknown, np.inf, str(error))
+        return Refit(probe, problem, found.unknown, found.chi_square)
+    except (SysidTribError, np.linalg.LinAlgError, ValueError):
+        return Refit(probe, problem, unknown, np.inf)
 
 
 def _with_column(baseline: Baseline, hint: Hint) -> Array:
@@ -146,12 +143,12 @@ def best_candidate(baseline: Baseline, found: Scores, runs: Sequence[xr.Dataset]
 
 def _is_plain(force: Force) -> bool:
     """Without a past, which is slow, and without a frequency, which near resonance mimics anything."""
-    return force.memoryless and not any(is_frequency(force, name) for name in force.shape)
+    return force.memoryless and not is_searched(force)
 
 
 def _refitted(baseline: Baseline, found: Scores, at: int, runs: Sequence[xr.Dataset]) -> Refit:
-    z = float(found.z[at])
-    return refit(baseline, Hint(found.probes[at], z, z / float(found.size[at]), found.moved[:, at]), runs)
+    coefficient = float(found.z[at]) / float(found.size[at])
+    return refit(baseline, Hint(found.probes[at], coefficient, found.moved[:, at]), runs)
 
 
 def twins(
@@ -190,10 +187,7 @@ def twins(
         residual=fitted.residual + fitted.table[:, mine[0]] * fitted.unknown[mine[0]],
         table=np.delete(fitted.table, mine, axis=1),
     )
-    hints = [
-        Hint(finest.probes[at], float(along[at]), float(along[at] / size[at]), finest.moved[:, at])
-        for at in kept
-    ]
+    hints = [Hint(finest.probes[at], float(along[at] / size[at]), finest.moved[:, at]) for at in kept]
     done = [refit(alone, hint, runs, own + REACH) for hint in hints]
     return sorted(done, key=lambda one: one.cost)
 
@@ -206,8 +200,7 @@ def _in_place(fitted: Baseline, symbol: str, found: Scores) -> tuple[Array, Arra
     """
     mine = _own_columns(fitted, symbol)
     others = np.delete(fitted.table, mine, axis=1)
-    size = np.linalg.norm(others, axis=0)
-    space, _ = np.linalg.qr(others / np.where(size > 0.0, size, 1.0))
+    space = basis_of(others)
     # What the effect adds to the motion, and what is still left of the record.
     y = fitted.residual + fitted.table[:, mine[0]] * fitted.unknown[mine[0]]
     y = y - space @ (space.T @ y)

@@ -61,12 +61,10 @@ def _strongest_line(baseline: Baseline, residual: Array) -> float:
 
     A line of white noise of unit variance has an exponentially distributed power (Schuster 1898).
     """
-    chance, start = 1.0, 0
-    for record, noise in zip(baseline.problem.records, baseline.noises, strict=True):
-        count = len(record.time) - noise.order
-        power = np.abs(np.fft.rfft(residual[start : start + count])) ** 2 / count
+    chance = 1.0
+    for part in baseline.of_each_run(residual):
+        power = np.abs(np.fft.rfft(part)) ** 2 / len(part)
         chance = min(chance, len(power) * float(np.exp(-np.max(power))))
-        start += count
     return min(1.0, chance * len(baseline.noises))
 
 

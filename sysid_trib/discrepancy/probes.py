@@ -93,6 +93,11 @@ def is_frequency(force: Force, name: str) -> bool:
     return True
 
 
+def is_searched(force: Force) -> bool:
+    """Whether a force has a frequency, which is found among those of the record."""
+    return any(is_frequency(force, name) for name in force.shape)
+
+
 @dataclass(frozen=True)
 class Moved:
     """How probes move one run.

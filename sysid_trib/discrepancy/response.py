@@ -110,7 +110,4 @@ def responses(about: Tangent, forces: Array) -> Array:
     inverse = 1.0 / (a * d - b * c)
     left = cumulative_trapezoid(forces * (b * inverse)[:, None], about.tau, axis=0, initial=0.0)
     right = cumulative_trapezoid(forces * (-a * inverse)[:, None], about.tau, axis=0, initial=0.0)
-    every = about.every
-    moved = a[::every, None] * left[::every] + b[::every, None] * right[::every]
-    lost = about.samples - len(moved)
-    return moved if lost <= 0 else np.concatenate([moved, np.repeat(moved[-1:], lost, axis=0)])
+    return about.at_samples(a[:, None] * left + b[:, None] * right)

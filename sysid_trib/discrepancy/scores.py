@@ -10,7 +10,7 @@ from scipy.signal import find_peaks
 from scipy.stats import norm
 
 from sysid_trib.discrepancy.baseline import Baseline
-from sysid_trib.discrepancy.probes import Course, Probe, is_frequency, moved_by, probes_of
+from sysid_trib.discrepancy.probes import Course, Probe, is_searched, moved_by, probes_of
 from sysid_trib.forces import ForceLibrary
 
 Array = NDArray[np.float64]
@@ -91,7 +91,7 @@ def scores(baseline: Baseline, candidates: ForceLibrary, courses: Sequence[Cours
         found = finer(found, promising, baseline, courses)
     good = np.array([not reason for reason in found.reasons])
     tests = independent_tests(found.directions[:, good], seed)
-    searched = np.array([_is_searched(probe) for probe in found.probes])
+    searched = np.array([is_searched(probe.force) for probe in found.probes])
     # A line may lie between two frequencies, with any phase: some 2.5 chances each, of two degrees.
     lines = 2.5 * looked * np.exp(-0.5 * found.z**2)
     chance = 2.0 * norm.sf(np.abs(found.z)) * tests + np.where(searched, lines, 0.0)
@@ -163,16 +163,11 @@ def independent_tests(directions: Array, seed: int = 0, level: float = 0.01) -> 
     return max(1.0, level / (2.0 * float(norm.sf(largest))))
 
 
-def _is_searched(probe: Probe) -> bool:
-    return any(is_frequency(probe.force, name) for name in probe.force.shape)
-
-
 def _lines(baseline: Baseline, residual: Array) -> tuple[list[float], int]:
     """Frequencies (rad/s) of the strongest lines in what is left, and how many were looked at."""
-    found, looked, start = [], 0, 0
-    for record, noise in zip(baseline.problem.records, baseline.noises, strict=True):
-        count = len(record.time) - noise.order
-        part, start = residual[start : start + count], start + count
+    found, looked = [], 0
+    for record, part in zip(baseline.problem.records, baseline.of_each_run(residual), strict=True):
+        count = len(part)
         step = float(np.median(np.diff(record.time)))
         # Zeros after the end: a line between two frequencies loses nothing.
         power = np.abs(np.fft.rfft(part * np.hanning(count), 4 * count)) ** 2

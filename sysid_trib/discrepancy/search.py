@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from sysid_trib.discrepancy.baseline import Baseline, fit, records_of, refreshed
+from sysid_trib.discrepancy.baseline import Baseline, basis_of, fit, records_of, refreshed
 from sysid_trib.discrepancy.naming import (
     TIE,
     Refit,
@@ -190,8 +190,7 @@ def _by_weight(baseline: Baseline, added: Sequence[str]) -> tuple[str, ...]:
     names = baseline.problem.names
     out = [i for i, name in enumerate(names) if name.split(".")[0] in added]
     others = np.delete(baseline.table, out, axis=1)
-    size = np.linalg.norm(others, axis=0)
-    space, _ = np.linalg.qr(others / np.where(size > 0.0, size, 1.0))
+    space = basis_of(others)
     parts = {s: baseline.table[:, names.index(s)] * baseline.unknown[names.index(s)] for s in added}
     parts = {s: part - space @ (space.T @ part) for s, part in parts.items()}
     left = baseline.residual + sum(parts.values(), np.zeros_like(baseline.residual))

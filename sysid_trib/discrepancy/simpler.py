@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid_trib.discrepancy.baseline import Baseline, with_noise
+from sysid_trib.discrepancy.baseline import Baseline, basis_of, with_noise
 from sysid_trib.discrepancy.chord import chord
 from sysid_trib.discrepancy.naming import price_of, with_force
 from sysid_trib.discrepancy.probes import Probe
@@ -39,8 +39,7 @@ def simpler(
     out = [i for i, name in enumerate(fitted.problem.names) if name.split(".")[0] in added]
     coefficients = [i for i in out if fitted.problem.names[i] in added]
     others = np.delete(fitted.table, out, axis=1)
-    size = np.linalg.norm(others, axis=0)
-    space, _ = np.linalg.qr(others / np.where(size > 0.0, size, 1.0))
+    space = basis_of(others)
     whole = fitted.residual + fitted.table[:, coefficients] @ fitted.unknown[coefficients]
     y = whole - space @ (space.T @ whole)
     at, directions, along = _best_of_each(fitted, added, found, space, y)

@@ -11,7 +11,7 @@ from sysid_trib.discrepancy.baseline import Baseline, fit
 from sysid_trib.discrepancy.naming import without_force
 from sysid_trib.discrepancy.search import Search
 from sysid_trib.errors import SysidTribError
-from sysid_trib.holding_out import counted_from
+from sysid_trib.holding_out import TRAINING, counted_from
 from sysid_trib.methods.fitting import rms
 from sysid_trib.methods.motions import Record
 from sysid_trib.results import Estimate, identification
@@ -20,8 +20,6 @@ from sysid_trib.start import first_guess, fit_start
 
 Array = NDArray[np.float64]
 
-# Part of each run on which a model is fitted that then predicts the rest.
-TRAINED = 2.0 / 3.0
 # A hold-out gap that grows by more than this part is flagged.
 WORSE = 1.05
 
@@ -77,7 +75,7 @@ def _held_out(model: Baseline, runs: Sequence[xr.Dataset], unseen: Sequence[xr.D
         if unseen:
             pairs = [(_times_and_angles(part), _origin(part, runs)) for part in unseen]
             return _predicted(model, pairs)
-        cut = [round(TRAINED * len(record.time)) for record in model.problem.records]
+        cut = [round(TRAINING * len(record.time)) for record in model.problem.records]
         first, last = zip(*map(_split, model.problem.records, cut), strict=True)
         trained = fit(replace(model.problem, records=first), model.unknown, model.noises, far=True)
         pairs = [((record.time, record.angle), start) for record, start in zip(last, starts, strict=True)]
