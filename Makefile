@@ -2,13 +2,16 @@ PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test check clean
+.PHONY: demo test notebooks check clean
 
 demo: .venv/ready
 	$(BIN)/sysid-trib identify --omega0 8.87
 
 test: .venv/ready-dev
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n auto --dist loadfile
+
+notebooks: .venv/ready-notebooks
+	$(BIN)/python notebooks/run.py
 
 check: .venv/ready-dev
 	$(BIN)/ruff check
@@ -31,4 +34,9 @@ $(BIN)/pip:
 .venv/ready-dev: pyproject.toml | $(BIN)/pip
 	@echo "Setting up .venv for tests (a few minutes the first time) ..."
 	@$(PIP) --editable '.[dev]'
+	@touch $@ .venv/ready
+
+.venv/ready-notebooks: pyproject.toml | $(BIN)/pip
+	@echo "Setting up .venv for the notebooks (a few minutes the first time) ..."
+	@$(PIP) --editable '.[notebooks]'
 	@touch $@ .venv/ready

@@ -1,0 +1,65 @@
+"""Notebooks are kept as text and notebook in step, without outputs, and use public names only."""
+
+import ast
+from importlib import import_module
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+
+import nbformat
+import pytest
+
+import sysid_trib
+
+FOLDER = Path(__file__).parents[1] / "notebooks"
+SCRIPTS = sorted(FOLDER.glob("[0-9][0-9]_*.py"))
+OFFERED = {
+    "st": set(sysid_trib.__all__),
+    **{f"st.{name}": set(import_module(f"sysid_trib.{name}").__all__) for name in ("methods", "plots")},
+}
+
+
+def of_scripts(function):
+    return pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)(function)
+
+
+def test_a_text_belongs_to_every_notebook():
+    assert SCRIPTS
+    assert [script.stem for script in SCRIPTS] == sorted(n.stem for n in FOLDER.glob("*.ipynb"))
+
+
+@of_scripts
+def test_the_notebook_is_the_text(script):
+    spec = spec_from_file_location("pair", FOLDER / "pair.py")
+    pair = module_from_spec(spec)
+    spec.loader.exec_module(pair)
+    stored = script.with_suffix(".ipynb").read_text(encoding="utf-8")
+    assert stored == pair.notebook_text(script), "write it with: python notebooks/pair.py"
+
+
+@of_scripts
+def test_the_notebook_has_no_outputs(script):
+    cells = nbformat.read(script.with_suffix(".ipynb"), as_version=4).cells
+    code = [cell for cell in cells if cell.cell_type == "code"]
+    assert code
+    assert not any(cell.outputs or cell.execution_count for cell in code)
+
+
+@of_scripts
+def test_the_notebook_uses_public_names(script):
+    tree = ast.parse(script.read_text(encoding="utf-8"))
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom):
+            assert not node.module.startswith("sysid_trib"), ast.unparse(node)
+        elif isinstance(node, ast.Import):
+            ours = [(name.name, name.asname) for name in node.names if name.name.startswith("sysid_trib")]
+            assert ours in ([], [("sysid_trib", "st")]), ast.unparse(node)
+        elif isinstance(node, ast.Attribute):
+            assert not node.attr.startswith("_"), ast.unparse(node)
+            offered = OFFERED.get(ast.unparse(node.value))
+            assert offered is None or node.attr in offered, ast.unparse(node)
+
+
+@of_scripts
+def test_what_takes_long_shrinks_by_one_visible_line(script):
+    first_cells = script.read_text(encoding="utf-8").split("# %%")[:4]
+    assert "SYSID_TRIB_QUICK" in "".join(first_cells)
