@@ -20,14 +20,14 @@ def force_table(library: ForceLibrary) -> "Table":
     heads += ["<h sin phi>", "<h cos phi>", "loses power"]
     rows = []
     for force in library:
-        power = "-" if force.kind == "sensor" else _loses_power(force)
+        power = "-" if force.kind == "sensor" else loses_power(force)
         unit = "" if force.units == "1" else force.units
         words = [force.symbol, force.name, force.formula.text, force.parity, force.character, unit]
-        rows.append([*words, *_signature_text(force), power])
+        rows.append([*words, *signature_text(force), power])
     return text_table(heads, rows, whole=(0, 6, 7))
 
 
-def _signature_text(force: Force) -> tuple[str, str]:
+def signature_text(force: Force) -> tuple[str, str]:
     """The signature as a closed form where it is one term, else its values at two amplitudes."""
     if force.degree is not None:
         parts = [float(part[0]) for part in averages(force, np.ones(1))]
@@ -53,7 +53,7 @@ def _closed(value: float) -> str:
     return f"{value:.4g}"
 
 
-def _loses_power(force: Force) -> str:
+def loses_power(force: Force) -> str:
     power = lost_power(force, np.array([0.05, 0.3, 1.0]), None, time=1.0)
     if np.all(np.abs(power) < 1e-13):
         return "no"

@@ -1,0 +1,81 @@
+"""Sphinx configuration: Markdown pages, parts that are generated while building, no network."""
+
+import re
+import sys
+from pathlib import Path
+
+import latex2mathml.converter
+from docutils import nodes
+from sphinx.application import Sphinx
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE))
+
+import generated  # noqa: E402
+import sysid_trib  # noqa: E402
+
+project = "sysid_trib"
+author = "sysid_trib contributors"
+copyright = author
+version = release = sysid_trib.__version__
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "numpydoc"]
+myst_enable_extensions = ["dollarmath"]
+myst_heading_anchors = 3
+exclude_patterns = ["_build"]
+highlight_language = "none"
+# A name in backticks is a link where the API has it, and code elsewhere.
+default_role = "py:obj"
+add_module_names = False
+autodoc_member_order = "bysource"
+autodoc_typehints_format = "short"
+numpydoc_show_class_members = False
+toc_object_entries_show_parents = "hide"
+
+html_theme = "furo"
+html_title = f"sysid_trib {release}"
+html_static_path = ["_static"]
+html_css_files = ["tables.css"]
+html_copy_source = False
+html_show_sphinx = False
+html_math_renderer = "mathml"
+
+
+def setup(app: Sphinx) -> None:
+    """Connect what is generated, and formulas as MathML, which browsers show without any script."""
+    app.connect("source-read", _expand)
+    # Before numpydoc reads them.
+    app.connect("autodoc-process-docstring", _descriptions, priority=400)
+    app.add_html_math_renderer("mathml", (_math, None), (_math, None))
+
+
+def _expand(app: Sphinx, docname: str, source: list[str]) -> None:
+    """Replace each `<!-- generated: ... -->` of a page by what `generated` makes of it."""
+    source[0] = generated.expand(source[0])
+
+
+def _math(translator: "object", node: nodes.math) -> None:
+    display = "block" if isinstance(node, nodes.math_block) else "inline"
+    translator.body.append(latex2mathml.converter.convert(node.astext(), display=display))  # type: ignore[attr-defined]
+    raise nodes.SkipNode
+
+
+def _descriptions(
+    app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]
+) -> None:
+    """Show `name : what it is, in SI units` as a name and its description, not as a type.
+
+    An entry whose next line begins a sentence of its own has both, and is left as it is.
+    """
+    found: list[str] = []
+    section = ""
+    for at, line in enumerate(lines):
+        if at + 1 < len(lines) and re.fullmatch(r"-{3,}", lines[at + 1]):
+            section = line
+        entry = re.fullmatch(r"(\w[\w, ]*) : (.+)", line) if section in ("Parameters", "Attributes") else None
+        after = lines[at + 1].strip() if at + 1 < len(lines) and lines[at + 1].startswith("    ") else ""
+        if entry and not re.match(r"[A-Z]", after):
+            found += [entry[1], f"    {entry[2]}"]
+        else:
+            found.append(line)
+    lines[:] = found

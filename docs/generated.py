@@ -1,0 +1,258 @@
+"""The parts of the documentation that are made while it is built, so that they cannot go stale.
+
+A page asks for one by a line `<!-- generated: NAME ARGUMENTS -->`, NAME one of `PARTS`; what comes in its
+place is Markdown.
+"""
+
+import inspect
+import re
+import shlex
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterable
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+import sysid_trib as st
+from sysid_trib.forces import Force, ForceLibrary
+from sysid_trib.printing.forces import loses_power, signature_text
+from sysid_trib.ties import exactly_dependent, without_signature
+
+ROOT = Path(__file__).resolve().parent.parent
+PLACE = re.compile(r"^<!-- generated: (.+?) -->$", re.MULTILINE)
+# Amplitudes (rad) between which signatures are compared.
+LOW, HIGH = 0.02, 0.5
+# Where the documentation has what the README's anchors lead to, and other files that are not pages.
+LINKS = {
+    "../README.md#what-is-missing": "discrepancy.md",
+    "docs/discovery.md": "discovery.md",
+    "docs/": "",
+}
+# Module (or package) of a public name, and the part of the reference in which it stands.
+TOPICS = (
+    ("Records and decays", ("records", "decays", "example")),
+    ("Forces and their signatures", ("forces", "library_files", "signatures", "ties", "feature_library")),
+    ("Models and their motion", ("model", "simulation", "prediction", "bounds")),
+    ("Identification", ("identification", "comparing", "differences")),
+    ("What is missing", ("discrepancy",)),
+    ("What follows from an identification", ("physics",)),
+    ("Views for python-control", ("control_systems",)),
+    ("Results", ("",)),
+)
+
+
+def expand(text: str) -> str:
+    """The page with every part in its place, and links to the README turned to pages."""
+    text = PLACE.sub(lambda place: _part(*shlex.split(place[1])), text)
+    for there, here in LINKS.items():
+        text = text.replace(f"]({there}", f"]({here}")
+    # Files that are no page: their name is enough.
+    return re.sub(r"\[([^\]]+)\]\(benchmarks/README\.md[^)]*\)", r"`benchmarks/README.md` (\1)", text)
+
+
+def _part(name: str, *arguments: str) -> str:
+    return PARTS[name](*arguments)
+
+
+def readme(section: str) -> str:
+    """A section of the README, without its heading."""
+    parts = re.split(r"^## (.+)$", (ROOT / "README.md").read_text(encoding="utf-8"), flags=re.MULTILINE)
+    return dict(zip(parts[1::2], parts[2::2], strict=True))[section].strip()
+
+
+@lru_cache
+def _folder() -> Path:
+    """Where commands run, one folder for all pages; it goes when Python ends."""
+    folder = tempfile.TemporaryDirectory()
+    _folder.keep = folder  # type: ignore[attr-defined]
+    return Path(folder.name)
+
+
+@lru_cache
+def run(*words: str) -> str:
+    """A command and what it prints."""
+    assert words[0] == "sysid-trib"
+    told = subprocess.run(
+        [sys.executable, "-m", "sysid_trib", *words[1:]],
+        cwd=_folder(),
+        capture_output=True,
+        text=True,
+        encoding="utf-8",
+    )
+    if told.returncode:
+        raise RuntimeError(f"{shlex.join(words)}: {told.stderr}")
+    lines = [line.rstrip() for line in told.stdout.splitlines()]
+    return "\n".join(["```console", f"$ {shlex.join(words)}", *lines, "```"])
+
+
+def commands() -> str:
+    """Every command with its options, from the command line itself."""
+    told = subprocess.run(
+        [sys.executable, "-m", "typer", "sysid_trib.cli", "utils", "docs", "--name", "sysid-trib"],
+        capture_output=True,
+        text=True,
+        check=True,
+        encoding="utf-8",
+    ).stdout
+    # The page has a title and a list of commands already.
+    return told[told.index("## ") :].replace("**Usage**:", "").replace("`<list[Path]>`", "")
+
+
+def forces(name: str) -> str:
+    """The forces of a library by family: what is declared, and what follows from the formula."""
+    library = st.load_library(name)
+    blind = without_signature(_everything(), LOW, HIGH)
+    lines = []
+    for family in dict.fromkeys(force.family for force in library):
+        lines += [f"## {family[0].upper()}{family[1:]}", ""]
+        for force in (f for f in library if f.family == family):
+            lines += _force(force, blind)
+    return "\n".join(lines)
+
+
+def _force(force: Force, blind: tuple[str, ...]) -> list[str]:
+    title = f"### `{force.symbol}`: {force.name}"
+    about = f"{force.meaning[0].upper()}{force.meaning[1:]}. *{force.source}*"
+    points = [f"Formula `{force.formula.text}`"]
+    for word, table in (("State", force.state), ("Memory", force.memory), ("Start", force.start)):
+        points += [f"{word} {_equation(word, k, f.text)}" for k, f in table.items()]
+    points += [
+        f"Shape `{k}` = {s.default:g}, between {s.low:g} and {s.high:g}: {s.meaning}"
+        for k, s in force.shape.items()
+    ]
+    if force.kind == "sensor":
+        points.append("An error of the sensor: the measured angle is x + coefficient * formula")
+    else:
+        kind = f"{force.parity.capitalize()}, {force.character} type"
+        points.append(f"{kind}; takes power from the motion: {loses_power(force)}")
+        points += _signature(force, blind)
+    if force.units != "1":
+        points.append(f"Unit of the coefficient: {force.units}")
+    return [title, "", "$$", force.latex, "$$", "", about, "", *(f"- {point}" for point in points), ""]
+
+
+def _equation(word: str, name: str, formula: str) -> str:
+    left = f"d{name}/d(w t)" if word == "State" else f"{name} after a reversal" if word == "Memory" else name
+    return f"{left} = `{formula}`"
+
+
+def _signature(force: Force, blind: tuple[str, ...]) -> list[str]:
+    if force.symbol in blind:
+        return ["Signature: none at first order, so that averaging does not see it"]
+    sine, cosine = signature_text(force)
+    points = [f"Signature: ⟨h sin φ⟩ = {sine}; ⟨h cos φ⟩ = {cosine}"]
+    twins = [
+        f"`{other}`"
+        for group in _twins()
+        if force.symbol in group
+        for other in group
+        if other != force.symbol
+    ]
+    return [*points, f"Of the same signature: {', '.join(twins)}"] if twins else points
+
+
+@lru_cache
+def _everything() -> ForceLibrary:
+    """Both libraries as one."""
+    six, candidates = st.load_library("contact_forces"), st.load_library("candidate_effects")
+    return ForceLibrary("all", (*six, *(f for f in candidates if f.symbol not in six.symbols)))
+
+
+@lru_cache
+def _twins() -> list[tuple[str, ...]]:
+    return st.indistinguishable(_everything(), LOW, HIGH)
+
+
+def ties() -> str:
+    """Which forces averaging cannot tell apart, and which no method can."""
+    groups = [f"- {_listed(group)}" for group in _twins()]
+    exact = [f"- {_listed(group)}" for group in exactly_dependent(_everything(), HIGH)]
+    none = _listed(without_signature(_everything(), LOW, HIGH))
+    return "\n".join(
+        [
+            f"Between {LOW} and {HIGH} rad, shape parameters at their defaults, averaging cannot separate",
+            "",
+            *groups,
+            "",
+            f"and does not see {none}. Whatever the method, these cannot be separated:",
+            "",
+            *(exact or ["- none"]),
+        ]
+    )
+
+
+def _listed(symbols: Iterable[str]) -> str:
+    return ", ".join(f"`{symbol}`" for symbol in symbols)
+
+
+def api(module: str) -> str:
+    """The reference of a module's public names, by topic, from their docstrings."""
+    public = sys.modules[module] if module == "sysid_trib" else getattr(st, module)
+    path = "sysid_trib" if module == "sysid_trib" else f"sysid_trib.{module}"
+    names = [n for n in public.__all__ if not inspect.ismodule(getattr(public, n))]
+    if module != "sysid_trib":
+        return _directives(path, names)
+    lines = []
+    for topic, _ in TOPICS:
+        here = [n for n in names if _topic(getattr(public, n)) == topic]
+        lines += [f"## {topic}", "", _directives(path, here)]
+    return "\n".join(lines)
+
+
+def _topic(thing: object) -> str:
+    home = thing.__module__.removeprefix("sysid_trib.")
+    return next(topic for topic, homes in TOPICS if any(home.startswith(h) for h in homes))
+
+
+def _directives(path: str, names: list[str]) -> str:
+    lines = ["```{eval-rst}", f".. py:currentmodule:: {path}", ""]
+    for name in names:
+        thing = getattr(sys.modules[path], name)
+        lines.append(f".. auto{'class' if inspect.isclass(thing) else 'function'}:: {path}.{name}")
+        lines += ["   :members:", ""] if inspect.isclass(thing) else [""]
+    return "\n".join([*lines, "```", ""])
+
+
+@lru_cache
+def small_results() -> dict[str, xr.DataTree]:
+    """A result of each command, of a short synthetic record, to show what is in it."""
+    six = st.load_library("contact_forces")
+    model = st.Model(six, {"zeta": 0.01, "delta": 0.05, "epsilon": 0.3}, 10.0)
+    time = np.arange(0.0, 12.0, 0.02)
+    record = st.simulate(model, time, 0.4)
+    record["angle"] = record.angle + 1e-4 * np.random.default_rng(1).standard_normal(time.size)
+    record.angle.attrs = {"units": "rad", "long_name": "angle"}
+    decay = st.free_decay(record.drop_vars(set(record.data_vars) - {"angle"}))
+    start, candidates = six.select(["zeta", "delta"]), six.select(["nu", "epsilon"])
+    methods = (st.methods.Averaging(), st.methods.Direct())
+    found = (method.identify(decay, start) for method in methods)
+    return {
+        "identify": st.cross_check(decay, *found, draws=16),
+        "compare": st.compare(decay, start, methods),
+        "discover": st.discover(decay, start, candidates, max_effects=1),
+    }
+
+
+def results(command: str) -> str:
+    """Groups, variables, dimensions, units and attributes of a command's result."""
+    lines = []
+    for group, node in small_results()[command].children.items():
+        lines += [f"#### `{group}`", "", "| variable | over | unit | what |", "| --- | --- | --- | --- |"]
+        lines += [
+            f"| `{name}` | {', '.join(map(str, v.dims)) or '(one number)'} | "
+            f"{v.attrs.get('units', '')} | {v.attrs.get('long_name', '')} |"
+            for name, v in node.to_dataset().variables.items()
+        ]
+        if node.attrs:
+            lines += ["", f"Attributes: {_listed(node.attrs)}."]
+        lines.append("")
+    return "\n".join(lines)
+
+
+PARTS: dict[str, Callable[..., str]] = {
+    part.__name__: part for part in (api, commands, forces, readme, results, run, ties)
+}
