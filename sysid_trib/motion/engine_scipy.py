@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 
 from sysid_trib.forces import Force
 from sysid_trib.motion.equations import Functions, Motion, Run, Vector, motion_of
-from sysid_trib.motion.sticking import settle
+from sysid_trib.motion.sticking import ahead, departure, settle
 
 # Where a step is looked at for a switching; close to its start, where the motion just left one.
 LOOKS = (0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0)
@@ -36,6 +36,7 @@ PLAIN: Functions = {
     "abs": abs,
     "min": min,
     "max": max,
+    "below": lambda u, then, other: then if u < 0.0 else other,
     "power": lambda base, exponent: _power(float(base), float(exponent)),
     "log": lambda u: 0.5 * math.log(u * u + SMALL**2),
     "sqrt": lambda u: math.copysign(math.sqrt(abs(u)), u),
@@ -53,15 +54,22 @@ class Interpreted:
 
     def rates(self, y: Vector, p: Vector, tau: float) -> Vector:
         """Derivative of `y` on the branch of the signs in `p`."""
-        return _numbers(self.motion.rates, y, p.tolist(), tau)
+        return _numbers(self.motion.rates, y, p.tolist(), tau, len(y))
 
     def surfaces(self, y: Vector, p: Vector, tau: float) -> Vector:
         """Value of each switching surface."""
-        return _numbers(self.motion.surfaces, y, p.tolist(), tau)
+        return _numbers(self.motion.surfaces, y, p.tolist(), tau, len(self.motion.switches))
 
-    def replaced(self, y: Vector, p: Vector, tau: float) -> Vector:
-        """Memory after a reversal."""
-        return _numbers(self.motion.replaced, y, p.tolist(), tau)
+    def ahead(self, y: Vector, p: Vector, tau: float) -> Vector:
+        """Signs of a motion that goes on."""
+        return _numbers(partial(ahead, self.motion), y, p.tolist(), tau, len(self.motion.switches))
+
+    def departures(self, y: Vector, p: Vector, tau: float) -> Vector:
+        """Upwards and downwards, (2, 1 + memory + signs)."""
+        rest, count = y.copy(), 1 + len(p) - self.motion.memory_at.start
+        rest[1] = 0.0
+        both = (partial(departure, self.motion, way=way) for way in (1.0, -1.0))
+        return np.stack([_numbers(each, rest, p.tolist(), tau, count) for each in both])
 
     def glide(self, run: Run, y: Vector, grid: Vector) -> tuple[Vector, Vector, float]:
         """Move from grid[0] until the motion sticks, fails or the grid ends (see `Compiled.glide`)."""
@@ -72,10 +80,10 @@ class Interpreted:
             signs = run.p[self.motion.signs_at].copy()
 
             def rates(tau: float, y: Vector, p: list[float] = branch) -> Vector:
-                return _numbers(self.motion.rates, y, p, tau)
+                return _numbers(self.motion.rates, y, p, tau, len(y))
 
             def guards(tau: float, y: Vector, p: list[float] = branch, signs: Vector = signs) -> Vector:
-                return signs * _numbers(frozen, y, p, tau)
+                return signs * _numbers(frozen, y, p, tau, len(signs))
 
             ahead = np.concatenate([[tau], grid[done:]])
             found, y, tau, crossed = advance(rates, guards, y, ahead, run, self.tolerance)
@@ -159,12 +167,14 @@ def _joined(rows: list[Vector], y: Vector) -> Vector:
     return np.concatenate(rows) if rows else np.empty((0, len(y)))
 
 
-def _numbers(function: Callable[..., list[float]], y: Vector, p: list[float], tau: float) -> Vector:
+def _numbers(
+    function: Callable[..., list[float]], y: Vector, p: list[float], tau: float, count: int
+) -> Vector:
     try:
-        return np.array(function(y.tolist(), p, tau, PLAIN))
+        return np.array(function(y.tolist(), p, tau, functions=PLAIN))
     except (ArithmeticError, ValueError):
         # Overflow or a pole: the integrator sees it as such and ends there.
-        return np.full(max(len(y), 1), np.nan)
+        return np.full(count, np.nan)
 
 
 @lru_cache(maxsize=128)

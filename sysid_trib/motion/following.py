@@ -10,7 +10,7 @@ from sysid_trib.errors import SimulationError
 from sysid_trib.formulas import NUMPY
 from sysid_trib.motion.engine_scipy import advance
 from sysid_trib.motion.equations import Motion, Run, Vector
-from sysid_trib.motion.sticking import Field, depart, settle
+from sysid_trib.motion.sticking import Field, settle
 
 FAR = 1e3  # rad; no pendulum swings there
 ON_SURFACE = 1e-8  # how far on the wrong side of a surface a sample may lie
@@ -92,8 +92,7 @@ def _rest(engine: Engine, run: Run, y: Vector, grid: Vector) -> tuple[Vector, Ve
         return np.concatenate([y[:2], hidden[: len(y) - 2]])
 
     def guards(tau: float, hidden: Vector) -> Vector:
-        here = at(hidden)
-        up, down = (depart(engine, here, run.p, tau, way)[0] for way in (1.0, -1.0))
+        up, down = engine.departures(at(hidden), run.p, tau)[:, 0]
         return np.array([-up, down])
 
     def rates(tau: float, hidden: Vector) -> Vector:

@@ -1,11 +1,13 @@
-"""Which way a motion goes on from a switching or from rest (Filippov), from the formulas alone."""
+"""Which way a motion goes on from a switching or from rest (Filippov), from the formulas alone.
 
-from typing import Protocol
+`ahead` and `departure` are written for numbers and for expressions alike: each engine computes them in its own
+way, one of them compiled.
+"""
 
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Sequence
+from typing import Any, Protocol
 
-from sysid_trib.motion.equations import Motion, Vector
+from sysid_trib.motion.equations import Functions, Motion, Vector
 
 NEAR = 1e-9  # nearer than this to a surface, its sign is decided by where the motion is going
 LOOK = 1e-5  # how far ahead in tau that is
@@ -26,29 +28,32 @@ class Field(Protocol):
         """Value of each switching surface."""
         ...
 
-    def replaced(self, y: Vector, p: Vector, tau: float) -> Vector:
-        """Memory after a reversal."""
+    def ahead(self, y: Vector, p: Vector, tau: float) -> Vector:
+        """Signs of a motion that goes on (see `ahead`)."""
+        ...
+
+    def departures(self, y: Vector, p: Vector, tau: float) -> Vector:
+        """`departure` upwards and downwards, (2, 1 + memory + signs)."""
         ...
 
 
 def settle(field: Field, y: Vector, p: Vector, tau: float) -> bool:
     """Set the signs, and at a reversal the memory, in `p` for the motion from here; False if it sticks."""
-    speed = abs(y[1])
-    if speed > SLOW:
-        _look_ahead(field, y, p, tau)
-        return True
-    (up, above), (down, below) = depart(field, y, p, tau, 1.0), depart(field, y, p, tau, -1.0)
-    sticks = up <= 0.0 <= down
-    # Detent and friction make ever shorter swings without end: they end where less than CREEP is left.
-    if speed > 1e-12 and not (sticks and speed**2 < 2.0 * CREEP * min(-up, down)):
-        _look_ahead(field, y, p, tau)
-        return True
-    if not sticks:
-        p[:] = above if rises(up, down, y[0]) else below
-    return not sticks
+    motion, speed = field.motion, abs(y.item(1))
+    if speed <= SLOW:
+        found = field.departures(y, p, tau)
+        up, down = found[:, 0].tolist()
+        sticks = up <= 0.0 <= down
+        # Detent and friction make ever shorter swings without end: they end where less than CREEP is left.
+        if speed <= 1e-12 or (sticks and speed**2 < 2.0 * CREEP * min(-up, down)):
+            if not sticks:
+                p[motion.memory_at.start :] = found[0 if _rises(up, down, y.item(0)) else 1, 1:]
+            return not sticks
+    p[motion.signs_at] = field.ahead(y, p, tau)
+    return True
 
 
-def rises(up: float, down: float, x: float) -> bool:
+def _rises(up: float, down: float, x: float) -> bool:
     """Whether a motion that does not stick leaves upwards, from the accelerations for v -> 0+ and 0-.
 
     Where both push away (negative friction) it goes towards x = 0.
@@ -56,39 +61,48 @@ def rises(up: float, down: float, x: float) -> bool:
     return up > 0.0 and (down >= 0.0 or x < 0.0)
 
 
-def depart(field: Field, y: Vector, p: Vector, tau: float, way: float) -> tuple[float, Vector]:
-    """Acceleration at rest when the motion is about to go `way` (+1, -1), and `p` with that branch."""
-    motion, p = field.motion, p.copy()
-    signs = motion.signs_at
-    rest = y.copy()
-    rest[1] = 0.0
-    if motion.memory and p[signs.start] == -way:
-        p[motion.memory_at] = field.replaced(rest, p, tau)
-    near = _set_signs(field, rest, p, tau)
-    if near.any():
-        ahead = rest.copy()
-        ahead[:2] += way * LOOK**2 / 2, way * LOOK
-        p[signs] = np.where(near, np.sign(field.surfaces(ahead, p, tau + LOOK)), p[signs])
-        if len(y) > 2:
-            ahead[2:] += LOOK / 2 * field.rates(ahead, p, tau)[2:]
-            p[signs] = np.where(near, np.sign(field.surfaces(ahead, p, tau + LOOK)), p[signs])
-    return float(field.rates(rest, p, tau)[1]), p
+def ahead(motion: Motion, y: Sequence[Any], p: Sequence[Any], tau: Any, functions: Functions) -> list[Any]:
+    """Signs of a motion that goes on: near a surface, those where it will be a little later."""
+    fixed = p[: motion.signs_at.start]
+    values = motion.surfaces(y, p, tau, functions)
+    signs = _by_nearness(values, p[motion.signs_at], [functions["sign"](u) for u in values], functions)
+    rates = motion.rates(y, [*fixed, *signs], tau, functions)
+    later = [a + LOOK * rate for a, rate in zip(y, rates, strict=True)]
+    later[0] = later[0] + LOOK**2 / 2 * rates[1]
+    return _by_nearness(values, _signs(motion, later, p, tau + LOOK, functions), signs, functions)
 
 
-def _look_ahead(field: Field, y: Vector, p: Vector, tau: float) -> None:
-    signs = field.motion.signs_at
-    before = p[signs].copy()
-    near = _set_signs(field, y, p, tau)
-    if near.any():
-        p[signs] = np.where(near, before, p[signs])
-        rates = field.rates(y, p, tau)
-        ahead = y + LOOK * rates
-        ahead[0] += LOOK**2 / 2 * rates[1]
-        p[signs] = np.where(near, np.sign(field.surfaces(ahead, p, tau + LOOK)), p[signs])
+def departure(
+    motion: Motion, y: Sequence[Any], p: Sequence[Any], tau: Any, functions: Functions, way: float
+) -> list[Any]:
+    """Acceleration at rest when the motion is about to go `way` (+1, -1), then memory and signs of that branch.
+
+    `y` : as at rest, with v = 0.
+    """
+    fixed, memory = p[: motion.memory_at.start], p[motion.memory_at]
+    if len(memory):
+        turned = way * p[motion.signs_at.start]
+        replaced = motion.replaced(y, p, tau, functions)
+        memory = [functions["below"](turned, new, old) for new, old in zip(replaced, memory, strict=True)]
+    before = [*fixed, *memory, *p[motion.signs_at]]
+    values = motion.surfaces(y, before, tau, functions)
+    signs = [functions["sign"](u) for u in values]
+    later = [y[0] + way * LOOK**2 / 2, y[1] + way * LOOK, *y[2:]]
+    signs = _by_nearness(values, _signs(motion, later, before, tau + LOOK, functions), signs, functions)
+    if len(y) > 2:
+        rates = motion.rates(later, [*fixed, *memory, *signs], tau, functions)
+        later[2:] = [a + LOOK / 2 * rate for a, rate in zip(later[2:], rates[2:], strict=True)]
+        signs = _by_nearness(values, _signs(motion, later, before, tau + LOOK, functions), signs, functions)
+    return [motion.rates(y, [*fixed, *memory, *signs], tau, functions)[1], *memory, *signs]
 
 
-def _set_signs(field: Field, y: Vector, p: Vector, tau: float) -> NDArray[np.bool_]:
-    values = field.surfaces(y, p, tau)
-    p[field.motion.signs_at] = np.sign(values)
-    near: NDArray[np.bool_] = np.abs(values) < NEAR
-    return near
+def _signs(motion: Motion, y: Sequence[Any], p: Sequence[Any], tau: Any, functions: Functions) -> list[Any]:
+    return [functions["sign"](u) for u in motion.surfaces(y, p, tau, functions)]
+
+
+def _by_nearness(
+    values: Sequence[Any], near: Sequence[Any], far: Sequence[Any], functions: Functions
+) -> list[Any]:
+    """Of each surface the first sign if it is near, else the second."""
+    distances = [functions["abs"](u) - NEAR for u in values]
+    return [functions["below"](*each) for each in zip(distances, near, far, strict=True)]
