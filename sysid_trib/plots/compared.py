@@ -42,7 +42,7 @@ def comparison(tree: xr.DataTree) -> "Figure":
     """
     from matplotlib.figure import Figure
 
-    found = _shown(tree)
+    found = shown(tree)
     names = [*found.force.values.tolist(), FREQUENCY]
     across = min((3, 4), key=lambda columns: -(len(names) + 1) % columns)
     rows = -(-(len(names) + 1) // across)
@@ -68,16 +68,16 @@ def coefficients(tree: xr.DataTree, quantity: str, ax: "Axes | None" = None) -> 
     The band is that of the method that predicts best; an arrow stands for a value beyond the edge.
     """
     ax = axes(ax)
-    found = _shown(tree)
-    value, error, label = _quantity(tree, quantity)
-    low, high = _limits(value, error, found.method.values.tolist().index(found.attrs["best"]))
+    found = shown(tree)
+    value, error, label = values_of(tree, quantity)
+    low, high = limits(value, error, found.method.values.tolist().index(found.attrs["best"]))
     at = found.method.values.tolist().index(found.attrs["best"])
     if np.isfinite(value[at]):
         ax.axvspan(value[at] - error[at], value[at] + error[at], color="0.88", zorder=0)
     for row, method in enumerate(found.method.values.tolist()):
         if not np.isfinite(value[row]):
             continue
-        color, marker, _ = FAMILIES[_family(tree, method)]
+        color, marker, _ = FAMILIES[family_of(tree, method)]
         if low <= value[row] <= high:
             ax.errorbar(value[row], row, xerr=error[row], fmt=marker, color=color, **_mark(tree, method))
         else:
@@ -95,9 +95,9 @@ def coefficients(tree: xr.DataTree, quantity: str, ax: "Axes | None" = None) -> 
 def prediction(tree: xr.DataTree, ax: "Axes | None" = None) -> "Axes":
     """RMS of record minus model over the noise: of the part identified from (open), and held out (full)."""
     ax = axes(ax)
-    found = _shown(tree)
+    found = shown(tree)
     for row, method in enumerate(found.method.values.tolist()):
-        color, marker, _ = FAMILIES[_family(tree, method)]
+        color, marker, _ = FAMILIES[family_of(tree, method)]
         pair = [float(found[k].values[row]) for k in ("train_over_noise", "holdout_over_noise")]
         ax.plot(pair, [row, row], "-", color=color, linewidth=0.7)
         ax.plot(pair[:1], [row], marker, markerfacecolor="white", markersize=4, color=color)
@@ -108,7 +108,7 @@ def prediction(tree: xr.DataTree, ax: "Axes | None" = None) -> "Axes":
     return _with_methods(ax, found)
 
 
-def _shown(tree: xr.DataTree) -> xr.Dataset:
+def shown(tree: xr.DataTree) -> xr.Dataset:
     """The comparison, of methods that found anything."""
     found = tree["comparison"].ds
     told = xr.concat(
@@ -133,9 +133,9 @@ def _with_methods(ax: "Axes", found: xr.Dataset) -> "Axes":
     return ax
 
 
-def _quantity(tree: xr.DataTree, quantity: str) -> tuple[Array, Array, str]:
+def values_of(tree: xr.DataTree, quantity: str) -> tuple[Array, Array, str]:
     """Values, errors, and the label of the axis; a power of ten is in the label, not in the ticks."""
-    found = _shown(tree)
+    found = shown(tree)
     if quantity == FREQUENCY:
         named = (found[FREQUENCY], found[f"{FREQUENCY}_standard_error"])
         value, error = (column.values for column in named)
@@ -152,7 +152,7 @@ def _latex(tree: xr.DataTree, symbol: str) -> str:
     return library_of(result, whole=True)[symbol].latex_symbol
 
 
-def _limits(value: Array, error: Array, best: int) -> tuple[float, float]:
+def limits(value: Array, error: Array, best: int) -> tuple[float, float]:
     """Ends of an axis on which most methods have room; the wildest must not squeeze the others."""
     known = np.isfinite(value[best])
     centre = float(value[best] if known else np.nanmedian(value))
@@ -165,7 +165,7 @@ def _limits(value: Array, error: Array, best: int) -> tuple[float, float]:
     return low - spare, high + spare
 
 
-def _family(tree: xr.DataTree, method: str) -> str:
+def family_of(tree: xr.DataTree, method: str) -> str:
     """By the class of the method, not by its label, which anyone may choose."""
     kind = str(tree[method].attrs.get("method", "")) if method in tree.children else "other"
     return kind if kind in FAMILIES else "other"
@@ -173,16 +173,21 @@ def _family(tree: xr.DataTree, method: str) -> str:
 
 def _mark(tree: xr.DataTree, method: str) -> dict[str, Any]:
     """The first of a family full, its variants open."""
-    family = _family(tree, method)
-    same = [m for m in _shown(tree).method.values.tolist() if _family(tree, m) == family]
-    face = {} if family == "other" or method == same[0] else {"markerfacecolor": "white"}
+    face = {"markerfacecolor": "white"} if is_variant(tree, method) else {}
     return {"markersize": 4, "markeredgewidth": 0.9, "linewidth": 0.9, "capsize": 1.5} | face
+
+
+def is_variant(tree: xr.DataTree, method: str) -> bool:
+    """Whether a method comes after another of its family."""
+    family = family_of(tree, method)
+    same = [m for m in shown(tree).method.values.tolist() if family_of(tree, m) == family]
+    return family != "other" and method != same[0]
 
 
 def _handles(tree: xr.DataTree) -> list[Any]:
     from matplotlib.lines import Line2D
 
-    there = {_family(tree, m) for m in _shown(tree).method.values.tolist()}
+    there = {family_of(tree, m) for m in shown(tree).method.values.tolist()}
     return [
         Line2D([], [], color=color, marker=marker, linestyle="", markersize=4, label=label)
         for family, (color, marker, label) in FAMILIES.items()

@@ -78,17 +78,28 @@ def disagreement_map(tree: xr.DataTree, ax: "Axes | None" = None, *, after: bool
 def _mapped(tree: xr.DataTree, ax: "Axes", after: bool) -> "QuadMesh":
     from matplotlib.colors import TwoSlopeNorm
 
+    force, limit = missing_force(tree, after=after)
+    norm = TwoSlopeNorm(0.0, -limit, limit)
+    mesh = ax.pcolormesh(
+        force.x.values,
+        force.v.values,
+        force.values.T,
+        cmap="RdBu_r",
+        norm=norm,
+        shading="nearest",
+        rasterized=True,
+    )
+    ax.set(xlabel=r"angle $\theta$ (rad)", ylabel=r"$\dot\theta/\omega$ (rad)", aspect="equal")
+    return mesh
+
+
+def missing_force(tree: xr.DataTree, *, after: bool) -> tuple[xr.DataArray, float]:
+    """Force that the gap asks for over I w^2 (mrad, nan of few samples), and where both maps' colours end."""
     before, found = (tree[name].to_dataset() for name in ("disagreement", "disagreement_after"))
     kept = np.abs(before.force.values[before.samples.values >= FEW])
     limit = 1e3 * float(np.percentile(kept[np.isfinite(kept)], WITHIN)) if np.isfinite(kept).any() else 1.0
     shown = found if after else before
-    force = np.where(shown.samples.values >= FEW, 1e3 * shown.force.values, np.nan)
-    norm = TwoSlopeNorm(0.0, -limit, limit)
-    mesh = ax.pcolormesh(
-        shown.x.values, shown.v.values, force.T, cmap="RdBu_r", norm=norm, shading="nearest", rasterized=True
-    )
-    ax.set(xlabel=r"angle $\theta$ (rad)", ylabel=r"$\dot\theta/\omega$ (rad)", aspect="equal")
-    return mesh
+    return (1e3 * shown.force).where(shown.samples >= FEW), limit
 
 
 def _with_bar(figure: Any, mesh: "QuadMesh", panels: Any) -> None:
@@ -113,13 +124,17 @@ def _residual(tree: xr.DataTree, ax: "Axes", run: int, model: str) -> None:
     step = thinning(data.sizes["time"])
     time = data.time.values[::step]
     gap = (data.angle - data.simulated_angle.sel(model=model)).values[::step]
-    after = tree["after"].to_dataset()
-    # An identification has the noise of its innovations; the band is that of samples.
-    noise = 1e3 * noise_of_run(after, run) * tree["holdout"].noise.item() / after.noise.item()
+    noise = 1e3 * noise_of_sample(tree, run)
     band = ax.axhspan(-2 * noise, 2 * noise, color="0.85", zorder=0)
     ax.plot(time, 1e3 * gap, linewidth=0.5, color=MODELS[model]["color"])
     ax.legend([band], ["± 2 noise levels"], **LEGEND)
     ax.set(xlabel="time (s)", ylabel=f"record \N{MINUS SIGN} model\n{model} (mrad)")
+
+
+def noise_of_sample(tree: xr.DataTree, run: int) -> float:
+    """Noise of one sample of a run, rad: an identification has the noise of its innovations."""
+    after = tree["after"].to_dataset()
+    return float(noise_of_run(after, run) * tree["holdout"].noise.item() / after.noise.item())
 
 
 def _envelope(tree: xr.DataTree, ax: "Axes", run: int) -> None:

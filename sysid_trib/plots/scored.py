@@ -28,14 +28,14 @@ def rankings(tree: xr.DataTree) -> "Figure":
     """The ranking before each step and at the end, side by side."""
     from matplotlib.figure import Figure
 
-    scans = _scans(tree)
+    scans = shown_scans(tree)
     across = min(len(scans), 2)
     rows = -(-len(scans) // across)
     figure = Figure(figsize=(3.6 * across, rows * (MARGIN + BEST * ROW) + 0.2), layout="constrained")
     panels = figure.subplots(rows, across, squeeze=False).ravel()
     for at, (scan, panel) in enumerate(zip(scans, panels, strict=False)):
         ranking(tree, panel, scan)
-        panel.set_title(f"({chr(ord('a') + at)}) {_title(tree, scan)}", loc="left", fontsize=9)
+        panel.set_title(f"({chr(ord('a') + at)}) {scan_title(tree, scan)}", loc="left", fontsize=9)
     for panel in panels[len(scans) :]:
         panel.remove()
     figure.legend(handles=_handles(tree), ncols=4, loc="outside upper center", frameon=False, fontsize=8)
@@ -54,7 +54,7 @@ def ranking(tree: xr.DataTree, ax: "Axes | None" = None, scan: int = 0) -> "Axes
     found = tree["ranking"].to_dataset()
     scan %= found.sizes["scan"]
     one = found.isel(scan=[scan])
-    named, tied = _marked(tree, scan)
+    named, tied = marked(tree, scan)
     chosen = strongest(one, BEST)
     # Those marked are shown, wherever they rank.
     chosen += [s for s in (named, *tied) if s and s not in chosen and np.isfinite(_z(one, s))]
@@ -98,7 +98,7 @@ def forecast(tree: xr.DataTree, ax: "Axes | None" = None) -> "Axes":
     """Smallest coefficient that the record would show, of each candidate; effects found beside it."""
     ax = axes(ax)
     first, last = (tree[name].to_dataset() for name in ("forecast", "forecast_after"))
-    symbols = _by_family(first)
+    symbols = by_family(first)
     for row, symbol in enumerate(symbols):
         pair = [
             found.detectable.sel(candidate=symbol).item() if symbol in found.candidate else np.nan
@@ -123,7 +123,8 @@ def forecast(tree: xr.DataTree, ax: "Axes | None" = None) -> "Axes":
     return ax
 
 
-def _by_family(found: xr.Dataset) -> list[str]:
+def by_family(found: xr.Dataset) -> list[str]:
+    """Candidates of a forecast, those of a family together."""
     families = list(dict.fromkeys(found.family.values.tolist()))
     order = np.argsort([families.index(f) for f in found.family.values.tolist()], kind="stable")
     return found.candidate.values[order].tolist()
@@ -141,18 +142,19 @@ def _families(ax: "Axes", found: xr.Dataset, symbols: list[str]) -> None:
         ax.text(1.01, middle, family or "other", color="0.3", fontsize=7, va="center", transform=right)
 
 
-def _scans(tree: xr.DataTree) -> list[int]:
+def shown_scans(tree: xr.DataTree) -> list[int]:
     """The scan before each step, and the last; those of exchanged effects are left out."""
     count, scans = tree["steps"].attrs["count"], tree["ranking"].sizes["scan"]
     return list(dict.fromkeys([*range(min(count, scans - 1)), scans - 1]))
 
 
-def _title(tree: xr.DataTree, scan: int) -> str:
+def scan_title(tree: xr.DataTree, scan: int) -> str:
+    """When a scan was made."""
     last = tree["ranking"].sizes["scan"] - 1
     return "at the end" if scan == last else f"before step {scan + 1}"
 
 
-def _marked(tree: xr.DataTree, scan: int) -> tuple[str, list[str]]:
+def marked(tree: xr.DataTree, scan: int) -> tuple[str, list[str]]:
     """The effect that the step after a scan names, and its twins."""
     if scan >= min(tree["steps"].attrs["count"], tree["ranking"].sizes["scan"] - 1):
         return "", []
