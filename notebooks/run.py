@@ -7,19 +7,18 @@ import os
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import monotonic
 
 import nbformat
 from nbclient import NotebookClient
-from nbclient.exceptions import CellExecutionError, CellTimeoutError, DeadKernelError
+from nbclient.exceptions import CellExecutionError, CellTimeoutError
 from rich.progress import Progress
 from rich.text import Text
 from traitlets.config import Config
 
 HERE = Path(__file__).parent
 EXECUTED = HERE / "executed"
-# Sockets in files: two kernels cannot take the same port.
-LOCAL = Config({"KernelManager": {"transport": "ipc"}})
 SECONDS_PER_CELL = 600
 
 
@@ -35,16 +34,18 @@ def execute(path: Path, progress: Progress) -> str:
         progress.advance(bar)
 
     since, failure = monotonic(), ""
-    client = NotebookClient(
-        notebook,
-        timeout=SECONDS_PER_CELL,
-        config=LOCAL,
-        resources={"metadata": {"path": str(HERE)}},
-        on_cell_execute=begin,
-    )
     try:
-        client.execute()
-    except (CellExecutionError, CellTimeoutError, DeadKernelError) as error:
+        # Sockets in files of its own: no other kernel can take them, as it can a port.
+        with TemporaryDirectory() as folder:
+            sockets = {"transport": "ipc", "connection_file": f"{folder}/kernel.json"}
+            NotebookClient(
+                notebook,
+                timeout=SECONDS_PER_CELL,
+                config=Config({"KernelManager": sockets}),
+                resources={"metadata": {"path": str(HERE)}},
+                on_cell_execute=begin,
+            ).execute()
+    except (CellExecutionError, CellTimeoutError, RuntimeError) as error:
         at = f"{path.name}, code cell {len(started)} of {count}"
         failure = f"{at}: {Text.from_ansi(str(error)).plain}"
     EXECUTED.mkdir(exist_ok=True)

@@ -1,24 +1,34 @@
 """Figures from results only: one function a panel, each taking an optional `ax`."""
 
+from sysid_trib.plots.averaged import signatures
 from sysid_trib.plots.compared import coefficients, comparison, prediction
 from sysid_trib.plots.cross_checked import envelope, frequency, identification, record, residual
 from sysid_trib.plots.discovered import disagreement, disagreement_map, discovery
+from sysid_trib.plots.paper import averaged_decay, frequency_shift, half_sines, motions, weights
+from sysid_trib.plots.planned import distinction
 from sysid_trib.plots.scored import forecast, forecasts, ranking, rankings
 
 __all__ = [
+    "averaged_decay",
     "coefficients",
     "comparison",
     "disagreement",
     "disagreement_map",
     "discovery",
+    "distinction",
     "envelope",
     "forecast",
     "forecasts",
     "frequency",
+    "frequency_shift",
+    "half_sines",
     "identification",
+    "motions",
     "prediction",
     "ranking",
     "rankings",
     "record",
     "residual",
+    "signatures",
+    "weights",
 ]

@@ -10,6 +10,14 @@ LINES: tuple[dict[str, Any], ...] = (
     {"color": "#D55E00", "linestyle": "--", "zorder": 4},
     {"color": "#0072B2", "linestyle": "-", "zorder": 3},
 )
+SERIES: tuple[dict[str, Any], ...] = (
+    {"color": "#D55E00", "marker": ">", "linestyle": "--"},
+    {"color": "#0072B2", "marker": "^", "linestyle": "-"},
+    {"color": "#009E73", "marker": "v", "linestyle": "-."},
+    {"color": "#CC79A7", "marker": "D", "linestyle": ":"},
+    {"color": "#E69F00", "marker": "o", "linestyle": (0, (5, 1, 1, 1, 1, 1))},
+    {"color": "#56B4E9", "marker": "s", "linestyle": (0, (1, 1))},
+)
 MARKS: dict[str, Any] = {
     "fmt": "o",
     "color": "0.5",
@@ -31,6 +39,13 @@ MOST_POINTS = 4000
 def thinning(samples: int) -> int:
     """Every how many-th sample a curve is drawn by."""
     return max(1, samples // MOST_POINTS)
+
+
+def in_latex(symbol: str) -> str:
+    """A force's symbol as matplotlib writes it."""
+    import sympy
+
+    return f"${sympy.latex(sympy.Symbol(symbol))}$"
 
 
 def axes(ax: "Axes | None") -> "Axes":
