@@ -11,11 +11,6 @@ from sysid_trib.commands.terminal import print_records, print_table, print_writt
 if TYPE_CHECKING:
     import xarray as xr
 
-QUALITY = (
-    "RMS of record minus simulated model: of the whole record; identified from its first two thirds (train), "
-    "of these and of the last third (held out)"
-)
-
 
 def compare(
     records: options.Records = [],  # noqa: B006 - typer copies it
@@ -89,19 +84,10 @@ def _progress(steps: int) -> Iterator[Callable[[str], None]]:
 
 
 def _tell(tree: "xr.DataTree", told: list[str]) -> None:
-    from sysid_trib.printing.comparison import (
-        coefficient_table,
-        comparison_told,
-        difference_table,
-        quality_table,
-    )
+    from sysid_trib.printing.comparison import comparison_tables, comparison_told
 
     print_records(tree, told)
-    for title, table in (
-        ("Coefficients", coefficient_table(tree)),
-        ("Difference from the method that predicts best, over the errors of both", difference_table(tree)),
-        (QUALITY, quality_table(tree)),
-    ):
+    for title, table in comparison_tables(tree).items():
         print(f"\n{title}")
         print_table(table)
     print()

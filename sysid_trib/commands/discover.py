@@ -119,7 +119,7 @@ def _progress() -> Iterator[Callable[[str], None]]:
 
 
 def _tell(tree: "xr.DataTree", told: list[str]) -> None:
-    from sysid_trib.printing.discovered import ranking_table
+    from sysid_trib.printing.discovered import RANKING, ranking_table
     from sysid_trib.printing.discovery import discovery_told
 
     print_records(tree, told)
@@ -128,7 +128,7 @@ def _tell(tree: "xr.DataTree", told: list[str]) -> None:
         for sentence in sentences:
             indent = len(sentence) - len(sentence.lstrip())
             print(" " * indent + printable(sentence))
-    print("\nStrongest candidates, |z| before each step and at the end (-: in the model, or not testable)")
+    print(f"\n{RANKING}")
     print_table(ranking_table(tree))
 
 

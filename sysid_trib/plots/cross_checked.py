@@ -45,7 +45,7 @@ def record(tree: xr.DataTree, ax: "Axes | None" = None, run: int = 0) -> "Axes":
     step = thinning(data.sizes["time"])
     time = data.time.values[::step]
     ax.plot(time, data.angle.values[::step], ".", color="0.6", markersize=2.5, label="record")
-    for name, line in _models(tree):
+    for name, line in model_lines(tree):
         ax.plot(time, data.simulated_angle.sel(model=name).values[::step], linewidth=0.8, label=name, **line)
     ax.set(xlabel="time (s)", ylabel="angle (rad)", xlim=(time[0], time[-1]))
     # Above the panel: inside there is no room that the oscillation leaves free.
@@ -59,7 +59,7 @@ def residual(tree: xr.DataTree, ax: "Axes | None" = None, run: int = 0) -> "Axes
     data, checked = tree[record_groups(tree)[run]].ds, tree["comparison"].ds
     step = thinning(data.sizes["time"])
     time = data.time.values[::step]
-    for name, line in _models(tree):
+    for name, line in model_lines(tree):
         gap = (data.angle - data.simulated_angle.sel(model=name)).values[::step]
         ax.plot(time, 1e3 * gap, linewidth=0.6, label=name, **line)
     noise = 1e3 * noise_of_run(tree[checked.attrs["second"]].to_dataset(), run)
@@ -103,7 +103,7 @@ def frequency(tree: xr.DataTree, ax: "Axes | None" = None, run: int = 0) -> "Axe
 def _simulated(tree: xr.DataTree, run: int) -> Iterator[tuple[str, dict[str, Any], xr.Dataset]]:
     """Each model's motion through the same half-sine fits; first order would differ at large amplitude."""
     record = tree[record_groups(tree)[run]].ds
-    for name, line in _models(tree):
+    for name, line in model_lines(tree):
         moved = xr.Dataset({"angle": record.simulated_angle.sel(model=name)})
         # A model without a motion has nothing to show.
         if not bool(np.all(np.isfinite(moved.angle))):
@@ -115,7 +115,8 @@ def _simulated(tree: xr.DataTree, run: int) -> Iterator[tuple[str, dict[str, Any
         yield name, line, fitted
 
 
-def _models(tree: xr.DataTree) -> list[tuple[str, dict[str, Any]]]:
+def model_lines(tree: xr.DataTree) -> list[tuple[str, dict[str, Any]]]:
+    """The models by name with their lines, in the order of drawing."""
     checked = tree["comparison"].attrs
     # The second below the first: a dashed line on a full one shows both where they agree.
     return list(zip((checked["first"], checked["second"]), LINES, strict=True))[::-1]

@@ -24,7 +24,20 @@ PER_METHOD = (
     *("holdout_over_noise", "holdout_p_value", "phase_error", "time_taken"),
 )
 RUN_RMS = ("run_residual_rms", "run_train_rms", "run_holdout_rms")
+QUALITY = (
+    "RMS of record minus simulated model: of the whole record; identified from its first two thirds (train), "
+    "of these and of the last third (held out)"
+)
 TEXTS = ("reason", "bias", "sees", "blind_to", "cannot_tell_apart", "assumes")
+
+
+def comparison_tables(tree: xr.DataTree) -> dict[str, "Table"]:
+    """Coefficients, how far apart they are, and how well each method predicts, by title."""
+    return {
+        "Coefficients": coefficient_table(tree),
+        "Difference from the method that predicts best, over the errors of both": difference_table(tree),
+        QUALITY: quality_table(tree),
+    }
 
 
 def coefficient_table(tree: xr.DataTree) -> "Table":

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 # Candidates in the table.
 ROWS = 10
+RANKING = "Strongest candidates, |z| before each step and at the end (-: in the model, or not testable)"
 NUMBERS = ("coefficient", "standard_error", "z", "p_value", "residual_before", "residual_after")
 WORDS = ("symbol", "name", "formula", "family", "kind", "unit")
 

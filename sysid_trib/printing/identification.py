@@ -38,7 +38,7 @@ def identification_table(tree: xr.DataTree) -> "Table":
     for symbol in _symbols(tree, methods):
         named = next(r for r in results if symbol in r.force).sel(force=symbol)
         row = [f"{symbol:8} {named['name'].item()}", named["formula"].item()]
-        row += [_cell(result, symbol) for result in results]
+        row += [coefficient_cell(result, symbol) for result in results]
         z = checked.z.sel(quantity=symbol).item() if symbol in checked.quantity else np.nan
         rows.append([*row, f"{z:+.1f}" if np.isfinite(z) else ""])
     for name, title in (("reference_frequency", "w (rad/s)"), ("asymptotic_frequency", "w_inf (rad/s)")):
@@ -186,7 +186,8 @@ def _symbols(tree: xr.DataTree, methods: list[str]) -> list[str]:
     return list(dict.fromkeys(s for m in methods for s in tree[m].ds.force.values.tolist()))
 
 
-def _cell(result: xr.Dataset, symbol: str) -> str:
+def coefficient_cell(result: xr.Dataset, symbol: str) -> str:
+    """A coefficient with its error, or why there is none."""
     if symbol not in result.force:
         return "-"
     one = result.sel(force=symbol)
