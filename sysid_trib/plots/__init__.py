@@ -7,6 +7,7 @@ from sysid_trib.plots.discovered import disagreement, disagreement_map, discover
 from sysid_trib.plots.paper import averaged_decay, frequency_shift, half_sines, motions, weights
 from sysid_trib.plots.planned import distinction
 from sysid_trib.plots.scored import forecast, forecasts, ranking, rankings
+from sysid_trib.plots.studied import precision, precisions
 
 __all__ = [
     "averaged_decay",
@@ -24,6 +25,8 @@ __all__ = [
     "half_sines",
     "identification",
     "motions",
+    "precision",
+    "precisions",
     "prediction",
     "ranking",
     "rankings",
