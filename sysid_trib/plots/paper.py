@@ -8,11 +8,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from sysid_trib.plots.style import LEGEND, MARKS, SERIES, axes, in_latex, thinning
+from sysid_trib.plots.style import LEGEND, MARKS, SERIES, axes, in_latex, line, mark, thinning
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+# Room in a legend above the panel.
+CLOSE: dict[str, Any] = {"columnspacing": 1.2, "handletextpad": 0.5}
 # Points of a half-sine.
 ARC = 40
 # Errors below this part of the frequency are rounding: a motion without noise has none.
@@ -30,9 +32,9 @@ def averaged_decay(motion: xr.Dataset, predicted: xr.Dataset, ax: "Axes | None" 
     ax = axes(ax)
     _curve(ax, motion, {"color": "0.4", "linewidth": 0.8, "label": "motion"})
     for sign, label in ((1.0, "averaged envelope"), (-1.0, "")):
-        ax.plot(predicted.time.values, sign * predicted.amplitude.values, label=label, **_line(SERIES[0]))
+        ax.plot(predicted.time.values, sign * predicted.amplitude.values, label=label, **line(SERIES[0]))
     ax.set(xlabel="time (s)", ylabel=r"angle $\theta$ (rad)", xlim=_ends(motion))
-    ax.legend(ncols=2, **LEGEND)
+    ax.legend(ncols=2, **LEGEND, **CLOSE)
     return ax
 
 
@@ -50,14 +52,15 @@ def frequency_shift(
     ax = axes(ax)
     styles = dict(zip(dict.fromkeys([*measured, *predicted]), cycle(SERIES)))
     for label, found in measured.items():
-        w, error = found.frequency.values, found.frequency_standard_error.values
-        shown = error if np.max(error / w) > ROUNDING else None
-        ax.errorbar(found.amplitude.values, w, shown, label=label, **MARKS | _mark(styles[label], "fmt"))
+        a, w, error = (found[k].values for k in ("amplitude", "frequency", "frequency_standard_error"))
+        ax.plot(a, w, label=label, linestyle="", **mark(styles[label]))
+        if np.max(error / w) > ROUNDING:
+            ax.errorbar(a, w, error, fmt="none", ecolor=styles[label]["color"], elinewidth=MARKS["linewidth"])
     for label, found in predicted.items():
         told = "" if label in measured else label
-        ax.plot(found.amplitude.values, found.frequency.values, label=told, **_line(styles[label]))
+        ax.plot(found.amplitude.values, found.frequency.values, label=told, **line(styles[label]))
     ax.set(xlabel="amplitude $a$ (rad)", ylabel=r"frequency $\omega$ (rad/s)", xlim=(0.0, None))
-    ax.legend(ncols=4, **LEGEND)
+    ax.legend(ncols=4, **LEGEND, **CLOSE)
     return ax
 
 
@@ -80,13 +83,15 @@ def half_sines(decay: xr.Dataset, found: xr.Dataset, ax: "Axes | None" = None) -
     gap = np.full(len(whole), np.nan)
     arcs = t[whole, None] + phase / w[whole, None], b[whole, None] * np.cos(phase)
     # A gap between the arcs: each is a fit of its own.
-    ax.plot(*(np.column_stack([arc, gap]).ravel() for arc in arcs), label="half-sines", **_line(SERIES[1]))
-    ax.plot(t[whole], b[whole], label=r"$\pm b_i$ at $t_i$", linestyle="", **_mark(SERIES[0], "marker"))
+    ax.plot(*(np.column_stack([arc, gap]).ravel() for arc in arcs), label="half-sines", **line(SERIES[1]))
+    ax.plot(
+        t[whole], b[whole], label=r"$\pm b_i$ at $t_i$", linestyle="", **mark(SERIES[0] | {"marker": "o"})
+    )
     if len(whole) >= 3:
         _construction(ax, t[whole[:3]], b[whole[:3]])
     ax.axhline(0.0, color="0.8", linewidth=0.6, zorder=0)
     ax.set(xlabel="time (s)", ylabel=r"angle $\theta$ (rad)", xlim=(low, high))
-    ax.legend(ncols=3, **LEGEND)
+    ax.legend(ncols=3, **LEGEND, **CLOSE)
     return ax
 
 
@@ -103,9 +108,9 @@ def motions(record: xr.Dataset, models: Mapping[str, xr.Dataset], ax: "Axes | No
     time, angle = (record[name].values[::step] for name in ("time", "angle"))
     ax.plot(time, angle, ".", color="0.6", markersize=2.5, label="record")
     for (label, motion), series in zip(models.items(), cycle(SERIES)):
-        _curve(ax, motion, _line(series) | {"label": label, "linewidth": 0.9})
+        _curve(ax, motion, line(series) | {"label": label, "linewidth": 0.9})
     ax.set(xlabel="time (s)", ylabel=r"angle $\theta$ (rad)", xlim=_ends(record))
-    ax.legend(ncols=4, **LEGEND)
+    ax.legend(ncols=4, **LEGEND, **CLOSE)
     return ax
 
 
@@ -125,13 +130,13 @@ def weights(
     a = found.amplitude.values
     for symbol, series in zip(found.force.values.tolist(), cycle(SERIES)):
         value, error = (found[k].sel(force=symbol).values for k in (quantity, f"{quantity}_standard_error"))
-        ax.plot(a, value, label=in_latex(symbol), **_line(series))
+        ax.plot(a, value, label=in_latex(symbol), **line(series))
         ax.fill_between(a, value - error, value + error, color=series["color"], alpha=0.25, linewidth=0)
     told = found[quantity].attrs
     unit = "" if told["units"] == "1" else f" ({told['units']})"
     ax.axhline(0.0, color="0.8", linewidth=0.6, zorder=0)
     ax.set(xlabel="amplitude $a$ (rad)", ylabel=f"{told['long_name']}{unit}", xlim=(a.min(), a.max()))
-    ax.legend(ncols=6, **LEGEND)
+    ax.legend(ncols=6, **LEGEND, **CLOSE)
     return ax
 
 
@@ -165,13 +170,3 @@ def _curve(ax: "Axes", motion: xr.Dataset, style: Mapping[str, Any]) -> None:
 
 def _ends(record: xr.Dataset) -> tuple[float, float]:
     return float(record.time[0]), float(record.time[-1])
-
-
-def _line(series: Mapping[str, Any]) -> dict[str, Any]:
-    return {"color": series["color"], "linestyle": series["linestyle"], "linewidth": 1.2}
-
-
-def _mark(series: Mapping[str, Any], key: str) -> dict[str, Any]:
-    """Marks of a series; errorbar calls the marker `fmt`."""
-    marks = {k: v for k, v in MARKS.items() if k not in ("fmt", "color", "linewidth")}
-    return marks | {"color": series["color"], key: series["marker"]}

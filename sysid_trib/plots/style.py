@@ -1,5 +1,6 @@
 """What figures share: colours, marks, legends, and axes where none are given."""
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -39,6 +40,17 @@ MOST_POINTS = 4000
 def thinning(samples: int) -> int:
     """Every how many-th sample a curve is drawn by."""
     return max(1, samples // MOST_POINTS)
+
+
+def line(series: Mapping[str, Any]) -> dict[str, Any]:
+    """Line of a series."""
+    return {"color": series["color"], "linestyle": series["linestyle"], "linewidth": 1.2}
+
+
+def mark(series: Mapping[str, Any]) -> dict[str, Any]:
+    """Open marks of a series."""
+    size = {k: MARKS[k] for k in ("markerfacecolor", "markersize", "markeredgewidth")}
+    return {"color": series["color"], "marker": series["marker"], **size}
 
 
 def in_latex(symbol: str) -> str:
