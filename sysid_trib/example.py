@@ -26,6 +26,10 @@ def paper_model() -> Model:
 def paper_twin(*, seed: int = 2019) -> xr.Dataset:
     """Simulate the paper's run: 25 s at 100 Hz from 0.3 rad, noise 5e-4 rad, angle steps of 1e-3 rad.
 
+    Parameters
+    ----------
+    seed : of the noise.
+
     Returns
     -------
     Record with `angle(time)` in rad. It is synthetic, and its attrs say so.

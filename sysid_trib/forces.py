@@ -30,6 +30,17 @@ class Force:
 
     `x` = theta (rad), `v` = theta'/w (rad), `t` = seconds since the first sample, `state` z obeys
     dz/d(w t) = formula, `memory` m is held between reversals (v = 0) and replaced there.
+
+    Parameters
+    ----------
+    symbol : the coefficient's name.
+    name, family, meaning, source : words, shown in tables.
+    formula : h (rad).
+    kind : `force`, or `sensor`: the measured angle is then x + coefficient * h.
+    state : right side of each internal state.
+    memory : what replaces each held value at a reversal.
+    start : first value of states and memory, from x, v and t at the first sample; zero where left out.
+    shape : parameters that do not enter linearly.
     """
 
     symbol: str
@@ -210,7 +221,14 @@ class Force:
 
 @dataclass(frozen=True)
 class ForceLibrary:
-    """An ordered set of forces."""
+    """An ordered set of forces, by symbol or in turn.
+
+    Parameters
+    ----------
+    title : what the library is.
+    forces : in their order, each with a symbol of its own.
+    source : the file that it is from.
+    """
 
     title: str
     forces: tuple[Force, ...]

@@ -32,6 +32,10 @@ def load_library(name_or_path: str | Path = "contact_forces") -> ForceLibrary:
     ----------
     name_or_path : name of a library of the package (`contact_forces`), or a TOML file.
 
+    Returns
+    -------
+    ForceLibrary, the forces in the order of the file.
+
     Raises
     ------
     UsageError

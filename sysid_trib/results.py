@@ -213,6 +213,7 @@ def with_contactless_frequency(result: xr.Dataset, omega0: float, standard_error
 
     Parameters
     ----------
+    result : an identification.
     omega0, standard_error : frequency of the oscillator without contact and its error, rad/s.
 
     Returns
@@ -283,7 +284,16 @@ def library_of(result: xr.Dataset, whole: bool = False) -> ForceLibrary:
 
 
 def model_of(result: xr.Dataset) -> Model:
-    """The identified model: active forces that refer to the reference frequency."""
+    """The identified model: active forces that refer to the reference frequency.
+
+    Parameters
+    ----------
+    result : an identification.
+
+    Returns
+    -------
+    Model with the coefficients, frequency (rad/s) and shape parameters found, without their errors.
+    """
     frequency = result.reference_frequency.item()
     kept = result.active.values & np.isclose(result.refers_to.values, frequency, rtol=1e-12)
     coefficients = dict(

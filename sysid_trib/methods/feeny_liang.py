@@ -59,6 +59,10 @@ def feeny_liang_decrement(turning_points: ArrayLike) -> tuple[float, float]:
     ----------
     turning_points : (turn,) rad, angles about the equilibrium at which the motion turns; signed or not.
 
+    Returns
+    -------
+    lambda (rad) and zeta.
+
     Raises
     ------
     DecayError

@@ -23,7 +23,8 @@ def contact_stiffness(
     frequency : an identification, whose asymptotic frequency is taken with its error; or w_inf, rad/s.
     omega0 : frequency without the contact, rad/s.
     inertia : kg m^2.
-    frequency_standard_error : of a w_inf given as a number; omega0_standard_error, inertia_standard_error.
+    frequency_standard_error : of a w_inf given as a number, rad/s.
+    omega0_standard_error, inertia_standard_error : of the other two, rad/s and kg m^2.
 
     Returns
     -------
@@ -67,7 +68,8 @@ def sphere_stiffness(
 
     Parameters
     ----------
-    shear_modulus : G, Pa. contact_radius : a, m. Their standard errors likewise.
+    shear_modulus, shear_modulus_standard_error : G and its error, Pa.
+    contact_radius, contact_radius_standard_error : a and its error, m.
 
     Returns
     -------

@@ -66,6 +66,11 @@ def coefficients(tree: xr.DataTree, quantity: str, ax: "Axes | None" = None) -> 
     """One coefficient, or the `asymptotic_frequency`, by method with its standard error.
 
     The band is that of the method that predicts best; an arrow stands for a value beyond the edge.
+
+    Parameters
+    ----------
+    tree : result of `compare`.
+    quantity : symbol of a force, or `asymptotic_frequency`.
     """
     ax = axes(ax)
     found = shown(tree)
@@ -93,7 +98,12 @@ def coefficients(tree: xr.DataTree, quantity: str, ax: "Axes | None" = None) -> 
 
 
 def prediction(tree: xr.DataTree, ax: "Axes | None" = None) -> "Axes":
-    """RMS of record minus model over the noise: of the part identified from (open), and held out (full)."""
+    """RMS of record minus model over the noise: of the part identified from (open), and held out (full).
+
+    Parameters
+    ----------
+    tree : result of `compare`.
+    """
     ax = axes(ax)
     found = shown(tree)
     for row, method in enumerate(found.method.values.tolist()):

@@ -39,7 +39,13 @@ def identification(tree: xr.DataTree, run: int = 0) -> "Figure":
 
 
 def record(tree: xr.DataTree, ax: "Axes | None" = None, run: int = 0) -> "Axes":
-    """The record and the angle of each identified model."""
+    """The record and the angle of each identified model.
+
+    Parameters
+    ----------
+    tree : result of `cross_check`.
+    run : which of several runs, from 0.
+    """
     ax = axes(ax)
     data = tree[record_groups(tree)[run]].ds
     step = thinning(data.sizes["time"])
@@ -54,7 +60,13 @@ def record(tree: xr.DataTree, ax: "Axes | None" = None, run: int = 0) -> "Axes":
 
 
 def residual(tree: xr.DataTree, ax: "Axes | None" = None, run: int = 0) -> "Axes":
-    """What each model leaves of the record, with the band of twice the noise."""
+    """What each model leaves of the record, with the band of twice the noise.
+
+    Parameters
+    ----------
+    tree : result of `cross_check`.
+    run : which of several runs, from 0.
+    """
     ax = axes(ax)
     data, checked = tree[record_groups(tree)[run]].ds, tree["comparison"].ds
     step = thinning(data.sizes["time"])
@@ -70,7 +82,13 @@ def residual(tree: xr.DataTree, ax: "Axes | None" = None, run: int = 0) -> "Axes
 
 
 def envelope(tree: xr.DataTree, ax: "Axes | None" = None, run: int = 0) -> "Axes":
-    """Amplitude of the half periods against time, of the record and of each model's motion."""
+    """Amplitude of the half periods against time, of the record and of each model's motion.
+
+    Parameters
+    ----------
+    tree : result of `cross_check`.
+    run : which of several runs, from 0.
+    """
     ax = axes(ax)
     measured = tree[group_names("envelope", len(record_groups(tree)))[run]].ds
     time, a = measured.instant_time.values, measured.amplitude.values
@@ -86,7 +104,13 @@ def envelope(tree: xr.DataTree, ax: "Axes | None" = None, run: int = 0) -> "Axes
 
 
 def frequency(tree: xr.DataTree, ax: "Axes | None" = None, run: int = 0) -> "Axes":
-    """Frequency of the half periods against their amplitude, of the record and of each model's motion."""
+    """Frequency of the half periods against their amplitude, of the record and of each model's motion.
+
+    Parameters
+    ----------
+    tree : result of `cross_check`.
+    run : which of several runs, from 0.
+    """
     ax = axes(ax)
     measured = tree[group_names("envelope", len(record_groups(tree)))[run]].ds
     a, w = measured.amplitude.values, measured.frequency.values

@@ -49,7 +49,12 @@ def discovery(tree: xr.DataTree, run: int = 0) -> "Figure":
 
 
 def disagreement(tree: xr.DataTree) -> "Figure":
-    """The disagreement map before and after, in the same colours."""
+    """The disagreement map before and after, in the same colours.
+
+    Parameters
+    ----------
+    tree : result of `discover`.
+    """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7.2, 3.3), layout="constrained")

@@ -25,7 +25,12 @@ ROW, MARGIN = 0.17, 0.8
 
 
 def rankings(tree: xr.DataTree) -> "Figure":
-    """The ranking before each step and at the end, side by side."""
+    """The ranking before each step and at the end, side by side.
+
+    Parameters
+    ----------
+    tree : result of `discover`.
+    """
     from matplotlib.figure import Figure
 
     scans = shown_scans(tree)
@@ -85,7 +90,12 @@ def ranking(tree: xr.DataTree, ax: "Axes | None" = None, scan: int = 0) -> "Axes
 
 
 def forecasts(tree: xr.DataTree) -> "Figure":
-    """The forecast, as high as it has candidates."""
+    """The forecast, as high as it has candidates.
+
+    Parameters
+    ----------
+    tree : result of `discover`.
+    """
     from matplotlib.figure import Figure
 
     rows = tree["forecast"].sizes["candidate"]
@@ -95,7 +105,12 @@ def forecasts(tree: xr.DataTree) -> "Figure":
 
 
 def forecast(tree: xr.DataTree, ax: "Axes | None" = None) -> "Axes":
-    """Smallest coefficient that the record would show, of each candidate; effects found beside it."""
+    """Smallest coefficient that the record would show, of each candidate; effects found beside it.
+
+    Parameters
+    ----------
+    tree : result of `discover`.
+    """
     ax = axes(ax)
     first, last = (tree[name].to_dataset() for name in ("forecast", "forecast_after"))
     symbols = by_family(first)

@@ -54,6 +54,7 @@ def _closed(value: float) -> str:
 
 
 def loses_power(force: Force) -> str:
+    """Whether a positive coefficient takes energy out, at the amplitudes at which a pendulum swings."""
     power = lost_power(force, np.array([0.05, 0.3, 1.0]), None, time=1.0)
     if np.all(np.abs(power) < 1e-13):
         return "no"
