@@ -11,7 +11,7 @@ import numpy as np
 
 from sysid_trib.forces import Force
 from sysid_trib.motion.equations import Functions, Motion, Run, Vector, motion_of
-from sysid_trib.motion.sticking import ahead, departure, settle
+from sysid_trib.motion.sticking import ahead, departure, settle, standing
 
 # What heyoka would print on a diverging motion is raised instead.
 hy.set_logger_level_critical()
@@ -73,8 +73,8 @@ class Compiled:
         self.motion = motion
         self.lock: AbstractContextManager[Any] = RLock()
         self.run = Run(np.zeros(motion.signs_at.stop), budget=0, steps=0)
-        self._rest = np.zeros(len(motion.variables))
-        y, p = _variables(motion)
+        y = [_expr(name) for name in motion.variables]
+        p = [hy.par[i] for i in range(motion.signs_at.stop)]
         rates = [_expr(rate) for rate in motion.rates(y, p, hy.time, SMOOTH)]
         frozen = [_expr(g) for g in motion.surfaces(y, p, hy.time, SMOOTH, frozen=True)]
         callbacks = [_callback(self)] * len(frozen)
@@ -91,31 +91,19 @@ class Compiled:
         self.integrator = hy.taylor_adaptive(list(zip(y, rates, strict=True)), t_events=events, tol=TOLERANCE)
         self.state, self.used = self.integrator.state, self.integrator.pars
 
-    def rates(self, y: Vector, p: Vector, tau: float) -> Vector:
-        """Derivative of `y` on the branch of the signs in `p`."""
-        return self._rates(y, p, tau).copy()
-
-    def surfaces(self, y: Vector, p: Vector, tau: float) -> Vector:
-        """Value of each switching surface."""
-        return self._surfaces(y, p, tau).copy()
-
     def ahead(self, y: Vector, p: Vector, tau: float) -> Vector:
         """Signs of a motion that goes on; the next call overwrites them."""
         return self._ahead(y, p, tau)
 
     def departures(self, y: Vector, p: Vector, tau: float) -> Vector:
         """Upwards and downwards, (2, 1 + memory + signs); the next call overwrites them."""
-        self._rest[:] = y
-        self._rest[1] = 0.0
-        return self._departures(self._rest, p, tau).reshape(2, -1)
+        rest = y.copy()
+        rest[1] = 0.0
+        return self._departures(rest, p, tau).reshape(2, -1)
 
-    @cached_property
-    def _rates(self) -> "_Function":
-        return _Function(self.motion, self.motion.rates)
-
-    @cached_property
-    def _surfaces(self) -> "_Function":
-        return _Function(self.motion, self.motion.surfaces)
+    def standing(self, y: Vector, p: Vector, tau: float) -> Vector:
+        """Accelerations at rest and rates of the states; the next call overwrites them."""
+        return self._standing(y, p, tau)
 
     @cached_property
     def _ahead(self) -> "_Function":
@@ -124,6 +112,10 @@ class Compiled:
     @cached_property
     def _departures(self) -> "_Function":
         return _Function(self.motion, *(partial(departure, self.motion, way=way) for way in (1.0, -1.0)))
+
+    @cached_property
+    def _standing(self) -> "_Function":
+        return _Function(self.motion, partial(standing, self.motion))
 
     def glide(self, run: Run, y: Vector, grid: Vector) -> tuple[Vector, Vector, float]:
         """Move from grid[0] until the motion sticks, fails or the grid ends.
@@ -175,24 +167,27 @@ def _callback_at_zero(compiled: Compiled) -> Callback:
 
 
 class _Function:
-    """Expressions of y, p and tau as one function on numbers, compiled when first made."""
+    """Expressions of y, p and tau as one function on numbers; the next call overwrites what a call returns."""
 
     def __init__(self, motion: Motion, *parts: Callable[..., list[Any]]) -> None:
-        y, p = _variables(motion)
-        outputs = [_expr(found) for part in parts for found in part(y, p, hy.time, functions=SWITCHED)]
-        # The last parameter as an output keeps the function's parameters as many as there are in p.
-        self._call = hy.cfunc([*outputs, p[-1]], y)
-        self._found = np.empty(len(outputs) + 1)
-        self._outputs = self._found[:-1]
+        y, p = (
+            [_expr(name) for name in motion.variables],
+            [_expr(f"p{i}") for i in range(motion.signs_at.stop)],
+        )
+        tau = _expr("tau")
+        outputs = [_expr(found) for part in parts for found in part(y, p, tau, functions=SWITCHED)]
+        # heyoka takes one vector three times as fast as variables, parameters and time.
+        self._call = hy.cfunc(outputs, [*y, *p, tau])
+        self._given, self._found = np.empty(len(y) + len(p) + 1), np.empty(len(outputs))
+        self._p_at = slice(len(y), len(y) + len(p))
 
     def __call__(self, y: Vector, p: Vector, tau: float) -> Vector:
-        self._call(y, self._found, p, time=tau)
-        return self._outputs
-
-
-def _variables(motion: Motion) -> tuple[list[Any], list[Any]]:
-    """y and p as expressions."""
-    return [_expr(name) for name in motion.variables], [hy.par[i] for i in range(motion.signs_at.stop)]
+        given = self._given
+        given[: len(y)] = y
+        given[self._p_at] = p
+        given[-1] = tau
+        self._call(given, self._found)
+        return self._found
 
 
 @lru_cache(maxsize=128)

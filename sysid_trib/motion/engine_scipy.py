@@ -12,10 +12,10 @@ from scipy.optimize import brentq
 
 from sysid_trib.forces import Force
 from sysid_trib.motion.equations import Functions, Motion, Run, Vector, motion_of
-from sysid_trib.motion.sticking import ahead, departure, settle
+from sysid_trib.motion.sticking import ahead, departure, settle, standing
 
 # Where a step is looked at for a switching; close to its start, where the motion just left one.
-LOOKS = (0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0)
+LOOKS = np.array([0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0])
 SMALL = 1e-9  # below this, what is infinite at a switching surface is smoothed
 ROUNDING = 1e-14  # a surface just left may seem crossed by this much
 TOO_FAR = 1e6  # rad
@@ -52,14 +52,6 @@ class Interpreted:
         self.tolerance = tolerance
         self.lock: AbstractContextManager[None] = nullcontext()
 
-    def rates(self, y: Vector, p: Vector, tau: float) -> Vector:
-        """Derivative of `y` on the branch of the signs in `p`."""
-        return _numbers(self.motion.rates, y, p.tolist(), tau, len(y))
-
-    def surfaces(self, y: Vector, p: Vector, tau: float) -> Vector:
-        """Value of each switching surface."""
-        return _numbers(self.motion.surfaces, y, p.tolist(), tau, len(self.motion.switches))
-
     def ahead(self, y: Vector, p: Vector, tau: float) -> Vector:
         """Signs of a motion that goes on."""
         return _numbers(partial(ahead, self.motion), y, p.tolist(), tau, len(self.motion.switches))
@@ -70,6 +62,10 @@ class Interpreted:
         rest[1] = 0.0
         both = (partial(departure, self.motion, way=way) for way in (1.0, -1.0))
         return np.stack([_numbers(each, rest, p.tolist(), tau, count) for each in both])
+
+    def standing(self, y: Vector, p: Vector, tau: float) -> Vector:
+        """Accelerations at rest and rates of the states."""
+        return _numbers(partial(standing, self.motion), y, p.tolist(), tau, len(y))
 
     def glide(self, run: Run, y: Vector, grid: Vector) -> tuple[Vector, Vector, float]:
         """Move from grid[0] until the motion sticks, fails or the grid ends (see `Compiled.glide`)."""
@@ -144,10 +140,9 @@ def advance(
 def _first_crossing(
     guards: Callable[[float, Vector], Vector], dense: Any, start: float, end: float
 ) -> float | None:
-    before = start
-    for part in LOOKS:
-        tau = start + part * (end - start)
-        crossed = np.flatnonzero(guards(tau, dense(tau)) < -ROUNDING)
+    before, times = start, start + LOOKS * (end - start)
+    for tau, y in zip(times.tolist(), dense(times).T, strict=True):
+        crossed = np.flatnonzero(guards(tau, y) < -ROUNDING)
         if len(crossed):
             return min(_root(guards, dense, int(i), before, tau) for i in crossed)
         before = tau

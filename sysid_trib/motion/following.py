@@ -85,32 +85,33 @@ def _new_run(motion: Motion, p: Vector, end: float) -> Run:
 
 def _rest(engine: Engine, run: Run, y: Vector, grid: Vector) -> tuple[Vector, Vector, float]:
     """Stay at rest until something pushes harder than friction holds, or to the end."""
-    motion, y, signs = engine.motion, y.copy(), engine.motion.signs_at
+    motion, y = engine.motion, y.copy()
     y[1] = 0.0
 
     def at(hidden: Vector) -> Vector:
-        return np.concatenate([y[:2], hidden[: len(y) - 2]])
+        return np.concatenate([y[:2], hidden[:-2]])
 
     def guards(tau: float, hidden: Vector) -> Vector:
-        up, down = engine.departures(at(hidden), run.p, tau)[:, 0]
+        up, down, *_ = engine.standing(at(hidden), run.p, tau).tolist()
         return np.array([-up, down])
 
     def rates(tau: float, hidden: Vector) -> Vector:
-        here, p = at(hidden), run.p.copy()
-        p[signs] = np.sign(engine.surfaces(here, p, tau))
+        up, down, *moves = engine.standing(at(hidden), run.p, tau).tolist()
         # The guards are integrated along so that the steps resolve them.
-        return np.concatenate([engine.rates(here, p, tau)[2:], guards(tau, hidden)])
+        return np.array([*moves, -up, down])
 
     hidden = np.concatenate([y[2:], [0.0, 0.0]])
     time_matters = any(f.holds_time and c != 0.0 for f, c in zip(motion.forces, run.p, strict=False))
-    if not time_matters and np.all(np.abs(rates(grid[0], hidden)[:-2]) < 1e-14):
+    if not time_matters and (len(y) == 2 or np.all(np.abs(rates(grid[0], hidden)[:-2]) < 1e-14)):
         return np.repeat(y[None], len(grid) - 1, axis=0), y, float(grid[-1])
     found, hidden, tau, free = advance(rates, guards, hidden, grid, run, 1e-10 if len(y) > 2 else 1e-6)
     if free:
         hidden, tau = hidden + LEAVE * rates(tau, hidden), tau + LEAVE
         run.stuck = not (run.count() and settle(engine, at(hidden), run.p, tau))
         run.note(tau)
-    return np.array([at(row) for row in found]).reshape(-1, len(y)), at(hidden), tau
+    rows = np.repeat(y[None], len(found), axis=0)
+    rows[:, 2:] = found[:, :-2]
+    return rows, at(hidden), tau
 
 
 def _check(motion: Motion, run: Run, known: int, grid: Vector, rows: Vector) -> None:

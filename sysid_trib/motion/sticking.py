@@ -1,7 +1,7 @@
 """Which way a motion goes on from a switching or from rest (Filippov), from the formulas alone.
 
-`ahead` and `departure` are written for numbers and for expressions alike: each engine computes them in its own
-way, one of them compiled.
+`ahead`, `departure` and `standing` are written for numbers and for expressions alike: each engine computes
+them in its own way, one of them compiled.
 """
 
 from collections.abc import Sequence
@@ -16,24 +16,20 @@ CREEP = 1e-11  # rad; what a motion taken as at rest may still have had to go
 
 
 class Field(Protocol):
-    """The functions of a motion on numbers; each engine has its own, equally exact."""
+    """A motion's ways on, in numbers; each engine has its own, equally exact."""
 
     motion: Motion
 
-    def rates(self, y: Vector, p: Vector, tau: float) -> Vector:
-        """Derivative of `y` on the branch of the signs in `p`."""
-        ...
-
-    def surfaces(self, y: Vector, p: Vector, tau: float) -> Vector:
-        """Value of each switching surface."""
-        ...
-
     def ahead(self, y: Vector, p: Vector, tau: float) -> Vector:
-        """Signs of a motion that goes on (see `ahead`)."""
+        """See `ahead`; like the others, valid until the next call."""
         ...
 
     def departures(self, y: Vector, p: Vector, tau: float) -> Vector:
         """`departure` upwards and downwards, (2, 1 + memory + signs)."""
+        ...
+
+    def standing(self, y: Vector, p: Vector, tau: float) -> Vector:
+        """See `standing`."""
         ...
 
 
@@ -42,14 +38,15 @@ def settle(field: Field, y: Vector, p: Vector, tau: float) -> bool:
     motion, speed = field.motion, abs(y.item(1))
     if speed <= SLOW:
         found = field.departures(y, p, tau)
-        up, down = found[:, 0].tolist()
+        up, down = found.item(0, 0), found.item(1, 0)
         sticks = up <= 0.0 <= down
         # Detent and friction make ever shorter swings without end: they end where less than CREEP is left.
         if speed <= 1e-12 or (sticks and speed**2 < 2.0 * CREEP * min(-up, down)):
             if not sticks:
                 p[motion.memory_at.start :] = found[0 if _rises(up, down, y.item(0)) else 1, 1:]
             return not sticks
-    p[motion.signs_at] = field.ahead(y, p, tau)
+    if motion.switches:
+        p[motion.signs_at] = field.ahead(y, p, tau)
     return True
 
 
@@ -94,6 +91,13 @@ def departure(
         later[2:] = [a + LOOK / 2 * rate for a, rate in zip(later[2:], rates[2:], strict=True)]
         signs = _by_nearness(values, _signs(motion, later, before, tau + LOOK, functions), signs, functions)
     return [motion.rates(y, [*fixed, *memory, *signs], tau, functions)[1], *memory, *signs]
+
+
+def standing(motion: Motion, y: Sequence[Any], p: Sequence[Any], tau: Any, functions: Functions) -> list[Any]:
+    """Accelerations upwards and downwards of a motion at rest, then the rates of its states."""
+    up, down = (departure(motion, y, p, tau, functions, way)[0] for way in (1.0, -1.0))
+    here = [*p[: motion.signs_at.start], *_signs(motion, y, p, tau, functions)]
+    return [up, down, *motion.rates(y, here, tau, functions)[2:]]
 
 
 def _signs(motion: Motion, y: Sequence[Any], p: Sequence[Any], tau: Any, functions: Functions) -> list[Any]:
