@@ -12,7 +12,18 @@ from sysid_trib.errors import RecordError, UsageError
 
 
 def save(result: xr.Dataset | xr.DataTree, path: str | os.PathLike[str]) -> None:
-    """Write a result as netCDF: beside its place first, then renamed, so that no half file is left."""
+    """Write a result as netCDF: beside its place first, then renamed, so that no half file is left.
+
+    Parameters
+    ----------
+    result : any result of this package.
+    path : the file, replaced if it is there.
+
+    Raises
+    ------
+    RecordError
+        The place cannot be written.
+    """
     target = Path(path)
 
     write_beside(target, lambda beside: result.to_netcdf(beside, engine="h5netcdf"))
@@ -51,7 +62,23 @@ def write_beside(target: Path, write: Callable[[str], Any]) -> None:
 
 
 def load(path: str | os.PathLike[str]) -> xr.DataTree:
-    """Read a result back from netCDF; RecordError if it is none."""
+    """Read a result back from netCDF.
+
+    Parameters
+    ----------
+    path : a file that `save` wrote.
+
+    Returns
+    -------
+    DataTree, equal to what was saved and wholly in memory; a single Dataset is its root.
+
+    Raises
+    ------
+    UsageError
+        There is no such file.
+    RecordError
+        It is no result in netCDF.
+    """
     try:
         tree = xr.open_datatree(path, engine="h5netcdf")
     except FileNotFoundError:
