@@ -33,7 +33,8 @@ def test_the_notebook_is_the_text(script):
     pair = module_from_spec(spec)
     spec.loader.exec_module(pair)
     stored = script.with_suffix(".ipynb").read_text(encoding="utf-8")
-    assert stored == pair.notebook_text(script), "write it with: python notebooks/pair.py"
+    in_step = stored == pair.notebook_text(script)
+    assert in_step, "write it again: python notebooks/pair.py"
 
 
 @of_scripts

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 CLOSE: dict[str, Any] = {"columnspacing": 1.2, "handletextpad": 0.5}
 # Points of a half-sine.
 ARC = 40
-# Errors below this part of the frequency are rounding: a motion without noise has none.
-ROUNDING = 1e-7
 
 
 def averaged_decay(motion: xr.Dataset, predicted: xr.Dataset, ax: "Axes | None" = None) -> "Axes":
@@ -54,8 +52,7 @@ def frequency_shift(
     for label, found in measured.items():
         a, w, error = (found[k].values for k in ("amplitude", "frequency", "frequency_standard_error"))
         ax.plot(a, w, label=label, linestyle="", **mark(styles[label]))
-        if np.max(error / w) > ROUNDING:
-            ax.errorbar(a, w, error, fmt="none", ecolor=styles[label]["color"], elinewidth=MARKS["linewidth"])
+        ax.errorbar(a, w, error, fmt="none", ecolor=styles[label]["color"], elinewidth=MARKS["linewidth"])
     for label, found in predicted.items():
         told = "" if label in measured else label
         ax.plot(found.amplitude.values, found.frequency.values, label=told, **line(styles[label]))
