@@ -91,31 +91,25 @@ class Compiled:
         self.integrator = hy.taylor_adaptive(list(zip(y, rates, strict=True)), t_events=events, tol=TOLERANCE)
         self.state, self.used = self.integrator.state, self.integrator.pars
 
-    def ahead(self, y: Vector, p: Vector, tau: float) -> Vector:
-        """Signs of a motion that goes on; the next call overwrites them."""
-        return self._ahead(y, p, tau)
+    @cached_property
+    def ahead(self) -> "_Function":
+        """Signs of a motion that goes on."""
+        return _Function(self.motion, partial(ahead, self.motion))
+
+    @cached_property
+    def standing(self) -> "_Function":
+        """Accelerations at rest upwards and downwards, and rates of the states."""
+        return _Function(self.motion, partial(standing, self.motion))
 
     def departures(self, y: Vector, p: Vector, tau: float) -> Vector:
-        """Upwards and downwards, (2, 1 + memory + signs); the next call overwrites them."""
+        """Upwards and downwards, (2, 1 + memory + signs)."""
         rest = y.copy()
         rest[1] = 0.0
         return self._departures(rest, p, tau).reshape(2, -1)
 
-    def standing(self, y: Vector, p: Vector, tau: float) -> Vector:
-        """Accelerations at rest and rates of the states; the next call overwrites them."""
-        return self._standing(y, p, tau)
-
-    @cached_property
-    def _ahead(self) -> "_Function":
-        return _Function(self.motion, partial(ahead, self.motion))
-
     @cached_property
     def _departures(self) -> "_Function":
         return _Function(self.motion, *(partial(departure, self.motion, way=way) for way in (1.0, -1.0)))
-
-    @cached_property
-    def _standing(self) -> "_Function":
-        return _Function(self.motion, partial(standing, self.motion))
 
     def glide(self, run: Run, y: Vector, grid: Vector) -> tuple[Vector, Vector, float]:
         """Move from grid[0] until the motion sticks, fails or the grid ends.
@@ -167,13 +161,11 @@ def _callback_at_zero(compiled: Compiled) -> Callback:
 
 
 class _Function:
-    """Expressions of y, p and tau as one function on numbers; the next call overwrites what a call returns."""
+    """Expressions of y, p and tau as one function on numbers; a call overwrites what the last returned."""
 
     def __init__(self, motion: Motion, *parts: Callable[..., list[Any]]) -> None:
-        y, p = (
-            [_expr(name) for name in motion.variables],
-            [_expr(f"p{i}") for i in range(motion.signs_at.stop)],
-        )
+        y = [_expr(name) for name in motion.variables]
+        p = [_expr(f"p{i}") for i in range(motion.signs_at.stop)]
         tau = _expr("tau")
         outputs = [_expr(found) for part in parts for found in part(y, p, tau, functions=SWITCHED)]
         # heyoka takes one vector three times as fast as variables, parameters and time.

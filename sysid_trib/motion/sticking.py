@@ -72,7 +72,7 @@ def ahead(motion: Motion, y: Sequence[Any], p: Sequence[Any], tau: Any, function
 def departure(
     motion: Motion, y: Sequence[Any], p: Sequence[Any], tau: Any, functions: Functions, way: float
 ) -> list[Any]:
-    """Acceleration at rest when the motion is about to go `way` (+1, -1), then memory and signs of that branch.
+    """Acceleration at rest of a motion about to go `way` (+1, -1), then memory and signs of that branch.
 
     `y` : as at rest, with v = 0.
     """
