@@ -2,7 +2,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test notebooks check clean
+.PHONY: demo test notebooks docs check clean
 
 demo: .venv/ready
 	$(BIN)/sysid-trib identify --omega0 8.87
@@ -12,6 +12,10 @@ test: .venv/ready-dev
 
 notebooks: .venv/ready-notebooks
 	$(BIN)/python notebooks/run.py
+
+docs: .venv/ready-docs
+	OMP_NUM_THREADS=1 $(BIN)/python -m sphinx -b html -W --keep-going -E -q -j 2 docs build/docs
+	@echo "Open build/docs/index.html"
 
 check: .venv/ready-dev
 	$(BIN)/ruff check
@@ -39,4 +43,9 @@ $(BIN)/pip:
 .venv/ready-notebooks: pyproject.toml | $(BIN)/pip
 	@echo "Setting up .venv for the notebooks (a few minutes the first time) ..."
 	@$(PIP) --editable '.[notebooks]'
+	@touch $@ .venv/ready
+
+.venv/ready-docs: pyproject.toml | $(BIN)/pip
+	@echo "Setting up .venv for the documentation (a few minutes the first time) ..."
+	@$(PIP) --editable '.[docs]'
 	@touch $@ .venv/ready

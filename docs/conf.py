@@ -12,6 +12,7 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
 
 import generated  # noqa: E402
+
 import sysid_trib  # noqa: E402
 
 project = "sysid_trib"
@@ -28,6 +29,8 @@ highlight_language = "none"
 default_role = "py:obj"
 add_module_names = False
 autodoc_member_order = "bysource"
+# What scikit-learn adds to every estimator.
+autodoc_default_options = {"exclude-members": "set_fit_request, set_transform_request"}
 autodoc_typehints_format = "short"
 numpydoc_show_class_members = False
 toc_object_entries_show_parents = "hide"
@@ -41,12 +44,13 @@ html_show_sphinx = False
 html_math_renderer = "mathml"
 
 
-def setup(app: Sphinx) -> None:
+def setup(app: Sphinx) -> dict[str, bool]:
     """Connect what is generated, and formulas as MathML, which browsers show without any script."""
     app.connect("source-read", _expand)
     # Before numpydoc reads them.
-    app.connect("autodoc-process-docstring", _descriptions, priority=400)
+    app.connect("autodoc-process-docstring", _readable, priority=400)
     app.add_html_math_renderer("mathml", (_math, None), (_math, None))
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
 
 
 def _expand(app: Sphinx, docname: str, source: list[str]) -> None:
@@ -60,22 +64,24 @@ def _math(translator: "object", node: nodes.math) -> None:
     raise nodes.SkipNode
 
 
-def _descriptions(
-    app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]
-) -> None:
-    """Show `name : what it is, in SI units` as a name and its description, not as a type.
+def _readable(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
+    """Bring what numpydoc reads otherwise into the form that it shows well.
 
-    An entry whose next line begins a sentence of its own has both, and is left as it is.
+    `name : what it is, in SI units` becomes a name and its description, not a type; an entry whose next line
+    begins a sentence of its own has both, and is left as it is. What is returned, told in sentences, becomes
+    one line: numpydoc takes each line for another thing returned.
     """
     found: list[str] = []
     section = ""
-    for at, line in enumerate(lines):
-        if at + 1 < len(lines) and re.fullmatch(r"-{3,}", lines[at + 1]):
+    for line, after in zip(lines, [*lines[1:], ""], strict=True):
+        if re.fullmatch(r"-{3,}", after):
             section = line
         entry = re.fullmatch(r"(\w[\w, ]*) : (.+)", line) if section in ("Parameters", "Attributes") else None
-        after = lines[at + 1].strip() if at + 1 < len(lines) and lines[at + 1].startswith("    ") else ""
-        if entry and not re.match(r"[A-Z]", after):
+        if entry and not re.match(r"    ([A-Z]|``)", after):
             found += [entry[1], f"    {entry[2]}"]
+        elif section == "Returns" and line[:1].strip() and found[-1][:1] not in ("", " ", "-"):
+            found[-1] += f" {line}"
         else:
             found.append(line)
-    lines[:] = found
+    # A bar is a modulus here, never a substitution.
+    lines[:] = [re.sub(r"(``.*?``)|\|", lambda bar: bar[1] or r"\|", line) for line in found]

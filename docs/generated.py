@@ -98,8 +98,13 @@ def commands() -> str:
         check=True,
         encoding="utf-8",
     ).stdout
-    # The page has a title and a list of commands already.
-    return told[told.index("## ") :].replace("**Usage**:", "").replace("`<list[Path]>`", "")
+    # The page has a title of its own, and its contents list the commands.
+    told = (
+        told[told.index("## ") :]
+        .replace("**Usage**:\n\n", "")
+        .replace("* `--help`: Show this message and exit.\n", "")
+    )
+    return told.replace("[[RECORD]...]...", "[RECORD]...").replace(" <list[Path]>`", "`")
 
 
 def forces(name: str) -> str:
@@ -145,14 +150,10 @@ def _signature(force: Force, blind: tuple[str, ...]) -> list[str]:
         return ["Signature: none at first order, so that averaging does not see it"]
     sine, cosine = signature_text(force)
     points = [f"Signature: ⟨h sin φ⟩ = {sine}; ⟨h cos φ⟩ = {cosine}"]
-    twins = [
-        f"`{other}`"
-        for group in _twins()
-        if force.symbol in group
-        for other in group
-        if other != force.symbol
-    ]
-    return [*points, f"Of the same signature: {', '.join(twins)}"] if twins else points
+    groups = [[s for s in group if s != force.symbol] for group in _twins() if force.symbol in group]
+    if groups:
+        points.append(f"Averaging cannot separate it from {'; nor from '.join(map(_listed, groups))}")
+    return points
 
 
 @lru_cache
@@ -237,19 +238,26 @@ def small_results() -> dict[str, xr.DataTree]:
     }
 
 
-def results(command: str) -> str:
-    """Groups, variables, dimensions, units and attributes of a command's result."""
+def results() -> str:
+    """Groups, variables, dimensions, units and attributes of each command's result."""
     lines = []
-    for group, node in small_results()[command].children.items():
-        lines += [f"#### `{group}`", "", "| variable | over | unit | what |", "| --- | --- | --- | --- |"]
-        lines += [
-            f"| `{name}` | {', '.join(map(str, v.dims)) or '(one number)'} | "
-            f"{v.attrs.get('units', '')} | {v.attrs.get('long_name', '')} |"
-            for name, v in node.to_dataset().variables.items()
-        ]
-        if node.attrs:
-            lines += ["", f"Attributes: {_listed(node.attrs)}."]
-        lines.append("")
+    shown: dict[tuple[str, ...], str] = {}
+    for command, tree in small_results().items():
+        lines += [f"### Of {command}", ""]
+        for group, node in tree.children.items():
+            variables = node.to_dataset().variables
+            before = shown.setdefault(tuple(sorted(variables)), group)
+            lines += [f"#### `{group}`", ""]
+            if before != group or f"#### `{group}`" in lines[:-2]:
+                lines += [f"The variables of `{before}`.", ""]
+                continue
+            lines += ["| variable | over | unit | what |", "| --- | --- | --- | --- |"]
+            lines += [
+                f"| `{name}` | {', '.join(map(str, v.dims)) or 'one number'} | "
+                f"{v.attrs.get('units', '')} | {v.attrs.get('long_name', '')} |"
+                for name, v in variables.items()
+            ]
+            lines += ["", f"Attributes: {_listed(node.attrs)}." if node.attrs else "", ""]
     return "\n".join(lines)
 
 
