@@ -27,14 +27,13 @@ def signatures(found: Mapping[str, xr.Dataset]) -> "Figure":
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7.2, 3.0), layout="constrained")
-    panels = figure.subplots(1, 2, sharex=True, sharey=True)
+    panels = figure.subplots(1, 2, sharex=True)
     for panel, (quantity, told), letter in zip(panels, LABELS.items(), "ab", strict=True):
         panel.axhline(0.0, color="0.8", linewidth=0.6, zorder=0)
         for (label, one), series in zip(found.items(), cycle(SERIES)):
             style = {key: series[key] for key in ("color", "linestyle")}
             panel.plot(one.amplitude.values, one[quantity].values, label=label, linewidth=1.2, **style)
         panel.set(xlabel="amplitude $a$ (rad)", ylabel=told)
-        panel.tick_params(labelleft=True)
         panel.set_title(f"({letter})", loc="left", fontsize=9)
     panels[0].set_xlim(0.0, None)
     lines, labels = panels[0].get_legend_handles_labels()

@@ -1,0 +1,247 @@
+# %% [markdown]
+# # Measured records
+#
+# Three free decays that others measured and published: a steel pendulum on a bearing, a bob on a string
+# that was filmed, and the model of a ship that rolls in a basin. Of each something is known beforehand, and
+# can be held against what is found. None is explained to the last: what the models leave is shown, not
+# hidden.
+#
+# The records are not part of this repository. They are read from the folder that `SYSID_TRIB_DATA` names;
+# who is online may set `SYSID_TRIB_FETCH=1`, which fetches them from their public sources
+# ([measured.py](measured.py) says which) and checks them.
+
+# %%
+import os
+from dataclasses import replace
+
+import measured
+import numpy as np
+import pandas as pd
+import tables
+import xarray as xr
+from IPython.display import display
+
+import sysid_trib as st
+
+# %matplotlib inline
+pd.set_option("display.max_colwidth", None)
+QUICK = os.environ.get("SYSID_TRIB_QUICK") == "1"  # shorter and coarser records, fewer candidates and methods
+files = measured.files()
+
+# %% [markdown]
+# ## The same three questions
+#
+# What do averaging and direct identification find, and does their model explain the record? How do other
+# methods compare, also on a last third that they have not seen? And what is missing, if the search starts
+# from viscous friction alone?
+
+# %%
+contact, effects = st.load_library("contact_forces"), st.load_library("candidate_effects")
+everything = replace(effects, forces=(*contact, *effects))
+start = contact.select(["zeta"])
+FEW = "lambda delta nu epsilon stribeck gravity inertia angle_drag"
+offered = FEW.split() if QUICK else [s for s in everything.symbols if s not in ("zeta", "alpha")]
+candidates = everything.select(offered)
+
+m = st.methods
+METHODS = {"trajectory": m.Trajectory(), "direct": m.Direct(), "averaging": m.Averaging()}
+if not QUICK:
+    METHODS |= {
+        "averaging (printed rule)": m.Averaging("last", correct=False, weighted=False),
+        "direct (strong form)": m.Direct(form="strong"),
+        "logarithmic decrement": m.LogarithmicDecrement(),
+        "Feeny-Liang decrement": m.FeenyLiang(),
+        "Wu decrement": m.WuDecrement(),
+        "quadratic decay": m.QuadraticDecay(),
+    }
+
+
+def identified(decay: xr.Dataset, symbols: str) -> xr.DataTree:
+    """Averaging and direct on the same forces, held against each other; what they find and leave is shown."""
+    library = everything.select(symbols.split())
+    first, second = (st.identify(decay, library, method) for method in (m.Averaging(), m.Direct()))
+    tree = st.cross_check(decay, first, second, draws=8 if QUICK else 32)
+    display(tables.coefficients({"averaging": first, "direct": second}))
+    checked = tree["comparison"].ds
+    gaps = ", ".join(f"{gap:.3g}" for gap in checked.residual_over_noise.values)
+    explained, p = checked.attrs["explained"], checked.p_value.item()
+    print(f"Record explained: {explained}; the models leave {gaps} times the noise.")
+    print(f"The methods {checked.attrs['verdict']} (p = {p:.2g}).")
+    return tree
+
+
+def searched(decay: xr.Dataset, effects: int, holdout: xr.Dataset | None = None) -> xr.DataTree:
+    """What viscous friction alone lacks; gaps are in noise levels."""
+    unseen = () if holdout is None else holdout
+    most = 1 if QUICK else effects
+    tree = st.discover(decay, start, candidates, max_effects=most, holdout=unseen)
+    display(tables.effects_found(tree))
+    left = tree["holdout"].rms.values / tree["holdout"].noise.item()
+    print(
+        f"Verdict: {tree.attrs['verdict']}. On what was held out ({tree.attrs['held_out']}) the start model"
+    )
+    print(f"leaves {left[0]:.3g} times the noise, the final one {left[-1]:.3g} times.")
+    return tree
+
+
+def parted(decay: xr.Dataset, seconds: float) -> tuple[xr.Dataset, xr.Dataset]:
+    """A decay without its last seconds, and these."""
+    end = decay.time[-1].item() - seconds
+    return decay.sel(time=slice(None, end)), decay.sel(time=slice(end, None))
+
+
+def value_of(tree: xr.DataTree, symbol: str) -> tuple[float, float]:
+    """Coefficient of a force by direct identification, and its standard error."""
+    one = tree["direct"].ds.sel(force=symbol)
+    return one.coefficient.item(), one.standard_error.item()
+
+
+decays: dict[str, xr.Dataset] = {}
+known: list[dict[str, str]] = []  # what is known beforehand, and what is found
+
+
+def held_against(record: str, what: str, known_as: str, found: str) -> None:
+    known.append({"record": record, "what": what, "known beforehand": known_as, "found": found})
+
+
+# %% [markdown]
+# ## A steel pendulum on its bearing
+#
+# An encoder reads the angle at 1 kHz. Known beforehand: hanging down is pi; gravity restores it, as
+# sin(theta) with the coefficient 1; the bearing rubs, the air drags, and nothing feeds energy in. Where the
+# whole record is not there (its file cannot be fetched), the same swing from 15 s to 70 s is taken from the
+# parts that its authors published. Every tenth sample is more than enough.
+
+
+# %%
+def joined(path) -> xr.Dataset:
+    """The record that its authors cut into parts for fitting and for validation."""
+    parts = [("id", part) for part in range(4)] + [("vad", part) for part in range(2)]
+    read = [st.read_record(path, time=f"Time_{use}[{n}]", angle=f"Y_{use}[{n}][0]") for use, n in parts]
+    return xr.concat(read, "time", combine_attrs="override")
+
+
+if "pendulum" in files:
+    whole = files["pendulum"].suffix == ".csv"
+    record = st.read_record(files["pendulum"]) if whole else joined(files["pendulum"])
+    zero = 15.0 if whole else 0.0  # s, the time in the file at which the part begins
+    record = record.isel(time=slice(None, None, 40 if QUICK else 10))
+    decay = st.free_decay(record, window=(zero, zero + (25.0 if QUICK else 60.0)))
+    decays["pendulum"] = decay
+    print(decay.attrs["free_decay"])
+    centre, error = decay.equilibrium.item(), decay.equilibrium_standard_error.item()
+    held_against("pendulum", "equilibrium (rad)", f"{np.pi:.4f}", f"{centre:.4f} ± {error:.4f}")
+
+# %% [markdown]
+# Offered the contact forces, of which the cubic one must do gravity's work,
+
+# %%
+if "pendulum" in decays:
+    cubic = identified(decays["pendulum"], "lambda zeta delta epsilon")
+    display(st.plots.identification(cubic))
+
+# %% [markdown]
+# the methods find the same coefficients of a model that is wrong, and the check says so: at such angles x^3
+# is not gravity. With gravity itself in its place:
+
+# %%
+if "pendulum" in decays:
+    gravity = identified(decays["pendulum"], "lambda zeta delta gravity")
+    for symbol, what, said in (
+        ("gravity", "gravity over all that restores", "1"),
+        ("lambda", "friction of the bearing", "> 0"),
+        ("zeta", "viscous friction", ">= 0"),
+        ("delta", "air drag", "> 0"),
+    ):
+        value, error = value_of(gravity, symbol)
+        held_against("pendulum", what, said, f"{value:.5f} ± {error:.5f}")
+    compared = st.compare(decays["pendulum"], everything.select(gravity["direct"].force.values), METHODS)
+    display(st.plots.comparison(compared))
+
+# %% [markdown]
+# Then the search, on a longer part that reaches up to the stop; the last seconds take no part and are
+# predicted, with the start of their motion fitted.
+
+# %%
+if "pendulum" in files:
+    end = zero + 30.0 if QUICK else zero + 73.0 if whole else None
+    longer = st.free_decay(record, window=(zero, end))
+    seen, unseen = parted(longer, 13.0 if whole else 9.0)
+    pendulum = searched(seen, effects=3, holdout=unseen)
+    display(st.plots.discovery(pendulum))
+    display(st.plots.disagreement(pendulum))
+    display(st.plots.rankings(pendulum))
+
+# %% [markdown]
+# ## A bob on a string, filmed
+#
+# Twenty pictures a second. Known beforehand: gravity restores it, so that a cubic force must come out near
+# -1/6 as long as angles are not too large; air drags it. And the camera looks from one side.
+
+# %%
+if "string" in files:
+    record = st.read_record(files["string"])
+    decays["string"] = st.free_decay(record, window=(None, 40.0 if QUICK else None))
+    print(decays["string"].attrs["free_decay"])
+    string = identified(decays["string"], "zeta delta epsilon")
+    display(st.plots.identification(string))
+    for symbol, what, said in (
+        ("epsilon", "gravity as a cubic force", f"{-1 / 6:.4f}"),
+        ("delta", "air drag", "> 0"),
+        ("zeta", "viscous friction", ">= 0"),
+    ):
+        value, error = value_of(string, symbol)
+        held_against("string", what, said, f"{value:.5f} ± {error:.5f}")
+
+# %%
+if "string" in decays:
+    compared = st.compare(decays["string"], everything.select(["zeta", "delta", "epsilon"]), METHODS)
+    display(st.plots.comparison(compared))
+
+# %%
+if "string" in decays:
+    filmed = searched(decays["string"], effects=2)
+    display(st.plots.discovery(filmed))
+    display(st.plots.rankings(filmed))
+
+# %% [markdown]
+# ## A ship model that rolls
+#
+# A hundred readings a second, in steps of 0.005 degree. Known beforehand: water takes the energy, most of
+# it by drag with the square of speed; nothing rubs dry.
+
+# %%
+if "ship" in files:
+    record = st.read_record(files["ship"], angle="phi")
+    decay = st.free_decay(record, window=(25.0, 65.0 if QUICK else None))
+    decays["ship"] = decay.isel(time=slice(None, None, 4)) if QUICK else decay
+    print(decays["ship"].attrs["free_decay"])
+    ship = identified(decays["ship"], "lambda delta epsilon")
+    display(st.plots.identification(ship))
+    largest = float(np.abs(decays["ship"].angle).max())
+    share = st.weights(ship["direct"].to_dataset(), largest).decay_share.sel(force="delta").item()
+    held_against("ship", f"share of drag in the decay at {largest:.2f} rad", "most", f"{100 * share:.1f} %")
+    value, error = value_of(ship, "lambda")
+    held_against("ship", "dry friction", "0", f"{value:.6f} ± {error:.6f}")
+
+# %%
+if "ship" in decays:
+    compared = st.compare(decays["ship"], everything.select(["lambda", "delta", "epsilon"]), METHODS)
+    display(st.plots.comparison(compared))
+
+# %%
+if "ship" in decays:
+    rolling = searched(decays["ship"], effects=2)
+    display(st.plots.discovery(rolling))
+    display(st.plots.rankings(rolling))
+
+# %% [markdown]
+# ## What was known, and what was found
+#
+# Errors are those that direct identification states. They hold if the model does; where the record is not
+# explained, a difference of many errors says more about the model's form than about the coefficient: a
+# viscous coefficient below zero, or a dry friction of water, stands for a force of another form.
+
+# %%
+if known:
+    display(pd.DataFrame(known))

@@ -1,0 +1,328 @@
+# %% [markdown]
+# # A force of your own
+#
+# A force is a few lines of text. From its formula the package derives what it needs: the signature by which
+# it acts on envelope and frequency, its exact motion, the column of the regression, its parity, unit and
+# label. This notebook goes from the lines to an identification, with a shape parameter, an internal state,
+# and an error of the sensor. Every record is *synthetic*: simulated, with white noise added.
+
+# %%
+import os
+import subprocess
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pandas as pd
+import tables
+import xarray as xr
+from IPython.display import display
+
+import sysid_trib as st
+
+# %matplotlib inline
+pd.set_option("display.max_colwidth", None)
+QUICK = os.environ.get("SYSID_TRIB_QUICK") == "1"  # shorter records
+FOLDER = TemporaryDirectory()
+
+# %% [markdown]
+# ## Five lines
+#
+# An aluminium disc that turns between magnets is braked by eddy currents: in proportion to its speed while
+# it is slow, and less and less when it is fast. No library of the package has this force, and the disc has
+# two more.
+
+# %%
+BRAKE = """
+title = "A disc between magnets"
+
+[[force]]
+symbol = "brake"
+name = "eddy-current brake"
+formula = "v/(1 + (v/s)**2)"
+shape = { s = { default = 0.2, low = 0.02, high = 2.0, meaning = "speed of the largest drag (rad)" } }
+
+[[force]]
+symbol = "friction"
+formula = "sign(v)"
+
+[[force]]
+symbol = "spring"
+formula = "x**3"
+"""
+
+
+def library_of(text: str, name: str = "mine.toml") -> st.ForceLibrary:
+    """The library that a text declares."""
+    path = Path(FOLDER.name) / name
+    path.write_text(text, encoding="utf-8")
+    return st.load_library(path)
+
+
+disc = library_of(BRAKE)
+brake = disc["brake"]
+print(f"{brake.parity}, {brake.character}, unit of the coefficient {brake.units}; in LaTeX {brake.latex}")
+
+# %% [markdown]
+# `x` is the angle, `v` the angular rate over the reference frequency w, both in rad; `t` would be the time
+# in s. The shape parameter `s` stands inside the formula, the coefficient before it. On the command line
+# `sysid-trib forces` shows a library, and what averaging cannot tell apart in it:
+
+
+# %%
+def command_line(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """`sysid-trib` in the folder, its output plain text 110 characters wide."""
+    plain = os.environ | {"FORCE_COLOR": "", "COLUMNS": "110"}
+    asked = [sys.executable, "-m", "sysid_trib", *arguments]
+    return subprocess.run(asked, cwd=FOLDER.name, env=plain, capture_output=True, text=True, check=False)
+
+
+print(command_line("forces", "mine.toml").stdout)
+
+# %% [markdown]
+# ## Its signature
+#
+# Over a cycle $x = a\cos\varphi$, $v = -a\sin\varphi$ a force acts by two averages: $\langle
+# h\sin\varphi\rangle$ drives the amplitude, $\langle h\cos\varphi\rangle$ the frequency. For this one the
+# first can be done by hand, with $k = a/s$:
+#
+# $$\langle h\sin\varphi\rangle = -\frac{a}{k^2}\left(1 - \frac{1}{\sqrt{1 + k^2}}\right)$$
+
+# %%
+amplitude = np.linspace(0.01, 1.0, 100)
+found = {f"brake, s = {s:g} rad": st.signature(brake, amplitude, {"brake.s": s}) for s in (0.1, 0.2, 0.4)}
+found["spring"] = st.signature(disc["spring"], amplitude)
+k = amplitude / 0.2
+by_hand = -amplitude / k**2 * (1.0 - 1.0 / np.sqrt(1.0 + k**2))
+print(
+    f"Largest difference from the formula: {np.abs(found['brake, s = 0.2 rad'].sine - by_hand).max():.1e} rad"
+)
+display(st.plots.signatures(found))
+
+# %% [markdown]
+# Viscous friction would be a straight line here, dry friction a level one. The drag of a slow disc looks
+# viscous, that of a fast one falls: this is what tells the brake from the usual frictions.
+#
+# ## Its motion
+#
+# A model is a library, coefficients, and a reference frequency. The motion is exact, switching and sticking
+# at their true times; noise is added by us.
+
+# %%
+FREQUENCY, NOISE, SECONDS = 9.0, 2e-4, 15.0 if QUICK else 25.0  # rad/s, rad, s
+
+
+def record_of(model: st.Model, angle: float = 0.6, seed: int = 0) -> xr.Dataset:
+    """A synthetic record at 50 Hz: the model's motion from rest at `angle` (rad), and white noise."""
+    time = np.arange(0.0, SECONDS, 0.02)
+    return st.simulate(model, time, angle)[["angle"]] + NOISE * np.random.default_rng(seed).standard_normal(
+        time.size
+    )
+
+
+TRUTH = {"brake": 0.03, "friction": 3e-4, "spring": -0.1}
+model = st.Model(disc, TRUTH, FREQUENCY, {"brake.s": 0.25})
+decay = st.free_decay(record_of(model))
+predicted = st.predict_envelope(model, decay.time.values, amplitude=0.6)
+display(st.plots.averaged_decay(decay, predicted).figure)
+
+# %% [markdown]
+# ## Identified
+#
+# Averaging and direct identification hold shape parameters, at a value that you give or at the default; the
+# trajectory fit can find them. The default here is 0.2 rad, the truth 0.25 rad:
+
+# %%
+m = st.methods
+ASKED = {
+    "direct, s held at the default": m.Direct(),
+    "trajectory, s fitted": m.Trajectory(fit_shapes=("brake.s",)),
+}
+results = {label: st.identify(decay, disc, method) for label, method in ASKED.items()}
+s = {"brake.s": results["trajectory, s fitted"]["shape"].sel(shape_parameter="brake.s").item()}
+for label, method in (("direct", m.Direct(shapes=s)), ("averaging", m.Averaging(shapes=s))):
+    results[f"{label}, s held at that"] = st.identify(decay, disc, method)
+
+
+display(tables.coefficients(results))
+print("In truth:", TRUTH | model.shapes)
+
+# %% [markdown]
+# Held at the wrong value, direct identification makes dry friction out of what the brake should do. That
+# must not pass unseen: the cross-check simulates both models and says what they leave of the record.
+
+# %%
+DRAWS = 8 if QUICK else 32
+wrong = {
+    label: st.identify(decay, disc, method)
+    for label, method in (("averaging", m.Averaging()), ("direct", m.Direct()))
+}
+checks = {
+    "s at the default": st.cross_check(decay, wrong["averaging"], wrong["direct"], draws=DRAWS),
+    "s as found": st.cross_check(
+        decay, results["averaging, s held at that"], results["direct, s held at that"]
+    ),
+}
+for label, tree in checks.items():
+    gaps = ", ".join(f"{gap:.3g}" for gap in tree["comparison"].residual_over_noise.values)
+    print(f"{label}: explained: {tree['comparison'].attrs['explained']}; models leave {gaps} times the noise")
+display(st.plots.identification(checks["s as found"]))
+
+# %% [markdown]
+# ## Twins
+#
+# Different formulas may have signatures that are the same but for a factor. No averaging tells them apart,
+# whatever the record; regression of the angle itself may, because it sees the harmonics.
+
+# %%
+TWINS = """
+title = "Three frictions"
+[[force]]
+symbol = "speed_cubed"
+formula = "v**3"
+[[force]]
+symbol = "film"
+formula = "x**2*v"
+[[force]]
+symbol = "viscous"
+formula = "2*v"
+"""
+three = library_of(TWINS)
+print("Averaging cannot tell apart:", st.indistinguishable(three, 0.05, 0.6))
+truth = {"viscous": 0.006, "speed_cubed": 0.02}
+both = record_of(st.Model(three, truth, FREQUENCY), seed=1)
+try:
+    st.identify(both, three, m.Averaging())
+except ValueError as error:
+    print("Averaging:", error)
+display(tables.coefficients({"direct": st.identify(both, three, m.Direct())}))
+print("In truth:", truth)
+
+# %% [markdown]
+# ## A force with a past
+#
+# An oil film warms as it is sheared, and thins. Its warmth z is a state: dz/d(wt) is its formula, heating
+# by v^2 and cooling with the time constant s/w, here some seconds. The film is cold at the release: z
+# starts from zero.
+
+# %%
+FILM = """
+title = "An oil film that warms"
+[[force]]
+symbol = "viscous"
+formula = "2*v"
+
+[[force]]
+symbol = "warming"
+name = "viscosity that changes with warmth"
+formula = "z*v"
+state = { z = "(v**2 - z)/s" }
+shape = { s = { default = 60.0, low = 5.0, high = 500.0, meaning = "thermal time times frequency" } }
+
+[[force]]
+symbol = "speed_cubed"
+formula = "v**3"
+"""
+film = library_of(FILM)
+truth = {"viscous": 0.012, "warming": -0.15}
+cooling = record_of(st.Model(film, truth, FREQUENCY, {"warming.s": 40.0}), seed=2)
+warm, instant = film.select(["viscous", "warming"]), film.select(["viscous", "speed_cubed"])
+found = {"trajectory, s fitted": st.identify(cooling, warm, m.Trajectory(fit_shapes=("warming.s",)))}
+s = {"warming.s": found["trajectory, s fitted"]["shape"].item()}
+found["direct, s held at that"] = st.identify(cooling, warm, m.Direct(shapes=s))
+found["averaging, s held at that"] = st.identify(cooling, warm, m.Averaging(shapes=s))
+found["trajectory, warmth without delay"] = st.identify(cooling, instant, m.Trajectory())
+gaps = pd.Series(
+    {label: result.noise.item() / NOISE for label, result in found.items() if "trajectory" in label}
+)
+display(tables.coefficients(found))
+print("In truth:", truth | {"warming.s": 40.0})
+display(gaps.round(2).to_frame("left by the trajectory, over the noise"))
+
+# %% [markdown]
+# A film whose warmth follows the speed at once (`v**3`) does not explain the record; the state does.
+# Averaging takes a force with a past in its steady cycle, which a film that starts cold is not in: it is
+# off by many of its errors, and the simulated models tell:
+
+# %%
+tree = st.cross_check(
+    cooling, found["averaging, s held at that"], found["direct, s held at that"], draws=DRAWS
+)
+gaps = tree["comparison"].residual_over_noise.to_series()
+print("Left by the simulated models, over the noise:", ", ".join(f"{k} {gap:.3g}" for k, gap in gaps.items()))
+
+# %% [markdown]
+# ## An error of the sensor
+#
+# What is measured need not be the angle. With `kind = "sensor"` a formula is added to the reading, not to
+# the motion. A camera in front of a pendulum sees the chord, sin(x), and not the arc: a part of that error,
+# `sin(x) - x`, is easily taken for a spring. Methods identify forces alone; `discover` also offers errors
+# of the sensor.
+
+# %%
+CHORD = """
+title = "A camera, or a spring"
+[[force]]
+symbol = "viscous"
+formula = "2*v"
+
+[[force]]
+symbol = "chord"
+name = "arc read as a chord"
+formula = "sin(x) - x"
+kind = "sensor"
+
+[[force]]
+symbol = "spring"
+formula = "x**3"
+
+[[force]]
+symbol = "inertia"
+formula = "x*v**2"
+"""
+camera, TILT = library_of(CHORD), 0.5
+filmed = record_of(st.Model(camera, {"viscous": 0.01, "chord": TILT}, FREQUENCY), seed=3)
+seen = st.discover(filmed, camera.select(["viscous"]), camera.select(["chord", "spring", "inertia"]))
+step, held = seen["steps"].ds.isel(step=0), seen["holdout"].ds
+value, error = step["coefficient"].item(), step["standard_error"].item()
+print(f"{seen.attrs['verdict']}: {step['symbol'].item()} = {value:.4f} ± {error:.1g}; in truth {TILT}")
+print("Gap on the held-out third, over the noise, before and after:", (held.rms / held.noise).values.round(2))
+display(st.plots.rankings(seen))
+
+# %% [markdown]
+# ## What a bad library gives
+#
+# Formulas are read by a whitelist: nothing in a file is ever executed, and a library from a stranger is
+# safe to load. What cannot be used is refused in one sentence that says what, where, and what to do.
+
+# %%
+LINE = '[[force]]\nsymbol = "mine"\nformula = "{}"\n'
+BAD = {
+    "a name that is not known": LINE.format("velocity**2"),
+    "something that is not a formula": LINE.format("__import__('os').remove('record.csv')"),
+    "a part missing": LINE.format("sign(v"),
+    "no formula": '[[force]]\nsymbol = "mine"\n',
+    "a logarithm of negative angles": LINE.format("log(x)"),
+    "a misspelt key": LINE.format("sign(v)") + 'fomula = "x"\n',
+    "the same symbol twice": LINE.format("sign(v)") + LINE.format("x**3"),
+    "a default beyond its limits": LINE.format("tanh(v/s)")
+    + "shape = { s = { default = 5.0, low = 0.1, high = 1.0 } }\n",
+    "a sensor with a state": LINE.format("z") + 'kind = "sensor"\nstate = { z = "v - z" }\n',
+    "no TOML at all": "sign(v)",
+}
+for what, text in BAD.items():
+    try:
+        library_of(text)
+    except ValueError as error:
+        print(f"{what}:\n    {error}")
+
+# %% [markdown]
+# On the command line the same sentence goes to stderr, with exit status 1 (2 for a file that does not
+# exist):
+
+# %%
+for name in ("mine.toml", "yours.toml"):
+    ended = command_line("forces", name)
+    print(ended.returncode, ended.stderr.strip())
+FOLDER.cleanup()

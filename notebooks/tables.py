@@ -1,0 +1,54 @@
+"""Tables that several notebooks show."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+
+def effects_found(tree: xr.DataTree) -> pd.DataFrame:
+    """Of a discovery one row an effect: what it is, and what it takes from the gap (in noise levels).
+
+    `fit` is the gap on what was fitted, `held out` on what was predicted.
+    """
+    steps, held = tree["steps"].ds, tree["holdout"].ds
+    noise = held.noise.item()
+    rows = []
+    for at in range(steps.attrs["count"]):
+        step = steps.isel(step=at)
+        fit, out = (step[f"residual_{when}"].item() / noise for when in ("before", "after")), held.rms / noise
+        rows.append(
+            {
+                "effect": f"{step['symbol'].item()}: {step['formula'].item()}",
+                "coefficient": _with_error(step["coefficient"].item(), step["standard_error"].item()),
+                "shapes": step["shapes"].item().strip("{}").replace('"', ""),
+                "tied with": step["ties"].item().partition("; ")[2],
+                "fit": " to ".join(f"{gap:.3g}" for gap in fit),
+                "held out": " to ".join(f"{gap:.3g}" for gap in out.values[at : at + 2]),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def coefficients(results: Mapping[str, xr.Dataset]) -> pd.DataFrame:
+    """Coefficients and shape parameters with their standard errors, one row an identification."""
+    rows = {}
+    for label, result in results.items():
+        each = zip(
+            *(result[k].values.tolist() for k in ("force", "coefficient", "standard_error")), strict=True
+        )
+        rows[label] = {symbol: _with_error(value, error) for symbol, value, error in each}
+        names = result.shape_parameter.values.tolist() if "shape" in result else []
+        for name in names:
+            one = result.sel(shape_parameter=name)
+            rows[label][name] = _with_error(one["shape"].item(), one["shape_standard_error"].item())
+    return pd.DataFrame.from_dict(rows, orient="index").fillna("")
+
+
+def _with_error(value: float, error: float) -> str:
+    """A value to the second digit of its error; one without error was held."""
+    if not np.isfinite(error):
+        return f"{value:.5g} (held)"
+    digits = max(0, 1 - int(np.floor(np.log10(error)))) if error > 0.0 else 6
+    return f"{value:.{digits}f} ± {error:.{digits}f}"
