@@ -70,8 +70,9 @@ pd.DataFrame(rows).T.style.format("{:.3g}")
 # ## Many records
 #
 # Below, each point is the RMS error over records that differ in their noise; of $n$ records it is known to
-# about $1/\sqrt{2n}$. `within` counts how many errors are smaller than 1.96 stated standard errors, which
-# should be 95 % of them.
+# a part of about $1/\sqrt{2n}$, so that points may lie that much below the bound. Beside the figures stand
+# the ratio of error to bound, from the force that comes off best to the one that comes off worst, and how
+# many errors are smaller than 1.96 stated standard errors, which should be 95 % of them.
 
 
 # %%
@@ -149,9 +150,10 @@ print(f"bound of zeta times the root of the rate: {bound * np.sqrt(rates)}")
 # ## Angle steps
 #
 # A sensor with steps, at 100 Hz and 0.1 mrad of noise. The bound takes steps for white noise of
-# step/$\sqrt{12}$. Where the noise is a good part of a step that is what they are; where it is not, their
-# errors repeat from swing to swing, and what a method gets out of them may be worse or better than the
-# bound of white noise.
+# step/$\sqrt{12}$. Where the noise is a good part of a step, that is what they are. Where it is not, their
+# errors depend on the angle and repeat from swing to swing: methods that count on white noise lose some
+# precision, and, worse, state errors that are too small (the second table). A little noise before the steps
+# does good.
 
 # %%
 steps = [3e-4, 3e-3] if QUICK else [1e-4, 3e-4, 1e-3, 3e-3, 1e-2]
