@@ -5,8 +5,23 @@ import pytest
 import xarray as xr
 
 from sysid_trib import load_library, plots, signature
+from sysid_trib.plots import style
 
 SIX = load_library()
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.8, 1.64), (0.2, 0.5), (0.02, 0.3), (1.1, 1.9)])
+def test_an_axis_of_amplitudes_has_numbers_from_end_to_end(low, high):
+    ax = style.axes(None)
+    ax.plot([0.0, 1.0], [high, low])
+    style.logarithmic_amplitude(ax)
+    ax.figure.canvas.draw()
+    labels = [text.get_text() for text in (*ax.get_yticklabels(), *ax.get_yticklabels(minor=True))]
+    told = [float(label) for label in labels if label]
+    shown = [value for value in told if low <= value <= high]
+    assert 3 <= len(shown) <= 10
+    assert max(shown) > 0.6 * high
+    assert min(shown) < 1.6 * low
 
 
 def test_signatures_are_drawn_as_they_are():

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import xarray as xr
 
-from sysid_trib.plots.style import SERIES
+from sysid_trib.plots.style import SERIES, line
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -31,8 +31,7 @@ def signatures(found: Mapping[str, xr.Dataset]) -> "Figure":
     for panel, (quantity, told), letter in zip(panels, LABELS.items(), "ab", strict=True):
         panel.axhline(0.0, color="0.8", linewidth=0.6, zorder=0)
         for (label, one), series in zip(found.items(), cycle(SERIES)):
-            style = {key: series[key] for key in ("color", "linestyle")}
-            panel.plot(one.amplitude.values, one[quantity].values, label=label, linewidth=1.2, **style)
+            panel.plot(one.amplitude.values, one[quantity].values, label=label, **line(series))
         panel.set(xlabel="amplitude $a$ (rad)", ylabel=told)
         panel.set_title(f"({letter})", loc="left", fontsize=9)
     panels[0].set_xlim(0.0, None)

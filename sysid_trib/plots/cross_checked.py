@@ -8,7 +8,7 @@ import xarray as xr
 
 from sysid_trib.decays.half_sines import envelope as half_sine_envelope
 from sysid_trib.errors import SysidTribError
-from sysid_trib.plots.style import LEGEND, LINES, MARKS, axes, thinning
+from sysid_trib.plots.style import LEGEND, LINES, MARKS, axes, logarithmic_amplitude, thinning
 from sysid_trib.runs import group_names, noise_of_run, record_groups
 
 if TYPE_CHECKING:
@@ -95,11 +95,8 @@ def envelope(tree: xr.DataTree, ax: "Axes | None" = None, run: int = 0) -> "Axes
     ax.errorbar(time, a, measured.amplitude_standard_error.values, **MARKS)
     for name, line, moved in _simulated(tree, run):
         ax.plot(moved.instant_time.values, moved.amplitude.values, linewidth=1.0, label=name, **line)
-    ax.set(xlabel="time (s)", ylabel="amplitude (rad)", yscale="log")
-    # Within less than a decade every digit has room.
-    digits = "2346" if a.max() > 8.0 * a.min() else "23456789"
-    ax.yaxis.set_major_formatter("{x:g}")
-    ax.yaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in digits else "")
+    ax.set(xlabel="time (s)")
+    logarithmic_amplitude(ax)
     return ax
 
 

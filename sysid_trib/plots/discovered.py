@@ -8,7 +8,7 @@ import xarray as xr
 
 from sysid_trib.decays.half_sines import envelope as half_sine_envelope
 from sysid_trib.errors import SysidTribError
-from sysid_trib.plots.style import LEGEND, LINES, MARKS, axes, thinning
+from sysid_trib.plots.style import LEGEND, LINES, MARKS, axes, logarithmic_amplitude, thinning
 from sysid_trib.runs import noise_of_run, record_groups
 
 if TYPE_CHECKING:
@@ -151,11 +151,8 @@ def _envelope(tree: xr.DataTree, ax: "Axes", run: int) -> None:
             ax.set_ylim(max(low, 0.2 * float(np.median(a))), high)
         else:
             ax.plot(time, a, linewidth=1.0, **style)
-    ax.set(xlabel="time (s)", ylabel="amplitude (rad)", yscale="log")
-    low, high = ax.get_ylim()
-    digits = "2346" if high > 8.0 * low else "23456789"
-    ax.yaxis.set_major_formatter("{x:g}")
-    ax.yaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in digits else "")
+    ax.set(xlabel="time (s)")
+    logarithmic_amplitude(ax)
 
 
 def _frequency(tree: xr.DataTree, ax: "Axes", run: int) -> None:

@@ -67,3 +67,18 @@ def axes(ax: "Axes | None") -> "Axes":
     from matplotlib.figure import Figure
 
     return Figure(figsize=(5.0, 3.2), layout="constrained").subplots()
+
+
+def logarithmic_amplitude(ax: "Axes") -> None:
+    """A logarithmic axis of amplitudes, with plain numbers at as many ticks as have room."""
+    from matplotlib.ticker import MaxNLocator, NullLocator
+
+    ax.set(ylabel="amplitude (rad)", yscale="log")
+    low, high = ax.get_ylim()
+    ax.yaxis.set_major_formatter("{x:g}")
+    if high > 8.0 * low:
+        ax.yaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "2346" else "")
+    else:
+        # Powers of ten and their multiples would leave all above 1 rad without a tick.
+        ax.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 2.5, 5, 10]))
+        ax.yaxis.set_minor_locator(NullLocator())
