@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from sysid_trib.physics.units import inertia_with_mass, physical_units
     from sysid_trib.prediction import predict_envelope
     from sysid_trib.records import read_record, scale_translation
+    from sysid_trib.reporting.page import report
     from sysid_trib.result_files import load, save
     from sysid_trib.results import model_of, with_contactless_frequency
     from sysid_trib.signatures import signature
@@ -69,6 +70,7 @@ _HOME = {
     "plots": "",
     "predict_envelope": "prediction",
     "read_record": "records",
+    "report": "reporting.page",
     "run_agreement": "differences",
     "save": "result_files",
     "scale_translation": "records",
@@ -112,6 +114,7 @@ __all__ = [
     "plots",
     "predict_envelope",
     "read_record",
+    "report",
     "run_agreement",
     "save",
     "scale_translation",

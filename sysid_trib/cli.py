@@ -12,6 +12,7 @@ from sysid_trib.commands.compare import compare
 from sysid_trib.commands.discover import discover
 from sysid_trib.commands.forces import forces
 from sysid_trib.commands.identify import identify
+from sysid_trib.commands.report import report
 from sysid_trib.commands.simulate import simulate
 from sysid_trib.commands.terminal import printable
 from sysid_trib.errors import SysidTribError
@@ -26,7 +27,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-for command in (identify, discover, compare, simulate, forces):
+for command in (identify, discover, compare, simulate, report, forces):
     app.command()(command)
 
 

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from sysid_trib.commands import options
-from sysid_trib.commands.terminal import print_records, print_table, print_written
+from sysid_trib.commands.terminal import command_line, print_records, print_table, print_written
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -49,6 +49,7 @@ def compare(
     methods = comparing.every_method(reference_frequency, shapes)
     with _progress(len(methods)) as tell:
         tree = comparing.compare(decays, offered, methods, contactless=contactless, tell=tell)
+    tree.attrs["command"] = command_line()
     if output is not None:
         result_files.save(tree, output)
     if plot is not None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sysid_trib.commands import options
-from sysid_trib.commands.terminal import print_records, print_table, print_written, printable
+from sysid_trib.commands.terminal import command_line, print_records, print_table, print_written, printable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -91,6 +91,7 @@ def discover(
         )
     if holdout is not None:
         tree.attrs["held_out"] = f"{holdout} s of each record"
+    tree.attrs["command"] = command_line()
     if output is not None:
         result_files.save(tree, output)
     if plot is not None:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sysid_trib.commands import options
-from sysid_trib.commands.terminal import print_records, print_table, print_written
+from sysid_trib.commands.terminal import command_line, print_records, print_table, print_written
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -67,6 +67,7 @@ def identify(
         tree = results.map_identifications(
             tree, lambda result: results.with_contactless_frequency(result, *contactless)
         )
+    tree.attrs["command"] = command_line()
     if output is not None:
         result_files.save(tree, output)
     if plot is not None:

@@ -1,5 +1,7 @@
 """Text and tables on standard output."""
 
+import shlex
+import sys
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -43,3 +45,8 @@ def print_written(*places: "Path | None") -> None:
 def printable(text: str) -> str:
     """One line without control characters: a file's column names may hold any."""
     return "".join(c if c.isprintable() else "?" for c in " ".join(text.split()))
+
+
+def command_line() -> str:
+    """The command that runs, as it can be given again."""
+    return shlex.join(["sysid-trib", *sys.argv[1:]])

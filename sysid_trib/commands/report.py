@@ -1,0 +1,30 @@
+"""`sysid-trib report`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sysid_trib.commands.terminal import print_written
+
+
+def report(
+    result: Annotated[
+        Path, typer.Argument(metavar="RESULT.nc", help="What identify, compare or discover wrote with -o.")
+    ],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="REPORT.html", help="Where to write.")],
+) -> None:
+    """Show a saved result as one self-contained page, with figures that can be zoomed."""
+    from sysid_trib import result_files
+    from sysid_trib.commands import checks
+    from sysid_trib.errors import RecordError, UsageError
+    from sysid_trib.reporting.page import page, write_page
+
+    checks.check_output(output, ".html .htm", reads=[result])
+    tree = result_files.load(result)
+    try:
+        text = page(tree)
+    except (RecordError, UsageError) as error:
+        raise RecordError(f"{result}: {error}") from None
+    write_page(text, output)
+    print_written(output)

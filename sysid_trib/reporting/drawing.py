@@ -1,0 +1,208 @@
+"""What the interactive figures share: axes, lines, marks with errors, what the pointer is told, thinning."""
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+if TYPE_CHECKING:
+    from bokeh.models import GlyphRenderer, Legend
+    from bokeh.plotting import figure
+
+Array = NDArray[np.float64]
+
+FONT = "system-ui, 'Segoe UI', Roboto, 'Helvetica Neue', 'Liberation Sans', sans-serif"
+INK, FAINT = "#333333", "#e6e6e6"
+GREY, PALE = "#8c8c8c", "#b3b3b3"
+BAND = "#e4e4e4"
+HEIGHT, LOW = 300, 220
+# What a list takes: a row, and what is about it.
+ROW, MARGIN = 19, 70
+# Points of one curve: as many as a wide screen has, for each the least and the largest of what it stands for.
+MOST_POINTS = 6000
+DASHES = {"-": "solid", "--": "dashed"}
+# Matplotlib's marks by bokeh's names.
+MARKERS = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle"}
+Told = Sequence[tuple[str, str]]
+
+
+def panel(
+    x_label: str,
+    y_label: str,
+    *,
+    height: int = HEIGHT,
+    share_x: "figure | None" = None,
+    rows: Sequence[str] = (),
+    log: str = "",
+) -> "figure":
+    """Empty axes as wide as their place.
+
+    Parameters
+    ----------
+    height : px.
+    share_x : a figure with the same x axis: one zooms with the other.
+    rows : names on the y axis, the first on top; else it holds numbers.
+    log : the axes with a logarithmic scale, such as "x".
+    """
+    from bokeh.models import DataRange1d, FactorRange, Range1d
+    from bokeh.plotting import figure
+
+    made = figure(
+        height=height,
+        sizing_mode="stretch_width",
+        tools="pan,box_zoom,xwheel_zoom,reset,save",
+        # A long list must not keep a finger from scrolling the page.
+        active_drag=None if rows else "box_zoom",
+        active_scroll=None,
+        x_axis_label=x_label,
+        y_axis_label=y_label,
+        x_range=share_x.x_range if share_x is not None else Range1d() if rows else DataRange1d(),
+        y_range=FactorRange(*reversed(rows)) if rows else DataRange1d(),
+        x_axis_type="log" if "x" in log else "linear",
+        y_axis_type="log" if "y" in log else "auto",
+        output_backend="canvas",
+    )
+    made.toolbar.logo = None
+    made.toolbar.autohide = True
+    made.outline_line_color = None
+    # Axes below each other begin and end at the same place.
+    made.min_border_left, made.min_border_right = 66, 14
+    made.background_fill_alpha = made.border_fill_alpha = 0.0
+    for axis in made.axis:
+        axis.axis_label_text_font = axis.major_label_text_font = FONT
+        axis.axis_label_text_font_style = "normal"
+        axis.axis_label_text_font_size, axis.major_label_text_font_size = "13px", "12px"
+        axis.axis_label_text_color = axis.major_label_text_color = INK
+        axis.axis_line_color = axis.major_tick_line_color = GREY
+        axis.minor_tick_line_color = None
+    made.grid.grid_line_color = FAINT
+    return made
+
+
+def line(
+    on: "figure", x: ArrayLike, y: ArrayLike, color: str, *, dash: str = "-", width: float = 1.3
+) -> "GlyphRenderer":
+    """A curve, thinned."""
+    from bokeh.models import ColumnDataSource
+
+    shown = kept(np.asarray(y, dtype=float))
+    source = ColumnDataSource(columns({"x": np.asarray(x)[shown], "y": np.asarray(y)[shown]}))
+    return on.line("x", "y", source=source, color=color, line_dash=DASHES[dash], line_width=width)
+
+
+def marks(
+    on: "figure",
+    data: dict[str, Any],
+    color: str,
+    *,
+    marker: str = "o",
+    size: float = 5.0,
+    hollow: bool = False,
+) -> "GlyphRenderer":
+    """Marks at the columns `x` and `y`, with bars over `low` to `high` where there are such columns.
+
+    Bars are along x where y holds names.
+    """
+    from bokeh.models import ColumnDataSource, FactorRange
+
+    source = ColumnDataSource(columns(data))
+    bars = None
+    if "low" in data:
+        named = isinstance(on.y_range, FactorRange)
+        ends = ("low", "y", "high", "y") if named else ("x", "low", "x", "high")
+        bars = on.segment(*ends, source=source, color=color, line_width=1.2)
+    fill = "white" if hollow else color
+    made = on.scatter(
+        "x", "y", source=source, marker=MARKERS[marker], size=size, line_color=color, fill_color=fill
+    )
+    if bars is not None:
+        bars.glyph.line_alpha = 0.8
+    return made
+
+
+def tell(on: "figure", drawn: "Sequence[GlyphRenderer]", told: Told) -> None:
+    """What the pointer is told of marks and curves: names, and columns such as `@x{%.4g} s`."""
+    from bokeh.models import HoverTool
+
+    formats = {text.split("{")[0]: "printf" for _, text in told if "{%" in text}
+    on.add_tools(
+        HoverTool(renderers=list(drawn), tooltips=list(told), formatters=formats, point_policy="snap_to_data")
+    )
+
+
+def legend(on: "figure", entries: "Sequence[tuple[str, Sequence[GlyphRenderer]]]") -> "Legend":
+    """A legend above the figure; a click on an entry hides what it stands for."""
+    from bokeh.models import Legend
+
+    made = Legend(
+        items=[(label, list(drawn)) for label, drawn in entries],
+        orientation="horizontal",
+        click_policy="hide",
+        location="left",
+        border_line_color=None,
+        background_fill_alpha=0.0,
+        label_text_font=FONT,
+        label_text_font_size="12px",
+        label_text_color=INK,
+        glyph_width=18,
+        spacing=14,
+        padding=2,
+        margin=0,
+    )
+    on.add_layout(made, "above")
+    return made
+
+
+def band(on: "figure", low: float, high: float, *, along: str = "x") -> None:
+    """A grey band from `low` to `high`, over the whole length of the axis `along`."""
+    from bokeh.models import BoxAnnotation
+
+    ends = {"bottom": low, "top": high} if along == "x" else {"left": low, "right": high}
+    on.add_layout(BoxAnnotation(**ends, fill_color=BAND, fill_alpha=1.0, line_color=None, level="image"))
+
+
+def log_axis(on: "figure", low: float, high: float) -> None:
+    """Axis x from `low` to `high`, logarithmic, with as many labels as a narrow screen has room for."""
+    from bokeh.models import BasicTickFormatter, FixedTicker
+
+    on.x_range.update(start=low, end=high)
+    decades = np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1.0)
+    if np.log10(high / low) > 2.5:
+        on.xaxis.ticker = FixedTicker(ticks=10.0 ** decades[:: 1 + decades.size // 6])
+        return
+    on.xaxis.ticker = FixedTicker(ticks=np.outer(10.0**decades, [1.0, 2.0, 5.0]).ravel())
+    on.xaxis.formatter = BasicTickFormatter()
+
+
+def threshold(on: "figure", at: float) -> None:
+    """A dashed line across the axis x."""
+    from bokeh.models import Span
+
+    on.add_layout(Span(location=at, dimension="height", line_color=INK, line_dash="dashed", line_width=1))
+
+
+def kept(values: Array) -> NDArray[np.intp]:
+    """Samples by which a curve is drawn: the least and the largest of each stretch, so no peak is lost."""
+    if values.size <= MOST_POINTS:
+        return np.arange(values.size)
+    edges = np.linspace(0, values.size, MOST_POINTS // 2 + 1).astype(int)
+    ends = [start + f(values[start:stop]) for start, stop in pairwise(edges) for f in (np.argmin, np.argmax)]
+    return np.unique(ends)
+
+
+def columns(data: Mapping[str, Any]) -> dict[str, Any]:
+    """Columns for the page; heights in half their bytes: a screen shows three digits, the pointer five.
+
+    Not `x`: times may be counted from long ago.
+    """
+    arrays = {name: np.asarray(column) for name, column in data.items()}
+    return {
+        name: column.astype(np.float32)
+        if column.dtype == float and name != "x"
+        else column.tolist()
+        if column.dtype.kind in "UO"
+        else column
+        for name, column in arrays.items()
+    }

@@ -1,0 +1,115 @@
+"""The page itself: rendered whole, written beside its place and renamed."""
+
+import base64
+import io
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import xarray as xr
+
+from sysid_trib.errors import RecordError, UsageError
+from sysid_trib.reporting import contents, provenance, reproducing
+from sysid_trib.reporting.parts import Section
+from sysid_trib.result_files import write_beside
+from sysid_trib.runs import record_groups
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+TITLES = {
+    "identify": "Forces of a free decay",
+    "cross_check": "Forces of a free decay, by two methods",
+    "compare": "Forces of a free decay, method by method",
+    "discover": "What a model lacks to explain a free decay",
+}
+PAPER_DPI = 170
+
+
+def report(result: xr.DataTree | xr.Dataset, path: str | os.PathLike[str]) -> None:
+    """Write a result as one self-contained page: text, tables, interactive figures.
+
+    Parameters
+    ----------
+    result : of `cross_check`, `compare`, `discover` or `identify`.
+    path : the page, HTML. It asks the network for nothing; on paper, and without JavaScript, figures that
+        do not move stand in the place of the interactive ones.
+
+    Raises
+    ------
+    UsageError
+        Not such a result.
+    RecordError
+        A result that lacks a part, as one of another version may; a page that cannot be written.
+    """
+    write_page(page(result), Path(path))
+
+
+def write_page(text: str, path: Path) -> None:
+    """Write a page: beside its place first, then renamed."""
+    write_beside(path, lambda beside: Path(beside).write_text(text, encoding="utf-8"))
+
+
+def page(result: xr.DataTree | xr.Dataset) -> str:
+    """The page as text (see `report`)."""
+    tree = xr.DataTree(result) if isinstance(result, xr.Dataset) else result
+    if not isinstance(tree, xr.DataTree) or not contents.kind_of(tree):
+        raise UsageError(
+            f"A report is of a result of identify, cross_check, compare or discover, not of {_told(result)}."
+        )
+    try:
+        return _rendered(tree)
+    except (KeyError, AttributeError) as error:
+        reason = " ".join(str(error).split())
+        raise RecordError(f"The result is not whole ({reason}); make it again with this version.") from error
+
+
+def _rendered(tree: xr.DataTree) -> str:
+    from bokeh.embed import components
+    from bokeh.resources import Resources
+    from jinja2 import Environment, PackageLoader
+
+    sections = contents.sections(tree)
+    panels = {
+        f"{at}-{of}-{nth}": panel.figure
+        for at, section in enumerate(sections)
+        for of, figures in enumerate(section.figures)
+        for nth, panel in enumerate(figures.panels)
+    }
+    script, divs = components(panels) if panels else ("", {})
+    environment = Environment(
+        loader=PackageLoader("sysid_trib", "reporting"), autoescape=True, trim_blocks=True, lstrip_blocks=True
+    )
+    groups = [group for group in record_groups(tree) if group in tree.children]
+    return environment.get_template("page.html").render(
+        title=TITLES[contents.kind_of(tree)],
+        records=[tree[group].attrs for group in groups] or [{"source": tree.attrs.get("record_source", "")}],
+        summary=contents.summary(tree),
+        sections=sections,
+        divs=divs,
+        on_paper=[_on_paper(section) for section in sections],
+        script=script,
+        bokeh=Resources(mode="inline", components=["bokeh"]).render_js() if panels else "",
+        facts=provenance.facts(tree),
+        methods=provenance.method_table(tree),
+        texts=provenance.texts(tree),
+        command=tree.attrs.get("command", ""),
+        python=reproducing.python_text(tree),
+    )
+
+
+def _on_paper(section: Section) -> list[list[str]]:
+    return [[_png(figure) for figure in figures.on_paper] for figures in section.figures]
+
+
+def _png(figure: "Figure") -> str:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, dpi=PAPER_DPI, format="png", pil_kwargs={"optimize": True})
+    return base64.b64encode(buffer.getvalue()).decode()
+
+
+def _told(result: object) -> str:
+    if isinstance(result, xr.DataTree | xr.Dataset):
+        parts = [*getattr(result, "children", ()), *result.data_vars]
+        return f"data with {', '.join(map(str, parts[:6])) or 'nothing in it'}"
+    return type(result).__name__

@@ -1,0 +1,139 @@
+"""The Python that makes a result again."""
+
+import json
+import tomllib
+from collections.abc import Mapping
+from dataclasses import MISSING, fields
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.agreement import method_of
+from sysid_trib.example import paper_twin
+from sysid_trib.library_files import library_folder, load_library, parse_library
+from sysid_trib.reporting.contents import identifications, kind_of
+from sysid_trib.runs import record_groups
+
+
+def python_text(tree: xr.DataTree) -> str:
+    """Lines of Python that read the record(s) and compute the result; empty if the record is not known."""
+    kind = kind_of(tree)
+    made = {"identify": _identify, "cross_check": _cross_check, "compare": _compare, "discover": _discover}
+    return "\n".join(["import sysid_trib as st", "", *_decay(tree), *made[kind](tree)])
+
+
+def _decay(tree: xr.DataTree) -> list[str]:
+    if kind_of(tree) == "identify":
+        source = tree.attrs["record_source"]
+        return [f'decay = st.free_decay(st.read_record("{source}"))  # or as you read and cut it']
+    groups = record_groups(tree)
+    if len(groups) == 1:
+        return [f"decay = {_one_decay(tree[groups[0]].to_dataset())}"]
+    return ["decay = [", *(f"    {_one_decay(tree[group].to_dataset())}," for group in groups), "]"]
+
+
+def _one_decay(data: xr.Dataset) -> str:
+    """The record as it was read, and the part of it that was kept, by its ends."""
+    attrs = data.attrs
+    if not attrs.get("record_checksum"):
+        twin = attrs.get("source") == paper_twin().attrs["source"]
+        read = "st.paper_twin()" if twin else f"record  # {attrs.get('source', 'angle(time) as you gave it')}"
+    else:
+        read = f"st.read_record({_given(_reading(attrs), attrs['source'])})"
+    if "free_decay" not in attrs:
+        return read
+    cut: dict[str, Any] = {"window": (float(data.time.values[0]), float(data.time.values[-1]))}
+    # What was given has no error.
+    if np.isnan(data.equilibrium_standard_error.item()):
+        cut["equilibrium"] = data.equilibrium.item()
+    return f"st.free_decay({read}, {_given(cut)})"
+
+
+def _reading(attrs: Mapping[Any, Any]) -> dict[str, Any]:
+    timeless = attrs["time_column"].startswith("none, ")
+    found: dict[str, Any] = {} if timeless else {"time": attrs["time_column"]}
+    found |= {"angle": attrs["angle_column"], "units": attrs["angle_unit_in_file"].removesuffix("/s")}
+    if attrs["signal"] != "angle":
+        found["signal"] = attrs["signal"]
+    if timeless:
+        found["sampling_rate"] = float(attrs["time_column"].removeprefix("none, ").removesuffix(" Hz"))
+    elif attrs["time_unit_in_file"] != "s":
+        found["time_units"] = attrs["time_unit_in_file"]
+    return found
+
+
+def _library(attrs: Mapping[Any, Any]) -> str:
+    offered = parse_library(tomllib.loads(attrs["library"]), attrs["library_source"])
+    name = attrs["library_source"].removesuffix(".toml")
+    shipped = (library_folder() / f"{name}.toml").is_file()
+    whole = shipped and load_library(name).symbols == offered.symbols
+    chosen = "" if whole or not shipped else f".select({json.dumps(list(offered.symbols))})"
+    return f'library = st.load_library("{name if shipped else attrs["library_source"]}"){chosen}'
+
+
+def _identify(tree: xr.DataTree) -> list[str]:
+    result = tree.to_dataset()
+    return [
+        _library(result.attrs),
+        f"result = st.identify(decay, library, {_method(result)})",
+        *_alpha(result, "result"),
+    ]
+
+
+def _cross_check(tree: xr.DataTree) -> list[str]:
+    checked = tree["comparison"].attrs
+    first, second = (tree[checked[key]].to_dataset() for key in ("first", "second"))
+    options = {key: int(checked[key]) for key, usual in (("draws", 32), ("seed", 0)) if checked[key] != usual}
+    lines = [
+        _library(first.attrs),
+        f"first = st.identify(decay, library, {_method(first)})",
+        f"second = st.identify(decay, library, {_method(second)})",
+        f"tree = st.cross_check(decay, first, second{''.join(f', {k}={v}' for k, v in options.items())})",
+    ]
+    if "runs" in tree.children:
+        lines.append("runs = st.run_agreement(decay, second)")
+    return [*lines, *_alpha(second, "second")]
+
+
+def _alpha(result: xr.Dataset, name: str) -> list[str]:
+    if "omega0" not in result:
+        return []
+    numbers = f"{result.omega0.item()!r}, {result.omega0_standard_error.item()!r}"
+    return [f"{name} = st.with_contactless_frequency({name}, {numbers})"]
+
+
+def _compare(tree: xr.DataTree) -> list[str]:
+    named = identifications(tree)
+    first = next(iter(named.values()))
+    lines = [_library(first.attrs), "methods = {"]
+    lines += [f"    {json.dumps(name)}: {_method(result)}," for name, result in named.items()]
+    contactless = ""
+    if "omega0" in first:
+        contactless = f", contactless=({first.omega0.item()!r}, {first.omega0_standard_error.item()!r})"
+    return [*lines, "}", f"tree = st.compare(decay, library, methods{contactless})"]
+
+
+def _discover(tree: xr.DataTree) -> list[str]:
+    options = {k: v for k, v in json.loads(tree.attrs["options"]).items() if v is not None}
+    return [
+        _library(tree.attrs),
+        'candidates = st.load_library("candidates.toml")  # the text below, as a file',
+        f"tree = st.discover(decay, library, candidates, {_given(options)})",
+    ]
+
+
+def _method(result: xr.Dataset) -> str:
+    """The method with the options that are not the usual ones."""
+    method = method_of(result)
+    usual = {
+        f.name: f.default_factory() if f.default_factory is not MISSING else f.default for f in fields(method)
+    }
+    given = {name: getattr(method, name) for name in usual if getattr(method, name) != usual[name]}
+    return f"st.methods.{type(method).__name__}({_given(given)})"
+
+
+def _given(options: Mapping[str, Any], *first: Any) -> str:
+    return ", ".join(
+        [*(repr(value) for value in first), *(f"{key}={value!r}" for key, value in options.items())]
+    )
