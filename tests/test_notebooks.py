@@ -1,6 +1,9 @@
 """Notebooks are kept as text and notebook in step, without outputs, and use public names only."""
 
 import ast
+import shutil
+import subprocess
+import sys
 from importlib import import_module
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
@@ -64,3 +67,28 @@ def test_the_notebook_uses_public_names(script):
 def test_what_takes_long_shrinks_by_one_visible_line(script):
     first_cells = script.read_text(encoding="utf-8").split("# %%")[:4]
     assert "SYSID_TRIB_QUICK" in "".join(first_cells)
+
+
+def run(folder, *names):
+    return subprocess.run([sys.executable, folder / "run.py", *names], capture_output=True, text=True)
+
+
+def test_a_notebook_that_fails_is_named_with_its_cell(tmp_path):
+    shutil.copy(FOLDER / "run.py", tmp_path)
+    cells = [nbformat.v4.new_code_cell(source) for source in ("print('good')", "1 / 0", "2")]
+    for name, some in (("01_fails", cells), ("02_works", cells[:1])):
+        nbformat.write(nbformat.v4.new_notebook(cells=some), tmp_path / f"{name}.ipynb")
+    done = run(tmp_path)
+    assert done.returncode == 1
+    assert "01_fails.ipynb, code cell 2 of 3: " in done.stderr
+    assert "ZeroDivisionError" in done.stderr
+    assert "02_works: done" in done.stdout
+    executed = nbformat.read(tmp_path / "executed" / "02_works.ipynb", as_version=4)
+    assert executed.cells[0].outputs[0].text == "good\n"
+    assert run(tmp_path, "02_works").returncode == 0
+
+
+def test_a_notebook_that_does_not_exist_is_told():
+    done = run(FOLDER, "nope")
+    assert done.returncode == 2
+    assert done.stderr.startswith("There is no notebook nope, but 01_six_forces, ")
