@@ -177,4 +177,5 @@ time = np.arange(2500) / 100
 angles = [0.1, 0.2, 0.3, 0.45, 0.6, 0.9]
 bounds = [st.cramer_rao_bound(truth, time, angle, 0.0, 5e-4, free=True).standard_error for angle in angles]
 plan = pd.DataFrame([bound.values / np.abs(list(PAPER.values())) for bound in bounds], angles, list(PAPER))
+print(f"epsilon is known to 1 % from {plan.index[plan.epsilon < 0.01][0]} rad on")
 plan.rename_axis("from angle (rad)").style.format("{:.2%}")
