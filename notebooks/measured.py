@@ -73,9 +73,8 @@ def files() -> dict[str, Path]:
         if path is not None:
             found[record] = path
     missing = [record for record in RECORDS if record not in found]
-    if missing:
-        some = f"({', '.join(missing)}) were" if found else "were"
-        print(SKIPPED.format(missing=some))
+    if missing and not online:
+        print(SKIPPED.format(missing=f"({', '.join(missing)}) were" if found else "were"))
     return found
 
 
@@ -83,12 +82,12 @@ def fetched(name: str) -> Path | None:
     """The file from its source, kept in the user's cache; None, and why, if it cannot be had."""
     import pooch
 
-    source = SOURCES[name]
+    source, cache = SOURCES[name], pooch.os_cache("sysid_trib")
+    pooch.get_logger().setLevel("WARNING")
     try:
-        path = pooch.retrieve(
-            source.url, f"sha256:{source.sha256}", fname=Path(name).name, path=pooch.os_cache("sysid_trib")
-        )
+        return Path(pooch.retrieve(source.url, f"sha256:{source.sha256}", fname=Path(name).name, path=cache))
     except (OSError, ValueError) as error:
-        print(f"{name} could not be fetched from {source.url}: {str(error).splitlines()[0]}")
+        # pooch refuses a wrong checksum by a ValueError; requests' errors are those of the system.
+        reason = "there is no connection to it" if isinstance(error, OSError) else "it is not the file it was"
+        print(f"{name} could not be fetched, {reason}: {source.url}; the cells that need it are skipped.")
         return None
-    return Path(path)
