@@ -44,13 +44,12 @@ html_show_sphinx = False
 html_math_renderer = "mathml"
 
 
-def setup(app: Sphinx) -> dict[str, bool]:
+def setup(app: Sphinx) -> None:
     """Connect what is generated, and formulas as MathML, which browsers show without any script."""
     app.connect("source-read", _expand)
     # Before numpydoc reads them.
     app.connect("autodoc-process-docstring", _readable, priority=400)
     app.add_html_math_renderer("mathml", (_math, None), (_math, None))
-    return {"parallel_read_safe": True, "parallel_write_safe": True}
 
 
 def _expand(app: Sphinx, docname: str, source: list[str]) -> None:
@@ -73,13 +72,14 @@ def _readable(app: Sphinx, what: str, name: str, obj: object, options: object, l
     """
     found: list[str] = []
     section = ""
-    for line, after in zip(lines, [*lines[1:], ""], strict=True):
-        if re.fullmatch(r"-{3,}", after):
-            section = line
+    for before, line, after in zip(["", *lines[:-1]], lines, [*lines[1:], ""], strict=True):
+        if re.fullmatch(r"-{3,}", line):
+            section = before
         entry = re.fullmatch(r"(\w[\w, ]*) : (.+)", line) if section in ("Parameters", "Attributes") else None
+        goes_on = section == "Returns" and before[:1].strip(" -") and line[:1].strip(" -")
         if entry and not re.match(r"    ([A-Z]|``)", after):
             found += [entry[1], f"    {entry[2]}"]
-        elif section == "Returns" and line[:1].strip() and found[-1][:1] not in ("", " ", "-"):
+        elif goes_on:
             found[-1] += f" {line}"
         else:
             found.append(line)

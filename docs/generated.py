@@ -4,6 +4,7 @@ A page asks for one by a line `<!-- generated: NAME ARGUMENTS -->`, NAME one of 
 place is Markdown.
 """
 
+import contextlib
 import inspect
 import re
 import shlex
@@ -16,8 +17,10 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from typer.testing import CliRunner
 
 import sysid_trib as st
+from sysid_trib.cli import app
 from sysid_trib.forces import Force, ForceLibrary
 from sysid_trib.printing.forces import loses_power, signature_text
 from sysid_trib.ties import exactly_dependent, without_signature
@@ -65,28 +68,19 @@ def readme(section: str) -> str:
 
 
 @lru_cache
-def _folder() -> Path:
+def _folder() -> tempfile.TemporaryDirectory[str]:
     """Where commands run, one folder for all pages; it goes when Python ends."""
-    folder = tempfile.TemporaryDirectory()
-    _folder.keep = folder  # type: ignore[attr-defined]
-    return Path(folder.name)
+    return tempfile.TemporaryDirectory()
 
 
-@lru_cache
-def run(*words: str) -> str:
+def run(program: str, *words: str) -> str:
     """A command and what it prints."""
-    assert words[0] == "sysid-trib"
-    told = subprocess.run(
-        [sys.executable, "-m", "sysid_trib", *words[1:]],
-        cwd=_folder(),
-        capture_output=True,
-        text=True,
-        encoding="utf-8",
-    )
-    if told.returncode:
-        raise RuntimeError(f"{shlex.join(words)}: {told.stderr}")
-    lines = [line.rstrip() for line in told.stdout.splitlines()]
-    return "\n".join(["```console", f"$ {shlex.join(words)}", *lines, "```"])
+    with contextlib.chdir(_folder().name):
+        ending = CliRunner().invoke(app, words, catch_exceptions=False)
+    if ending.exit_code:
+        raise RuntimeError(f"{shlex.join(words)}: {ending.output}")
+    lines = [line.rstrip() for line in ending.stdout.splitlines()]
+    return "\n".join(["```console", f"$ {shlex.join((program, *words))}", *lines, "```"])
 
 
 def commands() -> str:
