@@ -20,6 +20,8 @@ TIED: dict[str, Any] = {"color": "#0072B2", "marker": "s", "markersize": 5}
 OTHERS: dict[str, Any] = {"color": "0.45", "marker": "o", "markersize": 4, "markerfacecolor": "white"}
 # A score beyond so many thresholds asks for a logarithmic axis.
 FAR = 5.0
+# Over so many times the smallest number there is room for powers of ten alone.
+CROWDED = 100.0
 # Height of a row and of what is about the panel, inch.
 ROW, MARGIN = 0.17, 0.8
 
@@ -72,16 +74,19 @@ def ranking(tree: xr.DataTree, ax: "Axes | None" = None, scan: int = 0) -> "Axes
         style = NAMED if symbol == named else TIED if symbol in tied else OTHERS
         ax.plot([left, z], [row, row], "-", color=style["color"], linewidth=0.8)
         ax.plot([z], [row], linestyle="", **style)
-        text = ax.annotate(f"{z:.3g}", (z, row), (5, 0), textcoords="offset points", va="center", fontsize=6)
+        # Three digits, and no power of ten as long as there is room without.
+        told = f"{float(f'{z:.3g}'):g}"
+        text = ax.annotate(told, (z, row), (5, 0), textcoords="offset points", va="center", fontsize=6)
         text.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.4})
     ax.axvline(limit, color="black", linewidth=0.8, linestyle="--")
     ax.set_yticks(range(len(chosen)), chosen)
     ax.set_ylim(max(len(chosen), 1) - 0.4, -0.6)
     right = max([limit, *size])
     if far:
-        ax.set(xscale="log", xlim=(left, right * (right / left) ** 0.15))
+        ax.set(xscale="log", xlim=(left, right * (right / left) ** 0.2))
         ax.xaxis.set_major_formatter("{x:g}")
-        ax.xaxis.set_minor_formatter(lambda z, _: f"{z:g}" if f"{z:e}"[0] in "25" else "")
+        digits = "25" if right < CROWDED * left else ""
+        ax.xaxis.set_minor_formatter(lambda z, _: f"{z:g}" if f"{z:e}"[0] in digits else "")
     else:
         ax.set_xlim(0.0, 1.15 * right)
     ax.set_xlabel("score |z|")
