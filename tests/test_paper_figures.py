@@ -136,3 +136,9 @@ def test_errors_of_a_study_stand_above_the_bound():
     ]
     # Levels stand below the last panel of each column.
     assert [bool(panel.get_xlabel()) for panel in figure.axes] == [False, True, True, True]
+
+
+def test_close_levels_are_labelled_themselves():
+    found = study().assign_coords(level=("level", [25.0, 100.0, 400.0], {"long_name": "rate", "units": "Hz"}))
+    labels = [text.get_text() for text in plots.precision(found, "nu").get_xticklabels()]
+    assert labels == ["25", "100", "400"]

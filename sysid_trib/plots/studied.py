@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from sysid_trib.plots.style import SERIES, axes, in_latex, line, mark
 
@@ -13,6 +14,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 ACROSS = 3
+# Levels below this many times the smallest have no two decades to label.
+NARROW = 100.0
 
 
 def precisions(found: xr.Dataset) -> "Figure":
@@ -59,6 +62,7 @@ def precision(found: xr.Dataset, force: str, ax: "Axes | None" = None) -> "Axes"
         ax.plot(level, one.error.sel({"method": method}).values, label=method, **line(series) | mark(series))
     ax.plot(level, bound, color="black", linewidth=1.0, label="Cramér-Rao bound")
     ax.set(xscale="log", yscale="log")
+    _ticks(ax, level)
     low = 0.5 * float(np.min(bound))
     ax.fill_between(level, np.full(len(level), low), bound, color="0.9", linewidth=0)
     ax.set_ylim(bottom=low)
@@ -67,3 +71,17 @@ def precision(found: xr.Dataset, force: str, ax: "Axes | None" = None) -> "Axes"
     ax.set_title(in_latex(force), loc="left", fontsize=9)
     ax.legend(frameon=False, fontsize=7)
     return ax
+
+
+def _ticks(ax: "Axes", level: NDArray[np.float64]) -> None:
+    """Labels that do not run into each other: levels that are few, else decades; 1 and 3 of the errors."""
+    from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullFormatter, NullLocator
+
+    if level.max() < NARROW * level.min():
+        ax.set_xticks(level, [f"{value:g}" for value in level])
+        ax.xaxis.set_minor_locator(NullLocator())
+    ax.xaxis.set_minor_formatter(NullFormatter())
+    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+    ax.yaxis.set_major_formatter(LogFormatterSciNotation(minor_thresholds=(np.inf, np.inf)))
+    ax.yaxis.set_minor_formatter(NullFormatter())
+    ax.tick_params(labelsize=8)
