@@ -77,7 +77,7 @@ def _readable(app: Sphinx, what: str, name: str, obj: object, options: object, l
             section = before
         entry = re.fullmatch(r"(\w[\w, ]*) : (.+)", line) if section in ("Parameters", "Attributes") else None
         goes_on = section == "Returns" and before[:1].strip(" -") and line[:1].strip(" -")
-        if entry and not re.match(r"    ([A-Z]|``)", after):
+        if entry and (entry[2].endswith(".") or not re.match(r"    ([A-Z]|``)", after)):
             found += [entry[1], f"    {entry[2]}"]
         elif goes_on:
             found[-1] += f" {line}"
