@@ -14,7 +14,7 @@ notebooks: .venv/ready-notebooks
 	$(BIN)/python notebooks/run.py
 
 docs: .venv/ready-docs
-	OMP_NUM_THREADS=1 $(BIN)/python -m sphinx -b html -W --keep-going -E -q -j 2 docs build/docs
+	OMP_NUM_THREADS=1 $(BIN)/python -m sphinx -b html -W --keep-going -E -q docs build/docs
 	@echo "Open build/docs/index.html"
 
 check: .venv/ready-dev

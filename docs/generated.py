@@ -240,11 +240,11 @@ def results() -> str:
         lines += [f"### Of {command}", ""]
         for group, node in tree.children.items():
             variables = node.to_dataset().variables
-            before = shown.setdefault(tuple(sorted(variables)), group)
             lines += [f"#### `{group}`", ""]
-            if before != group or f"#### `{group}`" in lines[:-2]:
-                lines += [f"The variables of `{before}`.", ""]
+            if before := shown.get(names := tuple(map(str, variables))):
+                lines += [f"As {before}.", ""]
                 continue
+            shown[names] = f"`{group}` of {command}"
             lines += ["| variable | over | unit | what |", "| --- | --- | --- | --- |"]
             lines += [
                 f"| `{name}` | {', '.join(map(str, v.dims)) or 'one number'} | "
