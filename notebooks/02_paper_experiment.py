@@ -270,12 +270,16 @@ def note(what, printed, computed):
 
 # %% [markdown]
 # **Crossovers.** $\nu$ and $\epsilon$ weigh the same at $32\nu/(9\pi\epsilon)$ in magnitude. The printed
-# number lacks the $\pi$; with it the crossover lies below $\pi$, and the sentence drawn from it does not
+# number is nearly $\pi$ times that; the crossover lies below $\pi$, and the sentence drawn from it does not
 # hold. That of $\zeta$ and $\delta$ compares peak forces; by what they do to the envelope it is later.
 
 # %%
 crossing = abs(32 * PAPER["nu"] / (9 * np.pi * PAPER["epsilon"]))
-note("nu and epsilon weigh the same at (rad)", "4.76, above pi", f"{crossing:.2f}, below pi")
+note(
+    "nu and epsilon weigh the same at (rad)",
+    "4.76, above pi",
+    f"{crossing:.2f}, below pi (times pi {crossing * np.pi:.2f})",
+)
 
 crossover = st.crossovers(direct)
 crossover = crossover.where((crossover["first"] == "zeta") & (crossover["second"] == "delta"), drop=True)
