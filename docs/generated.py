@@ -13,6 +13,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterable
 from functools import lru_cache
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -185,16 +186,15 @@ def _listed(symbols: Iterable[str]) -> str:
 
 
 def api(module: str) -> str:
-    """The reference of a module's public names, by topic, from their docstrings."""
-    public = sys.modules[module] if module == "sysid_trib" else getattr(st, module)
-    path = "sysid_trib" if module == "sysid_trib" else f"sysid_trib.{module}"
+    """The reference of a module's public names from their docstrings; of the package itself by topic."""
+    public = import_module(module)
     names = [n for n in public.__all__ if not inspect.ismodule(getattr(public, n))]
     if module != "sysid_trib":
-        return _directives(path, names)
+        return _directives(module, names)
     lines = []
     for topic, _ in TOPICS:
         here = [n for n in names if _topic(getattr(public, n)) == topic]
-        lines += [f"## {topic}", "", _directives(path, here)]
+        lines += [f"## {topic}", "", _directives(module, here)]
     return "\n".join(lines)
 
 
@@ -203,12 +203,12 @@ def _topic(thing: object) -> str:
     return next(topic for topic, homes in TOPICS if any(home.startswith(h) for h in homes))
 
 
-def _directives(path: str, names: list[str]) -> str:
-    lines = ["```{eval-rst}", f".. py:currentmodule:: {path}", ""]
+def _directives(module: str, names: list[str]) -> str:
+    lines = ["```{eval-rst}", f".. py:currentmodule:: {module}", ""]
     for name in names:
-        thing = getattr(sys.modules[path], name)
-        lines.append(f".. auto{'class' if inspect.isclass(thing) else 'function'}:: {path}.{name}")
-        lines += ["   :members:", ""] if inspect.isclass(thing) else [""]
+        kind = "class" if inspect.isclass(getattr(import_module(module), name)) else "function"
+        lines.append(f".. auto{kind}:: {module}.{name}")
+        lines += ["   :members:", ""] if kind == "class" else [""]
     return "\n".join([*lines, "```", ""])
 
 

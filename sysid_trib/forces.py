@@ -34,8 +34,9 @@ class Force:
     Parameters
     ----------
     symbol : the coefficient's name.
-    name, family, meaning, source : words, shown in tables.
+    name : shown in tables.
     formula : h (rad).
+    family, meaning, source : words, shown in tables.
     kind : `force`, or `sensor`: the measured angle is then x + coefficient * h.
     state : right side of each internal state.
     memory : what replaces each held value at a reversal.

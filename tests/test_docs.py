@@ -28,6 +28,7 @@ BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 PAGES = [
     path for path in sorted(DOCS.glob("*.md")) if re.search(r"^```(py|sh)", path.read_text(), re.MULTILINE)
 ]
+MODULES = (st, st.methods, st.plots)
 # No docstring; a summary without a full stop, or longer than a line; parameters that do not exist.
 ALWAYS = {"GL08", "SS03", "SS06", "PR02"}
 # Parameters not documented, in another order, of another form; something returned that is not told.
@@ -45,7 +46,7 @@ def generated():
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_code_of_a_page_runs(page, tmp_path, monkeypatch, generated):
+def test_code_of_a_page_runs(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     text = page.read_text(encoding="utf-8")
     for command in re.findall(r"^<!-- generated: run sysid-trib (simulate .*) -->$", text, re.MULTILINE):
@@ -168,37 +169,31 @@ def _general(path, documented):
 
 def _public():
     """Names of functions and classes, and of what public classes have."""
-    for path, module in (
-        ("sysid_trib", st),
-        ("sysid_trib.methods", st.methods),
-        ("sysid_trib.plots", st.plots),
-    ):
+    for module in MODULES:
         for name in module.__all__:
             thing = getattr(module, name)
             if inspect.ismodule(thing):
                 continue
-            yield f"{path}.{name}"
+            yield f"{module.__name__}.{name}"
             if inspect.isclass(thing):
                 own = [k for k, v in vars(thing).items() if inspect.isfunction(v) or isinstance(v, property)]
-                yield from (f"{path}.{name}.{k}" for k in own if not k.startswith("_"))
+                yield from (f"{module.__name__}.{name}.{k}" for k in own if not k.startswith("_"))
 
 
 @pytest.mark.parametrize("name", list(_public()))
 def test_docstring_is_complete(name):
     owner = name.rpartition(".")[0]
-    if owner not in ("sysid_trib", "sysid_trib.methods", "sysid_trib.plots"):
-        # What `identify` takes and returns is told once, of the function.
-        checks = ALWAYS
-    else:
-        checks = ALWAYS | WHOLE - ({"RT01"} if owner == "sysid_trib.plots" else set())
+    # What a method of a class takes and returns is told of the function that calls it, `identify`.
+    checks = ALWAYS | (WHOLE if owner in {module.__name__ for module in MODULES} else set())
+    if owner == "sysid_trib.plots":
+        checks -= {"RT01"}
     missing = [f"{code} {text}" for code, text in validate(name)["errors"] if code in checks]
-    # The `ax` of a panel and what it returns are told once, of the module.
+    # That a panel takes and returns an `ax` is told once, of the module.
     assert not [told for told in missing if told != "PR01 Parameters {'ax'} not documented"]
 
 
-def test_every_public_name_is_in_the_reference(generated):
-    for module in ("sysid_trib", "methods", "plots"):
-        public = st if module == "sysid_trib" else getattr(st, module)
-        text = generated.api(module)
-        names = {n for n in public.__all__ if not inspect.ismodule(getattr(public, n))}
-        assert {path.split(".")[-1] for path in re.findall(r"auto(?:class|function):: (\S+)", text)} == names
+@pytest.mark.parametrize("module", MODULES, ids=lambda module: module.__name__)
+def test_every_public_name_is_in_the_reference(module, generated):
+    found = re.findall(r"auto(?:class|function):: (\S+)", generated.api(module.__name__))
+    names = [name for name in module.__all__ if not inspect.ismodule(getattr(module, name))]
+    assert sorted(found) == sorted(f"{module.__name__}.{name}" for name in names)

@@ -68,8 +68,9 @@ def sphere_stiffness(
 
     Parameters
     ----------
-    shear_modulus, shear_modulus_standard_error : G and its error, Pa.
-    contact_radius, contact_radius_standard_error : a and its error, m.
+    shear_modulus : G, Pa.
+    contact_radius : a, m.
+    shear_modulus_standard_error, contact_radius_standard_error : theirs.
 
     Returns
     -------

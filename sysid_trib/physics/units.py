@@ -79,9 +79,10 @@ def inertia_with_mass(
 
     Parameters
     ----------
-    inertia, inertia_standard_error : without the mass, and its error, kg m^2.
-    mass, mass_standard_error : kg.
-    radius, radius_standard_error : distance of the mass from the axis, m.
+    inertia : without the mass, kg m^2.
+    mass : kg.
+    radius : distance of the mass from the axis, m.
+    inertia_standard_error, mass_standard_error, radius_standard_error : theirs.
 
     Returns
     -------
