@@ -41,6 +41,7 @@ def execute(path: Path, progress: Progress) -> str:
             NotebookClient(
                 notebook,
                 timeout=SECONDS_PER_CELL,
+                startup_timeout=SECONDS_PER_CELL,
                 config=Config({"KernelManager": sockets}),
                 resources={"metadata": {"path": str(HERE)}},
                 on_cell_execute=begin,
