@@ -122,8 +122,8 @@ record, envelope = records[number]
 found = st.discover(record, known, candidates)
 
 # %% [markdown]
-# Where do model and record disagree? Left of the verdict stands the record with the known model fitted as
-# well as it can (before) and with what was found (after).
+# Where do model and record disagree? The known forces alone, fitted as well as they can be, are the model
+# *before*; with what was found it is the model *after*.
 
 # %%
 display(st.plots.discovery(found))
@@ -233,7 +233,7 @@ display(tables.effects_found(unknown))
 # %% [markdown]
 # What was named is wrong, and it shows: the gap does not go down to the noise, and on the held-out third a
 # step may even raise it. What is left is told as a gap; generic forces (powers of the amplitude times
-# harmonics of the phase), which know no candidate, say how sure it is that something is left.
+# harmonics of the phase), which know no candidate, tell by their chance that something is left.
 
 # %%
 left = unknown["generic"].ds.isel(scan=-1)

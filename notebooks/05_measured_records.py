@@ -32,8 +32,8 @@ files = measured.files()
 # ## The same three questions
 #
 # What do averaging and direct identification find, and does their model explain the record? How do other
-# methods compare, also on a last third that they have not seen? And what is missing, if the search starts from
-# one force: viscous friction for the pendulums, quadratic drag for the ship?
+# methods compare, also on a last third that they have not seen? And what is missing, if the search starts
+# from one force: viscous friction for the pendulums, quadratic drag for the ship?
 
 # %%
 contact, effects = st.load_library("contact_forces"), st.load_library("candidate_effects")
