@@ -21,6 +21,8 @@ def notebook_text(script: Path) -> str:
     for number, cell in enumerate(notebook.cells):
         # Random identities would change with every writing.
         cell.id = f"cell-{number}"
+        # Lines that a function is set off by in the text.
+        cell.source = cell.source.strip("\n")
     nbformat.validate(notebook)
     return nbformat.writes(notebook) + "\n"
 
