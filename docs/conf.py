@@ -47,6 +47,7 @@ html_math_renderer = "mathml"
 def setup(app: Sphinx) -> None:
     """Connect what is generated, and formulas as MathML, which browsers show without any script."""
     app.connect("source-read", _expand)
+    app.connect("doctree-read", _fold)
     # Before numpydoc reads them.
     app.connect("autodoc-process-docstring", _readable, priority=400)
     app.add_html_math_renderer("mathml", (_math, None), (_math, None))
@@ -55,6 +56,14 @@ def setup(app: Sphinx) -> None:
 def _expand(app: Sphinx, docname: str, source: list[str]) -> None:
     """Replace each `<!-- generated: ... -->` of a page by what `generated` makes of it."""
     source[0] = generated.expand(source[0])
+
+
+def _fold(app: Sphinx, doctree: nodes.document) -> None:
+    """Let a browser fold the long lines of what a command prints where they are sentences, not tables."""
+    for block in doctree.findall(nodes.literal_block):
+        long = [line.strip() for line in block.astext().splitlines() if len(line) > 100]
+        if long and not any("   " in line for line in long):
+            block["classes"].append("sentences")
 
 
 def _math(translator: "object", node: nodes.math) -> None:
