@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz
-from scipy.signal import lfilter
+from scipy.signal import lfilter, oaconvolve
 
 Array = NDArray[np.float64]
 
@@ -33,10 +33,24 @@ def autoregression_of(covariance: Array, samples: int) -> tuple[Array, float]:
     return found, left
 
 
-def _most(samples: int) -> int:
-    return min(MAX_ORDER, samples // 20)
+def fractional(d: float, taps: int) -> Array:
+    """Filter (tap,) that whitens noise with a spectrum of 1/f^(2 d): (1 - B)^d (Hosking 1981)."""
+    k = np.arange(1, taps)
+    return np.concatenate([[1.0], np.cumprod((k - 1.0 - d) / k)])
+
+
+def lost(filter_: Array) -> int:
+    """First samples that a filter has no past for; of a long one, those that would need most of it."""
+    return min(len(filter_) - 1, MAX_ORDER)
 
 
 def whitened(values: Array, filter_: Array) -> Array:
     """Values along the first axis after the whitening filter, without the first that have no past."""
-    return np.asarray(lfilter(filter_, [1.0], values, axis=0))[len(filter_) - 1 :]
+    if len(filter_) - 1 > MAX_ORDER:
+        taps = filter_.reshape(-1, *[1] * (values.ndim - 1))
+        return np.asarray(oaconvolve(values, taps, axes=0))[lost(filter_) : len(values)]
+    return np.asarray(lfilter(filter_, [1.0], values, axis=0))[lost(filter_) :]
+
+
+def _most(samples: int) -> int:
+    return min(MAX_ORDER, samples // 20)

@@ -18,6 +18,8 @@ from helpers import (
 )
 
 from sysid_trib import ForceLibrary, Model, cramer_rao_bound, load_library
+from sysid_trib.coloured_noise import whitened
+from sysid_trib.discrepancy import naming
 from sysid_trib.discrepancy.baseline import fit, records_of
 from sysid_trib.discrepancy.noise import Noise, noise_of, oscillations
 from sysid_trib.discrepancy.omnibus import omnibus
@@ -26,6 +28,7 @@ from sysid_trib.discrepancy.response import tangent
 from sysid_trib.discrepancy.scores import scores
 from sysid_trib.discrepancy.search import first_baseline, search, tie_class, verdict_of
 from sysid_trib.discrepancy.thinning import thinned
+from sysid_trib.errors import SimulationError
 from sysid_trib.formulas import parse
 from sysid_trib.methods.motions import Problem
 from sysid_trib.simulation import trajectory
@@ -100,9 +103,41 @@ def test_noise_is_found_without_a_model(correlation, order):
         wrong = 0.1 * RUN.angle * np.cos(0.2 * RUN.time)
         found = noise_of(added + wrong, oscillations(run))
         levels.append(found.level / (NOISE * np.sqrt(1.0 - correlation**2)))
-        orders.append(found.order)
+        orders.append(len(found.filter_) - 1)
     assert np.mean(levels) == pytest.approx(1.0, abs=0.02)
     assert np.median(orders) == order
+
+
+def pink_noise(count, seed):
+    """Noise of unit standard deviation whose spectrum falls as 1/f."""
+    spectrum = np.fft.rfft(np.random.default_rng(seed).standard_normal(2 * count))
+    spectrum[1:] /= np.sqrt(np.arange(1, len(spectrum)))
+    values = np.fft.irfft(spectrum)[:count]
+    return (values - values.mean()) / values.std()
+
+
+def test_noise_that_rises_to_low_frequencies_is_whitened_there_too():
+    """Slow effects live below the swing's frequency, where an autoregression of short memory sees little."""
+    basis, low = oscillations(RUN.decay(0)), []
+    for seed in range(12):
+        added = NOISE * pink_noise(len(RUN.time), seed)
+        found = noise_of(added, basis)
+        white = whitened(added, found.filter_) / found.level
+        power = np.abs(np.fft.rfft(white)) ** 2 / len(white)
+        # The swing has some forty periods: lines far below it, and the mean of all.
+        low.append(np.mean(power[1:12]))
+        assert np.mean(power[12:]) == pytest.approx(1.0, abs=0.1)
+    # 132 lines of an exponential distribution; without the power law they have 3 to 8.
+    assert np.mean(low) == pytest.approx(1.0, abs=0.4)
+
+
+def test_a_line_of_vibration_is_no_noise():
+    quiet = correlated_noise(len(RUN.time), 1, 0.0)
+    line = 3.0 * NOISE * np.sin(5.7 * RUN.time)
+    basis = oscillations(RUN.decay(1))
+    assert noise_of(quiet + line, basis).deviation == pytest.approx(
+        noise_of(quiet, basis).deviation, rel=0.03
+    )
 
 
 def true_baseline(seed):
@@ -165,6 +200,30 @@ def test_an_effect_that_no_candidate_mimics_is_unknown():
     run = decay(RUN.time, with_effect("even_spring", 5e-3), seed=6)
     few = EFFECTS.select(["van_der_pol", "quintic", "stiffness_drift"])
     found = search([run], first_baseline([run], BASE, None), few)
+    assert verdict_of(found) == "unknown effect"
+
+
+def test_effects_that_imitate_one_of_no_library_are_not_believed():
+    """Quintic and detent forces together imitate the missing x*abs(x)."""
+    run = RUN.decay(2)
+    start = first_baseline([run], CONTACT.select(["lambda", "zeta", "delta"]), None)
+    found = search([run], start, EFFECTS.select(["quintic", "detent", "magnet", "cubic_damping"]))
+    assert len(found.added) > 1
+    assert verdict_of(found) == "unknown effect"
+
+
+def test_a_candidate_without_a_fit_is_reported(monkeypatch):
+    def refuse(problem, unknown, table):
+        if "quintic" in problem.library.symbols:
+            raise SimulationError("The motion diverges.")
+        return unfailing(problem, unknown, table)
+
+    unfailing = naming.chord
+    monkeypatch.setattr(naming, "chord", refuse)
+    run = decay(RUN.time, with_effect("quintic", 0.3), seed=3)
+    few = EFFECTS.select(["quintic", "cubic_damping"])
+    found = search([run], first_baseline([run], BASE, None), few)
+    assert found.failed == ("quintic",)
     assert verdict_of(found) == "unknown effect"
 
 

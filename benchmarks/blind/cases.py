@@ -1,8 +1,10 @@
 """A case: runs with hidden effects of known strength, and the answers."""
 
+import itertools
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.optimize import minimize
 
 from .draws import NOISE, ONE_SIGN, grid, innovation, noise, oscillator, shapes, whitener
 from .effects import FORCES, SENSORS, Shapes, family, make
@@ -15,6 +17,24 @@ SECOND = 0.6
 STRONGEST = 0.3
 # What leaves less than this part of the truth's z is its twin: nine tenths of chi-square are explained by it.
 TWIN = 0.3
+# Shapes of candidates that leave less than this part are searched, in so many responses a shape.
+NEAR = 0.7
+SEARCHED = 7
+FAR = 1e6
+# What leaves so little is not seen.
+UNSEEN = 4.0
+# Shapes of candidates that leave less than this part are searched, in so many responses a shape.
+NEAR = 0.7
+SEARCHED = 7
+FAR = 1e6
+# What leaves so little is not seen.
+UNSEEN = 4.0
+# Shapes of candidates that leave less than this part are searched, in so many responses a shape.
+NEAR = 0.7
+SEARCHED = 7
+FAR = 1e6
+# What leaves so little is not seen.
+UNSEEN = 4.0
 HIDDEN = [*FORCES, *SENSORS]
 
 
@@ -158,24 +178,59 @@ def _leave_out(case: Case) -> None:
     setting = replace(fine, step=2.0 * fine.step, count=fine.count // 2, level=fine.level / np.sqrt(2.0))
     sight = Sight(setting)
     y = truth.coefficient * sight.response(truth.symbol, truth.shapes)[1]
-    start, base = setting.starts[0], setting.oscillator.base
-    left: dict[str, tuple[float, np.ndarray]] = {}
-    for symbol in HIDDEN:
-        # A line at a frequency of its own stands in for nothing else.
-        if symbol in base or symbol in (truth.symbol, "ambient"):
-            continue
-        for p in grid(symbol, start, setting.oscillator.w):
-            try:
-                u = sight.response(symbol, p)[1]
-            except NoDecayError:
-                continue
-            rest = float(np.linalg.norm(beside(y, [u]))) if np.linalg.norm(u) > 0.0 else np.inf
-            if rest < left.get(symbol, (np.inf, u))[0]:
-                left[symbol] = (rest, u)
-    if case.kind.startswith("left out"):
-        near = [s for s, (rest, _) in left.items() if rest < max(3.0, TWIN * abs(truth.z))]
-        case.left_out = [truth.symbol, *near]
-    stay = sorted((rest, s) for s, (rest, _) in left.items() if s not in case.left_out)
-    best = left[stay[0][1]][1]
-    pair = min(float(np.linalg.norm(beside(y, [best, left[s][1]]))) for _, s in stay[1:])
-    case.beyond = [stay[0][0], pair]
+    # A line at a frequency of its own stands in for nothing else.
+    others = {*HIDDEN} - {*setting.oscillator.base, truth.symbol, "ambient"}
+    twin = max(UNSEEN, TWIN * abs(truth.z))
+    left = {symbol: _left_by(symbol, sight, y, twin) for symbol in sorted(others)}
+    while True:
+        stay = sorted((rest, s) for s, (rest, _) in left.items() if s not in case.left_out)
+        # Any two of them: a combination that leaves what cannot be seen is a twin as well.
+        pairs = [
+            (float(np.linalg.norm(beside(y, [left[one][1], left[other][1]]))), one)
+            for (_, one), (_, other) in itertools.combinations(stay, 2)
+        ]
+        case.beyond = [stay[0][0], min(pairs)[0]]
+        if not case.kind.startswith("left out"):
+            return
+        near = [s for rest, s in stay if rest < twin] or [s for rest, s in [min(pairs)] if rest < UNSEEN]
+        if not near:
+            case.left_out = [truth.symbol, *case.left_out]
+            return
+        case.left_out = [*case.left_out, *near]
+
+
+def _left_by(symbol: str, sight: Sight, y: np.ndarray, twin: float) -> tuple[float, np.ndarray]:
+    """The least that a candidate leaves of a response, over its shapes, and its own response there.
+
+    The search ends where it is known to be a twin.
+    """
+    start, w = sight.setting.starts[0], sight.setting.oscillator.w
+    tried: list[tuple[float, np.ndarray, Shapes]] = []
+
+    def rest(p: Shapes) -> float:
+        try:
+            u = sight.response(symbol, p)[1]
+        except (NoDecayError, OverflowError):
+            return np.inf
+        left = float(np.linalg.norm(beside(y, [u]))) if np.linalg.norm(u) > 0.0 else np.inf
+        tried.append((left, u, p))
+        return left
+
+    for p in grid(symbol, start, w):
+        rest(p)
+    least, u, p = min(tried, key=lambda one: one[0], default=(np.inf, y, {}))
+    if p and twin < least < NEAR * np.linalg.norm(y):
+        names = list(p)
+        minimize(
+            lambda logs: min(rest(dict(zip(names, np.exp(logs).tolist(), strict=True))), FAR),
+            np.log([p[k] for k in names]),
+            method="Nelder-Mead",
+            options={"maxfev": SEARCHED * len(names), "initial_simplex": _simplex(np.log([*p.values()]))},
+        )
+        least, u, _ = min(tried, key=lambda one: one[0])
+    return least, u
+
+
+def _simplex(middle: np.ndarray) -> np.ndarray:
+    """A start of the search in the logarithms of shapes: a fifth of each."""
+    return np.concatenate([middle[None], middle + 0.2 * np.eye(len(middle))])

@@ -35,12 +35,18 @@ class Setting:
         """Angles of all runs, that held out last."""
         return [*self.starts, HELD_OUT * self.starts[0]]
 
-    def run(self, symbols: list[tuple[str, Shapes, float]], start: float, **changed: float) -> Motion:
+    def run(
+        self,
+        symbols: list[tuple[str, Shapes, float]],
+        start: float,
+        parts: int | None = None,
+        **changed: float,
+    ) -> Motion:
         """The run from `start` with these effects; `changed` adds to base coefficients."""
         base = self.oscillator.base
         moved = Oscillator(self.oscillator.w, base | {k: base.get(k, 0.0) + q for k, q in changed.items()})
         active = [(make(s, p), c) for s, p, c in symbols if s not in SENSORS]
-        found = motion(moved, active, start, self.step, self.count)
+        found = motion(moved, active, start, self.step, self.count, parts)
         x = found.x.copy()
         for symbol, _, c in symbols:
             if symbol in SENSORS:
@@ -56,6 +62,7 @@ class Sight:
 
     def __init__(self, setting: Setting) -> None:
         self.setting = setting
+        self.known: dict[tuple[float, int], np.ndarray] = {}
         self.plain = [setting.run([], start) for start in setting.starts]
         blocks = [self._unknowns(i) for i in range(len(setting.starts))]
         shared = np.concatenate([shared for shared, _ in blocks])
@@ -79,13 +86,20 @@ class Sight:
         own = [by_start, plain.v, np.ones(setting.count)]
         return setting.whitened(np.stack(shared, axis=1)), setting.whitened(np.stack(own, axis=1))
 
+    def _without(self, start: float, parts: int) -> np.ndarray:
+        if (start, parts) not in self.known:
+            self.known[start, parts] = self.setting.run([], start, parts).x
+        return self.known[start, parts]
+
     def response(self, symbol: str, p: Shapes) -> tuple[np.ndarray, np.ndarray]:
         """Derivative of all runs by the coefficient, whitened: whole, and outside of the unknowns."""
-        parts = []
-        for start, plain in zip(self.setting.starts, self.plain, strict=True):
-            moved = self.setting.run([(symbol, p, SMALL)], start).x - plain.x
-            parts.append(self.setting.whitened(moved[:, None])[:, 0] / SMALL)
-        whole = np.concatenate(parts)
+        found = []
+        # In the same steps: small effects are differences of motions that are alike in their errors too.
+        parts = 1 if symbol in SENSORS else make(symbol, p).parts
+        for start in self.setting.starts:
+            moved = self.setting.run([(symbol, p, SMALL)], start, parts).x - self._without(start, parts)
+            found.append(self.setting.whitened(moved[:, None])[:, 0] / SMALL)
+        whole = np.concatenate(found)
         return whole, whole - self.space @ (self.space.T @ whole)
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import xarray as xr
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from sysid_trib.discrepancy.noise import Noise, noise_of
 from sysid_trib.discrepancy.probes import Course
 from sysid_trib.discrepancy.response import tangent
-from sysid_trib.methods.fitting import fitted, grown
+from sysid_trib.methods.fitting import grown, least
 from sysid_trib.methods.motions import Problem, Record
 from sysid_trib.simulation import FAST
 
@@ -43,12 +44,12 @@ class Baseline:
         """Sum of squares of what is left, in units of the noise."""
         return float(self.residual @ self.residual)
 
-    @property
+    @cached_property
     def space(self) -> Array:
         """Orthonormal basis of what the unknowns can move, (sample, unknown)."""
         return basis_of(self.table)
 
-    @property
+    @cached_property
     def covariance(self) -> Array:
         """Covariance of the unknowns."""
         size = np.linalg.norm(self.table, axis=0)
@@ -56,8 +57,9 @@ class Baseline:
         scaled = self.table / size
         return np.asarray(np.linalg.pinv(scaled.T @ scaled) / np.outer(size, size))
 
+    @cached_property
     def courses(self) -> list[Course]:
-        """Each run's motion with its small deviations."""
+        """Each run's motion with its small deviations; a `SimulationError` if one cannot be followed."""
         model, own = self.problem.model(self.unknown), self.problem.own(self.unknown)
         return [
             Course(model, (float(a), float(r)), record.time, tangent(model, record.time, float(a), float(r)))
@@ -66,7 +68,7 @@ class Baseline:
 
     def of_each_run(self, values: Array) -> list[Array]:
         """Whitened values of all runs, (sample,), run by run."""
-        counts = [len(r.time) - n.order for r, n in zip(self.problem.records, self.noises, strict=True)]
+        counts = [len(r.time) - n.lost for r, n in zip(self.problem.records, self.noises, strict=True)]
         return np.split(values, np.cumsum(counts)[:-1])
 
     def white(self, moved: Sequence[Array]) -> Array:
@@ -74,6 +76,11 @@ class Baseline:
         return np.concatenate(
             [record.white(values) for record, values in zip(self.problem.records, moved, strict=True)]
         )
+
+
+def beyond(values: Array, space: Array) -> Array:
+    """The part of values (sample, ...) outside of an orthonormal basis (sample, column)."""
+    return np.asarray(values - space @ (space.T @ values))
 
 
 def basis_of(table: Array) -> Array:
@@ -90,14 +97,8 @@ def fit(
     weighted = with_noise(problem, noises)
     if far:
         unknown = grown(weighted, unknown, tolerance=TOLERANCE)
-    unknown = fitted(weighted, unknown, tolerance=TOLERANCE, evaluations=evaluations)
-    return Baseline(
-        weighted,
-        unknown,
-        tuple(noises),
-        -weighted.white_residual(unknown),
-        weighted.white_sensitivity(unknown),
-    )
+    unknown, left, table = least(weighted, unknown, TOLERANCE, evaluations)
+    return Baseline(weighted, unknown, tuple(noises), -left, table)
 
 
 def with_noise(problem: Problem, noises: Sequence[Noise]) -> Problem:

@@ -52,7 +52,7 @@ def discover(
     Returns
     -------
     DataTree, of records thinned to some sixty samples a period (attrs `thinned`). attrs: `verdict`
-    (`explained`, `unknown effect`, `nothing missing`), `left_out`. Groups:
+    (`explained`, `unknown effect`, `nothing missing`), `left_out`, `failed_fits`. Groups:
     `record` (`record_1`, ... of several runs) with `simulated_angle(model)` before and after;
     `disagreement` and `disagreement_after` (see `locate.disagreement`); `forecast` and `forecast_after` (see
     `forecast`); `ranking` of the candidates before each step; `steps`, the effects added; `before` and
@@ -90,6 +90,7 @@ def discover(
         "candidates": offered.to_toml(),
         "verdict": verdict,
         "left_out": ", ".join(left_out),
+        "failed_fits": ", ".join(found.failed),
         "held_out": f"{len(unseen)} run{'s' * (len(unseen) > 1)}" if unseen else "the last third of each run",
         "thinned": "; ".join(filter(None, (run.attrs.get("thinned", "") for run in runs))),
     }

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 from scipy.stats import chi2
 
 from sysid_trib.discrepancy.forecast import forecast
 from sysid_trib.discrepancy.locate import disagreement
 from sysid_trib.discrepancy.search import Search, cost_of, tie_class
 from sysid_trib.discrepancy.stages import WORSE, Stages, labelled
+from sysid_trib.discrepancy.standing import leaning
 from sysid_trib.forces import Force, ForceLibrary
 from sysid_trib.methods.fitting import rms
 from sysid_trib.runs import group_names, root_mean_square
@@ -101,6 +101,7 @@ def _steps(found: Search, stages: Stages) -> xr.Dataset:
     """The effects added, in order, with their final coefficients and what each took from the gap."""
     rows: list[dict[str, Any]] = []
     errors = np.sqrt(np.diag(found.final.covariance))
+    leans = leaning(found.final, found.added)
     for at, symbol in enumerate(found.added):
         force = found.final.problem.library[symbol]
         place = list(found.final.problem.names).index(symbol)
@@ -127,6 +128,7 @@ def _steps(found: Search, stages: Stages) -> xr.Dataset:
                 "residual_after": _gap(after),
                 "gap_before": float(np.sqrt(before.chi_square / len(before.residual))),
                 "gap_after": float(np.sqrt(after.chi_square / len(after.residual))),
+                "leans": symbol in leans,
                 "worsens_holdout": bool(stages.holdout[at + 1] > WORSE * stages.holdout[at]),
             }
         )
@@ -169,7 +171,7 @@ def _generic(found: Search) -> xr.Dataset:
 
 
 def _holdout(stages: Stages) -> xr.Dataset:
-    noise = root_mean_square([n.level / np.sqrt(_innovation_share(n)) for n in stages.models[-1].noises])
+    noise = root_mean_square([n.deviation for n in stages.models[-1].noises])
     above = stages.holdout**2 - noise**2
     return xr.Dataset(
         {
@@ -182,10 +184,3 @@ def _holdout(stages: Stages) -> xr.Dataset:
             ),
         }
     )
-
-
-def _innovation_share(noise: Any) -> float:
-    """Variance of the innovations over that of the noise, of an autoregression."""
-    impulse = np.zeros(2000)
-    impulse[0] = 1.0
-    return float(1.0 / np.sum(lfilter([1.0], noise.filter_, impulse) ** 2))

@@ -61,7 +61,7 @@ def disagreement(baseline: Baseline, courses: Sequence[Course]) -> xr.Dataset:
     spans, cells, departures = [], [], []
     for run, (course, gap, noise) in enumerate(zip(courses, residuals, baseline.noises, strict=True)):
         x, v = course.about.at_samples(course.about.x), course.about.at_samples(course.about.v)
-        departures.append(_departure(course.time, gap, x, _level(noise)))
+        departures.append(_departure(course.time, gap, x, noise.deviation))
         spans.append(_demodulated(run, course, gap, (x, v), noise))
         cells.append(_asked_force(course, gap, (x, v)))
     found = xr.concat(spans, "span").merge(_map(cells))
@@ -77,12 +77,6 @@ def disagreement(baseline: Baseline, courses: Sequence[Course]) -> xr.Dataset:
         "where": place,
     }
     return found
-
-
-def _level(noise: Noise) -> float:
-    """Standard deviation of one sample, rad."""
-    _, response = freqz([1.0], noise.filter_, 4096)
-    return noise.level * float(np.sqrt(np.mean(np.abs(response) ** 2)))
 
 
 def _departure(time: Array, gap: Array, x: Array, noise: float) -> float:
@@ -121,7 +115,7 @@ def _demodulated(
         values[1:3] = mean * (np.hypot(cosine, sine) - 1.0), np.arctan2(sine, cosine)
         errors[1] *= mean
         rms = float(np.sqrt(np.mean(gap[part] ** 2)))
-        rows.append((float(np.mean(course.time[part])), mean, rms, rms / _level(noise), *values, *errors))
+        rows.append((float(np.mean(course.time[part])), mean, rms, rms / noise.deviation, *values, *errors))
     table = np.array(rows).T
     slipped = list(TERMS).index("phase_error")
     table[4 + slipped] = np.unwrap(table[4 + slipped])

@@ -8,7 +8,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from sysid_trib.discrepancy.baseline import Baseline, basis_of, fit, with_noise
+from sysid_trib.discrepancy.baseline import Baseline, basis_of, beyond, fit, with_noise
 from sysid_trib.discrepancy.chord import chord
 from sysid_trib.discrepancy.probes import Course, Probe, is_frequency, is_searched
 from sysid_trib.discrepancy.scores import FINER, Scores, finer
@@ -21,8 +21,8 @@ from sysid_trib.runs import one_or_all
 
 Array = NDArray[np.float64]
 
-# Candidates within this chi-square of the best explain the record as well (three standard errors).
-TIE = 9.0
+# Candidates within this chi-square of the best explain the record as well: all that 99 % would hold.
+TIE = float(chi2.isf(0.01, 1))
 # What a shape parameter must gain in chi-square to be worth it: of two forces that explain as much, the one
 # with fewer parameters is named. More than `TIE`: a force that contains the named one as a limit, and so fits
 # as well whatever is true, is no rival. A frequency is found among hundreds.
@@ -117,28 +117,25 @@ def is_large(baseline: Baseline) -> bool:
     return rms(gap) > LARGE * rms(np.concatenate([record.angle for record in baseline.problem.records]))
 
 
-def best_candidate(baseline: Baseline, found: Scores, runs: Sequence[xr.Dataset]) -> Refit | None:
-    """The candidate that explains most, fitted with the model; None if there is none.
+def best_candidates(baseline: Baseline, found: Scores, runs: Sequence[xr.Dataset]) -> list[Refit]:
+    """Candidates fitted with the model, the one that explains most first; fits that failed are the last.
 
     By the scores; where the gap is too large for them, by fits of those that are quick to simulate. A twin
     that explains more is found later (`twins`).
     """
     ranked = sorted(found.best(), key=lambda at: price_of(found.probes[at].force) - found.z[at] ** 2)
-    if not ranked:
-        return None
+    done: list[Refit] = []
     if is_large(baseline):
         tried = [at for at in ranked if _is_plain(found.probes[at].force)][:TRIALS] or ranked[:1]
         done = [_refitted(baseline, found, at, runs) for at in tried]
-        return min(done, key=lambda one: one.cost)
-    best: Refit | None = None
+        return sorted(done, key=lambda one: one.cost)
     for at in ranked[:TRIALS]:
-        one = _refitted(baseline, found, at, runs)
-        if best is None or one.cost < best.cost:
-            best = one
+        done = sorted([*done, _refitted(baseline, found, at, runs)], key=lambda one: one.cost)
+        best = done[0]
         # A fit that brings what its score promises is not followed by a better one.
         if baseline.chi_square - best.cost > PROMISED * found.z[at] ** 2 - price_of(best.force):
             break
-    return best
+    return done
 
 
 def _is_plain(force: Force) -> bool:
@@ -165,15 +162,15 @@ def twins(
         along, size, left = _in_place(fitted, symbol, found)
         explained = max(0.0, float(np.max(along**2, initial=0.0)))
         shaped = np.array([len(p.force.shape) for p in found.probes])
-        beyond = left + np.array([price_of(p.force) for p in found.probes]) - own - TIE
+        above = left + np.array([price_of(p.force) for p in found.probes]) - own - TIE
         near: dict[str, int] = {}
-        for at in np.argsort(beyond).tolist():
+        for at in np.argsort(above).tolist():
             if found.can_be(at, float(along[at] / max(size[at], 1e-300)), instead=True):
                 near.setdefault(found.probes[at].force.symbol, at)
-        shapes = [at for at in near.values() if shaped[at] and beyond[at] < REACH + COARSE * explained]
+        shapes = [at for at in near.values() if shaped[at] and above[at] < REACH + COARSE * explained]
         finest, found = found, finer(found, shapes, fitted, courses)
     slack = np.where(shaped > 0, SLACK_OF_SHAPES, SLACK) * explained
-    wanted = [at for at in near.values() if beyond[at] <= slack[at]]
+    wanted = [at for at in near.values() if above[at] <= slack[at]]
     kept = [
         *[at for at in wanted if not shaped[at]][:TWINS],
         *[at for at in wanted if shaped[at]][:TWINS],
@@ -203,8 +200,8 @@ def _in_place(fitted: Baseline, symbol: str, found: Scores) -> tuple[Array, Arra
     space = basis_of(others)
     # What the effect adds to the motion, and what is still left of the record.
     y = fitted.residual + fitted.table[:, mine[0]] * fitted.unknown[mine[0]]
-    y = y - space @ (space.T @ y)
-    outside = found.moved - space @ (space.T @ found.moved)
+    y = beyond(y, space)
+    outside = beyond(found.moved, space)
     size = np.linalg.norm(outside, axis=0)
     along = np.divide(outside.T @ y, size, out=np.zeros_like(size), where=size > 0.0)
     return along, size, float(y @ y) - along**2

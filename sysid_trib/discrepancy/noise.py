@@ -6,8 +6,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
+from scipy.ndimage import median_filter
+from scipy.optimize import minimize_scalar
 
-from sysid_trib.coloured_noise import autoregression_of
+from sysid_trib.coloured_noise import autoregression_of, fractional, lost
 from sysid_trib.decays.half_sines import usable_half_periods
 from sysid_trib.regression.weak_form import build_weak_form, smooth
 
@@ -20,6 +22,11 @@ DEGREE = 3
 # Lines of the spectrum that keep less than this part of the noise are taken from this many neighbours.
 KEPT = 0.3
 WIDE = 15
+# A line so many times the median of its neighbours is vibration: one in 2^14 lines of noise is that high.
+LINE = 14.0
+LINES = 4
+# The d of noise whose spectrum rises to low frequencies as 1/f^(2 d): white, 1/f noise is 0.5, a walk is 1.
+STEEPNESSES = np.linspace(0.0, 1.0, 21)
 
 
 @dataclass(frozen=True)
@@ -28,16 +35,24 @@ class Noise:
 
     Attributes
     ----------
-    level : standard deviation of the innovations, rad; `filter_` : (order + 1,) whitens it, [1] if white.
+    level : standard deviation of the innovations, rad; `filter_` : (tap,) whitens it, [1] if white.
     """
 
     level: float
     filter_: Array
 
     @property
-    def order(self) -> int:
-        """Order of the autoregression, 0 if white."""
-        return len(self.filter_) - 1
+    def lost(self) -> int:
+        """First samples that cannot be whitened."""
+        return lost(self.filter_)
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of a sample, rad."""
+        # Lines of a record: 1/f noise has more the longer it lasts.
+        lines = len(self.filter_) if self.lost < len(self.filter_) - 1 else 4096
+        power = np.abs(np.fft.rfft(self.filter_, lines)[1:]) ** 2
+        return self.level * float(np.sqrt(np.mean(1.0 / power)))
 
 
 def oscillations(decay: xr.Dataset) -> Array:
@@ -64,12 +79,20 @@ def oscillations(decay: xr.Dataset) -> Array:
     return np.asarray(basis)
 
 
-def noise_of(residual: Array, basis: Array) -> Noise:
+def noise_of(residual: Array, basis: Array, lines: int = LINES) -> Noise:
     """Level and colour of what a residual has beside slowly changing oscillations (rad).
 
+    So many lines of the spectrum at most are taken for vibration, which is no noise either.
+
     Taking the oscillations out leaves gaps in the spectrum: each line is divided by the part of white noise
-    that it keeps, and where it keeps little its neighbours stand in for it. The order of the autoregression
-    is by the Bayesian information criterion.
+    that it keeps, and where it keeps little its neighbours stand in for it.
+
+    Notes
+    -----
+    An autoregression, its order by the Bayesian information criterion, of noise of which, where the lines ask
+    for it, a power law 1/f^(2 d) is taken first (Granger and Joyeux 1980; Hosking 1981): an autoregression
+    cannot follow noise that rises towards frequencies far below the swing's, where slow effects are sought.
+    The exponent is by the same criterion, with Whittle's likelihood.
     """
     n = len(residual)
     left = residual - basis @ (basis.T @ residual)
@@ -79,13 +102,57 @@ def noise_of(residual: Array, basis: Array) -> Noise:
     good[0] = False
     if not good.any():
         return Noise(float(np.sqrt(left @ left / max(1, n - basis.shape[1]))), np.ones(1))
-    lines = np.arange(len(power))
+    power = np.where(good, power / np.where(good, kept, 1.0), 0.0)
+    usual = median_filter(power[good], 2 * WIDE + 1, mode="nearest")
+    highest = int(np.argmax(power[good] / usual))
+    if lines and power[good][highest] > LINE * usual[highest]:
+        return noise_of(residual, _with_line(basis, left, int(np.flatnonzero(good)[highest])), lines - 1)
+    steepness = _steepness(power, good, n)
+    filter_, variance = _autoregression(power, good, n, steepness)
+    if steepness:
+        filter_ = np.convolve(fractional(steepness, n), filter_)[:n]
+    return Noise(float(np.sqrt(variance)), filter_)
+
+
+def _with_line(basis: Array, left: Array, line: int) -> Array:
+    """The basis with a vibration of constant amplitude, its frequency found within the line."""
+    n = len(left)
+    turns = 2.0j * np.pi * np.arange(n) / n
+    found = minimize_scalar(
+        lambda k: -float(np.abs(np.exp(-k * turns) @ left)), bounds=(line - 1.0, line + 1.0), method="bounded"
+    )
+    wave = np.exp(found.x * turns)
+    columns = np.stack([wave.real, wave.imag], axis=1)
+    return np.concatenate([basis, np.linalg.qr(columns - basis @ (basis.T @ columns))[0]], axis=1)
+
+
+def _steepness(power: Array, good: NDArray[np.bool_], n: int) -> float:
+    """The d of noise whose spectrum rises as 1/f^(2 d) beside an autoregression, 0 if it need not."""
+
+    def cost(d: float) -> float:
+        filter_, variance = _autoregression(power, good, n, d)
+        density = variance / (_power_law(n, -d) * np.abs(np.fft.rfft(filter_, n)) ** 2)[good]
+        count = len(filter_) - 1 + (d > 0.0)
+        return float(2.0 * np.sum(np.log(density) + power[good] / density) + count * np.log(n))
+
+    costs = [cost(d) for d in STEEPNESSES]
+    return float(STEEPNESSES[int(np.argmin(costs))])
+
+
+def _power_law(n: int, d: float) -> Array:
+    """Lines (n // 2 + 1,) of the spectrum of a fractional sum of white noise, 1/f^(2 d) at low frequency."""
+    lines = np.arange(n // 2 + 1)
+    # No line at zero: the mean is an unknown.
+    return np.asarray((2.0 * np.sin(np.pi * np.maximum(lines, 1) / n)) ** (-2.0 * d))
+
+
+def _autoregression(power: Array, good: NDArray[np.bool_], n: int, d: float) -> tuple[Array, float]:
+    """Autoregression of noise after its power law, and the variance of its innovations."""
+    flat = power * _power_law(n, -d)
     # Neighbours on both sides, averaged: a single line scatters as much as it is high.
-    near = np.convolve(np.where(good, power / np.where(good, kept, 1.0), 0.0), np.ones(WIDE), "same")
+    near = np.convolve(flat, np.ones(WIDE), "same")
     near /= np.maximum(np.convolve(good.astype(float), np.ones(WIDE), "same"), 1e-9)
     usable = np.convolve(good.astype(float), np.ones(WIDE), "same") > 0.5
-    filled = np.interp(lines, lines[usable], near[usable])
-    spectrum = np.where(good, power / np.where(good, kept, 1.0), filled)
-    covariance = np.fft.irfft(spectrum, n)[: n // 2]
-    filter_, variance = autoregression_of(covariance, n)
-    return Noise(float(np.sqrt(variance)), filter_)
+    lines = np.arange(len(flat))
+    spectrum = np.where(good, flat, np.interp(lines, lines[usable], near[usable]))
+    return autoregression_of(np.fft.irfft(spectrum, n)[: n // 2], n)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
-from sysid_trib.discrepancy.baseline import Baseline
+from sysid_trib.discrepancy.baseline import Baseline, beyond
 from sysid_trib.discrepancy.probes import Course
 from sysid_trib.discrepancy.response import responses
 
@@ -43,9 +43,9 @@ def omnibus(baseline: Baseline, courses: Sequence[Course]) -> Omnibus:
     names, _ = _shapes(courses[0])
     moved = baseline.white([responses(course.about, _shapes(course)[1]) for course in courses])
     moved = moved / np.linalg.norm(moved, axis=0)
-    outside = moved - space @ (space.T @ moved)
+    outside = beyond(moved, space)
     size = np.linalg.norm(outside, axis=0)
-    residual = baseline.residual - space @ (space.T @ baseline.residual)
+    residual = beyond(baseline.residual, space)
     z = outside.T @ residual / np.maximum(size, 1e-12)
     z = np.where(size > RANK, z, 0.0)
     basis, singular, _ = np.linalg.svd(outside, full_matrices=False)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.signal import find_peaks
 from scipy.stats import norm
 
-from sysid_trib.discrepancy.baseline import Baseline
+from sysid_trib.discrepancy.baseline import Baseline, beyond
 from sysid_trib.discrepancy.probes import Course, Probe, is_searched, moved_by, probes_of
 from sysid_trib.forces import ForceLibrary
 
@@ -82,7 +82,10 @@ def scores(baseline: Baseline, candidates: ForceLibrary, courses: Sequence[Cours
     scores of noise, correlated as these are.
     """
     space = baseline.space
-    residual = baseline.residual - space @ (space.T @ baseline.residual)
+    residual = beyond(baseline.residual, space)
+    if not len(candidates):
+        none, nothing = np.zeros(0), np.zeros((len(residual), 0))
+        return Scores([], [], none, none, none, none, nothing, nothing, 1.0, none)
     frequencies, looked = _lines(baseline, residual)
     found = _scored(baseline, probes_of(candidates, frequencies), courses, space, residual)
     for _ in range(FINER):
@@ -104,8 +107,8 @@ def _scored(
     each = [moved_by(course, probes) for course in courses]
     moved = baseline.white([one.angle for one in each])
     whole = np.linalg.norm(moved, axis=0)
-    outside = moved - space @ (space.T @ moved)
-    outside = outside - space @ (space.T @ outside)
+    # Twice: what is left of a response that is nearly all inside is rounding else.
+    outside = beyond(beyond(moved, space), space)
     size = np.linalg.norm(outside, axis=0)
     share = np.divide(size, whole, out=np.zeros_like(size), where=whole > 0.0)
     reasons = [next((r for one in each if (r := one.reasons[at])), "") for at in range(len(probes))]
@@ -135,7 +138,7 @@ def finer(found: Scores, chosen: Sequence[int], baseline: Baseline, courses: Seq
     if not more:
         return found
     space = baseline.space
-    residual = baseline.residual - space @ (space.T @ baseline.residual)
+    residual = beyond(baseline.residual, space)
     return _joined(found, _scored(baseline, more, courses, space, residual))
 
 

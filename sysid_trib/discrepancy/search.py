@@ -9,11 +9,11 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from sysid_trib.discrepancy.baseline import Baseline, basis_of, fit, records_of, refreshed
+from sysid_trib.discrepancy.baseline import Baseline, basis_of, beyond, fit, records_of, refreshed
 from sysid_trib.discrepancy.naming import (
     TIE,
     Refit,
-    best_candidate,
+    best_candidates,
     is_large,
     is_significant,
     price_of,
@@ -25,6 +25,7 @@ from sysid_trib.discrepancy.omnibus import Omnibus, omnibus
 from sysid_trib.discrepancy.probes import Course
 from sysid_trib.discrepancy.scores import Scores, scores
 from sysid_trib.discrepancy.simpler import simpler
+from sysid_trib.discrepancy.standing import leaning
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.methods.direct import Direct
@@ -66,12 +67,14 @@ class Search:
     final : the final model.
     added : its effects, in the order of their addition.
     ties : of each effect, the candidates that explain as much in its place, itself first.
+    failed : candidates tried for a step whose fits failed.
     """
 
     scans: list[Scan]
     final: Baseline
     added: tuple[str, ...]
     ties: dict[str, list[Refit]] = field(default_factory=dict)
+    failed: tuple[str, ...] = ()
 
 
 def first_baseline(runs: Sequence[xr.Dataset], forces: ForceLibrary, frequency: float | None) -> Baseline:
@@ -108,11 +111,12 @@ def search(
     scans: list[Scan] = []
     state: State = (baseline, ())
     ties: dict[str, list[Refit]] = {}
+    failed: list[str] = []
     for _ in range(ROUNDS):
         while True:
             told(f"scan {len(scans) + 1}")
             scans.append(_scanned(*state, candidates, seed))
-            more = _next(scans[-1], runs, level, max_effects - len(state[1]))
+            more = _next(scans[-1], runs, level, max_effects - len(state[1]), failed)
             longer = more and _stepped(more, bases, state[1])
             if not longer:
                 break
@@ -132,7 +136,7 @@ def search(
         scans.append(_scanned(baseline, added, candidates, seed))
     last = scans[-1]
     ties = {s: ties.get(s) or twins(baseline, s, last.found, last.courses, runs) for s in added}
-    return Search(scans, baseline, _by_weight(baseline, added), ties)
+    return Search(scans, baseline, _by_weight(baseline, added), ties, tuple(dict.fromkeys(failed)))
 
 
 def _stepped(
@@ -142,7 +146,7 @@ def _stepped(
     problem, unknown, symbols = model
     after = refreshed(problem, unknown, bases)
     try:
-        after.courses()
+        after.courses  # noqa: B018, followed here once, and kept
     except SysidTribError:
         return None
     return after, (*before, *symbols)
@@ -182,7 +186,7 @@ def _without_needless(state: State, bases: Sequence[Array], level: float) -> Sta
         return None
     problem, unknown = without_force(baseline, needless)
     alone = fit(problem, unknown, baseline.noises, far=True)
-    return refreshed(problem, alone.unknown, bases), tuple(s for s in added if s != needless)
+    return _stepped((problem, alone.unknown, tuple(s for s in added if s != needless)), bases)
 
 
 def _by_weight(baseline: Baseline, added: Sequence[str]) -> tuple[str, ...]:
@@ -192,7 +196,7 @@ def _by_weight(baseline: Baseline, added: Sequence[str]) -> tuple[str, ...]:
     others = np.delete(baseline.table, out, axis=1)
     space = basis_of(others)
     parts = {s: baseline.table[:, names.index(s)] * baseline.unknown[names.index(s)] for s in added}
-    parts = {s: part - space @ (space.T @ part) for s, part in parts.items()}
+    parts = {s: beyond(part, space) for s, part in parts.items()}
     left = baseline.residual + sum(parts.values(), np.zeros_like(baseline.residual))
     ordered: list[str] = []
     while len(ordered) < len(added):
@@ -205,24 +209,29 @@ def _by_weight(baseline: Baseline, added: Sequence[str]) -> tuple[str, ...]:
 
 
 def _scanned(baseline: Baseline, added: Sequence[str], candidates: ForceLibrary, seed: int) -> Scan:
-    courses = baseline.courses()
+    courses = baseline.courses
     others = replace(candidates, forces=tuple(f for f in candidates if f.symbol not in added))
     return Scan(baseline, courses, scores(baseline, others, courses, seed), omnibus(baseline, courses))
 
 
 def _next(
-    scan: Scan, runs: Sequence[xr.Dataset], level: float, most: int
+    scan: Scan, runs: Sequence[xr.Dataset], level: float, most: int, failed: list[str]
 ) -> tuple[Problem, Array, tuple[str, ...]] | None:
-    """The model with the effect to add, or two that explain more together, if they are significant."""
+    """The model with the effect to add, or two that explain more together, if they are significant.
+
+    `failed` takes the symbols of candidates whose fits failed.
+    """
     found = scan.found
     if most < 1 or not len(found.p_values) or found.p_values.min() >= level:
         return None
     pair = simpler(scan.before, (), found) if most > 1 and not is_large(scan.before) else None
     if pair is not None and len(pair[2]) > 1:
         return pair
-    one = best_candidate(scan.before, found, runs)
-    if one is None or not is_significant(scan.before, one, found.tests, level):
+    tried = best_candidates(scan.before, found, runs)
+    failed += [one.force.symbol for one in tried if not np.isfinite(one.chi_square)]
+    if not tried or not is_significant(scan.before, tried[0], found.tests, level):
         return None
+    one = tried[0]
     return one.problem, one.unknown, (one.force.symbol,)
 
 
@@ -253,6 +262,9 @@ def tie_class(found: Search, symbol: str) -> list[str]:
 def verdict_of(found: Search, level: float = LEVEL) -> str:
     """`explained`, `unknown effect` or `nothing missing`."""
     last = found.scans[-1]
+    # Names that lean on each other may imitate one that is not in the library.
+    if leaning(found.final, found.added):
+        return "unknown effect"
     # A score that no fit bears out is no effect, unless it is beyond doubt.
     flagged = len(last.found.p_values) and last.found.p_values.min() < DOUBTLESS
     if last.generic.p_value < level or flagged:

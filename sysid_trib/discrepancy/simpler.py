@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid_trib.discrepancy.baseline import Baseline, basis_of, with_noise
+from sysid_trib.discrepancy.baseline import Baseline, basis_of, beyond, with_noise
 from sysid_trib.discrepancy.chord import chord
 from sysid_trib.discrepancy.naming import price_of, with_force
 from sysid_trib.discrepancy.probes import Probe
@@ -41,7 +41,7 @@ def simpler(
     others = np.delete(fitted.table, out, axis=1)
     space = basis_of(others)
     whole = fitted.residual + fitted.table[:, coefficients] @ fitted.unknown[coefficients]
-    y = whole - space @ (space.T @ whole)
+    y = beyond(whole, space)
     at, directions, along = _best_of_each(fitted, added, found, space, y)
     own = fitted.chi_square + _price(fitted.problem, added)
     limit = own + SLACK * max(0.0, float(y @ y) - fitted.chi_square)
@@ -68,7 +68,7 @@ def _best_of_each(
     fitted: Baseline, added: Sequence[str], found: Scores, space: Array, y: Array
 ) -> tuple[list[int], Array, Array]:
     """The probe of each force, and of each effect of the model, that goes furthest along y."""
-    outside = found.moved - space @ (space.T @ found.moved)
+    outside = beyond(found.moved, space)
     size = np.linalg.norm(outside, axis=0)
     directions = outside / np.where(size > 0.0, size, 1.0)
     along = directions.T @ y

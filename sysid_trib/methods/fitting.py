@@ -31,6 +31,13 @@ def fitted(
     problem: Problem, unknown: Array, *, tolerance: float = TOLERANCE, evaluations: int = MAX_EVALUATIONS
 ) -> Array:
     """Unknowns of least whitened residual, from a first guess."""
+    return least(problem, unknown, tolerance, evaluations)[0]
+
+
+def least(
+    problem: Problem, unknown: Array, tolerance: float = TOLERANCE, evaluations: int = MAX_EVALUATIONS
+) -> tuple[Array, Array, Array]:
+    """The same, with the whitened residual (sample,) and its sensitivities (sample, unknown) there."""
     low, high = limits(problem, len(unknown))
     bounded = bool(np.any(np.isfinite(low)) or np.any(np.isfinite(high)))
     inside = np.clip(unknown, np.nextafter(low, np.inf), np.nextafter(high, -np.inf))
@@ -46,7 +53,7 @@ def fitted(
         gtol=0.01 * tolerance,
         max_nfev=evaluations,
     )
-    return np.asarray(found.x, dtype=float)
+    return np.asarray(found.x, dtype=float), np.asarray(found.fun), np.asarray(found.jac)
 
 
 def rms(values: Array) -> float:

@@ -84,7 +84,7 @@ def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
             for s, r in zip(forecast.candidate.values.tolist(), forecast.reason.values.tolist(), strict=True)
             if r
         },
-        "left_out": [s for s in tree.attrs["left_out"].split(", ") if s],
+        **{key: [s for s in tree.attrs[key].split(", ") if s] for key in ("left_out", "failed_fits")},
         "options": json.loads(tree.attrs["options"]),
     }
     return found | ({"records": records} if len(records) > 1 else {})

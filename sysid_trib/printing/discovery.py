@@ -106,10 +106,20 @@ def _nothing(tree: xr.DataTree) -> list[str]:
 
 def _unknown(tree: xr.DataTree) -> list[str]:
     gap, noise = residual_of(tree, "after"), noise_of(tree)
-    told = [f"Unknown effect: something is left that was not named; the gap is {times_noise(gap, noise)}."]
-    told += place_told(tree, "disagreement_after")
     generic = tree["generic"].to_dataset().isel(scan=-1)
-    if generic.p_value.item() < _level(tree):
+    flagged = generic.p_value.item() < _level(tree)
+    told = []
+    if leaning := " and ".join(_leaning(tree)):
+        told.append(
+            f"Unknown effect: with {leaning} the gap is {times_noise(gap, noise)}, but they lean on each "
+            "other: nearly cancelling, they imitate what may be one force that is not among the candidates."
+        )
+    else:
+        told.append(
+            f"Unknown effect: something is left that was not named; the gap is {times_noise(gap, noise)}."
+        )
+        told += place_told(tree, "disagreement_after")
+    if flagged:
         order = np.argsort(-np.abs(generic.z.values))[:MOST]
         shapes = ", ".join(f"{generic['shape'].values[i]} (z = {generic.z.values[i]:.3g})" for i in order)
         told.append(
@@ -132,6 +142,14 @@ def _unknown(tree: xr.DataTree) -> list[str]:
             )
         )
     return told
+
+
+def _leaning(tree: xr.DataTree) -> list[str]:
+    """Symbols of the effects whose names do not stand by themselves."""
+    if not tree["steps"].attrs["count"]:
+        return []
+    steps = tree["steps"].to_dataset()
+    return [str(symbol) for symbol in steps.symbol.values[steps.leans.values]]
 
 
 def _level(tree: xr.DataTree) -> float:

@@ -45,12 +45,14 @@ def _mixed(each: Sequence[bool]) -> bool:
 
 
 def strengths_told(tree: xr.DataTree) -> list[str]:
-    """Detectable strengths, candidates that look alike, cannot be tested, or were left out."""
+    """Detectable strengths, candidates that look alike, cannot be tested, were left out, or had no fit."""
     told = [_own_told(tree), _closest_told(tree)]
     told += _ties_told(tree)
     told += _untestable_told(tree)
     if left_out := tree.attrs["left_out"]:
         told.append(f"Not offered, because the model has them: {left_out}.")
+    if failed := tree.attrs["failed_fits"]:
+        told.append(f"Tried, but without a fit, because their motions could not be followed: {failed}.")
     return [sentence for sentence in told if sentence]
 
 
