@@ -29,7 +29,7 @@ def prediction_panel(tree: xr.DataTree) -> Panel:
     found = shown(tree)
     methods = found.method.values
     made = drawing.panel(
-        "RMS of record \N{MINUS SIGN} model over the noise",
+        "RMS over the noise",
         "",
         rows=methods.tolist(),
         log="x",

@@ -68,7 +68,7 @@ def panel(
     made.toolbar.autohide = True
     made.outline_line_color = None
     # Axes below each other begin and end at the same place.
-    made.min_border_left, made.min_border_right = 66, 14
+    made.min_border_left, made.min_border_right = 76, 14
     made.background_fill_alpha = made.border_fill_alpha = 0.0
     for axis in made.axis:
         axis.axis_label_text_font = axis.major_label_text_font = FONT

@@ -54,10 +54,12 @@ def record_panel(data: xr.Dataset) -> Panel:
 def _record(data: xr.Dataset, lines: Lines, labels: Mapping[str, str]) -> "figure":
     made = drawing.panel("time (s)", "angle (rad)")
     time, angle = data.time.values, data.angle.values
+    # Pale behind models, which must show.
+    color = drawing.PALE if lines else drawing.GREY
     if time.size > drawing.MOST_POINTS:
-        drawn = {"record": drawing.line(made, time, angle, drawing.GREY)}
+        drawn = {"record": drawing.line(made, time, angle, color)}
     else:
-        drawn = {"record": drawing.marks(made, {"x": time, "y": angle}, drawing.PALE, size=3.5)}
+        drawn = {"record": drawing.marks(made, {"x": time, "y": angle}, color, size=3.5)}
     for name, (color, dash) in lines.items():
         drawn[labels[name]] = drawing.line(
             made, time, data.simulated_angle.sel(model=name).values, color, dash=dash

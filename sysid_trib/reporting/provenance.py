@@ -51,7 +51,7 @@ def method_table(tree: xr.DataTree) -> Table:
 def options_told(text: str) -> str:
     """Options as they are kept, without those that are not set."""
     options = json.loads(text)
-    return ", ".join(f"{k} = {json.dumps(v)}" for k, v in options.items() if v not in (None, {}))
+    return ", ".join(f"{k} = {json.dumps(v)}" for k, v in options.items() if v not in (None, {}, []))
 
 
 def texts(tree: xr.DataTree) -> dict[str, str]:

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import MISSING, fields
 from typing import Any
 
-import numpy as np
 import xarray as xr
 
 from sysid_trib.agreement import method_of
@@ -17,7 +16,7 @@ from sysid_trib.runs import record_groups
 
 
 def python_text(tree: xr.DataTree) -> str:
-    """Lines of Python that read the record(s) and compute the result; empty if the record is not known."""
+    """Lines of Python that read the records and compute the result."""
     kind = kind_of(tree)
     made = {"identify": _identify, "cross_check": _cross_check, "compare": _compare, "discover": _discover}
     return "\n".join(["import sysid_trib as st", "", *_decay(tree), *made[kind](tree)])
@@ -25,28 +24,32 @@ def python_text(tree: xr.DataTree) -> str:
 
 def _decay(tree: xr.DataTree) -> list[str]:
     if kind_of(tree) == "identify":
-        source = tree.attrs["record_source"]
-        return [f'decay = st.free_decay(st.read_record("{source}"))  # or as you read and cut it']
-    groups = record_groups(tree)
-    if len(groups) == 1:
-        return [f"decay = {_one_decay(tree[groups[0]].to_dataset())}"]
-    return ["decay = [", *(f"    {_one_decay(tree[group].to_dataset())}," for group in groups), "]"]
+        # An identification alone keeps neither its record nor how it was cut.
+        reads = [
+            f"st.free_decay(st.read_record({name!r}))" for name in tree.attrs["record_source"].split("; ")
+        ]
+    else:
+        reads = [_one_decay(tree[group].to_dataset()) for group in record_groups(tree)]
+    if len(reads) == 1:
+        return [f"decay = {reads[0]}"]
+    return ["decay = [", *(f"    {read}," for read in reads), "]"]
 
 
 def _one_decay(data: xr.Dataset) -> str:
-    """The record as it was read, and the part of it that was kept, by its ends."""
+    """The record as it was read, and the part of it that was kept, about the equilibrium that was found."""
     attrs = data.attrs
     if not attrs.get("record_checksum"):
         twin = attrs.get("source") == paper_twin().attrs["source"]
-        read = "st.paper_twin()" if twin else f"record  # {attrs.get('source', 'angle(time) as you gave it')}"
+        # One made in Python is known to its maker alone.
+        read = "st.paper_twin()" if twin else "record"
     else:
         read = f"st.read_record({_given(_reading(attrs), attrs['source'])})"
     if "free_decay" not in attrs:
         return read
-    cut: dict[str, Any] = {"window": (float(data.time.values[0]), float(data.time.values[-1]))}
-    # What was given has no error.
-    if np.isnan(data.equilibrium_standard_error.item()):
-        cut["equilibrium"] = data.equilibrium.item()
+    cut = {
+        "window": (float(data.time.values[0]), float(data.time.values[-1])),
+        "equilibrium": data.equilibrium.item(),
+    }
     return f"st.free_decay({read}, {_given(cut)})"
 
 
@@ -69,7 +72,7 @@ def _library(attrs: Mapping[Any, Any]) -> str:
     shipped = (library_folder() / f"{name}.toml").is_file()
     whole = shipped and load_library(name).symbols == offered.symbols
     chosen = "" if whole or not shipped else f".select({json.dumps(list(offered.symbols))})"
-    return f'library = st.load_library("{name if shipped else attrs["library_source"]}"){chosen}'
+    return f"library = st.load_library({name if shipped else attrs['library_source']!r}){chosen}"
 
 
 def _identify(tree: xr.DataTree) -> list[str]:
@@ -84,12 +87,12 @@ def _identify(tree: xr.DataTree) -> list[str]:
 def _cross_check(tree: xr.DataTree) -> list[str]:
     checked = tree["comparison"].attrs
     first, second = (tree[checked[key]].to_dataset() for key in ("first", "second"))
-    options = {key: int(checked[key]) for key, usual in (("draws", 32), ("seed", 0)) if checked[key] != usual}
+    options = {key: int(checked[key]) for key in ("draws", "seed")}
     lines = [
         _library(first.attrs),
         f"first = st.identify(decay, library, {_method(first)})",
         f"second = st.identify(decay, library, {_method(second)})",
-        f"tree = st.cross_check(decay, first, second{''.join(f', {k}={v}' for k, v in options.items())})",
+        f"tree = st.cross_check(decay, first, second, {_given(options)})",
     ]
     if "runs" in tree.children:
         lines.append("runs = st.run_agreement(decay, second)")
@@ -125,15 +128,19 @@ def _discover(tree: xr.DataTree) -> list[str]:
 
 def _method(result: xr.Dataset) -> str:
     """The method with the options that are not the usual ones."""
-    method = method_of(result)
+    try:
+        method = method_of(result)
+    except StopIteration:
+        return "method"  # of the user's own
     usual = {
         f.name: f.default_factory() if f.default_factory is not MISSING else f.default for f in fields(method)
     }
-    given = {name: getattr(method, name) for name in usual if getattr(method, name) != usual[name]}
+    # Kept as JSON, which knows lists but no tuples.
+    kept = {k: tuple(v) if isinstance(v, list) else v for k, v in ((k, getattr(method, k)) for k in usual)}
+    given = {name: value for name, value in kept.items() if value != usual[name]}
     return f"st.methods.{type(method).__name__}({_given(given)})"
 
 
-def _given(options: Mapping[str, Any], *first: Any) -> str:
-    return ", ".join(
-        [*(repr(value) for value in first), *(f"{key}={value!r}" for key, value in options.items())]
-    )
+def _given(options: Mapping[str, Any], *first: str) -> str:
+    """Arguments of a call."""
+    return ", ".join([*map(repr, first), *(f"{key}={value!r}" for key, value in options.items())])

@@ -121,7 +121,7 @@ def forecast_panel(tree: xr.DataTree) -> Panel:
     first, last = (tree[name].to_dataset() for name in ("forecast", "forecast_after"))
     symbols = by_family(first)
     made = drawing.panel(
-        "coefficient of five standard errors (in the candidate's unit)",
+        "detectable coefficient (own unit)",
         "",
         rows=symbols,
         log="x",
