@@ -22,8 +22,8 @@ def forecast(found: Scores) -> xr.Dataset:
     Dataset over `candidate`: `detectable`, the coefficient that would stand out by five standard errors (at
     the best value of its shape parameters, of those tried; nan if not testable), `share` of its response that
     the model cannot move itself, `reason` why it cannot be tested, `tied_with`; and `tie(candidate, other)`,
-    the cosine between responses. Two are tied that differ by less than a tie class spans if one of them has 20
-    standard errors.
+    the cosine between responses. Two are tied that differ by less than a tie class spans if one of
+    them has 20 standard errors.
     """
     symbols = list(dict.fromkeys(probe.force.symbol for probe in found.probes))
     at = [_best(found, symbol) for symbol in symbols]
