@@ -63,14 +63,14 @@ FULL = {
     "nothing white": 200,
     "nothing coloured": 150,
     "nothing quantised": 50,
-    **{f"effect {name}": 4 * len(HIDDEN) for name in ("8-20", "20-60", "60-300")},
-    "effect >300": 2 * len(HIDDEN),
-    "left out 20": 30,
-    "left out 60": 30,
-    "left out 200": 30,
-    "outside 60": 18,
-    "outside 200": 18,
-    "two": 42,
+    **{f"effect {name}": 2 * len(HIDDEN) for name in ("8-20", "20-60", "60-300")},
+    "effect >300": len(HIDDEN),
+    "left out 20": 40,
+    "left out 60": 40,
+    "left out 200": 40,
+    "outside 60": 21,
+    "outside 200": 21,
+    "two": 60,
 }
 
 
