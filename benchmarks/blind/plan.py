@@ -70,7 +70,7 @@ FULL = {
     "left out 200": 40,
     "outside 60": 21,
     "outside 200": 21,
-    "two": 60,
+    "two": 70,
 }
 
 
