@@ -20,6 +20,29 @@ from sysid_trib.runs import group_names, root_mean_square
 
 Array = NDArray[np.float64]
 
+# What the columns of the steps are, and their units.
+STEPS = {
+    "symbol": ("symbol of the effect", ""),
+    "name": ("name of the effect", ""),
+    "formula": ("its formula", ""),
+    "family": ("its family", ""),
+    "kind": ("force or sensor", ""),
+    "unit": ("unit of its coefficient", ""),
+    "coefficient": ("coefficient in the final model", "see unit"),
+    "standard_error": ("its standard error", "see unit"),
+    "shapes": ("shape parameters, as JSON", ""),
+    "z": ("coefficient over its error", "1"),
+    "p_value": ("chance of as much by noise, corrected", "1"),
+    "ties": ("the effect and those that explain as much", ""),
+    "tie_costs": ("chi-square of each twin above the effect's, shape parameters priced, as JSON", ""),
+    "residual_before": ("RMS left before", "rad"),
+    "residual_after": ("RMS left after", "rad"),
+    "gap_before": ("RMS of the whitened residual before, in units of the noise", "1"),
+    "gap_after": ("the same after", "1"),
+    "leans": ("whether it leans on other effects, and may imitate what has no name", ""),
+    "worsens_holdout": ("whether it makes the prediction worse", ""),
+}
+
 
 def groups_of(
     runs: Sequence[xr.Dataset], found: Search, stages: Stages, offered: ForceLibrary
@@ -132,11 +155,16 @@ def _steps(found: Search, stages: Stages) -> xr.Dataset:
                 "worsens_holdout": bool(stages.holdout[at + 1] > WORSE * stages.holdout[at]),
             }
         )
-    units = {"residual_before": "rad", "residual_after": "rad"}
     # netCDF has no empty axis: without a step there is but the count.
     names = list(rows[0]) if rows else []
-    columns = {name: ("step", [row[name] for row in rows], {"units": units.get(name, "1")}) for name in names}
+    columns = {name: ("step", [row[name] for row in rows], _told(name)) for name in names}
     return xr.Dataset(columns, attrs={"count": len(rows)})
+
+
+def _told(name: str) -> dict[str, str]:
+    """Attributes of a column of the steps; words have no unit."""
+    said, unit = STEPS[name]
+    return {"long_name": said} | ({"units": unit} if unit else {})
 
 
 def _costs(found: Search, symbol: str) -> dict[str, float | None]:
