@@ -117,6 +117,7 @@ def _step(tree: xr.DataTree, at: int) -> dict[str, Any]:
         "holdout_before": number(float(held[at])),
         "holdout_after": number(float(held[at + 1])),
         "worsens_holdout": bool(step.worsens_holdout.item()),
+        "leans": bool(step.leans.item()),
     }
 
 
