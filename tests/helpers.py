@@ -121,3 +121,10 @@ def correlated_noise(size: int, seed: int, correlation: float, noise: float = NO
 
 def names(forces: Sequence[str], kept: Array) -> set[str]:
     return {symbol for symbol, yes in zip(forces, kept, strict=True) if yes}
+
+
+def lengthened(tree: xr.DataTree, samples: int) -> xr.DataTree:
+    """A cross-check with its record and motions at more instants, as a faster sampling would give them."""
+    time = np.linspace(0.0, float(tree["record"].time[-1]), samples)
+    longer = tree["record"].to_dataset().interp(time=time)
+    return xr.DataTree.from_dict({k: v.to_dataset() for k, v in tree.children.items()} | {"record": longer})

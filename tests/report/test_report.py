@@ -1,0 +1,237 @@
+"""Pages of results: what is on them, that they ask for nothing, and what is refused; without a browser."""
+
+import html
+import os
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+import xarray as xr
+from command_line import run, write_csv
+from helpers import lengthened
+
+import sysid_trib as st
+from sysid_trib.printing.comparison import comparison_told
+from sysid_trib.printing.discovery import discovery_told
+from sysid_trib.printing.identification import verdict
+from sysid_trib.printing.layout import value_with_error
+from sysid_trib.reporting import drawing
+from sysid_trib.reporting.page import page
+
+KINDS = ("identify", "cross_check", "runs", "compare", "discover")
+
+
+class Page(HTMLParser):
+    """The addresses that a page names, and its rows of tables as text."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.addresses, self.rows, self.in_cell = [], [], False
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        if tag == "tr":
+            self.rows.append([])
+        elif tag in ("td", "th"):
+            self.rows[-1].append("")
+            self.in_cell = True
+        self.addresses += [v for k, v in attrs if k in ("src", "href", "srcset", "data", "action", "poster")]
+
+    def handle_endtag(self, tag):
+        self.in_cell = self.in_cell and tag not in ("td", "th")
+
+    def handle_data(self, data):
+        if self.in_cell:
+            self.rows[-1][-1] += data.strip()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_page_asks_for_nothing(kind, pages):
+    text = pages[kind]
+    addresses = Page(text).addresses
+    assert [a for a in addresses if not a.startswith(("data:image/png;base64,", "#"))] == []
+    assert len([a for a in addresses if a.startswith("data:")]) >= 1 or kind == "identify"
+    assert "default-src 'none'" in text
+    assert not re.search(r"url\(\s*['\"]?https?:|@import", text)
+
+
+@pytest.mark.parametrize("kind", ["cross_check", "runs", "compare", "discover"])
+def test_sentences_are_those_that_the_command_prints(results, kind, pages):
+    tree = results[kind]
+    if kind in ("cross_check", "runs"):
+        sentences = verdict(tree)
+    elif kind == "compare":
+        sentences = comparison_told(tree)
+    else:
+        sentences = [line for lines in discovery_told(tree).values() for line in lines]
+    text = html.unescape(pages[kind])
+    for sentence in sentences:
+        assert f">{sentence}</p>" in text
+
+
+@pytest.mark.parametrize(
+    ("kind", "group"),
+    [("identify", ""), ("cross_check", "direct"), ("runs", "averaging"), ("discover", "after")],
+)
+def test_numbers_are_those_of_the_result(results, pages, kind, group):
+    result = (results[kind][group] if group else results[kind]).to_dataset()
+    rows = [row for row in Page(pages[kind]).rows if row and row[0]]
+    for symbol in result.force.values.tolist():
+        one = result.sel(force=symbol)
+        told = value_with_error(one.coefficient.item(), one.standard_error.item())
+        assert any(row[0].split()[0] == symbol and told in row for row in rows)
+
+
+def test_numbers_of_a_comparison_are_those_of_each_method(results, pages):
+    rows = Page(pages["compare"]).rows
+    found = results["compare"]["comparison"].to_dataset().set_coords("asymptotic_frequency_standard_error")
+    for value in found.asymptotic_frequency.dropna("method"):
+        told = value_with_error(value.item(), value.asymptotic_frequency_standard_error.item())
+        assert any(row[0] == value.method.item() and told in row for row in rows if row)
+
+
+def test_provenance(results, pages):
+    text = html.unescape(pages["runs"])
+    for at in (1, 2):
+        attrs = results["runs"][f"record_{at}"].attrs
+        assert attrs["record_checksum"] in text
+        assert attrs["free_decay"] in text
+    assert st.load_library().to_toml() in text
+    assert st.__version__ in text
+    assert "sysid-trib identify" in text
+
+
+def test_synthetic_record_is_called_so(pages):
+    assert "synthetic: noise 0.0005 rad" in pages["cross_check"]
+
+
+@pytest.mark.parametrize("kind", ["cross_check", "runs", "identify"])
+def test_python_on_the_page_makes_the_result_again(results, folder, kind, monkeypatch, pages):
+    monkeypatch.chdir(folder)
+    tree = results[kind]
+    code = html.unescape(re.search(r'<pre id="python">(.*?)</pre>', pages[kind], re.DOTALL)[1])
+    names = {}
+    exec(code, names)
+    again, before = (names["result"], tree) if kind == "identify" else (names["second"], tree["direct"])
+    np.testing.assert_array_equal(again.coefficient, before.coefficient)
+    if kind != "identify":
+        assert names["tree"]["comparison"].p_value.item() == tree["comparison"].p_value.item()
+
+
+def test_python_of_compare_and_discover_is_python(pages):
+    for kind in ("compare", "discover"):
+        code = html.unescape(re.search(r'<pre id="python">(.*?)</pre>', pages[kind], re.DOTALL)[1])
+        compile(code, kind, "exec")
+        assert f"st.{kind}(" in code
+
+
+def test_hostile_names_are_text(results):
+    tree = results["cross_check"].copy()
+    tree["record"].attrs["source"] = '</script><script>alert("x")</script><img src="http://a.b/c">'
+    tree.attrs["command"] = "sysid-trib identify '<b>.csv'"
+    parsed = Page(page(tree))
+    assert not any("http" in address for address in parsed.addresses)
+    assert "<script>alert" not in page(tree)
+
+
+def test_thinned_curve_keeps_its_extremes():
+    values = np.random.default_rng(0).standard_normal(200_001)
+    values[123_457], values[9] = 50.0, -60.0
+    shown = drawing.kept(values)
+    assert len(shown) <= drawing.MOST_POINTS
+    assert {123_457, 9} <= set(shown.tolist())
+    assert np.all(np.diff(shown) > 0)
+    assert drawing.kept(values[: drawing.MOST_POINTS]).size == drawing.MOST_POINTS
+
+
+def test_long_record_is_small_and_says_that_it_is_thinned(results, pages):
+    tree = lengthened(results["cross_check"], 1_000_000)
+    text = page(tree)
+    assert len(text.encode()) < 5_000_000
+    assert f"{drawing.MOST_POINTS:,} of 1,000,000 samples" in text
+    assert "thinned" not in pages["cross_check"]
+
+
+def test_model_that_diverges_is_left_out(results):
+    tree = results["cross_check"].copy(deep=True)
+    record = tree["record"].to_dataset()
+    record["simulated_angle"].loc[{"model": "averaging"}] = np.nan
+    tree["record"] = xr.DataTree(record)
+    assert "NaN" not in re.sub(r"<script.*?</script>", "", page(tree), flags=re.DOTALL)
+
+
+def test_command(folder):
+    target = folder / "page.html"
+    ending = run("report", folder / "cross_check.nc", "-o", target)
+    assert (ending.status, ending.err, ending.out) == (0, "", f"Written: {target}\n")
+    assert target.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+    assert [p.name for p in folder.iterdir() if p.name.startswith(".")] == []
+
+
+def test_in_python_an_identification_alone(results, tmp_path):
+    st.report(results["identify"].to_dataset(), tmp_path / "one.html")
+    assert "Forces of a free decay" in (tmp_path / "one.html").read_text(encoding="utf-8")
+
+
+def test_missing_file(tmp_path):
+    ending = run("report", tmp_path / "nothing.nc", "-o", tmp_path / "page.html")
+    assert ending.status == 2
+    assert "nothing.nc" in ending.complaint
+
+
+@pytest.mark.parametrize("what", ["record", "text", "truncated", "half", "folder"])
+def test_bad_results_are_refused(folder, tmp_path, what):
+    source = tmp_path / "bad.nc"
+    if what == "record":
+        assert run("simulate", "-o", source, "--duration", "5").status == 0
+    elif what == "text":
+        write_csv(source)
+    elif what == "truncated":
+        source.write_bytes((folder / "cross_check.nc").read_bytes()[:60_000])
+    elif what == "folder":
+        source.mkdir()
+    else:
+        tree = st.load(folder / "cross_check.nc")
+        tree["comparison"] = xr.DataTree(tree["comparison"].to_dataset().drop_vars("residual_over_noise"))
+        st.save(tree, source)
+    ending = run("report", source, "-o", tmp_path / "page.html")
+    assert ending.status == 1
+    assert "bad.nc" in ending.complaint
+    assert not (tmp_path / "page.html").exists()
+
+
+def test_bad_places_are_refused(folder, tmp_path):
+    source = folder / "cross_check.nc"
+    for target, words in (
+        (tmp_path / "no" / "page.html", "does not exist"),
+        (tmp_path, "directory"),
+    ):
+        ending = run("report", source, "-o", target)
+        assert ending.status == 1
+        assert words in ending.complaint
+    ending = run("report", source, "-o", tmp_path / "page.pdf")
+    assert ending.status == 2
+    assert ".html" in ending.complaint
+
+
+def test_no_half_page_is_left(results, tmp_path, monkeypatch):
+    target = tmp_path / "page.html"
+    target.write_text("before", encoding="utf-8")
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(st.errors.RecordError, match="No space left"):
+        st.report(results["cross_check"], target)
+    assert target.read_text(encoding="utf-8") == "before"
+    assert [p.name for p in tmp_path.iterdir()] == ["page.html"]
+
+
+@pytest.mark.parametrize(
+    "thing", [None, xr.Dataset(), xr.Dataset({"angle": ("time", [0.0, 1.0])}), xr.DataTree()]
+)
+def test_what_is_no_result_is_refused(thing, tmp_path):
+    with pytest.raises(st.errors.UsageError, match="result of identify"):
+        st.report(thing, tmp_path / "page.html")
