@@ -5,7 +5,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import scipy.sparse as sp
 import xarray as xr
+from numpy.typing import NDArray
 
 from sysid_trib.decays.analytic_signal import analytic_extrema
 from sysid_trib.decays.equilibrium import find_swing
@@ -233,7 +235,7 @@ def _with_instants(result: xr.Dataset) -> xr.Dataset:
     return result.assign(added)
 
 
-def instant_derivatives(result: xr.Dataset) -> xr.Dataset:
+def instant_derivatives(result: xr.Dataset) -> dict[str, sp.csr_array]:
     """Derivatives of an envelope's instants with respect to its extrema and their times.
 
     Neighbouring instants share extrema: with J one of these matrices and S the squared standard errors of the
@@ -241,18 +243,20 @@ def instant_derivatives(result: xr.Dataset) -> xr.Dataset:
 
     Returns
     -------
-    Dataset with dims ``instant, half_period``: ``amplitude_by_extremum``, ``amplitude_rate_by_extremum``,
+    Sparse matrices (instant, half_period): ``amplitude_by_extremum``, ``amplitude_rate_by_extremum``,
     ``amplitude_rate_by_time``, ``frequency_by_time``.
     """
     t = result["extremum_time"].to_numpy()
     span = t[2:] - t[:-2]
     rate, frequency = result["amplitude_rate"].to_numpy(), result["frequency"].to_numpy()
-    after, before = np.eye(t.size)[2:], np.eye(t.size)[:-2]
-    difference = (after - before) / span[:, None]
-    matrices = {
+    after, before = (sp.eye_array(span.size, t.size, k=shift, format="csr") for shift in (2, 0))
+
+    def difference(by: NDArray[np.float64]) -> sp.csr_array:
+        return sp.diags_array(by / span).tocsr() @ (after - before)
+
+    return {
         "amplitude_by_extremum": 0.5 * (after + before),
-        "amplitude_rate_by_extremum": difference,
-        "amplitude_rate_by_time": -rate[:, None] * difference,
-        "frequency_by_time": -frequency[:, None] * difference,
+        "amplitude_rate_by_extremum": difference(np.ones_like(span)),
+        "amplitude_rate_by_time": difference(-rate),
+        "frequency_by_time": difference(-frequency),
     }
-    return xr.Dataset({name: (("instant", "half_period"), matrix) for name, matrix in matrices.items()})

@@ -145,11 +145,11 @@ def _first_order(method: Averaging, runs: Sequence[xr.Dataset], library: ForceLi
         unknown: Array = np.asarray(np.linalg.lstsq(rows, y, rcond=None)[0], dtype=float)
         spread: Array = np.asarray(np.linalg.inv(rows.T @ rows), dtype=float)
     else:
-        unknown, dense = plain, noise.toarray()
+        unknown, inverse = plain, np.linalg.pinv(design)
+        reached = inverse @ noise
         if last:
             # The error of the last frequency is in every shift that is taken from it.
-            dense[1::2] -= dense[-1]
-        reached = np.linalg.pinv(design) @ dense
+            reached = reached - np.outer(inverse[:, 1::2].sum(axis=1), noise[[-1]].toarray())
         spread = np.asarray(reached @ reached.T, dtype=float)
     residual, freedom = y - rows @ unknown, max(1, len(y) - len(unknown))
     if fixed is not None:

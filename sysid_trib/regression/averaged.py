@@ -65,14 +65,17 @@ def noise_of_equations(
     step = 1e-4 * a
     near = [_signature_columns(measured, library, shapes, a + s * step) @ unknown for s in (-1.0, 1.0)]
     steepness = (near[1] - near[0]) / (2.0 * step)[:, None]
-    by_amplitude = slope.amplitude_by_extremum.values
-    count = len(a)
-    rows = np.zeros((count, 2, 2, by_amplitude.shape[1]))
-    rows[:, 0, 0] = slope.amplitude_rate_by_extremum.values - steepness[:, :1] * by_amplitude
-    rows[:, 0, 1] = slope.amplitude_rate_by_time.values
-    rows[:, 1, 0] = -steepness[:, 1:] * by_amplitude
-    rows[:, 1, 1] = slope.frequency_by_time.values
+    rate, frequency = (sp.diags_array(part) @ slope["amplitude_by_extremum"] for part in steepness.T)
+    rows = sp.block_array(
+        [
+            [slope["amplitude_rate_by_extremum"] - rate, slope["amplitude_rate_by_time"]],
+            [-frequency, slope["frequency_by_time"]],
+        ],
+        format="csr",
+    )
+    # Rate and frequency of each instant in turn.
+    in_turn = np.arange(2 * len(a)).reshape(2, -1).T.ravel()
     errors = np.concatenate(
         [measured.extremum_standard_error.values, measured.extremum_time_standard_error.values]
     )
-    return sp.csr_matrix(rows.reshape(2 * count, -1) * errors)
+    return sp.csr_matrix(rows[in_turn] @ sp.diags_array(errors))
