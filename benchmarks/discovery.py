@@ -1,0 +1,76 @@
+"""How the time of discover grows with samples and with candidates: second calls in a process, processor time.
+
+python benchmarks/discovery.py [--quick]
+
+Beside each time its ratio to one direct identification of the paper's run in the same process, which tells
+slow machines from slow code; below, the slopes of lines through logarithms, where 1 is linear.
+"""
+
+import argparse
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "tests")]
+from helpers import FIVE, paper_run  # noqa: E402
+
+from sysid_trib import ForceLibrary, discover, load_library  # noqa: E402
+from sysid_trib.methods import Direct  # noqa: E402
+
+# Samples a second, and duration (s): more of them in the same motion, and a longer motion.
+RATES = ((50.0, 25.0), (100.0, 25.0), (1000.0, 25.0))
+DURATIONS = ((100.0, 12.5), (100.0, 25.0), (100.0, 50.0), (100.0, 100.0))
+CANDIDATES = (10, 20, 40)
+
+
+def seconds(call: Callable[[], object], repeats: int = 1) -> float:
+    """Least processor time of a call; a first one, which compiles and imports, is not counted."""
+    call()
+    spent = []
+    for _ in range(repeats):
+        begin = time.process_time()
+        call()
+        spent.append(time.process_time() - begin)
+    return min(spent)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="two of each only")
+    most = 2 if parser.parse_args().quick else 9
+    contact = load_library()
+    start = contact.select(["lambda", "zeta", "delta"])
+    effects = (*contact.select(["nu", "epsilon"]), *load_library("candidate_effects"))
+    paper = paper_run().decay(0)
+    unit = seconds(lambda: Direct().identify(paper, contact.select(FIVE)), 5)
+
+    def cost(rate: float, duration: float, count: int) -> float:
+        record = paper_run(sampling_rate=rate, duration=duration).decay(0)
+        return seconds(lambda: discover(record, start, ForceLibrary("candidates", effects[:count])))
+
+    rows = [
+        *(("candidates", 100.0, 25.0, count) for count in (*CANDIDATES, len(effects))[:most]),
+        *(("rate", *pair, 40) for pair in RATES[:most]),
+        *(("duration", *pair, 40) for pair in DURATIONS[:most]),
+    ]
+    table = Table("grows", "samples", "candidates", "time (s)", "in direct identifications")
+    found: dict[str, list[tuple[float, float]]] = {}
+    for what, rate, duration, count in rows:
+        spent = cost(rate, duration, count)
+        size = count if what == "candidates" else rate * duration
+        found.setdefault(what, []).append((size, spent))
+        table.add_row(what, f"{rate * duration:,.0f}", f"{count}", f"{spent:.2f}", f"{spent / unit:.0f}")
+    Console(width=110).print(table)
+    for what, points in found.items():
+        sizes, times = np.log(np.array(points)).T
+        print(f"slope with {what}: {np.polyfit(sizes, times, 1)[0]:.2f}")
+    print(f"one direct identification: {1e3 * unit:.0f} ms")
+
+
+if __name__ == "__main__":
+    main()
