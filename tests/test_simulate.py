@@ -1,5 +1,7 @@
+import gc
 import itertools
 import time as clock
+from weakref import ref
 
 import numpy as np
 import pytest
@@ -423,3 +425,16 @@ def test_a_sample_on_the_wrong_branch_hands_the_run_to_scipy(monkeypatch):
     assert simulate(six(lam=0.01), TIME[:100]).engine == "scipy"
     with pytest.raises(SimulationError, match="branch"):
         simulate(six(lam=0.01), TIME[:100], engine="heyoka")
+
+
+def test_a_compiled_motion_that_is_no_longer_kept_is_freed():
+    """Each holds megabytes, and a search compiles hundreds."""
+    engine = pytest.importorskip("sysid_trib.motion.engine_heyoka")
+    for symbols in (["dry", "viscous"], ["viscous"], ["jenkins", "dry"], ["dahl"]):
+        forces = ODD.select(symbols).forces
+        simulate(Model(ODD, dict.fromkeys(symbols, 1e-3), W), TIME[:500], 0.3)
+        kept = ref(engine.compiled(forces))
+        assert kept() is not None
+        engine.compiled.cache_clear()
+        gc.collect()
+        assert kept() is None

@@ -4,7 +4,8 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from functools import cached_property, lru_cache, partial
 from threading import RLock
-from typing import Any
+from typing import Any, cast
+from weakref import proxy
 
 import heyoka as hy
 import numpy as np
@@ -77,12 +78,14 @@ class Compiled:
         p = [hy.par[i] for i in range(motion.signs_at.stop)]
         rates = [_expr(rate) for rate in motion.rates(y, p, hy.time, SMOOTH)]
         frozen = [_expr(g) for g in motion.surfaces(y, p, hy.time, SMOOTH, frozen=True)]
-        callbacks = [_callback(self)] * len(frozen)
+        # heyoka's objects are invisible to the garbage collector: a cycle through one would never be freed.
+        mine = cast("Compiled", proxy(self))
+        callbacks = [_callback(mine)] * len(frozen)
         # heyoka drops the parameters after the last one that its equations hold.
         complete = p[-1] in hy.get_params([*rates, *frozen])
         # The plain case without the general procedure saves a tenth of the time of the paper's run.
         if complete and [s.key for s in motion.switches] in (["x"], ["v", "x"]):
-            callbacks[-1] = _callback_at_zero(self)
+            callbacks[-1] = _callback_at_zero(mine)
         # The automatic cooldown drops real crossings.
         events = [
             hy.t_event(g, callback=callback, cooldown=1e-6)
