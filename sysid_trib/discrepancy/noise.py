@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
-from scipy.ndimage import median_filter
+from scipy.ndimage import binary_dilation, median_filter
 from scipy.optimize import minimize_scalar
 
 from sysid_trib.coloured_noise import autoregression_of, fractional, lost
@@ -27,6 +27,8 @@ LINE = 14.0
 LINES = 4
 # The d of noise whose spectrum rises to low frequencies as 1/f^(2 d): white, 1/f noise is 0.5, a walk is 1.
 STEEPNESSES = np.linspace(0.0, 1.0, 21)
+# What the criterion must gain by a power law: very strong evidence (Kass and Raftery 1995).
+WORTH = 10.0
 
 
 @dataclass(frozen=True)
@@ -103,15 +105,25 @@ def noise_of(residual: Array, basis: Array, lines: int = LINES) -> Noise:
     if not good.any():
         return Noise(float(np.sqrt(left @ left / max(1, n - basis.shape[1]))), np.ones(1))
     power = np.where(good, power / np.where(good, kept, 1.0), 0.0)
-    usual = median_filter(power[good], 2 * WIDE + 1, mode="nearest")
-    highest = int(np.argmax(power[good] / usual))
-    if lines and power[good][highest] > LINE * usual[highest]:
-        return noise_of(residual, _with_line(basis, left, int(np.flatnonzero(good)[highest])), lines - 1)
+    if lines and (line := _highest(power, good)):
+        return noise_of(residual, _with_line(basis, left, line), lines - 1)
     steepness = _steepness(power, good, n)
     filter_, variance = _autoregression(power, good, n, steepness)
     if steepness:
         filter_ = np.convolve(fractional(steepness, n), filter_)[:n]
     return Noise(float(np.sqrt(variance)), filter_)
+
+
+def _highest(power: Array, good: NDArray[np.bool_]) -> int:
+    """The line that stands out most of its neighbours, 0 if none does.
+
+    What is close to the gaps is no vibration but a swing that changes faster than the oscillations.
+    """
+    usual = np.zeros_like(power)
+    usual[good] = median_filter(power[good], 2 * WIDE + 1, mode="nearest")
+    apart = ~binary_dilation(~good, iterations=WIDE // 2)
+    over = np.divide(power, usual, out=np.zeros_like(power), where=apart & (usual > 0.0))
+    return int(np.argmax(over)) if over.max() > LINE else 0
 
 
 def _with_line(basis: Array, left: Array, line: int) -> Array:
@@ -136,7 +148,7 @@ def _steepness(power: Array, good: NDArray[np.bool_], n: int) -> float:
         return float(2.0 * np.sum(np.log(density) + power[good] / density) + count * np.log(n))
 
     costs = [cost(d) for d in STEEPNESSES]
-    return float(STEEPNESSES[int(np.argmin(costs))])
+    return float(STEEPNESSES[int(np.argmin(costs))]) if costs[0] - min(costs) > WORTH else 0.0
 
 
 def _power_law(n: int, d: float) -> Array:

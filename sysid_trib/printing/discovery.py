@@ -111,8 +111,8 @@ def _unknown(tree: xr.DataTree) -> list[str]:
     told = []
     if leaning := " and ".join(_leaning(tree)):
         told.append(
-            f"Unknown effect: with {leaning} the gap is {times_noise(gap, noise)}, but they lean on each "
-            "other: nearly cancelling, they imitate what may be one force that is not among the candidates."
+            f"Unknown effect: with what was added the gap is {times_noise(gap, noise)}, but {leaning} nearly "
+            "cancel others of the model, and so may imitate a force that is not among the candidates."
         )
     else:
         told.append(
