@@ -108,17 +108,16 @@ def _unknown(tree: xr.DataTree) -> list[str]:
     gap, noise = residual_of(tree, "after"), noise_of(tree)
     generic = tree["generic"].to_dataset().isel(scan=-1)
     flagged = generic.p_value.item() < _level(tree)
-    told = []
-    if leaning := " and ".join(_leaning(tree)):
-        told.append(
-            f"Unknown effect: with what was added the gap is {times_noise(gap, noise)}, but {leaning} nearly "
-            "cancel others of the model, and so may imitate a force that is not among the candidates."
-        )
-    else:
-        told.append(
+    leaning = " and ".join(_leaning(tree))
+    cancel = "nearly cancel others of the model, and so may imitate a force that is not among the candidates."
+    if flagged or not leaning:
+        told = [
             f"Unknown effect: something is left that was not named; the gap is {times_noise(gap, noise)}."
-        )
+        ]
         told += place_told(tree, "disagreement_after")
+        told += [f"Of the effects that were added, {leaning} {cancel}"] if leaning else []
+    else:
+        told = [f"Unknown effect: the gap is {times_noise(gap, noise)}, but {leaning} {cancel}"]
     if flagged:
         order = np.argsort(-np.abs(generic.z.values))[:MOST]
         shapes = ", ".join(f"{generic['shape'].values[i]} (z = {generic.z.values[i]:.3g})" for i in order)
