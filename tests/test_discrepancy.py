@@ -252,6 +252,9 @@ def test_thinning_keeps_the_motion_and_white_noise():
     fine = paper_run(FIVE, sampling_rate=1000.0)
     exact = thinned(decay(fine.time, fine.angle))
     assert exact.sizes["time"] == pytest.approx(25.0 * W / (2.0 * np.pi) * 60.0, rel=0.1)
+    whole = decay(fine.time, fine.angle).assign(equilibrium=0.1)
+    assert thinned(whole).equilibrium.item() == 0.1
+    assert "time" not in thinned(whole).equilibrium.dims
     at = np.searchsorted(fine.time, exact.time.values - 1e-9)
     assert np.max(np.abs(exact.angle.values - fine.angle[at])) < 3e-7
     gap = thinned(fine.decay(1)).angle.values - exact.angle.values

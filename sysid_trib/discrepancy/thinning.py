@@ -29,10 +29,8 @@ def thinned(decay: xr.Dataset) -> xr.Dataset:
     if width >= 3 and not uneven:
         angle = savgol_filter(angle, width, 2)
     kept = slice(each // 2, None, each)
-    fewer = xr.Dataset(
-        {"angle": ("time", angle[kept], decay.angle.attrs)},
-        {"time": ("time", time[kept], decay.time.attrs)},
-        decay.attrs,
-    )
+    # What is told of the whole decay, such as its equilibrium, stays.
+    fewer = decay.drop_dims("time").assign_coords(time=("time", time[kept], decay.time.attrs))
+    fewer = fewer.assign(angle=("time", angle[kept], decay.angle.attrs))
     told = "parabolas" if width >= 3 and not uneven else "single samples"
     return fewer.assign_attrs(thinned=f"{len(time)} samples to {fewer.sizes['time']}, by {told}")
