@@ -170,8 +170,8 @@ display(tables.effects_found(one))
 # Which measurement would tell? The forecast knows before it is made: from motions of the *known* model,
 # released from larger and larger angles, it has the coefficient of five standard errors of each candidate,
 # and the cosine between the responses of any two, outside of what the model can imitate. So an effect of
-# the size just found has so many standard errors, and differs from each twin by a part of them. Three tell
-# them apart.
+# the size just found has so many standard errors, and differs from each twin by a part of them. Some 2.6
+# (the square root of what a tie class spans) tell them apart.
 
 
 # %%
