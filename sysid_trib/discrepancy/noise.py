@@ -143,7 +143,7 @@ def _steepness(power: Array, good: NDArray[np.bool_], n: int) -> float:
 
     def cost(d: float) -> float:
         filter_, variance = _autoregression(power, good, n, d)
-        density = variance / (_power_law(n, -d) * np.abs(np.fft.rfft(filter_, n)) ** 2)[good]
+        density = variance / (_power_law(n, d) * np.abs(np.fft.rfft(filter_, n)) ** 2)[good]
         count = len(filter_) - 1 + (d > 0.0)
         return float(2.0 * np.sum(np.log(density) + power[good] / density) + count * np.log(n))
 
@@ -152,15 +152,15 @@ def _steepness(power: Array, good: NDArray[np.bool_], n: int) -> float:
 
 
 def _power_law(n: int, d: float) -> Array:
-    """Lines (n // 2 + 1,) of the spectrum of a fractional sum of white noise, 1/f^(2 d) at low frequency."""
+    """What flattens the lines (n // 2 + 1,) of a spectrum of 1/f^(2 d): its filter's response, squared."""
     lines = np.arange(n // 2 + 1)
     # No line at zero: the mean is an unknown.
-    return np.asarray((2.0 * np.sin(np.pi * np.maximum(lines, 1) / n)) ** (-2.0 * d))
+    return np.asarray((2.0 * np.sin(np.pi * np.maximum(lines, 1) / n)) ** (2.0 * d))
 
 
 def _autoregression(power: Array, good: NDArray[np.bool_], n: int, d: float) -> tuple[Array, float]:
     """Autoregression of noise after its power law, and the variance of its innovations."""
-    flat = power * _power_law(n, -d)
+    flat = power * _power_law(n, d)
     # Neighbours on both sides, averaged: a single line scatters as much as it is high.
     near = np.convolve(flat, np.ones(WIDE), "same")
     near /= np.maximum(np.convolve(good.astype(float), np.ones(WIDE), "same"), 1e-9)
