@@ -42,6 +42,7 @@ class Force:
     memory : what replaces each held value at a reversal.
     start : first value of states and memory, from x, v and t at the first sample; zero where left out.
     shape : parameters that do not enter linearly.
+    passive : whether it can only store or lose energy, so that its coefficient is not negative.
     """
 
     symbol: str
@@ -55,6 +56,7 @@ class Force:
     memory: Mapping[str, Formula] = field(default_factory=dict)
     start: Mapping[str, Formula] = field(default_factory=dict)
     shape: Mapping[str, Shape] = field(default_factory=dict)
+    passive: bool = False
 
     def __hash__(self) -> int:
         return hash((self.symbol, self.formula))
@@ -287,6 +289,8 @@ def _toml(force: Force) -> str:
             for k, s in force.shape.items()
         )
         lines["shape"] = "{ " + ", ".join(shapes) + " }"
+    if force.passive:
+        lines["passive"] = "true"
     return "".join(f"{k} = {line}\n" for k, line in lines.items())
 
 

@@ -14,7 +14,7 @@ from sysid_trib.formulas import RESERVED, Formula, parse
 
 WORDS = ("name", "family", "meaning", "source")
 TABLES = ("state", "memory", "start", "shape")
-FORCE_KEYS = {"symbol", "formula", "kind", *WORDS, *TABLES}
+FORCE_KEYS = {"symbol", "formula", "kind", "passive", *WORDS, *TABLES}
 SHAPE_KEYS = {"default", "low", "high", "meaning"}
 MAX_BYTES = 1_000_000
 
@@ -85,6 +85,9 @@ def _force(entry: Mapping[str, Any], source: str) -> Force:
         words[key] = _words(word, f"{where}: '{key}'")
     if words["kind"] not in ("force", "sensor"):
         raise LibraryError(f'{where}: kind must be "force" or "sensor", not \'{words["kind"]}\'.')
+    passive = entry.get("passive", False)
+    if not isinstance(passive, bool):
+        raise LibraryError(f"{where}: passive must be true or false, not {passive!r}.")
     tables = {k: entry.get(k, {}) for k in TABLES}
     for key, table in tables.items():
         if not isinstance(table, dict):
@@ -106,6 +109,7 @@ def _force(entry: Mapping[str, Any], source: str) -> Force:
         memory={k: formula(f) for k, f in tables["memory"].items()},
         start={k: formula(f, frozenset("xvt") | exponents) for k, f in tables["start"].items()},
         shape=shape,
+        passive=passive,
         **(words | {"name": words["name"] or symbol}),
     )
     _check_finite(force, where)

@@ -4,7 +4,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from sysid_trib.discrepancy.naming import TIE
+from sysid_trib.discrepancy.evidence import APART
 from sysid_trib.discrepancy.scores import Scores
 
 Array = NDArray[np.float64]
@@ -32,7 +32,7 @@ def forecast(found: Scores) -> xr.Dataset:
     directions = found.directions[:, at]
     cosine = np.abs(directions.T @ directions)
     np.fill_diagonal(cosine, 1.0)
-    nearest = np.sqrt(1.0 - TIE / NAMED**2)
+    nearest = np.sqrt(1.0 - APART / NAMED**2)
     ties = [
         "; ".join(s for j, s in enumerate(symbols) if j != i and testable[i] and cosine[i, j] > nearest)
         for i in range(len(symbols))

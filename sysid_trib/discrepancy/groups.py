@@ -11,9 +11,10 @@ from scipy.stats import chi2
 
 from sysid_trib.discrepancy.forecast import forecast
 from sysid_trib.discrepancy.locate import disagreement
-from sysid_trib.discrepancy.search import Search, cost_of, tie_class
+from sysid_trib.discrepancy.search import Search
 from sysid_trib.discrepancy.stages import WORSE, Stages, labelled
 from sysid_trib.discrepancy.standing import leaning
+from sysid_trib.discrepancy.twins import cost_of, tie_class
 from sysid_trib.forces import Force, ForceLibrary
 from sysid_trib.methods.fitting import rms
 from sysid_trib.runs import group_names, root_mean_square
@@ -145,7 +146,7 @@ def _steps(found: Search, stages: Stages) -> xr.Dataset:
                 "shapes": json.dumps(_shapes_of(found, force)),
                 "z": value / error,
                 "p_value": float(min(1.0, tests * chi2.sf(gain, 1 + len(force.shape)))),
-                "ties": "; ".join(tie_class(found, symbol)),
+                "ties": "; ".join(tie_class(found.final, symbol, found.ties[symbol])),
                 "tie_costs": json.dumps(_costs(found, symbol)),
                 "residual_before": _gap(before),
                 "residual_after": _gap(after),
@@ -170,7 +171,7 @@ def _told(name: str) -> dict[str, str]:
 def _costs(found: Search, symbol: str) -> dict[str, float | None]:
     """Chi-square of each twin above the effect's own, shape parameters priced."""
     own = cost_of(found.final, symbol)
-    return {one.force.symbol: _finite(one.cost - own) for one in found.ties.get(symbol, [])}
+    return {one.force.symbol: _finite(one.cost - own) for one in found.ties[symbol]}
 
 
 def _finite(value: float) -> float | None:

@@ -1,4 +1,4 @@
-"""Name the missing effect: candidates fitted in full with the model, and those that explain as much."""
+"""Name the missing effect: candidates fitted in full with the model."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -8,10 +8,11 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from sysid_trib.discrepancy.baseline import Baseline, basis_of, beyond, fit, with_noise
+from sysid_trib.discrepancy.baseline import Baseline, fit, with_noise
 from sysid_trib.discrepancy.chord import chord
-from sysid_trib.discrepancy.probes import Course, Probe, is_frequency, is_searched
-from sysid_trib.discrepancy.scores import FINER, Scores, finer
+from sysid_trib.discrepancy.evidence import price_of
+from sysid_trib.discrepancy.probes import Probe, is_searched
+from sysid_trib.discrepancy.scores import Scores
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces import Force, ForceLibrary
 from sysid_trib.methods.direct import Direct
@@ -21,20 +22,6 @@ from sysid_trib.runs import one_or_all
 
 Array = NDArray[np.float64]
 
-# Candidates within this chi-square of the best explain the record as well: all that 99 % would hold.
-TIE = float(chi2.isf(0.01, 1))
-# What a shape parameter must gain in chi-square to be worth it: of two forces that explain as much, the one
-# with fewer parameters is named. More than `TIE`: a force that contains the named one as a limit, and so fits
-# as well whatever is true, is no rival. A frequency is found among hundreds.
-PRICE = 10.0
-PRICE_OF_FREQUENCY = 20.0
-# Twins that are fitted: so many at most without shapes and as many with, and those whose predicted chi-square
-# is within this part of what the effect explains; scores are linear, and shapes come from a grid.
-TWINS = 5
-SLACK = 0.001
-SLACK_OF_SHAPES = 0.003
-# Shapes are looked at more finely within this part of what the effect explains.
-COARSE = 0.1
 # A gap beyond this part of the swing is too large for a score to say which force is missing, or how strong.
 LARGE = 0.02
 # Forces then tried by fits: what is quick to simulate, so many.
@@ -42,13 +29,6 @@ TRIALS = 6
 # Part of the squared score that a fit must bring.
 PROMISED = 0.8
 EVALUATIONS = 12
-# How near in chi-square a twin must be to be fitted to the end.
-REACH = 100.0
-
-
-def price_of(force: Force) -> float:
-    """What a candidate's shape parameters must gain in chi-square."""
-    return sum(PRICE_OF_FREQUENCY if is_frequency(force, name) else PRICE for name in force.shape)
 
 
 @dataclass(frozen=True)
@@ -92,14 +72,20 @@ def refit(baseline: Baseline, hint: Hint, runs: Sequence[xr.Dataset], hopeless: 
         if not far:
             unknown, chi_square, settled = chord(problem, unknown, _with_column(baseline, hint))
             if settled or chi_square > hopeless:
-                return Refit(probe, problem, unknown, chi_square)
+                return _allowed(Refit(probe, problem, unknown, chi_square))
         elif probe.force.kind == "force":
             starts = [unknown, *_by_regression(problem, probe, runs)]
             unknown = min(starts, key=lambda start: rms(problem.white_residual(start)))
         found = fit(problem, unknown, baseline.noises, evaluations=EVALUATIONS)
-        return Refit(probe, problem, found.unknown, found.chi_square)
+        return _allowed(Refit(probe, problem, found.unknown, found.chi_square))
     except (SysidTribError, np.linalg.LinAlgError, ValueError):
         return Refit(probe, problem, unknown, np.inf)
+
+
+def _allowed(one: Refit) -> Refit:
+    """A fit that makes a passive part drive the motion is none."""
+    coefficient = one.unknown[one.problem.library.symbols.index(one.force.symbol)]
+    return replace(one, chi_square=np.inf) if one.force.passive and coefficient < 0.0 else one
 
 
 def _with_column(baseline: Baseline, hint: Hint) -> Array:
@@ -148,65 +134,6 @@ def _refitted(baseline: Baseline, found: Scores, at: int, runs: Sequence[xr.Data
     return refit(baseline, Hint(found.probes[at], coefficient, found.moved[:, at]), runs)
 
 
-def twins(
-    fitted: Baseline, symbol: str, found: Scores, courses: Sequence[Course], runs: Sequence[xr.Dataset]
-) -> list[Refit]:
-    """Candidates that may explain as much as an effect of the model in its place, each fitted, best first.
-
-    `found` : scores of the others about the same motion, `courses`.
-    """
-    problem, unknown = without_force(fitted, symbol)
-    force = fitted.problem.library[symbol]
-    own = fitted.chi_square + price_of(force)
-    for _ in range(FINER + 1):
-        along, size, left = _in_place(fitted, symbol, found)
-        explained = max(0.0, float(np.max(along**2, initial=0.0)))
-        shaped = np.array([len(p.force.shape) for p in found.probes])
-        above = left + np.array([price_of(p.force) for p in found.probes]) - own - TIE
-        near: dict[str, int] = {}
-        for at in np.argsort(above).tolist():
-            if found.can_be(at, float(along[at] / max(size[at], 1e-300)), instead=True):
-                near.setdefault(found.probes[at].force.symbol, at)
-        shapes = [at for at in near.values() if shaped[at] and above[at] < REACH + COARSE * explained]
-        finest, found = found, finer(found, shapes, fitted, courses)
-    slack = np.where(shaped > 0, SLACK_OF_SHAPES, SLACK) * explained
-    wanted = [at for at in near.values() if above[at] <= slack[at]]
-    kept = [
-        *[at for at in wanted if not shaped[at]][:TWINS],
-        *[at for at in wanted if shaped[at]][:TWINS],
-    ]
-    # Without the effect, but with what is left if it stays in the motion: a start for what takes its place.
-    mine = _own_columns(fitted, symbol)
-    alone = replace(
-        fitted,
-        problem=problem,
-        unknown=unknown,
-        residual=fitted.residual + fitted.table[:, mine[0]] * fitted.unknown[mine[0]],
-        table=np.delete(fitted.table, mine, axis=1),
-    )
-    hints = [Hint(finest.probes[at], float(along[at] / size[at]), finest.moved[:, at]) for at in kept]
-    done = [refit(alone, hint, runs, own + REACH) for hint in hints]
-    return sorted(done, key=lambda one: one.cost)
-
-
-def _in_place(fitted: Baseline, symbol: str, found: Scores) -> tuple[Array, Array, Array]:
-    """Score and size of each probe in place of an effect, and the chi-square that it would leave.
-
-    With y what the effect and the residual are together outside of what the other unknowns can move, a
-    candidate of direction u leaves |y|^2 - (y.u)^2.
-    """
-    mine = _own_columns(fitted, symbol)
-    others = np.delete(fitted.table, mine, axis=1)
-    space = basis_of(others)
-    # What the effect adds to the motion, and what is still left of the record.
-    y = fitted.residual + fitted.table[:, mine[0]] * fitted.unknown[mine[0]]
-    y = beyond(y, space)
-    outside = beyond(found.moved, space)
-    size = np.linalg.norm(outside, axis=0)
-    along = np.divide(outside.T @ y, size, out=np.zeros_like(size), where=size > 0.0)
-    return along, size, float(y @ y) - along**2
-
-
 def with_force(problem: Problem, force: Force) -> Problem:
     """The problem with one force more, its shape parameters unknown too."""
     library = replace(problem.library, forces=(*problem.library.forces, force))
@@ -214,7 +141,7 @@ def with_force(problem: Problem, force: Force) -> Problem:
     return replace(problem, library=library, fit_shapes=(*problem.fit_shapes, *names))
 
 
-def _own_columns(baseline: Baseline, symbol: str) -> list[int]:
+def own_columns(baseline: Baseline, symbol: str) -> list[int]:
     """Which unknowns are a force's own: its coefficient, then its shapes."""
     names = baseline.problem.names
     return [i for i, name in enumerate(names) if name == symbol or name.startswith(f"{symbol}.")]
@@ -238,7 +165,7 @@ def without_force(baseline: Baseline, symbol: str) -> tuple[Problem, Array]:
     kept = tuple(force for force in problem.library if force.symbol != symbol)
     shapes = tuple(name for name in problem.fit_shapes if not name.startswith(f"{symbol}."))
     names = list(problem.names)
-    stay = [i for i in range(len(names)) if i not in _own_columns(baseline, symbol)]
+    stay = [i for i in range(len(names)) if i not in own_columns(baseline, symbol)]
     unknown = np.concatenate([baseline.unknown[stay], baseline.unknown[len(names) :]])
     return replace(problem, library=replace(problem.library, forces=kept), fit_shapes=shapes), unknown
 

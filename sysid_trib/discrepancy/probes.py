@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sysid_trib.discrepancy.response import Tangent, responses
 from sysid_trib.errors import SysidTribError
-from sysid_trib.forces import Force, ForceLibrary
+from sysid_trib.forces import Force, ForceLibrary, Shape
 from sysid_trib.model import Model
 from sysid_trib.simulation import FAST, trajectory
 
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 # Values of one shape parameter (fewer where each costs a motion with memory, which is slow); of several, so
 # many combinations at most. Promising ones are looked at more finely.
 VALUES = 13
-FEWER = 5
+FEWER = 7
 COMBINATIONS = 20
 # A force of this strength leaves the motion as it is, and lets what it remembers be carried along.
 TRACE = 1e-9
@@ -69,10 +69,15 @@ def _grid(force: Force, name: str, frequencies: Sequence[float]) -> Array:
     if is_frequency(force, name):
         inside = [w for w in frequencies if shape.low <= w <= shape.high]
         return np.array(inside or [shape.default])
-    count = FEWER if force.memory else VALUES
-    if shape.low > 0.0 and shape.high > 10.0 * shape.low:
+    count = VALUES if force.memoryless else FEWER
+    if is_wide(shape):
         return np.geomspace(shape.low, shape.high, count)
     return np.linspace(shape.low, shape.high, count)
+
+
+def is_wide(shape: Shape) -> bool:
+    """Whether a shape parameter spans more than a decade, so that its logarithm is what is even."""
+    return shape.low > 0.0 and shape.high > 10.0 * shape.low
 
 
 @cache

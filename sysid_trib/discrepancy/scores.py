@@ -58,10 +58,12 @@ class Scores:
     def can_be(self, at: int, coefficient: float, *, instead: bool = False) -> bool:
         """Whether a probe can be tested, and with this coefficient stays below the restoring force.
 
+        A passive one must not drive the motion.
         `instead` : in place of a force of the model, where beside it it may be the same.
         """
         good = self.reasons[at] in (("", SAME) if instead else ("",))
-        return good and abs(coefficient) * float(self.strength[at]) < STRONGEST
+        drives = self.probes[at].force.passive and coefficient < 0.0
+        return good and not drives and abs(coefficient) * float(self.strength[at]) < STRONGEST
 
     def best(self) -> list[int]:
         """The probe of each force that scores highest, forces that cannot be tested left out, best first."""

@@ -10,22 +10,14 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from sysid_trib.discrepancy.baseline import Baseline, basis_of, beyond, fit, records_of, refreshed
-from sysid_trib.discrepancy.naming import (
-    TIE,
-    Refit,
-    best_candidates,
-    is_large,
-    is_significant,
-    price_of,
-    twins,
-    without_force,
-)
+from sysid_trib.discrepancy.naming import best_candidates, is_large, is_significant, without_force
 from sysid_trib.discrepancy.noise import Noise, oscillations
 from sysid_trib.discrepancy.omnibus import Omnibus, omnibus
 from sysid_trib.discrepancy.probes import Course
 from sysid_trib.discrepancy.scores import Scores, scores
 from sysid_trib.discrepancy.simpler import simpler
 from sysid_trib.discrepancy.standing import leaning
+from sysid_trib.discrepancy.twins import SWAP, Twin, cost_of, twins
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.methods.direct import Direct
@@ -43,8 +35,6 @@ LEVEL = 0.01
 ROUNDS = 3
 # A score of so small a probability stands for something even if no candidate that scores it fits.
 DOUBTLESS = 1e-6
-# A twin takes an effect's place if its chi-square is lower by more than fits are uncertain.
-SWAP = 0.5
 
 
 @dataclass(frozen=True)
@@ -73,7 +63,7 @@ class Search:
     scans: list[Scan]
     final: Baseline
     added: tuple[str, ...]
-    ties: dict[str, list[Refit]] = field(default_factory=dict)
+    ties: dict[str, list[Twin]] = field(default_factory=dict)
     failed: tuple[str, ...] = ()
 
 
@@ -110,7 +100,7 @@ def search(
     bases = [oscillations(run) for run in runs]
     scans: list[Scan] = []
     state: State = (baseline, ())
-    ties: dict[str, list[Refit]] = {}
+    ties: dict[str, list[Twin]] = {}
     failed: list[str] = []
     for _ in range(ROUNDS):
         while True:
@@ -135,7 +125,7 @@ def search(
     if scans[-1].before is not baseline:
         scans.append(_scanned(baseline, added, candidates, seed))
     last = scans[-1]
-    ties = {s: ties.get(s) or twins(baseline, s, last.found, last.courses, runs) for s in added}
+    ties |= {s: twins(baseline, s, last.found, last.courses, runs) for s in added if s not in ties}
     return Search(scans, baseline, _by_weight(baseline, added), ties, tuple(dict.fromkeys(failed)))
 
 
@@ -163,16 +153,16 @@ def _exchanged(
     state: State,
     runs: Sequence[xr.Dataset],
     bases: Sequence[Array],
-    ties: dict[str, list[Refit]],
+    ties: dict[str, list[Twin]],
 ) -> State | None:
     """The model with a better twin in place of an effect, if there is one; `ties` is filled on the way."""
     baseline, added = state
     for symbol in added:
         ties[symbol] = twins(baseline, symbol, scan.found, scan.courses, runs)
         best = ties[symbol][0] if ties[symbol] else None
-        if best is not None and best.cost < cost_of(baseline, symbol) - SWAP:
+        if best and best.refit and best.cost < cost_of(baseline, symbol) - SWAP:
             names = tuple(best.force.symbol if s == symbol else s for s in added)
-            swapped = _stepped((best.problem, best.unknown, names), bases)
+            swapped = _stepped((best.refit.problem, best.refit.unknown, names), bases)
             if swapped:
                 return swapped
     return None
@@ -235,11 +225,6 @@ def _next(
     return one.problem, one.unknown, (one.force.symbol,)
 
 
-def cost_of(baseline: Baseline, symbol: str) -> float:
-    """Chi-square of a model, with the price of an effect's shape parameters."""
-    return baseline.chi_square + price_of(baseline.problem.library[symbol])
-
-
 def _pruned(baseline: Baseline, added: Sequence[str], level: float) -> str | None:
     """The added effect that the others make needless, if there is one."""
     errors = np.sqrt(np.diag(baseline.covariance))
@@ -251,12 +236,6 @@ def _pruned(baseline: Baseline, added: Sequence[str], level: float) -> str | Non
         if len(added) > 1 and score < least and not baseline.problem.library[symbol].shape:
             weakest, least = symbol, score
     return weakest
-
-
-def tie_class(found: Search, symbol: str) -> list[str]:
-    """The effect, and the candidates that explain the record as well in its place."""
-    own = cost_of(found.final, symbol)
-    return [symbol, *(one.force.symbol for one in found.ties.get(symbol, []) if one.cost <= own + TIE)]
 
 
 def verdict_of(found: Search, level: float = LEVEL) -> str:

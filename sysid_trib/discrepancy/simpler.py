@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from sysid_trib.discrepancy.baseline import Baseline, basis_of, beyond, with_noise
 from sysid_trib.discrepancy.chord import chord
-from sysid_trib.discrepancy.naming import price_of, with_force
+from sysid_trib.discrepancy.evidence import price_of
+from sysid_trib.discrepancy.naming import with_force
 from sysid_trib.discrepancy.probes import Probe
 from sysid_trib.discrepancy.scores import Scores
 from sysid_trib.methods.motions import Problem

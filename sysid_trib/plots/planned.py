@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from sysid_trib.discrepancy.naming import TIE
+from sysid_trib.discrepancy.evidence import APART
 from sysid_trib.plots.style import LEGEND, SERIES, axes
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ def distinction(found: xr.DataArray, ax: "Axes | None" = None) -> "Axes":
     for symbol, series in zip(twins, cycle(SERIES)):
         values = found.sel({other: symbol}).values
         ax.plot(varied.values, values, label=symbol, markersize=4, linewidth=1.0, **series)
-    apart = float(np.sqrt(TIE))
+    apart = float(np.sqrt(APART))
     ax.axhline(apart, color="black", linewidth=0.8, linestyle="--", zorder=0)
     end = varied.values[-1], apart
     ax.annotate("told apart above", end, (0, 3), textcoords="offset points", ha="right", fontsize=8)
