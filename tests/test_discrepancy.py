@@ -21,13 +21,15 @@ from sysid_trib import ForceLibrary, Model, cramer_rao_bound, load_library
 from sysid_trib.coloured_noise import whitened
 from sysid_trib.discrepancy import naming
 from sysid_trib.discrepancy.baseline import fit, records_of
+from sysid_trib.discrepancy.frequencies import is_frequency, is_resonance
 from sysid_trib.discrepancy.noise import Noise, noise_of, oscillations
 from sysid_trib.discrepancy.omnibus import omnibus
-from sysid_trib.discrepancy.probes import Course, Probe, is_frequency, moved_by, probes_of
+from sysid_trib.discrepancy.probes import Course, Probe, moved_by, probes_of
 from sysid_trib.discrepancy.response import tangent
 from sysid_trib.discrepancy.scores import scores
-from sysid_trib.discrepancy.search import first_baseline, search, tie_class, verdict_of
+from sysid_trib.discrepancy.search import first_baseline, search, verdict_of
 from sysid_trib.discrepancy.thinning import thinned
+from sysid_trib.discrepancy.twins import tie_class
 from sysid_trib.errors import SimulationError
 from sysid_trib.formulas import parse
 from sysid_trib.methods.motions import Problem
@@ -91,6 +93,11 @@ def test_a_frequency_is_known_by_its_formula():
     assert not is_frequency(EFFECTS["stribeck"], "s")
     grid = {p.shapes["ambient.W"] for p in probes_of(EFFECTS.select(["ambient"]), [3.0, 11.0])}
     assert grid == {3.0, 11.0}
+    resonances = [(f.symbol, name) for f in EFFECTS for name in f.shape if is_resonance(f, name)]
+    assert resonances == [("resonator", "k")]
+    grid = {p.shapes["resonator.k"] for p in probes_of(EFFECTS.select(["resonator"]), [11.0], 10.0)}
+    assert 1.1 in grid
+    assert len(grid) > 1
 
 
 @pytest.mark.parametrize(("correlation", "order"), [(0.0, 0), (0.6, 1)])

@@ -11,7 +11,8 @@ from scipy.stats import chi2
 from sysid_trib.discrepancy.baseline import Baseline, fit, with_noise
 from sysid_trib.discrepancy.chord import chord
 from sysid_trib.discrepancy.evidence import price_of
-from sysid_trib.discrepancy.probes import Probe, is_searched
+from sysid_trib.discrepancy.frequencies import is_searched
+from sysid_trib.discrepancy.probes import Probe
 from sysid_trib.discrepancy.scores import Scores
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces import Force, ForceLibrary
@@ -72,20 +73,14 @@ def refit(baseline: Baseline, hint: Hint, runs: Sequence[xr.Dataset], hopeless: 
         if not far:
             unknown, chi_square, settled = chord(problem, unknown, _with_column(baseline, hint))
             if settled or chi_square > hopeless:
-                return _allowed(Refit(probe, problem, unknown, chi_square))
+                return Refit(probe, problem, unknown, chi_square)
         elif probe.force.kind == "force":
             starts = [unknown, *_by_regression(problem, probe, runs)]
             unknown = min(starts, key=lambda start: rms(problem.white_residual(start)))
         found = fit(problem, unknown, baseline.noises, evaluations=EVALUATIONS)
-        return _allowed(Refit(probe, problem, found.unknown, found.chi_square))
+        return Refit(probe, problem, found.unknown, found.chi_square)
     except (SysidTribError, np.linalg.LinAlgError, ValueError):
         return Refit(probe, problem, unknown, np.inf)
-
-
-def _allowed(one: Refit) -> Refit:
-    """A fit that makes a passive part drive the motion is none."""
-    coefficient = one.unknown[one.problem.library.symbols.index(one.force.symbol)]
-    return replace(one, chi_square=np.inf) if one.force.passive and coefficient < 0.0 else one
 
 
 def _with_column(baseline: Baseline, hint: Hint) -> Array:
@@ -138,7 +133,8 @@ def with_force(problem: Problem, force: Force) -> Problem:
     """The problem with one force more, its shape parameters unknown too."""
     library = replace(problem.library, forces=(*problem.library.forces, force))
     names = tuple(f"{force.symbol}.{name}" for name in force.shape)
-    return replace(problem, library=library, fit_shapes=(*problem.fit_shapes, *names))
+    bounds = {**problem.bounds, force.symbol: (0.0, np.inf)} if force.passive else problem.bounds
+    return replace(problem, library=library, fit_shapes=(*problem.fit_shapes, *names), bounds=bounds)
 
 
 def own_columns(baseline: Baseline, symbol: str) -> list[int]:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.ndimage import binary_dilation, median_filter
 from scipy.optimize import minimize_scalar
+from scipy.signal.windows import tukey
 
 from sysid_trib.coloured_noise import autoregression_of, fractional, lost
 from sysid_trib.decays.half_sines import usable_half_periods
@@ -19,9 +20,12 @@ Array = NDArray[np.float64]
 HARMONICS = 6
 PERIODS_PER_KNOT = 4.0
 DEGREE = 3
-# Lines of the spectrum that keep less than this part of the noise are taken from this many neighbours.
+# Lines of the spectrum that keep less than this part of the noise, and half as many lines beside them, are
+# taken from this many neighbours.
 KEPT = 0.3
 WIDE = 15
+# Part of the record over which it is tapered, at both ends together.
+TAPER = 0.2
 # A line so many times the median of its neighbours is vibration: one in 2^14 lines of noise is that high.
 LINE = 14.0
 LINES = 4
@@ -98,9 +102,13 @@ def noise_of(residual: Array, basis: Array, lines: int = LINES) -> Noise:
     """
     n = len(residual)
     left = residual - basis @ (basis.T @ residual)
-    power = np.abs(np.fft.rfft(left)) ** 2 / n
-    kept = 1.0 - np.sum(np.abs(np.fft.rfft(basis, axis=0)) ** 2, axis=1) / n
-    good = kept > KEPT
+    # Without a taper a strong line that dies away would leak into all others.
+    taper = tukey(n, TAPER)
+    whole = float(taper @ taper)
+    power = np.abs(np.fft.rfft(taper * left)) ** 2 / whole
+    kept = 1.0 - np.sum(np.abs(np.fft.rfft(taper[:, None] * basis, axis=0)) ** 2, axis=1) / whole
+    # What is close to the gaps is a swing that changes faster than the oscillations.
+    good = ~binary_dilation(kept <= KEPT, iterations=WIDE // 2)
     good[0] = False
     if not good.any():
         return Noise(float(np.sqrt(left @ left / max(1, n - basis.shape[1]))), np.ones(1))
@@ -115,14 +123,10 @@ def noise_of(residual: Array, basis: Array, lines: int = LINES) -> Noise:
 
 
 def _highest(power: Array, good: NDArray[np.bool_]) -> int:
-    """The line that stands out most of its neighbours, 0 if none does.
-
-    What is close to the gaps is no vibration but a swing that changes faster than the oscillations.
-    """
+    """The line that stands out most of its neighbours, 0 if none does."""
     usual = np.zeros_like(power)
     usual[good] = median_filter(power[good], 2 * WIDE + 1, mode="nearest")
-    apart = ~binary_dilation(~good, iterations=WIDE // 2)
-    over = np.divide(power, usual, out=np.zeros_like(power), where=apart & (usual > 0.0))
+    over = np.divide(power, usual, out=np.zeros_like(power), where=good & (usual > 0.0))
     return int(np.argmax(over)) if over.max() > LINE else 0
 
 

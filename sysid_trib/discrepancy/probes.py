@@ -3,11 +3,11 @@
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid_trib.discrepancy.frequencies import is_frequency, is_resonance
 from sysid_trib.discrepancy.response import Tangent, responses
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces import Force, ForceLibrary, Shape
@@ -20,7 +20,9 @@ Array = NDArray[np.float64]
 # many combinations at most. Promising ones are looked at more finely.
 VALUES = 13
 FEWER = 7
-COMBINATIONS = 20
+COMBINATIONS = 24
+# Frequencies of a resonance beside those of lines: it may be so broad that it makes none.
+BROAD = 3
 # A force of this strength leaves the motion as it is, and lets what it remembers be carried along.
 TRACE = 1e-9
 # Parts of a cell over which a force that switches is averaged.
@@ -45,14 +47,15 @@ class Course:
     about: Tangent
 
 
-def probes_of(candidates: ForceLibrary, frequencies: Sequence[float] = ()) -> list[Probe]:
+def probes_of(candidates: ForceLibrary, frequencies: Sequence[float] = (), w: float = 1.0) -> list[Probe]:
     """Every candidate at a grid of its shape parameters.
 
-    `frequencies` : rad/s, at which a force that is periodic in time is tried; its period is a shape.
+    `frequencies` : rad/s, at which a force that is periodic in time is tried, and a resonance too; `w` : the
+        model's, in units of which a resonance is.
     """
     found = []
     for force in candidates:
-        grids = [_grid(force, name, frequencies) for name in force.shape]
+        grids = [_grid(force, name, frequencies, w) for name in force.shape]
         while np.prod([len(grid) for grid in grids], dtype=int) > max(
             COMBINATIONS, len(frequencies) * VALUES
         ):
@@ -64,11 +67,14 @@ def probes_of(candidates: ForceLibrary, frequencies: Sequence[float] = ()) -> li
     return found
 
 
-def _grid(force: Force, name: str, frequencies: Sequence[float]) -> Array:
+def _grid(force: Force, name: str, frequencies: Sequence[float], w: float) -> Array:
     shape = force.shape[name]
     if is_frequency(force, name):
-        inside = [w for w in frequencies if shape.low <= w <= shape.high]
+        inside = [q for q in frequencies if shape.low <= q <= shape.high]
         return np.array(inside or [shape.default])
+    if is_resonance(force, name):
+        inside = [q / w for q in frequencies if shape.low <= q / w <= shape.high]
+        return np.sort([*inside, *np.geomspace(shape.low, shape.high, BROAD)])
     count = VALUES if force.memoryless else FEWER
     if is_wide(shape):
         return np.geomspace(shape.low, shape.high, count)
@@ -78,29 +84,6 @@ def _grid(force: Force, name: str, frequencies: Sequence[float]) -> Array:
 def is_wide(shape: Shape) -> bool:
     """Whether a shape parameter spans more than a decade, so that its logarithm is what is even."""
     return shape.low > 0.0 and shape.high > 10.0 * shape.low
-
-
-@cache
-def is_frequency(force: Force, name: str) -> bool:
-    """Whether a shape parameter is the angular frequency of a force periodic in time (by its formula)."""
-    if not force.memoryless or "t" not in force.formula.names:
-        return False
-    shape, t = force.shape[name], np.linspace(0.0, 3.0, 41)
-    if shape.low <= 0.0:
-        return False
-    x = np.full_like(t, 0.3)
-    for value in (shape.default, 1.7 * shape.default):
-        shapes = {f"{force.symbol}.{name}": value}
-        here = force.value(x, 0.7 * x, t, shapes=shapes)
-        later = force.value(x, 0.7 * x, t + 2.0 * np.pi / value, shapes=shapes)
-        if not np.allclose(here, later, rtol=1e-6, atol=1e-9) or np.ptp(here) == 0.0:
-            return False
-    return True
-
-
-def is_searched(force: Force) -> bool:
-    """Whether a force has a frequency, which is found among those of the record."""
-    return any(is_frequency(force, name) for name in force.shape)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,8 @@ from scipy.signal import find_peaks
 from scipy.stats import norm
 
 from sysid_trib.discrepancy.baseline import Baseline, beyond
-from sysid_trib.discrepancy.probes import Course, Probe, is_searched, moved_by, probes_of
+from sysid_trib.discrepancy.frequencies import is_searched
+from sysid_trib.discrepancy.probes import Course, Probe, moved_by, probes_of
 from sysid_trib.forces import ForceLibrary
 
 Array = NDArray[np.float64]
@@ -89,7 +90,13 @@ def scores(baseline: Baseline, candidates: ForceLibrary, courses: Sequence[Cours
         none, nothing = np.zeros(0), np.zeros((len(residual), 0))
         return Scores([], [], none, none, none, none, nothing, nothing, 1.0, none)
     frequencies, looked = _lines(baseline, residual)
-    found = _scored(baseline, probes_of(candidates, frequencies), courses, space, residual)
+    found = _scored(
+        baseline,
+        probes_of(candidates, frequencies, courses[0].model.reference_frequency),
+        courses,
+        space,
+        residual,
+    )
     for _ in range(FINER):
         highest = float(np.max(np.abs(found.z), initial=0.0))
         promising = [at for at in found.best() if highest > HIGH and abs(found.z[at]) > NEAR * highest]
@@ -170,7 +177,8 @@ def independent_tests(directions: Array, seed: int = 0, level: float = 0.01) -> 
 
 def _lines(baseline: Baseline, residual: Array) -> tuple[list[float], int]:
     """Frequencies (rad/s) of the strongest lines in what is left, and how many were looked at."""
-    found, looked = [], 0
+    found: list[tuple[float, float]] = []
+    looked = 0
     for record, part in zip(baseline.problem.records, baseline.of_each_run(residual), strict=True):
         count = len(part)
         step = float(np.median(np.diff(record.time)))
@@ -179,6 +187,6 @@ def _lines(baseline: Baseline, residual: Array) -> tuple[list[float], int]:
         frequency = 2.0 * np.pi * np.fft.rfftfreq(4 * count, step)
         peaks, _ = find_peaks(power, distance=8)
         strongest = peaks[np.argsort(power[peaks])[::-1][:LINES]]
-        found += [float(w) for w in frequency[strongest] if w > 0.0]
+        found += [(float(power[at]), float(frequency[at])) for at in strongest if at]
         looked += count // 2
-    return found, looked
+    return [w for _, w in sorted(found, reverse=True)[:LINES]], looked
