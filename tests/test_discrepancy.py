@@ -21,7 +21,7 @@ from sysid_trib import ForceLibrary, Model, cramer_rao_bound, load_library
 from sysid_trib.coloured_noise import whitened
 from sysid_trib.discrepancy import naming
 from sysid_trib.discrepancy.baseline import fit, records_of
-from sysid_trib.discrepancy.frequencies import is_frequency, is_resonance
+from sysid_trib.discrepancy.frequencies import is_frequency, is_resonance, is_searched
 from sysid_trib.discrepancy.noise import Noise, noise_of, oscillations
 from sysid_trib.discrepancy.omnibus import omnibus
 from sysid_trib.discrepancy.probes import Course, Probe, moved_by, probes_of
@@ -164,7 +164,7 @@ def test_scores_of_noise_are_noise():
     """Scores are standard normal, and the least p-value of all is below 0.05 in a twentieth of records."""
     seeds, z, least, generic = 20, [], [], []
     # A frequency is taken from the record's own spectrum: its score is the largest of many.
-    candidates = EFFECTS.select(s for s in EFFECTS.symbols if s != "ambient")
+    candidates = EFFECTS.select(f.symbol for f in EFFECTS if not is_searched(f))
     about = [course()]
     for seed in range(seeds):
         found = true_baseline(seed)
@@ -189,7 +189,7 @@ def test_a_hidden_effect_is_named(symbol, coefficient):
     run = decay(RUN.time, with_effect(symbol, coefficient), seed=3)
     found = search([run], first_baseline([run], BASE, None), EFFECTS)
     assert verdict_of(found) == "explained"
-    assert symbol in tie_class(found, found.added[0])
+    assert symbol in tie_class(found.final, found.added[0], found.ties[found.added[0]])
     at = list(found.final.problem.names).index(found.added[0])
     if found.added == (symbol,):
         error = float(np.sqrt(found.final.covariance[at, at]))
@@ -241,10 +241,10 @@ def test_two_missing_effects_are_both_named():
     candidates = replace(EFFECTS, forces=(*CONTACT.select(["alpha", "nu", "epsilon"]), *EFFECTS))
     found = search([run], first_baseline([run], start, None), candidates)
     assert len(found.added) == 2
-    assert tie_class(found, "nu") == ["nu"]
+    assert tie_class(found.final, "nu", found.ties["nu"]) == ["nu"]
     other = next(symbol for symbol in found.added if symbol != "nu")
     # Gravity and a magnet are cubic, too, at this amplitude.
-    assert "epsilon" in tie_class(found, other)
+    assert "epsilon" in tie_class(found.final, other, found.ties[other])
 
 
 def test_two_effects_that_one_flexible_force_mimics_are_both_named():

@@ -20,10 +20,11 @@ Array = NDArray[np.float64]
 HARMONICS = 6
 PERIODS_PER_KNOT = 4.0
 DEGREE = 3
-# Lines of the spectrum that keep less than this part of the noise, and half as many lines beside them, are
-# taken from this many neighbours.
+# Lines of the spectrum that keep less than this part of the noise are taken from this many neighbours.
 KEPT = 0.3
 WIDE = 15
+# A line beside a gap that is so many times the median of those apart is not noise: one in thirty is that high.
+BESIDE = 5.0
 # Part of the record over which it is tapered, at both ends together.
 TAPER = 0.2
 # A line so many times the median of its neighbours is vibration: one in 2^14 lines of noise is that high.
@@ -107,14 +108,18 @@ def noise_of(residual: Array, basis: Array, lines: int = LINES) -> Noise:
     whole = float(taper @ taper)
     power = np.abs(np.fft.rfft(taper * left)) ** 2 / whole
     kept = 1.0 - np.sum(np.abs(np.fft.rfft(taper[:, None] * basis, axis=0)) ** 2, axis=1) / whole
-    # What is close to the gaps is a swing that changes faster than the oscillations.
-    good = ~binary_dilation(kept <= KEPT, iterations=WIDE // 2)
+    good = kept > KEPT
     good[0] = False
     if not good.any():
         return Noise(float(np.sqrt(left @ left / max(1, n - basis.shape[1]))), np.ones(1))
     power = np.where(good, power / np.where(good, kept, 1.0), 0.0)
     if lines and (line := _highest(power, good)):
         return noise_of(residual, _with_line(basis, left, line), lines - 1)
+    # What stands out beside a harmonic is no noise but a swing that changes faster than the oscillations.
+    apart = good & ~_beside(good)
+    if apart.any():
+        good &= apart | (power < BESIDE * _usual(power, apart))
+        power = np.where(good, power, 0.0)
     steepness = _steepness(power, good, n)
     filter_, variance = _autoregression(power, good, n, steepness)
     if steepness:
@@ -124,22 +129,42 @@ def noise_of(residual: Array, basis: Array, lines: int = LINES) -> Noise:
 
 def _highest(power: Array, good: NDArray[np.bool_]) -> int:
     """The line that stands out most of its neighbours, 0 if none does."""
-    usual = np.zeros_like(power)
-    usual[good] = median_filter(power[good], 2 * WIDE + 1, mode="nearest")
-    over = np.divide(power, usual, out=np.zeros_like(power), where=good & (usual > 0.0))
+    usual = _usual(power, good)
+    apart = good & ~binary_dilation(~good, iterations=WIDE // 2)
+    over = np.divide(power, usual, out=np.zeros_like(power), where=apart & (usual > 0.0))
     return int(np.argmax(over)) if over.max() > LINE else 0
+
+
+def _beside(good: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Lines in the gaps of the swing's harmonics and beside them; not beside that of slow changes, the first."""
+    gaps = ~good
+    gaps[: np.argmax(good)] = False
+    return np.asarray(binary_dilation(gaps, iterations=WIDE // 2))
+
+
+def _usual(power: Array, good: NDArray[np.bool_]) -> Array:
+    """Median of the lines around each, of the good ones."""
+    lines = np.arange(len(power))
+    return np.interp(lines, lines[good], median_filter(power[good], 2 * WIDE + 1, mode="nearest"))
 
 
 def _with_line(basis: Array, left: Array, line: int) -> Array:
     """The basis with a vibration of constant amplitude, its frequency found within the line."""
     n = len(left)
     turns = 2.0j * np.pi * np.arange(n) / n
+
+    def beside(k: float) -> Array:
+        wave = np.exp(k * turns)
+        columns = np.stack([wave.real, wave.imag], axis=1)
+        return np.linalg.qr(columns - basis @ (basis.T @ columns))[0]
+
     found = minimize_scalar(
-        lambda k: -float(np.abs(np.exp(-k * turns) @ left)), bounds=(line - 1.0, line + 1.0), method="bounded"
+        lambda k: -float(np.sum((beside(k).T @ left) ** 2)),
+        bounds=(line - 1.0, line + 1.0),
+        method="bounded",
+        options={"xatol": 1e-4},
     )
-    wave = np.exp(found.x * turns)
-    columns = np.stack([wave.real, wave.imag], axis=1)
-    return np.concatenate([basis, np.linalg.qr(columns - basis @ (basis.T @ columns))[0]], axis=1)
+    return np.concatenate([basis, beside(found.x)], axis=1)
 
 
 def _steepness(power: Array, good: NDArray[np.bool_], n: int) -> float:
