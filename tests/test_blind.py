@@ -12,6 +12,7 @@ from sysid_trib import ForceLibrary, Model, load_library, simulate
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
 from blind.draws import shapes
 from blind.effects import FORCES, SENSORS, make
+from blind.first_order import Deviations
 from blind.generator import Motion, Oscillator, motion
 from blind.plan import Planned
 from blind.scoring import hit
@@ -64,6 +65,17 @@ def test_an_effect_is_the_librarys(symbol):
     told = {f"{symbol}.{name}": value for name, value in values.items()}
     ours = simulate(Model(library, BASE | {symbol: 2e-3}, W, told), TIME, START, 0.0)
     np.testing.assert_allclose(angle, ours.angle.values, rtol=0, atol=5e-7)
+
+
+@pytest.mark.parametrize(
+    "symbol", ["van_der_pol", "tilted_friction", "wall", "jenkins", "lugre", "resonator", "masing", "ageing"]
+)
+def test_the_quick_response_is_a_difference_of_motions(symbol):
+    values = shapes(np.random.default_rng(2), symbol, START, W, TIME[-1])
+    ends = [followed(BASE, (make(symbol, values), q), parts=4).x for q in (1e-5, -1e-5)]
+    found = Deviations(Oscillator(W, BASE), START, STEP, COUNT).by_force(make(symbol, values))
+    difference = (ends[0] - ends[1]) / 2e-5
+    assert np.linalg.norm(found - difference) < 5e-3 * np.linalg.norm(difference)
 
 
 def blind(key: str) -> dict:

@@ -9,7 +9,7 @@ from scipy.optimize import minimize
 from .draws import NOISE, ONE_SIGN, grid, innovation, noise, oscillator, shapes, whitener
 from .effects import FORCES, SENSORS, Shapes, family, make
 from .generator import NoDecayError
-from .sight import SMALL, Setting, Sight, beside
+from .sight import SMALL, Glance, Setting, Sight, beside
 
 # A second run is released from this part of the first angle.
 SECOND = 0.6
@@ -17,18 +17,6 @@ SECOND = 0.6
 STRONGEST = 0.3
 # What leaves less than this part of the truth's z is its twin: nine tenths of chi-square are explained by it.
 TWIN = 0.3
-# Shapes of candidates that leave less than this part are searched, in so many responses a shape.
-NEAR = 0.7
-SEARCHED = 7
-FAR = 1e6
-# What leaves so little is not seen.
-UNSEEN = 4.0
-# Shapes of candidates that leave less than this part are searched, in so many responses a shape.
-NEAR = 0.7
-SEARCHED = 7
-FAR = 1e6
-# What leaves so little is not seen.
-UNSEEN = 4.0
 # Shapes of candidates that leave less than this part are searched, in so many responses a shape.
 NEAR = 0.7
 SEARCHED = 7
@@ -176,7 +164,7 @@ def _leave_out(case: Case) -> None:
     truth, fine = case.hidden[0], case.setting
     # Every other sample shows as much, if its noise counts as much less.
     setting = replace(fine, step=2.0 * fine.step, count=fine.count // 2, level=fine.level / np.sqrt(2.0))
-    sight = Sight(setting)
+    sight = Glance(setting)
     y = truth.coefficient * sight.response(truth.symbol, truth.shapes)[1]
     # A line at a frequency of its own stands in for nothing else.
     others = {*HIDDEN} - {*setting.oscillator.base, truth.symbol, "ambient"}
