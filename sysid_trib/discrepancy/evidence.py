@@ -76,14 +76,18 @@ def over_shapes(probes: Sequence[Probe], left: Array) -> tuple[float, float]:
 
 
 def narrowness(fitted: Baseline, force: Force) -> float:
-    """The price of an effect's own shapes, from their errors (Laplace's method)."""
-    if is_searched(force):
+    """The price of an effect's own shapes, from their covariance in parts of their ranges (Laplace's method).
+
+    A direction in which the shapes are not determined costs nothing.
+    """
+    if not force.shape or is_searched(force):
         return price_of(force)
-    price = 0.0
-    for name, shape in force.shape.items():
-        at = fitted.problem.names.index(f"{force.symbol}.{name}")
-        value, error = float(fitted.unknown[at]), float(np.sqrt(fitted.covariance[at, at]))
-        wide = is_wide(shape)
-        part = error / value / np.log(shape.high / shape.low) if wide else error / (shape.high - shape.low)
-        price += max(0.0, -2.0 * float(np.log(max(np.sqrt(2.0 * np.pi) * part, 1e-6))))
-    return price
+    at = [fitted.problem.names.index(f"{force.symbol}.{name}") for name in force.shape]
+    spans = [
+        abs(float(value)) * np.log(shape.high / shape.low) if is_wide(shape) else shape.high - shape.low
+        for value, shape in zip(fitted.unknown[at], force.shape.values(), strict=True)
+    ]
+    parts = fitted.covariance[np.ix_(at, at)] / np.outer(spans, spans)
+    # A uniform distribution has a twelfth of its squared range as variance.
+    _, price = np.linalg.slogdet(np.eye(len(at)) + np.linalg.pinv(12.0 * parts))
+    return float(price)

@@ -23,7 +23,7 @@ DEGREE = 3
 # Lines of the spectrum that keep less than this part of the noise are taken from this many neighbours.
 KEPT = 0.3
 WIDE = 15
-# A line beside a gap that is so many times the median of those apart is not noise: one in thirty is that high.
+# A line beside a gap so many times the median of those apart is not noise: one in thirty is that high.
 BESIDE = 5.0
 # Part of the record over which it is tapered, at both ends together.
 TAPER = 0.2
@@ -136,7 +136,7 @@ def _highest(power: Array, good: NDArray[np.bool_]) -> int:
 
 
 def _beside(good: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Lines in the gaps of the swing's harmonics and beside them; not beside that of slow changes, the first."""
+    """Lines in and beside the gaps of the harmonics; not beside the first gap, that of slow changes."""
     gaps = ~good
     gaps[: np.argmax(good)] = False
     return np.asarray(binary_dilation(gaps, iterations=WIDE // 2))

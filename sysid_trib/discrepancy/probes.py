@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid_trib.discrepancy.frequencies import is_frequency, is_resonance
+from sysid_trib.discrepancy.remembered import values_along
 from sysid_trib.discrepancy.response import Tangent, responses
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces import Force, ForceLibrary, Shape
@@ -107,9 +108,10 @@ def moved_by(course: Course, probes: Sequence[Probe]) -> Moved:
     moved = np.zeros((len(course.time), len(probes)))
     forces = np.zeros((len(course.about.x), len(probes)))
     reasons = [""] * len(probes)
+    known = _with_a_past(course, probes)
     for at, probe in enumerate(probes):
         try:
-            values = _along(course, probe)
+            values = known[at] if at in known else _along(course, probe)
         except SysidTribError as error:
             reasons[at] = str(error)
             continue
@@ -131,6 +133,20 @@ def moved_by(course: Course, probes: Sequence[Probe]) -> Moved:
         np.sqrt(np.mean(forces**2, axis=0) / np.mean(course.about.x**2)),
         [reason or other for reason, other in zip(reasons, told, strict=True)],
     )
+
+
+def _with_a_past(course: Course, probes: Sequence[Probe]) -> dict[int, Array]:
+    """Values along the motion of the forces with a past, all probes of a force at once where that can be."""
+    found: dict[int, Array] = {}
+    members: dict[str, list[int]] = {}
+    for at, probe in enumerate(probes):
+        if not probe.force.memoryless:
+            members.setdefault(probe.force.symbol, []).append(at)
+    for rows in members.values():
+        values = values_along(course.about, probes[rows[0]].force, [probes[at].shapes for at in rows])
+        if values is not None:
+            found |= dict(zip(rows, values.T, strict=True))
+    return found
 
 
 def _along(course: Course, probe: Probe) -> Array:

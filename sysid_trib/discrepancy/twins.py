@@ -11,7 +11,7 @@ from sysid_trib.discrepancy.baseline import Baseline, basis_of, beyond
 from sysid_trib.discrepancy.evidence import credible, narrowness, over_shapes
 from sysid_trib.discrepancy.naming import Hint, Refit, own_columns, refit, without_force
 from sysid_trib.discrepancy.probes import Course
-from sysid_trib.discrepancy.scores import FINER, Scores, finer
+from sysid_trib.discrepancy.scores import Scores, finer
 from sysid_trib.forces import Force
 
 Array = NDArray[np.float64]
@@ -23,7 +23,8 @@ SLACK_OF_SHAPES = 0.003
 SURE = 0.5
 # Twins that are fitted: so many at most without shapes, and as many with.
 FITTED = 5
-# Shapes are looked at more finely within this part of what the effect explains.
+# Shapes are looked at more finely, in so many rounds, within this part of what the effect explains.
+ROUNDS = 3
 COARSE = 0.1
 # A candidate that costs so much more is no twin; one that did before its fit was brought to its end.
 FAR = 12.0
@@ -137,7 +138,7 @@ def _along(place: Place, found: Scores) -> tuple[Array, Array]:
 
 def _refined(place: Place, found: Scores, fitted: Baseline, courses: Sequence[Course]) -> Scores:
     """The scores with finer grids of the shapes that come near to the effect."""
-    for _ in range(FINER):
+    for _ in range(ROUNDS):
         _, left = _along(place, found)
         best: dict[str, int] = {}
         for at in np.argsort(left).tolist():

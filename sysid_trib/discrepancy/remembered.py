@@ -1,0 +1,118 @@
+"""What forces remember of a motion that is given: held values from reversal to reversal, states by steps.
+
+A candidate is tried along a model's motion, which it does not change: its states are then driven by known
+angles and rates, and if their rates are linear in them, all steps are one banded system of equations, for all
+values of the shape parameters at once.
+"""
+
+from collections.abc import Mapping, Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_banded
+
+from sysid_trib.discrepancy.response import Tangent
+from sysid_trib.forces import Force
+
+Array = NDArray[np.float64]
+
+# Radau's method of order 3 (Hairer and Wanner 1996, IV.5): stages at a third and at the end of a step. It is
+# stiffly accurate: a state that follows at once is followed.
+STAGES = (1.0 / 3.0, 1.0)
+WEIGHTS = np.array([[5.0 / 12.0, -1.0 / 12.0], [3.0 / 4.0, 1.0 / 4.0]])
+
+
+def values_along(about: Tangent, force: Force, shapes: Sequence[Mapping[str, float]]) -> Array | None:
+    """Values of a force with a past along a motion, (point, probe); None if they cannot be found so.
+
+    Parameters
+    ----------
+    shapes : values of its shape parameters for each probe, as `{"dahl.s": 0.02}`.
+    """
+    if not _is_linear(force) or any(f.names & set(force.state) for f in force.memory.values()):
+        return None
+    given: dict[str, Any] = {
+        name: np.array([one[f"{force.symbol}.{name}"] for one in shapes]) for name in force.shape
+    }
+    begin = {"x": about.x[0], "v": about.v[0], "t": 0.0, **given}
+    with np.errstate(all="ignore"):
+        first = {
+            name: np.broadcast_to(formula.evaluate(begin), len(shapes))
+            for name, formula in force.start.items()
+        }
+        zero = np.zeros(len(shapes))
+        start = {name: first.get(name, zero) for name in (*force.state, *force.memory)}
+        held = _held(about, force, given, start)
+        states = {name: _state(about, force, given | held, start[name]) for name in force.state}
+        names = {"x": about.x[:, None], "v": about.v[:, None], "t": about.time[:, None], **given}
+        found = force.formula.evaluate(names | held | states)
+    return np.broadcast_to(found, (len(about.x), len(shapes)))
+
+
+def _held(about: Tangent, force: Force, given: dict[str, Any], start: dict[str, Array]) -> dict[str, Array]:
+    """What is held between reversals, (point, probe) each."""
+    if not force.memory:
+        return {}
+    x, v, tau = about.x, about.v, about.tau
+    turns = np.flatnonzero(v[1:] * v[:-1] < 0.0)
+    part = v[turns] / (v[turns] - v[turns + 1])
+    # The rate changes evenly between two points.
+    ends = x[turns] + 0.5 * v[turns] * part * (tau[turns + 1] - tau[turns])
+    rows = [{name: start[name] for name in force.memory}]
+    for end, t in zip(ends.tolist(), about.time[turns].tolist(), strict=True):
+        names = {"x": end, "v": 0.0, "t": t, **given, **rows[-1]}
+        rows.append({name: formula.evaluate(names) for name, formula in force.memory.items()})
+    at = np.searchsorted(turns, np.arange(len(x)), side="left")
+    return {
+        name: np.stack([np.broadcast_to(row[name], len(start[name])) for row in rows])[at]
+        for name in force.memory
+    }
+
+
+def _state(about: Tangent, force: Force, given: dict[str, Any], start: Array) -> Array:
+    """The only state at the points, (point, probe)."""
+    step, count = np.diff(about.tau)[:, None], len(STAGES)
+    (name,) = force.state
+    # Unknowns one after the other: probe, step, stage; each step begins where the last one ends.
+    shape = (len(start), len(step), count)
+    banded, right = np.zeros((2 * count, *shape)), np.zeros(shape)
+    for column, part in enumerate(STAGES):
+        driven = _driven(about, force, given, part)
+        alone, unit = (force.state[name].evaluate(driven | {name: value}) for value in (0.0, 1.0))
+        for row in range(count):
+            weight = WEIGHTS[row, column] * step
+            right[:, :, row] += (weight * alone).T
+            banded[count - 1 + row - column, :, :, column] = (row == column) - (weight * (unit - alone)).T
+    for row in range(count):
+        banded[count + row, :, :-1, -1] = -1.0
+        right[:, 0, row] += start
+    system = banded.reshape(2 * count, -1)
+    # What is not finite comes out so, and is told.
+    found = solve_banded((count, count - 1), system, right.reshape(-1), overwrite_ab=True, check_finite=False)
+    return np.concatenate([start[None], found.reshape(shape)[:, :, -1].T])
+
+
+@cache
+def _is_linear(force: Force) -> bool:
+    """Whether a force has at most one state, with a rate that is linear in it (by its formula)."""
+    if len(force.state) > 1:
+        return False
+    for name, formula in force.state.items():
+        here = force.probe[name]
+        none, one, other = (formula.evaluate(force.probe | {name: p * here}) for p in (0.0, 1.0, -2.0))
+        if not np.allclose(other - none, -2.0 * (one - none), rtol=1e-9, atol=1e-12):
+            return False
+    return True
+
+
+def _driven(about: Tangent, force: Force, given: dict[str, Any], part: float) -> dict[str, Any]:
+    """Names at a part of each step: the angle by Hermite's cubic, of which the rates are the slopes."""
+    x, v, h, p = about.x, about.v, np.diff(about.tau), part
+    angle = (1 + 2 * p) * (1 - p) ** 2 * x[:-1] + p * (1 - p) ** 2 * h * v[:-1]
+    angle += p**2 * (3 - 2 * p) * x[1:] + p**2 * (p - 1) * h * v[1:]
+    rate = 6 * p * (1 - p) * np.diff(x) / h + (1 - p) * (1 - 3 * p) * v[:-1] + p * (3 * p - 2) * v[1:]
+    time = about.time[:-1] + p * np.diff(about.time)
+    held = {name: given[name][1:] for name in force.memory}
+    return given | held | {"x": angle[:, None], "v": rate[:, None], "t": time[:, None]}
