@@ -23,8 +23,8 @@ DEGREE = 3
 # Lines of the spectrum that keep less than this part of the noise are taken from this many neighbours.
 KEPT = 0.3
 WIDE = 15
-# A line beside a gap so many times the median of those apart is not noise: one in thirty is that high.
-BESIDE = 5.0
+# A line beside a gap so many times the median of those apart is not noise: one in 250 is that high.
+BESIDE = 8.0
 # Part of the record over which it is tapered, at both ends together.
 TAPER = 0.2
 # A line so many times the median of its neighbours is vibration: one in 2^14 lines of noise is that high.

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid_trib.discrepancy.frequencies import is_frequency, is_resonance
-from sysid_trib.discrepancy.remembered import values_along
+from sysid_trib.discrepancy.remembered import is_driven, values_along
 from sysid_trib.discrepancy.response import Tangent, responses
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces import Force, ForceLibrary, Shape
@@ -17,7 +17,7 @@ from sysid_trib.simulation import FAST, trajectory
 
 Array = NDArray[np.float64]
 
-# Values of one shape parameter (fewer where each costs a motion with memory, which is slow); of several, so
+# Values of one shape parameter (fewer where each costs a motion of its own, which is slow); of several, so
 # many combinations at most. Promising ones are looked at more finely.
 VALUES = 13
 FEWER = 7
@@ -76,7 +76,7 @@ def _grid(force: Force, name: str, frequencies: Sequence[float], w: float) -> Ar
     if is_resonance(force, name):
         inside = [q / w for q in frequencies if shape.low <= q / w <= shape.high]
         return np.sort([*inside, *np.geomspace(shape.low, shape.high, BROAD)])
-    count = VALUES if force.memoryless else FEWER
+    count = VALUES if force.memoryless or is_driven(force) else FEWER
     if is_wide(shape):
         return np.geomspace(shape.low, shape.high, count)
     return np.linspace(shape.low, shape.high, count)

@@ -31,7 +31,7 @@ def values_along(about: Tangent, force: Force, shapes: Sequence[Mapping[str, flo
     ----------
     shapes : values of its shape parameters for each probe, as `{"dahl.s": 0.02}`.
     """
-    if not _is_linear(force) or any(f.names & set(force.state) for f in force.memory.values()):
+    if not is_driven(force):
         return None
     given: dict[str, Any] = {
         name: np.array([one[f"{force.symbol}.{name}"] for one in shapes]) for name in force.shape
@@ -95,9 +95,12 @@ def _state(about: Tangent, force: Force, given: dict[str, Any], start: Array) ->
 
 
 @cache
-def _is_linear(force: Force) -> bool:
-    """Whether a force has at most one state, with a rate that is linear in it (by its formula)."""
-    if len(force.state) > 1:
+def is_driven(force: Force) -> bool:
+    """Whether what a force remembers follows from a motion at once (by its formulas).
+
+    It has at most one state, with a rate that is linear in it, and holds nothing that depends on the state.
+    """
+    if len(force.state) > 1 or any(f.names & set(force.state) for f in force.memory.values()):
         return False
     for name, formula in force.state.items():
         here = force.probe[name]
