@@ -168,6 +168,7 @@ WRONG = {
     "formula a table": {"formula": {"x": 1}},
     "name not a text": {"name": ["a"]},
     "unknown kind": {"kind": "torque"},
+    "passive not a truth value": {"passive": "yes"},
     "state not a table": {"state": "z"},
     "state not a formula": {"state": {"z": 1}},
     "state named x": {"state": {"x": "v"}},

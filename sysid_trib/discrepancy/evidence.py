@@ -31,17 +31,21 @@ def price_of(force: Force) -> float:
     return sum(PRICE_OF_FREQUENCY if one else PRICE for one in searched)
 
 
-def credible(costs: Sequence[float]) -> NDArray[np.bool_]:
-    """Which candidates are in the smallest set that holds the truth with the probability `CREDIBLE`.
+def probabilities(costs: Sequence[float]) -> Array:
+    """Probability of each candidate, if one of them is the truth and all were as likely before.
 
     `costs` : (candidate,) -2 ln of the evidence for each, up to a common constant.
     """
     cost = np.asarray(costs, dtype=float)
-    probability = np.exp(-0.5 * (cost - cost.min()))
-    probability /= probability.sum()
+    weight = np.exp(-0.5 * (cost - cost.min()))
+    return np.asarray(weight / weight.sum())
+
+
+def credible(probability: Array) -> NDArray[np.bool_]:
+    """Which candidates are in the smallest set that holds the truth with the probability `CREDIBLE`."""
     order = np.argsort(-probability, kind="stable")
     before = np.cumsum(probability[order]) - probability[order]
-    inside = np.zeros(len(cost), dtype=bool)
+    inside = np.zeros(len(probability), dtype=bool)
     inside[order] = before < CREDIBLE
     return inside
 

@@ -34,8 +34,9 @@ STEPS = {
     "shapes": ("shape parameters, as JSON", ""),
     "z": ("coefficient over its error", "1"),
     "p_value": ("chance of as much by noise, corrected", "1"),
-    "ties": ("the effect and those that explain as much", ""),
-    "tie_costs": ("chi-square of each twin above the effect's, shape parameters priced, as JSON", ""),
+    "ties": ("the effect and those that may as well be the truth", ""),
+    "tie_probabilities": ("how probable each of these is, all being as likely before, as JSON", ""),
+    "tie_costs": ("-2 ln of the odds of each candidate in its place, as JSON", ""),
     "residual_before": ("RMS left before", "rad"),
     "residual_after": ("RMS left after", "rad"),
     "gap_before": ("RMS of the whitened residual before, in units of the noise", "1"),
@@ -133,6 +134,7 @@ def _steps(found: Search, stages: Stages) -> xr.Dataset:
         before, after = stages.models[at], stages.models[at + 1]
         tests = found.scans[min(at, len(found.scans) - 1)].found.tests
         gain = before.chi_square - after.chi_square
+        tied = tie_class(found.final, symbol, found.ties[symbol])
         rows.append(
             {
                 "symbol": symbol,
@@ -146,7 +148,8 @@ def _steps(found: Search, stages: Stages) -> xr.Dataset:
                 "shapes": json.dumps(_shapes_of(found, force)),
                 "z": value / error,
                 "p_value": float(min(1.0, tests * chi2.sf(gain, 1 + len(force.shape)))),
-                "ties": "; ".join(tie_class(found.final, symbol, found.ties[symbol])),
+                "ties": "; ".join(tied),
+                "tie_probabilities": json.dumps({s: round(p, 4) for s, p in tied.items()}),
                 "tie_costs": json.dumps(_costs(found, symbol)),
                 "residual_before": _gap(before),
                 "residual_after": _gap(after),
@@ -169,7 +172,7 @@ def _told(name: str) -> dict[str, str]:
 
 
 def _costs(found: Search, symbol: str) -> dict[str, float | None]:
-    """Chi-square of each twin above the effect's own, shape parameters priced."""
+    """What each candidate costs above the effect; None of a fit that failed."""
     own = cost_of(found.final, symbol)
     return {one.force.symbol: _finite(one.cost - own) for one in found.ties[symbol]}
 

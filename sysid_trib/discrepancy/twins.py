@@ -8,7 +8,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from sysid_trib.discrepancy.baseline import Baseline, basis_of, beyond
-from sysid_trib.discrepancy.evidence import credible, narrowness, over_shapes
+from sysid_trib.discrepancy.evidence import credible, narrowness, over_shapes, probabilities
 from sysid_trib.discrepancy.naming import Hint, Refit, own_columns, refit, without_force
 from sysid_trib.discrepancy.probes import Course
 from sysid_trib.discrepancy.scores import Scores, finer
@@ -74,11 +74,16 @@ def cost_of(fitted: Baseline, symbol: str) -> float:
     return fitted.chi_square + narrowness(fitted, fitted.problem.library[symbol])
 
 
-def tie_class(fitted: Baseline, symbol: str, found: Sequence[Twin]) -> list[str]:
-    """The effect, and the candidates that may as well be the truth in its place, the likeliest first."""
+def tie_class(fitted: Baseline, symbol: str, found: Sequence[Twin]) -> dict[str, float]:
+    """The effect, and the candidates that may as well be the truth in its place, with their probabilities.
+
+    The effect comes first, then the likeliest; beside this class others may share what is left of 1.
+    """
     others = sorted(found, key=lambda twin: twin.cost)
-    inside = credible([cost_of(fitted, symbol), *(twin.cost for twin in others)])
-    return [symbol, *(twin.force.symbol for twin, tied in zip(others, inside[1:], strict=True) if tied)]
+    each = probabilities([cost_of(fitted, symbol), *(twin.cost for twin in others)])
+    names, inside = [symbol, *(twin.force.symbol for twin in others)], credible(each)
+    inside[0] = True
+    return {name: float(p) for name, p, tied in zip(names, each, inside, strict=True) if tied}
 
 
 def twins(
@@ -104,7 +109,8 @@ def twins(
             name = twin.force.symbol
             one = refit(place.model, hints[name], runs, own + REACH)
             twin = Twin(twin.force, one.chi_square + prices[name], one)
-        if twin.cost < own + FAR:
+        # A fit that failed is kept, to be told.
+        if twin.cost < own + FAR or not np.isfinite(twin.cost):
             done.append(twin)
     return sorted(done, key=lambda twin: twin.cost)
 

@@ -107,12 +107,20 @@ def _step(tree: xr.DataTree, at: int) -> dict[str, Any]:
     offered = candidates_of(tree)
     tied = [offered[s] for s in step.ties.item().split("; ")[1:]]
     held = tree["holdout"].rms.values
+    likely = json.loads(step.tie_probabilities.item())
     return {
         **{name: step[name].item() for name in WORDS},
         **{name: number(step[name].item()) for name in NUMBERS},
         "shapes": {k: number(v) for k, v in json.loads(step.shapes.item()).items()},
+        "probability": number(likely[step.symbol.item()]),
         "indistinguishable_from": [
-            {"symbol": f.symbol, "name": f.name, "formula": f.formula.text} for f in tied
+            {
+                "symbol": f.symbol,
+                "name": f.name,
+                "formula": f.formula.text,
+                "probability": number(likely[f.symbol]),
+            }
+            for f in tied
         ],
         "holdout_before": number(float(held[at])),
         "holdout_after": number(float(held[at + 1])),

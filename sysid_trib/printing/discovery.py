@@ -57,6 +57,9 @@ def _step_told(tree: xr.DataTree, at: int) -> list[str]:
         offered = candidates_of(tree)
         named = ", ".join(f"{s} ({offered[s].formula.text})" for s in tied)
         told.append(f"   It cannot be told from: {named}.")
+        likely = json.loads(step.tie_probabilities.item())
+        each = ", ".join(f"{symbol} {probability:.2f}" for symbol, probability in likely.items())
+        told.append(f"   If all candidates were as likely before, the probabilities are: {each}.")
         told.append(f"   {remedy([offered[s] for s in (step.symbol.item(), *tied)])}")
     costs = json.loads(step.tie_costs.item())
     if wild := [symbol for symbol, cost in costs.items() if cost is None]:

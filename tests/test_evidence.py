@@ -1,0 +1,96 @@
+"""How probable candidates are in each other's place, and what forces remember of a given motion."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers import FIVE, W, decay, paper_run
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.integrate import quad
+
+from sysid_trib import ForceLibrary, Model, load_library
+from sysid_trib.discrepancy.evidence import CREDIBLE, credible, over_shapes, probabilities
+from sysid_trib.discrepancy.probes import Probe, probes_of
+from sysid_trib.discrepancy.remembered import is_driven, values_along
+from sysid_trib.discrepancy.response import responses, tangent
+from sysid_trib.discrepancy.search import first_baseline, search
+from sysid_trib.discrepancy.twins import tie_class
+from sysid_trib.simulation import trajectory
+
+CONTACT, EFFECTS = load_library(), load_library("candidate_effects")
+RUN = paper_run(FIVE)
+WITH_A_PAST = [force.symbol for force in EFFECTS if not force.memoryless]
+# States that are not linear, or two of them: these are simulated.
+SIMULATED = {"bouc_wen_2", "resonator"}
+
+
+@given(arrays(float, st.integers(1, 30), elements=st.floats(-50.0, 50.0)))
+def test_a_credible_set_is_the_smallest_that_is_probable_enough(costs):
+    each = probabilities(costs)
+    inside = credible(each)
+    assert each.sum() == pytest.approx(1.0)
+    assert each[inside].sum() >= CREDIBLE - 1e-12
+    # Without its least probable member it is not.
+    assert each[inside].sum() - each[inside].min() < CREDIBLE
+    assert each[inside].min() >= each[~inside].max(initial=0.0)
+
+
+@pytest.mark.parametrize("width", [0.1, 0.5, 3.0])
+def test_shapes_that_must_be_set_cost_the_part_of_their_range_that_fits(width):
+    force = EFFECTS["dahl"]
+    low, high = np.log(force.shape["s"].low), np.log(force.shape["s"].high)
+    middle = 0.4 * low + 0.6 * high
+
+    def left(scale):
+        return 7.0 + ((scale - middle) / width) ** 2
+
+    # A coarse grid, finer where it is narrow, as scores make it.
+    scales = np.unique([*np.linspace(low, high, 13), *(middle + width * np.linspace(-3.0, 3.0, 7))])
+    scales = scales[(scales >= low) & (scales <= high)]
+    probes = [Probe(force, {"dahl.s": float(np.exp(scale))}) for scale in scales]
+    least, price = over_shapes(probes, left(scales))
+    mean = quad(lambda q: np.exp(-0.5 * (left(q) - 7.0)), low, high, points=[middle])[0] / (high - low)
+    assert least == pytest.approx(7.0, abs=0.05)
+    assert price == pytest.approx(-2.0 * np.log(mean), abs=0.1)
+
+
+@pytest.mark.parametrize("symbol", WITH_A_PAST)
+def test_what_a_force_remembers_of_a_motion_is_what_it_would_move(symbol):
+    model = Model(CONTACT, FIVE, W)
+    about, force = tangent(model, RUN.time, 0.3, 0.0), EFFECTS[symbol]
+    assert is_driven(force) is (symbol not in SIMULATED)
+    if symbol in SIMULATED:
+        assert values_along(about, force, [force.shape_values()]) is None
+        return
+    probes = probes_of(EFFECTS.select([symbol]))
+    found = values_along(about, force, [probe.shapes for probe in probes])
+    library = ForceLibrary("with one", (*CONTACT.forces, force))
+    names = (*force.state, *force.memory)
+    followed = []
+    for probe in probes:
+        one = Model(library, {**FIVE, symbol: 1e-9}, W, dict(probe.shapes))
+        hidden = trajectory(one, about.time, 0.3, 0.0).hidden
+        past = {name: hidden[f"{symbol}.{name}"] for name in names}
+        followed.append(force.value(about.x, about.v, about.time, shapes=probe.shapes, hidden=past))
+    exact = np.stack(followed, axis=1)
+    # Slips of 1e-4 rad fall between two points; the motion hardly notices.
+    assert np.all(np.linalg.norm(found - exact, axis=0) < 0.02 * np.linalg.norm(exact, axis=0))
+    moved, true = responses(about, found), responses(about, exact)
+    assert np.all(np.linalg.norm(moved - true, axis=0) < 2e-3 * np.linalg.norm(true, axis=0))
+
+
+def test_a_passive_part_never_drives():
+    """A negative partial slip is no part of a contact; as an active force it would be named."""
+    library = ForceLibrary("with an effect", (*CONTACT.select(FIVE).forces, EFFECTS["partial_slip"]))
+    angle = trajectory(Model(library, FIVE | {"partial_slip": -0.03}, W), RUN.time, 0.3, 0.0).angle
+    run, base = decay(RUN.time, angle, seed=3), CONTACT.select(FIVE)
+    active = replace(EFFECTS, forces=tuple(replace(force, passive=False) for force in EFFECTS))
+    free, held = (search([run], first_baseline([run], base, None), c) for c in (active, EFFECTS))
+    named = {name for s in free.added for name in tie_class(free.final, s, free.ties[s])}
+    assert "partial_slip" in named
+    assert "partial_slip" not in held.added
+    for symbol in held.added:
+        value = held.final.unknown[held.final.problem.names.index(symbol)]
+        assert value >= 0.0 or not EFFECTS[symbol].passive
