@@ -61,12 +61,15 @@ class Hint:
     response: Array
 
 
-def refit(baseline: Baseline, hint: Hint, runs: Sequence[xr.Dataset], hopeless: float = np.inf) -> Refit:
+def refit(
+    baseline: Baseline, hint: Hint, runs: Sequence[xr.Dataset], hopeless: float, *, far: bool = False
+) -> Refit:
     """One candidate fitted with the model, from what the score says or, if that is far, from regression.
 
-    `hopeless` : a chi-square above which, after a few steps, the fit is not brought to its end.
+    `hopeless` : a chi-square above which, after a few steps from what the score says, the fit is not brought
+        to its end.
     """
-    probe, far = hint.probe, not np.isfinite(hopeless) and is_large(baseline)
+    probe = hint.probe
     problem = with_noise(with_force(baseline.problem, probe.force), baseline.noises)
     unknown = with_values(baseline, hint)
     try:
@@ -126,7 +129,8 @@ def _is_plain(force: Force) -> bool:
 
 def _refitted(baseline: Baseline, found: Scores, at: int, runs: Sequence[xr.Dataset]) -> Refit:
     coefficient = float(found.z[at]) / float(found.size[at])
-    return refit(baseline, Hint(found.probes[at], coefficient, found.moved[:, at]), runs)
+    hint = Hint(found.probes[at], coefficient, found.moved[:, at])
+    return refit(baseline, hint, runs, baseline.chi_square, far=is_large(baseline))
 
 
 def with_force(problem: Problem, force: Force) -> Problem:

@@ -20,6 +20,8 @@ from sysid_trib.start import first_guess, fit_start
 
 Array = NDArray[np.float64]
 
+# Steps of a fit between two stages.
+EVALUATIONS = 20
 # A hold-out gap that grows by more than this part is flagged.
 WORSE = 1.05
 
@@ -48,15 +50,16 @@ def stages_of(found: Search, runs: Sequence[xr.Dataset], unseen: Sequence[xr.Dat
 
 
 def _between(found: Search, count: int, before: Baseline) -> Baseline:
-    """The model with the first effects: the best of what the search had and of fits from both sides."""
+    """The model with the first effects: the best that the search had, else a fit from below or from above."""
     wanted = {*found.scans[0].before.problem.library.symbols, *found.added[:count]}
     models = [scan.before for scan in found.scans if set(scan.before.problem.library.symbols) == wanted]
+    if models:
+        return min(models, key=lambda one: one.chi_square)
     problem, unknown = found.final.problem, found.final.unknown
     model = found.final
     for symbol in found.added[count:]:
         problem, unknown = without_force(model, symbol)
         model = replace(model, problem=problem, unknown=unknown)
-    models.append(fit(problem, unknown, found.final.noises, far=True))
     # From below: the unknowns of the stage before, and those of the new effect as they are in the end.
     names = [*problem.names, *(["w"] if problem.free else [])]
     known = dict(zip([*before.problem.names, *(["w"] if problem.free else [])], before.unknown, strict=False))
@@ -64,8 +67,15 @@ def _between(found: Search, count: int, before: Baseline) -> Baseline:
     for at, name in enumerate(names):
         mixed[at] = known.get(name, unknown[at])
     mixed[len(names) :] = before.unknown[before.problem.shared :]
-    models.append(fit(problem, mixed, found.final.noises, far=True))
-    return min(models, key=lambda one: rms(np.concatenate(one.problem.residuals(one.unknown))))
+    below = fit(problem, mixed, found.final.noises, evaluations=EVALUATIONS)
+    if _gap(below) <= _gap(before):
+        return below
+    above = fit(problem, unknown, found.final.noises, far=True)
+    return min(below, above, key=_gap)
+
+
+def _gap(model: Baseline) -> float:
+    return rms(np.concatenate(model.problem.residuals(model.unknown)))
 
 
 def _held_out(model: Baseline, runs: Sequence[xr.Dataset], unseen: Sequence[xr.Dataset]) -> float:

@@ -26,8 +26,10 @@ FITTED = 5
 # Shapes are looked at more finely, in so many rounds, within this part of what the effect explains.
 ROUNDS = 3
 COARSE = 0.1
-# A candidate that costs so much more is no twin; one that did before its fit was brought to its end.
+# A candidate that costs so much more is no twin; of one that did after a few steps, or by as much more as
+# small deviations are wrong, the fit is not brought to its end.
 FAR = 12.0
+NEAR = 30.0
 REACH = 100.0
 # A twin takes an effect's place if it costs less by more than fits are uncertain.
 SWAP = 0.5
@@ -107,7 +109,7 @@ def twins(
     for twin in near:
         if twin in wanted:
             name = twin.force.symbol
-            one = refit(place.model, hints[name], runs, own + REACH)
+            one = refit(place.model, hints[name], runs, own + max(NEAR, _slack(place, twin.force)))
             twin = Twin(twin.force, one.chi_square + prices[name], one)
         # A fit that failed is kept, to be told.
         if twin.cost < own + FAR or not np.isfinite(twin.cost):
