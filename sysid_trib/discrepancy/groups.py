@@ -12,11 +12,10 @@ from scipy.stats import chi2
 from sysid_trib.discrepancy.forecast import forecast
 from sysid_trib.discrepancy.locate import disagreement
 from sysid_trib.discrepancy.search import Search
-from sysid_trib.discrepancy.stages import WORSE, Stages, labelled
+from sysid_trib.discrepancy.stages import WORSE, Stages, gap_of, labelled
 from sysid_trib.discrepancy.standing import leaning
 from sysid_trib.discrepancy.twins import cost_of, tie_class
 from sysid_trib.forces import Force, ForceLibrary
-from sysid_trib.methods.fitting import rms
 from sysid_trib.runs import group_names, root_mean_square
 
 Array = NDArray[np.float64]
@@ -151,8 +150,8 @@ def _steps(found: Search, stages: Stages) -> xr.Dataset:
                 "ties": "; ".join(tied),
                 "tie_probabilities": json.dumps({s: round(p, 4) for s, p in tied.items()}),
                 "tie_costs": json.dumps(_costs(found, symbol)),
-                "residual_before": _gap(before),
-                "residual_after": _gap(after),
+                "residual_before": gap_of(before),
+                "residual_after": gap_of(after),
                 "gap_before": float(np.sqrt(before.chi_square / len(before.residual))),
                 "gap_after": float(np.sqrt(after.chi_square / len(after.residual))),
                 "leans": symbol in leans,
@@ -184,10 +183,6 @@ def _finite(value: float) -> float | None:
 def _shapes_of(found: Search, force: Force) -> dict[str, float]:
     names = list(found.final.problem.names)
     return {k: float(found.final.unknown[names.index(f"{force.symbol}.{k}")]) for k in force.shape}
-
-
-def _gap(model: Any) -> float:
-    return rms(np.concatenate(model.problem.residuals(model.unknown)))
 
 
 def _generic(found: Search) -> xr.Dataset:

@@ -25,8 +25,8 @@ Array = NDArray[np.float64]
 
 # A gap beyond this part of the swing is too large for a score to say which force is missing, or how strong.
 LARGE = 0.02
-# Forces then tried by fits: what is quick to simulate, so many.
-TRIALS = 6
+# Candidates that are fitted to the end.
+TRIALS = 5
 # Part of the squared score that a fit must bring.
 PROMISED = 0.8
 EVALUATIONS = 12
@@ -61,29 +61,46 @@ class Hint:
     response: Array
 
 
-def refit(
-    baseline: Baseline, hint: Hint, runs: Sequence[xr.Dataset], hopeless: float, *, far: bool = False
-) -> Refit:
-    """One candidate fitted with the model, from what the score says or, if that is far, from regression.
+def refit(baseline: Baseline, hint: Hint, hopeless: float) -> Refit:
+    """One candidate fitted with the model, from what the score says.
 
-    `hopeless` : a chi-square above which, after a few steps from what the score says, the fit is not brought
-        to its end.
+    `hopeless` : a chi-square above which, after a few steps, the fit is not brought to its end.
     """
-    probe = hint.probe
-    problem = with_noise(with_force(baseline.problem, probe.force), baseline.noises)
+    problem = with_noise(with_force(baseline.problem, hint.probe.force), baseline.noises)
     unknown = with_values(baseline, hint)
     try:
-        if not far:
-            unknown, chi_square, settled = chord(problem, unknown, _with_column(baseline, hint))
-            if settled or chi_square > hopeless:
-                return Refit(probe, problem, unknown, chi_square)
-        elif probe.force.kind == "force":
-            starts = [unknown, *_by_regression(problem, probe, runs)]
-            unknown = min(starts, key=lambda start: rms(problem.white_residual(start)))
-        found = fit(problem, unknown, baseline.noises, evaluations=EVALUATIONS)
-        return Refit(probe, problem, found.unknown, found.chi_square)
+        unknown, chi_square, settled = chord(problem, unknown, _with_column(baseline, hint))
+        begun = Refit(hint.probe, problem, unknown, chi_square)
+        return begun if settled or chi_square > hopeless else _ended(baseline, begun)
     except (SysidTribError, np.linalg.LinAlgError, ValueError):
-        return Refit(probe, problem, unknown, np.inf)
+        return Refit(hint.probe, problem, unknown, np.inf)
+
+
+def _begun(baseline: Baseline, hint: Hint, runs: Sequence[xr.Dataset], *, refine: bool) -> Refit:
+    """Where the fit of a candidate begins if the gap is large: by the score, or by regression."""
+    force = hint.probe.force
+    problem = with_noise(with_force(baseline.problem, force), baseline.noises)
+    starts = [with_values(baseline, hint)]
+    if force.kind == "force":
+        starts += _by_regression(problem, hint.probe, runs, refine)
+    squares = [_chi_square(problem, start) for start in starts]
+    return Refit(hint.probe, problem, starts[int(np.argmin(squares))], min(squares))
+
+
+def _chi_square(problem: Problem, unknown: Array) -> float:
+    try:
+        left = problem.white_residual(unknown)
+    except SysidTribError:
+        return np.inf
+    return float(left @ left)
+
+
+def _ended(baseline: Baseline, begun: Refit) -> Refit:
+    try:
+        found = fit(begun.problem, begun.unknown, baseline.noises, evaluations=EVALUATIONS)
+    except (SysidTribError, np.linalg.LinAlgError, ValueError):
+        return replace(begun, chi_square=np.inf)
+    return replace(begun, unknown=found.unknown, chi_square=found.chi_square)
 
 
 def _with_column(baseline: Baseline, hint: Hint) -> Array:
@@ -104,17 +121,21 @@ def is_large(baseline: Baseline) -> bool:
 def best_candidates(baseline: Baseline, found: Scores, runs: Sequence[xr.Dataset]) -> list[Refit]:
     """Candidates fitted with the model, the one that explains most first; fits that failed are the last.
 
-    By the scores; where the gap is too large for them, by fits of those that are quick to simulate. A twin
-    that explains more is found later (`twins`).
+    By the scores; where the gap is too large for them, those that are quick to simulate and whose fits begin
+    best. A twin that explains more is found later (`twins`).
     """
     ranked = sorted(found.best(), key=lambda at: price_of(found.probes[at].force) - found.z[at] ** 2)
-    done: list[Refit] = []
     if is_large(baseline):
-        tried = [at for at in ranked if _is_plain(found.probes[at].force)][:TRIALS] or ranked[:1]
-        done = [_refitted(baseline, found, at, runs) for at in tried]
-        return sorted(done, key=lambda one: one.cost)
+        plain = [at for at in ranked if _is_plain(found.probes[at].force)] or ranked[:1]
+        hints = [_hint(found, at) for at in plain]
+        costs = [_begun(baseline, hint, runs, refine=False).cost for hint in hints]
+        likely = [hints[i] for i in np.argsort(costs)[:TRIALS]]
+        tried = [_ended(baseline, _begun(baseline, hint, runs, refine=True)) for hint in likely]
+        return sorted(tried, key=lambda one: one.cost)
+    done: list[Refit] = []
     for at in ranked[:TRIALS]:
-        done = sorted([*done, _refitted(baseline, found, at, runs)], key=lambda one: one.cost)
+        one = refit(baseline, _hint(found, at), np.inf)
+        done = sorted([*done, one], key=lambda one: one.cost)
         best = done[0]
         # A fit that brings what its score promises is not followed by a better one.
         if baseline.chi_square - best.cost > PROMISED * found.z[at] ** 2 - price_of(best.force):
@@ -122,15 +143,13 @@ def best_candidates(baseline: Baseline, found: Scores, runs: Sequence[xr.Dataset
     return done
 
 
+def _hint(found: Scores, at: int) -> Hint:
+    return Hint(found.probes[at], float(found.z[at]) / float(found.size[at]), found.moved[:, at])
+
+
 def _is_plain(force: Force) -> bool:
     """Without a past, which is slow, and without a frequency, which near resonance mimics anything."""
     return force.memoryless and not is_searched(force)
-
-
-def _refitted(baseline: Baseline, found: Scores, at: int, runs: Sequence[xr.Dataset]) -> Refit:
-    coefficient = float(found.z[at]) / float(found.size[at])
-    hint = Hint(found.probes[at], coefficient, found.moved[:, at])
-    return refit(baseline, hint, runs, baseline.chi_square, far=is_large(baseline))
 
 
 def with_force(problem: Problem, force: Force) -> Problem:
@@ -170,12 +189,13 @@ def without_force(baseline: Baseline, symbol: str) -> tuple[Problem, Array]:
     return replace(problem, library=replace(problem.library, forces=kept), fit_shapes=shapes), unknown
 
 
-def _by_regression(problem: Problem, probe: Probe, runs: Sequence[xr.Dataset]) -> list[Array]:
+def _by_regression(problem: Problem, probe: Probe, runs: Sequence[xr.Dataset], refine: bool) -> list[Array]:
     """First guess from direct identification, which no phase slip can trap; none if it fails."""
     forces = ForceLibrary("trial", tuple(f for f in problem.library if f.kind == "force"))
     shapes = {**problem.shapes, **probe.shapes}
     try:
-        found = Direct(problem.reference_frequency, shapes=shapes).identify(one_or_all(list(runs)), forces)
+        method = Direct(problem.reference_frequency, refine=refine, shapes=shapes)
+        found = method.identify(one_or_all(list(runs)), forces)
     except SysidTribError:
         return []
     value = dict(zip(found.force.values.tolist(), found.coefficient.values.tolist(), strict=True))

@@ -118,7 +118,9 @@ def noise_of(residual: Array, basis: Array, lines: int = LINES) -> Noise:
     # What stands out beside a harmonic is no noise but a swing that changes faster than the oscillations.
     apart = good & ~_beside(good)
     if apart.any():
-        good &= apart | (power < BESIDE * _usual(power, apart))
+        # In a short record harmonics are so close that nothing lies apart.
+        judged = binary_dilation(apart, iterations=WIDE)
+        good &= apart | ~judged | (power < BESIDE * _usual(power, apart))
         power = np.where(good, power, 0.0)
     steepness = _steepness(power, good, n)
     filter_, variance = _autoregression(power, good, n, steepness)
@@ -168,16 +170,25 @@ def _with_line(basis: Array, left: Array, line: int) -> Array:
 
 
 def _steepness(power: Array, good: NDArray[np.bool_], n: int) -> float:
-    """The d of noise whose spectrum rises as 1/f^(2 d) beside an autoregression, 0 if it need not."""
+    """The d of noise whose spectrum rises as 1/f^(2 d) beside an autoregression, 0 if it need not.
 
-    def cost(d: float) -> float:
+    The lines below the swing must not speak against it: what rises towards the swing is no power law.
+    """
+    below = good.copy()
+    first = int(np.argmax(good))
+    below[first + max(0, int(np.argmin(good[first:])) - WIDE // 2) :] = False
+
+    def costs(d: float) -> tuple[float, float]:
         filter_, variance = _autoregression(power, good, n, d)
-        density = variance / (_power_law(n, d) * np.abs(np.fft.rfft(filter_, n)) ** 2)[good]
-        count = len(filter_) - 1 + (d > 0.0)
-        return float(2.0 * np.sum(np.log(density) + power[good] / density) + count * np.log(n))
+        density = variance / (_power_law(n, d) * np.abs(np.fft.rfft(filter_, n)) ** 2)
+        each = 2.0 * (np.log(density) + power / density)
+        parameters = len(filter_) - 1 + (d > 0.0)
+        return float(np.sum(each[good]) + parameters * np.log(n)), float(np.sum(each[below]))
 
-    costs = [cost(d) for d in STEEPNESSES]
-    return float(STEEPNESSES[int(np.argmin(costs))]) if costs[0] - min(costs) > WORTH else 0.0
+    every = np.array([costs(d) for d in STEEPNESSES])
+    best = int(np.argmin(every[:, 0]))
+    whole, low = every[0] - every[best]
+    return float(STEEPNESSES[best]) if whole > WORTH and low > -WORTH else 0.0
 
 
 def _power_law(n: int, d: float) -> Array:

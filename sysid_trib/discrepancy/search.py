@@ -115,7 +115,7 @@ def search(
         ties = {}
         changed = (
             _taken_back(scans[-1], state, bases)
-            or _exchanged(scans[-1], state, runs, bases, ties)
+            or _exchanged(scans[-1], state, bases, ties)
             or _without_needless(state, bases, level)
         )
         if not changed:
@@ -125,7 +125,7 @@ def search(
     if scans[-1].before is not baseline:
         scans.append(_scanned(baseline, added, candidates, seed))
     last = scans[-1]
-    ties |= {s: twins(baseline, s, last.found, last.courses, runs) for s in added if s not in ties}
+    ties |= {s: twins(baseline, s, last.found, last.courses) for s in added if s not in ties}
     return Search(scans, baseline, _by_weight(baseline, added), ties, tuple(dict.fromkeys(failed)))
 
 
@@ -151,14 +151,13 @@ def _taken_back(scan: Scan, state: State, bases: Sequence[Array]) -> State | Non
 def _exchanged(
     scan: Scan,
     state: State,
-    runs: Sequence[xr.Dataset],
     bases: Sequence[Array],
     ties: dict[str, list[Twin]],
 ) -> State | None:
     """The model with a better twin in place of an effect, if there is one; `ties` is filled on the way."""
     baseline, added = state
     for symbol in added:
-        ties[symbol] = twins(baseline, symbol, scan.found, scan.courses, runs)
+        ties[symbol] = twins(baseline, symbol, scan.found, scan.courses)
         best = ties[symbol][0] if ties[symbol] else None
         if best and best.refit and best.cost < cost_of(baseline, symbol) - SWAP:
             names = tuple(best.force.symbol if s == symbol else s for s in added)

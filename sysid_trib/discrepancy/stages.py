@@ -68,13 +68,14 @@ def _between(found: Search, count: int, before: Baseline) -> Baseline:
         mixed[at] = known.get(name, unknown[at])
     mixed[len(names) :] = before.unknown[before.problem.shared :]
     below = fit(problem, mixed, found.final.noises, evaluations=EVALUATIONS)
-    if _gap(below) <= _gap(before):
+    if gap_of(below) <= gap_of(before):
         return below
     above = fit(problem, unknown, found.final.noises, far=True)
-    return min(below, above, key=_gap)
+    return min(below, above, key=gap_of)
 
 
-def _gap(model: Baseline) -> float:
+def gap_of(model: Baseline) -> float:
+    """RMS of what a model leaves of all runs (rad)."""
     return rms(np.concatenate(model.problem.residuals(model.unknown)))
 
 

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from sysid_trib.discrepancy.baseline import Baseline, basis_of, beyond
@@ -88,9 +87,7 @@ def tie_class(fitted: Baseline, symbol: str, found: Sequence[Twin]) -> dict[str,
     return {name: float(p) for name, p, tied in zip(names, each, inside, strict=True) if tied}
 
 
-def twins(
-    fitted: Baseline, symbol: str, found: Scores, courses: Sequence[Course], runs: Sequence[xr.Dataset]
-) -> list[Twin]:
+def twins(fitted: Baseline, symbol: str, found: Scores, courses: Sequence[Course]) -> list[Twin]:
     """Candidates that may explain as much as an effect of the model in its place, the likeliest first.
 
     `found` : scores of the others about the same motion, `courses`. What small deviations leave open is
@@ -109,7 +106,7 @@ def twins(
     for twin in near:
         if twin in wanted:
             name = twin.force.symbol
-            one = refit(place.model, hints[name], runs, own + max(NEAR, _slack(place, twin.force)))
+            one = refit(place.model, hints[name], own + max(NEAR, _slack(place, twin.force)))
             twin = Twin(twin.force, one.chi_square + prices[name], one)
         # A fit that failed is kept, to be told.
         if twin.cost < own + FAR or not np.isfinite(twin.cost):
