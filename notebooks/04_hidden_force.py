@@ -132,8 +132,8 @@ display(st.plots.disagreement(found))
 # %% [markdown]
 # What closes the gap? The score of each candidate is how far its own effect on the motion, less what the
 # known forces can imitate, stands out of the residual, in standard errors. The threshold is corrected for
-# the number of candidates and shape parameters that were tried. What fits as well as the named effect is in
-# its tie class.
+# the number of candidates and shape parameters that were tried. What may as well be the truth is in the
+# named effect's tie class.
 
 # %%
 display(st.plots.rankings(found))
@@ -170,8 +170,8 @@ display(tables.effects_found(one))
 # Which measurement would tell? The forecast knows before it is made: from motions of the *known* model,
 # released from larger and larger angles, it has the coefficient of five standard errors of each candidate,
 # and the cosine between the responses of any two, outside of what the model can imitate. So an effect of
-# the size just found has so many standard errors, and differs from each twin by a part of them. Some 2.6
-# (the square root of what a tie class spans) tell them apart.
+# the size just found has so many standard errors, and differs from each twin by a part of them. Some 2.4
+# (odds of 19 to 1 between two) tell them apart.
 
 
 # %%
