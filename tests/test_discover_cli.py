@@ -132,7 +132,11 @@ def test_json_follows_the_schema(twin):
     for step in found["steps"]:
         assert set(keys) <= set(step)
         assert step["symbol"] not in [other["symbol"] for other in step["indistinguishable_from"]]
-        assert all(set(other) == {"symbol", "name", "formula"} for other in step["indistinguishable_from"])
+        words = {"symbol", "name", "formula", "probability"}
+        assert all(set(other) == words for other in step["indistinguishable_from"])
+        likely = [step["probability"], *(other["probability"] for other in step["indistinguishable_from"])]
+        assert all(p > 0.0 for p in likely)
+        assert sum(likely) <= 1.0 + 1e-3
     assert set(found["model"]["coefficients"]) == set(FIVE)
     assert found["disagreement_after"]["departure_time"] is None
     assert len(found["disagreement"]["spans"]["time"]) == tree["disagreement"].sizes["span"]
