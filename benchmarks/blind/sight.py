@@ -100,6 +100,10 @@ class Sight:
         for start in self.setting.starts:
             moved = self.setting.run([(symbol, p, SMALL)], start, parts).x - self._without(start, parts)
             found.append(self.setting.whitened(moved[:, None])[:, 0] / SMALL)
+        return self._outside(found)
+
+    def _outside(self, found: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """Whitened derivatives of all runs: whole, and outside of the unknowns."""
         whole = np.concatenate(found)
         return whole, whole - self.space @ (self.space.T @ whole)
 
@@ -117,8 +121,7 @@ class Glance(Sight):
         if symbol in SENSORS:
             return super().response(symbol, p)
         moved = [one.by_force(make(symbol, p)) for one in self.near]
-        whole = np.concatenate([self.setting.whitened(one[:, None])[:, 0] for one in moved])
-        return whole, whole - self.space @ (self.space.T @ whole)
+        return self._outside([self.setting.whitened(one[:, None])[:, 0] for one in moved])
 
 
 def beside(u: np.ndarray, others: list[np.ndarray]) -> np.ndarray:

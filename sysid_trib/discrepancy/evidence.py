@@ -8,7 +8,7 @@ from scipy.integrate import trapezoid
 from scipy.interpolate import Akima1DInterpolator
 
 from sysid_trib.discrepancy.baseline import Baseline
-from sysid_trib.discrepancy.frequencies import is_frequency, is_resonance, is_searched
+from sysid_trib.discrepancy.frequencies import is_searched, is_sought
 from sysid_trib.discrepancy.probes import Probe, is_wide
 from sysid_trib.forces import Force
 
@@ -27,8 +27,7 @@ POINTS = 2000
 
 def price_of(force: Force) -> float:
     """What a candidate's shapes must gain in chi-square to be worth a trial."""
-    searched = (is_frequency(force, name) or is_resonance(force, name) for name in force.shape)
-    return sum(PRICE_OF_FREQUENCY if one else PRICE for one in searched)
+    return sum(PRICE_OF_FREQUENCY if is_sought(force, name) else PRICE for name in force.shape)
 
 
 def probabilities(costs: Sequence[float]) -> Array:
