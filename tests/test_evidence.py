@@ -81,6 +81,14 @@ def test_what_a_force_remembers_of_a_motion_is_what_it_would_move(symbol):
     assert np.all(np.linalg.norm(moved - true, axis=0) < 2e-3 * np.linalg.norm(true, axis=0))
 
 
+def test_a_probe_that_is_not_finite_leaves_the_others_alone():
+    about, force = tangent(Model(CONTACT, FIVE, W), RUN.time, 0.3, 0.0), EFFECTS["dahl"]
+    shapes = [{"dahl.s": s} for s in (0.01, 0.0, 0.02)]
+    first, wild, last = values_along(about, force, shapes).T
+    assert not np.all(np.isfinite(wild))
+    np.testing.assert_array_equal([first, last], values_along(about, force, shapes[::2]).T)
+
+
 def test_a_passive_part_never_drives():
     """A negative partial slip is no part of a contact; as an active force it would be named."""
     library = ForceLibrary("with an effect", (*CONTACT.select(FIVE).forces, EFFECTS["partial_slip"]))

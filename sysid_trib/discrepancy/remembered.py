@@ -1,8 +1,8 @@
 """What forces remember of a motion that is given: held values from reversal to reversal, states by steps.
 
 A candidate is tried along a model's motion, which it does not change: its states are then driven by known
-angles and rates, and if their rates are linear in them, all steps are one banded system of equations, for all
-values of the shape parameters at once.
+angles and rates; if their rates are linear in them, so is each step in the last: one triangular system for
+each value of the shape parameters.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_banded
+from scipy.linalg.lapack import dtbtrs
 
 from sysid_trib.discrepancy.response import Tangent
 from sysid_trib.forces import Force
@@ -73,25 +73,32 @@ def _held(about: Tangent, force: Force, given: dict[str, Any], start: dict[str, 
 
 def _state(about: Tangent, force: Force, given: dict[str, Any], start: Array) -> Array:
     """The only state at the points, (point, probe)."""
-    step, count = np.diff(about.tau)[:, None], len(STAGES)
+    h = np.diff(about.tau)[:, None]
     (name,) = force.state
-    # Unknowns one after the other: probe, step, stage; each step begins where the last one ends.
-    shape = (len(start), len(step), count)
-    banded, right = np.zeros((2 * count, *shape)), np.zeros(shape)
-    for column, part in enumerate(STAGES):
+    push, pull = [], []
+    for part in STAGES:
         driven = _driven(about, force, given, part)
         alone, unit = (force.state[name].evaluate(driven | {name: value}) for value in (0.0, 1.0))
-        for row in range(count):
-            weight = WEIGHTS[row, column] * step
-            right[:, :, row] += (weight * alone).T
-            banded[count - 1 + row - column, :, :, column] = (row == column) - (weight * (unit - alone)).T
-    for row in range(count):
-        banded[count + row, :, :-1, -1] = -1.0
-        right[:, 0, row] += start
-    system = banded.reshape(2 * count, -1)
-    # What is not finite comes out so, and is told.
-    found = solve_banded((count, count - 1), system, right.reshape(-1), overwrite_ab=True, check_finite=False)
-    return np.concatenate([start[None], found.reshape(shape)[:, :, -1].T])
+        push.append(h * alone)
+        pull.append(h * (unit - alone))
+    # The rates of both stages hold both: two equations with two unknowns, of which the second ends the step.
+    (a, b), (c, d) = WEIGHTS.tolist()
+    first, second = a * push[0] + b * push[1], c * push[0] + d * push[1]
+    one, other = 1.0 - a * pull[0], c * pull[0]
+    every = one * (1.0 - d * pull[1]) - b * pull[1] * other
+    kept, added = (one + other) / every, (one * second + other * first) / every
+    shape = (len(h), len(start))
+    # From step to step, each probe by itself: what is not finite comes out so, and is told.
+    steps = zip(start, np.broadcast_to(kept, shape).T, np.broadcast_to(added, shape).T, strict=True)
+    return np.column_stack([_followed(*each) for each in steps])
+
+
+def _followed(start: float, kept: Array, added: Array) -> Array:
+    """y with y[0] = start and y[n + 1] = kept[n] y[n] + added[n], a triangular banded system."""
+    band = np.ones((2, len(kept) + 1))
+    band[1, :-1] = -kept
+    found, _ = dtbtrs(band, np.append(start, added)[:, None], uplo="L", diag="U")
+    return np.asarray(found[:, 0])
 
 
 @cache

@@ -1,5 +1,7 @@
 """Least squares of motions on records, over a window that grows where the first guess is far."""
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
@@ -41,10 +43,16 @@ def least(
     low, high = limits(problem, len(unknown))
     bounded = bool(np.any(np.isfinite(low)) or np.any(np.isfinite(high)))
     inside = np.clip(unknown, np.nextafter(low, np.inf), np.nextafter(high, -np.inf))
+
+    # The optimiser asks for sensitivities where it has just asked for residuals.
+    @lru_cache(maxsize=1)
+    def residuals(*unknown: float) -> list[Array]:
+        return problem.residuals(np.array(unknown))
+
     found = least_squares(
-        problem.white_residual,
+        lambda unknown: problem.white(residuals(*unknown)),
         inside,
-        jac=problem.white_sensitivity,
+        jac=lambda unknown: problem.white_sensitivity(unknown, residuals(*unknown)),
         bounds=(low, high) if bounded else (-np.inf, np.inf),
         method="trf" if bounded else "lm",
         x_scale="jac",

@@ -1,6 +1,6 @@
 """The unknowns of a trajectory fit, what their motion leaves of each record, and its sensitivities."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -102,17 +102,24 @@ class Problem:
         model, own = self.model(unknown), self.own(unknown)
         return [record.residual(model, mine) for record, mine in zip(self.records, own, strict=True)]
 
-    def white_residual(self, unknown: Array) -> Array:
-        """Whitened residuals of all runs, one after the other."""
+    def white(self, residuals: Sequence[Array]) -> Array:
+        """Residuals of all runs, whitened, one after the other."""
         return np.concatenate(
-            [record.white(left) for record, left in zip(self.records, self.residuals(unknown), strict=True)]
+            [record.white(left) for record, left in zip(self.records, residuals, strict=True)]
         )
 
-    def white_sensitivity(self, unknown: Array) -> Array:
-        """Derivative of the whitened residuals by each unknown, (sample, unknown)."""
+    def white_residual(self, unknown: Array) -> Array:
+        """Whitened residuals of all runs, one after the other."""
+        return self.white(self.residuals(unknown))
+
+    def white_sensitivity(self, unknown: Array, residuals: Sequence[Array]) -> Array:
+        """Derivative of the whitened residuals by each unknown, (sample, unknown).
+
+        `residuals` : those of these unknowns, as `residuals` gives them.
+        """
         blocks = []
-        for at, record in enumerate(self.records):
-            columns = record.white(self._sensitivity(unknown, at))
+        for at, (record, here) in enumerate(zip(self.records, residuals, strict=True)):
+            columns = record.white(self._sensitivity(unknown, at, here))
             block = np.zeros((len(columns), len(unknown)))
             mine = self.shared + OWN * at
             block[:, : self.shared] = columns[:, : self.shared]
@@ -120,10 +127,9 @@ class Problem:
             blocks.append(block)
         return np.concatenate(blocks)
 
-    def _sensitivity(self, unknown: Array, at: int) -> Array:
-        """Derivative of one run's residual by the shared unknowns and its own, (sample, unknown)."""
+    def _sensitivity(self, unknown: Array, at: int, here: Array) -> Array:
+        """Derivative of one run's residual (`here`) by the shared unknowns and its own, (sample, unknown)."""
         record, own = self.records[at], self.own(unknown)[at]
-        here = record.residual(self.model(unknown), own)
         *shared, angle, rate, _ = self._steps(unknown, record)
         columns = []
         for j, step in enumerate(shared):

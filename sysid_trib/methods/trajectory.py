@@ -128,7 +128,7 @@ def _labelled(
     method: Trajectory, problem: Problem, decays: Sequence[xr.Dataset], library: ForceLibrary, unknown: Array
 ) -> xr.Dataset:
     residuals = problem.residuals(unknown)
-    table, white = problem.white_sensitivity(unknown), problem.white_residual(unknown)
+    table, white = problem.white_sensitivity(unknown, residuals), problem.white(residuals)
     lost = any(
         np.max(np.abs(left)) > np.max(np.abs(record.angle))
         for left, record in zip(residuals, problem.records, strict=True)
