@@ -31,8 +31,7 @@ def signature_text(force: Force) -> tuple[str, str]:
     """The signature as a closed form where it is one term, else its values at two amplitudes."""
     if force.degree is not None:
         parts = [float(part[0]) for part in averages(force, np.ones(1))]
-        power = "" if force.degree == 0 else " a" if force.degree == 1 else f" a^{force.degree:g}"
-        return tuple(f"{_closed(p)}{power}" if abs(p) > 1e-13 else "0" for p in parts)  # type: ignore[return-value]
+        return tuple(_term(p, force.degree) if abs(p) > 1e-13 else "0" for p in parts)  # type: ignore[return-value]
     amplitudes = np.array([0.1, 1.0])
     time = 1.0 if force.holds_time else 0.0
     sine, cosine = averages(force, amplitudes, None, time)
@@ -40,6 +39,14 @@ def signature_text(force: Force) -> tuple[str, str]:
         "0" if np.max(np.abs(part)) < 1e-13 else f"{part[0]:.3g}, {part[1]:.3g} (a = 0.1, 1)"
         for part in (sine, cosine)
     )
+
+
+def _term(value: float, degree: float) -> str:
+    number = _closed(value)
+    if degree == 0:
+        return number
+    power = "a" if degree == 1 else f"a^{degree:g}"
+    return number.replace("1", power) if number in ("1", "-1") else f"{number} {power}"
 
 
 def _closed(value: float) -> str:
