@@ -85,8 +85,9 @@ def _state(about: Tangent, force: Force, given: dict[str, Any], start: Array) ->
     (a, b), (c, d) = WEIGHTS.tolist()
     first, second = a * push[0] + b * push[1], c * push[0] + d * push[1]
     one, other = 1.0 - a * pull[0], c * pull[0]
-    every = one * (1.0 - d * pull[1]) - b * pull[1] * other
-    kept, added = (one + other) / every, (one * second + other * first) / every
+    determinant = one * (1.0 - d * pull[1]) - b * pull[1] * other
+    kept = (one + other) / determinant
+    added = (one * second + other * first) / determinant
     shape = (len(h), len(start))
     # From step to step, each probe by itself: what is not finite comes out so, and is told.
     steps = zip(start, np.broadcast_to(kept, shape).T, np.broadcast_to(added, shape).T, strict=True)
