@@ -21,6 +21,8 @@ TWIN = 0.3
 NEAR = 0.7
 SEARCHED = 7
 FAR = 1e6
+# A state that takes more steps than these in one of the motion follows at once, as another candidate does.
+QUICKEST = 300
 # What leaves so little is not seen.
 UNSEEN = 4.0
 HIDDEN = [*FORCES, *SENSORS]
@@ -197,6 +199,8 @@ def _left_by(symbol: str, sight: Sight, y: np.ndarray, twin: float) -> tuple[flo
 
     def rest(p: Shapes) -> float:
         try:
+            if symbol not in SENSORS and make(symbol, p).parts > QUICKEST:
+                return np.inf
             u = sight.response(symbol, p)[1]
         except (NoDecayError, OverflowError):
             return np.inf
