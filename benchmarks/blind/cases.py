@@ -22,7 +22,7 @@ NEAR = 0.7
 SEARCHED = 7
 FAR = 1e6
 # A state that takes more steps than these in one of the motion follows at once, as another candidate does.
-QUICKEST = 300
+QUICKEST = 100
 # What leaves so little is not seen.
 UNSEEN = 4.0
 HIDDEN = [*FORCES, *SENSORS]
