@@ -54,11 +54,17 @@ class Refit:
 
 @dataclass(frozen=True)
 class Hint:
-    """What the scores say of a candidate: its probe, coefficient, and response (sample,)."""
+    """What the scores say of a candidate: its probe, coefficient, response (sample,), and score."""
 
     probe: Probe
     coefficient: float
     response: Array
+    score: float = 0.0
+
+    @property
+    def force(self) -> Force:
+        """The candidate."""
+        return self.probe.force
 
 
 def refit(baseline: Baseline, hint: Hint, hopeless: float) -> Refit:
@@ -124,27 +130,31 @@ def best_candidates(baseline: Baseline, found: Scores, runs: Sequence[xr.Dataset
     By the scores; where the gap is too large for them, those that are quick to simulate and whose fits begin
     best. A twin that explains more is found later (`twins`).
     """
-    ranked = sorted(found.best(), key=lambda at: price_of(found.probes[at].force) - found.z[at] ** 2)
+    ranked = likeliest(found)
     if is_large(baseline):
-        plain = [at for at in ranked if _is_plain(found.probes[at].force)] or ranked[:1]
-        hints = [_hint(found, at) for at in plain]
+        hints = [hint for hint in ranked if _is_plain(hint.force)] or ranked[:1]
         costs = [_begun(baseline, hint, runs, refine=False).cost for hint in hints]
         likely = [hints[i] for i in np.argsort(costs)[:TRIALS]]
         tried = [_ended(baseline, _begun(baseline, hint, runs, refine=True)) for hint in likely]
         return sorted(tried, key=lambda one: one.cost)
     done: list[Refit] = []
-    for at in ranked[:TRIALS]:
-        one = refit(baseline, _hint(found, at), np.inf)
+    for hint in ranked[:TRIALS]:
+        one = refit(baseline, hint, np.inf)
         done = sorted([*done, one], key=lambda one: one.cost)
         best = done[0]
         # A fit that brings what its score promises is not followed by a better one.
-        if baseline.chi_square - best.cost > PROMISED * found.z[at] ** 2 - price_of(best.force):
+        if baseline.chi_square - best.cost > PROMISED * hint.score**2 - price_of(best.force):
             break
     return done
 
 
-def _hint(found: Scores, at: int) -> Hint:
-    return Hint(found.probes[at], float(found.z[at]) / float(found.size[at]), found.moved[:, at])
+def likeliest(found: Scores) -> list[Hint]:
+    """What the scores say of each candidate that can be tested, the one that explains most first."""
+    ranked = sorted(found.best(), key=lambda at: price_of(found.probes[at].force) - found.z[at] ** 2)
+    return [
+        Hint(found.probes[at], float(found.z[at] / found.size[at]), found.moved[:, at], float(found.z[at]))
+        for at in ranked
+    ]
 
 
 def _is_plain(force: Force) -> bool:

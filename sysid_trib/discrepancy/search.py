@@ -15,7 +15,7 @@ from sysid_trib.discrepancy.noise import Noise, oscillations
 from sysid_trib.discrepancy.omnibus import Omnibus, omnibus
 from sysid_trib.discrepancy.probes import Course
 from sysid_trib.discrepancy.scores import Scores, scores
-from sysid_trib.discrepancy.simpler import simpler
+from sysid_trib.discrepancy.simpler import alone, simpler
 from sysid_trib.discrepancy.standing import leaning
 from sysid_trib.discrepancy.twins import SWAP, Twin, cost_of, twins
 from sysid_trib.errors import SysidTribError
@@ -114,7 +114,7 @@ def search(
         told("twins")
         ties = {}
         changed = (
-            _taken_back(scans[-1], state, bases)
+            _taken_back(scans[0], scans[-1], state, bases)
             or _exchanged(scans[-1], state, bases, ties)
             or _without_needless(state, bases, level)
         )
@@ -142,9 +142,10 @@ def _stepped(
     return after, (*before, *symbols)
 
 
-def _taken_back(scan: Scan, state: State, bases: Sequence[Array]) -> State | None:
+def _taken_back(first: Scan, last: Scan, state: State, bases: Sequence[Array]) -> State | None:
     """One or two effects in place of all, if they cost less."""
-    fewer = simpler(*state, scan.found) if len(state[1]) > 1 else None
+    fewer = simpler(*state, last.found) if len(state[1]) > 1 else None
+    fewer = fewer or alone(*state, first.before, first.found)
     return _stepped(fewer, bases) if fewer is not None else None
 
 

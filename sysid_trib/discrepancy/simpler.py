@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sysid_trib.discrepancy.baseline import Baseline, basis_of, beyond, with_noise
 from sysid_trib.discrepancy.chord import chord
 from sysid_trib.discrepancy.evidence import price_of
-from sysid_trib.discrepancy.naming import with_force
+from sysid_trib.discrepancy.naming import likeliest, refit, with_force
 from sysid_trib.discrepancy.probes import Probe
 from sysid_trib.discrepancy.scores import Scores
 from sysid_trib.methods.motions import Problem
@@ -23,6 +23,11 @@ PRICE_OF_EFFECT = 18.0
 TRIALS = 4
 # Their predicted chi-square may be above the present one by this part of what the effects explain.
 SLACK = 0.003
+# A simpler model costs less by more than fits are uncertain.
+LESS = 0.5
+# Candidates that are tried alone, beside several effects or one of so high a score.
+ALONE = 12
+STRONG = 100.0
 
 
 def simpler(
@@ -58,7 +63,28 @@ def simpler(
         cost = chi_square + _price(problem, symbols)
         if best is None or cost < best[0]:
             best = (cost, problem, unknown, symbols)
-    return best[1:] if best is not None and best[0] < own - 0.5 else None
+    return best[1:] if best is not None and best[0] < own - LESS else None
+
+
+def alone(
+    fitted: Baseline, added: Sequence[str], start: Baseline, found: Scores
+) -> tuple[Problem, Array, tuple[str, ...]] | None:
+    """One candidate in place of all effects added, fitted from the start model; None if none costs less.
+
+    Where effects are strong, small deviations from a motion that others have bent do not show it.
+    `start`, `found` : the start model, and the scores about its motion.
+    """
+    own = fitted.chi_square + _price(fitted.problem, added)
+    if not added or (len(added) == 1 and start.chi_square - own < STRONG**2):
+        return None
+    # Chi-squares compare in the same noise.
+    start = replace(start, noises=fitted.noises)
+    others = [hint for hint in likeliest(found) if added != (hint.force.symbol,)]
+    tried = [refit(start, hint, own) for hint in others[:ALONE]]
+    best = min(tried, key=lambda one: one.cost, default=None)
+    if best is None or best.cost + PRICE_OF_EFFECT > own - LESS:
+        return None
+    return best.problem, best.unknown, (best.force.symbol,)
 
 
 def _price(problem: Problem, symbols: Sequence[str]) -> float:
