@@ -11,11 +11,15 @@ from hypothesis.extra.numpy import arrays
 from scipy.integrate import quad
 
 from sysid_trib import ForceLibrary, Model, load_library
+from sysid_trib.discrepancy.baseline import fit
 from sysid_trib.discrepancy.evidence import CREDIBLE, credible, over_shapes, probabilities
+from sysid_trib.discrepancy.naming import likeliest, refit
 from sysid_trib.discrepancy.probes import Probe, probes_of
 from sysid_trib.discrepancy.remembered import is_driven, values_along
 from sysid_trib.discrepancy.response import responses, tangent
+from sysid_trib.discrepancy.scores import scores
 from sysid_trib.discrepancy.search import first_baseline, search
+from sysid_trib.discrepancy.simpler import alone
 from sysid_trib.discrepancy.twins import tie_class
 from sysid_trib.simulation import trajectory
 
@@ -102,3 +106,17 @@ def test_a_passive_part_never_drives():
     for symbol in held.added:
         value = held.final.unknown[held.final.problem.names.index(symbol)]
         assert value >= 0.0 or not EFFECTS[symbol].passive
+
+
+def test_a_strong_effect_is_held_against_each_candidate_alone():
+    truth = {"zeta": 0.003, "nu": 0.14, "epsilon": 0.49, "inertia": 2.2}
+    base = CONTACT.select(["zeta", "nu", "epsilon"])
+    library = ForceLibrary("with an effect", (*base.forces, EFFECTS["inertia"]))
+    run = decay(RUN.time, trajectory(Model(library, truth, W), RUN.time, 0.26, 0.0).angle, seed=0)
+    start = first_baseline([run], base, None)
+    found = scores(start, EFFECTS.select(["inertia", "sensor_cubic"]), start.courses)
+    fits = {hint.force.symbol: refit(start, hint, np.inf) for hint in likeliest(found)}
+    models = {name: fit(one.problem, one.unknown, start.noises) for name, one in fits.items()}
+    _, _, instead = alone(models["sensor_cubic"], ("sensor_cubic",), start, found)
+    assert instead == ("inertia",)
+    assert alone(models["inertia"], ("inertia",), start, found) is None
