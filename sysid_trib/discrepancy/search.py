@@ -32,7 +32,7 @@ State: TypeAlias = tuple[Baseline, tuple[str, ...]]
 # Family-wise level of error of a name.
 LEVEL = 0.01
 # Rounds of holding names against their twins.
-ROUNDS = 3
+ROUNDS = 4
 # A score of so small a probability stands for something even if no candidate that scores it fits.
 DOUBTLESS = 1e-6
 
@@ -94,8 +94,9 @@ def search(
 ) -> Search:
     """Add effects to a model until the record asks for none, then see what can be said more simply.
 
-    Several effects are replaced by one or two that cost less, each by a twin that costs less, and one that
-    the others make needless is taken out; after a change the record is scanned again.
+    Several effects are replaced by one or two that cost less, each by a twin that costs less, one that the
+    others make needless is taken out, and all by one fitted from the start that costs less; after a change
+    the record is scanned again.
     """
     bases = [oscillations(run) for run in runs]
     scans: list[Scan] = []
@@ -107,16 +108,18 @@ def search(
             told(f"scan {len(scans) + 1}")
             scans.append(_scanned(*state, candidates, seed))
             more = _next(scans[-1], runs, level, max_effects - len(state[1]), failed)
-            longer = more and _stepped(more, bases, state[1])
+            longer = _stepped(more, bases, state[1])
             if not longer:
                 break
             state = longer
         told("twins")
         ties = {}
+        fewer = simpler(*state, scans[-1].found) if len(state[1]) > 1 else None
         changed = (
-            _taken_back(scans[0], scans[-1], state, bases)
+            _stepped(fewer, bases)
             or _exchanged(scans[-1], state, bases, ties)
             or _without_needless(state, bases, level)
+            or _stepped(alone(*state, scans[0].before, scans[0].found), bases)
         )
         if not changed:
             break
@@ -130,9 +133,11 @@ def search(
 
 
 def _stepped(
-    model: tuple[Problem, Array, tuple[str, ...]], bases: Sequence[Array], before: tuple[str, ...] = ()
+    model: tuple[Problem, Array, tuple[str, ...]] | None, bases: Sequence[Array], before: tuple[str, ...] = ()
 ) -> State | None:
-    """The model fitted in the noise that it leaves; None if its motions cannot be followed."""
+    """The model, if there is one, in the noise that it leaves; None if its motions cannot be followed."""
+    if model is None:
+        return None
     problem, unknown, symbols = model
     after = refreshed(problem, unknown, bases)
     try:
@@ -140,13 +145,6 @@ def _stepped(
     except SysidTribError:
         return None
     return after, (*before, *symbols)
-
-
-def _taken_back(first: Scan, last: Scan, state: State, bases: Sequence[Array]) -> State | None:
-    """One or two effects in place of all, if they cost less."""
-    fewer = simpler(*state, last.found) if len(state[1]) > 1 else None
-    fewer = fewer or alone(*state, first.before, first.found)
-    return _stepped(fewer, bases) if fewer is not None else None
 
 
 def _exchanged(

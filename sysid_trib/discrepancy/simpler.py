@@ -74,7 +74,8 @@ def alone(
     Where effects are strong, small deviations from a motion that others have bent do not show it.
     `start`, `found` : the start model, and the scores about its motion.
     """
-    own = fitted.chi_square + _price(fitted.problem, added)
+    # A single effect's shapes are no reason to leave it: how much they cost, its twins tell better.
+    own = fitted.chi_square + (_price(fitted.problem, added) if len(added) > 1 else PRICE_OF_EFFECT)
     if not added or (len(added) == 1 and start.chi_square - own < STRONG**2):
         return None
     # Chi-squares compare in the same noise.
