@@ -72,7 +72,7 @@ def refit(baseline: Baseline, hint: Hint, hopeless: float) -> Refit:
 
     `hopeless` : a chi-square above which, after a few steps, the fit is not brought to its end.
     """
-    problem = with_noise(with_force(baseline.problem, hint.probe.force), baseline.noises)
+    problem = with_noise(with_force(baseline.problem, hint.force), baseline.noises)
     unknown = with_values(baseline, hint)
     try:
         unknown, chi_square, settled = chord(problem, unknown, _with_column(baseline, hint))
@@ -84,7 +84,7 @@ def refit(baseline: Baseline, hint: Hint, hopeless: float) -> Refit:
 
 def _begun(baseline: Baseline, hint: Hint, runs: Sequence[xr.Dataset], *, refine: bool) -> Refit:
     """Where the fit of a candidate begins if the gap is large: by the score, or by regression."""
-    force = hint.probe.force
+    force = hint.force
     problem = with_noise(with_force(baseline.problem, force), baseline.noises)
     starts = [with_values(baseline, hint)]
     if force.kind == "force":

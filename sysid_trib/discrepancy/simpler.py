@@ -13,6 +13,7 @@ from sysid_trib.discrepancy.evidence import price_of
 from sysid_trib.discrepancy.naming import likeliest, refit, with_force
 from sysid_trib.discrepancy.probes import Probe
 from sysid_trib.discrepancy.scores import Scores
+from sysid_trib.discrepancy.twins import SWAP
 from sysid_trib.methods.motions import Problem
 
 Array = NDArray[np.float64]
@@ -23,8 +24,6 @@ PRICE_OF_EFFECT = 18.0
 TRIALS = 4
 # Their predicted chi-square may be above the present one by this part of what the effects explain.
 SLACK = 0.003
-# A simpler model costs less by more than fits are uncertain.
-LESS = 0.5
 # Candidates that are tried alone, beside several effects or one of so high a score.
 ALONE = 12
 STRONG = 100.0
@@ -63,7 +62,7 @@ def simpler(
         cost = chi_square + _price(problem, symbols)
         if best is None or cost < best[0]:
             best = (cost, problem, unknown, symbols)
-    return best[1:] if best is not None and best[0] < own - LESS else None
+    return best[1:] if best is not None and best[0] < own - SWAP else None
 
 
 def alone(
@@ -83,7 +82,7 @@ def alone(
     others = [hint for hint in likeliest(found) if added != (hint.force.symbol,)]
     tried = [refit(start, hint, own) for hint in others[:ALONE]]
     best = min(tried, key=lambda one: one.cost, default=None)
-    if best is None or best.cost + PRICE_OF_EFFECT > own - LESS:
+    if best is None or best.cost + PRICE_OF_EFFECT > own - SWAP:
         return None
     return best.problem, best.unknown, (best.force.symbol,)
 

@@ -30,7 +30,7 @@ COARSE = 0.1
 FAR = 12.0
 NEAR = 30.0
 REACH = 100.0
-# A twin takes an effect's place if it costs less by more than fits are uncertain.
+# Another model takes the place of one if it costs less by more than fits are uncertain.
 SWAP = 0.5
 
 

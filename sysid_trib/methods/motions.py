@@ -102,11 +102,9 @@ class Problem:
         model, own = self.model(unknown), self.own(unknown)
         return [record.residual(model, mine) for record, mine in zip(self.records, own, strict=True)]
 
-    def white(self, residuals: Sequence[Array]) -> Array:
-        """Residuals of all runs, whitened, one after the other."""
-        return np.concatenate(
-            [record.white(left) for record, left in zip(self.records, residuals, strict=True)]
-        )
+    def white(self, values: Sequence[Array]) -> Array:
+        """Values of each run, (sample, ...), whitened, one after the other."""
+        return np.concatenate([record.white(v) for record, v in zip(self.records, values, strict=True)])
 
     def white_residual(self, unknown: Array) -> Array:
         """Whitened residuals of all runs, one after the other."""
