@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from sysid_trib.discrepancy.baseline import Baseline, basis_of, beyond, fit, records_of, refreshed
+from sysid_trib.discrepancy.evidence import narrowness
 from sysid_trib.discrepancy.naming import best_candidates, is_large, is_significant, without_force
 from sysid_trib.discrepancy.noise import Noise, oscillations
 from sysid_trib.discrepancy.omnibus import Omnibus, omnibus
@@ -94,9 +95,9 @@ def search(
 ) -> Search:
     """Add effects to a model until the record asks for none, then see what can be said more simply.
 
-    Several effects are replaced by one or two that cost less, each by a twin that costs less, one that the
-    others make needless is taken out, and all by one fitted from the start that costs less; after a change
-    the record is scanned again.
+    Several effects are replaced by one or two that cost less, one that the others make needless is taken
+    out, each is replaced by a twin that costs less, and all by one fitted from the start that costs less;
+    after a change the record is scanned again.
     """
     bases = [oscillations(run) for run in runs]
     scans: list[Scan] = []
@@ -117,8 +118,8 @@ def search(
         fewer = simpler(*state, scans[-1].found) if len(state[1]) > 1 else None
         changed = (
             _stepped(fewer, bases)
-            or _exchanged(scans[-1], state, bases, ties)
             or _without_needless(state, bases, level)
+            or _exchanged(scans[-1], state, bases, ties)
             or _stepped(alone(*state, scans[0].before, scans[0].found), bases)
         )
         if not changed:
@@ -157,11 +158,12 @@ def _exchanged(
     baseline, added = state
     for symbol in added:
         ties[symbol] = twins(baseline, symbol, scan.found, scan.courses)
-        best = ties[symbol][0] if ties[symbol] else None
-        if best and best.refit and best.cost < cost_of(baseline, symbol) - SWAP:
+        best, least = ties[symbol][0] if ties[symbol] else None, cost_of(baseline, symbol) - SWAP
+        if best and best.refit and best.cost < least:
             names = tuple(best.force.symbol if s == symbol else s for s in added)
             swapped = _stepped((best.refit.problem, best.refit.unknown, names), bases)
-            if swapped:
+            # By the measure of the effect itself too: else two could take each other's place without end.
+            if swapped and best.refit.chi_square + narrowness(swapped[0], best.force) < least:
                 return swapped
     return None
 

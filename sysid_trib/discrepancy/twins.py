@@ -25,10 +25,8 @@ FITTED = 5
 # Shapes are looked at more finely, in so many rounds, within this part of what the effect explains.
 ROUNDS = 3
 COARSE = 0.1
-# A candidate that costs so much more is no twin; of one that did after a few steps, or by as much more as
-# small deviations are wrong, the fit is not brought to its end.
+# A candidate that costs so much more is no twin.
 FAR = 12.0
-NEAR = 30.0
 REACH = 100.0
 # Another model takes the place of one if it costs less by more than fits are uncertain.
 SWAP = 0.5
@@ -106,7 +104,8 @@ def twins(fitted: Baseline, symbol: str, found: Scores, courses: Sequence[Course
     for twin in near:
         if twin in wanted:
             name = twin.force.symbol
-            one = refit(place.model, hints[name], own + max(NEAR, _slack(place, twin.force)))
+            # One that small deviations take for a twin is fitted to its end, however its few steps went.
+            one = refit(place.model, hints[name], np.inf)
             twin = Twin(twin.force, one.chi_square + prices[name], one)
         # A fit that failed is kept, to be told.
         if twin.cost < own + FAR or not np.isfinite(twin.cost):
