@@ -120,3 +120,28 @@ def test_a_strong_effect_is_held_against_each_candidate_alone():
     _, _, instead = alone(models["sensor_cubic"], ("sensor_cubic",), start, found)
     assert instead == ("inertia",)
     assert alone(models["inertia"], ("inertia",), start, found) is None
+
+
+def test_a_likely_twin_is_fitted_to_its_end():
+    """A few steps with nearby sensitivities lead nowhere here: the truth would be no twin."""
+    base = CONTACT.select(["zeta", "delta", "epsilon"])
+    library = ForceLibrary("with an effect", (*base.forces, EFFECTS["bouc_wen"]))
+    truth = {"zeta": 0.003, "delta": 0.011, "epsilon": 0.11, "bouc_wen": 0.0114}
+    model = Model(library, truth, W, {"bouc_wen.b": 8.05})
+    run = decay(RUN.time, trajectory(model, RUN.time, 0.3, 0.0).angle, seed=0)
+    found = search([run], first_baseline([run], base, None), EFFECTS.select(["dahl", "bouc_wen"]))
+    (name,) = found.added
+    assert set(tie_class(found.final, name, found.ties[name])) == {"dahl", "bouc_wen"}
+
+
+def test_two_effects_do_not_take_each_others_place_without_end():
+    base = CONTACT.select(["lambda", "zeta", "nu"])
+    library = ForceLibrary("with an effect", (*base.forces, EFFECTS["dahl"]))
+    truth = {"lambda": 1.7e-4, "zeta": 0.005, "nu": 0.22, "dahl": 3e-4}
+    model = Model(library, truth, W, {"dahl.s": 0.042})
+    run = decay(RUN.time, trajectory(model, RUN.time, 0.3, 0.0).angle, seed=0)
+    found = search([run], first_baseline([run], base, None), EFFECTS.select(["dahl", "lugre"]))
+    (name,) = found.added
+    assert set(tie_class(found.final, name, found.ties[name])) == {"dahl", "lugre"}
+    # One before the effect, one after it, and no more than one exchange.
+    assert len(found.scans) <= 3

@@ -158,13 +158,19 @@ def _exchanged(
     baseline, added = state
     for symbol in added:
         ties[symbol] = twins(baseline, symbol, scan.found, scan.courses)
-        best, least = ties[symbol][0] if ties[symbol] else None, cost_of(baseline, symbol) - SWAP
-        if best and best.refit and best.cost < least:
-            names = tuple(best.force.symbol if s == symbol else s for s in added)
-            swapped = _stepped((best.refit.problem, best.refit.unknown, names), bases)
-            # By the measure of the effect itself too: else two could take each other's place without end.
-            if swapped and best.refit.chi_square + narrowness(swapped[0], best.force) < least:
+        least = cost_of(baseline, symbol) - SWAP
+        for at, twin in enumerate(ties[symbol]):
+            if twin.refit is None or twin.cost >= least:
+                continue
+            names = tuple(twin.force.symbol if s == symbol else s for s in added)
+            swapped = _stepped((twin.refit.problem, twin.refit.unknown, names), bases)
+            if swapped is None:
+                continue
+            # By the measure of the effect itself: else two could take each other's place without end.
+            cost = twin.refit.chi_square + narrowness(swapped[0], twin.force)
+            if cost < least:
                 return swapped
+            ties[symbol][at] = replace(twin, cost=cost)
     return None
 
 
