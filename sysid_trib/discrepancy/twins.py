@@ -25,8 +25,10 @@ FITTED = 5
 # Shapes are looked at more finely, in so many rounds, within this part of what the effect explains.
 ROUNDS = 3
 COARSE = 0.1
-# A candidate that costs so much more is no twin.
+# A candidate that costs so much more is no twin. One that small deviations take for a twin is fitted to its end,
+# unless its few steps leave it further off than they can be wrong, and so far.
 FAR = 12.0
+LOST = 1000.0
 REACH = 100.0
 # Another model takes the place of one if it costs less by more than fits are uncertain.
 SWAP = 0.5
@@ -104,8 +106,7 @@ def twins(fitted: Baseline, symbol: str, found: Scores, courses: Sequence[Course
     for twin in near:
         if twin in wanted:
             name = twin.force.symbol
-            # One that small deviations take for a twin is fitted to its end, however its few steps went.
-            one = refit(place.model, hints[name], np.inf)
+            one = refit(place.model, hints[name], own + max(LOST, _slack(place, twin.force)))
             twin = Twin(twin.force, one.chi_square + prices[name], one)
         # A fit that failed is kept, to be told.
         if twin.cost < own + FAR or not np.isfinite(twin.cost):

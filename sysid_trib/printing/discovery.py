@@ -5,6 +5,7 @@ import json
 import numpy as np
 import xarray as xr
 
+from sysid_trib.printing.discovered import ROWS, strongest, thresholds
 from sysid_trib.printing.gap import in_mrad, noise_of, place_told, residual_of, times_noise
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.printing.seeing import candidates_of, remedy, strengths_told
@@ -43,9 +44,11 @@ def _step_told(tree: xr.DataTree, at: int) -> list[str]:
     unit = "" if step.unit.item() == "1" else f" {step.unit.item()}"
     value = value_with_error(step.coefficient.item(), step.standard_error.item())
     what = "error of the sensor" if step.kind.item() == "sensor" else step.family.item()
+    what = f" ({what})" if what else ""
     told = [
-        f"{at + 1}. {step.symbol.item()}, {step['name'].item()} {step.formula.item()}{shaped} ({what}): "
-        f"{value}{unit}, z = {step.z.item():.3g}, corrected p {chance(step.p_value.item())}."
+        f"{at + 1}. {step.symbol.item()}, {step['name'].item()} {step.formula.item()}{shaped}{what}: "
+        f"{value}{unit}, z = {step.z.item():.3g} (of the coefficient), "
+        f"corrected p {chance(step.p_value.item())} (of what it explains)."
     ]
     told.append(f"   Adding it takes the gap from {_shrinking(tree, at)}.")
     if abs(step.z.item()) < FAINT:
@@ -95,7 +98,8 @@ def _explained(tree: xr.DataTree) -> list[str]:
     added = " and ".join(tree["steps"].symbol.values.tolist())
     return [
         f"Explained: with {added} the model leaves {times_noise(gap, noise)}; no other candidate and no "
-        f"generic force stands out of it (chance of error {_level(tree):.2g})."
+        f"generic force stands out of it (chance of error {_level(tree):.2g}).",
+        *_high_by_chance(tree),
     ]
 
 
@@ -103,8 +107,20 @@ def _nothing(tree: xr.DataTree) -> list[str]:
     noise = times_noise(residual_of(tree, "after"), noise_of(tree))
     return [
         f"Nothing is missing: the model leaves {noise}; no candidate and no generic force stands out of it "
-        f"(chance of error {_level(tree):.2g}). Effects below the strengths that follow may be there unseen."
+        f"(chance of error {_level(tree):.2g}). Effects below the strengths that follow may be there unseen.",
+        *_high_by_chance(tree),
     ]
+
+
+def _high_by_chance(tree: xr.DataTree) -> list[str]:
+    """Of candidates above the threshold of one test each that are looked for at many frequencies."""
+    last, limit = tree["ranking"].to_dataset().isel(scan=[-1]), thresholds(tree)[-1]
+    size = {symbol: abs(last.z.sel(candidate=symbol).item()) for symbol in strongest(last, ROWS)}
+    high = {symbol: z for symbol, z in size.items() if z > limit}
+    if not high:
+        return []
+    told = ", ".join(f"{symbol} ({z:.3g})" for symbol, z in high.items())
+    return [f"Above the threshold of {limit:.3g} but, of so many frequencies tried, by chance: {told}."]
 
 
 def _unknown(tree: xr.DataTree) -> list[str]:

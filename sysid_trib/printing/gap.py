@@ -102,7 +102,9 @@ def _rates_told(found: xr.Dataset, part: str) -> str:
     texts = []
     for end in (int(np.argmin(order)), int(np.argmax(order))):
         value = float(rate.values[end])
-        place = f"{found.time.values[end]:.3g} s" if late else f"{found.amplitude.values[end]:.3g} rad"
+        # The record's own, where the model's has faded.
+        amplitude = found.amplitude.values[end] + found.amplitude_error.values[end]
+        place = f"{found.time.values[end]:.3g} s" if late else f"{amplitude:.3g} rad"
         size = f"{100.0 * abs(value):.2g} %" if part == "phase" else f"by {abs(value):.2g} w"
         texts.append((f"{size} {'faster' if value > 0.0 else 'slower'}", place))
     (first, here), (last, there) = texts
