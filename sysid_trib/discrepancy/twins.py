@@ -25,10 +25,10 @@ FITTED = 5
 # Shapes are looked at more finely, in so many rounds, within this part of what the effect explains.
 ROUNDS = 3
 COARSE = 0.1
-# A candidate that costs so much more is no twin. What small deviations take for one is fitted to its end, unless
-# its few steps leave it further off than they can be wrong, and so far.
+# A candidate that costs so much more is no twin. What small deviations take for one is fitted to its end,
+# unless its few steps leave it further off than they can be wrong, and so far.
 FAR = 12.0
-LOST = 1000.0
+LOST = 5000.0
 REACH = 100.0
 # Another model takes the place of one if it costs less by more than fits are uncertain.
 SWAP = 0.5
