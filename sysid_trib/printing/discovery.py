@@ -5,7 +5,7 @@ import json
 import numpy as np
 import xarray as xr
 
-from sysid_trib.printing.discovered import ROWS, strongest, thresholds
+from sysid_trib.printing.discovered import thresholds
 from sysid_trib.printing.gap import in_mrad, noise_of, place_told, residual_of, times_noise
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.printing.seeing import candidates_of, remedy, strengths_told
@@ -113,13 +113,13 @@ def _nothing(tree: xr.DataTree) -> list[str]:
 
 
 def _high_by_chance(tree: xr.DataTree) -> list[str]:
-    """Of candidates above the threshold of one test each that are looked for at many frequencies."""
-    last, limit = tree["ranking"].to_dataset().isel(scan=[-1]), thresholds(tree)[-1]
-    size = {symbol: abs(last.z.sel(candidate=symbol).item()) for symbol in strongest(last, ROWS)}
-    high = {symbol: z for symbol, z in size.items() if z > limit}
-    if not high:
+    """Candidates above the threshold of one test each that are looked for at many frequencies."""
+    last, limit = tree["ranking"].to_dataset().isel(scan=-1), thresholds(tree)[-1]
+    high = last.isel(candidate=(abs(last.z.values) > limit) & (last.p_value.values >= _level(tree)))
+    if not high.sizes["candidate"]:
         return []
-    told = ", ".join(f"{symbol} ({z:.3g})" for symbol, z in high.items())
+    pairs = zip(high.candidate.values.tolist(), abs(high.z.values).tolist(), strict=True)
+    told = ", ".join(f"{symbol} ({z:.3g})" for symbol, z in pairs)
     return [f"Above the threshold of {limit:.3g} but, of so many frequencies tried, by chance: {told}."]
 
 
