@@ -8,6 +8,7 @@ from pathlib import Path
 
 import typer
 
+from sysid_trib import __version__
 from sysid_trib.commands.compare import compare
 from sysid_trib.commands.discover import discover
 from sysid_trib.commands.forces import forces
@@ -20,12 +21,25 @@ from sysid_trib.errors import SysidTribError
 INTERRUPTED = 130
 
 app = typer.Typer(
-    help="Which forces act in an oscillator, learned from its free decay.",
     no_args_is_help=False,
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+
+
+def _show_version(asked: bool) -> None:
+    if asked:
+        print(f"sysid-trib {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: bool = typer.Option(False, "--version", callback=_show_version, is_eager=True, help="Show it."),
+) -> None:
+    """Which forces act in an oscillator, learned from its free decay."""
+
 
 for command in (identify, discover, compare, simulate, report, forces):
     app.command()(command)
@@ -59,7 +73,8 @@ def _outcome() -> tuple[int, str]:
     except SysidTribError as error:
         return error.exit_status, str(error)
     except click_error as error:
-        return 2, f"{error.format_message().rstrip('.')}. See sysid-trib --help."  # type: ignore[attr-defined]
+        said = error.format_message()  # type: ignore[attr-defined]
+        return 2, f"{said}{'' if said.endswith(('.', '?')) else '.'} See sysid-trib --help."
     except (KeyboardInterrupt, typer.Abort):
         return INTERRUPTED, "interrupted."
     except OSError as error:

@@ -111,6 +111,7 @@ SIMULATE = ("simulate", "-o", "x.csv")
 # Arguments after `sysid-trib`, exit status, and a part of what is said.
 COMMANDS = [
     (["frobnicate"], 2, "No such command 'frobnicate'"),
+    (["identfy"], 2, "Did you mean 'identify'? See"),
     ([], 2, "Missing command"),
     (["identify", "--frob"], 2, "No such option: --frob"),
     (["identify", "missing.csv"], 2, "missing.csv: there is no such file"),

@@ -11,7 +11,7 @@ from helpers import FIVE, W, library_of_formulas, paper_run
 from sysid_trib import Model, discover, load, plots
 from sysid_trib.discrepancy.trends import trend
 from sysid_trib.forces import ForceLibrary
-from sysid_trib.printing.discovered import discovery_json, strongest, thresholds
+from sysid_trib.printing.discovered import discovery_json, ranking_table, strongest, thresholds
 from sysid_trib.printing.discovery import discovery_told
 from sysid_trib.printing.gap import noise_of, residual_of
 from sysid_trib.printing.seeing import remedy
@@ -120,6 +120,11 @@ def test_story_of_the_twin(twin):
     assert f"lambda {friction:.2g}" in told
     assert "Not testable on this record: " in told
     assert "worse" not in told
+    besides = re.search("The model has besides: (.*)[.]", told)[1]
+    assert [one.split(" = ")[0] for one in besides.split(", ")] == ["w", "lambda", "zeta", "delta"]
+    zeta = tree["after"].sel(force="zeta")
+    assert f"zeta = {zeta.coefficient.item():.6f} ± {zeta.standard_error.item():.6f}" in besides
+    assert [*ranking_table(tree).columns[0].cells][:2] == ["nu", "epsilon"]
 
 
 def test_json_follows_the_schema(twin):
@@ -185,6 +190,18 @@ def test_disagreement_map_is_blank_without_samples_and_centred(twin):
     assert mesh.norm.vmin == -mesh.norm.vmax
 
 
+def test_errors_of_the_disagreement_map_are_those_of_the_noise(twin, folder, tmp_path):
+    small(folder, folder / "plain.csv", "-o", tmp_path / "plain.nc")
+    for tree in (twin[0], load(tmp_path / "plain.nc")):
+        found = tree["disagreement_after"].to_dataset()
+        z = (found.force / found.standard_error).where(found.samples >= 5).values
+        assert 0.7 < np.sqrt(np.nanmean(z**2)) < 1.4
+    before = twin[0]["disagreement"].to_dataset()
+    beyond = (abs(before.force) > 3.0 * before.standard_error).where(before.samples >= 5, False)
+    dots = plots.disagreement_map(twin[0]).lines[0]
+    assert len(dots.get_xdata()) == beyond.sum() > 0
+
+
 def test_ranking_shows_the_scores_with_their_threshold(twin):
     tree = twin[0]
     for scan in range(tree["ranking"].sizes["scan"]):
@@ -224,6 +241,17 @@ def test_nothing_is_missing(folder):
     assert "Candidates would be detected" in ending.out
 
 
+@pytest.mark.parametrize("candidates", [OFFERED, {"stiff": "x"}])
+def test_nothing_is_missing_or_nothing_testable_is_drawn_too(folder, tmp_path, candidates):
+    offered = toml(tmp_path / "offered.toml", candidates)
+    found = tmp_path / "found.nc"
+    files = ("--library", folder / "viscous.toml", "--candidates", offered, "-o", found, "--plot", tmp_path)
+    assert run("discover", folder / "plain.csv", *files).status == 0
+    ending = run("report", found, "-o", tmp_path / "found.html")
+    assert (ending.status, ending.err) == (0, "")
+    assert (tmp_path / "forecast.png").exists()
+
+
 def test_a_candidate_that_is_not_finite_on_this_motion_is_told(folder):
     ending = small(folder, folder / "large.csv")
     assert (ending.status, ending.err) == (0, "")
@@ -247,9 +275,9 @@ def test_a_held_out_window_takes_no_part(folder, tmp_path):
     tree = load(path)
     assert tree["steps"].symbol.values.tolist() == ["cubic"]
     assert tree["record"].time.values.max() < 6.0
-    assert tree.attrs["held_out"] == "6: s of each record"
+    assert tree.attrs["held_out"] == "from 6 s on"
     assert tree["holdout"].rms.values[1] < 0.5 * tree["holdout"].rms.values[0]
-    assert "on the hold-out (6: s of each record)" in ending.out
+    assert "on the hold-out (from 6 s on)" in ending.out
     assert f"Written: {path}" in ending.out
 
 

@@ -57,7 +57,7 @@ def _read_decay(
     from sysid_trib.reading.columns import ANGLE_UNITS
     from sysid_trib.records import read_record
 
-    limits = parse_window(window)
+    limits = parse_window(window, "--window")
     centre: float | str = equilibrium if equilibrium == "auto" else parse_number(equilibrium, "--equilibrium")
     if record is None:
         given = [k for k, v in asdict(columns).items() if v is not None and (k, v) != ("signal", "angle")]
@@ -144,12 +144,12 @@ def check_folder(folder: Path | None) -> None:
         raise RecordError(f"{folder}: cannot be written, {there} {reason}; choose another folder for --plot.")
 
 
-def parse_window(text: str) -> tuple[float | None, float | None]:
+def parse_window(text: str, option: str) -> tuple[float | None, float | None]:
     """`15:75` in s; either side may be empty."""
     sides = text.split(":")
     if len(sides) != 2:
-        raise UsageError(f"--window '{text}' must be START:STOP in seconds, such as 15:75, 25: or :60.")
-    low, high = (parse_number(side, "--window") if side.strip() else None for side in sides)
+        raise UsageError(f"{option} '{text}' must be START:STOP in seconds, such as 15:75, 25: or :60.")
+    low, high = (parse_number(side, option) if side.strip() else None for side in sides)
     return low, high
 
 

@@ -90,7 +90,7 @@ def discover(
             tell=tell,
         )
     if holdout is not None:
-        tree.attrs["held_out"] = f"{holdout} s of each record"
+        tree.attrs["held_out"] = discovery_inputs.window_told(holdout, len(held))
     tree.attrs["command"] = command_line()
     if output is not None:
         result_files.save(tree, output)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sysid_trib.commands.checks import parse_number
+from sysid_trib.commands.checks import parse_window
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.library_files import load_library
 
@@ -50,12 +50,16 @@ def held_out(
     """What is learned from, and what is kept for prediction: the window (`START:STOP`, s) of each decay."""
     if window is None:
         return list(decays), []
-    sides = window.split(":")
-    if len(sides) != 2:
-        raise UsageError(f"--holdout '{window}' must be START:STOP in seconds, such as 15:, :5 or 15:20.")
-    low, high = (parse_number(side, "--holdout") if side.strip() else None for side in sides)
+    low, high = parse_window(window, "--holdout")
     pairs = [_parted(decay, low, high, window) for decay in decays]
     return [seen for seen, _ in pairs], [held for _, held in pairs]
+
+
+def window_told(window: str, runs: int) -> str:
+    """What is held out, as the story has it."""
+    low, high = parse_window(window, "--holdout")
+    ends = "" if low is None else f"from {low:g} s on" if high is None else f"{low:g} s to {high:g} s"
+    return (ends or f"up to {high:g} s") + (" of each run" if runs > 1 else "")
 
 
 def _parted(

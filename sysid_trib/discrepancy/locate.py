@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 from scipy.signal import freqz
-from scipy.stats import chi2
+from scipy.stats import binned_statistic_2d, chi2
 
 from sysid_trib.discrepancy.baseline import Baseline
 from sysid_trib.discrepancy.noise import Noise
@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 SPANS = 24
 # Cells of the map, each way.
 CELLS = 11
+# Drawings of noise, for the errors of the map.
+DRAWS = 32
 # A gap whose mean square over half a period is beyond this many times the noise's has left it.
 LEFT = 4.0
 # A part of the gap counts that noise alone would make so large with this chance.
@@ -53,9 +55,9 @@ def disagreement(baseline: Baseline, courses: Sequence[Course]) -> xr.Dataset:
     Dataset. Over `span` (of all runs in turn; `run`, `time` in s, `amplitude` in rad): `rms` (rad),
     `gap_over_noise`, and with standard errors `offset`, `amplitude_error`, `phase_error`, `second_cosine`,
     ... (rad). As trends through these `frequency_error` and `decay_error`, of the record minus the model's,
-    over w. Over `x` and `v` (rad): `force`, the mean force that the gap asks for, as a part of I w^2, and
-    the number of `samples`. attrs: `departure_time` (s, of the run `departure_run`), `parts` of which
-    the gap is made beyond the noise, most first, and `where` it acts.
+    over w. Over `x` and `v` (rad): `force`, the mean force that the gap asks for, as a part of I w^2, its
+    `standard_error` by the noise alone, and the number of `samples`. attrs: `departure_time` (s, of the run
+    `departure_run`), `parts` of which the gap is made beyond the noise, most first, and `where` it acts.
     """
     residuals = [-left for left in baseline.problem.residuals(baseline.unknown)]
     spans, cells, departures = [], [], []
@@ -63,7 +65,7 @@ def disagreement(baseline: Baseline, courses: Sequence[Course]) -> xr.Dataset:
         x, v = course.about.at_samples(course.about.x), course.about.at_samples(course.about.v)
         departures.append(_departure(course.time, gap, x, noise.deviation))
         spans.append(_demodulated(run, course, gap, (x, v), noise))
-        cells.append(_asked_force(course, gap, (x, v)))
+        cells.append((x, v, _asked_force(course, gap, (x, v)), _asked_by_noise(course, noise)))
     found = xr.concat(spans, "span").merge(_map(cells))
     left = [(time, run) for run, time in enumerate(departures) if np.isfinite(time)]
     first = min(left) if left else (np.nan, 0)
@@ -171,8 +173,8 @@ def _place_of_rms(found: xr.Dataset) -> str:
     return "large amplitude" if ratio > 2.0 else "small amplitude" if ratio < 0.5 else "all amplitudes"
 
 
-def _asked_force(course: Course, gap: Array, motion: tuple[Array, Array]) -> tuple[Array, Array, Array]:
-    """Angle, rate over w, and the force that would make the gap, by its equation of motion.
+def _asked_force(course: Course, gap: Array, motion: tuple[Array, Array]) -> Array:
+    """The force that would make the gap over I w^2, by its equation of motion.
 
     Both motions are smoothed alike, so that what smoothing takes from them falls out.
     """
@@ -190,22 +192,34 @@ def _asked_force(course: Course, gap: Array, motion: tuple[Array, Array]) -> tup
             asked = asked - course.model.coefficients.get(force.symbol, 0.0) * (there - here)
     # A spline bends freely in the quarter period before its ends.
     inside = np.minimum(w * since, w * (since[-1] - since)) > 0.5 * np.pi
-    asked = np.where(inside, asked, np.nan)
-    return x, v, asked
+    return np.where(inside, asked, np.nan)
 
 
-def _map(cells: Sequence[tuple[Array, Array, Array]]) -> xr.Dataset:
-    x, v, force = (np.concatenate(part) for part in zip(*cells, strict=True))
+def _asked_by_noise(course: Course, noise: Noise) -> Array:
+    """The same of drawings of the noise, (draw, sample); what it does to the model's forces is small."""
+    drawn = noise.drawn(len(course.time), DRAWS)
+    left, _, curvature, _ = smooth(build_weak_form(course.model.reference_frequency * course.time), drawn.T)
+    return np.asarray(-(curvature + left).T)
+
+
+def _map(cells: Sequence[tuple[Array, Array, Array, Array]]) -> xr.Dataset:
+    x, v, force, drawn = (np.concatenate(part, axis=-1) for part in zip(*cells, strict=True))
     size = 1.001 * float(np.max(np.hypot(x, v)))
     edges = np.linspace(-size, size, CELLS + 1)
     good = np.isfinite(force)
-    samples, *_ = np.histogram2d(x[good], v[good], [edges, edges])
-    total, *_ = np.histogram2d(x[good], v[good], [edges, edges], weights=force[good])
-    mean = np.divide(total, samples, out=np.full_like(total, np.nan), where=samples > 0)
+    values = np.concatenate([np.ones((1, len(x))), force[None], drawn])[:, good]
+    binned = binned_statistic_2d(x[good], v[good], values, "sum", bins=[edges, edges]).statistic
+    samples = binned[0]
+    mean, *scatter = np.where(samples > 0, binned[1:] / np.maximum(samples, 1.0), np.nan)
     middle = 0.5 * (edges[1:] + edges[:-1])
     told = {"units": "rad", "long_name": "force that the gap asks for, over I w^2"}
+    error = {"units": "rad", "long_name": "standard error of that force by the noise"}
     return xr.Dataset(
-        {"force": (("x", "v"), mean, told), "samples": (("x", "v"), samples, {"units": "1"})},
+        {
+            "force": (("x", "v"), mean, told),
+            "standard_error": (("x", "v"), np.sqrt(np.mean(np.square(scatter), axis=0)), error),
+            "samples": (("x", "v"), samples, {"units": "1"}),
+        },
         {
             "x": ("x", middle, {"units": "rad", "long_name": "angle"}),
             "v": ("v", middle, {"units": "rad", "long_name": "angular rate over w"}),

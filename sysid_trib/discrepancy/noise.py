@@ -61,6 +61,12 @@ class Noise:
         power = np.abs(np.fft.rfft(self.filter_, lines)[1:]) ** 2
         return self.level * float(np.sqrt(np.mean(1.0 / power)))
 
+    def drawn(self, samples: int, count: int) -> Array:
+        """Drawings of such noise, (count, samples), rad, of mean zero; always the same."""
+        lines = np.fft.rfft(np.random.default_rng(0).standard_normal((count, samples)))
+        lines[:, 0] = 0.0
+        return np.asarray(np.fft.irfft(self.level * lines / np.fft.rfft(self.filter_, samples), samples))
+
 
 def oscillations(decay: xr.Dataset) -> Array:
     """Slowly changing harmonics of the motion, orthonormal, (sample, column).

@@ -8,7 +8,7 @@ import xarray as xr
 
 from sysid_trib.decays.half_sines import envelope as half_sine_envelope
 from sysid_trib.errors import SysidTribError
-from sysid_trib.plots.style import LEGEND, LINES, MARKS, axes, logarithmic_amplitude, thinning
+from sysid_trib.plots.style import LEGEND, LINES, MARKS, POINTS, axes, logarithmic_amplitude, thinning
 from sysid_trib.runs import noise_of_run, record_groups
 
 if TYPE_CHECKING:
@@ -20,6 +20,8 @@ MODELS = dict(zip(("before", "after"), LINES, strict=True))
 # Cells of fewer samples say nothing; colours end where so many percent of the cells lie within.
 FEW = 5
 WITHIN = 98.0
+# A dot marks cells of so many standard errors.
+BEYOND = 3.0
 
 
 def discovery(tree: xr.DataTree, run: int = 0) -> "Figure":
@@ -49,7 +51,7 @@ def discovery(tree: xr.DataTree, run: int = 0) -> "Figure":
 
 
 def disagreement(tree: xr.DataTree) -> "Figure":
-    """The disagreement map before and after, in the same colours.
+    """The disagreement map before and after, in the same colours; dots: beyond three standard errors.
 
     Parameters
     ----------
@@ -68,7 +70,9 @@ def disagreement(tree: xr.DataTree) -> "Figure":
 
 
 def disagreement_map(tree: xr.DataTree, ax: "Axes | None" = None, *, after: bool = False) -> "Axes":
-    """Mean force that the gap asks for over angle and rate, as a part of I w^2; blank without samples.
+    """Mean force that the gap asks for over angle and rate, f in theta'' + w^2 theta = -w^2 f (rad).
+
+    Dots mark what is beyond three standard errors of the noise.
 
     Parameters
     ----------
@@ -83,7 +87,7 @@ def disagreement_map(tree: xr.DataTree, ax: "Axes | None" = None, *, after: bool
 def _mapped(tree: xr.DataTree, ax: "Axes", after: bool) -> "QuadMesh":
     from matplotlib.colors import TwoSlopeNorm
 
-    force, limit = missing_force(tree, after=after)
+    force, error, limit = missing_force(tree, after=after)
     norm = TwoSlopeNorm(0.0, -limit, limit)
     mesh = ax.pcolormesh(
         force.x.values,
@@ -94,22 +98,27 @@ def _mapped(tree: xr.DataTree, ax: "Axes", after: bool) -> "QuadMesh":
         shading="nearest",
         rasterized=True,
     )
+    beyond = np.argwhere(np.abs(force.values) > BEYOND * error.values)
+    dots = force.x.values[beyond[:, 0]], force.v.values[beyond[:, 1]]
+    ax.plot(*dots, ".", color="black", markersize=2.5, label=f"beyond {BEYOND:g} standard errors")
+    ax.legend(**LEGEND)
     ax.set(xlabel=r"angle $\theta$ (rad)", ylabel=r"$\dot\theta/\omega$ (rad)", aspect="equal")
     return mesh
 
 
-def missing_force(tree: xr.DataTree, *, after: bool) -> tuple[xr.DataArray, float]:
-    """Force that the gap asks for over I w^2 (mrad, nan of few samples), and where both maps' colours end."""
+def missing_force(tree: xr.DataTree, *, after: bool) -> tuple[xr.DataArray, xr.DataArray, float]:
+    """Force that the gap asks for (over I w^2, mrad, nan of few samples), its error, where colours end."""
     before, found = (tree[name].to_dataset() for name in ("disagreement", "disagreement_after"))
     kept = np.abs(before.force.values[before.samples.values >= FEW])
     limit = 1e3 * float(np.percentile(kept[np.isfinite(kept)], WITHIN)) if np.isfinite(kept).any() else 1.0
     shown = found if after else before
-    return (1e3 * shown.force).where(shown.samples >= FEW), limit
+    force = (1e3 * shown.force).where(shown.samples >= FEW)
+    return force, 1e3 * shown.standard_error, limit
 
 
 def _with_bar(figure: Any, mesh: "QuadMesh", panels: Any) -> None:
     bar = figure.colorbar(mesh, ax=panels, extend="both", shrink=0.9)
-    bar.set_label(r"missing force over $I\omega^2$ (mrad)")
+    bar.set_label(r"missing $f$ in $\ddot\theta + \omega^2\theta = -\omega^2 f$ (mrad)")
 
 
 def _record(tree: xr.DataTree, ax: "Axes", run: int) -> None:
@@ -146,7 +155,8 @@ def _envelope(tree: xr.DataTree, ax: "Axes", run: int) -> None:
     for name, style, found in _envelopes(tree, run):
         time, a = found.instant_time.values, found.amplitude.values
         if name == "record":
-            ax.errorbar(time, a, found.amplitude_standard_error.values, **style)
+            points = ax.errorbar(time, a, found.amplitude_standard_error.values, **style)
+            ax.legend([points], [POINTS], **LEGEND)
             low, high = 0.8 * float(np.min(a)), 1.15 * float(np.max(a))
             ax.set_ylim(max(low, 0.2 * float(np.median(a))), high)
         else:
@@ -159,7 +169,8 @@ def _frequency(tree: xr.DataTree, ax: "Axes", run: int) -> None:
     for name, style, found in _envelopes(tree, run):
         a, w = found.amplitude.values, found.frequency.values
         if name == "record":
-            ax.errorbar(a, w, found.frequency_standard_error.values, **style)
+            points = ax.errorbar(a, w, found.frequency_standard_error.values, **style)
+            ax.legend([points], [POINTS], **LEGEND)
             # A few wild points at the noise floor must not squeeze the course into a line.
             low, high = np.percentile(w, [3, 97])
             ax.set_ylim(low - 0.4 * (high - low), high + 0.4 * (high - low))

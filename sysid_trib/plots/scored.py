@@ -126,6 +126,9 @@ def forecast(tree: xr.DataTree, ax: "Axes | None" = None) -> "Axes":
         ]
         if not np.any(np.isfinite(pair)):
             ax.text(0.01, row, "not testable", transform=ax.get_yaxis_transform(), va="center", fontsize=6)
+        elif np.isnan(pair[1]) and symbol in last.candidate:
+            told = {"textcoords": "offset points", "va": "center", "fontsize": 6}
+            ax.annotate("start model only", (pair[0], row), (5, 0), **told)
         ax.plot(pair, [row, row], "-", color="0.6", linewidth=0.7)
         ax.plot(pair[:1], [row], **OTHERS)
         ax.plot(pair[1:], [row], marker="o", markersize=4, color="0.2")
@@ -135,7 +138,9 @@ def forecast(tree: xr.DataTree, ax: "Axes | None" = None) -> "Axes":
     _families(ax, first, symbols)
     ax.set_yticks(range(len(symbols)), symbols)
     ax.set_ylim(len(symbols) - 0.4, -0.6)
-    ax.set(xlabel="coefficient of five standard errors (in the candidate's unit)", xscale="log")
+    ax.set_xlabel("coefficient of five standard errors (in the candidate's unit)")
+    if any(np.any(np.isfinite(line.get_xdata())) for line in ax.lines):
+        ax.set_xscale("log")
     ax.tick_params(axis="y", labelsize=6)
     ax.grid(axis="x", color="0.9", linewidth=0.5)
     ax.set_axisbelow(True)

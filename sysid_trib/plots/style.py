@@ -34,6 +34,8 @@ LEGEND: dict[str, Any] = {
     "bbox_to_anchor": (1.0, 1.0),
     "borderaxespad": 0.1,
 }
+# What the open circles are.
+POINTS = "half periods of the record"
 MOST_POINTS = 4000
 
 

@@ -8,7 +8,7 @@ import xarray as xr
 
 from sysid_trib.printing.gap import noise_of, residual_of
 from sysid_trib.printing.layout import number, text_table
-from sysid_trib.printing.seeing import candidates_of
+from sysid_trib.printing.seeing import added, candidates_of
 from sysid_trib.runs import record_groups
 
 if TYPE_CHECKING:
@@ -16,15 +16,16 @@ if TYPE_CHECKING:
 
 # Candidates in the table.
 ROWS = 10
-RANKING = "Strongest candidates, |z| before each step and at the end (-: in the model, or not testable)"
+RANKING = "Named and strongest candidates, |z| before each step and at the end (-: in the model, or untested)"
 NUMBERS = ("coefficient", "standard_error", "z", "p_value", "residual_before", "residual_after")
 WORDS = ("symbol", "name", "formula", "family", "kind", "unit")
 
 
 def ranking_table(tree: xr.DataTree) -> "Table":
-    """|z| of the best candidates before each step and after the last; those in the model have none."""
+    """|z| of named and best candidates before each step and after the last; those in the model have none."""
     found = tree["ranking"].to_dataset()
-    chosen = strongest(found, ROWS)
+    named = [symbol for symbol in added(tree) if symbol in found.candidate]
+    chosen = list(dict.fromkeys([*named, *strongest(found, ROWS)]))
     count = found.sizes["scan"]
     heads = ["candidate", "name", *(f"step {at + 1}" for at in range(count - 1)), "end"]
     rows = []

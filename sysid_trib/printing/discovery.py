@@ -8,7 +8,7 @@ import xarray as xr
 from sysid_trib.printing.discovered import thresholds
 from sysid_trib.printing.gap import in_mrad, noise_of, place_told, residual_of, times_noise
 from sysid_trib.printing.layout import value_with_error
-from sysid_trib.printing.seeing import candidates_of, remedy, strengths_told
+from sysid_trib.printing.seeing import added, candidates_of, remedy, strengths_told
 
 # Generic shapes and candidates that are named where they stand out.
 MOST = 3
@@ -90,14 +90,28 @@ def _pair(before: float, after: float, noise: float) -> str:
 
 def _verdict_told(tree: xr.DataTree) -> list[str]:
     said = {"explained": _explained, "nothing missing": _nothing, "unknown effect": _unknown}
-    return said[tree.attrs["verdict"]](tree)
+    return [*said[tree.attrs["verdict"]](tree), _model_told(tree)]
+
+
+def _model_told(tree: xr.DataTree) -> str:
+    """Frequency and forces of the final model that no step has told."""
+    after, named = tree["after"].to_dataset(), added(tree)
+    w = value_with_error(after.reference_frequency.item(), after.reference_frequency_standard_error.item())
+    values = [f"w = {w} rad/s"]
+    for symbol in after.force.values.tolist():
+        if symbol not in named:
+            one = after.sel(force=symbol)
+            unit = "" if one.unit.item() == "1" else f" {one.unit.item()}"
+            value = value_with_error(one.coefficient.item(), one.standard_error.item())
+            values.append(f"{symbol} = {value}{unit}")
+    return f"The model {'has besides' if named else 'has'}: {', '.join(values)}."
 
 
 def _explained(tree: xr.DataTree) -> list[str]:
     gap, noise = residual_of(tree, "after"), noise_of(tree)
-    added = " and ".join(tree["steps"].symbol.values.tolist())
+    named = " and ".join(added(tree))
     return [
-        f"Explained: with {added} the model leaves {times_noise(gap, noise)}; no other candidate and no "
+        f"Explained: with {named} the model leaves {times_noise(gap, noise)}; no other candidate and no "
         f"generic force stands out of it (chance of error {_level(tree):.2g}).",
         *_high_by_chance(tree),
     ]

@@ -19,6 +19,12 @@ def candidates_of(tree: xr.DataTree) -> ForceLibrary:
     return parse_library(tomllib.loads(tree.attrs["candidates"]), "candidates")
 
 
+def added(tree: xr.DataTree) -> list[str]:
+    """Symbols of the effects that were added, in their order."""
+    # Without a step there is but the count.
+    return tree["steps"].symbol.values.tolist() if tree["steps"].attrs["count"] else []
+
+
 def remedy(tied: Sequence[Force]) -> str:
     """The measurement that would tell tied forces apart, by how they differ."""
     if _mixed([force.kind == "sensor" for force in tied]):

@@ -48,8 +48,9 @@ BY_METHOD = (
     "blue: direct, orange: averaging, dark: decrements and others."
 )
 MAPPED = (
-    "Mean force that the gap asks for over angle and rate, as a part of I w², before (left, or first) and "
-    "after; blank where samples are few."
+    "Mean force f that the gap asks for over angle and rate, in θ″ + w²θ = -w²f, before (left, or first) and "
+    "after; blank where samples are few. Its standard error, by the noise, is under the pointer; in print, "
+    "dots mark what is beyond three."
 )
 RANKED = (
     "Candidates by score. Orange diamond: the one that is named; blue squares: what cannot be told from it; "

@@ -8,6 +8,7 @@ import xarray as xr
 from sysid_trib.plots.discovered import missing_force
 from sysid_trib.plots.scored import BEST, FAR, by_family, marked, scan_title, shown_scans
 from sysid_trib.printing.discovered import strongest, thresholds
+from sysid_trib.printing.seeing import added
 from sysid_trib.reporting import drawing
 from sysid_trib.reporting.parts import Panel
 
@@ -36,14 +37,14 @@ def _map(tree: xr.DataTree, after: bool) -> "figure":
     from bokeh.models import ColorBar, LinearColorMapper, Range1d
     from bokeh.palettes import RdBu11, interp_palette
 
-    force, limit = missing_force(tree, after=after)
+    force, error, limit = missing_force(tree, after=after)
     x, v = np.meshgrid(force.x.values, force.v.values, indexing="ij")
     there = np.isfinite(force.values)
     made = drawing.panel("angle (rad)", "rate over w (rad)", height=380)
     # Both maps over the same angles and rates.
     reach = 1.1 * max(float(tree[name].x.max()) for name in ("disagreement", "disagreement_after"))
     made.x_range, made.y_range = Range1d(-reach, reach), Range1d(-reach, reach)
-    made.title.text = f"{'after' if after else 'before'}: missing force over I w² (mrad)"
+    made.title.text = f"{'after' if after else 'before'}: missing f in θ″ + w²θ = -w²f (mrad)"
     made.title.text_font_style, made.title.text_font_size, made.title.text_font = (
         "normal",
         "13px",
@@ -56,14 +57,16 @@ def _map(tree: xr.DataTree, after: bool) -> "figure":
         "y",
         width,
         height,
-        source=drawing.columns({"x": x[there], "y": v[there], "force": force.values[there]}),
+        source=drawing.columns(
+            {"x": x[there], "y": v[there], "force": force.values[there], "error": error.values[there]}
+        ),
         fill_color={"field": "force", "transform": colors},
         line_color=None,
     )
     told = [
         ("angle", "@x{%.3g} rad"),
         ("rate over w", "@y{%.3g} rad"),
-        ("missing force", "@force{%.3g} mrad"),
+        ("missing force", "@force{%.3g} ± @error{%.2g} mrad"),
     ]
     drawing.tell(made, [cells], told)
     made.add_layout(ColorBar(color_mapper=colors, width=10, padding=4, background_fill_alpha=0.0), "right")
@@ -138,18 +141,15 @@ def forecast_panel(tree: xr.DataTree) -> Panel:
     made.segment(pairs[0], rows, pairs[1], rows, color=drawing.GREY, line_width=1.0)
     for name, end in ends.items():
         _strengths(made, first, end.dropna("candidate"), hollow=name == "start model")
-    found = tree["steps"].to_dataset().isel(step=slice(tree["steps"].attrs["count"]))
-    color, marker, _ = KINDS["named"]
-    named = drawing.marks(
-        made,
-        {"x": np.abs(found.coefficient.values), "y": found.symbol.values.tolist()},
-        color,
-        marker=marker,
-        size=9,
-    )
-    drawing.tell(made, [named], [("@y", "found: @x{%.4g}")])
-    sizes = np.append(both[np.isfinite(both)], np.abs(found.coefficient.values))
-    drawing.log_axis(made, 0.5 * sizes.min(), 2.0 * sizes.max())
+    sizes = both[np.isfinite(both)]
+    if found := added(tree):
+        color, marker, _ = KINDS["named"]
+        values = np.abs(tree["steps"].coefficient.values)
+        named = drawing.marks(made, {"x": values, "y": found}, color, marker=marker, size=9)
+        drawing.tell(made, [named], [("@y", "found: @x{%.4g}")])
+        sizes = np.append(sizes, values)
+    if len(sizes):
+        drawing.log_axis(made, 0.5 * sizes.min(), 2.0 * sizes.max())
     return Panel(made)
 
 
