@@ -317,6 +317,26 @@ def test_a_fit_that_does_not_settle_and_a_step_that_worsens_are_told(twin):
     assert told.count("held out worse: do not trust it yet") == 1
 
 
+def test_scores_that_stand_out_though_nothing_was_added_are_told(twin):
+    assert "no other candidate and no generic force stands out" in story(twin[0])
+    assert "By their scores" not in story(twin[0])
+    for p_value, said in (
+        (1e-4, "By their scores these candidates stand out: dahl (z = 9)"),
+        (0.5, "dahl (9)"),
+    ):
+        tree = twin[0].copy(deep=True)
+        ranking = tree["ranking"].to_dataset()
+        place = {
+            "scan": ranking.sizes["scan"] - 1,
+            "candidate": ranking.candidate.values.tolist().index("dahl"),
+        }
+        ranking.z[place], ranking.p_value[place] = 9.0, p_value
+        tree["ranking"] = type(tree)(ranking)
+        assert said in story(tree)
+        assert ("no other candidate" in story(tree)) == (p_value > 0.01)
+        assert ("but, of so many frequencies tried, by chance" in story(tree)) == (p_value > 0.01)
+
+
 def test_what_would_break_a_tie():
     forces = library_of_formulas(
         cubic="x**3", gravity="sin(x) - x", drag="v**3", drift="t*x", friction="sign(v)"

@@ -127,7 +127,7 @@ def forecast(tree: xr.DataTree, ax: "Axes | None" = None) -> "Axes":
         if not np.any(np.isfinite(pair)):
             ax.text(0.01, row, "not testable", transform=ax.get_yaxis_transform(), va="center", fontsize=6)
         elif np.isnan(pair[1]) and symbol in last.candidate:
-            told = {"textcoords": "offset points", "va": "center", "fontsize": 6}
+            told: dict[str, Any] = {"textcoords": "offset points", "va": "center", "fontsize": 6}
             ax.annotate("start model only", (pair[0], row), (5, 0), **told)
         ax.plot(pair, [row, row], "-", color="0.6", linewidth=0.7)
         ax.plot(pair[:1], [row], **OTHERS)

@@ -111,19 +111,27 @@ def _explained(tree: xr.DataTree) -> list[str]:
     gap, noise = residual_of(tree, "after"), noise_of(tree)
     named = " and ".join(added(tree))
     return [
-        f"Explained: with {named} the model leaves {times_noise(gap, noise)}; no other candidate and no "
-        f"generic force stands out of it (chance of error {_level(tree):.2g}).",
+        f"Explained: with {named} the model leaves {times_noise(gap, noise)}; "
+        f"{_quiet(tree, 'no other candidate')} (chance of error {_level(tree):.2g}).",
         *_high_by_chance(tree),
+        *_nearest_told(tree),
     ]
 
 
 def _nothing(tree: xr.DataTree) -> list[str]:
     noise = times_noise(residual_of(tree, "after"), noise_of(tree))
     return [
-        f"Nothing is missing: the model leaves {noise}; no candidate and no generic force stands out of it "
-        f"(chance of error {_level(tree):.2g}). Effects below the strengths that follow may be there unseen.",
+        f"Nothing is missing: the model leaves {noise}; {_quiet(tree, 'no candidate')} (chance of error "
+        f"{_level(tree):.2g}). Effects below the strengths that follow may be there unseen.",
         *_high_by_chance(tree),
+        *_nearest_told(tree),
     ]
+
+
+def _quiet(tree: xr.DataTree, candidates: str) -> str:
+    """What does not stand out: a candidate may by its score, though no fit bears it out."""
+    both = f"{candidates} and no generic force"
+    return f"{'no generic force' if _nearest_told(tree) else both} stands out of it"
 
 
 def _high_by_chance(tree: xr.DataTree) -> list[str]:
@@ -158,22 +166,25 @@ def _unknown(tree: xr.DataTree) -> list[str]:
             f"Generic forces of amplitude r and phase phi that it resembles: {shapes}; chance that nothing "
             f"is left {chance(generic.p_value.item())}."
         )
+    return told + _nearest_told(tree)
+
+
+def _nearest_told(tree: xr.DataTree) -> list[str]:
+    """Candidates whose scores stand out at the end, and why none was added."""
     last = tree["ranking"].to_dataset().isel(scan=-1)
     strong = np.flatnonzero(last.p_value.values < _level(tree))
-    if len(strong):
-        order = strong[np.argsort(-np.abs(last.z.values[strong]))][:MOST]
-        named = ", ".join(f"{last.candidate.values[i]} (z = {last.z.values[i]:.3g})" for i in order)
-        options = json.loads(tree.attrs["options"])
-        full = tree["steps"].attrs["count"] >= options["max_effects"]
-        told.append(
-            f"Candidates nearest to it: {named}"
-            + (
-                f"; no more than {options['max_effects']} effects were asked for (--max-effects)."
-                if full
-                else "; fitted in full, none takes from the gap what its score promises."
-            )
-        )
-    return told
+    if not len(strong):
+        return []
+    order = strong[np.argsort(-np.abs(last.z.values[strong]))][:MOST]
+    named = ", ".join(f"{last.candidate.values[i]} (z = {last.z.values[i]:.3g})" for i in order)
+    most = json.loads(tree.attrs["options"])["max_effects"]
+    full = tree["steps"].attrs["count"] >= most
+    reason = (
+        f"no more than {most} effects were asked for (--max-effects)"
+        if full
+        else "fitted in full, none takes from the gap what its score promises"
+    )
+    return [f"By their scores these candidates stand out: {named}; {reason}."]
 
 
 def _leaning(tree: xr.DataTree) -> list[str]:
