@@ -82,6 +82,7 @@ def discover(
     tell("where they disagree")
     verdict = verdict_of(found, level)
     tree = xr.DataTree.from_dict(groups_of(runs, found, stages, offered))
+    third = f"the last third{' of each run' * (len(runs) > 1)}"
     options = {"max_effects": max_effects, "level": level, "seed": seed}
     tree.attrs = {
         **provenance(None, one_or_all(runs), model),
@@ -91,7 +92,7 @@ def discover(
         "verdict": verdict,
         "left_out": ", ".join(left_out),
         "failed_fits": ", ".join(found.failed),
-        "held_out": f"{len(unseen)} run{'s' * (len(unseen) > 1)}" if unseen else "the last third of each run",
+        "held_out": f"{len(unseen)} run{'s' * (len(unseen) > 1)}" if unseen else third,
         "thinned": "; ".join(filter(None, (run.attrs.get("thinned", "") for run in runs))),
     }
     return tree
