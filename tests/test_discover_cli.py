@@ -317,6 +317,20 @@ def test_a_fit_that_does_not_settle_and_a_step_that_worsens_are_told(twin):
     assert told.count("held out worse: do not trust it yet") == 1
 
 
+def test_of_many_twins_the_likeliest_are_named(twin):
+    tree = twin[0].copy(deep=True)
+    steps, offered = tree["steps"].to_dataset(), tree["ranking"].candidate.values.tolist()
+    tied = ["epsilon", *(symbol for symbol in offered if symbol != "epsilon")][:14]
+    steps["ties"] = ("step", [steps.ties.values[0], "; ".join(tied)])
+    likely = json.dumps(dict.fromkeys(tied, 1.0 / 14.0))
+    steps["tie_probabilities"] = ("step", [steps.tie_probabilities.values[0], likely])
+    tree["steps"] = type(tree)(steps)
+    line = next(line for line in story(tree).splitlines() if "It cannot be told from" in line)
+    assert line.endswith(", and 3 more.")
+    assert f"{tied[10]} (" in line
+    assert f"{tied[11]} (" not in line
+
+
 def test_scores_that_stand_out_though_nothing_was_added_are_told(twin):
     assert "no other candidate and no generic force stands out" in story(twin[0])
     assert "By their scores" not in story(twin[0])

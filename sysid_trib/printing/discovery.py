@@ -12,6 +12,8 @@ from sysid_trib.printing.seeing import added, candidates_of, remedy, strengths_t
 
 # Generic shapes and candidates that are named where they stand out.
 MOST = 3
+# Twins of an effect that are named, the likeliest; a file has all.
+TWINS = 10
 # An effect of fewer standard errors in the final model is not significant there.
 FAINT = 3.0
 
@@ -58,10 +60,11 @@ def _step_told(tree: xr.DataTree, at: int) -> list[str]:
     tied = step.ties.item().split("; ")[1:]
     if tied:
         offered = candidates_of(tree)
-        named = ", ".join(f"{s} ({offered[s].formula.text})" for s in tied)
-        told.append(f"   It cannot be told from: {named}.")
-        likely = json.loads(step.tie_probabilities.item())
-        each = ", ".join(f"{symbol} {probability:.2f}" for symbol, probability in likely.items())
+        named = ", ".join(f"{s} ({offered[s].formula.text})" for s in tied[:TWINS])
+        others = f", and {len(tied) - TWINS} more" if len(tied) > TWINS else ""
+        told.append(f"   It cannot be told from: {named}{others}.")
+        likely = list(json.loads(step.tie_probabilities.item()).items())[: TWINS + 1]
+        each = ", ".join(f"{symbol} {probability:.2f}" for symbol, probability in likely)
         told.append(f"   If all candidates were as likely before, the probabilities are: {each}.")
         told.append(f"   {remedy([offered[s] for s in (step.symbol.item(), *tied)])}")
     costs = json.loads(step.tie_costs.item())
