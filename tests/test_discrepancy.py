@@ -18,7 +18,7 @@ from helpers import (
 )
 
 from sysid_trib import ForceLibrary, Model, cramer_rao_bound, load_library
-from sysid_trib.coloured_noise import whitened
+from sysid_trib.coloured_noise import fractional, whitened
 from sysid_trib.discrepancy import naming
 from sysid_trib.discrepancy.baseline import fit, records_of
 from sysid_trib.discrepancy.frequencies import is_frequency, is_resonance, is_searched
@@ -121,6 +121,19 @@ def pink_noise(count, seed):
     spectrum[1:] /= np.sqrt(np.arange(1, len(spectrum)))
     values = np.fft.irfft(spectrum)[:count]
     return (values - values.mean()) / values.std()
+
+
+@pytest.mark.parametrize("filter_", [[1.0], [1.0, -0.8], fractional(0.5, 2000), [1.0, -1.0]])
+def test_drawn_noise_is_whitened_by_its_filter(filter_):
+    drawn = Noise(0.01, np.asarray(filter_)).drawn(2000, 20)
+    assert drawn.shape == (20, 2000)
+    assert abs(drawn.mean()) < 1e-12
+    # The first samples of a long filter have no past; its end would see the beginning again.
+    white = whitened(drawn.T, np.asarray(filter_))[500:]
+    low, high = rms_range(white.size)
+    assert low < rms(white.ravel()) / 0.01 < high
+    neighbours = np.mean(white[1:] * white[:-1]) / np.mean(white**2)
+    assert abs(neighbours) < 5.0 / np.sqrt(white.size)
 
 
 def test_noise_that_rises_to_low_frequencies_is_whitened_there_too():

@@ -64,8 +64,10 @@ class Noise:
     def drawn(self, samples: int, count: int) -> Array:
         """Drawings of such noise, (count, samples), rad, of mean zero; always the same."""
         lines = np.fft.rfft(np.random.default_rng(0).standard_normal((count, samples)))
-        lines[:, 0] = 0.0
-        return np.asarray(np.fft.irfft(self.level * lines / np.fft.rfft(self.filter_, samples), samples))
+        response = np.fft.rfft(self.filter_, samples)
+        # A walk has no mean to come back to.
+        lines[:, 0], response[0] = 0.0, 1.0
+        return np.asarray(np.fft.irfft(self.level * lines / response, samples))
 
 
 def oscillations(decay: xr.Dataset) -> Array:
