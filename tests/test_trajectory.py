@@ -24,6 +24,7 @@ from sysid_trib.coloured_noise import autoregression
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.library_files import parse_library
 from sysid_trib.methods import Trajectory
+from sysid_trib.methods.motions import FAR, Record
 from sysid_trib.simulation import trajectory
 
 FORCES = load_library()
@@ -126,3 +127,16 @@ def test_what_cannot_be_asked_is_refused():
 
 def _entries(*symbols):
     return [{"symbol": s, "formula": FORCES[s].formula.text} for s in symbols]
+
+
+@pytest.mark.parametrize(("w", "own"), [(6e4, (0.3, 0.0)), (W, (118.0, 0.0)), (W, (0.3, -1e5))])
+def test_motions_out_of_all_proportion_are_far_off_without_being_followed(monkeypatch, w, own):
+    """An optimiser astray once asked for 10^5 swings at a time: hours."""
+    time = np.arange(0.0, 10.0, 0.02)
+    angle = 0.3 * np.cos(W * time)
+    model = Model(load_library().select(["zeta"]), {"zeta": 0.0}, W)
+    record = Record(time, angle)
+    np.testing.assert_allclose(record.residual(model, np.array([0.3, 0.0, 0.0])), 0.0, atol=1e-6)
+    monkeypatch.setattr("sysid_trib.methods.motions.trajectory", lambda *_, **__: pytest.fail("was followed"))
+    left = record.residual(Model(model.library, {"zeta": 0.0}, w), np.array([*own, 0.0]))
+    np.testing.assert_allclose(left, FAR * 0.3)

@@ -33,11 +33,16 @@ class Record:
     engine: str | None = None
 
     def residual(self, model: Model, own: Array) -> Array:
-        """Motion minus record (rad); far off where the motion cannot be computed."""
+        """Motion minus record (rad); far off where it cannot be computed, or is out of all proportion."""
+        far = FAR * float(np.max(np.abs(self.angle)))
+        # The highest frequency that samples show. An optimiser astray asks for hours of faster swings.
+        highest = np.pi * (len(self.time) - 1) / (self.time[-1] - self.time[0])
+        if model.reference_frequency > highest or abs(own[0]) > far or abs(own[1]) > far * highest:
+            return np.full(len(self.time), far)
         try:
             found = trajectory(model, self.time, float(own[0]), float(own[1]), engine=self.engine)
         except SimulationError:
-            return np.full(len(self.time), FAR * float(np.max(np.abs(self.angle))))
+            return np.full(len(self.time), far)
         return np.asarray(found.angle + own[2] - self.angle)
 
     def white(self, values: Array) -> Array:
