@@ -48,6 +48,7 @@ def folder(tmp_path_factory):
     toml(there / "viscous.toml", VISCOUS)
     toml(there / "offered.toml", OFFERED)
     write_csv(there / "plain.csv", TIME, decayed(1))
+    write_csv(there / "worn.csv", TIME, decayed(6, worn=("2*v", 0.002)))
     write_csv(there / "large.csv", TIME, decayed(5, start=2.0))
     write_csv(there / "cubic.csv", TIME, decayed(2, cubic=("x**3", 0.8)))
     write_csv(there / "cubic_2.csv", TIME, decayed(3, start=0.5, cubic=("x**3", 0.8)))
@@ -289,6 +290,17 @@ def test_several_runs(folder):
     assert set(found["disagreement"]["spans"]["run"]) == {0, 1}
     step = found["steps"][0]
     assert abs(step["coefficient"] - 0.8) < 4.5 * step["standard_error"]
+
+
+def test_runs_that_differ_are_told(folder, tmp_path):
+    ending = small(folder, folder / "plain.csv", folder / "worn.csv", "-o", tmp_path / "both.nc")
+    assert ending.status == 0
+    assert re.search("Runs that differ .most in zeta. would explain as much or more", ending.out)
+    assert re.search("The runs disagree: chi-square .* Most in zeta", ending.out)
+    agreeing = json.loads(small(folder, folder / "cubic.csv", folder / "cubic_2.csv", "--json").out)
+    told = agreeing["run_differences"]
+    assert told["chi_square"][0] < told["gain"][0]
+    assert told["p_value"][-1] > 1e-3
 
 
 def test_a_record_that_is_short_tells_what_it_would_have_shown(folder):

@@ -22,6 +22,7 @@ from sysid_trib.coloured_noise import fractional, whitened
 from sysid_trib.discrepancy import naming
 from sysid_trib.discrepancy.baseline import fit, records_of
 from sysid_trib.discrepancy.frequencies import is_frequency, is_resonance, is_searched
+from sysid_trib.discrepancy.homogeneity import homogeneity
 from sysid_trib.discrepancy.noise import Noise, noise_of, oscillations
 from sysid_trib.discrepancy.omnibus import omnibus
 from sysid_trib.discrepancy.probes import Course, Probe, moved_by, probes_of
@@ -171,6 +172,19 @@ def test_errors_of_a_baseline_are_the_bound():
     mine = np.sqrt(np.diag(found.covariance))[: len(FIVE)]
     # The zero of the sensor is one unknown more.
     assert mine == pytest.approx(bound.standard_error.values, rel=0.02)
+
+
+def test_runs_that_agree_differ_by_chance_alone():
+    """What runs of their own explain of noise is a chi-square of as many degrees of freedom."""
+    total, freedom = 0.0, 0
+    for seed in range(8):
+        problem = Problem(BASE, records_of([RUN.decay(seed), RUN.decay(100 + seed)]), None, (), {})
+        found = fit(problem, np.append(TRUTH, TRUTH[-3:]), [Noise(NOISE, np.ones(1))] * 2)
+        told = homogeneity([found])
+        assert told.degrees_of_freedom.item() == len(FIVE) + 1
+        total, freedom = total + told.chi_square.item(), freedom + told.degrees_of_freedom.item()
+    low, high = rms_range(freedom)
+    assert low**2 < total / freedom < high**2
 
 
 def test_scores_of_noise_are_noise():

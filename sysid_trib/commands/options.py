@@ -50,4 +50,4 @@ Shapes = Annotated[
 ]
 Output = Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Where to write.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, and nothing else.")]
-Plot = Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for the figure (PDF and PNG).")]
+Plot = Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for the figures (PDF and PNG).")]

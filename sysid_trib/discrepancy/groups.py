@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from sysid_trib.discrepancy.forecast import forecast
+from sysid_trib.discrepancy.homogeneity import homogeneity
 from sysid_trib.discrepancy.locate import disagreement
 from sysid_trib.discrepancy.search import Search
 from sysid_trib.discrepancy.stages import WORSE, Stages, gap_of, labelled
@@ -64,6 +65,8 @@ def groups_of(
     groups["before"] = labelled(stages.models[0], runs)
     groups["after"] = labelled(stages.models[-1], runs)
     groups["holdout"] = _holdout(stages)
+    if len(runs) > 1:
+        groups["run_differences"] = homogeneity(stages.models)
     return groups
 
 

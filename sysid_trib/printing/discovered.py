@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from sysid_trib.printing.differing import differing_json
 from sysid_trib.printing.gap import noise_of, residual_of
 from sysid_trib.printing.layout import number, text_table
 from sysid_trib.printing.seeing import added, candidates_of
@@ -14,8 +15,9 @@ from sysid_trib.runs import record_groups
 if TYPE_CHECKING:
     from rich.table import Table
 
-# Candidates in the table.
+# Candidates in the table: the strongest in any scan, and those in the last.
 ROWS = 10
+LAST = 3
 RANKING = "Named and strongest candidates, |z| before each step and at the end (-: in the model, or untested)"
 NUMBERS = ("coefficient", "standard_error", "z", "p_value", "residual_before", "residual_after")
 WORDS = ("symbol", "name", "formula", "family", "kind", "unit")
@@ -25,7 +27,8 @@ def ranking_table(tree: xr.DataTree) -> "Table":
     """|z| of named and best candidates before each step and after the last; those in the model have none."""
     found = tree["ranking"].to_dataset()
     named = [symbol for symbol in added(tree) if symbol in found.candidate]
-    chosen = list(dict.fromkeys([*named, *strongest(found, ROWS)]))
+    last = strongest(found.isel(scan=[-1]), LAST)
+    chosen = list(dict.fromkeys([*named, *strongest(found, ROWS), *last]))
     count = found.sizes["scan"]
     heads = ["candidate", "name", *(f"step {at + 1}" for at in range(count - 1)), "end"]
     rows = []
@@ -88,7 +91,7 @@ def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
         **{key: [s for s in tree.attrs[key].split(", ") if s] for key in ("left_out", "failed_fits")},
         "options": json.loads(tree.attrs["options"]),
     }
-    return found | ({"records": records} if len(records) > 1 else {})
+    return found | differing_json(tree) | ({"records": records} if len(records) > 1 else {})
 
 
 def _disagreement(found: xr.Dataset) -> dict[str, Any]:

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import xarray as xr
 
+from sysid_trib.printing.differing import chance, differing_told, disagreeing_told
 from sysid_trib.printing.discovered import thresholds
 from sysid_trib.printing.gap import in_mrad, noise_of, place_told, residual_of, times_noise
 from sysid_trib.printing.layout import value_with_error
@@ -14,6 +15,7 @@ from sysid_trib.printing.seeing import added, candidates_of, remedy, strengths_t
 MOST = 3
 # Twins of an effect that are named, the likeliest; a file has all.
 TWINS = 10
+UNSEEN = "Effects below the strengths that follow may be there unseen."
 # An effect of fewer standard errors in the final model is not significant there.
 FAINT = 3.0
 
@@ -55,6 +57,7 @@ def _step_told(tree: xr.DataTree, at: int) -> list[str]:
     told.append(f"   Adding it takes the gap from {_shrinking(tree, at)}.")
     if abs(step.z.item()) < FAINT:
         told.append("   In the final model its coefficient is not significant.")
+    told += [f"   {one}" for one in differing_told(tree, at)]
     if step.worsens_holdout.item():
         told.append("   It makes the prediction of what was held out worse: do not trust it yet.")
     tied = step.ties.item().split("; ")[1:]
@@ -93,7 +96,7 @@ def _pair(before: float, after: float, noise: float) -> str:
 
 def _verdict_told(tree: xr.DataTree) -> list[str]:
     said = {"explained": _explained, "nothing missing": _nothing, "unknown effect": _unknown}
-    return [*said[tree.attrs["verdict"]](tree), _model_told(tree)]
+    return [*said[tree.attrs["verdict"]](tree), *disagreeing_told(tree, _level(tree)), _model_told(tree)]
 
 
 def _model_told(tree: xr.DataTree) -> str:
@@ -115,7 +118,7 @@ def _explained(tree: xr.DataTree) -> list[str]:
     named = " and ".join(added(tree))
     return [
         f"Explained: with {named} the model leaves {times_noise(gap, noise)}; "
-        f"{_quiet(tree, 'no other candidate')} (chance of error {_level(tree):.2g}).",
+        f"{_quiet(tree, 'no other candidate')} (chance of error {_level(tree):.2g}). {UNSEEN}",
         *_high_by_chance(tree),
         *_nearest_told(tree),
     ]
@@ -125,7 +128,7 @@ def _nothing(tree: xr.DataTree) -> list[str]:
     noise = times_noise(residual_of(tree, "after"), noise_of(tree))
     return [
         f"Nothing is missing: the model leaves {noise}; {_quiet(tree, 'no candidate')} (chance of error "
-        f"{_level(tree):.2g}). Effects below the strengths that follow may be there unseen.",
+        f"{_level(tree):.2g}). {UNSEEN}",
         *_high_by_chance(tree),
         *_nearest_told(tree),
     ]
@@ -200,8 +203,3 @@ def _leaning(tree: xr.DataTree) -> list[str]:
 
 def _level(tree: xr.DataTree) -> float:
     return float(json.loads(tree.attrs["options"])["level"])
-
-
-def chance(p_value: float) -> str:
-    """A p-value as a sentence takes it."""
-    return f"= {p_value:.2g}" if p_value > 1e-300 else "< 1e-300"

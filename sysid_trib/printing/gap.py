@@ -48,7 +48,7 @@ def place_told(tree: xr.DataTree, group: str) -> list[str]:
     if not parts:
         # Beyond the noise, but in no part that goes with the motion.
         return [*told, f"{UNKNOWN.capitalize()}."] if np.isfinite(found.attrs["departure_time"]) else told
-    told.append(f"{_sizes_told(found)}.")
+    told.append(f"{_sizes_told(found, len(record_groups(tree)))}.")
     if rates := _rates_told(found, parts[0]):
         told.append(rates)
     most = "phase and amplitude" if set(parts[:2]) == {"phase", "amplitude"} else parts[0]
@@ -68,15 +68,16 @@ def _departure_told(tree: xr.DataTree, found: xr.Dataset) -> str:
     return f"The gap is beyond the noise from {left:.3g} s{where} on."
 
 
-def _sizes_told(found: xr.Dataset) -> str:
+def _sizes_told(found: xr.Dataset, runs: int) -> str:
     """How far phase, amplitude and the rest are off, where they are most."""
-    amplitude = float(found.amplitude.max())
+    # The record's own: the model's may be far off.
+    amplitude = float((found.amplitude + found.amplitude_error).max())
     slip = found.phase_error.values
     at = int(np.argmax(np.abs(slip)))
-    time = float(found.time.values[at])
+    place = f"{found.time.values[at]:.3g} s{f' of run {found.run.values[at] + 1}' * (runs > 1)}"
     ahead = "ahead of" if slip[at] > 0.0 else "behind"
     texts = [
-        f"In phase the record is up to {abs(slip[at]):.3g} rad {ahead} the model (at {time:.3g} s)",
+        f"In phase the record is up to {abs(slip[at]):.3g} rad {ahead} the model (at {place})",
         f"in amplitude up to {in_mrad(_most(found.amplitude_error.values))} off (of {amplitude:.3g} rad)",
         f"in offset {in_mrad(_most(found.offset.values))}",
     ]

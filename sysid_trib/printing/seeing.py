@@ -96,8 +96,8 @@ def _closest_told(tree: xr.DataTree) -> str:
         )
     )
     return (
-        f"Candidates would be detected (five standard errors) from these coefficients on, those that came "
-        f"closest first: {named}."
+        f"Candidates would be detected (five standard errors, with shapes and frequencies as they came "
+        f"closest) from these coefficients on, those that came closest first: {named}."
     )
 
 

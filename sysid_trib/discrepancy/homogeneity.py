@@ -1,0 +1,75 @@
+"""Whether the runs differ: a test that gives each run coefficients of its own."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy.linalg import orth
+from scipy.stats import chi2
+
+from sysid_trib.discrepancy.baseline import Baseline, beyond
+
+Array = NDArray[np.float64]
+
+# Directions so much shorter than the longest are what a run alone cannot tell.
+DISTINCT = 1e-6
+
+
+def homogeneity(models: Sequence[Baseline]) -> xr.Dataset:
+    """Score test of each model for runs that differ, by small deviations.
+
+    Parameters
+    ----------
+    models : of several runs each; the last is the final one.
+
+    Returns
+    -------
+    Dataset. Over `stage`: `chi_square` that coefficients, shapes and frequency of each run would explain of
+    what the model leaves, with `degrees_of_freedom` and `p_value`; `most`, the unknown that alone explains
+    most of it; and `gain`, the chi-square that the effect added next explains, nan of the last.
+
+    Notes
+    -----
+    Rao's score test. A force of another form than the model's changes from run to run with the amplitude: the
+    test says that the runs ask for different coefficients, not why.
+    """
+    rows = [_differing(model) for model in models]
+    gains = [_gain(before, after) for before, after in pairwise(models)]
+    gain, freedom, most = zip(*rows, strict=True)
+    return xr.Dataset(
+        {
+            "chi_square": ("stage", list(gain), {"units": "1", "long_name": "explained by runs that differ"}),
+            "degrees_of_freedom": ("stage", list(freedom), {"units": "1"}),
+            "p_value": ("stage", chi2.sf(gain, freedom), {"units": "1", "long_name": "chance of more"}),
+            "most": ("stage", list(most), {"long_name": "unknown that differs most"}),
+            "gain": ("stage", [*gains, np.nan], {"units": "1", "long_name": "explained by the next effect"}),
+        }
+    )
+
+
+def _differing(model: Baseline) -> tuple[float, int, str]:
+    """What unknowns of each run explain, how many there are, and the name of the one that explains most."""
+    shared = model.problem.shared
+    table = model.table[:, :shared] / np.maximum(np.linalg.norm(model.table[:, :shared], axis=0), 1e-300)
+    ends = np.cumsum([len(part) for part in model.of_each_run(model.residual)])
+    columns = []
+    for start, end in pairwise(ends):
+        own = np.zeros_like(table)
+        own[start:end] = table[start:end]
+        columns.append(beyond(own, model.space))
+    names = [*model.problem.names, *(["w"] if model.problem.free else [])]
+    alone = [_explained([own[:, [at]] for own in columns], model.residual)[0] for at in range(shared)]
+    return *_explained(columns, model.residual), names[int(np.argmax(alone))]
+
+
+def _explained(columns: Sequence[Array], residual: Array) -> tuple[float, int]:
+    space = orth(np.concatenate(columns, axis=1), rcond=DISTINCT)
+    return float(np.sum((space.T @ residual) ** 2)), space.shape[1]
+
+
+def _gain(before: Baseline, after: Baseline) -> float:
+    """Fall of chi-square between two models, in the noise of the first."""
+    left = before.problem.white(after.problem.residuals(after.unknown))
+    return before.chi_square - float(left @ left)

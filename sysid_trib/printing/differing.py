@@ -1,0 +1,58 @@
+"""Whether the runs of a discovery differ, in sentences and as plain data."""
+
+from typing import Any
+
+import xarray as xr
+
+from sysid_trib.printing.layout import number
+
+GROUP = "run_differences"
+
+
+def differing_told(tree: xr.DataTree, at: int) -> list[str]:
+    """That runs which differ would explain as much as the effect of a step."""
+    if GROUP not in tree.children:
+        return []
+    before = tree[GROUP].to_dataset().isel(stage=at)
+    if before.chi_square < before.gain:
+        return []
+    return [
+        f"Runs that differ (most in {before.most.item()}) would explain as much or more: chi-square "
+        f"{before.chi_square.item():.3g} of {before.degrees_of_freedom.item()} differences, the effect "
+        f"{before.gain.item():.3g}."
+    ]
+
+
+def disagreeing_told(tree: xr.DataTree, level: float) -> list[str]:
+    """That the final model does not hold for all runs."""
+    if GROUP not in tree.children:
+        return []
+    last = tree[GROUP].to_dataset().isel(stage=-1)
+    found = (
+        f"chi-square {last.chi_square.item():.3g} for {last.degrees_of_freedom.item()} differences, "
+        f"p {chance(last.p_value.item())}"
+    )
+    if last.p_value >= level:
+        return [f"The runs agree: {found}."]
+    return [
+        f"The runs disagree: {found}. Most in {last.most.item()}: it changes from run to run, or with "
+        "amplitude because a force is of another form; the common errors are then too small."
+    ]
+
+
+def differing_json(tree: xr.DataTree) -> dict[str, Any]:
+    """The test of each stage as plain data; nothing of a single run."""
+    if GROUP not in tree.children:
+        return {}
+    columns = tree[GROUP].to_dataset().data_vars.items()
+    return {
+        GROUP: {
+            str(name): [number(x) if isinstance(x, float) else x for x in column.values.tolist()]
+            for name, column in columns
+        }
+    }
+
+
+def chance(p_value: float) -> str:
+    """A p-value as a sentence takes it."""
+    return f"= {p_value:.2g}" if p_value > 1e-300 else "< 1e-300"
