@@ -59,9 +59,8 @@ def _differing(model: Baseline) -> tuple[float, int, str]:
         own = np.zeros_like(table)
         own[start:end] = table[start:end]
         columns.append(beyond(own, model.space))
-    names = [*model.problem.names, *(["w"] if model.problem.free else [])]
     alone = [_explained([own[:, [at]] for own in columns], model.residual)[0] for at in range(shared)]
-    return *_explained(columns, model.residual), names[int(np.argmax(alone))]
+    return *_explained(columns, model.residual), model.problem.shared_names[int(np.argmax(alone))]
 
 
 def _explained(columns: Sequence[Array], residual: Array) -> tuple[float, int]:

@@ -61,8 +61,8 @@ def _between(found: Search, count: int, before: Baseline) -> Baseline:
         problem, unknown = without_force(model, symbol)
         model = replace(model, problem=problem, unknown=unknown)
     # From below: the unknowns of the stage before, and those of the new effect as they are in the end.
-    names = [*problem.names, *(["w"] if problem.free else [])]
-    known = dict(zip([*before.problem.names, *(["w"] if problem.free else [])], before.unknown, strict=False))
+    names = problem.shared_names
+    known = dict(zip(before.problem.shared_names, before.unknown, strict=False))
     mixed = unknown.copy()
     for at, name in enumerate(names):
         mixed[at] = known.get(name, unknown[at])

@@ -76,9 +76,14 @@ class Problem:
         return (*self.library.symbols, *self.fit_shapes)
 
     @property
+    def shared_names(self) -> tuple[str, ...]:
+        """Unknowns that all runs share."""
+        return (*self.names, "w") if self.free else self.names
+
+    @property
     def shared(self) -> int:
         """Number of unknowns that all runs share."""
-        return len(self.names) + self.free
+        return len(self.shared_names)
 
     def own(self, unknown: Array) -> Array:
         """Each run's own unknowns, (run, 3)."""

@@ -8,7 +8,7 @@ import xarray as xr
 
 from sysid_trib.decays.half_sines import envelope as half_sine_envelope
 from sysid_trib.errors import SysidTribError
-from sysid_trib.plots.style import LEGEND, LINES, MARKS, POINTS, axes, logarithmic_amplitude, thinning
+from sysid_trib.plots.style import LEGEND, LINES, axes, half_periods, logarithmic_amplitude, thinning
 from sysid_trib.runs import group_names, noise_of_run, record_groups
 
 if TYPE_CHECKING:
@@ -92,8 +92,7 @@ def envelope(tree: xr.DataTree, ax: "Axes | None" = None, run: int = 0) -> "Axes
     ax = axes(ax)
     measured = tree[group_names("envelope", len(record_groups(tree)))[run]].ds
     time, a = measured.instant_time.values, measured.amplitude.values
-    points = ax.errorbar(time, a, measured.amplitude_standard_error.values, **MARKS)
-    ax.legend([points], [POINTS], **LEGEND)
+    half_periods(ax, time, a, measured.amplitude_standard_error.values)
     for name, line, moved in _simulated(tree, run):
         ax.plot(moved.instant_time.values, moved.amplitude.values, linewidth=1.0, label=name, **line)
     ax.set(xlabel="time (s)")
@@ -112,8 +111,7 @@ def frequency(tree: xr.DataTree, ax: "Axes | None" = None, run: int = 0) -> "Axe
     ax = axes(ax)
     measured = tree[group_names("envelope", len(record_groups(tree)))[run]].ds
     a, w = measured.amplitude.values, measured.frequency.values
-    points = ax.errorbar(a, w, measured.frequency_standard_error.values, **MARKS)
-    ax.legend([points], [POINTS], **LEGEND)
+    half_periods(ax, a, w, measured.frequency_standard_error.values)
     for name, line, moved in _simulated(tree, run):
         ax.plot(moved.amplitude.values, moved.frequency.values, linewidth=1.0, label=name, **line)
     # A few wild points at the noise floor must not squeeze the course into a line.

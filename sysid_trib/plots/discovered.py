@@ -8,7 +8,7 @@ import xarray as xr
 
 from sysid_trib.decays.half_sines import envelope as half_sine_envelope
 from sysid_trib.errors import SysidTribError
-from sysid_trib.plots.style import LEGEND, LINES, MARKS, POINTS, axes, logarithmic_amplitude, thinning
+from sysid_trib.plots.style import LEGEND, LINES, axes, half_periods, logarithmic_amplitude, thinning
 from sysid_trib.runs import noise_of_run, record_groups
 
 if TYPE_CHECKING:
@@ -155,8 +155,7 @@ def _envelope(tree: xr.DataTree, ax: "Axes", run: int) -> None:
     for name, style, found in _envelopes(tree, run):
         time, a = found.instant_time.values, found.amplitude.values
         if name == "record":
-            points = ax.errorbar(time, a, found.amplitude_standard_error.values, **style)
-            ax.legend([points], [POINTS], **LEGEND)
+            half_periods(ax, time, a, found.amplitude_standard_error.values)
             low, high = 0.8 * float(np.min(a)), 1.15 * float(np.max(a))
             ax.set_ylim(max(low, 0.2 * float(np.median(a))), high)
         else:
@@ -169,8 +168,7 @@ def _frequency(tree: xr.DataTree, ax: "Axes", run: int) -> None:
     for name, style, found in _envelopes(tree, run):
         a, w = found.amplitude.values, found.frequency.values
         if name == "record":
-            points = ax.errorbar(a, w, found.frequency_standard_error.values, **style)
-            ax.legend([points], [POINTS], **LEGEND)
+            half_periods(ax, a, w, found.frequency_standard_error.values)
             # A few wild points at the noise floor must not squeeze the course into a line.
             low, high = np.percentile(w, [3, 97])
             ax.set_ylim(low - 0.4 * (high - low), high + 0.4 * (high - low))
@@ -183,7 +181,7 @@ def _frequency(tree: xr.DataTree, ax: "Axes", run: int) -> None:
 def _envelopes(tree: xr.DataTree, run: int) -> Iterator[tuple[str, dict[str, Any], xr.Dataset]]:
     """The record's and each model's motion through the same half-sine fits, where there are such."""
     data = tree[record_groups(tree)[run]].to_dataset()
-    motions = {"record": (MARKS, data[["angle"]])}
+    motions: dict[str, Any] = {"record": ({}, data[["angle"]])}
     for name, line in list(MODELS.items())[::-1]:
         motions[name] = (line, xr.Dataset({"angle": data.simulated_angle.sel(model=name, drop=True)}))
     for name, (style, motion) in motions.items():

@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from numpy.typing import ArrayLike
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
@@ -34,8 +36,6 @@ LEGEND: dict[str, Any] = {
     "bbox_to_anchor": (1.0, 1.0),
     "borderaxespad": 0.1,
 }
-# What the open circles are.
-POINTS = "half periods of the record"
 MOST_POINTS = 4000
 
 
@@ -53,6 +53,12 @@ def mark(series: Mapping[str, Any]) -> dict[str, Any]:
     """Open marks of a series."""
     size = {k: MARKS[k] for k in ("markerfacecolor", "markersize", "markeredgewidth")}
     return {"color": series["color"], "marker": series["marker"], **size}
+
+
+def half_periods(ax: "Axes", x: ArrayLike, y: ArrayLike, error: ArrayLike) -> None:
+    """Half periods of a record with their errors, named above the panel."""
+    points = ax.errorbar(x, y, error, **MARKS)
+    ax.legend([points], ["half periods of the record"], **LEGEND)
 
 
 def in_latex(symbol: str) -> str:

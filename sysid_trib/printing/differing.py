@@ -4,7 +4,8 @@ from typing import Any
 
 import xarray as xr
 
-from sysid_trib.printing.layout import number
+from sysid_trib.printing.layout import chance, number
+from sysid_trib.printing.runs import DIFFERENT
 
 GROUP = "run_differences"
 
@@ -34,10 +35,7 @@ def disagreeing_told(tree: xr.DataTree, level: float) -> list[str]:
     )
     if last.p_value >= level:
         return [f"The runs agree: {found}."]
-    return [
-        f"The runs disagree: {found}. Most in {last.most.item()}: it changes from run to run, or with "
-        "amplitude because a force is of another form; the common errors are then too small."
-    ]
+    return [f"The runs disagree: {found}. Most in {last.most.item()}: {DIFFERENT}"]
 
 
 def differing_json(tree: xr.DataTree) -> dict[str, Any]:
@@ -51,8 +49,3 @@ def differing_json(tree: xr.DataTree) -> dict[str, Any]:
             for name, column in columns
         }
     }
-
-
-def chance(p_value: float) -> str:
-    """A p-value as a sentence takes it."""
-    return f"= {p_value:.2g}" if p_value > 1e-300 else "< 1e-300"

@@ -5,10 +5,10 @@ import json
 import numpy as np
 import xarray as xr
 
-from sysid_trib.printing.differing import chance, differing_told, disagreeing_told
+from sysid_trib.printing.differing import differing_told, disagreeing_told
 from sysid_trib.printing.discovered import thresholds
 from sysid_trib.printing.gap import in_mrad, noise_of, place_told, residual_of, times_noise
-from sysid_trib.printing.layout import value_with_error
+from sysid_trib.printing.layout import chance, value_with_error
 from sysid_trib.printing.seeing import added, candidates_of, remedy, strengths_told
 
 # Generic shapes and candidates that are named where they stand out.
@@ -45,13 +45,11 @@ def _step_told(tree: xr.DataTree, at: int) -> list[str]:
     step = tree["steps"].to_dataset().isel(step=at)
     shapes = json.loads(step.shapes.item())
     shaped = "".join(f", {name} = {value:.3g}" for name, value in shapes.items())
-    unit = "" if step.unit.item() == "1" else f" {step.unit.item()}"
-    value = value_with_error(step.coefficient.item(), step.standard_error.item())
     what = "error of the sensor" if step.kind.item() == "sensor" else step.family.item()
     what = f" ({what})" if what else ""
     told = [
         f"{at + 1}. {step.symbol.item()}, {step['name'].item()} {step.formula.item()}{shaped}{what}: "
-        f"{value}{unit}, z = {step.z.item():.3g} (of the coefficient), "
+        f"{_valued(step)}, z = {step.z.item():.3g} (of the coefficient), "
         f"corrected p {chance(step.p_value.item())} (of what it explains)."
     ]
     told.append(f"   Adding it takes the gap from {_shrinking(tree, at)}.")
@@ -106,38 +104,37 @@ def _model_told(tree: xr.DataTree) -> str:
     values = [f"w = {w} rad/s"]
     for symbol in after.force.values.tolist():
         if symbol not in named:
-            one = after.sel(force=symbol)
-            unit = "" if one.unit.item() == "1" else f" {one.unit.item()}"
-            value = value_with_error(one.coefficient.item(), one.standard_error.item())
-            values.append(f"{symbol} = {value}{unit}")
+            values.append(f"{symbol} = {_valued(after.sel(force=symbol))}")
     return f"The model {'has besides' if named else 'has'}: {', '.join(values)}."
+
+
+def _valued(one: xr.Dataset) -> str:
+    """A coefficient with its error and unit."""
+    value = value_with_error(one.coefficient.item(), one.standard_error.item())
+    return value if one.unit.item() == "1" else f"{value} {one.unit.item()}"
 
 
 def _explained(tree: xr.DataTree) -> list[str]:
     gap, noise = residual_of(tree, "after"), noise_of(tree)
     named = " and ".join(added(tree))
-    return [
-        f"Explained: with {named} the model leaves {times_noise(gap, noise)}; "
-        f"{_quiet(tree, 'no other candidate')} (chance of error {_level(tree):.2g}). {UNSEEN}",
-        *_high_by_chance(tree),
-        *_nearest_told(tree),
-    ]
+    quiet, but = _quiet(tree, "no other candidate")
+    return [f"Explained: with {named} the model leaves {times_noise(gap, noise)}; {quiet} {UNSEEN}", *but]
 
 
 def _nothing(tree: xr.DataTree) -> list[str]:
     noise = times_noise(residual_of(tree, "after"), noise_of(tree))
-    return [
-        f"Nothing is missing: the model leaves {noise}; {_quiet(tree, 'no candidate')} (chance of error "
-        f"{_level(tree):.2g}). {UNSEEN}",
-        *_high_by_chance(tree),
-        *_nearest_told(tree),
-    ]
+    quiet, but = _quiet(tree, "no candidate")
+    return [f"Nothing is missing: the model leaves {noise}; {quiet} {UNSEEN}", *but]
 
 
-def _quiet(tree: xr.DataTree, candidates: str) -> str:
-    """What does not stand out: a candidate may by its score, though no fit bears it out."""
-    both = f"{candidates} and no generic force"
-    return f"{'no generic force' if _nearest_told(tree) else both} stands out of it"
+def _quiet(tree: xr.DataTree, candidates: str) -> tuple[str, list[str]]:
+    """What does not stand out of what is left, and the candidates that seem to by their scores."""
+    nearest = _nearest_told(tree)
+    quiet = "no generic force" if nearest else f"{candidates} and no generic force"
+    return (
+        f"{quiet} stands out of it (chance of error {_level(tree):.2g}).",
+        [*_high_by_chance(tree), *nearest],
+    )
 
 
 def _high_by_chance(tree: xr.DataTree) -> list[str]:

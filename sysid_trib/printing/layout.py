@@ -27,6 +27,13 @@ def value_with_error(value: float, error: float) -> str:
     return text if power == 0 else f"({text})e{power:+03d}"
 
 
+def chance(p_value: float, equals: str = "= ") -> str:
+    """A p-value as a sentence takes it, or without `equals` a table."""
+    if not np.isfinite(p_value):
+        return "-"
+    return f"{equals}{p_value:.2g}" if p_value > 1e-300 else "< 1e-300"
+
+
 def number(value: float) -> float | int | None:
     """A number that JSON can hold."""
     return value if np.isfinite(value) else None

@@ -5,10 +5,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from sysid_trib.printing.layout import number, text_table, value_with_error
+from sysid_trib.printing.layout import chance, number, text_table, value_with_error
 
 if TYPE_CHECKING:
     from rich.table import Table
+
+DIFFERENT = (
+    "it changes from run to run, or with amplitude because a force is of another form; the common errors are "
+    "then too small."
+)
 
 
 def runs_table(runs: xr.Dataset) -> "Table":
@@ -19,7 +24,7 @@ def runs_table(runs: xr.Dataset) -> "Table":
         one = runs.sel(quantity=quantity)
         pairs = zip(one.value.values.tolist(), one.standard_error.values.tolist(), strict=True)
         cells = [value_with_error(value, error) for value, error in pairs]
-        rows.append([quantity, *cells, _chance(one.p_value.item())])
+        rows.append([quantity, *cells, chance(one.p_value.item(), "")])
     heads = ["quantity", *(f"run {at + 1}" for at in range(count)), "p"]
     return text_table(heads, rows, numbers=tuple(range(1, count + 2)))
 
@@ -35,16 +40,15 @@ def runs_told(runs: xr.Dataset) -> list[str]:
         return [*told, "Whether the runs agree cannot be told."]
     found = (
         f"chi-square {runs.total_chi_square.item():.3g} for {runs.total_degrees_of_freedom.item():.0f} "
-        f"differences, p {_chance(runs.total_p_value.item(), '= ')}."
+        f"differences, p {chance(runs.total_p_value.item())}."
     )
     if runs.attrs["verdict"] == "agree":
         return [*told, f"The runs agree: {found}"]
     worst = runs.p_value.fillna(1.0)
-    name, least = runs.quantity.values[int(np.argmin(worst.values))], _chance(worst.min().item(), "= ")
+    name, least = runs.quantity.values[int(np.argmin(worst.values))], chance(worst.min().item())
     return [
         *told,
-        f"The runs disagree: {found} Most in {name} (p {least}): it changes from run to run, or with "
-        "amplitude because a force is of another form; the common errors are then too small.",
+        f"The runs disagree: {found} Most in {name} (p {least}): {DIFFERENT}",
     ]
 
 
@@ -63,9 +67,3 @@ def runs_json(runs: xr.Dataset) -> dict[str, Any]:
         name: number(runs[f"total_{name}"].item()) for name in ("chi_square", "degrees_of_freedom", "p_value")
     }
     return {"verdict": runs.attrs["verdict"], **total, "quantities": per_quantity}
-
-
-def _chance(p_value: float, equals: str = "") -> str:
-    if not np.isfinite(p_value):
-        return "-"
-    return f"{equals}{p_value:.2g}" if p_value > 0.0 else "< 1e-300"
