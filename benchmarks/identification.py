@@ -37,9 +37,9 @@ from helpers import (  # noqa: E402
 )
 
 from sysid_trib import ForceLibrary  # noqa: E402
-from sysid_trib.bounds import cramer_rao_bound  # noqa: E402
-from sysid_trib.identification import cross_check  # noqa: E402
 from sysid_trib.methods import Averaging, Direct, Trajectory  # noqa: E402
+from sysid_trib.trajectory_fit.cramer_rao import cramer_rao_bound  # noqa: E402
+from sysid_trib.validation.cross_check import cross_check  # noqa: E402
 
 STRONG = SIX | {"lambda": 1e-3}
 QUICK = 20

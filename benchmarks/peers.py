@@ -6,8 +6,8 @@ import numpy as np
 import pysindy
 from scipy.signal import savgol_filter
 
-from sysid_trib.feature_library import ForceFeatures
-from sysid_trib.forces import ForceLibrary
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.regression.pysindy_features import ForceFeatures
 
 # Best for the paper's run of the windows from 0.15 to 0.45 s and orders tried: bias and noise about equal.
 WINDOW, ORDER = 0.25, 6

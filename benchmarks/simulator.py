@@ -16,7 +16,7 @@ sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / 
 from reference_motion import reference_motion  # noqa: E402
 
 from sysid_trib import ForceLibrary, Model, load_library  # noqa: E402
-from sysid_trib.simulation import simulate, trajectory  # noqa: E402
+from sysid_trib.simulation.simulate import simulate, trajectory  # noqa: E402
 
 PAPER = {"lambda": -2.3e-5, "zeta": 0.0097, "delta": 0.037, "nu": -0.40, "epsilon": 0.30}
 W = 9.91

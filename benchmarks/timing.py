@@ -19,8 +19,8 @@ import peers  # noqa: E402
 from helpers import FIVE, W, paper_run  # noqa: E402
 
 from sysid_trib import ForceLibrary, discover, load_library  # noqa: E402
-from sysid_trib.identification import cross_check  # noqa: E402
 from sysid_trib.methods import Averaging, Direct, Trajectory  # noqa: E402
+from sysid_trib.validation.cross_check import cross_check  # noqa: E402
 
 SAMPLING_RATES = (100.0, 1000.0)
 

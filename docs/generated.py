@@ -21,10 +21,10 @@ import xarray as xr
 from typer.testing import CliRunner
 
 import sysid_trib as st
+from sysid_trib.averaging.identifiability import exactly_dependent, without_signature
 from sysid_trib.cli import app
-from sysid_trib.forces import Force, ForceLibrary
+from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.printing.forces import loses_power, signature_text
-from sysid_trib.ties import exactly_dependent, without_signature
 
 ROOT = Path(__file__).resolve().parent.parent
 PLACE = re.compile(r"^<!-- generated: (.+?) -->$", re.MULTILINE)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import typer
 
-from sysid_trib import __version__
+from sysid_trib._version import __version__
 from sysid_trib.commands.compare import compare
 from sysid_trib.commands.discover import discover
 from sysid_trib.commands.forces import forces

@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from sysid_trib.forces import Force
-from sysid_trib.library_files import parse_library
+from sysid_trib.forces.force import Force
+from sysid_trib.forces.library import parse_library
 
 
 def number(default: float, low: float, high: float) -> dict[str, float]:

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.stats import binom, chi2
 
 from sysid_trib import ForceLibrary, Model, load_library
-from sysid_trib.library_files import parse_library
-from sysid_trib.simulation import trajectory
+from sysid_trib.forces.library import parse_library
+from sysid_trib.simulation.simulate import trajectory
 
 Array = NDArray[np.float64]
 

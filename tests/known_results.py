@@ -8,7 +8,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from sysid_trib import ForceLibrary, load_library
-from sysid_trib.results import Estimate, identification
+from sysid_trib.results.schema import Estimate, identification
 
 # Le Bot et al. 2019, Sec. 3.
 PAPER = {"lambda": -0.000023, "zeta": 0.0097, "delta": 0.037, "nu": -0.40, "epsilon": 0.30}

@@ -19,10 +19,10 @@ from helpers import (
 )
 
 from sysid_trib import Model, load_library
-from sysid_trib.bounds import cramer_rao_bound
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.methods import Averaging
-from sysid_trib.results import with_contactless_frequency
+from sysid_trib.results.schema import with_contactless_frequency
+from sysid_trib.trajectory_fit.cramer_rao import cramer_rao_bound
 
 FORCES = load_library()
 SEEDS = 40

@@ -11,10 +11,10 @@ from scipy.integrate import solve_ivp
 from scipy.special import beta, dawsn, iv, j1, modstruve
 
 from sysid_trib import Model, indistinguishable, load_library
+from sysid_trib.averaging.identifiability import exactly_dependent, without_signature
+from sysid_trib.averaging.signatures import averages
 from sysid_trib.methods import Averaging
-from sysid_trib.signatures import averages
-from sysid_trib.simulation import simulate, trajectory
-from sysid_trib.ties import exactly_dependent, without_signature
+from sysid_trib.simulation.simulate import simulate, trajectory
 
 SIX = load_library()
 CANDIDATES = load_library("candidate_effects")

@@ -3,11 +3,11 @@ import pytest
 from candidates import candidate, force
 from scipy.interpolate import CubicSpline
 
-from sysid_trib.cycles.carrying import carry_along
+from sysid_trib.averaging.internal_states import carry_along
 from sysid_trib.errors import DecayError, LibraryError
-from sysid_trib.library_files import parse_library
-from sysid_trib.model import Model
-from sysid_trib.simulation import simulate
+from sysid_trib.forces.library import parse_library
+from sysid_trib.simulation.model import Model
+from sysid_trib.simulation.simulate import simulate
 
 W = 9.91
 

@@ -9,11 +9,11 @@ import pytest
 import xarray as xr
 from command_line import run, write_csv
 
-from sysid_trib import result_files
 from sysid_trib.commands.terminal import print_table
-from sysid_trib.example import COEFFICIENTS, FREQUENCY
 from sysid_trib.printing.identification import identification_table
 from sysid_trib.printing.layout import value_with_error
+from sysid_trib.results import files as result_files
+from sysid_trib.simulation.example import COEFFICIENTS, FREQUENCY
 
 DAHL = """
 [[force]]

@@ -12,19 +12,19 @@ from helpers import FIVE, NOISE, SIX, Run, W, library_of_formulas, paper_run
 from scipy.stats import chi2
 
 from sysid_trib import Model, compare, envelope, identify, load_library, plots
-from sysid_trib.comparing import every_method
 from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.holding_out import no_better, predicted, split
-from sysid_trib.method_labels import labelled
 from sysid_trib.methods import Averaging, Direct, LinearDecrement, LogarithmicDecrement, WuDecrement
-from sysid_trib.model import rescaling_factors
 from sysid_trib.printing.comparison import (
     coefficient_table,
     comparison_told,
     difference_table,
     quality_table,
 )
-from sysid_trib.result_files import load, save
+from sysid_trib.results.files import load, save
+from sysid_trib.simulation.model import rescaling_factors
+from sysid_trib.validation.compare import every_method
+from sysid_trib.validation.holdout import no_better, predicted, split
+from sysid_trib.validation.method_labels import labelled
 
 FORCES = load_library()
 FULL = ["trajectory", "direct", "averaging", "averaging (analytic signal)"]

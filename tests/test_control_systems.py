@@ -5,12 +5,12 @@ from candidates import CANDIDATES
 from known_results import PAPER, W, correlated, known
 
 from sysid_trib import Model, load_library
-from sysid_trib.control_systems import damp, linearise, to_nonlinear_system
+from sysid_trib.averaging.signatures import averages
 from sysid_trib.errors import UsageError
-from sysid_trib.library_files import parse_library
+from sysid_trib.forces.library import parse_library
 from sysid_trib.physics.crossing import crossovers
-from sysid_trib.signatures import averages
-from sysid_trib.simulation import simulate
+from sysid_trib.physics.linear_systems import damp, linearise, to_nonlinear_system
+from sysid_trib.simulation.simulate import simulate
 
 A = 0.3
 TIGHT = {"solve_ivp_method": "LSODA", "solve_ivp_kwargs": {"rtol": 1e-11, "atol": 1e-13}}

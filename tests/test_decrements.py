@@ -24,8 +24,8 @@ from sysid_trib.methods import (
     WuDecrement,
     feeny_liang_decrement,
 )
-from sysid_trib.results import model_of
-from sysid_trib.simulation import trajectory
+from sysid_trib.results.schema import model_of
+from sysid_trib.simulation.simulate import trajectory
 
 FORCES = load_library()
 SEEDS = 60

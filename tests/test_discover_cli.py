@@ -10,13 +10,13 @@ from helpers import FIVE, W, library_of_formulas, paper_run
 
 from sysid_trib import Model, discover, load, plots
 from sysid_trib.discrepancy.trends import trend
-from sysid_trib.forces import ForceLibrary
-from sysid_trib.printing.discovered import discovery_json, ranking_table, strongest, thresholds
-from sysid_trib.printing.discovery import discovery_told
-from sysid_trib.printing.gap import noise_of, residual_of
-from sysid_trib.printing.seeing import remedy
-from sysid_trib.result_files import save
-from sysid_trib.simulation import trajectory
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.printing.detectability import remedy
+from sysid_trib.printing.discovery_story import discovery_told
+from sysid_trib.printing.discovery_tables import discovery_json, ranking_table, strongest, thresholds
+from sysid_trib.printing.residual import noise_of, residual_of
+from sysid_trib.results.files import save
+from sysid_trib.simulation.simulate import trajectory
 
 VISCOUS = {"zeta": "2*v"}
 OFFERED = {"drag": "v*abs(v)", "cubic": "x**3", "rubber": "x*abs(x)", "wild": "sqrt(2.25 - x**2)*x"}

@@ -18,23 +18,23 @@ from helpers import (
 )
 
 from sysid_trib import ForceLibrary, Model, cramer_rao_bound, load_library
-from sysid_trib.coloured_noise import fractional, whitened
 from sysid_trib.discrepancy import naming
 from sysid_trib.discrepancy.baseline import fit, records_of
-from sysid_trib.discrepancy.frequencies import is_frequency, is_resonance, is_searched
-from sysid_trib.discrepancy.homogeneity import homogeneity
-from sysid_trib.discrepancy.noise import Noise, noise_of, oscillations
-from sysid_trib.discrepancy.omnibus import omnibus
-from sysid_trib.discrepancy.probes import Course, Probe, moved_by, probes_of
-from sysid_trib.discrepancy.response import tangent
-from sysid_trib.discrepancy.scores import scores
-from sysid_trib.discrepancy.search import first_baseline, search, verdict_of
-from sysid_trib.discrepancy.thinning import thinned
-from sysid_trib.discrepancy.twins import tie_class
+from sysid_trib.discrepancy.candidate_sensitivities import Course, Probe, moved_by, probes_of
+from sysid_trib.discrepancy.competing_models import tie_class
+from sysid_trib.discrepancy.decimation import thinned
+from sysid_trib.discrepancy.frequency_parameters import is_frequency, is_resonance, is_searched
+from sysid_trib.discrepancy.homogeneity_test import homogeneity
+from sysid_trib.discrepancy.omnibus_test import omnibus
+from sysid_trib.discrepancy.score_tests import scores
+from sysid_trib.discrepancy.stepwise_search import first_baseline, search, verdict_of
 from sysid_trib.errors import SimulationError
-from sysid_trib.formulas import parse
-from sysid_trib.methods.motions import Problem
-from sysid_trib.simulation import trajectory
+from sysid_trib.forces.formulas import parse
+from sysid_trib.noise.autoregression import fractional, whitened
+from sysid_trib.noise.residual_noise import Noise, noise_of, oscillations
+from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.trajectory_fit.problem import Problem
+from sysid_trib.trajectory_fit.sensitivities import tangent
 
 CONTACT, EFFECTS = load_library(), load_library("candidate_effects")
 RUN = paper_run(FIVE)

@@ -13,7 +13,7 @@ from scipy.stats import binom
 from sysid_trib.decays.free_decay import free_decay
 from sysid_trib.decays.half_sines import _scatter_ratio, envelope, instant_derivatives
 from sysid_trib.errors import DecayError
-from sysid_trib.records import read_record
+from sysid_trib.records.read import read_record
 
 OMEGA = 9.91
 LAMBDA, ZETA, DELTA, NU, EPSILON = -2.3e-5, 0.0097, 0.037, -0.40, 0.30

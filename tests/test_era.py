@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from sysid_trib import Model, load, load_library, save
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.methods import WindowedERA, windowed_modes
-from sysid_trib.simulation import trajectory
+from sysid_trib.simulation.simulate import trajectory
 
 FORCES = load_library()
 LINEAR = {"zeta": 0.0097}

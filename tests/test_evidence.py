@@ -12,16 +12,16 @@ from scipy.integrate import quad
 
 from sysid_trib import ForceLibrary, Model, load_library
 from sysid_trib.discrepancy.baseline import fit
-from sysid_trib.discrepancy.evidence import CREDIBLE, credible, over_shapes, probabilities
-from sysid_trib.discrepancy.naming import likeliest, refit
-from sysid_trib.discrepancy.probes import Probe, probes_of
-from sysid_trib.discrepancy.remembered import is_driven, values_along
-from sysid_trib.discrepancy.response import responses, tangent
-from sysid_trib.discrepancy.scores import scores
-from sysid_trib.discrepancy.search import first_baseline, search
-from sysid_trib.discrepancy.simpler import alone
-from sysid_trib.discrepancy.twins import tie_class
-from sysid_trib.simulation import trajectory
+from sysid_trib.discrepancy.candidate_fits import likeliest, refit
+from sysid_trib.discrepancy.candidate_sensitivities import Probe, probes_of
+from sysid_trib.discrepancy.competing_models import tie_class
+from sysid_trib.discrepancy.internal_states import is_driven, values_along
+from sysid_trib.discrepancy.model_probabilities import CREDIBLE, credible, over_shapes, probabilities
+from sysid_trib.discrepancy.replacement import alone
+from sysid_trib.discrepancy.score_tests import scores
+from sysid_trib.discrepancy.stepwise_search import first_baseline, search
+from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.trajectory_fit.sensitivities import responses, tangent
 
 CONTACT, EFFECTS = load_library(), load_library("candidate_effects")
 RUN = paper_run(FIVE)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from sysid_trib import load_library
 from sysid_trib.errors import LibraryError, UsageError
-from sysid_trib.library_files import MAX_BYTES
+from sysid_trib.forces.library import MAX_BYTES
 
 # symbol: parity, character, degree, degree in v, units
 PROPERTIES = {
@@ -254,7 +254,7 @@ def test_latex(symbol):
 @pytest.mark.parametrize("symbol", CANDIDATES)
 def test_following_a_branch_gives_the_value(symbol):
     # The simulator follows one analytic branch; on its side of every surface it is the formula itself.
-    from sysid_trib.formulas import evaluate_tree
+    from sysid_trib.forces.formulas import evaluate_tree
 
     found = candidate(symbol)
     for formula in found.formulas:

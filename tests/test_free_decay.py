@@ -18,7 +18,7 @@ from sysid_trib.decays.half_periods import (
     smooth,
 )
 from sysid_trib.errors import DecayError, RecordError, UsageError
-from sysid_trib.records import read_record
+from sysid_trib.records.read import read_record
 
 OMEGA = 9.91
 

@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 from scipy.special import beta
 
 from sysid_trib import Model, load_library
+from sysid_trib.averaging.envelope_prediction import predict_envelope
+from sysid_trib.averaging.signatures import averages
 from sysid_trib.errors import SimulationError
-from sysid_trib.library_files import parse_library
-from sysid_trib.prediction import predict_envelope
-from sysid_trib.signatures import averages
-from sysid_trib.simulation import simulate
+from sysid_trib.forces.library import parse_library
+from sysid_trib.simulation.simulate import simulate
 
 W = 9.91
 PAPER = {"lambda": -0.000023, "zeta": 0.0097, "delta": 0.037, "nu": -0.40, "epsilon": 0.30}

@@ -12,10 +12,11 @@ import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sysid_trib.decays.checks import check_sampling
 from sysid_trib.decays.free_decay import free_decay
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
-from sysid_trib.reading.columns import split_header
-from sysid_trib.records import check_sampling, read_record, scale_translation
+from sysid_trib.records.columns import split_header
+from sysid_trib.records.read import read_record, scale_translation
 
 TIME = np.round(np.arange(0.0, 3.0, 0.01), 3)
 ANGLE = np.round(0.3 * np.exp(-0.1 * TIME) * np.cos(9.91 * TIME), 6)

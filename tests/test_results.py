@@ -12,11 +12,11 @@ from helpers import FIVE, SIX, Run, W, library_of_formulas, paper_run
 import sysid_trib
 from sysid_trib import Model, load_library
 from sysid_trib.errors import RecordError, UsageError
-from sysid_trib.library_files import parse_library
+from sysid_trib.forces.library import parse_library
 from sysid_trib.methods import Averaging, Direct
-from sysid_trib.result_files import load, save
-from sysid_trib.results import asymptotic_frequency, library_of, map_identifications, model_of
-from sysid_trib.simulation import trajectory
+from sysid_trib.results.files import load, save
+from sysid_trib.results.schema import asymptotic_frequency, library_of, map_identifications, model_of
+from sysid_trib.simulation.simulate import trajectory
 
 FORCES = load_library()
 PER_FORCE = {"coefficient", "standard_error", "covariance", "active", "refers_to"}

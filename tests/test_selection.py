@@ -21,7 +21,7 @@ from sysid_trib.errors import UsageError
 from sysid_trib.methods import Direct
 from sysid_trib.regression.rows import Rows
 from sysid_trib.regression.selection import by_optimizer, significant
-from sysid_trib.results import model_of
+from sysid_trib.results.schema import model_of
 
 PAPER = paper_run()
 FOURTEEN = ForceLibrary("fourteen", (*PAPER.model.library.forces, *library_of_formulas(**EIGHT_MORE).forces))
@@ -98,7 +98,7 @@ def test_a_threshold_is_a_force_in_rad():
 
 
 def motion():
-    from sysid_trib.simulation import trajectory
+    from sysid_trib.simulation.simulate import trajectory
 
     found = trajectory(PAPER.model, PAPER.time, PAPER.start, 0.0)
     return found.position, found.rate / W

@@ -11,8 +11,8 @@ from reference_motion import reference_motion
 
 from sysid_trib import Model, load_library
 from sysid_trib.errors import SimulationError, UsageError
-from sysid_trib.library_files import parse_library
-from sysid_trib.simulation import simulate, trajectory
+from sysid_trib.forces.library import parse_library
+from sysid_trib.simulation.simulate import simulate, trajectory
 
 SIX = load_library("contact_forces")
 W = 9.91
@@ -403,7 +403,7 @@ def test_an_unknown_engine_is_named():
 
 
 def test_scipy_takes_over_without_heyoka(monkeypatch):
-    monkeypatch.setattr("sysid_trib.simulation._has_heyoka", lambda: False)
+    monkeypatch.setattr("sysid_trib.simulation.simulate._has_heyoka", lambda: False)
     assert simulate(six(zeta=0.01), TIME[:100]).engine == "scipy"
     with pytest.raises(UsageError, match="'heyoka'"):
         simulate(six(zeta=0.01), TIME, engine="heyoka")
@@ -429,7 +429,7 @@ def test_a_sample_on_the_wrong_branch_hands_the_run_to_scipy(monkeypatch):
 
 def test_a_compiled_motion_that_is_no_longer_kept_is_freed():
     """Each holds megabytes, and a search compiles hundreds."""
-    engine = pytest.importorskip("sysid_trib.motion.engine_heyoka")
+    engine = pytest.importorskip("sysid_trib.simulation.engine_heyoka")
     for symbols in (["dry", "viscous"], ["viscous"], ["jenkins", "dry"], ["dahl"]):
         forces = ODD.select(symbols).forces
         simulate(Model(ODD, dict.fromkeys(symbols, 1e-3), W), TIME[:500], 0.3)

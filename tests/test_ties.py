@@ -1,9 +1,14 @@
 import numpy as np
 import pytest
 
+from sysid_trib.averaging.identifiability import (
+    dependent_columns,
+    exactly_dependent,
+    indistinguishable,
+    without_signature,
+)
 from sysid_trib.errors import UsageError
-from sysid_trib.library_files import parse_library
-from sysid_trib.ties import dependent_columns, exactly_dependent, indistinguishable, without_signature
+from sysid_trib.forces.library import parse_library
 
 
 def library(**formulas):

@@ -19,13 +19,13 @@ from helpers import (
 )
 
 from sysid_trib import Model, load_library
-from sysid_trib.bounds import cramer_rao_bound
-from sysid_trib.coloured_noise import autoregression
 from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.library_files import parse_library
+from sysid_trib.forces.library import parse_library
 from sysid_trib.methods import Trajectory
-from sysid_trib.methods.motions import FAR, Record
-from sysid_trib.simulation import trajectory
+from sysid_trib.noise.autoregression import autoregression
+from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.trajectory_fit.cramer_rao import cramer_rao_bound
+from sysid_trib.trajectory_fit.problem import FAR, Record
 
 FORCES = load_library()
 STOPPING = SIX | {"lambda": 1e-3}
@@ -137,6 +137,8 @@ def test_motions_out_of_all_proportion_are_far_off_without_being_followed(monkey
     model = Model(load_library().select(["zeta"]), {"zeta": 0.0}, W)
     record = Record(time, angle)
     np.testing.assert_allclose(record.residual(model, np.array([0.3, 0.0, 0.0])), 0.0, atol=1e-6)
-    monkeypatch.setattr("sysid_trib.methods.motions.trajectory", lambda *_, **__: pytest.fail("was followed"))
+    monkeypatch.setattr(
+        "sysid_trib.trajectory_fit.problem.trajectory", lambda *_, **__: pytest.fail("was followed")
+    )
     left = record.residual(Model(model.library, {"zeta": 0.0}, w), np.array([*own, 0.0]))
     np.testing.assert_allclose(left, FAR * 0.3)

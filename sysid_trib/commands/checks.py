@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sysid_trib.errors import DecayError, RecordError, UsageError
-from sysid_trib.library_files import load_library
+from sysid_trib.forces.library import load_library
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from sysid_trib.forces import ForceLibrary
+    from sysid_trib.forces.force import ForceLibrary
 
 # No oscillator is outside of this range in rad/s, Hz or s; far beyond it arithmetic overflows.
 LEAST, MOST = 1e-9, 1e9
@@ -53,9 +53,9 @@ def _read_decay(
     record: Path | None, columns: Columns, window: str, equilibrium: str
 ) -> "tuple[xr.Dataset, str]":
     from sysid_trib.decays.free_decay import free_decay
-    from sysid_trib.example import paper_twin
-    from sysid_trib.reading.columns import ANGLE_UNITS
-    from sysid_trib.records import read_record
+    from sysid_trib.records.columns import ANGLE_UNITS
+    from sysid_trib.records.read import read_record
+    from sysid_trib.simulation.example import paper_twin
 
     limits = parse_window(window, "--window")
     centre: float | str = equilibrium if equilibrium == "auto" else parse_number(equilibrium, "--equilibrium")
@@ -172,8 +172,8 @@ def settings(
     texts: list[str], library: "ForceLibrary", *, papers: bool
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Coefficients and shape parameters from `lambda=1e-3`, `dahl.s=0.02`; the paper's if none is set."""
-    from sysid_trib.example import COEFFICIENTS
-    from sysid_trib.model import check_shapes
+    from sysid_trib.simulation.example import COEFFICIENTS
+    from sysid_trib.simulation.model import check_shapes
 
     coefficients: dict[str, float] = {}
     shapes: dict[str, float] = {}

@@ -32,8 +32,9 @@ def compare(
     plot: options.Plot = None,
 ) -> None:
     """Identify the forces of a decay by every method, and test each on a part that it has not seen."""
-    from sysid_trib import comparing, result_files
     from sysid_trib.commands import checks
+    from sysid_trib.results import files
+    from sysid_trib.validation import compare as comparison
 
     contactless = checks.parse_value_with_error(omega0, "--omega0")
     checks.check_positive(reference_frequency, "--reference-frequency")
@@ -46,16 +47,16 @@ def compare(
     decays, told = checks.read_decays(records, columns, window, equilibrium)
     for each in decays:
         checks.check_reference(reference_frequency, each)
-    methods = comparing.every_method(reference_frequency, shapes)
+    methods = comparison.every_method(reference_frequency, shapes)
     with _progress(len(methods)) as tell:
-        tree = comparing.compare(decays, offered, methods, contactless=contactless, tell=tell)
+        tree = comparison.compare(decays, offered, methods, contactless=contactless, tell=tell)
     tree.attrs["command"] = command_line()
     if output is not None:
-        result_files.save(tree, output)
+        files.save(tree, output)
     if plot is not None:
         from sysid_trib import plots
 
-        result_files.write_figure(plots.comparison(tree), plot / "comparison")
+        files.write_figure(plots.comparison(tree), plot / "comparison")
     if as_json:
         from sysid_trib.printing.comparison import comparison_json
 

@@ -63,9 +63,9 @@ def discover(
     plot: options.Plot = None,
 ) -> None:
     """Find what a model lacks to explain a decay, name it, add it, and tell how far the gap shrinks."""
-    from sysid_trib import result_files
     from sysid_trib.commands import checks, discovery_inputs
     from sysid_trib.discrepancy.discover import discover
+    from sysid_trib.results import files
 
     checks.check_positive(reference_frequency, "--reference-frequency")
     if forces is None and not records:
@@ -93,11 +93,11 @@ def discover(
         tree.attrs["held_out"] = discovery_inputs.window_told(holdout, len(held))
     tree.attrs["command"] = command_line()
     if output is not None:
-        result_files.save(tree, output)
+        files.save(tree, output)
     if plot is not None:
         _save_figures(tree, plot)
     if as_json:
-        from sysid_trib.printing.discovered import discovery_json
+        from sysid_trib.printing.discovery_tables import discovery_json
 
         print(json.dumps(discovery_json(tree), indent=2, allow_nan=False))
         return
@@ -120,8 +120,8 @@ def _progress() -> Iterator[Callable[[str], None]]:
 
 
 def _tell(tree: "xr.DataTree", told: list[str]) -> None:
-    from sysid_trib.printing.discovered import RANKING, ranking_table
-    from sysid_trib.printing.discovery import discovery_told
+    from sysid_trib.printing.discovery_story import discovery_told
+    from sysid_trib.printing.discovery_tables import RANKING, ranking_table
 
     print_records(tree, told)
     for title, sentences in discovery_told(tree).items():
@@ -135,8 +135,8 @@ def _tell(tree: "xr.DataTree", told: list[str]) -> None:
 
 def _save_figures(tree: "xr.DataTree", folder: Path) -> None:
     from sysid_trib import plots
-    from sysid_trib.result_files import write_figure
-    from sysid_trib.runs import group_names, record_groups
+    from sysid_trib.records.runs import group_names, record_groups
+    from sysid_trib.results.files import write_figure
 
     runs = len(record_groups(tree))
     for run, name in enumerate(group_names("discovery", runs)):

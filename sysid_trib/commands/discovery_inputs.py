@@ -8,12 +8,12 @@ import numpy as np
 
 from sysid_trib.commands.checks import parse_window
 from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.library_files import load_library
+from sysid_trib.forces.library import load_library
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from sysid_trib.forces import ForceLibrary
+    from sysid_trib.forces.force import ForceLibrary
 
 EFFECTS = "candidate_effects"
 

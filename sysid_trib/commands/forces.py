@@ -11,7 +11,7 @@ def forces(
     library: Annotated[str, typer.Argument(metavar="NAME|FILE", help="Force library.")] = "contact_forces",
 ) -> None:
     """Show the forces of a library, with their signatures in envelope and frequency."""
-    from sysid_trib.library_files import load_library
+    from sysid_trib.forces.library import load_library
     from sysid_trib.printing.forces import force_table
 
     offered = load_library(library)

@@ -34,12 +34,12 @@ def identify(
     """Identify the forces of a decay in two ways, and cross-check them."""
     import xarray as xr
 
-    from sysid_trib import result_files, results
     from sysid_trib.commands import checks
-    from sysid_trib.differences import run_agreement
-    from sysid_trib.identification import cross_check
     from sysid_trib.methods import Averaging, Direct
-    from sysid_trib.runs import one_or_all
+    from sysid_trib.records.runs import one_or_all
+    from sysid_trib.results import files, schema
+    from sysid_trib.validation.cross_check import cross_check
+    from sysid_trib.validation.homogeneity import run_agreement
 
     contactless = checks.parse_value_with_error(omega0, "--omega0")
     checks.check_positive(reference_frequency, "--reference-frequency")
@@ -64,12 +64,12 @@ def identify(
             run_agreement(decays, tree[tree["comparison"].attrs["second"]].to_dataset())
         )
     if contactless is not None:
-        tree = results.map_identifications(
-            tree, lambda result: results.with_contactless_frequency(result, *contactless)
+        tree = schema.map_identifications(
+            tree, lambda result: schema.with_contactless_frequency(result, *contactless)
         )
     tree.attrs["command"] = command_line()
     if output is not None:
-        result_files.save(tree, output)
+        files.save(tree, output)
     if plot is not None:
         _save_figures(tree, plot)
     if as_json:
@@ -104,8 +104,8 @@ def _tell(tree: "xr.DataTree", told: list[str], inertia: float | None) -> None:
 
 def _save_figures(tree: "xr.DataTree", folder: Path) -> None:
     from sysid_trib import plots
-    from sysid_trib.result_files import write_figure
-    from sysid_trib.runs import group_names, record_groups
+    from sysid_trib.records.runs import group_names, record_groups
+    from sysid_trib.results.files import write_figure
 
     runs = len(record_groups(tree))
     for run, name in enumerate(group_names("identification", runs)):

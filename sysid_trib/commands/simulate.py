@@ -26,8 +26,8 @@ def simulate(
     """Simulate the decay of a model; without --set, of the paper's PDMS/glass run."""
     from sysid_trib.commands import checks
     from sysid_trib.commands.simulated_record import simulated_record, write_record
-    from sysid_trib.library_files import load_library
-    from sysid_trib.model import Model
+    from sysid_trib.forces.library import load_library
+    from sysid_trib.simulation.model import Model
 
     checks.check_output(output, ".csv .nc")
     offered = load_library(library)

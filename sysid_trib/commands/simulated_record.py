@@ -7,9 +7,9 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.errors import UsageError
-from sysid_trib.model import Model
-from sysid_trib.result_files import write_beside
-from sysid_trib.simulation import simulate
+from sysid_trib.results.files import write_beside
+from sysid_trib.simulation.model import Model
+from sysid_trib.simulation.simulate import simulate
 
 MAX_SAMPLES = 20_000_000
 MAX_PERIODS = 1_000_000

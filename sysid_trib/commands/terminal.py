@@ -28,7 +28,7 @@ def print_table(table: "Table") -> None:
 
 def print_records(tree: "xr.DataTree", told: list[str]) -> None:
     """What each record is, and what was cut of it."""
-    from sysid_trib.runs import record_groups
+    from sysid_trib.records.runs import record_groups
 
     for sentence, group in zip(told, record_groups(tree), strict=True):
         print(printable(sentence))

@@ -6,11 +6,12 @@ import numpy as np
 
 from sysid_trib.decays.equilibrium import Swing, signed_extrema
 from sysid_trib.decays.half_periods import FloatArray
-from sysid_trib.errors import DecayError
+from sysid_trib.errors import DecayError, RecordError
 
 # Three full periods: five whole half periods and a part of one at either end.
 FEWEST_EXTREMA = 5
 FEWEST_SAMPLES = 3
+STEP_TOLERANCE = 0.02
 
 
 def refuse_wild_samples(time: FloatArray, angle: FloatArray, source: str) -> None:
@@ -95,3 +96,26 @@ def refuse_clipping(time: FloatArray, angle: FloatArray, swing: Swing, source: s
                 f"{source}: {np.count_nonzero(flat)} half periods are clipped at {limit:.6g}; "
                 "start the window after them, or record with a wider range."
             )
+
+
+def check_sampling(time: FloatArray, source: str) -> None:
+    """Refuse time steps more than 2 % from their median: a gap, dropped frames, or a coarse clock.
+
+    Raises
+    ------
+    RecordError
+        With the worst step, where it is, and the remedy.
+    """
+    steps = np.diff(time)
+    median = float(np.median(steps))
+    # A clock printed with a few digits is off by rounding; 1e-9 s keeps the limit itself on the good side.
+    worst = int(np.argmax(np.abs(steps - median)))
+    if abs(steps[worst] - median) <= STEP_TOLERANCE * median + 1e-9:
+        return
+    raise RecordError(
+        f"{source}: a time step of {steps[worst]:.3g} s at {time[worst]:.6g} s, "
+        f"but {median:.3g} s is usual and 2 % is allowed. "
+        "Keep a part without gaps, --window START:STOP (window= in Python), "
+        "resample first (record.interp in Python), or give the sampling rate if the time column is wrong, "
+        "--sampling-rate HZ (sampling_rate=)."
+    )

@@ -5,12 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from sysid_trib.decays.checks import after_the_largest, refuse_clipping, refuse_wild_samples
+from sysid_trib.decays.checks import after_the_largest, check_sampling, refuse_clipping, refuse_wild_samples
 from sysid_trib.decays.equilibrium import Swing, find_swing
 from sysid_trib.decays.half_periods import FloatArray, noise_level
 from sysid_trib.decays.hand_stop import before_the_hand
 from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.records import check_sampling
 
 # rad or m, far below any measurement; the squares of still smaller numbers underflow.
 SMALLEST_SWING = 1e-15

@@ -8,12 +8,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from sysid_trib.discrepancy.noise import Noise, noise_of
-from sysid_trib.discrepancy.probes import Course
-from sysid_trib.discrepancy.response import tangent
-from sysid_trib.methods.fitting import grown, least
-from sysid_trib.methods.motions import Problem, Record
-from sysid_trib.simulation import FAST
+from sysid_trib.discrepancy.candidate_sensitivities import Course
+from sysid_trib.noise.residual_noise import Noise, noise_of
+from sysid_trib.simulation.simulate import FAST
+from sysid_trib.trajectory_fit.least_squares import grown, least
+from sysid_trib.trajectory_fit.problem import Problem, Record
+from sysid_trib.trajectory_fit.sensitivities import tangent
 
 Array = NDArray[np.float64]
 

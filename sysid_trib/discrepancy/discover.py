@@ -6,20 +6,20 @@ from dataclasses import replace
 
 import xarray as xr
 
-from sysid_trib.discrepancy.groups import groups_of
-from sysid_trib.discrepancy.search import (
+from sysid_trib.discrepancy.decimation import thinned
+from sysid_trib.discrepancy.model_sequence import stages_of
+from sysid_trib.discrepancy.stepwise_search import (
     LEVEL,
     first_baseline,
     search,
     verdict_of,
 )
-from sysid_trib.discrepancy.stages import stages_of
-from sysid_trib.discrepancy.thinning import thinned
+from sysid_trib.discrepancy.to_xarray import groups_of
 from sysid_trib.errors import UsageError
-from sysid_trib.forces import Force, ForceLibrary
+from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.methods.unknowns import unknown_forces
-from sysid_trib.results import provenance
-from sysid_trib.runs import Decays, as_runs, one_or_all
+from sysid_trib.records.runs import Decays, as_runs, one_or_all
+from sysid_trib.results.schema import provenance
 
 
 def discover(

@@ -11,15 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from sysid_trib.decays.half_sines import envelope
 from sysid_trib.errors import DecayError, SysidTribError, UsageError
-from sysid_trib.forces import ForceLibrary
+from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.unknowns import unknown_forces
-from sysid_trib.model import Model
+from sysid_trib.records.runs import Decays, as_runs, root_mean_square, run_noise
 from sysid_trib.regression.averaged import averaged_equations, noise_of_equations
 from sysid_trib.regression.weak_form import whiten, whitener
-from sysid_trib.results import Estimate, identification
-from sysid_trib.runs import Decays, as_runs, root_mean_square, run_noise
-from sysid_trib.simulation import trajectory
-from sysid_trib.start import first_guess, fit_start
+from sysid_trib.results.schema import Estimate, identification
+from sysid_trib.simulation.model import Model
+from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.trajectory_fit.initial_conditions import first_guess, fit_start
 
 Array = NDArray[np.float64]
 

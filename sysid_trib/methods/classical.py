@@ -8,11 +8,11 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.forces import Force, ForceLibrary
+from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.methods.indirect import Found, Law, find
-from sysid_trib.model import Model
 from sysid_trib.regression.relations import Equations
-from sysid_trib.results import Estimate, identification
+from sysid_trib.results.schema import Estimate, identification
+from sysid_trib.simulation.model import Model
 
 Array = NDArray[np.float64]
 

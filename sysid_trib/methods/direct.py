@@ -9,12 +9,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from sysid_trib.averaging.identifiability import dependent_columns
 from sysid_trib.decays.half_sines import usable_half_periods
 from sysid_trib.errors import DecayError, SimulationError, UsageError
-from sysid_trib.forces import ForceLibrary
+from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.strong_form import strong_form
 from sysid_trib.methods.unknowns import unknown_forces
-from sysid_trib.model import Model
+from sysid_trib.records.runs import Decays, as_runs, root_mean_square, run_noise, start_variables
 from sysid_trib.regression.rows import (
     Guess,
     Linearised,
@@ -34,10 +35,9 @@ from sysid_trib.regression.rows import (
 )
 from sysid_trib.regression.selection import by_optimizer, significant, solved_by
 from sysid_trib.regression.weak_form import build_weak_form, smooth
-from sysid_trib.results import Estimate, identification
-from sysid_trib.runs import Decays, as_runs, root_mean_square, run_noise, start_variables
-from sysid_trib.start import fit_start
-from sysid_trib.ties import dependent_columns
+from sysid_trib.results.schema import Estimate, identification
+from sysid_trib.simulation.model import Model
+from sysid_trib.trajectory_fit.initial_conditions import fit_start
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from sysid_trib.errors import DecayError
-from sysid_trib.forces import ForceLibrary
+from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.classical import identified, law_of_forces, needed, one_record
 
 Array = NDArray[np.float64]

@@ -8,15 +8,15 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from sysid_trib.averaging.signatures import averages
 from sysid_trib.errors import DecayError
-from sysid_trib.forces import Force, ForceLibrary
-from sysid_trib.library_files import parse_library
+from sysid_trib.forces.force import Force, ForceLibrary
+from sysid_trib.forces.library import parse_library
 from sysid_trib.methods.classical import labelled, one_record
 from sysid_trib.methods.indirect import Found, Law, find
 from sysid_trib.methods.wu_decrement import energy_balance
-from sysid_trib.model import Model
 from sysid_trib.regression.relations import Equations
-from sysid_trib.signatures import averages
+from sysid_trib.simulation.model import Model
 
 Array = NDArray[np.float64]
 

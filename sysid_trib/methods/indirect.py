@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from sysid_trib.decays.half_sines import envelope
 from sysid_trib.errors import SysidTribError
-from sysid_trib.model import Model
 from sysid_trib.regression.relations import Equations, Solution, solve
-from sysid_trib.simulation import trajectory
-from sysid_trib.start import first_guess, fit_start
+from sysid_trib.simulation.model import Model
+from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.trajectory_fit.initial_conditions import first_guess, fit_start
 
 Array = NDArray[np.float64]
 

@@ -8,17 +8,17 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from sysid_trib.coloured_noise import autoregression, whitened
 from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.forces import ForceLibrary
+from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.direct import Direct
-from sysid_trib.methods.fitting import fitted, grown, rms
-from sysid_trib.methods.motions import Problem, Record
 from sysid_trib.methods.unknowns import unknown_forces
-from sysid_trib.model import Model
-from sysid_trib.results import Estimate, identification, model_of
-from sysid_trib.runs import Decays, as_runs, root_mean_square, run_noise, start_variables
-from sysid_trib.start import first_guess
+from sysid_trib.noise.autoregression import autoregression, whitened
+from sysid_trib.records.runs import Decays, as_runs, root_mean_square, run_noise, start_variables
+from sysid_trib.results.schema import Estimate, identification, model_of
+from sysid_trib.simulation.model import Model
+from sysid_trib.trajectory_fit.initial_conditions import first_guess
+from sysid_trib.trajectory_fit.least_squares import fitted, grown, rms
+from sysid_trib.trajectory_fit.problem import Problem, Record
 
 Array = NDArray[np.float64]
 

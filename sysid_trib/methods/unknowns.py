@@ -1,7 +1,7 @@
 """Which forces of a library are unknowns of a method."""
 
 from sysid_trib.errors import DecayError
-from sysid_trib.forces import ForceLibrary
+from sysid_trib.forces.force import ForceLibrary
 
 
 def unknown_forces(library: ForceLibrary, reference_frequency: float | None) -> ForceLibrary:

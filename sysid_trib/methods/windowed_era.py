@@ -9,9 +9,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from sysid_trib.decays.windowed_modes import Windows, fit_windows, table
-from sysid_trib.forces import ForceLibrary
+from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.classical import needed, one_record
-from sysid_trib.results import Estimate, identification
+from sysid_trib.results.schema import Estimate, identification
 
 Array = NDArray[np.float64]
 

@@ -7,11 +7,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from sysid_trib.averaging.signatures import averages
 from sysid_trib.errors import DecayError
-from sysid_trib.forces import Force, ForceLibrary
+from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.methods.classical import identified, law_of_forces, needed, one_record
 from sysid_trib.regression.relations import Equations
-from sysid_trib.signatures import averages
 
 Array = NDArray[np.float64]
 

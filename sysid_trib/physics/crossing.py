@@ -8,12 +8,12 @@ import numpy as np
 import xarray as xr
 from scipy.optimize import bisect, brentq
 
+from sysid_trib.averaging.signatures import averages
 from sysid_trib.errors import LibraryError
-from sysid_trib.forces import Force
+from sysid_trib.forces.force import Force
 from sysid_trib.physics.force_weights import peak
 from sysid_trib.physics.quantities import Array
 from sysid_trib.physics.unknowns import Unknowns, unknowns_of
-from sysid_trib.signatures import averages
 
 # Amplitudes (rad) among which a crossover is sought where a force is no power law: 12 a decade.
 LOWEST, HIGHEST, GRID = 1e-4, np.pi, 55

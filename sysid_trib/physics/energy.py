@@ -4,13 +4,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
+from sysid_trib.averaging.envelope_prediction import predict_envelope
+from sysid_trib.averaging.signatures import averages
 from sysid_trib.errors import SimulationError, UsageError
 from sysid_trib.physics.force_weights import shares
 from sysid_trib.physics.quantities import Array, amplitudes, check_quantity, propagated, with_error
 from sysid_trib.physics.unknowns import Unknowns, unknowns_of
-from sysid_trib.prediction import predict_envelope
-from sysid_trib.signatures import averages
-from sysid_trib.simulation import trajectory
+from sysid_trib.simulation.simulate import trajectory
 
 # Of periods: a longer motion is not simulated to its end.
 LONGEST = 20_000

@@ -8,12 +8,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from sysid_trib.cycles.carrying import carry_along
-from sysid_trib.cycles.collocation import Index, Panels, solve_states
-from sysid_trib.forces import Force
+from sysid_trib.averaging.collocation import Index, Panels, solve_states
+from sysid_trib.averaging.internal_states import carry_along
+from sysid_trib.averaging.signatures import averages
+from sysid_trib.forces.force import Force
 from sysid_trib.physics.quantities import Array, amplitudes, with_error
 from sysid_trib.physics.unknowns import unknowns_of
-from sysid_trib.signatures import averages
 
 # Points of a cycle on which the peak of a force is sought; every maximum of a power of x or v is one of them.
 POINTS = 1440

@@ -9,12 +9,12 @@ import xarray as xr
 from sysid_trib.decays.half_periods import HalfPeriods
 from sysid_trib.decays.half_sines import usable_half_periods
 from sysid_trib.errors import DecayError, SysidTribError, UsageError
-from sysid_trib.forces import ForceLibrary
-from sysid_trib.identification import Method
-from sysid_trib.model import rescaling_factors
+from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.physics.constant import constancy, windows_apart
 from sysid_trib.physics.quantities import Array, Variables, propagated, with_error
 from sysid_trib.physics.unknowns import unknowns_of
+from sysid_trib.simulation.model import rescaling_factors
+from sysid_trib.validation.cross_check import Method
 
 SHORTEST = 3.0
 

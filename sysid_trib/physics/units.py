@@ -3,7 +3,7 @@
 import numpy as np
 import xarray as xr
 
-from sysid_trib.forces import Force
+from sysid_trib.forces.force import Force
 from sysid_trib.physics.quantities import Array, Variables, check_quantity, propagated, with_error
 from sysid_trib.physics.unknowns import Unknowns, unknowns_of
 

@@ -8,10 +8,10 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from sysid_trib.errors import UsageError
-from sysid_trib.forces import Force, ForceLibrary
-from sysid_trib.model import Model, rescaling_factors
+from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.physics.quantities import Array
-from sysid_trib.results import asymptotic_frequency, library_of
+from sysid_trib.results.schema import asymptotic_frequency, library_of
+from sysid_trib.simulation.model import Model, rescaling_factors
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from sysid_trib.method_table import column_power
 from sysid_trib.plots.style import axes
-from sysid_trib.results import library_of
+from sysid_trib.results.schema import library_of
+from sysid_trib.validation.comparison_table import column_power
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

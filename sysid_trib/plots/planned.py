@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from sysid_trib.discrepancy.evidence import APART
+from sysid_trib.discrepancy.model_probabilities import APART
 from sysid_trib.plots.style import LEGEND, SERIES, axes
 
 if TYPE_CHECKING:

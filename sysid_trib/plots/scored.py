@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.plots.style import LEGEND, axes
-from sysid_trib.printing.discovered import strongest, thresholds
+from sysid_trib.printing.discovery_tables import strongest, thresholds
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from sysid_trib.identification import LARGE
-from sysid_trib.method_table import column_power
 from sysid_trib.printing.layout import number, text_table, value_with_error
-from sysid_trib.runs import record_groups
+from sysid_trib.records.runs import record_groups
+from sysid_trib.validation.comparison_table import column_power
+from sysid_trib.validation.cross_check import LARGE
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sysid_trib.forces import Force, ForceLibrary
+from sysid_trib.averaging.signatures import averages, lost_power
+from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.printing.layout import text_table
-from sysid_trib.signatures import averages, lost_power
 
 if TYPE_CHECKING:
     from rich.table import Table

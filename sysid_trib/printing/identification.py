@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from sysid_trib.printing.layout import number, text_table, value_with_error
 from sysid_trib.printing.physics import as_data, told
 from sysid_trib.printing.runs import runs_json
-from sysid_trib.results import library_of
-from sysid_trib.runs import group_names, record_groups
+from sysid_trib.records.runs import group_names, record_groups
+from sysid_trib.results.schema import library_of
 
 if TYPE_CHECKING:
     from rich.table import Table

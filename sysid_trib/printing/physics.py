@@ -14,7 +14,7 @@ from sysid_trib.physics.force_weights import weights
 from sysid_trib.physics.quantities import amplitudes
 from sysid_trib.physics.units import physical_units
 from sysid_trib.printing.layout import number, value_with_error
-from sysid_trib.results import library_of
+from sysid_trib.results.schema import library_of
 
 # A share below this is not worth a word.
 SMALL = 5e-4

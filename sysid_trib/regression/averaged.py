@@ -9,9 +9,9 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from sysid_trib.averaging.signatures import averages
 from sysid_trib.decays.half_sines import instant_derivatives
-from sysid_trib.forces import Force, ForceLibrary
-from sysid_trib.signatures import averages
+from sysid_trib.forces.force import Force, ForceLibrary
 
 Array = NDArray[np.float64]
 

@@ -8,10 +8,10 @@ import scipy.linalg
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from sysid_trib.cycles.carrying import carry_along
-from sysid_trib.forces import Force
-from sysid_trib.model import rescaling_factors
+from sysid_trib.averaging.internal_states import carry_along
+from sysid_trib.forces.force import Force
 from sysid_trib.regression.weak_form import KNOTS_PER_PERIOD, WeakForm, noise_operator, whiten, whitener
+from sysid_trib.simulation.model import rescaling_factors
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -6,11 +6,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from sysid_trib.method_table import column_power
 from sysid_trib.plots.compared import FAMILIES, FREQUENCY, family_of, is_variant, limits, shown, values_of
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.reporting import drawing
 from sysid_trib.reporting.parts import Panel
+from sysid_trib.validation.comparison_table import column_power
 
 if TYPE_CHECKING:
     from bokeh.plotting import figure

@@ -9,8 +9,8 @@ from sysid_trib import plots
 from sysid_trib.plots.cross_checked import model_lines
 from sysid_trib.plots.discovered import MODELS, noise_of_sample
 from sysid_trib.printing.comparison import comparison_tables, comparison_told
-from sysid_trib.printing.discovered import RANKING, ranking_table
-from sysid_trib.printing.discovery import discovery_told
+from sysid_trib.printing.discovery_story import discovery_told
+from sysid_trib.printing.discovery_tables import RANKING, ranking_table
 from sysid_trib.printing.identification import (
     coefficient_cell,
     consequences,
@@ -20,12 +20,12 @@ from sysid_trib.printing.identification import (
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.printing.physics import told
 from sysid_trib.printing.runs import runs_table, runs_told
+from sysid_trib.records.runs import noise_of_run, record_groups
 from sysid_trib.reporting.compared import prediction_panel, quantity_panels
 from sysid_trib.reporting.drawing import MOST_POINTS
 from sysid_trib.reporting.motions import motion_panels, record_panel
 from sysid_trib.reporting.parts import Figures, Section, Table, as_table
 from sysid_trib.reporting.searched import forecast_panel, map_panels, ranking_panels
-from sysid_trib.runs import noise_of_run, record_groups
 
 FOLLOWS = "What follows from the model"
 MOTIONS = "The record and the motion of each model, its start and the sensor's zero fitted."

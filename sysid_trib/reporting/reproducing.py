@@ -8,11 +8,11 @@ from typing import Any
 
 import xarray as xr
 
-from sysid_trib.agreement import method_of
-from sysid_trib.example import paper_twin
-from sysid_trib.library_files import library_folder, load_library, parse_library
+from sysid_trib.forces.library import library_folder, load_library, parse_library
+from sysid_trib.records.runs import record_groups
 from sysid_trib.reporting.contents import identifications, kind_of
-from sysid_trib.runs import record_groups
+from sysid_trib.simulation.example import paper_twin
+from sysid_trib.validation.cross_check_statistics import method_of
 
 
 def python_text(tree: xr.DataTree) -> str:

@@ -7,8 +7,8 @@ import xarray as xr
 
 from sysid_trib.plots.discovered import missing_force
 from sysid_trib.plots.scored import BEST, FAR, by_family, marked, scan_title, shown_scans
-from sysid_trib.printing.discovered import strongest, thresholds
-from sysid_trib.printing.seeing import added
+from sysid_trib.printing.detectability import added
+from sysid_trib.printing.discovery_tables import strongest, thresholds
 from sysid_trib.reporting import drawing
 from sysid_trib.reporting.parts import Panel
 

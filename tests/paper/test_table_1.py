@@ -8,8 +8,8 @@ import pytest
 from candidates import force
 
 from sysid_trib import load_library
-from sysid_trib.signatures import signature
-from sysid_trib.ties import indistinguishable
+from sysid_trib.averaging.identifiability import indistinguishable
+from sysid_trib.averaging.signatures import signature
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ def test_appendix_example_has_the_sine_of_table_1():
 
 
 def test_section_2_3_these_two_have_one_signature():
-    from sysid_trib.library_files import parse_library
+    from sysid_trib.forces.library import parse_library
 
     formulas = {"delta": "v**2*sign(v)", "positional": "x**2*sign(v)", "zeta": "2*v"}
     library = parse_library({"force": [{"symbol": k, "formula": f} for k, f in formulas.items()]}, "test")

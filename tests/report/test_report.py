@@ -13,7 +13,7 @@ from helpers import lengthened
 
 import sysid_trib as st
 from sysid_trib.printing.comparison import comparison_told
-from sysid_trib.printing.discovery import discovery_told
+from sysid_trib.printing.discovery_story import discovery_told
 from sysid_trib.printing.identification import verdict
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.reporting import drawing

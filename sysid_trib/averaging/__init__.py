@@ -1,0 +1,1 @@
+"""One cycle: describing functions, collocation, envelope prediction, identifiability."""

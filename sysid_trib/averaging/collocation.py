@@ -1,0 +1,224 @@
+"""States of forces under a motion that is given.
+
+They are found at once over the whole motion by Radau collocation on panels: every Newton step is one
+banded system, so a stiff state (Dahl with a short presliding length) costs no more than a soft one, and a
+steady cycle is the same system closed on itself.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.polynomial import legendre
+from numpy.typing import NDArray
+from scipy.linalg import solve_banded
+
+from sysid_trib.errors import LibraryError
+from sysid_trib.forces.force import Force
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+Names = Mapping[str, Any]
+MAX_NEWTON = 60
+MAX_ROUNDS = 45
+
+
+@dataclass(frozen=True)
+class Panels:
+    """Intervals of tau (or phi) in order: `row` = the motion, `segment` = its part between reversals."""
+
+    row: Index
+    segment: Index
+    low: Array
+    high: Array
+
+    def halved(self, chosen: NDArray[np.bool_]) -> tuple["Panels", Index, Array]:
+        """Halve the chosen ones; of each new panel its parent, and where in it its nodes begin."""
+        parent = np.repeat(np.arange(self.low.size), 1 + chosen)
+        second = np.concatenate(([False], parent[1:] == parent[:-1]))
+        middle = 0.5 * (self.low + self.high)[parent]
+        low = np.where(second, middle, self.low[parent])
+        high = np.where(chosen[parent] & ~second, middle, self.high[parent])
+        return Panels(self.row[parent], self.segment[parent], low, high), parent, 0.5 * second
+
+
+@dataclass(frozen=True)
+class States:
+    """States at the nodes of panels, (panel, node, state), and at each panel's low end, (panel, state)."""
+
+    panels: Panels
+    tau: Array
+    weights: Array
+    values: Array
+    left: Array
+
+    def named(self, force: Force) -> dict[str, Array]:
+        """States at the nodes by name."""
+        return _named(force, self.values)
+
+
+@lru_cache(maxsize=8)
+def _radau(stages: int) -> tuple[Array, Array, Array]:
+    """Radau IIA (Hairer and Wanner 1996): nodes on (0, 1], integration matrix, inverse Legendre matrix."""
+    nodes = legendre.legroots(np.eye(stages + 1)[-1] - np.eye(stages + 1)[-2])
+    nodes[-1] = 1.0
+    basis = legendre.legvander(nodes, stages - 1)
+    integrals = [legendre.legval(nodes, legendre.legint(row, lbnd=-1)) for row in np.eye(stages)]
+    inverse = np.linalg.inv(basis)
+    matrix = 0.5 * np.array(integrals).T @ inverse
+    return 0.5 * (nodes + 1.0), np.asarray(matrix), np.asarray(inverse)
+
+
+def solve_states(
+    force: Force,
+    panels: Panels,
+    names_at: Callable[[Index, Array], Names],
+    *,
+    start: Array | None = None,
+    stages: int = 8,
+    tolerance: float = 1e-13,
+) -> States:
+    """States of a force under a given motion, on panels halved until the states are smooth on each.
+
+    Parameters
+    ----------
+    force : a force with states.
+    panels : first division of the motions.
+    names_at : x, v, t, memory and shape parameters at (segment, tau), both of (panel, node).
+    start : (row, state), value at the start of each motion; None for the steady cycle.
+    stages : nodes a panel.
+    tolerance : error allowed on a panel, relative to the largest state.
+
+    Raises
+    ------
+    LibraryError
+        The states are not finite, or have no steady cycle.
+    """
+    nodes, matrix, inverse = _radau(stages)
+    guess = np.zeros((panels.low.size, stages, len(force.state)))
+    if start is not None:
+        guess += start[panels.row, None, :]
+    for _ in range(MAX_ROUNDS):
+        width = panels.high - panels.low
+        tau = panels.low[:, None] + width[:, None] * nodes
+        names = names_at(panels.segment[:, None], tau)
+        try:
+            with np.errstate(all="ignore"):
+                values, left = _newton(force, panels, names, guess, start=start, tolerance=tolerance)
+        except np.linalg.LinAlgError:
+            raise LibraryError(
+                f"Force '{force.symbol}': its states are not finite along the motion."
+            ) from None
+        # The force is watched too: it is integrated, and may switch where its states do not.
+        h = force.formula.evaluate({**names, **_named(force, values)})
+        h = np.broadcast_to(h, tau.shape)[..., None] * width[:, None, None]
+        error = _error(inverse, np.concatenate((values, h), axis=-1))
+        rough = (error > tolerance * max(np.abs(values).max(), 1e-300)) & (width > 1e-10)
+        if not rough.any():
+            return States(panels, tau, matrix[-1] * width[:, None], values, left)
+        place = (np.arange(panels.low.size)[:, None] + nodes).ravel()
+        panels, parent, offset = panels.halved(rough)
+        at = parent[:, None] + offset[:, None] + np.where(rough[parent], 0.5, 1.0)[:, None] * nodes
+        guess = np.stack([np.interp(at, place, z.ravel()) for z in np.moveaxis(values, -1, 0)], axis=-1)
+    raise LibraryError(f"Force '{force.symbol}': its states are too rough to be followed.")
+
+
+def _error(inverse: Array, watched: Array) -> Array:
+    """Error on each panel, from the decay of Legendre coefficients.
+
+    Radau nodes are exact to twice the degree seen here: where the coefficients fall geometrically the error
+    is that much smaller than the last of them; at a kink they do not fall, and nothing is gained.
+    """
+    size = np.abs(np.einsum("ks,psm->pkm", inverse[-4:], watched))
+    before, last = size[:, :2].max(axis=1), size[:, 2:].max(axis=1)
+    ratio = np.divide(last, before, out=np.ones_like(last), where=before > last)
+    return np.asarray((last * ratio ** (len(inverse) // 2 - 1)).max(axis=-1))
+
+
+def _named(force: Force, values: Array) -> dict[str, Array]:
+    return {k: values[..., i] for i, k in enumerate(force.state)}
+
+
+def _slopes(force: Force, names: Names, values: Array) -> Array:
+    """Right sides of the states' equations at the nodes, (panel, node, state)."""
+    full = {**names, **_named(force, values)}
+    sides = [np.broadcast_to(f.evaluate(full), values.shape[:-1]) for f in force.state.values()]
+    return np.stack(sides, axis=-1)
+
+
+def _newton(
+    force: Force, panels: Panels, names: Names, guess: Array, *, start: Array | None, tolerance: float
+) -> tuple[Array, Array]:
+    """Solve the collocation equations of all panels together: (values at the nodes, at the low ends)."""
+    count, stages, states = guess.shape
+    matrix = _radau(stages)[1] * (panels.high - panels.low)[:, None, None]
+    one = np.broadcast_to(np.tile(np.eye(states), (stages, 1)), (count, stages * states, states))
+    values = guess
+    best = np.inf
+    for _ in range(MAX_NEWTON):
+        slopes = _slopes(force, names, values)
+        jacobian = _jacobian(force, names, values)
+        if not (np.all(np.isfinite(slopes)) and np.all(np.isfinite(jacobian))):
+            raise LibraryError(f"Force '{force.symbol}': its states are not finite along the motion.")
+        rest = slopes - np.einsum("psab,psb->psa", jacobian, values)
+        system = -np.einsum("pij,pjab->piajb", matrix, jacobian).reshape(count, stages * states, -1)
+        system += np.eye(stages * states)
+        fixed = np.einsum("pij,pja->pia", matrix, rest).reshape(count, -1, 1)
+        solved = np.linalg.solve(system, np.concatenate((fixed, one), axis=-1))
+        left = _chained(force, solved[:, -states:, 1:], solved[:, -states:, 0], panels.row, start)
+        new = (solved[..., 0] + np.einsum("pij,pj->pi", solved[..., 1:], left)).reshape(values.shape)
+        change = np.abs(new - values).max() / max(np.abs(new).max(), 1e-300)
+        values = new
+        # Finite differences and rounding leave a floor: stop there, not at a fixed level.
+        if change <= 0.01 * tolerance or (change < 1e-4 and change > 0.3 * best):
+            return values, left
+        best = min(best, change)
+    raise LibraryError(f"Force '{force.symbol}': its states could not be followed along the motion.")
+
+
+def _jacobian(force: Force, names: Names, values: Array) -> Array:
+    """Derivatives of the slopes by the states, (panel, node, slope, state), by central differences."""
+    step = 1e-5 * max(float(np.abs(values).max()), 1e-3)
+    columns = []
+    for i in range(values.shape[-1]):
+        shift = step * np.eye(values.shape[-1])[i]
+        columns.append(_slopes(force, names, values + shift) - _slopes(force, names, values - shift))
+    return np.stack(columns, axis=-1) / (2.0 * step)
+
+
+def _chained(force: Force, gain: Array, offset: Array, row: Index, start: Array | None) -> Array:
+    """Value at the low end of each panel, when the high end is gain @ low end + offset.
+
+    Panels of one row follow each other; a row begins at `start`, or (None) where it ends.
+    """
+    count, states = offset.shape
+    first = np.concatenate(([True], row[1:] != row[:-1]))
+    last = np.concatenate((first[1:], [True]))
+    bands = np.zeros((2 * states, count * states))
+    bands[0] = 1.0
+    linked = np.flatnonzero(~first)
+    for i in range(states):
+        for j in range(states):
+            bands[states + i - j, (linked - 1) * states + j] = -gain[linked, i, j]
+    right = np.concatenate((offset[..., None], np.where(first[:, None, None], gain, 0.0)), axis=-1)
+    ends = solve_banded((2 * states - 1, 0), bands, right.reshape(count * states, -1), check_finite=False)
+    ends = ends.reshape(right.shape)
+    if start is None:
+        start = _closed(force, ends[last][..., 1:], ends[last][..., 0], np.abs(ends[..., 0]).max())
+    ends = ends[..., 0] + np.einsum("pij,pj->pi", ends[..., 1:], start[row])
+    return np.where(first[:, None], start[row], np.concatenate((ends[:1], ends[:-1])))
+
+
+def _closed(force: Force, gain: Array, offset: Array, size: float) -> Array:
+    """Fixed point of one period, the smallest one where it is not unique (a state that only integrates)."""
+    left, sizes, right = np.linalg.svd(np.eye(gain.shape[-1]) - gain)
+    inverse = np.divide(1.0, sizes, out=np.zeros_like(sizes), where=sizes > 1e-13)
+    start = np.einsum("rji,rj,rkj,rk->ri", right, inverse, np.swapaxes(left, 1, 2), offset)
+    drift = np.abs(start - np.einsum("rij,rj->ri", gain, start) - offset).max()
+    if drift > 1e-9 * size:
+        raise LibraryError(
+            f"Force '{force.symbol}': a state drifts at each cycle; it has no steady cycle, no signature."
+        )
+    return start

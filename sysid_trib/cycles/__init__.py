@@ -1,1 +1,0 @@
-"""What forces do over a cycle, and what they remember along a motion."""

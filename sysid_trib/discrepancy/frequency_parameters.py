@@ -1,0 +1,59 @@
+"""Shapes that are frequencies, told by the formulas: they are looked for at the lines of a spectrum."""
+
+from functools import cache
+
+import numpy as np
+
+from sysid_trib.forces.force import Force
+
+# How nearly a natural frequency is the shape that gives it.
+SAME = 0.05
+
+
+@cache
+def is_frequency(force: Force, name: str) -> bool:
+    """Whether a shape parameter is the angular frequency of a force periodic in time (by its formula)."""
+    if not force.memoryless or "t" not in force.formula.names:
+        return False
+    shape, t = force.shape[name], np.linspace(0.0, 3.0, 41)
+    if shape.low <= 0.0:
+        return False
+    x = np.full_like(t, 0.3)
+    for value in (shape.default, 1.7 * shape.default):
+        shapes = {f"{force.symbol}.{name}": value}
+        here = force.value(x, 0.7 * x, t, shapes=shapes)
+        later = force.value(x, 0.7 * x, t + 2.0 * np.pi / value, shapes=shapes)
+        if not np.allclose(here, later, rtol=1e-6, atol=1e-9) or np.ptp(here) == 0.0:
+            return False
+    return True
+
+
+@cache
+def is_resonance(force: Force, name: str) -> bool:
+    """Whether a shape parameter is the natural frequency of a force's states (by their equations)."""
+    states = tuple(force.state)
+    for factor in (1.0, 1.7):
+        value = factor * force.shape[name].default
+        shapes = force.shape_values({f"{force.symbol}.{name}": value})
+        rest = {"x": 0.0, "v": 0.0, "t": 0.0, **dict.fromkeys((*states, *force.memory), 0.0), **shapes}
+        jacobian = [
+            [
+                (float(f.evaluate(rest | {z: 1e-6})) - float(f.evaluate(rest | {z: -1e-6}))) / 2e-6
+                for z in states
+            ]
+            for f in force.state.values()
+        ]
+        natural = np.abs(np.imag(np.linalg.eigvals(np.reshape(jacobian, (len(states),) * 2))))
+        if not np.any(np.abs(natural - value) < SAME * value):
+            return False
+    return True
+
+
+def is_sought(force: Force, name: str) -> bool:
+    """Whether a shape parameter is a frequency of either kind, which is found among those of the record."""
+    return is_frequency(force, name) or is_resonance(force, name)
+
+
+def is_searched(force: Force) -> bool:
+    """Whether a force has such a frequency."""
+    return any(is_sought(force, name) for name in force.shape)

@@ -1,0 +1,159 @@
+"""The models on the way from the start to the end of a search, and how each predicts what it has not seen."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from sysid_trib.discrepancy.baseline import Baseline, fit
+from sysid_trib.discrepancy.candidate_fits import without_force
+from sysid_trib.discrepancy.stepwise_search import Search
+from sysid_trib.errors import SysidTribError
+from sysid_trib.records.runs import one_or_all, root_mean_square, run_noise, start_variables
+from sysid_trib.results.schema import Estimate, identification
+from sysid_trib.trajectory_fit.initial_conditions import first_guess, fit_start
+from sysid_trib.trajectory_fit.least_squares import rms
+from sysid_trib.trajectory_fit.problem import Record
+from sysid_trib.validation.holdout import TRAINING, counted_from
+
+Array = NDArray[np.float64]
+
+# Steps of a fit between two stages.
+EVALUATIONS = 20
+# A hold-out gap that grows by more than this part is flagged.
+WORSE = 1.05
+
+
+@dataclass(frozen=True)
+class Stages:
+    """Models of a search: the start, and with each effect more; hold-out RMS (rad) and noise of each."""
+
+    models: list[Baseline]
+    holdout: Array
+
+
+def stages_of(found: Search, runs: Sequence[xr.Dataset], unseen: Sequence[xr.Dataset]) -> Stages:
+    """The start model, and the models with one, two, ... of the effects found.
+
+    `unseen` : runs, or other parts of the same records, that took no part; without any the models are fitted
+    again on the first two thirds of each run, and predict the rest. What predicts has its start and the
+    sensor's zero fitted to what it predicts, nothing else.
+    """
+    models = [found.scans[0].before]
+    for count in range(1, len(found.added)):
+        models.append(_between(found, count, models[-1]))
+    if found.added:
+        models.append(found.final)
+    return Stages(models, np.array([_held_out(model, runs, unseen) for model in models]))
+
+
+def _between(found: Search, count: int, before: Baseline) -> Baseline:
+    """The model with the first effects: the best that the search had, else a fit from below or from above."""
+    wanted = {*found.scans[0].before.problem.library.symbols, *found.added[:count]}
+    models = [scan.before for scan in found.scans if set(scan.before.problem.library.symbols) == wanted]
+    if models:
+        return min(models, key=lambda one: one.chi_square)
+    problem, unknown = found.final.problem, found.final.unknown
+    model = found.final
+    for symbol in found.added[count:]:
+        problem, unknown = without_force(model, symbol)
+        model = replace(model, problem=problem, unknown=unknown)
+    # From below: the unknowns of the stage before, and those of the new effect as they are in the end.
+    names = problem.shared_names
+    known = dict(zip(before.problem.shared_names, before.unknown, strict=False))
+    mixed = unknown.copy()
+    for at, name in enumerate(names):
+        mixed[at] = known.get(name, unknown[at])
+    mixed[len(names) :] = before.unknown[before.problem.shared :]
+    below = fit(problem, mixed, found.final.noises, evaluations=EVALUATIONS)
+    if gap_of(below) <= gap_of(before):
+        return below
+    above = fit(problem, unknown, found.final.noises, far=True)
+    return min(below, above, key=gap_of)
+
+
+def gap_of(model: Baseline) -> float:
+    """RMS of what a model leaves of all runs (rad)."""
+    return rms(np.concatenate(model.problem.residuals(model.unknown)))
+
+
+def _held_out(model: Baseline, runs: Sequence[xr.Dataset], unseen: Sequence[xr.Dataset]) -> float:
+    """RMS (rad) of what a model leaves of what it has not seen, nan if it has no motion there."""
+    starts = [float(record.time[0]) for record in model.problem.records]
+    try:
+        if unseen:
+            pairs = [(_times_and_angles(part), _origin(part, runs)) for part in unseen]
+            return _predicted(model, pairs)
+        cut = [round(TRAINING * len(record.time)) for record in model.problem.records]
+        first, last = zip(*map(_split, model.problem.records, cut), strict=True)
+        trained = fit(replace(model.problem, records=first), model.unknown, model.noises, far=True)
+        pairs = [((record.time, record.angle), start) for record, start in zip(last, starts, strict=True)]
+        return _predicted(trained, pairs)
+    except SysidTribError:
+        return float("nan")
+
+
+def _times_and_angles(part: xr.Dataset) -> tuple[Array, Array]:
+    return part.time.values.astype(float), part.angle.values.astype(float)
+
+
+def _origin(part: xr.Dataset, runs: Sequence[xr.Dataset]) -> float:
+    """Time from which `t` counts: the first sample of the record that the part is from, else its own."""
+    name = part.attrs.get("record_checksum")
+    same = [run for run in runs if name and run.attrs.get("record_checksum") == name]
+    return float((same or [part])[0].time.values[0])
+
+
+def _split(record: Record, cut: int) -> tuple[Record, Record]:
+    return (
+        replace(record, time=record.time[:cut], angle=record.angle[:cut]),
+        replace(record, time=record.time[cut:], angle=record.angle[cut:]),
+    )
+
+
+def _predicted(trained: Baseline, parts: Sequence[tuple[tuple[Array, Array], float]]) -> float:
+    """RMS of what the model leaves of parts (times, angles, origin of `t`), their starts fitted."""
+    model = trained.problem.model(trained.unknown)
+    left = []
+    for (time, angle), origin in parts:
+        later = replace(model, library=counted_from(model.library, float(time[0] - origin)))
+        motion = fit_start(later, time, angle, first_guess(time, angle, model.reference_frequency))
+        left.append(angle - motion.offset - motion.x)
+    return rms(np.concatenate(left))
+
+
+def labelled(model: Baseline, runs: Sequence[xr.Dataset]) -> xr.Dataset:
+    """A stage as an identification; errors are raised by what the model leaves beyond the noise."""
+    from sysid_trib.methods.trajectory import Trajectory
+
+    problem, unknown = model.problem, model.unknown
+    count, named = len(problem.library), len(problem.names)
+    misfit = np.sqrt(model.chi_square / max(1, len(model.residual) - len(unknown)))
+    spread = model.covariance * max(1.0, misfit) ** 2
+    keep = [*range(count), *([named] if problem.free else [])]
+    covariance = np.zeros((count + 1, count + 1))
+    covariance[np.ix_(range(len(keep)), range(len(keep)))] = spread[np.ix_(keep, keep)]
+    own = problem.own(unknown)
+    levels = [noise.level for noise in model.noises]
+    extra = {
+        "misfit": (misfit, "1", "RMS of the whitened residual over the noise"),
+        **run_noise(levels),
+        **start_variables([(angle, rate) for angle, rate, _ in own], own[:, 2]),
+    }
+    fitted = problem.model(unknown)
+    method = Trajectory(
+        problem.reference_frequency, "coloured", problem.fit_shapes, shapes=dict(fitted.shapes)
+    )
+    estimate = Estimate(
+        unknown[:count], covariance, fitted.reference_frequency, root_mean_square(levels), extra
+    )
+    result = identification(
+        method, one_or_all(list(runs)), problem.library, estimate, offered=problem.library
+    )
+    if "shape" in result:
+        errors = dict(zip(problem.fit_shapes, np.sqrt(np.diag(spread))[count:named], strict=True))
+        values = [errors.get(name, np.nan) for name in result.shape_parameter.values.tolist()]
+        result["shape_standard_error"] = result.shape_standard_error.copy(data=values)
+    return result

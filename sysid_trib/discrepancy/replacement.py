@@ -1,0 +1,153 @@
+"""Steps taken back: one or two candidates that explain as much as several effects added one by one."""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid_trib.discrepancy.baseline import Baseline, basis_of, beyond, with_noise
+from sysid_trib.discrepancy.candidate_fits import likeliest, refit, with_force
+from sysid_trib.discrepancy.candidate_sensitivities import Probe
+from sysid_trib.discrepancy.competing_models import SWAP
+from sysid_trib.discrepancy.model_probabilities import price_of
+from sysid_trib.discrepancy.score_tests import Scores
+from sysid_trib.trajectory_fit.chord import chord
+from sysid_trib.trajectory_fit.problem import Problem
+
+Array = NDArray[np.float64]
+
+# What one effect more must gain in chi-square: the best of some sixty gains half of this by chance.
+PRICE_OF_EFFECT = 18.0
+# Replacements that are fitted.
+TRIALS = 4
+# Their predicted chi-square may be above the present one by this part of what the effects explain.
+SLACK = 0.003
+# Candidates that are tried alone, beside several effects or one of so high a score.
+ALONE = 12
+STRONG = 100.0
+
+
+def simpler(
+    fitted: Baseline, added: Sequence[str], found: Scores
+) -> tuple[Problem, Array, tuple[str, ...]] | None:
+    """One or two candidates in place of all effects added, or of none; None if no such model costs less.
+
+    `found` : scores about the motion of the fitted model; its own effects are not among them.
+
+    Notes
+    -----
+    Predicted from small deviations: with y what the effects and the residual are together, outside of what
+    the start model's unknowns can move, candidates of directions U leave |y|^2 - |P_U y|^2.
+    """
+    out = [i for i, name in enumerate(fitted.problem.names) if name.split(".")[0] in added]
+    coefficients = [i for i in out if fitted.problem.names[i] in added]
+    others = np.delete(fitted.table, out, axis=1)
+    space = basis_of(others)
+    whole = fitted.residual + fitted.table[:, coefficients] @ fitted.unknown[coefficients]
+    y = beyond(whole, space)
+    at, directions, along = _best_of_each(fitted, added, found, space, y)
+    own = fitted.chi_square + _price(fitted.problem, added)
+    limit = own + SLACK * max(0.0, float(y @ y) - fitted.chi_square)
+    trials: list[list[int]] = []
+    for cost, chosen in _ranked(directions, along, float(y @ y), [found.probes[i] for i in at]):
+        if cost > limit or len(trials) == TRIALS:
+            break
+        trials.append([at[j] for j in chosen])
+    best: tuple[float, Problem, Array, tuple[str, ...]] | None = None
+    for members in trials:
+        problem, unknown, chi_square = _replaced(fitted, out, found, members, whole)
+        symbols = tuple(found.probes[i].force.symbol for i in members)
+        cost = chi_square + _price(problem, symbols)
+        if best is None or cost < best[0]:
+            best = (cost, problem, unknown, symbols)
+    return best[1:] if best is not None and best[0] < own - SWAP else None
+
+
+def alone(
+    fitted: Baseline, added: Sequence[str], start: Baseline, found: Scores
+) -> tuple[Problem, Array, tuple[str, ...]] | None:
+    """One candidate in place of all effects added, fitted from the start model; None if none costs less.
+
+    Where effects are strong, small deviations from a motion that others have bent do not show it.
+    `start`, `found` : the start model, and the scores about its motion.
+    """
+    # A single effect's shapes are no reason to leave it: how much they cost, its twins tell better.
+    own = fitted.chi_square + (_price(fitted.problem, added) if len(added) > 1 else PRICE_OF_EFFECT)
+    if not added or (len(added) == 1 and start.chi_square - own < STRONG**2):
+        return None
+    # Chi-squares compare in the same noise.
+    start = replace(start, noises=fitted.noises)
+    others = [hint for hint in likeliest(found) if added != (hint.force.symbol,)]
+    tried = [refit(start, hint, own) for hint in others[:ALONE]]
+    best = min(tried, key=lambda one: one.cost, default=None)
+    if best is None or best.cost + PRICE_OF_EFFECT > own - SWAP:
+        return None
+    return best.problem, best.unknown, (best.force.symbol,)
+
+
+def _price(problem: Problem, symbols: Sequence[str]) -> float:
+    return sum(PRICE_OF_EFFECT + price_of(problem.library[symbol]) for symbol in symbols)
+
+
+def _best_of_each(
+    fitted: Baseline, added: Sequence[str], found: Scores, space: Array, y: Array
+) -> tuple[list[int], Array, Array]:
+    """The probe of each force, and of each effect of the model, that goes furthest along y."""
+    outside = beyond(found.moved, space)
+    size = np.linalg.norm(outside, axis=0)
+    directions = outside / np.where(size > 0.0, size, 1.0)
+    along = directions.T @ y
+    best: dict[str, int] = {}
+    for i in np.argsort(-np.abs(along)).tolist():
+        if found.can_be(i, float(along[i] / max(size[i], 1e-300)), instead=True):
+            best.setdefault(found.probes[i].force.symbol, i)
+    at = list(best.values())
+    return at, directions[:, at], along[at]
+
+
+def _ranked(
+    directions: Array, along: Array, total: float, probes: Sequence[Probe]
+) -> list[tuple[float, tuple[int, ...]]]:
+    """Predicted cost of every candidate and every pair, the least first."""
+    cosine = directions.T @ directions
+    price = np.array([PRICE_OF_EFFECT + price_of(probe.force) for probe in probes])
+    ranked: list[tuple[float, tuple[int, ...]]] = [
+        (total - float(along[j]) ** 2 + float(price[j]), (j,)) for j in range(len(probes))
+    ]
+    for i, j in itertools.combinations(range(len(probes)), 2):
+        share = 1.0 - float(cosine[i, j]) ** 2
+        if share < 1e-6:
+            continue
+        taken = along[i] ** 2 + along[j] ** 2 - 2.0 * cosine[i, j] * along[i] * along[j]
+        ranked.append((total - float(taken) / share + float(price[i] + price[j]), (i, j)))
+    return sorted(ranked)
+
+
+def _replaced(
+    fitted: Baseline, out: Sequence[int], found: Scores, members: Sequence[int], whole: Array
+) -> tuple[Problem, Array, float]:
+    """The start model with these probes in place of the effects, fitted nearby."""
+    names = fitted.problem.names
+    gone = {names[i] for i in out}
+    kept = tuple(force for force in fitted.problem.library if force.symbol not in gone)
+    shapes = tuple(name for name in fitted.problem.fit_shapes if name not in gone)
+    problem = replace(fitted.problem, library=replace(fitted.problem.library, forces=kept), fit_shapes=shapes)
+    count, named = len(kept), len(problem.names)
+    for i in members:
+        problem = with_force(problem, found.probes[i].force)
+    problem = with_noise(problem, fitted.noises)
+    unknown, table = np.delete(fitted.unknown, out), np.delete(fitted.table, out, axis=1)
+    responses = found.moved[:, list(members)]
+    columns = np.concatenate([responses, table], axis=1)
+    size = np.linalg.norm(columns, axis=0)
+    size = np.where(size > 0.0, size, 1.0)
+    steps = np.linalg.lstsq(columns / size, whole, rcond=1e-10)[0] / size
+    near = unknown + steps[len(members) :]
+    values = [value for i in members for value in found.probes[i].shapes.values()]
+    start = np.array([*near[:count], *steps[: len(members)], *near[count:named], *values, *near[named:]])
+    lost = np.full((len(whole), len(values)), np.nan)
+    parts = [table[:, :count], responses, table[:, count:named], lost, table[:, named:]]
+    unknown, chi_square, _ = chord(problem, start, np.concatenate(parts, axis=1))
+    return problem, unknown, chi_square

@@ -1,0 +1,192 @@
+"""Score tests: how strongly what a model leaves asks for each candidate, corrected for their number."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import find_peaks
+from scipy.stats import norm
+
+from sysid_trib.discrepancy.baseline import Baseline, beyond
+from sysid_trib.discrepancy.candidate_sensitivities import Course, Probe, moved_by, probes_of
+from sysid_trib.discrepancy.frequency_parameters import is_searched
+from sysid_trib.forces.force import ForceLibrary
+
+Array = NDArray[np.float64]
+
+# A response of which less than this part is outside of what the model's unknowns can move is not testable.
+TESTABLE = 1e-5
+SAME = "not testable on this record: the model's own unknowns move the same"
+# A force beyond this part of the restoring force is not small: scores say nothing of it.
+STRONGEST = 0.5
+# Draws of the largest score of noise.
+DRAWS = 4000
+# Rounds in which the grid is made finer, from which score on, and for which forces (part of the highest).
+FINER = 2
+HIGH = 5.0
+NEAR = 0.6
+# Lines of the residual's spectrum at which a periodic force is tried.
+LINES = 3
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Each probe held against what the model leaves.
+
+    Attributes
+    ----------
+    probes : (probe,); reasons : why a probe cannot be tested, else empty.
+    z : (probe,) score; size : (probe,) its response outside of the model's, in units of the noise: the
+        error of its coefficient is 1/size; share : (probe,) the part of its response that is outside.
+    strength : (probe,) its RMS force over the RMS angle, with a coefficient of 1.
+    moved : (sample, probe) whitened responses; directions : those outside of the model's, of unit length.
+    tests : number of independent tests; p_values : (probe,) of a larger score by chance in any of them.
+    """
+
+    probes: list[Probe]
+    reasons: list[str]
+    z: Array
+    size: Array
+    share: Array
+    strength: Array
+    moved: Array
+    directions: Array
+    tests: float
+    p_values: Array
+
+    def can_be(self, at: int, coefficient: float, *, instead: bool = False) -> bool:
+        """Whether a probe can be tested, and with this coefficient stays below the restoring force.
+
+        A passive one must not drive the motion.
+        `instead` : in place of a force of the model, where beside it it may be the same.
+        """
+        good = self.reasons[at] in (("", SAME) if instead else ("",))
+        drives = self.probes[at].force.passive and coefficient < 0.0
+        return good and not drives and abs(coefficient) * float(self.strength[at]) < STRONGEST
+
+    def best(self) -> list[int]:
+        """The probe of each force that scores highest, forces that cannot be tested left out, best first."""
+        found: dict[str, int] = {}
+        for at in np.argsort(-np.abs(self.z)).tolist():
+            if self.can_be(at, float(self.z[at] / max(self.size[at], 1e-300))):
+                found.setdefault(self.probes[at].force.symbol, at)
+        return list(found.values())
+
+
+def scores(baseline: Baseline, candidates: ForceLibrary, courses: Sequence[Course], seed: int = 0) -> Scores:
+    """Score every candidate at a grid of its shape parameters, finer where a score is high.
+
+    Notes
+    -----
+    z = <r, g'>/|g'| with the residual r in units of the noise, and g' the part of the response that the
+    model's own unknowns cannot move. The p-value is corrected for the number of tests: the largest of as many
+    scores of noise, correlated as these are.
+    """
+    space = baseline.space
+    residual = beyond(baseline.residual, space)
+    if not len(candidates):
+        none, nothing = np.zeros(0), np.zeros((len(residual), 0))
+        return Scores([], [], none, none, none, none, nothing, nothing, 1.0, none)
+    frequencies, looked = _lines(baseline, residual)
+    found = _scored(
+        baseline,
+        probes_of(candidates, frequencies, courses[0].model.reference_frequency),
+        courses,
+        space,
+        residual,
+    )
+    for _ in range(FINER):
+        highest = float(np.max(np.abs(found.z), initial=0.0))
+        promising = [at for at in found.best() if highest > HIGH and abs(found.z[at]) > NEAR * highest]
+        found = finer(found, promising, baseline, courses)
+    good = np.array([not reason for reason in found.reasons])
+    tests = independent_tests(found.directions[:, good], seed)
+    searched = np.array([is_searched(probe.force) for probe in found.probes])
+    # A line may lie between two frequencies, with any phase: some 2.5 chances each, of two degrees.
+    lines = 2.5 * looked * np.exp(-0.5 * found.z**2)
+    chance = 2.0 * norm.sf(np.abs(found.z)) * tests + np.where(searched, lines, 0.0)
+    return replace(found, tests=tests, p_values=np.where(good, np.minimum(1.0, chance), 1.0))
+
+
+def _scored(
+    baseline: Baseline, probes: list[Probe], courses: Sequence[Course], space: Array, residual: Array
+) -> Scores:
+    each = [moved_by(course, probes) for course in courses]
+    moved = baseline.white([one.angle for one in each])
+    whole = np.linalg.norm(moved, axis=0)
+    # Twice: what is left of a response that is nearly all inside is rounding else.
+    outside = beyond(beyond(moved, space), space)
+    size = np.linalg.norm(outside, axis=0)
+    share = np.divide(size, whole, out=np.zeros_like(size), where=whole > 0.0)
+    reasons = [next((r for one in each if (r := one.reasons[at])), "") for at in range(len(probes))]
+    for at in np.flatnonzero(share < TESTABLE):
+        reasons[at] = reasons[at] or SAME
+    good = np.array([not reason for reason in reasons])
+    directions = np.where(good, outside / np.where(size > 0.0, size, 1.0), 0.0)
+    strength = np.max([one.strength for one in each], axis=0)
+    none = np.ones(len(probes))
+    return Scores(
+        probes, reasons, directions.T @ residual, size, share, strength, moved, directions, 1.0, none
+    )
+
+
+def finer(found: Scores, chosen: Sequence[int], baseline: Baseline, courses: Sequence[Course]) -> Scores:
+    """The scores with probes halfway from the chosen ones to their neighbours on the grid of shapes."""
+    more = []
+    for at in chosen:
+        probe = found.probes[at]
+        for name, value in probe.shapes.items():
+            tried = sorted({p.shapes[name] for p in found.probes if p.force.symbol == probe.force.symbol})
+            place = tried.index(value)
+            for other in (*tried[max(0, place - 1) : place], *tried[place + 1 : place + 2]):
+                both = value * other
+                middle = np.sqrt(both) if value > 0.0 and other > 0.0 else 0.5 * (value + other)
+                more.append(Probe(probe.force, {**probe.shapes, name: float(middle)}))
+    if not more:
+        return found
+    space = baseline.space
+    residual = beyond(baseline.residual, space)
+    return _joined(found, _scored(baseline, more, courses, space, residual))
+
+
+def _joined(first: Scores, second: Scores) -> Scores:
+    def both(name: str) -> Any:
+        one, other = getattr(first, name), getattr(second, name)
+        return one + other if isinstance(one, list) else np.concatenate([one, other], axis=-1)
+
+    names = ("probes", "reasons", "z", "size", "share", "strength", "moved", "directions", "p_values")
+    return replace(first, **{name: both(name) for name in names})
+
+
+def independent_tests(directions: Array, seed: int = 0, level: float = 0.01) -> float:
+    """Number of independent tests whose largest score is as large as that of these correlated ones.
+
+    The level-quantile of the largest |z| of noise, by drawing; then Bonferroni's number for it.
+    """
+    if directions.shape[1] == 0:
+        return 1.0
+    covariance = directions.T @ directions
+    values, axes = np.linalg.eigh(covariance)
+    factor = axes * np.sqrt(np.clip(values, 0.0, None))
+    draws = np.random.default_rng(seed).standard_normal((DRAWS, len(values))) @ factor.T
+    largest = np.quantile(np.max(np.abs(draws), axis=1), 1.0 - level)
+    return max(1.0, level / (2.0 * float(norm.sf(largest))))
+
+
+def _lines(baseline: Baseline, residual: Array) -> tuple[list[float], int]:
+    """Frequencies (rad/s) of the strongest lines in what is left, and how many were looked at."""
+    found: list[tuple[float, float]] = []
+    looked = 0
+    for record, part in zip(baseline.problem.records, baseline.of_each_run(residual), strict=True):
+        count = len(part)
+        step = float(np.median(np.diff(record.time)))
+        # Zeros after the end: a line between two frequencies loses nothing.
+        power = np.abs(np.fft.rfft(part * np.hanning(count), 4 * count)) ** 2
+        frequency = 2.0 * np.pi * np.fft.rfftfreq(4 * count, step)
+        peaks, _ = find_peaks(power, distance=8)
+        strongest = peaks[np.argsort(power[peaks])[::-1][:LINES]]
+        found += [(float(power[at]), float(frequency[at])) for at in strongest if at]
+        looked += count // 2
+    return [w for _, w in sorted(found, reverse=True)[:LINES]], looked

@@ -1,0 +1,1 @@
+"""What a force is: formula, library, TOML in and out."""

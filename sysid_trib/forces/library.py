@@ -1,0 +1,165 @@
+"""Reading force libraries: TOML in, checked forces out; nothing in a file is ever executed."""
+
+import re
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sysid_trib.errors import LibraryError, UsageError
+from sysid_trib.forces.force import Force, ForceLibrary, Shape
+from sysid_trib.forces.formulas import RESERVED, Formula, parse
+
+WORDS = ("name", "family", "meaning", "source")
+TABLES = ("state", "memory", "start", "shape")
+FORCE_KEYS = {"symbol", "formula", "kind", "passive", *WORDS, *TABLES}
+SHAPE_KEYS = {"default", "low", "high", "meaning"}
+MAX_BYTES = 1_000_000
+
+
+def library_folder() -> Path:
+    """Folder of the libraries that come with the package (wheel, or source tree)."""
+    package = Path(__file__).resolve().parents[1]
+    return next(p for p in (package / "libraries", package.parent / "libraries") if p.is_dir())
+
+
+def load_library(name_or_path: str | Path = "contact_forces") -> ForceLibrary:
+    """Load a force library.
+
+    Parameters
+    ----------
+    name_or_path : name of a library of the package (`contact_forces`), or a TOML file.
+
+    Returns
+    -------
+    ForceLibrary, the forces in the order of the file.
+
+    Raises
+    ------
+    UsageError
+        No such library or file.
+    LibraryError
+        The file is not a library of forces: message with file, force and reason. Nothing in it is executed.
+    """
+    path = Path(name_or_path)
+    if path.suffix != ".toml" and not path.exists():
+        path = library_folder() / f"{name_or_path}.toml"
+    if not path.is_file():
+        known = ", ".join(sorted(p.stem for p in library_folder().glob("*.toml")))
+        raise UsageError(f"There is no library '{name_or_path}'; give a TOML file or one of {known}.")
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise LibraryError(f"{path.name}: larger than {MAX_BYTES:,} bytes; a library is a short text.")
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+        reason = " ".join(str(error).split())
+        raise LibraryError(f"{path.name}: not a readable TOML file ({reason}); see libraries/.") from None
+    return parse_library(data, path.name)
+
+
+def parse_library(data: Mapping[str, Any], source: str) -> ForceLibrary:
+    """Build a library from the mapping that TOML gives (see `load_library`)."""
+    entries = data.get("force")
+    if not isinstance(entries, list) or not entries or not all(isinstance(e, dict) for e in entries):
+        raise LibraryError(f"{source}: no forces; write at least one [[force]] with symbol and formula.")
+    forces = tuple(_force(entry, source) for entry in entries)
+    symbols = [force.symbol for force in forces]
+    for symbol in symbols:
+        if symbols.count(symbol) > 1:
+            raise LibraryError(f"{source}: the symbol '{symbol}' stands for several forces; rename one.")
+    return ForceLibrary(_words(data.get("title", source), f"{source}: 'title'"), forces, source)
+
+
+def _force(entry: Mapping[str, Any], source: str) -> Force:
+    symbol = entry.get("symbol")
+    if not isinstance(symbol, str) or not re.fullmatch(r"[A-Za-z]\w{0,39}", symbol, re.ASCII):
+        raise LibraryError(f"{source}: symbol {symbol!r} must be a short word of letters, digits and _.")
+    where = f"{source}, force '{symbol}'"
+    unknown = sorted(set(entry) - FORCE_KEYS)
+    if unknown:
+        raise LibraryError(f"{where}: unknown key '{unknown[0]}'; known are {', '.join(sorted(FORCE_KEYS))}.")
+    words = {k: entry.get(k, "") for k in WORDS} | {"kind": entry.get("kind", "force")}
+    for key, word in words.items():
+        words[key] = _words(word, f"{where}: '{key}'")
+    if words["kind"] not in ("force", "sensor"):
+        raise LibraryError(f'{where}: kind must be "force" or "sensor", not \'{words["kind"]}\'.')
+    passive = entry.get("passive", False)
+    if not isinstance(passive, bool):
+        raise LibraryError(f"{where}: passive must be true or false, not {passive!r}.")
+    tables = {k: entry.get(k, {}) for k in TABLES}
+    for key, table in tables.items():
+        if not isinstance(table, dict):
+            raise LibraryError(f"{where}: '{key}' must be a table such as {{ z = ... }}.")
+    _check_names(tables, where)
+    if words["kind"] == "sensor" and (tables["state"] or tables["memory"]):
+        raise LibraryError(f"{where}: a sensor has no states or memory; declare it as a force or drop them.")
+    shape = {k: _shape(v, f"{where}, shape '{k}'") for k, v in tables["shape"].items()}
+    exponents = frozenset(shape)
+    allowed = frozenset("xvt") | exponents | frozenset(tables["state"]) | frozenset(tables["memory"])
+
+    def formula(text: object, names: frozenset[str] = allowed) -> Formula:
+        return parse(text, names, exponents, where)
+
+    force = Force(
+        symbol=symbol,
+        formula=formula(entry.get("formula")),
+        state={k: formula(f) for k, f in tables["state"].items()},
+        memory={k: formula(f) for k, f in tables["memory"].items()},
+        start={k: formula(f, frozenset("xvt") | exponents) for k, f in tables["start"].items()},
+        shape=shape,
+        passive=passive,
+        **(words | {"name": words["name"] or symbol}),
+    )
+    _check_finite(force, where)
+    return force
+
+
+def _words(text: object, where: str) -> str:
+    """A text on one line, as tables and figures show it; control characters could steer a terminal."""
+    if not isinstance(text, str):
+        raise LibraryError(f"{where} must be a text in quotes.")
+    line = " ".join(text.split())
+    if not line.isprintable():
+        raise LibraryError(f"{where} holds control characters; leave them out.")
+    return line
+
+
+def _check_names(tables: Mapping[str, Mapping[str, Any]], where: str) -> None:
+    names = [*tables["state"], *tables["memory"], *tables["shape"]]
+    for name in names:
+        if name in RESERVED or not name.isidentifier() or names.count(name) > 1:
+            raise LibraryError(
+                f"{where}: '{name}' cannot name a state, memory or shape parameter; rename it."
+            )
+    lost = sorted(set(tables["start"]) - set(tables["state"]) - set(tables["memory"]))
+    if lost:
+        raise LibraryError(f"{where}: start value for '{lost[0]}', which is neither a state nor a memory.")
+
+
+def _shape(table: object, where: str) -> Shape:
+    if not isinstance(table, dict) or not {"default", "low", "high"} <= set(table) <= SHAPE_KEYS:
+        raise LibraryError(f'{where}: write {{ default = ..., low = ..., high = ..., meaning = "..." }}.')
+    numbers = [table[k] for k in ("default", "low", "high")]
+    if not all(isinstance(n, int | float) and not isinstance(n, bool) and np.isfinite(n) for n in numbers):
+        raise LibraryError(f"{where}: default, low and high must be finite numbers.")
+    default, low, high = map(float, numbers)
+    if not low <= default <= high or low == high:
+        raise LibraryError(f"{where}: default {default:g} must lie between low {low:g} and high {high:g}.")
+    return Shape(default, low, high, str(table.get("meaning", "")))
+
+
+def _check_finite(force: Force, where: str) -> None:
+    """Refuse formulas that overflow or leave the real numbers where a pendulum swings (below 1.2 rad)."""
+    for formula in force.formulas:
+        try:
+            with np.errstate(all="ignore"):
+                values = np.asarray(formula.evaluate(force.probe))
+        except ZeroDivisionError:  # of two numbers: Python divides them, not NumPy
+            values = np.asarray(np.nan)
+        if not np.all(np.isfinite(values)) or np.max(np.abs(values)) > 1e9:
+            raise LibraryError(
+                f"{where}: '{formula.text}' is not a finite number at all angles and speeds up to 1.2 rad "
+                "and states of either sign; mind overflow, division by zero, roots or logarithms below zero."
+            )

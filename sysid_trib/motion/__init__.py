@@ -1,1 +1,0 @@
-"""The motion of a model: equations, switching, sticking, engines."""

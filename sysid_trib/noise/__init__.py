@@ -1,0 +1,1 @@
+"""The one home of the noise: level, colour, steps of the sensor."""

@@ -1,0 +1,218 @@
+"""Noise of a record whose model is not known: what no slowly changing oscillation can follow."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline
+from scipy.ndimage import binary_dilation, median_filter
+from scipy.optimize import minimize_scalar
+from scipy.signal.windows import tukey
+
+from sysid_trib.decays.half_sines import usable_half_periods
+from sysid_trib.noise.autoregression import autoregression_of, fractional, lost
+from sysid_trib.regression.weak_form import build_weak_form, smooth
+
+Array = NDArray[np.float64]
+
+# Harmonics of the motion that any force may leave, each with an amplitude that changes over so many periods.
+HARMONICS = 6
+PERIODS_PER_KNOT = 4.0
+DEGREE = 3
+# Lines of the spectrum that keep less than this part of the noise are taken from this many neighbours.
+KEPT = 0.3
+WIDE = 15
+# A line beside a gap so many times the median of those apart is not noise: one in 250 is that high.
+BESIDE = 8.0
+# Part of the record over which it is tapered, at both ends together.
+TAPER = 0.2
+# A line so many times the median of its neighbours is vibration: one in 2^14 lines of noise is that high.
+LINE = 14.0
+LINES = 4
+# The d of noise whose spectrum rises to low frequencies as 1/f^(2 d): white, 1/f noise is 0.5, a walk is 1.
+STEEPNESSES = np.linspace(0.0, 1.0, 21)
+# What the criterion must gain by a power law: very strong evidence (Kass and Raftery 1995).
+WORTH = 10.0
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of one run.
+
+    Attributes
+    ----------
+    level : standard deviation of the innovations, rad; `filter_` : (tap,) whitens it, [1] if white.
+    """
+
+    level: float
+    filter_: Array
+
+    @property
+    def lost(self) -> int:
+        """First samples that cannot be whitened."""
+        return lost(self.filter_)
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of a sample, rad."""
+        # Lines of a record: 1/f noise has more the longer it lasts.
+        lines = len(self.filter_) if self.lost < len(self.filter_) - 1 else 4096
+        power = np.abs(np.fft.rfft(self.filter_, lines)[1:]) ** 2
+        return self.level * float(np.sqrt(np.mean(1.0 / power)))
+
+    def drawn(self, samples: int, count: int) -> Array:
+        """Drawings of such noise, (count, samples), rad, of mean zero; always the same."""
+        lines = np.fft.rfft(np.random.default_rng(0).standard_normal((count, samples)))
+        response = np.fft.rfft(self.filter_, samples)
+        # A walk has no mean to come back to.
+        lines[:, 0], response[0] = 0.0, 1.0
+        return np.asarray(np.fft.irfft(self.level * lines / response, samples))
+
+
+def oscillations(decay: xr.Dataset) -> Array:
+    """Slowly changing harmonics of the motion, orthonormal, (sample, column).
+
+    Phase and frequency are the record's own, so that no model is needed.
+    """
+    time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
+    halves = usable_half_periods(time, angle, str(decay.attrs.get("source", "decay")))
+    frequency = float(np.pi / np.median(halves.duration))
+    tau = frequency * (time - time[0])
+    x, v, _, _ = smooth(build_weak_form(tau), angle)
+    phase = np.unwrap(np.arctan2(-v, x))
+    knots = max(1, round((tau[-1] - tau[0]) / (2.0 * np.pi * PERIODS_PER_KNOT)))
+    # As many columns as the record can bear.
+    knots = min(knots, max(1, len(time) // (8 * (2 * HARMONICS + 1))))
+    inner = np.linspace(tau[0], tau[-1], knots + 1)
+    sequence = np.concatenate([np.full(DEGREE, tau[0]), inner, np.full(DEGREE, tau[-1])])
+    slow = BSpline.design_matrix(tau, sequence, DEGREE).toarray()
+    columns = [slow]
+    for m in range(1, HARMONICS + 1):
+        columns += [slow * np.cos(m * phase)[:, None], slow * np.sin(m * phase)[:, None]]
+    basis, _ = np.linalg.qr(np.concatenate(columns, axis=1))
+    return np.asarray(basis)
+
+
+def noise_of(residual: Array, basis: Array, lines: int = LINES) -> Noise:
+    """Level and colour of what a residual has beside slowly changing oscillations (rad).
+
+    So many lines of the spectrum at most are taken for vibration, which is no noise either.
+
+    Taking the oscillations out leaves gaps in the spectrum: each line is divided by the part of white noise
+    that it keeps, and where it keeps little its neighbours stand in for it.
+
+    Notes
+    -----
+    An autoregression, its order by the Bayesian information criterion, of noise of which, where the lines ask
+    for it, a power law 1/f^(2 d) is taken first (Granger and Joyeux 1980; Hosking 1981): an autoregression
+    cannot follow noise that rises towards frequencies far below the swing's, where slow effects are sought.
+    The exponent is by the same criterion, with Whittle's likelihood.
+    """
+    n = len(residual)
+    left = residual - basis @ (basis.T @ residual)
+    # Without a taper a strong line that dies away would leak into all others.
+    taper = tukey(n, TAPER)
+    whole = float(taper @ taper)
+    power = np.abs(np.fft.rfft(taper * left)) ** 2 / whole
+    kept = 1.0 - np.sum(np.abs(np.fft.rfft(taper[:, None] * basis, axis=0)) ** 2, axis=1) / whole
+    good = kept > KEPT
+    good[0] = False
+    if not good.any():
+        return Noise(float(np.sqrt(left @ left / max(1, n - basis.shape[1]))), np.ones(1))
+    power = np.where(good, power / np.where(good, kept, 1.0), 0.0)
+    if lines and (line := _highest(power, good)):
+        return noise_of(residual, _with_line(basis, left, line), lines - 1)
+    # What stands out beside a harmonic is no noise but a swing that changes faster than the oscillations.
+    apart = good & ~_beside(good)
+    if apart.any():
+        # In a short record harmonics are so close that nothing lies apart.
+        judged = binary_dilation(apart, iterations=WIDE)
+        good &= apart | ~judged | (power < BESIDE * _usual(power, apart))
+        power = np.where(good, power, 0.0)
+    steepness = _steepness(power, good, n)
+    filter_, variance = _autoregression(power, good, n, steepness)
+    if steepness:
+        filter_ = np.convolve(fractional(steepness, n), filter_)[:n]
+    return Noise(float(np.sqrt(variance)), filter_)
+
+
+def _highest(power: Array, good: NDArray[np.bool_]) -> int:
+    """The line that stands out most of its neighbours, 0 if none does."""
+    usual = _usual(power, good)
+    apart = good & ~binary_dilation(~good, iterations=WIDE // 2)
+    over = np.divide(power, usual, out=np.zeros_like(power), where=apart & (usual > 0.0))
+    return int(np.argmax(over)) if over.max() > LINE else 0
+
+
+def _beside(good: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Lines in and beside the gaps of the harmonics; not beside the first gap, that of slow changes."""
+    gaps = ~good
+    gaps[: np.argmax(good)] = False
+    return np.asarray(binary_dilation(gaps, iterations=WIDE // 2))
+
+
+def _usual(power: Array, good: NDArray[np.bool_]) -> Array:
+    """Median of the lines around each, of the good ones."""
+    lines = np.arange(len(power))
+    return np.interp(lines, lines[good], median_filter(power[good], 2 * WIDE + 1, mode="nearest"))
+
+
+def _with_line(basis: Array, left: Array, line: int) -> Array:
+    """The basis with a vibration of constant amplitude, its frequency found within the line."""
+    n = len(left)
+    turns = 2.0j * np.pi * np.arange(n) / n
+
+    def beside(k: float) -> Array:
+        wave = np.exp(k * turns)
+        columns = np.stack([wave.real, wave.imag], axis=1)
+        return np.linalg.qr(columns - basis @ (basis.T @ columns))[0]
+
+    found = minimize_scalar(
+        lambda k: -float(np.sum((beside(k).T @ left) ** 2)),
+        bounds=(line - 1.0, line + 1.0),
+        method="bounded",
+        options={"xatol": 1e-4},
+    )
+    return np.concatenate([basis, beside(found.x)], axis=1)
+
+
+def _steepness(power: Array, good: NDArray[np.bool_], n: int) -> float:
+    """The d of noise whose spectrum rises as 1/f^(2 d) beside an autoregression, 0 if it need not.
+
+    The lines below the swing must not speak against it: what rises towards the swing is no power law.
+    """
+    below = good.copy()
+    first = int(np.argmax(good))
+    below[first + max(0, int(np.argmin(good[first:])) - WIDE // 2) :] = False
+
+    def costs(d: float) -> tuple[float, float]:
+        filter_, variance = _autoregression(power, good, n, d)
+        density = variance / (_power_law(n, d) * np.abs(np.fft.rfft(filter_, n)) ** 2)
+        each = 2.0 * (np.log(density) + power / density)
+        parameters = len(filter_) - 1 + (d > 0.0)
+        return float(np.sum(each[good]) + parameters * np.log(n)), float(np.sum(each[below]))
+
+    every = np.array([costs(d) for d in STEEPNESSES])
+    best = int(np.argmin(every[:, 0]))
+    whole, low = every[0] - every[best]
+    return float(STEEPNESSES[best]) if whole > WORTH and low > -WORTH else 0.0
+
+
+def _power_law(n: int, d: float) -> Array:
+    """What flattens the lines (n // 2 + 1,) of a spectrum of 1/f^(2 d): its filter's response, squared."""
+    lines = np.arange(n // 2 + 1)
+    # No line at zero: the mean is an unknown.
+    return np.asarray((2.0 * np.sin(np.pi * np.maximum(lines, 1) / n)) ** (2.0 * d))
+
+
+def _autoregression(power: Array, good: NDArray[np.bool_], n: int, d: float) -> tuple[Array, float]:
+    """Autoregression of noise after its power law, and the variance of its innovations."""
+    flat = power * _power_law(n, d)
+    # Neighbours on both sides, averaged: a single line scatters as much as it is high.
+    near = np.convolve(flat, np.ones(WIDE), "same")
+    near /= np.maximum(np.convolve(good.astype(float), np.ones(WIDE), "same"), 1e-9)
+    usable = np.convolve(good.astype(float), np.ones(WIDE), "same") > 0.5
+    lines = np.arange(len(flat))
+    spectrum = np.where(good, flat, np.interp(lines, lines[usable], near[usable]))
+    return autoregression_of(np.fft.irfft(spectrum, n)[: n // 2], n)

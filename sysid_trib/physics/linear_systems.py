@@ -1,0 +1,265 @@
+"""Views of a model for python-control: nonlinear system, linear system, natural frequency and damping."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from sysid_trib.averaging.signatures import averages
+from sysid_trib.errors import UsageError
+from sysid_trib.forces.force import Force
+from sysid_trib.physics.quantities import Variables, check_quantity, propagated, with_error
+from sysid_trib.physics.unknowns import unknowns_of
+from sysid_trib.results.schema import model_of
+from sysid_trib.simulation.model import Model
+
+if TYPE_CHECKING:
+    import control
+
+Array = NDArray[np.float64]
+# Distances from rest (rad) at which a force's slopes are compared: where they differ it has none.
+NEAR, NEARER = 1e-7, 1e-8
+SMOOTH = 1e-3
+
+
+def to_nonlinear_system(
+    model: Model | xr.Dataset, inertia: float | None = None
+) -> "control.NonlinearIOSystem":
+    """The model as a nonlinear system of python-control.
+
+    Parameters
+    ----------
+    model : a model, or an identification.
+    inertia : moment of inertia, kg m^2.
+
+    Returns
+    -------
+    System with states and outputs `theta` (rad), `theta_dot` (rad/s) and the internal states of forces
+    (`dahl_z`), and the input `torque`: N m with an inertia, else torque over inertia, rad/s^2. Its parameters
+    are the coefficients. `t` in a formula is the time of the simulation. Sensor terms are left out.
+
+    Raises
+    ------
+    UsageError
+        A force with memory, which python-control cannot hold between reversals.
+
+    Notes
+    -----
+    Simulate with `solve_ivp_method="LSODA"` and `solve_ivp_kwargs={"rtol": 1e-10, "atol": 1e-12}`; once dry
+    friction holds the oscillator the integrator chatters: `simulate` is exact there.
+    """
+    import control
+
+    given = _model(model)
+    _refuse_memory(given)
+    forces = given.forces
+    gain = _gain(inertia)
+
+    def update(t: float, state: Any, inputs: Any, params: Mapping[str, float]) -> Array:
+        coefficients = {f.symbol: params[f.symbol] for f in forces}
+        rates = _field(given, coefficients, state, t)
+        rates[1] += gain * np.atleast_1d(inputs)[0]
+        return rates
+
+    names = ["theta", "theta_dot", *(f"{f.symbol}_{k}" for f in forces for k in f.state)]
+    return control.nlsys(
+        update,
+        lambda t, state, inputs, params: state,
+        states=names,
+        inputs=["torque"],
+        outputs=names,
+        params={f.symbol: given.coefficients[f.symbol] for f in forces},
+        name="oscillator",
+    )
+
+
+def linearise(
+    model: Model | xr.Dataset, amplitude: float | None = None, inertia: float | None = None
+) -> "control.StateSpace":
+    """The model as a linear system about rest, or about a cycle.
+
+    Parameters
+    ----------
+    model : a model, or an identification.
+    amplitude : rad; every force is replaced by its describing function at this amplitude, the stiffness
+        2 <h cos phi>/a and damping -2 <h sin phi>/a. None: the slopes at rest; a force without slopes there,
+        as dry friction or a detent, is left out.
+    inertia : as for `to_nonlinear_system`.
+
+    Returns
+    -------
+    System with states and outputs `theta` (rad), `theta_dot` (rad/s) and the input `torque`; at rest also
+    with the internal states of the forces that are kept. About a cycle `t` in a formula is zero.
+
+    Raises
+    ------
+    UsageError
+        A force with memory or with `t` about rest; an amplitude that is not positive.
+    LibraryError
+        A force that is not finite on such a cycle.
+    """
+    import control
+
+    given = _model(model)
+    matrix, names = _at_rest(given) if amplitude is None else _about_a_cycle(given, amplitude)
+    size = len(names)
+    enters = np.zeros((size, 1))
+    enters[1] = _gain(inertia)
+    return control.ss(
+        matrix,
+        enters,
+        np.eye(size),
+        np.zeros((size, 1)),
+        states=names,
+        outputs=names,
+        inputs=["torque"],
+        name="oscillator",
+    )
+
+
+def damp(model: Model | xr.Dataset, amplitude: float | None = None) -> xr.Dataset:
+    """Natural frequency and damping ratio of the linearised model, by python-control.
+
+    Parameters
+    ----------
+    model : a model, or an identification.
+    amplitude : as for `linearise`.
+
+    Returns
+    -------
+    Dataset over `pole`: `natural_frequency` (rad/s), its size, `damping_ratio`, and the pole itself as
+    `growth_rate` and `frequency` (rad/s), its real and imaginary part. Of an identification each with the
+    standard error that its covariance gives.
+
+    Raises
+    ------
+    UsageError, LibraryError
+        As `linearise`.
+    """
+    import control
+
+    def modes(of: Model) -> Array:
+        natural, ratio, poles = control.damp(linearise(of, amplitude), doprint=False)
+        # A conjugate pair is in one order, whatever the rounding of its sizes.
+        order = np.lexsort((poles.imag, np.round(natural / of.reference_frequency, 9)))
+        return np.stack([natural, ratio, poles.real, poles.imag])[:, order]
+
+    if isinstance(model, xr.Dataset):
+        unknowns = unknowns_of(model)
+        found = propagated(lambda z: modes(unknowns.model(z)), unknowns.values, unknowns.covariance)
+    else:
+        values = modes(_model(model))
+        found = values, np.full(values.shape, np.nan)
+    data: Variables = {}
+    for i, (name, units, long_name) in enumerate(
+        (
+            ("natural_frequency", "rad/s", "natural frequency"),
+            ("damping_ratio", "1", "damping ratio"),
+            ("growth_rate", "rad/s", "real part of the pole"),
+            ("frequency", "rad/s", "imaginary part of the pole"),
+        )
+    ):
+        labelled = with_error(name, ("pole",), (found[0][i], found[1][i]), units, long_name)
+        data |= labelled if isinstance(model, xr.Dataset) else {name: labelled[name]}
+    return xr.Dataset(data)
+
+
+def _model(given: Model | xr.Dataset) -> Model:
+    model = given if isinstance(given, Model) else model_of(given)
+    return model
+
+
+def _gain(inertia: float | None) -> float:
+    if inertia is None:
+        return 1.0
+    check_quantity("inertia", inertia, 0.0)
+    return 1.0 / inertia
+
+
+def _refuse_memory(model: Model) -> None:
+    for force in model.forces:
+        if force.memory:
+            raise UsageError(
+                f"Force '{force.symbol}' remembers its reversals, which python-control cannot hold; leave it "
+                "out, or linearise at an amplitude."
+            )
+
+
+def _field(model: Model, coefficients: Mapping[str, float], state: Any, time: float) -> Array:
+    """Rates of theta, theta_dot and the internal states (per s), without the input."""
+    w = model.reference_frequency
+    x, v, at = float(state[0]), float(state[1]) / w, 2
+    rates = [state[1], -(w**2) * x]
+    for force in model.forces:
+        hidden = dict(zip(force.state, np.asarray(state)[at:].tolist(), strict=False))
+        at += len(force.state)
+        rates[1] -= w**2 * coefficients[force.symbol] * float(_value(force, model, x, v, time, hidden))
+        names = {"x": x, "v": v, "t": time, **hidden, **force.shape_values(model.shapes)}
+        rates += [w * float(formula.evaluate(names)) for formula in force.state.values()]
+    return np.array(rates, dtype=float)
+
+
+def _value(force: Force, model: Model, x: float, v: float, time: float, hidden: Mapping[str, float]) -> float:
+    return float(force.value(x, v, time, shapes=model.shapes, hidden=hidden))
+
+
+def _about_a_cycle(model: Model, amplitude: float) -> tuple[Array, list[str]]:
+    """System matrix with every force's describing function, and the names of its states."""
+    check_quantity("amplitude", amplitude, 0.0)
+    w = model.reference_frequency
+    sums = np.zeros(2)
+    for force in model.forces:
+        sine, cosine = averages(force, np.array([amplitude]), model.shapes)
+        sums += model.coefficients[force.symbol] * 2.0 / amplitude * np.array([cosine[0], -sine[0]])
+    return np.array([[0.0, 1.0], [-(w**2) * (1.0 + sums[0]), -w * sums[1]]]), ["theta", "theta_dot"]
+
+
+def _at_rest(model: Model) -> tuple[Array, list[str]]:
+    """Derivatives of the rates by the states at rest, and the states; forces without slopes are left out."""
+    _refuse_memory(model)
+    timed = next((f.symbol for f in model.forces if f.holds_time), None)
+    if timed is not None:
+        raise UsageError(
+            f"Force '{timed}' changes in time, so the model has no fixed linear system; leave it out."
+        )
+    w = model.reference_frequency
+    kept = [(f, slopes) for f in model.forces if (slopes := _slopes(f, model)) is not None]
+    names = ["theta", "theta_dot", *(f"{f.symbol}_{k}" for f, _ in kept for k in f.state)]
+    matrix = np.zeros((len(names), len(names)))
+    matrix[:2, :2] = [[0.0, 1.0], [-(w**2), 0.0]]
+    at = 2
+    for force, slopes in kept:
+        own = np.array([0, 1, *range(at, at + len(force.state))])
+        at += len(force.state)
+        # Formulas are in v = theta'/w.
+        slopes[:, 1] /= w
+        matrix[1, own] -= w**2 * model.coefficients[force.symbol] * slopes[0]
+        matrix[np.ix_(own[2:], own)] += w * slopes[1:]
+    return matrix, names
+
+
+def _slopes(force: Force, model: Model) -> Array | None:
+    """Slopes of h and of the state rates by (x, v, states) at rest; None if h has none."""
+    count = 2 + len(force.state)
+
+    def rows(z: Array) -> Array:
+        names = {"x": z[0], "v": z[1], "t": 0.0, **dict(zip(force.state, z[2:], strict=True))}
+        names |= force.shape_values(model.shapes)
+        with np.errstate(all="ignore"):
+            return np.array([float(f.evaluate(names)) for f in (force.formula, *force.state.values())])
+
+    if force.memoryless and force.degree is not None and force.degree > 1.0:
+        return np.zeros((1, count))
+    origin = rows(np.zeros(count))
+    units = np.eye(count)
+    central = np.stack([(rows(NEARER * u) - rows(-NEARER * u)) / (2.0 * NEARER) for u in units], axis=1)
+    # A slope at rest serves every direction, near and nearer.
+    directions = [*units, *-units, *np.random.default_rng(5).standard_normal((4, count))]
+    for reach in (NEAR, NEARER):
+        for u in directions:
+            gap = (rows(reach * u) - origin)[0] / reach - central[0] @ u
+            if not abs(gap) <= SMOOTH * max(1.0, np.abs(central[0]).max()):
+                return None
+    return central

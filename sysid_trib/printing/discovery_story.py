@@ -1,0 +1,202 @@
+"""A discovery as a story in plain sentences: where the gap is, what closes it, what could have been seen."""
+
+import json
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.printing.detectability import added, candidates_of, remedy, strengths_told
+from sysid_trib.printing.discovery_tables import thresholds
+from sysid_trib.printing.homogeneity import differing_told, disagreeing_told
+from sysid_trib.printing.layout import chance, value_with_error
+from sysid_trib.printing.residual import in_mrad, noise_of, place_told, residual_of, times_noise
+
+# Generic shapes and candidates that are named where they stand out.
+MOST = 3
+# Twins of an effect that are named, the likeliest; a file has all.
+TWINS = 10
+UNSEEN = "Effects below the strengths that follow may be there unseen."
+# An effect of fewer standard errors in the final model is not significant there.
+FAINT = 3.0
+
+
+def discovery_told(tree: xr.DataTree) -> dict[str, list[str]]:
+    """The result of `discover` as headings with sentences, in the order of the work."""
+    story = {"Where model and record disagree": _start_told(tree)}
+    steps = [line for at in range(tree["steps"].attrs["count"]) for line in _step_told(tree, at)]
+    if steps:
+        story["What is missing"] = steps
+    story["Verdict"] = _verdict_told(tree)
+    story["What this record can show"] = strengths_told(tree)
+    return story
+
+
+def _start_told(tree: xr.DataTree) -> list[str]:
+    gap, noise = residual_of(tree, "before"), noise_of(tree)
+    forces = ", ".join(tree["before"].force.values.tolist())
+    told = [
+        f"The start model ({forces}) leaves {in_mrad(gap)} (RMS): {times_noise(gap, noise)} "
+        f"of {in_mrad(noise)}."
+    ]
+    return told + place_told(tree, "disagreement")
+
+
+def _step_told(tree: xr.DataTree, at: int) -> list[str]:
+    step = tree["steps"].to_dataset().isel(step=at)
+    shapes = json.loads(step.shapes.item())
+    shaped = "".join(f", {name} = {value:.3g}" for name, value in shapes.items())
+    what = "error of the sensor" if step.kind.item() == "sensor" else step.family.item()
+    what = f" ({what})" if what else ""
+    told = [
+        f"{at + 1}. {step.symbol.item()}, {step['name'].item()} {step.formula.item()}{shaped}{what}: "
+        f"{_valued(step)}, z = {step.z.item():.3g} (of the coefficient), "
+        f"corrected p {chance(step.p_value.item())} (of what it explains)."
+    ]
+    told.append(f"   Adding it takes the gap from {_shrinking(tree, at)}.")
+    if abs(step.z.item()) < FAINT:
+        told.append("   In the final model its coefficient is not significant.")
+    told += [f"   {one}" for one in differing_told(tree, at)]
+    if step.worsens_holdout.item():
+        told.append("   It makes the prediction of what was held out worse: do not trust it yet.")
+    tied = step.ties.item().split("; ")[1:]
+    if tied:
+        offered = candidates_of(tree)
+        named = ", ".join(f"{s} ({offered[s].formula.text})" for s in tied[:TWINS])
+        others = f", and {len(tied) - TWINS} more" if len(tied) > TWINS else ""
+        told.append(f"   It cannot be told from: {named}{others}.")
+        likely = list(json.loads(step.tie_probabilities.item()).items())[: TWINS + 1]
+        each = ", ".join(f"{symbol} {probability:.2f}" for symbol, probability in likely)
+        told.append(f"   If all candidates were as likely before, the probabilities are: {each}.")
+        told.append(f"   {remedy([offered[s] for s in (step.symbol.item(), *tied)])}")
+    costs = json.loads(step.tie_costs.item())
+    if wild := [symbol for symbol, cost in costs.items() if cost is None]:
+        told.append(f"   In its place these were tried, but their fits did not settle: {', '.join(wild)}.")
+    return told
+
+
+def _shrinking(tree: xr.DataTree, at: int) -> str:
+    """From the gap before a step to that after it, on the fit and on the hold-out."""
+    step, held, noise = tree["steps"].isel(step=at), tree["holdout"].rms.values, noise_of(tree)
+    fitted = step.residual_before.item(), step.residual_after.item()
+    told = _pair(*fitted, noise)
+    if np.all(np.isfinite(held[at : at + 2])):
+        what = f" ({tree.attrs['held_out']})" if at == 0 else ""
+        told += f", on the hold-out{what} from {_pair(held[at], held[at + 1], noise)}"
+    return told
+
+
+def _pair(before: float, after: float, noise: float) -> str:
+    return (
+        f"{before / noise:.3g} to {after / noise:.3g} times the noise "
+        f"({1e3 * before:.3g} to {1e3 * after:.3g} mrad)"
+    )
+
+
+def _verdict_told(tree: xr.DataTree) -> list[str]:
+    said = {"explained": _explained, "nothing missing": _nothing, "unknown effect": _unknown}
+    return [*said[tree.attrs["verdict"]](tree), *disagreeing_told(tree, _level(tree)), _model_told(tree)]
+
+
+def _model_told(tree: xr.DataTree) -> str:
+    """Frequency and forces of the final model that no step has told."""
+    after, named = tree["after"].to_dataset(), added(tree)
+    w = value_with_error(after.reference_frequency.item(), after.reference_frequency_standard_error.item())
+    values = [f"w = {w} rad/s"]
+    for symbol in after.force.values.tolist():
+        if symbol not in named:
+            values.append(f"{symbol} = {_valued(after.sel(force=symbol))}")
+    return f"The model {'has besides' if named else 'has'}: {', '.join(values)}."
+
+
+def _valued(one: xr.Dataset) -> str:
+    """A coefficient with its error and unit."""
+    value = value_with_error(one.coefficient.item(), one.standard_error.item())
+    return value if one.unit.item() == "1" else f"{value} {one.unit.item()}"
+
+
+def _explained(tree: xr.DataTree) -> list[str]:
+    gap, noise = residual_of(tree, "after"), noise_of(tree)
+    named = " and ".join(added(tree))
+    quiet, but = _quiet(tree, "no other candidate")
+    return [f"Explained: with {named} the model leaves {times_noise(gap, noise)}; {quiet} {UNSEEN}", *but]
+
+
+def _nothing(tree: xr.DataTree) -> list[str]:
+    noise = times_noise(residual_of(tree, "after"), noise_of(tree))
+    quiet, but = _quiet(tree, "no candidate")
+    return [f"Nothing is missing: the model leaves {noise}; {quiet} {UNSEEN}", *but]
+
+
+def _quiet(tree: xr.DataTree, candidates: str) -> tuple[str, list[str]]:
+    """What does not stand out of what is left, and the candidates that seem to by their scores."""
+    nearest = _nearest_told(tree)
+    quiet = "no generic force" if nearest else f"{candidates} and no generic force"
+    return (
+        f"{quiet} stands out of it (chance of error {_level(tree):.2g}).",
+        [*_high_by_chance(tree), *nearest],
+    )
+
+
+def _high_by_chance(tree: xr.DataTree) -> list[str]:
+    """Candidates above the threshold of one test each that are looked for at many frequencies."""
+    last, limit = tree["ranking"].to_dataset().isel(scan=-1), thresholds(tree)[-1]
+    high = last.isel(candidate=(abs(last.z.values) > limit) & (last.p_value.values >= _level(tree)))
+    if not high.sizes["candidate"]:
+        return []
+    pairs = zip(high.candidate.values.tolist(), abs(high.z.values).tolist(), strict=True)
+    told = ", ".join(f"{symbol} ({z:.3g})" for symbol, z in pairs)
+    return [f"Above the threshold of {limit:.3g} but, of so many frequencies tried, by chance: {told}."]
+
+
+def _unknown(tree: xr.DataTree) -> list[str]:
+    gap, noise = residual_of(tree, "after"), noise_of(tree)
+    generic = tree["generic"].to_dataset().isel(scan=-1)
+    flagged = generic.p_value.item() < _level(tree)
+    leaning = " and ".join(_leaning(tree))
+    cancel = "nearly cancel others of the model, and so may imitate a force that is not among the candidates."
+    if flagged or not leaning:
+        told = [
+            f"Unknown effect: something is left that was not named; the gap is {times_noise(gap, noise)}."
+        ]
+        told += place_told(tree, "disagreement_after")
+        told += [f"Of the effects that were added, {leaning} {cancel}"] if leaning else []
+    else:
+        told = [f"Unknown effect: the gap is {times_noise(gap, noise)}, but {leaning} {cancel}"]
+    if flagged:
+        order = np.argsort(-np.abs(generic.z.values))[:MOST]
+        shapes = ", ".join(f"{generic['shape'].values[i]} (z = {generic.z.values[i]:.3g})" for i in order)
+        told.append(
+            f"Generic forces of amplitude r and phase phi that it resembles: {shapes}; chance that nothing "
+            f"is left {chance(generic.p_value.item())}."
+        )
+    return told + _nearest_told(tree)
+
+
+def _nearest_told(tree: xr.DataTree) -> list[str]:
+    """Candidates whose scores stand out at the end, and why none was added."""
+    last = tree["ranking"].to_dataset().isel(scan=-1)
+    strong = np.flatnonzero(last.p_value.values < _level(tree))
+    if not len(strong):
+        return []
+    order = strong[np.argsort(-np.abs(last.z.values[strong]))][:MOST]
+    named = ", ".join(f"{last.candidate.values[i]} (z = {last.z.values[i]:.3g})" for i in order)
+    most = json.loads(tree.attrs["options"])["max_effects"]
+    full = tree["steps"].attrs["count"] >= most
+    reason = (
+        f"no more than {most} effects were asked for (--max-effects)"
+        if full
+        else "fitted in full, none takes from the gap what its score promises"
+    )
+    return [f"By their scores these candidates stand out: {named}; {reason}."]
+
+
+def _leaning(tree: xr.DataTree) -> list[str]:
+    """Symbols of the effects whose names do not stand by themselves."""
+    if not tree["steps"].attrs["count"]:
+        return []
+    steps = tree["steps"].to_dataset()
+    return [str(symbol) for symbol in steps.symbol.values[steps.leans.values]]
+
+
+def _level(tree: xr.DataTree) -> float:
+    return float(json.loads(tree.attrs["options"])["level"])

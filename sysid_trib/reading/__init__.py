@@ -1,1 +1,0 @@
-"""Tables of numbers from files of many kinds."""

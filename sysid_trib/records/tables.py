@@ -1,0 +1,188 @@
+"""Tables of numbers from files of many formats; the content decides, not the name."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from sysid_trib.errors import RecordError, UsageError
+from sysid_trib.records.text import read_text
+
+Columns = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns of a file by name, in its order, with units where the file states them."""
+
+    columns: Columns
+    units: dict[str, str] = field(default_factory=dict)
+
+
+def read_table(path: Path) -> Table:
+    """Read every column of a file.
+
+    Raises
+    ------
+    UsageError
+        There is no such file.
+    RecordError
+        The file is empty, binary, truncated or holds no table; the message names it.
+    """
+    if not path.exists():
+        raise UsageError(f"{path}: there is no such file.")
+    if path.is_dir():
+        raise RecordError(f"{path}: this is a directory, not a record; name a file in it.")
+    if not path.is_file():
+        raise RecordError(f"{path}: this is a pipe or a device, not a file; save the record as a file first.")
+    try:
+        with path.open("rb") as file:
+            head = file.read(1024)
+        if not head.strip():
+            raise RecordError(f"{path.name}: the file is empty.")
+        table = _reader(head, path)(path)
+    except (RecordError, UsageError):
+        raise
+    except ImportError as error:
+        package = f"the package {error.name}" if error.name else "a further package"
+        raise RecordError(
+            f"{path.name}: to read this format {package} is needed; install it with "
+            'pip install "sysid-trib[files]".'
+        ) from error
+    except PermissionError:
+        raise RecordError(f"{path}: you may not read this file; change its permissions.") from None
+    # Readers of foreign formats meet a damaged file with any exception at all.
+    except Exception as error:
+        reason = next(iter(str(error).splitlines()), "") or type(error).__name__
+        raise RecordError(f"{path.name}: cannot be read, it seems damaged or cut off ({reason}).") from error
+    if not any(np.size(column) for column in table.columns.values()):
+        raise RecordError(f"{path.name}: there are no numbers in it.")
+    return table
+
+
+def _reader(head: bytes, path: Path) -> Callable[[Path], Table]:
+    if head.startswith(b"\x89HDF") or head.startswith(b"MATLAB 7.3") or head[512:516] == b"\x89HDF":
+        return _read_netcdf if path.suffix in (".nc", ".nc4", ".cdf") else _read_hdf5
+    if head.startswith(b"MATLAB 5.0"):
+        return _read_matlab
+    if head.startswith(b"CDF"):
+        return _read_netcdf
+    if head.startswith(b"PK"):
+        return _read_excel
+    if head.startswith(b"PAR1"):
+        return _read_parquet
+    if head.startswith(b"TDSm"):
+        return _read_tdms
+    if path.suffix == ".mat" and b"\0" in head:
+        return _read_matlab
+    return _read_text
+
+
+def _read_text(path: Path) -> Table:
+    frame, names = read_text(path)
+    numbered = [str(index) for index in range(frame.shape[1])]
+    return _from_frame(frame, names or numbered)
+
+
+def _from_frame(frame: pd.DataFrame, names: list[str]) -> Table:
+    columns: Columns = {}
+    for index, name in zip(range(frame.shape[1]), names, strict=False):
+        columns[name if name and name not in columns else f"{name}#{index}"] = frame.iloc[:, index].to_numpy()
+    return Table(columns)
+
+
+def _read_excel(path: Path) -> Table:
+    sheet = pd.read_excel(path, header=None, engine="openpyxl").dropna(how="all").dropna(axis=1, how="all")
+    numbers = sheet.map(lambda cell: isinstance(cell, (int, float)) and cell == cell)
+    full = np.flatnonzero(numbers.all(axis=1))
+    some = np.flatnonzero(numbers.any(axis=1))
+    if not some.size:
+        raise RecordError(f"{path.name}: no rows of numbers were found on its first sheet.")
+    start = int(full[0] if full.size else some[0])
+    while start > 0 and numbers.iloc[start - 1].any():
+        start -= 1
+    names = (
+        [str(cell) for cell in sheet.iloc[start - 1]] if start else [str(i) for i in range(sheet.shape[1])]
+    )
+    return _from_frame(sheet.iloc[start:], names)
+
+
+def _read_parquet(path: Path) -> Table:
+    frame = pd.read_parquet(path).reset_index(drop=True)
+    return _from_frame(frame, [str(name) for name in frame.columns])
+
+
+def _read_netcdf(path: Path) -> Table:
+    import xarray as xr
+
+    with path.open("rb") as file:
+        engine = "scipy" if file.read(3) == b"CDF" else "h5netcdf"
+    with xr.open_dataset(path, engine=engine, decode_times=False) as dataset:
+        columns = {str(name): item.to_numpy() for name, item in dataset.variables.items() if item.ndim == 1}
+        units = {name: str(dataset[name].attrs.get("units", "")) for name in columns}
+    return Table(columns, units)
+
+
+def _read_matlab(path: Path) -> Table:
+    from scipy.io import loadmat
+
+    content = loadmat(path, simplify_cells=True)
+    return Table(dict(_flatten({k: v for k, v in content.items() if not k.startswith("__")})))
+
+
+def _flatten(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+    """Vectors in structs, cells and matrices, named like ``data.Y[0]``; samples run along the longer side."""
+    if isinstance(value, dict):
+        for key, item in value.items():
+            yield from _flatten(item, f"{name}.{key}" if name else str(key))
+    elif isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype == object):
+        for index, item in enumerate(value):
+            yield from _flatten(item, f"{name}[{index}]")
+    elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
+        value = np.squeeze(value)
+        if value.ndim == 1:
+            yield name, value
+        elif value.ndim == 2:
+            for index, row in enumerate(value if value.shape[1] > value.shape[0] else value.T):
+                yield f"{name}[{index}]", row
+
+
+def _read_hdf5(path: Path) -> Table:
+    import h5py
+
+    units: dict[str, str] = {}
+
+    def content(item: Any, file: Any) -> Any:
+        if isinstance(item, h5py.Group):
+            return {key: content(item[key], file) for key in item if not key.startswith("#")}
+        if h5py.check_ref_dtype(item.dtype) is not None:
+            return [content(file[reference], file) for reference in np.ravel(item[()])]
+        if "units" in item.attrs:
+            label = item.attrs["units"]
+            units[item.name.strip("/").replace("/", ".")] = (
+                label.decode() if isinstance(label, bytes) else str(label)
+            )
+        is_text = item.attrs.get("MATLAB_class") == b"char"
+        return None if is_text else item[()]
+
+    with h5py.File(path, "r") as file:
+        columns = dict(_flatten(content(file, file)))
+    return Table(columns, units)
+
+
+def _read_tdms(path: Path) -> Table:
+    from nptdms import TdmsFile
+
+    columns: Columns = {}
+    units: dict[str, str] = {}
+    for group in TdmsFile.read(path).groups():
+        for channel in group.channels():
+            name = f"{group.name}/{channel.name}"
+            if "wf_increment" in channel.properties and f"{group.name}/time" not in columns:
+                columns[f"{group.name}/time"] = channel.time_track()
+            columns[name] = channel[:]
+            units[name] = str(channel.properties.get("unit_string", ""))
+    return Table(columns, units)

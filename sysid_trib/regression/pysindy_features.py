@@ -1,0 +1,172 @@
+"""The forces of a library as a feature library of pysindy."""
+
+import ast
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from pysindy import AxesArray
+from pysindy.feature_library.base import BaseFeatureLibrary, x_sequence_or_item
+from sklearn.utils.validation import check_is_fitted
+
+from sysid_trib.averaging.internal_states import carry_along
+from sysid_trib.errors import DecayError, LibraryError
+from sysid_trib.forces.force import Force, ForceLibrary
+
+__all__ = ["ForceFeatures", "carry_along", "readable"]
+
+# What pysindy calls its inputs when nobody has named them.
+UNNAMED = ["x0", "x1"]
+BINDING: dict[type, tuple[int, str]] = {
+    ast.Add: (1, " + "),
+    ast.Sub: (1, " - "),
+    ast.Mult: (2, " "),
+    ast.Div: (2, "/"),
+    ast.Pow: (4, "^"),
+}
+
+
+class ForceFeatures(BaseFeatureLibrary):
+    """One feature for each force of a library, on the states [theta, theta'] with theta' = dtheta/d(w t).
+
+    Parameters
+    ----------
+    library : the forces; sensors act on no equation of motion and are left out.
+    sampling_time : s, needed by forces with states, memory or `t`: they are carried along each trajectory,
+        which is taken to start at t = 0.
+    reference_frequency : w in rad/s, needed by forces with states or memory.
+    shapes : shape parameters, `{"dahl.s": 0.02}`; defaults where left out.
+
+    Examples
+    --------
+    The forces of Eq. 1 from angle, rate and acceleration (theta, rate, acceleration in SI units)::
+
+        states = np.column_stack((theta, rate / w))
+        target = (acceleration / w**2 + theta)[:, None]
+        model = pysindy.SINDy(feature_library=ForceFeatures(load_library()),
+                              optimizer=pysindy.STLSQ(threshold=0, alpha=0))
+        model.fit(states, t=sampling_time, x_dot=target)
+        model.print(lhs=["theta'' + theta"])
+
+    The coefficients of `theta'' + theta = -f` are those of the forces with the sign changed.
+    """
+
+    def __init__(
+        self,
+        library: ForceLibrary,
+        sampling_time: float | None = None,
+        reference_frequency: float | None = None,
+        shapes: Mapping[str, float] | None = None,
+    ) -> None:
+        self.library = library
+        self.sampling_time = sampling_time
+        self.reference_frequency = reference_frequency
+        self.shapes = shapes
+
+    @x_sequence_or_item
+    def fit(self, x_full: Sequence[Any], y: object = None) -> "ForceFeatures":
+        """Check that the forces can be computed from the trajectories.
+
+        Parameters
+        ----------
+        x_full : trajectory, or list of them, (sample, 2): theta (rad) and theta' (rad).
+        y : not used.
+
+        Raises
+        ------
+        DecayError
+            Not two columns.
+        LibraryError
+            A force needs `sampling_time` or `reference_frequency`, which is missing; no forces at all.
+        """
+        for x in x_full:
+            _check_columns(x)
+        if not self._forces:
+            raise LibraryError(f"Library '{self.library.title}' has no forces to make features of.")
+        for force in self._forces:
+            self._check_given(force)
+        self.n_features_in_ = 2
+        self.n_output_features_ = len(self._forces)
+        return self
+
+    @x_sequence_or_item
+    def transform(self, x_full: Sequence[Any]) -> list[AxesArray]:
+        """Value of every force along each trajectory, (sample, force)."""
+        check_is_fitted(self)
+        return [self._columns(x) for x in x_full]
+
+    def get_feature_names(self, input_features: Sequence[str] | None = None) -> list[str]:
+        """Formulas in readable form, in theta and theta' unless the inputs have names of their own."""
+        given = None if input_features is None else list(input_features)
+        angle, rate = ("theta", "theta'") if given in (None, UNNAMED) else given[:2]
+        return [readable(force, angle, rate, self.shapes) for force in self._forces]
+
+    @property
+    def _forces(self) -> list[Force]:
+        return [force for force in self.library if force.kind == "force"]
+
+    def _check_given(self, force: Force) -> None:
+        needs = {"sampling_time (s)": (self.sampling_time, force.holds_time or not force.memoryless)}
+        needs["reference_frequency (rad/s)"] = (self.reference_frequency, not force.memoryless)
+        for name, (value, needed) in needs.items():
+            if needed and not (value is not None and np.isfinite(value) and value > 0):
+                raise LibraryError(
+                    f"Force '{force.symbol}' is carried along in time: give ForceFeatures a positive {name}."
+                )
+
+    def _columns(self, x: Any) -> AxesArray:
+        _check_columns(x)
+        states = np.asarray(x)
+        angle, rate = (states[..., i].astype(float) for i in range(2))
+        t = np.arange(len(states)) * float(self.sampling_time or 0.0)
+        found = np.empty((*angle.shape, len(self._forces)), dtype=np.result_type(states.dtype, np.float32))
+        for i, force in enumerate(self._forces):
+            tau = t * float(self.reference_frequency or 0.0)
+            hidden = carry_along(force, tau, angle, rate, self.shapes, time=t)
+            found[..., i] = force.value(angle, rate, t, shapes=self.shapes, hidden=hidden)
+        return AxesArray(found, {"ax_time": 0, "ax_coord": 1})
+
+
+def readable(
+    force: Force, angle: str = "theta", rate: str = "theta'", shapes: Mapping[str, float] | None = None
+) -> str:
+    """Formula of a force for people, e.g. `theta' |theta'|`; a sum in brackets, states with the symbol."""
+    names = {"x": angle, "v": rate} | {k: f"{force.symbol}.{k}" for k in (*force.state, *force.memory)}
+    names |= {k: f"{value:g}" for k, value in force.shape_values(shapes).items()}
+    return _text(force.formula.tree, names, 2)
+
+
+def _text(tree: ast.AST, names: Mapping[str, str], binding: int) -> str:
+    """Text of a tree, in brackets if it binds less than `binding`."""
+    match tree:
+        case ast.Constant(value=value):
+            return f"{float(value):.12g}"  # type: ignore[arg-type]
+        case ast.Name(id=name):
+            return names.get(name, name)
+        case ast.UnaryOp(op=op, operand=operand):
+            inner = _text(operand, names, 3)
+            text = f"-{inner}" if isinstance(op, ast.USub) else inner
+            return f"({text})" if binding > 1 else text
+        case ast.BinOp(left=left, op=op, right=right):
+            own, sign = BINDING[type(op)]
+            # Subtraction and division do not associate to the right, a power not to the left.
+            first = _text(left, names, own + isinstance(op, ast.Pow))
+            text = first + sign + _text(right, names, own + isinstance(op, ast.Sub | ast.Div))
+            return f"({text})" if own < binding else text
+        case ast.Call(func=ast.Name(id=name), args=args):
+            texts = [_text(arg, names, 0) for arg in args]
+            return f"|{texts[0]}|" if name == "abs" else f"{_spoken(name)}({', '.join(texts)})"
+    raise AssertionError(f"unchecked tree: {ast.dump(tree)}")
+
+
+def _spoken(function: str) -> str:
+    return "sgn" if function == "sign" else function
+
+
+def _check_columns(x: Any) -> None:
+    shape = np.shape(x)
+    if len(shape) != 2 or shape[1] != 2:
+        raise DecayError(
+            "Force features need the two columns theta and theta' = dtheta/d(w t) (rad), "
+            f"not data of shape {shape}."
+        )

@@ -1,0 +1,1 @@
+"""The one schema of results: dims, units, provenance, files, change of reference."""

@@ -1,0 +1,1 @@
+"""Model to motion: equations, stick and slip, the two engines, the embedded example."""

@@ -1,0 +1,160 @@
+"""Following a motion from start to end: gliding, sticking, going on, stopping; and checking what came out."""
+
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from sysid_trib.errors import SimulationError
+from sysid_trib.forces.formulas import NUMPY
+from sysid_trib.simulation.engine_scipy import advance
+from sysid_trib.simulation.equations import Motion, Run, Vector
+from sysid_trib.simulation.stick_slip import Field, settle
+
+FAR = 1e3  # rad; no pendulum swings there
+ON_SURFACE = 1e-8  # how far on the wrong side of a surface a sample may lie
+LEAVE = 1e-7  # in tau: how long after the friction is overcome the motion is let go
+
+
+class DivergenceError(SimulationError):
+    """A motion that grows without bound, by whatever engine."""
+
+
+class Engine(Field, Protocol):
+    """What carries a motion from one rest to the next."""
+
+    @property
+    def lock(self) -> AbstractContextManager[Any]:
+        """Held by whoever uses the engine; a compiled one has but one integrator."""
+        ...
+
+    def glide(self, run: Run, y: Vector, grid: Vector) -> tuple[Vector, Vector, float]:
+        """Move from grid[0]: states at the grid points reached after it, the last state and its tau."""
+        ...
+
+
+@dataclass(frozen=True)
+class Path:
+    """A motion in tau: `y` and what forces remember on the grid, the stop (NaN if none), the reversals."""
+
+    y: Vector
+    hidden: dict[str, Vector]
+    stop: float
+    reversals: Vector
+
+
+def follow(engine: Engine, y: Vector, p: Vector, grid: Vector) -> Path:
+    """Follow the motion along `grid`, which increases from 0.
+
+    Raises
+    ------
+    SimulationError
+        It diverges, switches without end, or fails the check of its samples.
+    """
+    motion, tau, stop = engine.motion, 0.0, np.nan
+    run = _new_run(motion, p, float(grid[-1]))
+    rows, done = np.empty((len(grid), len(y))), 1
+    rows[0] = y
+    run.stuck = not settle(engine, y, run.p, tau)
+    run.note(tau)
+    while done < len(grid):
+        ahead = np.concatenate([[tau], grid[done:]])
+        if not run.stuck:
+            known, stop = len(run.times) - 1, np.nan
+            found, y, tau = engine.glide(run, y, ahead)
+            _check(motion, run, known, ahead[1 : 1 + len(found)], found)
+        else:
+            stop = tau if np.isnan(stop) else stop
+            found, y, tau = _rest(engine, run, y, ahead)
+        _raise_failure(motion, run, found, ahead, y, tau)
+        rows[done : done + len(found)] = found
+        # A motion that came to rest at a grid point may not have reported it.
+        reached = int(np.searchsorted(grid, tau, side="right"))
+        rows[done + len(found) : reached] = y
+        done = max(reached, done + len(found))
+    stop = tau if run.stuck and np.isnan(stop) else stop
+    return Path(rows, _hidden(motion, run, rows, grid), float(stop), _reversals(motion, run))
+
+
+def _new_run(motion: Motion, p: Vector, end: float) -> Run:
+    periods = end / (2.0 * np.pi)
+    switchings = 1000 + int(periods * (50 + 10 * len(motion.switches)))
+    return Run(p, budget=switchings, steps=5000 + int(500 * periods))
+
+
+def _rest(engine: Engine, run: Run, y: Vector, grid: Vector) -> tuple[Vector, Vector, float]:
+    """Stay at rest until something pushes harder than friction holds, or to the end."""
+    motion, y = engine.motion, y.copy()
+    y[1] = 0.0
+
+    def at(hidden: Vector) -> Vector:
+        return np.concatenate([y[:2], hidden[:-2]])
+
+    def guards(tau: float, hidden: Vector) -> Vector:
+        up, down, *_ = engine.standing(at(hidden), run.p, tau).tolist()
+        return np.array([-up, down])
+
+    def rates(tau: float, hidden: Vector) -> Vector:
+        up, down, *moves = engine.standing(at(hidden), run.p, tau).tolist()
+        # The guards are integrated along so that the steps resolve them.
+        return np.array([*moves, -up, down])
+
+    hidden = np.concatenate([y[2:], [0.0, 0.0]])
+    time_matters = any(f.holds_time and c != 0.0 for f, c in zip(motion.forces, run.p, strict=False))
+    if not time_matters and (len(y) == 2 or np.all(np.abs(rates(grid[0], hidden)[:-2]) < 1e-14)):
+        return np.repeat(y[None], len(grid) - 1, axis=0), y, float(grid[-1])
+    found, hidden, tau, free = advance(rates, guards, hidden, grid, run, 1e-10 if len(y) > 2 else 1e-6)
+    if free:
+        hidden, tau = hidden + LEAVE * rates(tau, hidden), tau + LEAVE
+        run.stuck = not (run.count() and settle(engine, at(hidden), run.p, tau))
+        run.note(tau)
+    rows = np.repeat(y[None], len(found), axis=0)
+    rows[:, 2:] = found[:, :-2]
+    return rows, at(hidden), tau
+
+
+def _check(motion: Motion, run: Run, known: int, grid: Vector, rows: Vector) -> None:
+    """Every sample must lie on the side of each switching surface on which it was computed."""
+    if not motion.switches or not len(rows) or run.failure:
+        return
+    ends = np.append(np.searchsorted(grid, run.times[known + 1 :]), len(grid))
+    ends[1:] -= ends[:-1].copy()
+    fixed = motion.memory_at.start
+    past = np.repeat(run.past[known:, fixed:], ends, axis=0)
+    with np.errstate(all="ignore"):
+        values = motion.surfaces(list(rows.T), [*run.p[:fixed].tolist(), *past.T], grid, NUMPY)
+    signs = past.T[motion.signs_at.start - fixed :]
+    if any((value * sign).min() < -ON_SURFACE for value, sign in zip(values, signs, strict=True)):
+        run.failure = "left a branch of its forces unnoticed"
+
+
+def _raise_failure(motion: Motion, run: Run, rows: Vector, grid: Vector, y: Vector, tau: float) -> None:
+    widest = max(abs(y[0]), np.abs(rows[:, 0]).max(initial=0.0))
+    if widest <= FAR and not run.failure:
+        return
+    far = np.flatnonzero(np.abs(rows[:, 0]) > FAR)
+    when = grid[1 + far[0]] if len(far) else tau
+    after = f"{when * run.p[motion.memory_at.start - 1]:.4g} s after the start"
+    if widest > FAR:
+        raise DivergenceError(
+            f"The motion diverges: |angle| passes {FAR:g} rad by {after}; "
+            "mind negative damping and negative stiffness in the coefficients."
+        )
+    reason = run.failure or "is not finite"
+    raise SimulationError(f"The motion {reason}, {after}; mind forces that switch or are singular there.")
+
+
+def _hidden(motion: Motion, run: Run, rows: Vector, grid: Vector) -> dict[str, Vector]:
+    hidden = dict(zip(motion.variables[2:], rows.T[2:], strict=True))
+    if motion.memory:
+        past = run.past[np.searchsorted(run.times, grid, side="right") - 1, motion.memory_at]
+        hidden |= dict(zip(motion.memory, past.T, strict=True))
+    return hidden
+
+
+def _reversals(motion: Motion, run: Run) -> Vector:
+    if not motion.reverses:
+        return np.empty(0)
+    sign = run.past[:, motion.signs_at.start]
+    return run.times[1:][sign[1:] != sign[:-1]]

@@ -1,0 +1,152 @@
+"""Exact motion of a model: switchings, sticking and memory at their true times."""
+
+from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
+
+from sysid_trib.errors import SimulationError, UsageError
+from sysid_trib.forces.force import Force
+from sysid_trib.simulation.equations import Vector
+from sysid_trib.simulation.integrate import DivergenceError, Engine, Path, follow
+from sysid_trib.simulation.model import Model
+
+FAST = "fast"
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A motion at the times asked for.
+
+    `angle` (rad) is the measured one, `position` (rad) and `rate` (rad/s) the true ones; `hidden` holds the
+    states and the memory of forces as `dahl.z`. `stop_time` (s) is NaN if the motion goes on. `reversals`
+    (s) are the exact times of v = 0, known where a force switches there.
+    """
+
+    angle: Vector
+    position: Vector
+    rate: Vector
+    stop_time: float
+    reversals: Vector
+    hidden: dict[str, Vector]
+    engine: str
+
+
+def simulate(
+    model: Model,
+    time: ArrayLike,
+    angle: float = 0.3,
+    rate: float = 0.0,
+    *,
+    engine: str | None = None,
+    tolerance: float = 1e-12,
+) -> xr.Dataset:
+    """Simulate the free motion of a model.
+
+    Parameters
+    ----------
+    model : forces, coefficients and reference frequency.
+    time : increasing times in s, not necessarily evenly spaced; `t` in a formula counts from the first.
+    angle, rate : angle (rad) and its derivative (rad/s) at time[0].
+    engine : `heyoka`, `scipy`, or None for the best that is installed, and the other if that fails.
+    tolerance : relative tolerance of scipy; heyoka always goes to 1e-13.
+
+    Returns
+    -------
+    Dataset with `angle(time)` in rad as measured (with the sensor terms of the model), the true `rate(time)`
+    in rad/s, `stop_time` in s (NaN if the motion does not stop), and what forces remember (`dahl.z(time)`).
+
+    Raises
+    ------
+    SimulationError
+        The motion diverges or switches without end, or the times do not increase.
+    """
+    time = np.asarray(time, dtype=float)
+    if not all(model.coefficients.values()):
+        model = model.with_coefficients({k: c for k, c in model.coefficients.items() if c != 0.0})
+    found = trajectory(model, time, angle, rate, engine=engine, tolerance=tolerance)
+    data: dict[str, Any] = {
+        "angle": ("time", found.angle, {"units": "rad", "long_name": "angle"}),
+        "rate": ("time", found.rate, {"units": "rad/s", "long_name": "angular rate"}),
+        "stop_time": ((), found.stop_time, {"units": "s", "long_name": "time at which the motion stops"}),
+    }
+    for name, values in found.hidden.items():
+        data[name] = ("time", values, {"units": "1", "long_name": f"{name}, state or memory of a force"})
+    data["time"] = ("time", time, {"units": "s", "long_name": "time"})
+    return xr.Dataset(data, attrs={"engine": found.engine})
+
+
+def trajectory(
+    model: Model,
+    time: Vector,
+    angle: float = 0.3,
+    rate: float = 0.0,
+    *,
+    engine: str | None = None,
+    tolerance: float = 1e-12,
+) -> Trajectory:
+    """Simulate without labels, the fast way for repeated use (see `simulate`).
+
+    `engine` may also be `FAST`: the best that is installed, and no other if that fails, which may take a
+    thousand times longer (a stiff state).
+
+    The equations are compiled once per set of forces; coefficients, shapes and frequency are free. Forces
+    with coefficient zero stay in, their states and memory carried along.
+    """
+    if time.ndim != 1 or not len(time) or not np.all(np.isfinite(time)) or np.any(np.diff(time) <= 0.0):
+        raise SimulationError(
+            "The times of a simulation must be finite and increase; sort them, drop repeats."
+        )
+    if not (np.isfinite(angle) and np.isfinite(rate)):
+        raise SimulationError(f"A motion cannot start from angle {angle} rad and rate {rate} rad/s.")
+    w, start = model.reference_frequency, float(time[0])
+    grid = w * (time - start)
+    path, name = _path(model, grid, (angle, rate / w), engine, tolerance)
+    x, v = path.y[:, 0], path.y[:, 1]
+    measured = x.copy()
+    for sensor in model.sensors:
+        measured += model.coefficients[sensor.symbol] * sensor.value(x, v, time - start, shapes=model.shapes)
+    stop, reversals = start + path.stop / w, start + path.reversals / w
+    return Trajectory(measured, x, w * v, stop, reversals, path.hidden, name)
+
+
+def _path(
+    model: Model, grid: Vector, at: tuple[float, float], engine: str | None, tolerance: float
+) -> tuple[Path, str]:
+    choice: tuple[str, ...] = ("heyoka", "scipy") if _has_heyoka() else ("scipy",)
+    if engine:
+        choice = choice[:1] if engine == FAST else (engine,)
+    for name in choice:
+        field = _engine(name, model.forces, tolerance)
+        motion = field.motion
+        y = np.zeros(len(motion.variables))
+        y[:2] = at
+        y, p = motion.start(y, motion.parameters(model))
+        try:
+            with field.lock:
+                return follow(field, y, p, grid), name
+        except SimulationError as error:
+            if isinstance(error, DivergenceError) or name == choice[-1]:
+                raise
+    raise AssertionError
+
+
+def _engine(name: str, forces: tuple[Force, ...], tolerance: float) -> Engine:
+    if name == "scipy":
+        from sysid_trib.simulation.engine_scipy import interpreted
+
+        return interpreted(forces, tolerance)
+    if name != "heyoka" or not _has_heyoka():
+        raise UsageError(f"There is no engine '{name}' here; take scipy, or heyoka where it is installed.")
+    from sysid_trib.simulation.engine_heyoka import compiled
+
+    return compiled(forces)
+
+
+@cache
+def _has_heyoka() -> bool:
+    return find_spec("heyoka") is not None

@@ -1,0 +1,132 @@
+"""Identify the forces of a decay, and hold two identifications of it against each other."""
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.decays.half_sines import envelope
+from sysid_trib.errors import UsageError
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.records.runs import Decays, as_runs, group_names, noise_of_run
+from sysid_trib.trajectory_fit.initial_conditions import FittedMotion
+from sysid_trib.validation.cross_check_statistics import comparison, fitted_motion, pooled, residuals, ties
+
+# Below this probability of a larger difference by chance the methods are said to disagree.
+LEVEL = 0.01
+# A gap that white noise leaves less often than this is one; beyond so many noise levels (RMS) it is large.
+CHANCE = 1e-3
+LARGE = 1.5
+
+
+class Method(Protocol):
+    """An identification method: a frozen object with its options."""
+
+    def identify(self, decay: Any, library: ForceLibrary) -> xr.Dataset:
+        """Identify the forces of `library` from a decay with `angle(time)`, or from several if it can."""
+
+
+def identify(decay: Decays, library: ForceLibrary, method: Method) -> xr.Dataset:
+    """Identify the forces of a library from a decay, or from runs of one experiment, by one method.
+
+    Parameters
+    ----------
+    decay : `angle(time)` in rad, as `free_decay` returns it; or a list of runs, which share their forces and
+        reference frequency, but have a start, a sensor's zero and a noise of their own.
+    library : the forces offered.
+    method : e.g. `methods.Direct()`.
+
+    Returns
+    -------
+    Dataset with `coefficient(force)` (dimensionless unless its `unit` says otherwise),
+    `standard_error(force)`, `covariance(force, other_force)`, `active(force)`, `refers_to(force)` (rad/s),
+    scalars `reference_frequency`, `asymptotic_frequency` (rad/s), `noise` (rad, RMS over the runs);
+    provenance in its attrs. Whether runs agree: `run_agreement`.
+
+    Raises
+    ------
+    DecayError
+        The decay cannot support the request.
+    UsageError
+        Not a library, or not a method.
+    """
+    if not isinstance(library, ForceLibrary):
+        raise UsageError(f"identify wants a ForceLibrary, not {library!r}: load_library('contact_forces').")
+    if isinstance(method, type) or not hasattr(method, "identify"):
+        raise UsageError(f"identify wants a method such as methods.Direct(), not {method!r}.")
+    return method.identify(decay, library)
+
+
+def cross_check(
+    decay: Decays, first: xr.Dataset, second: xr.Dataset, *, draws: int = 32, seed: int = 0
+) -> xr.DataTree:
+    """Hold two identifications of one decay, or of the same runs, against each other.
+
+    Parameters
+    ----------
+    decay : the decay, or the runs, that both are from.
+    first, second : identifications, e.g. by averaging and direct.
+    draws, seed : simulated records of the second's model with its noise, on which both methods are run; the
+        scatter of their difference is its error. Both saw the same noise, so their errors do not simply add.
+
+    Returns
+    -------
+    DataTree with groups `record` (with each model's simulated angle), `envelope` (`record_1`, `envelope_1`,
+    `record_2`, ... of several runs), one group a method, and
+    `comparison`: over `quantity` (each force, and the asymptotic frequency) the `difference` first - second
+    at the first's reference frequency, the `expected_difference` (biases of the methods, on a simulated
+    record without noise), the `standard_error` of the difference and `z`; `chi_square`,
+    `degrees_of_freedom`, `p_value`; over `model` the `residual_rms` (rad) of the simulated model,
+    `residual_over_noise` and `departure_time` (s). Its attrs say what the methods cannot tell apart by
+    principle, the `verdict` (agree, disagree, unknown), and whether the record is `explained`: yes
+    (the better model leaves but white noise), partly (a little more), no.
+
+    Notes
+    -----
+    Where the errors that the methods state exceed those by the noise alone, because the model leaves more
+    than noise, the methods no longer share their errors: the stated covariances add. A model without a motion
+    (it diverges) has nan for its angle and residual.
+
+    z = (difference - expected_difference)/standard_error; chi-square with the covariance of the scatter, its
+    p-value by Hotelling's distribution because that covariance is estimated from `draws` records.
+    """
+    runs, results = as_runs(decay), (first, second)
+    names = [result.attrs["method"] for result in results]
+    if names[0] == names[1]:
+        names = [f"{names[0]}_1", f"{names[1]}_2"]
+    motions = [[fitted_motion(run, result, at) for at, run in enumerate(runs)] for result in results]
+    compared = comparison(runs, results, motions, draws=draws, seed=seed)
+    moving = list(zip(*motions, strict=True))
+    each = [
+        residuals(run, names, of_run, noise_of_run(second, at))
+        for at, (run, of_run) in enumerate(zip(runs, moving, strict=True))
+    ]
+    compared = compared.merge(pooled(each))
+    p_value = compared.p_value.item()
+    verdict = "unknown" if np.isnan(p_value) else "agree" if p_value >= LEVEL else "disagree"
+    compared.attrs = {"first": names[0], "second": names[1], "verdict": verdict, "draws": draws, "seed": seed}
+    compared.attrs |= {"explained": _explained(compared)} | ties(runs, second)
+    records = [_with_motions(run, names, of_run) for run, of_run in zip(runs, moving, strict=True)]
+    groups = dict(zip(group_names("record", len(runs)), records, strict=True))
+    groups |= dict(zip(group_names("envelope", len(runs)), [envelope(run) for run in runs], strict=True))
+    return xr.DataTree.from_dict({**groups, names[0]: first, names[1]: second, "comparison": compared})
+
+
+def _with_motions(
+    decay: xr.Dataset, names: Sequence[str], motions: Sequence[FittedMotion | None]
+) -> xr.Dataset:
+    """The record with the angle of each model, nan of one that diverges."""
+    record = decay.assign_coords(model=list(names))
+    lost = np.full(decay.sizes["time"], np.nan)
+    simulated = np.stack([lost if motion is None else motion.x + motion.offset for motion in motions])
+    told = {"units": "rad", "long_name": "angle of the model"}
+    return record.assign(simulated_angle=(("model", "time"), simulated, told))
+
+
+def _explained(compared: xr.Dataset) -> str:
+    """`yes` if the better model leaves but white noise, `partly` if a little more, else `no`."""
+    if np.nanmax(compared.residual_p_value.values) >= CHANCE:
+        return "yes"
+    gaps = compared.residual_over_noise.values
+    return "partly" if np.any(gaps <= LARGE) else "no"
