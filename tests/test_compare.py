@@ -16,7 +16,7 @@ from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.methods import Averaging, Direct, LinearDecrement, LogarithmicDecrement, WuDecrement
 from sysid_trib.printing.comparison import (
     coefficient_table,
-    comparison_told,
+    comparison_sentences,
     difference_table,
     quality_table,
 )
@@ -193,7 +193,7 @@ def test_a_missing_force_is_told():
     library = FORCES.select(["lambda", "zeta", "epsilon"])
     tree = compare(paper_run(FIVE).decay(7), library, [Direct(), Averaging()])
     assert tree["comparison"].residual_over_noise.values.min() > 3.0
-    assert "a force is missing or of another form" in " ".join(comparison_told(tree))
+    assert "a force is missing or of another form" in " ".join(comparison_sentences(tree))
 
 
 def test_a_prediction_that_is_good_by_accident_is_told():
@@ -424,7 +424,7 @@ def test_runs_are_saved_told_and_drawn(tmp_path):
     tree = of_two_runs()
     save(tree, tmp_path / "result.nc")
     assert load(tmp_path / "result.nc").identical(tree)
-    told = " ".join(comparison_told(tree))
+    told = " ".join(comparison_sentences(tree))
     assert "The last third of each run, held out from 16.66 s and 10 s on, is predicted best by" in told
     assert "times each run's noise (0.097 and 0.3 mrad a sample" in told
     assert len(plots.comparison(tree).axes) == len(FIVE) + 2

@@ -12,7 +12,7 @@ from sysid_trib import Model, discover, load, plots
 from sysid_trib.discrepancy.trends import trend
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.printing.detectability import remedy
-from sysid_trib.printing.discovery_story import discovery_told
+from sysid_trib.printing.discovery_story import discovery_story
 from sysid_trib.printing.discovery_tables import discovery_json, ranking_table, strongest, thresholds
 from sysid_trib.printing.residual import noise_of, residual_of
 from sysid_trib.results.files import save
@@ -72,7 +72,7 @@ def twin(tmp_path_factory):
 
 
 def story(tree):
-    return "\n".join(line for lines in discovery_told(tree).values() for line in lines)
+    return "\n".join(line for lines in discovery_story(tree).values() for line in lines)
 
 
 def test_twin_is_explained_by_its_two_elastic_forces(twin):

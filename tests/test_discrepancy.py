@@ -19,11 +19,11 @@ from helpers import (
 
 from sysid_trib import ForceLibrary, Model, cramer_rao_bound, load_library
 from sysid_trib.discrepancy import naming
-from sysid_trib.discrepancy.baseline import fit, records_of
-from sysid_trib.discrepancy.candidate_sensitivities import Course, Probe, moved_by, probes_of
+from sysid_trib.discrepancy.baseline import fit, fit_records
+from sysid_trib.discrepancy.candidate_sensitivities import Probe, ReferenceMotion, moved_by, probes_of
 from sysid_trib.discrepancy.competing_models import tie_class
-from sysid_trib.discrepancy.decimation import thinned
-from sysid_trib.discrepancy.frequency_parameters import is_frequency, is_resonance, is_searched
+from sysid_trib.discrepancy.decimation import decimated
+from sysid_trib.discrepancy.frequency_parameters import has_frequency_parameter, is_frequency, is_resonance
 from sysid_trib.discrepancy.homogeneity_test import homogeneity
 from sysid_trib.discrepancy.omnibus_test import omnibus
 from sysid_trib.discrepancy.score_tests import scores
@@ -46,7 +46,7 @@ SINGULAR = {"stribeck", "stribeck_exponential"}
 
 def course(coefficients=FIVE):
     model = Model(CONTACT, coefficients, W)
-    return Course(model, (0.3, 0.0), RUN.time, tangent(model, RUN.time, 0.3, 0.0))
+    return ReferenceMotion(model, (0.3, 0.0), RUN.time, tangent(model, RUN.time, 0.3, 0.0))
 
 
 def with_effect(symbol, coefficient, shapes=None):
@@ -162,7 +162,7 @@ def test_a_line_of_vibration_is_no_noise():
 
 
 def true_baseline(seed):
-    problem = Problem(BASE, records_of([RUN.decay(seed)]), None, (), {})
+    problem = Problem(BASE, fit_records([RUN.decay(seed)]), None, (), {})
     return fit(problem, TRUTH, [Noise(NOISE, np.ones(1))])
 
 
@@ -178,7 +178,7 @@ def test_runs_that_agree_differ_by_chance_alone():
     """What runs of their own explain of noise is a chi-square of as many degrees of freedom."""
     total, freedom = 0.0, 0
     for seed in range(8):
-        problem = Problem(BASE, records_of([RUN.decay(seed), RUN.decay(100 + seed)]), None, (), {})
+        problem = Problem(BASE, fit_records([RUN.decay(seed), RUN.decay(100 + seed)]), None, (), {})
         found = fit(problem, np.append(TRUTH, TRUTH[-3:]), [Noise(NOISE, np.ones(1))] * 2)
         told = homogeneity([found])
         assert told.degrees_of_freedom.item() == len(FIVE) + 1
@@ -191,7 +191,7 @@ def test_scores_of_noise_are_noise():
     """Scores are standard normal, and the least p-value of all is below 0.05 in a twentieth of records."""
     seeds, z, least, generic = 20, [], [], []
     # A frequency is taken from the record's own spectrum: its score is the largest of many.
-    candidates = EFFECTS.select(f.symbol for f in EFFECTS if not is_searched(f))
+    candidates = EFFECTS.select(f.symbol for f in EFFECTS if not has_frequency_parameter(f))
     about = [course()]
     for seed in range(seeds):
         found = true_baseline(seed)
@@ -284,14 +284,14 @@ def test_two_effects_that_one_flexible_force_mimics_are_both_named():
 
 def test_thinning_keeps_the_motion_and_white_noise():
     fine = paper_run(FIVE, sampling_rate=1000.0)
-    exact = thinned(decay(fine.time, fine.angle))
+    exact = decimated(decay(fine.time, fine.angle))
     assert exact.sizes["time"] == pytest.approx(25.0 * W / (2.0 * np.pi) * 60.0, rel=0.1)
     whole = decay(fine.time, fine.angle).assign(equilibrium=0.1)
-    assert thinned(whole).equilibrium.item() == 0.1
-    assert "time" not in thinned(whole).equilibrium.dims
+    assert decimated(whole).equilibrium.item() == 0.1
+    assert "time" not in decimated(whole).equilibrium.dims
     at = np.searchsorted(fine.time, exact.time.values - 1e-9)
     assert np.max(np.abs(exact.angle.values - fine.angle[at])) < 3e-7
-    gap = thinned(fine.decay(1)).angle.values - exact.angle.values
+    gap = decimated(fine.decay(1)).angle.values - exact.angle.values
     each = fine.time.size / exact.sizes["time"]
     assert rms(gap).item() == pytest.approx(NOISE * np.sqrt(9.0 / 4.0 / each), rel=0.1)
     assert abs(np.corrcoef(gap[1:], gap[:-1])[0, 1]) < 4.0 / np.sqrt(len(gap))
@@ -299,4 +299,4 @@ def test_thinning_keeps_the_motion_and_white_noise():
 
 def test_a_record_with_few_samples_a_period_is_not_thinned():
     run = RUN.decay(1)
-    assert thinned(run) is run
+    assert decimated(run) is run

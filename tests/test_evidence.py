@@ -114,7 +114,7 @@ def test_a_strong_effect_is_held_against_each_candidate_alone():
     library = ForceLibrary("with an effect", (*base.forces, EFFECTS["inertia"]))
     run = decay(RUN.time, trajectory(Model(library, truth, W), RUN.time, 0.26, 0.0).angle, seed=0)
     start = first_baseline([run], base, None)
-    found = scores(start, EFFECTS.select(["inertia", "sensor_cubic"]), start.courses)
+    found = scores(start, EFFECTS.select(["inertia", "sensor_cubic"]), start.references)
     fits = {hint.force.symbol: refit(start, hint, np.inf) for hint in likeliest(found)}
     models = {name: fit(one.problem, one.unknown, start.noises) for name, one in fits.items()}
     _, _, instead = alone(models["sensor_cubic"], ("sensor_cubic",), start, found)

@@ -22,7 +22,7 @@ from sysid_trib.physics.linear_systems import damp
 from sysid_trib.physics.sliding import sliding_coefficients
 from sysid_trib.physics.units import inertia_with_mass, physical_units
 from sysid_trib.physics.unknowns import unknowns_of
-from sysid_trib.printing.physics import as_data, told
+from sysid_trib.printing.physics import physics_json, physics_sentences
 from sysid_trib.simulation.model import rescaling_factors
 from sysid_trib.simulation.simulate import simulate, trajectory
 
@@ -488,7 +488,7 @@ def test_a_held_frequency_shows_a_change_of_stiffness_as_alpha():
 
 def test_sentences_and_data():
     result = with_contactless_frequency(with_errors(DRY), 8.87, 0.02)
-    sentences = told(result, np.linspace(0.02, 0.3, 5), INERTIA)
+    sentences = physics_sentences(result, np.linspace(0.02, 0.3, 5), INERTIA)
     text = " ".join(sentences)
     for part in ("At 0.3 rad", "At 0.02 rad", "weigh the same", "stops after", "partial slip", "N m s rad-1"):
         assert part in text
@@ -496,7 +496,7 @@ def test_sentences_and_data():
     crossings = [s for s in sentences if "weigh the same" in s]
     missed = [s for s in crossings if "not reached by this motion" in s]
     assert 0 < len(missed) < len(crossings)
-    data = json.loads(json.dumps(as_data(result, [0.02, 0.3], INERTIA), allow_nan=False))
+    data = json.loads(json.dumps(physics_json(result, [0.02, 0.3], INERTIA), allow_nan=False))
     assert data["weights"][0]["amplitude"] == 0.3
     assert data["arrest"]["arrest_time"]["value"] > 0
     assert {row["first"] for row in data["crossovers"]} >= {"lambda", "zeta", "nu"}
@@ -506,8 +506,8 @@ def test_sentences_and_data():
 
 def test_a_model_without_the_two_forces_has_no_fingerprint():
     result = known({"zeta": 0.01})
-    assert not any("slip" in sentence for sentence in told(result, 0.3))
-    assert "slip_fingerprint" not in as_data(result, 0.3)
+    assert not any("slip" in sentence for sentence in physics_sentences(result, 0.3))
+    assert "slip_fingerprint" not in physics_json(result, 0.3)
     with pytest.raises(UsageError, match="fingerprint"):
         slip_fingerprint(result)
 
@@ -516,10 +516,10 @@ def test_a_force_that_is_not_finite_is_named():
     formulas = {"limited": "log(5 - x)*v", "zeta": "2*v"}
     library = parse_library({"force": [{"symbol": k, "formula": f} for k, f in formulas.items()]}, "test")
     result = known({"limited": 0.01, "zeta": 0.01}, library=library)
-    assert "limited" in told(result, 6.0)[0]
-    assert "limited" in as_data(result, 6.0)["refused"]
-    assert "limited" in told(result, 0.3)[0]
-    assert "refused" not in as_data(result, 0.3)
+    assert "limited" in physics_sentences(result, 6.0)[0]
+    assert "limited" in physics_json(result, 6.0)["refused"]
+    assert "limited" in physics_sentences(result, 0.3)[0]
+    assert "refused" not in physics_json(result, 0.3)
 
 
 def test_a_limit_of_a_formula_leaves_the_crossovers_below_it():

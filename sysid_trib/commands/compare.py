@@ -86,12 +86,12 @@ def _progress(steps: int) -> Iterator[Callable[[str], None]]:
 
 
 def _tell(tree: "xr.DataTree", told: list[str]) -> None:
-    from sysid_trib.printing.comparison import comparison_tables, comparison_told
+    from sysid_trib.printing.comparison import comparison_sentences, comparison_tables
 
     print_records(tree, told)
     for title, table in comparison_tables(tree).items():
         print(f"\n{title}")
         print_table(table)
     print()
-    for sentence in comparison_told(tree):
+    for sentence in comparison_sentences(tree):
         print(sentence)

@@ -90,7 +90,7 @@ def discover(
             tell=tell,
         )
     if holdout is not None:
-        tree.attrs["held_out"] = discovery_inputs.window_told(holdout, len(held))
+        tree.attrs["held_out"] = discovery_inputs.window_text(holdout, len(held))
     tree.attrs["command"] = command_line()
     if output is not None:
         files.save(tree, output)
@@ -120,11 +120,11 @@ def _progress() -> Iterator[Callable[[str], None]]:
 
 
 def _tell(tree: "xr.DataTree", told: list[str]) -> None:
-    from sysid_trib.printing.discovery_story import discovery_told
+    from sysid_trib.printing.discovery_story import discovery_story
     from sysid_trib.printing.discovery_tables import RANKING, ranking_table
 
     print_records(tree, told)
-    for title, sentences in discovery_told(tree).items():
+    for title, sentences in discovery_story(tree).items():
         print(f"\n{title}")
         for sentence in sentences:
             indent = len(sentence) - len(sentence.lstrip())

@@ -55,7 +55,7 @@ def held_out(
     return [seen for seen, _ in pairs], [held for _, held in pairs]
 
 
-def window_told(window: str, runs: int) -> str:
+def window_text(window: str, runs: int) -> str:
     """What is held out, as the story has it."""
     low, high = parse_window(window, "--holdout")
     ends = "" if low is None else f"from {low:g} s on" if high is None else f"{low:g} s to {high:g} s"

@@ -82,14 +82,18 @@ def identify(
 
 
 def _tell(tree: "xr.DataTree", told: list[str], inertia: float | None) -> None:
-    from sysid_trib.printing.identification import consequences, identification_table, verdict
-    from sysid_trib.printing.runs import runs_table, runs_told
+    from sysid_trib.printing.identification import (
+        consequences,
+        identification_sentences,
+        identification_table,
+    )
+    from sysid_trib.printing.runs import runs_sentences, runs_table
 
     print_records(tree, told)
     print()
     print_table(identification_table(tree))
     print()
-    for sentence in verdict(tree):
+    for sentence in identification_sentences(tree):
         print(sentence)
     print()
     for sentence in consequences(tree, inertia):
@@ -98,7 +102,7 @@ def _tell(tree: "xr.DataTree", told: list[str], inertia: float | None) -> None:
         print()
         print_table(runs_table(tree["runs"].to_dataset()))
         print()
-        for sentence in runs_told(tree["runs"].to_dataset()):
+        for sentence in runs_sentences(tree["runs"].to_dataset()):
             print(sentence)
 
 

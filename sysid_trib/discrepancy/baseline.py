@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from sysid_trib.discrepancy.candidate_sensitivities import Course
+from sysid_trib.discrepancy.candidate_sensitivities import ReferenceMotion
 from sysid_trib.noise.residual_noise import Noise, noise_of
 from sysid_trib.simulation.simulate import FAST
 from sysid_trib.trajectory_fit.least_squares import grown, least
@@ -45,9 +45,9 @@ class Baseline:
         return float(self.residual @ self.residual)
 
     @cached_property
-    def space(self) -> Array:
+    def column_space(self) -> Array:
         """Orthonormal basis of what the unknowns can move, (sample, unknown)."""
-        return basis_of(self.table)
+        return orthonormal_basis(self.table)
 
     @cached_property
     def covariance(self) -> Array:
@@ -58,15 +58,17 @@ class Baseline:
         return np.asarray(np.linalg.pinv(scaled.T @ scaled) / np.outer(size, size))
 
     @cached_property
-    def courses(self) -> list[Course]:
+    def references(self) -> list[ReferenceMotion]:
         """Each run's motion with its small deviations; a `SimulationError` if one cannot be followed."""
         model, own = self.problem.model(self.unknown), self.problem.own(self.unknown)
         return [
-            Course(model, (float(a), float(r)), record.time, tangent(model, record.time, float(a), float(r)))
+            ReferenceMotion(
+                model, (float(a), float(r)), record.time, tangent(model, record.time, float(a), float(r))
+            )
             for record, (a, r, _) in zip(self.problem.records, own, strict=True)
         ]
 
-    def of_each_run(self, values: Array) -> list[Array]:
+    def split_by_run(self, values: Array) -> list[Array]:
         """Whitened values of all runs, (sample,), run by run."""
         counts = [len(r.time) - n.lost for r, n in zip(self.problem.records, self.noises, strict=True)]
         return np.split(values, np.cumsum(counts)[:-1])
@@ -76,12 +78,12 @@ class Baseline:
         return self.problem.white(moved)
 
 
-def beyond(values: Array, space: Array) -> Array:
+def project_out(values: Array, space: Array) -> Array:
     """The part of values (sample, ...) outside of an orthonormal basis (sample, column)."""
     return np.asarray(values - space @ (space.T @ values))
 
 
-def basis_of(table: Array) -> Array:
+def orthonormal_basis(table: Array) -> Array:
     """Orthonormal basis of the columns of a table, whatever their sizes."""
     size = np.linalg.norm(table, axis=0)
     basis, _ = np.linalg.qr(table / np.where(size > 0.0, size, 1.0))
@@ -108,14 +110,14 @@ def with_noise(problem: Problem, noises: Sequence[Noise]) -> Problem:
     return replace(problem, records=tuple(records))
 
 
-def refreshed(problem: Problem, unknown: Array, bases: Sequence[Array]) -> Baseline:
+def refit_in_residual_noise(problem: Problem, unknown: Array, bases: Sequence[Array]) -> Baseline:
     """A fit with the noise that it leaves beside slowly changing oscillations."""
     residuals = problem.residuals(unknown)
     noises = [noise_of(left, basis) for left, basis in zip(residuals, bases, strict=True)]
     return fit(problem, unknown, noises)
 
 
-def records_of(runs: Sequence[xr.Dataset]) -> tuple[Record, ...]:
+def fit_records(runs: Sequence[xr.Dataset]) -> tuple[Record, ...]:
     """The runs as records of a fit."""
     return tuple(
         Record(run.time.values.astype(float), run.angle.values.astype(float), engine=FAST) for run in runs

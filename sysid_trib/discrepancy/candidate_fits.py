@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from sysid_trib.discrepancy.baseline import Baseline, fit, with_noise
 from sysid_trib.discrepancy.candidate_sensitivities import Probe
-from sysid_trib.discrepancy.frequency_parameters import is_searched
+from sysid_trib.discrepancy.frequency_parameters import has_frequency_parameter
 from sysid_trib.discrepancy.model_probabilities import price_of
 from sysid_trib.discrepancy.score_tests import Scores
 from sysid_trib.errors import SysidTribError
@@ -159,7 +159,7 @@ def likeliest(found: Scores) -> list[Hint]:
 
 def _is_plain(force: Force) -> bool:
     """Without a past, which is slow, and without a frequency, which near resonance mimics anything."""
-    return force.memoryless and not is_searched(force)
+    return force.memoryless and not has_frequency_parameter(force)
 
 
 def with_force(problem: Problem, force: Force) -> Problem:

@@ -39,7 +39,7 @@ class Probe:
 
 
 @dataclass(frozen=True)
-class Course:
+class ReferenceMotion:
     """One run's motion: the model, its start (rad, rad/s), the record's times, and the small deviations."""
 
     model: Model
@@ -103,7 +103,7 @@ class Moved:
     reasons: list[str]
 
 
-def moved_by(course: Course, probes: Sequence[Probe]) -> Moved:
+def moved_by(course: ReferenceMotion, probes: Sequence[Probe]) -> Moved:
     """How each probe, with a coefficient of 1, moves a run."""
     moved = np.zeros((len(course.time), len(probes)))
     forces = np.zeros((len(course.about.x), len(probes)))
@@ -135,7 +135,7 @@ def moved_by(course: Course, probes: Sequence[Probe]) -> Moved:
     )
 
 
-def _with_a_past(course: Course, probes: Sequence[Probe]) -> dict[int, Array]:
+def _with_a_past(course: ReferenceMotion, probes: Sequence[Probe]) -> dict[int, Array]:
     """Values along the motion of the forces with a past, all probes of a force at once where that can be."""
     found: dict[int, Array] = {}
     members: dict[str, list[int]] = {}
@@ -149,7 +149,7 @@ def _with_a_past(course: Course, probes: Sequence[Probe]) -> dict[int, Array]:
     return found
 
 
-def _along(course: Course, probe: Probe) -> Array:
+def _along(course: ReferenceMotion, probe: Probe) -> Array:
     """Values of a probe along the motion, (point,)."""
     about, force = course.about, probe.force
     if force.memoryless:

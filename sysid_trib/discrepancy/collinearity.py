@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sysid_trib.discrepancy.baseline import Baseline, basis_of, beyond
+from sysid_trib.discrepancy.baseline import Baseline, orthonormal_basis, project_out
 
 # An effect leans on others if less than this part of its response is outside of what they can move.
 LEANS = 0.5
@@ -13,7 +13,7 @@ LEANS = 0.5
 DETERMINED = 30.0
 
 
-def leaning(baseline: Baseline, added: Sequence[str]) -> list[str]:
+def collinear_effects(baseline: Baseline, added: Sequence[str]) -> list[str]:
     """Effects of a model that lean on others and are not well enough determined for their names to stand.
 
     Notes
@@ -32,7 +32,11 @@ def leaning(baseline: Baseline, added: Sequence[str]) -> list[str]:
         at = names.index(symbol)
         others = [i for i, owner in enumerate(owners) if owner != symbol]
         alone, beside = (
-            float(np.linalg.norm(beyond(baseline.table[:, at], basis_of(baseline.table[:, columns]))))
+            float(
+                np.linalg.norm(
+                    project_out(baseline.table[:, at], orthonormal_basis(baseline.table[:, columns]))
+                )
+            )
             for columns in (start, others)
         )
         z = abs(baseline.unknown[at]) / max(errors[at], 1e-300)

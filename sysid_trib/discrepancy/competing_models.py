@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid_trib.discrepancy.baseline import Baseline, basis_of, beyond
+from sysid_trib.discrepancy.baseline import Baseline, orthonormal_basis, project_out
 from sysid_trib.discrepancy.candidate_fits import Hint, Refit, own_columns, refit, without_force
-from sysid_trib.discrepancy.candidate_sensitivities import Course
+from sysid_trib.discrepancy.candidate_sensitivities import ReferenceMotion
 from sysid_trib.discrepancy.model_probabilities import credible, narrowness, over_shapes, probabilities
 from sysid_trib.discrepancy.score_tests import Scores, finer
 from sysid_trib.forces.force import Force
@@ -87,14 +87,14 @@ def tie_class(fitted: Baseline, symbol: str, found: Sequence[Twin]) -> dict[str,
     return {name: float(p) for name, p, tied in zip(names, each, inside, strict=True) if tied}
 
 
-def twins(fitted: Baseline, symbol: str, found: Scores, courses: Sequence[Course]) -> list[Twin]:
+def twins(fitted: Baseline, symbol: str, found: Scores, references: Sequence[ReferenceMotion]) -> list[Twin]:
     """Candidates that may explain as much as an effect of the model in its place, the likeliest first.
 
-    `found` : scores of the others about the same motion, `courses`. What small deviations leave open is
+    `found` : scores of the others about the same motion, `references`. What small deviations leave open is
     fitted, and so is what they take for likelier than the effect.
     """
     place, own = _place(fitted, symbol), cost_of(fitted, symbol)
-    found = _refined(place, found, fitted, courses)
+    found = _refined(place, found, fitted, references)
     hints, near, prices = _predicted(place, found)
     near = [twin for twin in near if twin.cost < own + FAR + _slack(place, twin.force)]
     wanted: list[Twin] = []
@@ -120,8 +120,8 @@ def _place(fitted: Baseline, symbol: str) -> Place:
     others = np.delete(fitted.table, mine, axis=1)
     whole = fitted.residual + fitted.table[:, mine[0]] * fitted.unknown[mine[0]]
     model = replace(fitted, problem=problem, unknown=unknown, residual=whole, table=others)
-    space = basis_of(others)
-    return Place(model, beyond(whole, space), space, fitted.chi_square)
+    space = orthonormal_basis(others)
+    return Place(model, project_out(whole, space), space, fitted.chi_square)
 
 
 def _slack(place: Place, force: Force) -> float:
@@ -133,7 +133,7 @@ def _along(place: Place, found: Scores) -> tuple[Array, Array]:
 
     Of a direction u it leaves |y|^2 - (y.u)^2.
     """
-    outside = beyond(found.moved, place.space)
+    outside = project_out(found.moved, place.space)
     size = np.linalg.norm(outside, axis=0)
     along = np.divide(outside.T @ place.left, size, out=np.zeros_like(size), where=size > 0.0)
     coefficient = np.divide(along, size, out=np.zeros_like(size), where=size > 0.0)
@@ -141,7 +141,7 @@ def _along(place: Place, found: Scores) -> tuple[Array, Array]:
     return coefficient, np.where(able, float(place.left @ place.left) - along**2, np.inf)
 
 
-def _refined(place: Place, found: Scores, fitted: Baseline, courses: Sequence[Course]) -> Scores:
+def _refined(place: Place, found: Scores, fitted: Baseline, references: Sequence[ReferenceMotion]) -> Scores:
     """The scores with finer grids of the shapes that come near to the effect."""
     for _ in range(ROUNDS):
         _, left = _along(place, found)
@@ -149,7 +149,7 @@ def _refined(place: Place, found: Scores, fitted: Baseline, courses: Sequence[Co
         for at in np.argsort(left).tolist():
             if found.probes[at].force.shape and left[at] < place.own + REACH + COARSE * place.explained:
                 best.setdefault(found.probes[at].force.symbol, at)
-        found = finer(found, list(best.values()), fitted, courses)
+        found = finer(found, list(best.values()), fitted, references)
     return found
 
 

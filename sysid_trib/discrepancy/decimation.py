@@ -6,17 +6,17 @@ from scipy.signal import savgol_filter
 
 from sysid_trib.decays.half_sines import usable_half_periods
 
-# Samples a period that are kept; a record is thinned from twice as many on.
+# Samples a period that are kept; a record is decimated from twice as many on.
 KEPT = 60
 # Largest unevenness of the time steps for which local means may be taken.
 EVEN = 1e-3
 
 
-def thinned(decay: xr.Dataset) -> xr.Dataset:
+def decimated(decay: xr.Dataset) -> xr.Dataset:
     """The decay with some sixty samples a period, each from a parabola through its neighbours.
 
     A parabola over a sixtieth of a period follows the swing to a part in a million (Savitzky and Golay 1964),
-    and no sample enters two of them: noise stays white, and its level falls. attrs: `thinned`.
+    and no sample enters two of them: noise stays white, and its level falls. attrs: `decimated`.
     """
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
     halves = usable_half_periods(time, angle, str(decay.attrs.get("source", "decay")))
@@ -33,4 +33,4 @@ def thinned(decay: xr.Dataset) -> xr.Dataset:
     fewer = decay.drop_dims("time").assign_coords(time=("time", time[kept], decay.time.attrs))
     fewer = fewer.assign(angle=("time", angle[kept], decay.angle.attrs))
     told = "parabolas" if width >= 3 and not uneven else "single samples"
-    return fewer.assign_attrs(thinned=f"{len(time)} samples to {fewer.sizes['time']}, by {told}")
+    return fewer.assign_attrs(decimated=f"{len(time)} samples to {fewer.sizes['time']}, by {told}")

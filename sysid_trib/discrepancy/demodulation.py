@@ -10,7 +10,7 @@ from scipy.signal import freqz
 from scipy.stats import binned_statistic_2d, chi2
 
 from sysid_trib.discrepancy.baseline import Baseline
-from sysid_trib.discrepancy.candidate_sensitivities import Course
+from sysid_trib.discrepancy.candidate_sensitivities import ReferenceMotion
 from sysid_trib.discrepancy.trends import trend
 from sysid_trib.noise.residual_noise import Noise
 from sysid_trib.regression.weak_form import build_weak_form, smooth
@@ -47,7 +47,7 @@ PARTS = {
 }
 
 
-def disagreement(baseline: Baseline, courses: Sequence[Course]) -> xr.Dataset:
+def disagreement(baseline: Baseline, references: Sequence[ReferenceMotion]) -> xr.Dataset:
     """The gap of a model, demodulated against the phase of its own motion while it moves.
 
     Returns
@@ -61,7 +61,7 @@ def disagreement(baseline: Baseline, courses: Sequence[Course]) -> xr.Dataset:
     """
     residuals = [-left for left in baseline.problem.residuals(baseline.unknown)]
     spans, cells, departures = [], [], []
-    for run, (course, gap, noise) in enumerate(zip(courses, residuals, baseline.noises, strict=True)):
+    for run, (course, gap, noise) in enumerate(zip(references, residuals, baseline.noises, strict=True)):
         x, v = course.about.at_samples(course.about.x), course.about.at_samples(course.about.v)
         departures.append(_departure(course.time, gap, x, noise.deviation))
         spans.append(_demodulated(run, course, gap, (x, v), noise))
@@ -69,7 +69,7 @@ def disagreement(baseline: Baseline, courses: Sequence[Course]) -> xr.Dataset:
     found = xr.concat(spans, "span").merge(_map(cells))
     left = [(time, run) for run, time in enumerate(departures) if np.isfinite(time)]
     first = min(left) if left else (np.nan, 0)
-    found, where = _with_rates(found, courses[0].model.reference_frequency)
+    found, where = _with_rates(found, references[0].model.reference_frequency)
     parts = _parts(found)
     place = where.get(parts[0], _place_of_rms(found)) if parts else ""
     found.attrs = {
@@ -94,7 +94,7 @@ def _departure(time: Array, gap: Array, x: Array, noise: float) -> float:
 
 
 def _demodulated(
-    run: int, course: Course, gap: Array, motion: tuple[Array, Array], noise: Noise
+    run: int, course: ReferenceMotion, gap: Array, motion: tuple[Array, Array], noise: Noise
 ) -> xr.Dataset:
     # After its stop a motion has no phase.
     moving = len(course.about.x[:: course.about.every])
@@ -173,7 +173,7 @@ def _place_of_rms(found: xr.Dataset) -> str:
     return "large amplitude" if ratio > 2.0 else "small amplitude" if ratio < 0.5 else "all amplitudes"
 
 
-def _asked_force(course: Course, gap: Array, motion: tuple[Array, Array]) -> Array:
+def _asked_force(course: ReferenceMotion, gap: Array, motion: tuple[Array, Array]) -> Array:
     """The force that would make the gap over I w^2, by its equation of motion.
 
     Both motions are smoothed alike, so that what smoothing takes from them falls out.
@@ -195,7 +195,7 @@ def _asked_force(course: Course, gap: Array, motion: tuple[Array, Array]) -> Arr
     return np.where(inside, asked, np.nan)
 
 
-def _asked_by_noise(course: Course, noise: Noise) -> Array:
+def _asked_by_noise(course: ReferenceMotion, noise: Noise) -> Array:
     """The same of drawings of the noise, (draw, sample); what it does to the model's forces is small."""
     drawn = noise.drawn(len(course.time), DRAWS)
     left, _, curvature, _ = smooth(build_weak_form(course.model.reference_frequency * course.time), drawn.T)

@@ -14,7 +14,7 @@ DETECTED = 5.0
 NAMED = 20.0
 
 
-def forecast(found: Scores) -> xr.Dataset:
+def detectability(found: Scores) -> xr.Dataset:
     """Detectable strength and ties of each candidate, from the responses outside of the model's.
 
     Returns

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import xarray as xr
 
-from sysid_trib.discrepancy.decimation import thinned
-from sysid_trib.discrepancy.model_sequence import stages_of
+from sysid_trib.discrepancy.decimation import decimated
+from sysid_trib.discrepancy.model_sequence import model_sequence
 from sysid_trib.discrepancy.stepwise_search import (
     LEVEL,
     first_baseline,
@@ -51,7 +51,7 @@ def discover(
 
     Returns
     -------
-    DataTree, of records thinned to some sixty samples a period (attrs `thinned`). attrs: `verdict`
+    DataTree, of records decimated to some sixty samples a period (attrs `decimated`). attrs: `verdict`
     (`explained`, `unknown effect`, `nothing missing`), `left_out`, `failed_fits`. Groups:
     `record` (`record_1`, ... of several runs) with `simulated_angle(model)` before and after;
     `disagreement` and `disagreement_after` (see `locate.disagreement`); `forecast` and `forecast_after` (see
@@ -65,7 +65,7 @@ def discover(
     DecayError
         The decay cannot support the start model.
     """
-    runs = [thinned(run) for run in as_runs(decay)]
+    runs = [decimated(run) for run in as_runs(decay)]
     if not len(model_forces):
         raise UsageError("The start model has no force; give at least one, such as a viscous one.")
     model = unknown_forces(model_forces, reference_frequency)
@@ -77,8 +77,8 @@ def discover(
     found = search(runs, start, offered, max_effects=max_effects, level=level, seed=seed, told=tell)
     tell("hold-out")
     unseen = as_runs(holdout) if isinstance(holdout, xr.Dataset) or len(holdout) else []
-    unseen = [thinned(part) for part in unseen]
-    stages = stages_of(found, runs, unseen)
+    unseen = [decimated(part) for part in unseen]
+    stages = model_sequence(found, runs, unseen)
     tell("where they disagree")
     verdict = verdict_of(found, level)
     tree = xr.DataTree.from_dict(groups_of(runs, found, stages, offered))
@@ -93,7 +93,7 @@ def discover(
         "left_out": ", ".join(left_out),
         "failed_fits": ", ".join(found.failed),
         "held_out": f"{len(unseen)} run{'s' * (len(unseen) > 1)}" if unseen else third,
-        "thinned": "; ".join(filter(None, (run.attrs.get("thinned", "") for run in runs))),
+        "decimated": "; ".join(filter(None, (run.attrs.get("decimated", "") for run in runs))),
     }
     return tree
 

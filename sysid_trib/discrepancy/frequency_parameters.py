@@ -49,11 +49,11 @@ def is_resonance(force: Force, name: str) -> bool:
     return True
 
 
-def is_sought(force: Force, name: str) -> bool:
+def is_frequency_parameter(force: Force, name: str) -> bool:
     """Whether a shape parameter is a frequency of either kind, which is found among those of the record."""
     return is_frequency(force, name) or is_resonance(force, name)
 
 
-def is_searched(force: Force) -> bool:
+def has_frequency_parameter(force: Force) -> bool:
     """Whether a force has such a frequency."""
-    return any(is_sought(force, name) for name in force.shape)
+    return any(is_frequency_parameter(force, name) for name in force.shape)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.linalg import orth
 from scipy.stats import chi2
 
-from sysid_trib.discrepancy.baseline import Baseline, beyond
+from sysid_trib.discrepancy.baseline import Baseline, project_out
 
 Array = NDArray[np.float64]
 
@@ -53,12 +53,12 @@ def _differing(model: Baseline) -> tuple[float, int, str]:
     """What unknowns of each run explain, how many there are, and the name of the one that explains most."""
     shared = model.problem.shared
     table = model.table[:, :shared] / np.maximum(np.linalg.norm(model.table[:, :shared], axis=0), 1e-300)
-    ends = np.cumsum([len(part) for part in model.of_each_run(model.residual)])
+    ends = np.cumsum([len(part) for part in model.split_by_run(model.residual)])
     columns = []
     for start, end in pairwise(ends):
         own = np.zeros_like(table)
         own[start:end] = table[start:end]
-        columns.append(beyond(own, model.space))
+        columns.append(project_out(own, model.column_space))
     alone = [_explained([own[:, [at]] for own in columns], model.residual)[0] for at in range(shared)]
     return *_explained(columns, model.residual), model.problem.shared_names[int(np.argmax(alone))]
 

@@ -9,7 +9,7 @@ from scipy.interpolate import Akima1DInterpolator
 
 from sysid_trib.discrepancy.baseline import Baseline
 from sysid_trib.discrepancy.candidate_sensitivities import Probe, is_wide
-from sysid_trib.discrepancy.frequency_parameters import is_searched, is_sought
+from sysid_trib.discrepancy.frequency_parameters import has_frequency_parameter, is_frequency_parameter
 from sysid_trib.forces.force import Force
 
 Array = NDArray[np.float64]
@@ -27,7 +27,7 @@ POINTS = 2000
 
 def price_of(force: Force) -> float:
     """What a candidate's shapes must gain in chi-square to be worth a trial."""
-    return sum(PRICE_OF_FREQUENCY if is_sought(force, name) else PRICE for name in force.shape)
+    return sum(PRICE_OF_FREQUENCY if is_frequency_parameter(force, name) else PRICE for name in force.shape)
 
 
 def probabilities(costs: Sequence[float]) -> Array:
@@ -62,7 +62,7 @@ def over_shapes(probes: Sequence[Probe], left: Array) -> tuple[float, float]:
     MacKay (1992). Shapes are as likely anywhere in their range, or in its logarithm where it spans a decade.
     """
     force = probes[0].force
-    if not force.shape or is_searched(force):
+    if not force.shape or has_frequency_parameter(force):
         return float(left.min()), price_of(force)
     if len(force.shape) > 1 or len(probes) < 3:
         least = float(left.min())
@@ -83,7 +83,7 @@ def narrowness(fitted: Baseline, force: Force) -> float:
 
     A direction in which the shapes are not determined costs nothing.
     """
-    if not force.shape or is_searched(force):
+    if not force.shape or has_frequency_parameter(force):
         return price_of(force)
     at = [fitted.problem.names.index(f"{force.symbol}.{name}") for name in force.shape]
     spans = [

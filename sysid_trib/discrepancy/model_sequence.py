@@ -27,14 +27,14 @@ WORSE = 1.05
 
 
 @dataclass(frozen=True)
-class Stages:
+class ModelSequence:
     """Models of a search: the start, and with each effect more; hold-out RMS (rad) and noise of each."""
 
     models: list[Baseline]
     holdout: Array
 
 
-def stages_of(found: Search, runs: Sequence[xr.Dataset], unseen: Sequence[xr.Dataset]) -> Stages:
+def model_sequence(found: Search, runs: Sequence[xr.Dataset], unseen: Sequence[xr.Dataset]) -> ModelSequence:
     """The start model, and the models with one, two, ... of the effects found.
 
     `unseen` : runs, or other parts of the same records, that took no part; without any the models are fitted
@@ -46,7 +46,7 @@ def stages_of(found: Search, runs: Sequence[xr.Dataset], unseen: Sequence[xr.Dat
         models.append(_between(found, count, models[-1]))
     if found.added:
         models.append(found.final)
-    return Stages(models, np.array([_held_out(model, runs, unseen) for model in models]))
+    return ModelSequence(models, np.array([_held_out(model, runs, unseen) for model in models]))
 
 
 def _between(found: Search, count: int, before: Baseline) -> Baseline:
@@ -68,13 +68,13 @@ def _between(found: Search, count: int, before: Baseline) -> Baseline:
         mixed[at] = known.get(name, unknown[at])
     mixed[len(names) :] = before.unknown[before.problem.shared :]
     below = fit(problem, mixed, found.final.noises, evaluations=EVALUATIONS)
-    if gap_of(below) <= gap_of(before):
+    if residual_rms(below) <= residual_rms(before):
         return below
     above = fit(problem, unknown, found.final.noises, far=True)
-    return min(below, above, key=gap_of)
+    return min(below, above, key=residual_rms)
 
 
-def gap_of(model: Baseline) -> float:
+def residual_rms(model: Baseline) -> float:
     """RMS of what a model leaves of all runs (rad)."""
     return rms(np.concatenate(model.problem.residuals(model.unknown)))
 

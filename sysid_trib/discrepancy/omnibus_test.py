@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
-from sysid_trib.discrepancy.baseline import Baseline, beyond
-from sysid_trib.discrepancy.candidate_sensitivities import Course
+from sysid_trib.discrepancy.baseline import Baseline, project_out
+from sysid_trib.discrepancy.candidate_sensitivities import ReferenceMotion
 from sysid_trib.trajectory_fit.sensitivities import responses
 
 Array = NDArray[np.float64]
@@ -20,7 +20,7 @@ RANK = 1e-3
 
 
 @dataclass(frozen=True)
-class Omnibus:
+class OmnibusTest:
     """A test that knows no candidate.
 
     Attributes
@@ -37,15 +37,15 @@ class Omnibus:
     p_value: float
 
 
-def omnibus(baseline: Baseline, courses: Sequence[Course]) -> Omnibus:
+def omnibus(baseline: Baseline, references: Sequence[ReferenceMotion]) -> OmnibusTest:
     """Test what is left against 36 generic forces r^k (1, cos m phi, sin m phi), k = 0..3, m = 1..4."""
-    space = baseline.space
-    names, _ = _shapes(courses[0])
-    moved = baseline.white([responses(course.about, _shapes(course)[1]) for course in courses])
+    space = baseline.column_space
+    names, _ = _shapes(references[0])
+    moved = baseline.white([responses(course.about, _shapes(course)[1]) for course in references])
     moved = moved / np.linalg.norm(moved, axis=0)
-    outside = beyond(moved, space)
+    outside = project_out(moved, space)
     size = np.linalg.norm(outside, axis=0)
-    residual = beyond(baseline.residual, space)
+    residual = project_out(baseline.residual, space)
     z = outside.T @ residual / np.maximum(size, 1e-12)
     z = np.where(size > RANK, z, 0.0)
     basis, singular, _ = np.linalg.svd(outside, full_matrices=False)
@@ -53,7 +53,7 @@ def omnibus(baseline: Baseline, courses: Sequence[Course]) -> Omnibus:
     total, freedom = float(np.sum((basis.T @ residual) ** 2)), basis.shape[1]
     largest = len(z) * 2.0 * norm.sf(float(np.max(np.abs(z))))
     least = min(chi2.sf(total, freedom), largest, _strongest_line(baseline, residual))
-    return Omnibus(tuple(names), z, total, freedom, float(min(1.0, 3.0 * least)))
+    return OmnibusTest(tuple(names), z, total, freedom, float(min(1.0, 3.0 * least)))
 
 
 def _strongest_line(baseline: Baseline, residual: Array) -> float:
@@ -62,13 +62,13 @@ def _strongest_line(baseline: Baseline, residual: Array) -> float:
     A line of white noise of unit variance has an exponentially distributed power (Schuster 1898).
     """
     chance = 1.0
-    for part in baseline.of_each_run(residual):
+    for part in baseline.split_by_run(residual):
         power = np.abs(np.fft.rfft(part)) ** 2 / len(part)
         chance = min(chance, len(power) * float(np.exp(-np.max(power))))
     return min(1.0, chance * len(baseline.noises))
 
 
-def _shapes(course: Course) -> tuple[list[str], Array]:
+def _shapes(course: ReferenceMotion) -> tuple[list[str], Array]:
     """Names and values along the motion, (point, shape)."""
     about = course.about
     r, phase = about.amplitude / np.max(about.amplitude), about.phase

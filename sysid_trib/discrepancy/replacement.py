@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid_trib.discrepancy.baseline import Baseline, basis_of, beyond, with_noise
+from sysid_trib.discrepancy.baseline import Baseline, orthonormal_basis, project_out, with_noise
 from sysid_trib.discrepancy.candidate_fits import likeliest, refit, with_force
 from sysid_trib.discrepancy.candidate_sensitivities import Probe
 from sysid_trib.discrepancy.competing_models import SWAP
@@ -44,9 +44,9 @@ def simpler(
     out = [i for i, name in enumerate(fitted.problem.names) if name.split(".")[0] in added]
     coefficients = [i for i in out if fitted.problem.names[i] in added]
     others = np.delete(fitted.table, out, axis=1)
-    space = basis_of(others)
+    space = orthonormal_basis(others)
     whole = fitted.residual + fitted.table[:, coefficients] @ fitted.unknown[coefficients]
-    y = beyond(whole, space)
+    y = project_out(whole, space)
     at, directions, along = _best_of_each(fitted, added, found, space, y)
     own = fitted.chi_square + _price(fitted.problem, added)
     limit = own + SLACK * max(0.0, float(y @ y) - fitted.chi_square)
@@ -95,7 +95,7 @@ def _best_of_each(
     fitted: Baseline, added: Sequence[str], found: Scores, space: Array, y: Array
 ) -> tuple[list[int], Array, Array]:
     """The probe of each force, and of each effect of the model, that goes furthest along y."""
-    outside = beyond(found.moved, space)
+    outside = project_out(found.moved, space)
     size = np.linalg.norm(outside, axis=0)
     directions = outside / np.where(size > 0.0, size, 1.0)
     along = directions.T @ y

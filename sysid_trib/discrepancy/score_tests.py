@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from scipy.signal import find_peaks
 from scipy.stats import norm
 
-from sysid_trib.discrepancy.baseline import Baseline, beyond
-from sysid_trib.discrepancy.candidate_sensitivities import Course, Probe, moved_by, probes_of
-from sysid_trib.discrepancy.frequency_parameters import is_searched
+from sysid_trib.discrepancy.baseline import Baseline, project_out
+from sysid_trib.discrepancy.candidate_sensitivities import Probe, ReferenceMotion, moved_by, probes_of
+from sysid_trib.discrepancy.frequency_parameters import has_frequency_parameter
 from sysid_trib.forces.force import ForceLibrary
 
 Array = NDArray[np.float64]
@@ -75,7 +75,9 @@ class Scores:
         return list(found.values())
 
 
-def scores(baseline: Baseline, candidates: ForceLibrary, courses: Sequence[Course], seed: int = 0) -> Scores:
+def scores(
+    baseline: Baseline, candidates: ForceLibrary, references: Sequence[ReferenceMotion], seed: int = 0
+) -> Scores:
     """Score every candidate at a grid of its shape parameters, finer where a score is high.
 
     Notes
@@ -84,26 +86,26 @@ def scores(baseline: Baseline, candidates: ForceLibrary, courses: Sequence[Cours
     model's own unknowns cannot move. The p-value is corrected for the number of tests: the largest of as many
     scores of noise, correlated as these are.
     """
-    space = baseline.space
-    residual = beyond(baseline.residual, space)
+    space = baseline.column_space
+    residual = project_out(baseline.residual, space)
     if not len(candidates):
         none, nothing = np.zeros(0), np.zeros((len(residual), 0))
         return Scores([], [], none, none, none, none, nothing, nothing, 1.0, none)
     frequencies, looked = _lines(baseline, residual)
     found = _scored(
         baseline,
-        probes_of(candidates, frequencies, courses[0].model.reference_frequency),
-        courses,
+        probes_of(candidates, frequencies, references[0].model.reference_frequency),
+        references,
         space,
         residual,
     )
     for _ in range(FINER):
         highest = float(np.max(np.abs(found.z), initial=0.0))
         promising = [at for at in found.best() if highest > HIGH and abs(found.z[at]) > NEAR * highest]
-        found = finer(found, promising, baseline, courses)
+        found = finer(found, promising, baseline, references)
     good = np.array([not reason for reason in found.reasons])
     tests = independent_tests(found.directions[:, good], seed)
-    searched = np.array([is_searched(probe.force) for probe in found.probes])
+    searched = np.array([has_frequency_parameter(probe.force) for probe in found.probes])
     # A line may lie between two frequencies, with any phase: some 2.5 chances each, of two degrees.
     lines = 2.5 * looked * np.exp(-0.5 * found.z**2)
     chance = 2.0 * norm.sf(np.abs(found.z)) * tests + np.where(searched, lines, 0.0)
@@ -111,13 +113,17 @@ def scores(baseline: Baseline, candidates: ForceLibrary, courses: Sequence[Cours
 
 
 def _scored(
-    baseline: Baseline, probes: list[Probe], courses: Sequence[Course], space: Array, residual: Array
+    baseline: Baseline,
+    probes: list[Probe],
+    references: Sequence[ReferenceMotion],
+    space: Array,
+    residual: Array,
 ) -> Scores:
-    each = [moved_by(course, probes) for course in courses]
+    each = [moved_by(course, probes) for course in references]
     moved = baseline.white([one.angle for one in each])
     whole = np.linalg.norm(moved, axis=0)
     # Twice: what is left of a response that is nearly all inside is rounding else.
-    outside = beyond(beyond(moved, space), space)
+    outside = project_out(project_out(moved, space), space)
     size = np.linalg.norm(outside, axis=0)
     share = np.divide(size, whole, out=np.zeros_like(size), where=whole > 0.0)
     reasons = [next((r for one in each if (r := one.reasons[at])), "") for at in range(len(probes))]
@@ -132,7 +138,9 @@ def _scored(
     )
 
 
-def finer(found: Scores, chosen: Sequence[int], baseline: Baseline, courses: Sequence[Course]) -> Scores:
+def finer(
+    found: Scores, chosen: Sequence[int], baseline: Baseline, references: Sequence[ReferenceMotion]
+) -> Scores:
     """The scores with probes halfway from the chosen ones to their neighbours on the grid of shapes."""
     more = []
     for at in chosen:
@@ -146,9 +154,9 @@ def finer(found: Scores, chosen: Sequence[int], baseline: Baseline, courses: Seq
                 more.append(Probe(probe.force, {**probe.shapes, name: float(middle)}))
     if not more:
         return found
-    space = baseline.space
-    residual = beyond(baseline.residual, space)
-    return _joined(found, _scored(baseline, more, courses, space, residual))
+    space = baseline.column_space
+    residual = project_out(baseline.residual, space)
+    return _joined(found, _scored(baseline, more, references, space, residual))
 
 
 def _joined(first: Scores, second: Scores) -> Scores:
@@ -179,7 +187,7 @@ def _lines(baseline: Baseline, residual: Array) -> tuple[list[float], int]:
     """Frequencies (rad/s) of the strongest lines in what is left, and how many were looked at."""
     found: list[tuple[float, float]] = []
     looked = 0
-    for record, part in zip(baseline.problem.records, baseline.of_each_run(residual), strict=True):
+    for record, part in zip(baseline.problem.records, baseline.split_by_run(residual), strict=True):
         count = len(part)
         step = float(np.median(np.diff(record.time)))
         # Zeros after the end: a line between two frequencies loses nothing.

@@ -9,13 +9,20 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from sysid_trib.discrepancy.baseline import Baseline, basis_of, beyond, fit, records_of, refreshed
+from sysid_trib.discrepancy.baseline import (
+    Baseline,
+    fit,
+    fit_records,
+    orthonormal_basis,
+    project_out,
+    refit_in_residual_noise,
+)
 from sysid_trib.discrepancy.candidate_fits import best_candidates, is_large, is_significant, without_force
-from sysid_trib.discrepancy.candidate_sensitivities import Course
-from sysid_trib.discrepancy.collinearity import leaning
+from sysid_trib.discrepancy.candidate_sensitivities import ReferenceMotion
+from sysid_trib.discrepancy.collinearity import collinear_effects
 from sysid_trib.discrepancy.competing_models import SWAP, Twin, cost_of, twins
 from sysid_trib.discrepancy.model_probabilities import narrowness
-from sysid_trib.discrepancy.omnibus_test import Omnibus, omnibus
+from sysid_trib.discrepancy.omnibus_test import OmnibusTest, omnibus
 from sysid_trib.discrepancy.replacement import alone, simpler
 from sysid_trib.discrepancy.score_tests import Scores, scores
 from sysid_trib.errors import SysidTribError
@@ -43,9 +50,9 @@ class Scan:
     """What a model leaves: the candidates' scores and the test that knows none."""
 
     before: Baseline
-    courses: list[Course]
+    references: list[ReferenceMotion]
     found: Scores
-    generic: Omnibus
+    generic: OmnibusTest
 
 
 @dataclass(frozen=True)
@@ -72,15 +79,15 @@ def first_baseline(runs: Sequence[xr.Dataset], forces: ForceLibrary, frequency: 
     """The start model fitted to the runs, with the noise of each."""
     decay = one_or_all(list(runs))
     quick = Direct(frequency).identify(decay, forces)
-    problem = Problem(forces, records_of(runs), frequency, (), {})
+    problem = Problem(forces, fit_records(runs), frequency, (), {})
     own = np.stack([np.ravel(quick[k]) for k in ("start_angle", "start_rate", "offset")], axis=1)
     free = [quick.reference_frequency.item()] if frequency is None else []
     unknown = np.array([*quick.coefficient.values, *free, *own.ravel()])
     noises = [Noise(quick.noise.item(), np.ones(1))] * len(runs)
     bases = [oscillations(run) for run in runs]
     first = fit(problem, unknown, noises, far=True)
-    second = refreshed(problem, first.unknown, bases)
-    return refreshed(problem, second.unknown, bases)
+    second = refit_in_residual_noise(problem, first.unknown, bases)
+    return refit_in_residual_noise(problem, second.unknown, bases)
 
 
 def search(
@@ -129,7 +136,7 @@ def search(
     if scans[-1].before is not baseline:
         scans.append(_scanned(baseline, added, candidates, seed))
     last = scans[-1]
-    ties |= {s: twins(baseline, s, last.found, last.courses) for s in added if s not in ties}
+    ties |= {s: twins(baseline, s, last.found, last.references) for s in added if s not in ties}
     return Search(scans, baseline, _by_weight(baseline, added), ties, tuple(dict.fromkeys(failed)))
 
 
@@ -140,9 +147,9 @@ def _stepped(
     if model is None:
         return None
     problem, unknown, symbols = model
-    after = refreshed(problem, unknown, bases)
+    after = refit_in_residual_noise(problem, unknown, bases)
     try:
-        after.courses  # noqa: B018, followed here once, and kept
+        after.references  # noqa: B018, followed here once, and kept
     except SysidTribError:
         return None
     return after, (*before, *symbols)
@@ -157,7 +164,7 @@ def _exchanged(
     """The model with a better twin in place of an effect, if there is one; `ties` is filled on the way."""
     baseline, added = state
     for symbol in added:
-        ties[symbol] = twins(baseline, symbol, scan.found, scan.courses)
+        ties[symbol] = twins(baseline, symbol, scan.found, scan.references)
         least = cost_of(baseline, symbol) - SWAP
         for at, twin in enumerate(ties[symbol]):
             if twin.refit is None or twin.cost >= least:
@@ -190,9 +197,9 @@ def _by_weight(baseline: Baseline, added: Sequence[str]) -> tuple[str, ...]:
     names = baseline.problem.names
     out = [i for i, name in enumerate(names) if name.split(".")[0] in added]
     others = np.delete(baseline.table, out, axis=1)
-    space = basis_of(others)
+    space = orthonormal_basis(others)
     parts = {s: baseline.table[:, names.index(s)] * baseline.unknown[names.index(s)] for s in added}
-    parts = {s: beyond(part, space) for s, part in parts.items()}
+    parts = {s: project_out(part, space) for s, part in parts.items()}
     left = baseline.residual + sum(parts.values(), np.zeros_like(baseline.residual))
     ordered: list[str] = []
     while len(ordered) < len(added):
@@ -205,9 +212,14 @@ def _by_weight(baseline: Baseline, added: Sequence[str]) -> tuple[str, ...]:
 
 
 def _scanned(baseline: Baseline, added: Sequence[str], candidates: ForceLibrary, seed: int) -> Scan:
-    courses = baseline.courses
+    references = baseline.references
     others = replace(candidates, forces=tuple(f for f in candidates if f.symbol not in added))
-    return Scan(baseline, courses, scores(baseline, others, courses, seed), omnibus(baseline, courses))
+    return Scan(
+        baseline,
+        references,
+        scores(baseline, others, references, seed),
+        omnibus(baseline, references),
+    )
 
 
 def _next(
@@ -248,7 +260,7 @@ def verdict_of(found: Search, level: float = LEVEL) -> str:
     """`explained`, `unknown effect` or `nothing missing`."""
     last = found.scans[-1]
     # Names that lean on each other may imitate one that is not in the library.
-    if leaning(found.final, found.added):
+    if collinear_effects(found.final, found.added):
         return "unknown effect"
     # A score that no fit bears out is no effect, unless it is beyond doubt.
     flagged = len(last.found.p_values) and last.found.p_values.min() < DOUBTLESS

@@ -9,12 +9,12 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from sysid_trib.discrepancy.collinearity import leaning
+from sysid_trib.discrepancy.collinearity import collinear_effects
 from sysid_trib.discrepancy.competing_models import cost_of, tie_class
 from sysid_trib.discrepancy.demodulation import disagreement
-from sysid_trib.discrepancy.detectability import forecast
+from sysid_trib.discrepancy.detectability import detectability
 from sysid_trib.discrepancy.homogeneity_test import homogeneity
-from sysid_trib.discrepancy.model_sequence import WORSE, Stages, gap_of, labelled
+from sysid_trib.discrepancy.model_sequence import WORSE, ModelSequence, labelled, residual_rms
 from sysid_trib.discrepancy.stepwise_search import Search
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.records.runs import group_names, root_mean_square
@@ -47,7 +47,7 @@ STEPS = {
 
 
 def groups_of(
-    runs: Sequence[xr.Dataset], found: Search, stages: Stages, offered: ForceLibrary
+    runs: Sequence[xr.Dataset], found: Search, stages: ModelSequence, offered: ForceLibrary
 ) -> dict[str, xr.Dataset]:
     """What `discover` returns, group by group."""
     first, last = found.scans[0], found.scans[-1]
@@ -55,10 +55,10 @@ def groups_of(
     groups: dict[str, xr.Dataset] = dict(
         zip(group_names("record", len(runs)), _records(runs, ends), strict=True)
     )
-    groups["disagreement"] = disagreement(first.before, first.courses)
-    groups["disagreement_after"] = disagreement(last.before, last.courses)
-    groups["forecast"] = forecast(first.found)
-    groups["forecast_after"] = forecast(last.found)
+    groups["disagreement"] = disagreement(first.before, first.references)
+    groups["disagreement_after"] = disagreement(last.before, last.references)
+    groups["forecast"] = detectability(first.found)
+    groups["forecast_after"] = detectability(last.found)
     groups["ranking"] = _ranking(found, offered)
     groups["steps"] = _steps(found, stages)
     groups["generic"] = _generic(found)
@@ -124,11 +124,11 @@ def _ranking(found: Search, offered: ForceLibrary) -> xr.Dataset:
     )
 
 
-def _steps(found: Search, stages: Stages) -> xr.Dataset:
+def _steps(found: Search, stages: ModelSequence) -> xr.Dataset:
     """The effects added, in order, with their final coefficients and what each took from the gap."""
     rows: list[dict[str, Any]] = []
     errors = np.sqrt(np.diag(found.final.covariance))
-    leans = leaning(found.final, found.added)
+    leans = collinear_effects(found.final, found.added)
     for at, symbol in enumerate(found.added):
         force = found.final.problem.library[symbol]
         place = list(found.final.problem.names).index(symbol)
@@ -153,8 +153,8 @@ def _steps(found: Search, stages: Stages) -> xr.Dataset:
                 "ties": "; ".join(tied),
                 "tie_probabilities": json.dumps({s: round(p, 4) for s, p in tied.items()}),
                 "tie_costs": json.dumps(_costs(found, symbol)),
-                "residual_before": gap_of(before),
-                "residual_after": gap_of(after),
+                "residual_before": residual_rms(before),
+                "residual_after": residual_rms(after),
                 "gap_before": float(np.sqrt(before.chi_square / len(before.residual))),
                 "gap_after": float(np.sqrt(after.chi_square / len(after.residual))),
                 "leans": symbol in leans,
@@ -200,7 +200,7 @@ def _generic(found: Search) -> xr.Dataset:
     )
 
 
-def _holdout(stages: Stages) -> xr.Dataset:
+def _holdout(stages: ModelSequence) -> xr.Dataset:
     noise = root_mean_square([n.deviation for n in stages.models[-1].noises])
     above = stages.holdout**2 - noise**2
     return xr.Dataset(

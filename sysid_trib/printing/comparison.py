@@ -95,7 +95,7 @@ def quality_table(tree: xr.DataTree) -> "Table":
     return _method_table(found, [*numbers, "remarks"], [*columns, remarks], words=1)
 
 
-def comparison_told(tree: xr.DataTree) -> list[str]:
+def comparison_sentences(tree: xr.DataTree) -> list[str]:
     """The comparison in plain sentences: who predicts, who disagrees and probably why, what nobody sees."""
     found = tree["comparison"].ds
     told = [_prediction(tree), _explanation(found), *_by_accident(found), *_disagreements(found)]

@@ -50,7 +50,7 @@ def _mixed(each: Sequence[bool]) -> bool:
     return any(each) and not all(each)
 
 
-def strengths_told(tree: xr.DataTree) -> list[str]:
+def detectability_sentences(tree: xr.DataTree) -> list[str]:
     """Detectable strengths, candidates that look alike, cannot be tested, were left out, or had no fit."""
     told = [_own_told(tree), _closest_told(tree)]
     told += _ties_told(tree)

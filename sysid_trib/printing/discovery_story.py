@@ -5,11 +5,11 @@ import json
 import numpy as np
 import xarray as xr
 
-from sysid_trib.printing.detectability import added, candidates_of, remedy, strengths_told
+from sysid_trib.printing.detectability import added, candidates_of, detectability_sentences, remedy
 from sysid_trib.printing.discovery_tables import thresholds
-from sysid_trib.printing.homogeneity import differing_told, disagreeing_told
-from sysid_trib.printing.layout import chance, value_with_error
-from sysid_trib.printing.residual import in_mrad, noise_of, place_told, residual_of, times_noise
+from sysid_trib.printing.homogeneity import heterogeneity_sentences, step_heterogeneity_sentences
+from sysid_trib.printing.layout import p_value_text, value_with_error
+from sysid_trib.printing.residual import in_mrad, noise_of, residual_of, residual_sentences, times_noise
 
 # Generic shapes and candidates that are named where they stand out.
 MOST = 3
@@ -20,14 +20,14 @@ UNSEEN = "Effects below the strengths that follow may be there unseen."
 FAINT = 3.0
 
 
-def discovery_told(tree: xr.DataTree) -> dict[str, list[str]]:
+def discovery_story(tree: xr.DataTree) -> dict[str, list[str]]:
     """The result of `discover` as headings with sentences, in the order of the work."""
     story = {"Where model and record disagree": _start_told(tree)}
     steps = [line for at in range(tree["steps"].attrs["count"]) for line in _step_told(tree, at)]
     if steps:
         story["What is missing"] = steps
     story["Verdict"] = _verdict_told(tree)
-    story["What this record can show"] = strengths_told(tree)
+    story["What this record can show"] = detectability_sentences(tree)
     return story
 
 
@@ -38,7 +38,7 @@ def _start_told(tree: xr.DataTree) -> list[str]:
         f"The start model ({forces}) leaves {in_mrad(gap)} (RMS): {times_noise(gap, noise)} "
         f"of {in_mrad(noise)}."
     ]
-    return told + place_told(tree, "disagreement")
+    return told + residual_sentences(tree, "disagreement")
 
 
 def _step_told(tree: xr.DataTree, at: int) -> list[str]:
@@ -50,12 +50,12 @@ def _step_told(tree: xr.DataTree, at: int) -> list[str]:
     told = [
         f"{at + 1}. {step.symbol.item()}, {step['name'].item()} {step.formula.item()}{shaped}{what}: "
         f"{_valued(step)}, z = {step.z.item():.3g} (of the coefficient), "
-        f"corrected p {chance(step.p_value.item())} (of what it explains)."
+        f"corrected p {p_value_text(step.p_value.item())} (of what it explains)."
     ]
     told.append(f"   Adding it takes the gap from {_shrinking(tree, at)}.")
     if abs(step.z.item()) < FAINT:
         told.append("   In the final model its coefficient is not significant.")
-    told += [f"   {one}" for one in differing_told(tree, at)]
+    told += [f"   {one}" for one in step_heterogeneity_sentences(tree, at)]
     if step.worsens_holdout.item():
         told.append("   It makes the prediction of what was held out worse: do not trust it yet.")
     tied = step.ties.item().split("; ")[1:]
@@ -94,7 +94,11 @@ def _pair(before: float, after: float, noise: float) -> str:
 
 def _verdict_told(tree: xr.DataTree) -> list[str]:
     said = {"explained": _explained, "nothing missing": _nothing, "unknown effect": _unknown}
-    return [*said[tree.attrs["verdict"]](tree), *disagreeing_told(tree, _level(tree)), _model_told(tree)]
+    return [
+        *said[tree.attrs["verdict"]](tree),
+        *heterogeneity_sentences(tree, _level(tree)),
+        _model_told(tree),
+    ]
 
 
 def _model_told(tree: xr.DataTree) -> str:
@@ -158,7 +162,7 @@ def _unknown(tree: xr.DataTree) -> list[str]:
         told = [
             f"Unknown effect: something is left that was not named; the gap is {times_noise(gap, noise)}."
         ]
-        told += place_told(tree, "disagreement_after")
+        told += residual_sentences(tree, "disagreement_after")
         told += [f"Of the effects that were added, {leaning} {cancel}"] if leaning else []
     else:
         told = [f"Unknown effect: the gap is {times_noise(gap, noise)}, but {leaning} {cancel}"]
@@ -167,7 +171,7 @@ def _unknown(tree: xr.DataTree) -> list[str]:
         shapes = ", ".join(f"{generic['shape'].values[i]} (z = {generic.z.values[i]:.3g})" for i in order)
         told.append(
             f"Generic forces of amplitude r and phase phi that it resembles: {shapes}; chance that nothing "
-            f"is left {chance(generic.p_value.item())}."
+            f"is left {p_value_text(generic.p_value.item())}."
         )
     return told + _nearest_told(tree)
 

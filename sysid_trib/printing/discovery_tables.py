@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.printing.detectability import added, candidates_of
-from sysid_trib.printing.homogeneity import differing_json
+from sysid_trib.printing.homogeneity import homogeneity_json
 from sysid_trib.printing.layout import number, text_table
 from sysid_trib.printing.residual import noise_of, residual_of
 from sysid_trib.records.runs import record_groups
@@ -91,7 +91,7 @@ def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
         **{key: [s for s in tree.attrs[key].split(", ") if s] for key in ("left_out", "failed_fits")},
         "options": json.loads(tree.attrs["options"]),
     }
-    return found | differing_json(tree) | ({"records": records} if len(records) > 1 else {})
+    return found | homogeneity_json(tree) | ({"records": records} if len(records) > 1 else {})
 
 
 def _disagreement(found: xr.Dataset) -> dict[str, Any]:

@@ -21,7 +21,7 @@ BOTH = {
 NEAR = 0.8
 
 
-def kind_told(tree: xr.DataTree, scan: int) -> str:
+def force_type_sentence(tree: xr.DataTree, scan: int) -> str:
     """The type of generic force that scores highest, and what it means; empty if none stands out.
 
     Notes

@@ -4,13 +4,13 @@ from typing import Any
 
 import xarray as xr
 
-from sysid_trib.printing.layout import chance, number
+from sysid_trib.printing.layout import number, p_value_text
 from sysid_trib.printing.runs import DIFFERENT
 
 GROUP = "run_differences"
 
 
-def differing_told(tree: xr.DataTree, at: int) -> list[str]:
+def step_heterogeneity_sentences(tree: xr.DataTree, at: int) -> list[str]:
     """That runs which differ would explain as much as the effect of a step."""
     if GROUP not in tree.children:
         return []
@@ -24,21 +24,21 @@ def differing_told(tree: xr.DataTree, at: int) -> list[str]:
     ]
 
 
-def disagreeing_told(tree: xr.DataTree, level: float) -> list[str]:
+def heterogeneity_sentences(tree: xr.DataTree, level: float) -> list[str]:
     """That the final model does not hold for all runs."""
     if GROUP not in tree.children:
         return []
     last = tree[GROUP].to_dataset().isel(stage=-1)
     found = (
         f"chi-square {last.chi_square.item():.3g} for {last.degrees_of_freedom.item()} differences, "
-        f"p {chance(last.p_value.item())}"
+        f"p {p_value_text(last.p_value.item())}"
     )
     if last.p_value >= level:
         return [f"The runs agree: {found}."]
     return [f"The runs disagree: {found}. Most in {last.most.item()}: {DIFFERENT}"]
 
 
-def differing_json(tree: xr.DataTree) -> dict[str, Any]:
+def homogeneity_json(tree: xr.DataTree) -> dict[str, Any]:
     """The test of each stage as plain data; nothing of a single run."""
     if GROUP not in tree.children:
         return {}

@@ -7,7 +7,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from sysid_trib.printing.layout import number, text_table, value_with_error
-from sysid_trib.printing.physics import as_data, told
+from sysid_trib.printing.physics import physics_json, physics_sentences
 from sysid_trib.printing.runs import runs_json
 from sysid_trib.records.runs import group_names, record_groups
 from sysid_trib.results.schema import library_of
@@ -52,7 +52,7 @@ def identification_table(tree: xr.DataTree) -> "Table":
     return text_table(["force", "formula", *methods, "difference / error"], rows, numbers=(2, 3, 4))
 
 
-def verdict(tree: xr.DataTree) -> list[str]:
+def identification_sentences(tree: xr.DataTree) -> list[str]:
     """The cross-check in plain sentences: is the record explained, then do the methods agree."""
     checked = tree["comparison"].ds
     names = [checked.attrs["first"], checked.attrs["second"]]
@@ -121,7 +121,9 @@ def _held(result: xr.Dataset) -> list[str]:
 
 def consequences(tree: xr.DataTree, inertia: float | None) -> list[str]:
     """What follows from the second identification, in sentences; with an inertia (kg m^2) in SI units too."""
-    return told(tree[tree["comparison"].attrs["second"]].to_dataset(), _amplitudes(tree), inertia)
+    return physics_sentences(
+        tree[tree["comparison"].attrs["second"]].to_dataset(), _amplitudes(tree), inertia
+    )
 
 
 def _amplitudes(tree: xr.DataTree) -> NDArray[np.float64]:
@@ -172,7 +174,7 @@ def identification_json(tree: xr.DataTree, inertia: float | None = None) -> dict
     ]
     second = tree[checked.attrs["second"]].to_dataset()
     found = {"record": records[0], "methods": methods, "cross_check": check}
-    found["consequences"] = as_data(second, _amplitudes(tree), inertia)
+    found["consequences"] = physics_json(second, _amplitudes(tree), inertia)
     if len(records) > 1:
         found |= {"records": records, "runs": runs_json(tree["runs"].to_dataset())}
     return found

@@ -27,7 +27,7 @@ def value_with_error(value: float, error: float) -> str:
     return text if power == 0 else f"({text})e{power:+03d}"
 
 
-def chance(p_value: float, equals: str = "= ") -> str:
+def p_value_text(p_value: float, equals: str = "= ") -> str:
     """A p-value as a sentence takes it, or without `equals` a table."""
     if not np.isfinite(p_value):
         return "-"

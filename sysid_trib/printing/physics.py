@@ -22,7 +22,7 @@ WEIGHTS = ("peak_force", "decay", "frequency_shift", "decay_share", "frequency_s
 ENERGIES = ("total_energy", "lost_fraction")
 
 
-def told(result: xr.Dataset, amplitude: ArrayLike, inertia: float | None = None) -> list[str]:
+def physics_sentences(result: xr.Dataset, amplitude: ArrayLike, inertia: float | None = None) -> list[str]:
     """The physics of an identification in plain sentences.
 
     Parameters
@@ -59,12 +59,12 @@ def told(result: xr.Dataset, amplitude: ArrayLike, inertia: float | None = None)
     return sentences
 
 
-def as_data(result: xr.Dataset, amplitude: ArrayLike, inertia: float | None = None) -> dict[str, Any]:
+def physics_json(result: xr.Dataset, amplitude: ArrayLike, inertia: float | None = None) -> dict[str, Any]:
     """The physics of an identification as plain data; non-finite numbers are None.
 
     Parameters
     ----------
-    result, amplitude, inertia : as for `told`.
+    result, amplitude, inertia : As `physics_sentences`.
 
     Returns
     -------
@@ -75,7 +75,7 @@ def as_data(result: xr.Dataset, amplitude: ArrayLike, inertia: float | None = No
     Raises
     ------
     UsageError
-        As `told`.
+        As `physics_sentences`.
     """
     a = amplitudes(amplitude)
     ends = sorted({float(a.max()), float(a.min())}, reverse=True)

@@ -3,7 +3,7 @@
 import numpy as np
 import xarray as xr
 
-from sysid_trib.printing.force_types import kind_told
+from sysid_trib.printing.force_types import force_type_sentence
 from sysid_trib.records.runs import record_groups
 
 UNKNOWN = "what is left does not follow the motion: vibration from outside, or noise of another kind"
@@ -40,7 +40,7 @@ def times_noise(gap: float, noise: float) -> str:
     return f"{gap / noise:.3g} times the noise"
 
 
-def place_told(tree: xr.DataTree, group: str) -> list[str]:
+def residual_sentences(tree: xr.DataTree, group: str) -> list[str]:
     """Where a model leaves the record, what the gap is made of, and what that means."""
     found = tree[group].to_dataset()
     told = [_departure_told(tree, found)]
@@ -53,7 +53,7 @@ def place_told(tree: xr.DataTree, group: str) -> list[str]:
         told.append(rates)
     most = "phase and amplitude" if set(parts[:2]) == {"phase", "amplitude"} else parts[0]
     told.append(f"Most of it is {most}{WHERE.get(found.attrs['where'], '')}.")
-    return [*told, *filter(None, [kind_told(tree, -1 if group.endswith("after") else 0)])]
+    return [*told, *filter(None, [force_type_sentence(tree, -1 if group.endswith("after") else 0)])]
 
 
 def _departure_told(tree: xr.DataTree, found: xr.Dataset) -> str:

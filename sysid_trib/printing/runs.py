@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from sysid_trib.printing.layout import chance, number, text_table, value_with_error
+from sysid_trib.printing.layout import number, p_value_text, text_table, value_with_error
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -24,12 +24,12 @@ def runs_table(runs: xr.Dataset) -> "Table":
         one = runs.sel(quantity=quantity)
         pairs = zip(one.value.values.tolist(), one.standard_error.values.tolist(), strict=True)
         cells = [value_with_error(value, error) for value, error in pairs]
-        rows.append([quantity, *cells, chance(one.p_value.item(), "")])
+        rows.append([quantity, *cells, p_value_text(one.p_value.item(), "")])
     heads = ["quantity", *(f"run {at + 1}" for at in range(count)), "p"]
     return text_table(heads, rows, numbers=tuple(range(1, count + 2)))
 
 
-def runs_told(runs: xr.Dataset) -> list[str]:
+def runs_sentences(runs: xr.Dataset) -> list[str]:
     """The test in sentences: as a whole, which force differs, and which run alone decides nothing."""
     told = [
         f"Run {at + 1} alone decides nothing: {reason}"
@@ -40,12 +40,12 @@ def runs_told(runs: xr.Dataset) -> list[str]:
         return [*told, "Whether the runs agree cannot be told."]
     found = (
         f"chi-square {runs.total_chi_square.item():.3g} for {runs.total_degrees_of_freedom.item():.0f} "
-        f"differences, p {chance(runs.total_p_value.item())}."
+        f"differences, p {p_value_text(runs.total_p_value.item())}."
     )
     if runs.attrs["verdict"] == "agree":
         return [*told, f"The runs agree: {found}"]
     worst = runs.p_value.fillna(1.0)
-    name, least = runs.quantity.values[int(np.argmin(worst.values))], chance(worst.min().item())
+    name, least = runs.quantity.values[int(np.argmin(worst.values))], p_value_text(worst.min().item())
     return [
         *told,
         f"The runs disagree: {found} Most in {name} (p {least}): {DIFFERENT}",

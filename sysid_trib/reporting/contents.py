@@ -8,18 +8,18 @@ import xarray as xr
 from sysid_trib import plots
 from sysid_trib.plots.cross_checked import model_lines
 from sysid_trib.plots.discovered import MODELS, noise_of_sample
-from sysid_trib.printing.comparison import comparison_tables, comparison_told
-from sysid_trib.printing.discovery_story import discovery_told
+from sysid_trib.printing.comparison import comparison_sentences, comparison_tables
+from sysid_trib.printing.discovery_story import discovery_story
 from sysid_trib.printing.discovery_tables import RANKING, ranking_table
 from sysid_trib.printing.identification import (
     coefficient_cell,
     consequences,
+    identification_sentences,
     identification_table,
-    verdict,
 )
 from sysid_trib.printing.layout import value_with_error
-from sysid_trib.printing.physics import told
-from sysid_trib.printing.runs import runs_table, runs_told
+from sysid_trib.printing.physics import physics_sentences
+from sysid_trib.printing.runs import runs_sentences, runs_table
 from sysid_trib.records.runs import noise_of_run, record_groups
 from sysid_trib.reporting.compared import prediction_panel, quantity_panels
 from sysid_trib.reporting.drawing import MOST_POINTS
@@ -82,9 +82,9 @@ def summary(tree: xr.DataTree) -> list[str]:
     """The result in a few sentences."""
     made: Mapping[str, Callable[[xr.DataTree], list[str]]] = {
         "identify": lambda _: [],
-        "cross_check": verdict,
-        "compare": comparison_told,
-        "discover": lambda found: discovery_told(found)["Verdict"],
+        "cross_check": identification_sentences,
+        "compare": comparison_sentences,
+        "discover": lambda found: discovery_story(found)["Verdict"],
     }
     return made[kind_of(tree)](tree)
 
@@ -154,7 +154,7 @@ def _alone(tree: xr.DataTree) -> list[Section]:
     made = [Section("Coefficients", tables=[coefficient_table({tree.attrs["method"]: result})])]
     # The largest amplitude that is known: an identification alone keeps no record.
     start = np.abs(np.ravel(result.start_angle.values)) if "start_angle" in result else np.array([])
-    return [*made, Section(FOLLOWS, told(result, start))] if np.any(start > 0.0) else made
+    return [*made, Section(FOLLOWS, physics_sentences(result, start))] if np.any(start > 0.0) else made
 
 
 def _cross_checked(tree: xr.DataTree) -> list[Section]:
@@ -177,7 +177,7 @@ def _cross_checked(tree: xr.DataTree) -> list[Section]:
     if "runs" in tree.children:
         runs = tree["runs"].to_dataset()
         made.append(
-            Section("Do the runs agree", runs_told(runs), [as_table("Each run alone", runs_table(runs))])
+            Section("Do the runs agree", runs_sentences(runs), [as_table("Each run alone", runs_table(runs))])
         )
     return [*made, Section(FOLLOWS, consequences(tree, None))]
 
@@ -213,7 +213,7 @@ def _compared(tree: xr.DataTree) -> list[Section]:
 
 
 def _discovered(tree: xr.DataTree) -> list[Section]:
-    story = discovery_told(tree)
+    story = discovery_story(tree)
     lines = {name: (line["color"], line["linestyle"]) for name, line in list(MODELS.items())[::-1]}
     motions = [
         Figures(

@@ -12,9 +12,9 @@ from command_line import run, write_csv
 from helpers import lengthened
 
 import sysid_trib as st
-from sysid_trib.printing.comparison import comparison_told
-from sysid_trib.printing.discovery_story import discovery_told
-from sysid_trib.printing.identification import verdict
+from sysid_trib.printing.comparison import comparison_sentences
+from sysid_trib.printing.discovery_story import discovery_story
+from sysid_trib.printing.identification import identification_sentences
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.reporting import drawing
 from sysid_trib.reporting.page import page
@@ -60,11 +60,11 @@ def test_page_asks_for_nothing(kind, pages):
 def test_sentences_are_those_that_the_command_prints(results, kind, pages):
     tree = results[kind]
     if kind in ("cross_check", "runs"):
-        sentences = verdict(tree)
+        sentences = identification_sentences(tree)
     elif kind == "compare":
-        sentences = comparison_told(tree)
+        sentences = comparison_sentences(tree)
     else:
-        sentences = [line for lines in discovery_told(tree).values() for line in lines]
+        sentences = [line for lines in discovery_story(tree).values() for line in lines]
     text = html.unescape(pages[kind])
     for sentence in sentences:
         assert f">{sentence}</p>" in text
