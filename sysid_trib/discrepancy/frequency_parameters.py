@@ -1,6 +1,6 @@
 """Shapes that are frequencies, told by the formulas: they are looked for at the lines of a spectrum."""
 
-from functools import cache
+from functools import lru_cache
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from sysid_trib.forces.force import Force
 SAME = 0.05
 
 
-@cache
+@lru_cache(maxsize=1024)
 def is_frequency(force: Force, name: str) -> bool:
     """Whether a shape parameter is the angular frequency of a force periodic in time (by its formula)."""
     if not force.memoryless or "t" not in force.formula.names:
@@ -28,7 +28,7 @@ def is_frequency(force: Force, name: str) -> bool:
     return True
 
 
-@cache
+@lru_cache(maxsize=1024)
 def is_resonance(force: Force, name: str) -> bool:
     """Whether a shape parameter is the natural frequency of a force's states (by their equations)."""
     states = tuple(force.state)

@@ -6,7 +6,7 @@ each value of the shape parameters.
 """
 
 from collections.abc import Mapping, Sequence
-from functools import cache
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -102,7 +102,7 @@ def _followed(start: float, kept: Array, added: Array) -> Array:
     return np.asarray(found[:, 0])
 
 
-@cache
+@lru_cache(maxsize=1024)
 def is_driven(force: Force) -> bool:
     """Whether what a force remembers follows from a motion at once (by its formulas).
 
