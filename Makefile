@@ -2,13 +2,17 @@ PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test notebooks docs check clean
+.PHONY: demo test test-slow notebooks docs check clean
 
 demo: .venv/ready
 	$(BIN)/sysid-trib identify --omega0 8.87
 
 test: .venv/ready-dev
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n auto --dist loadfile
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n auto --dist loadfile -m "not slow"
+
+# Full searches, measured records, calibration over many seeds, pages in a browser.
+test-slow: .venv/ready-dev
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n auto --dist loadfile -m slow
 
 notebooks: .venv/ready-notebooks
 	$(BIN)/python notebooks/run.py

@@ -86,7 +86,14 @@ def blind(key: str) -> dict:
     return row
 
 
-@pytest.mark.parametrize("key", [f"nothing {kind}" for kind in ("white/0", "coloured/1", "quantised/2")])
+@pytest.mark.parametrize(
+    "key",
+    [
+        "nothing white/0",
+        pytest.param("nothing coloured/1", marks=pytest.mark.slow),
+        pytest.param("nothing quantised/2", marks=pytest.mark.slow),
+    ],
+)
 def test_nothing_is_found_where_nothing_is_hidden(key):
     assert blind(key)["found"]["verdict"] == "nothing missing"
 
@@ -96,6 +103,7 @@ HIDDEN = {15: "van_der_pol", 42: "even_drag", 38: "ambient", 43: "sensor_curve",
 
 
 @pytest.mark.parametrize("number", HIDDEN, ids=HIDDEN.get)
+@pytest.mark.slow
 def test_what_is_hidden_is_named_and_its_gap_closes(number):
     row = blind(f"effect 60-300/{number}")
     assert [one["symbol"] for one in row["hidden"]] == [HIDDEN[number]]
@@ -104,5 +112,6 @@ def test_what_is_hidden_is_named_and_its_gap_closes(number):
     assert abs(row["found"]["gap"]) < 0.02
 
 
+@pytest.mark.slow
 def test_what_no_library_holds_is_said_to_be_unknown():
     assert blind("outside 200/0")["found"]["verdict"] == "unknown effect"

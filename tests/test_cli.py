@@ -154,6 +154,7 @@ def test_alpha_is_the_papers(simulated, tmp_path):
         assert result_files.load(result)[name].ds.omega0.item() == 8.87
 
 
+@pytest.mark.slow
 def test_reference_frequency_is_held_and_makes_alpha_an_unknown(simulated):
     ending = run("identify", simulated, "--reference-frequency", "9.91", "--json")
     methods = json.loads(ending.out, parse_constant=number)["methods"]
@@ -204,6 +205,7 @@ def test_state_and_shape_of_an_own_library(tmp_path, dahl_library):
     assert np.max(np.abs(angles[0] - angles[1])) > 1e-3
 
 
+@pytest.mark.slow
 def test_a_held_shape_is_set_and_told(tmp_path, dahl_library):
     record = tmp_path / "dahl.csv"
     made = ("--set", "zeta=0.01", "--set", "jenkins=2e-2", "--set", "jenkins.s=0.05", "--noise", "1e-4")
@@ -219,6 +221,7 @@ def test_a_held_shape_is_set_and_told(tmp_path, dahl_library):
     assert "jenkins.s" in wrong.complaint
 
 
+@pytest.mark.slow
 def test_a_forgotten_library_shows(tmp_path):
     """The six forces imitate friction falling with speed, but for a gap that hides in the noise."""
     library = tmp_path / "mine.toml"

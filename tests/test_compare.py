@@ -470,6 +470,7 @@ def test_runs_that_no_method_takes_together():
         compare(two_runs(), FORCES, [LogarithmicDecrement()])
 
 
+@pytest.mark.slow
 def test_command_takes_several_records(tmp_path):
     places = [tmp_path / "a.csv", tmp_path / "b.csv"]
     for place, decay in zip(places, two_runs(), strict=True):

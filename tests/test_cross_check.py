@@ -61,6 +61,7 @@ def test_the_difference_is_taken_at_one_reference_frequency():
     np.testing.assert_allclose(tree["comparison"].difference.values[:-1], expected, rtol=1e-6, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_p_values_are_those_of_chance():
     run, exact, p_values = paper_run(FIVE), paper_run(FIVE).angle, []
     for seed in range(8):

@@ -77,6 +77,7 @@ def test_without_noise_its_own_model_is_found(case):
     assert result.attrs["assumes"] == case.method.ASSUMES
 
 
+@pytest.mark.slow
 def test_standard_errors_tell_the_scatter(case):
     run, exact = case.run, case.run.angle
     pulls, misfits = [], []

@@ -18,7 +18,7 @@ from helpers import (
 )
 
 from sysid_trib import ForceLibrary, Model, cramer_rao_bound, load_library
-from sysid_trib.discrepancy import naming
+from sysid_trib.discrepancy import candidate_fits
 from sysid_trib.discrepancy.baseline import fit, fit_records
 from sysid_trib.discrepancy.candidate_sensitivities import Probe, ReferenceMotion, moved_by, probes_of
 from sysid_trib.discrepancy.competing_models import tie_class
@@ -187,6 +187,7 @@ def test_runs_that_agree_differ_by_chance_alone():
     assert low**2 < total / freedom < high**2
 
 
+@pytest.mark.slow
 def test_scores_of_noise_are_noise():
     """Scores are standard normal, and the least p-value of all is below 0.05 in a twentieth of records."""
     seeds, z, least, generic = 20, [], [], []
@@ -210,7 +211,12 @@ def test_scores_of_noise_are_noise():
 
 @pytest.mark.parametrize(
     ("symbol", "coefficient"),
-    [("van_der_pol", 0.13), ("inertia", 0.34), ("partial_slip", 0.12), ("tilted_friction", 2.4e-3)],
+    [
+        ("inertia", 0.34),
+        pytest.param("van_der_pol", 0.13, marks=pytest.mark.slow),
+        pytest.param("partial_slip", 0.12, marks=pytest.mark.slow),
+        pytest.param("tilted_friction", 2.4e-3, marks=pytest.mark.slow),
+    ],
 )
 def test_a_hidden_effect_is_named(symbol, coefficient):
     run = decay(RUN.time, with_effect(symbol, coefficient), seed=3)
@@ -237,6 +243,7 @@ def test_an_effect_that_no_candidate_mimics_is_unknown():
     assert verdict_of(found) == "unknown effect"
 
 
+@pytest.mark.slow
 def test_effects_that_imitate_one_of_no_library_are_not_believed():
     """Quintic and detent forces together imitate the missing x*abs(x)."""
     run = RUN.decay(2)
@@ -252,8 +259,8 @@ def test_a_candidate_without_a_fit_is_reported(monkeypatch):
             raise SimulationError("The motion diverges.")
         return unfailing(problem, unknown, table)
 
-    unfailing = naming.chord
-    monkeypatch.setattr(naming, "chord", refuse)
+    unfailing = candidate_fits.chord
+    monkeypatch.setattr(candidate_fits, "chord", refuse)
     run = decay(RUN.time, with_effect("quintic", 0.3), seed=3)
     few = EFFECTS.select(["quintic", "cubic_damping"])
     found = search([run], first_baseline([run], BASE, None), few)
@@ -261,6 +268,7 @@ def test_a_candidate_without_a_fit_is_reported(monkeypatch):
     assert verdict_of(found) == "unknown effect"
 
 
+@pytest.mark.slow
 def test_two_missing_effects_are_both_named():
     """The paper's own: without its two elastic forces, a third that mimics both is no answer."""
     run = RUN.decay(7)
@@ -274,6 +282,7 @@ def test_two_missing_effects_are_both_named():
     assert "epsilon" in tie_class(found.final, other, found.ties[other])
 
 
+@pytest.mark.slow
 def test_two_effects_that_one_flexible_force_mimics_are_both_named():
     library = ForceLibrary("with two", (*BASE.forces, *EFFECTS.select(["cubic_damping", "tilted_friction"])))
     model = Model(library, FIVE | {"cubic_damping": 0.08, "tilted_friction": 4e-3}, W)

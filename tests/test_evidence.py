@@ -93,6 +93,7 @@ def test_a_probe_that_is_not_finite_leaves_the_others_alone():
     np.testing.assert_array_equal([first, last], values_along(about, force, shapes[::2]).T)
 
 
+@pytest.mark.slow
 def test_a_passive_part_never_drives():
     """A negative partial slip is no part of a contact; as an active force it would be named."""
     library = ForceLibrary("with an effect", (*CONTACT.select(FIVE).forces, EFFECTS["partial_slip"]))

@@ -36,27 +36,32 @@ def pendulum(data_folder):
     return identified(path, "--window", "15:75", "--forces", "lambda,zeta,delta,epsilon")
 
 
+@pytest.mark.slow
 def test_pendulum_hangs_down_at_pi(pendulum):
     assert centre(pendulum) == pytest.approx(np.pi, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_gravity_softens_the_pendulum(pendulum):
     # sin(x) = x - x^3/6: -1/6 to leading order, less at the large angles of this record.
     for epsilon in coefficients(pendulum, "epsilon"):
         assert -0.18 < epsilon < -0.14
 
 
+@pytest.mark.slow
 def test_bearing_of_the_pendulum_rubs(pendulum):
     for friction in coefficients(pendulum, "lambda"):
         assert 2.5e-3 < friction < 4e-3
 
 
+@pytest.mark.slow
 def test_cubic_force_is_not_gravity_at_large_angles(pendulum):
     assert refuted(pendulum)
     for model in pendulum["cross_check"]["models"].values():
         assert model["residual_over_noise"] > 20.0
 
 
+@pytest.mark.slow
 def test_bob_on_a_string(data_folder):
     found = identified(data_folder / "string_pendulum" / "run_1.txt", "--forces", "zeta,delta,epsilon")
     for epsilon, delta in zip(coefficients(found, "epsilon"), coefficients(found, "delta"), strict=True):
@@ -76,6 +81,7 @@ def test_rolling_ship_model(data_folder):
     assert refuted(found)
 
 
+@pytest.mark.slow
 def test_segment_of_a_matlab_file(data_folder, pendulum):
     path = data_folder / "single_pendulum" / "slice_15s_70s.mat"
     found = identified(
@@ -88,6 +94,7 @@ def test_segment_of_a_matlab_file(data_folder, pendulum):
     assert frequencies[0] == pytest.approx(frequencies[1], rel=5e-3)
 
 
+@pytest.mark.slow
 def test_far_beyond_weak_nonlinearity_there_is_a_verdict_or_a_reason(data_folder):
     """The whole record, released at 2.4 rad: no model of the six follows it, and this must be said."""
     path = data_folder / "single_pendulum" / "free_swing.csv"

@@ -27,6 +27,7 @@ def two_runs(seed: int) -> list[xr.Dataset]:
 
 
 @pytest.mark.parametrize("method", METHODS, ids=lambda m: type(m).__name__)
+@pytest.mark.slow
 def test_errors_of_two_runs_are_what_is_stated(method):
     seeds = 12 if isinstance(method, Trajectory) else SEEDS
     found = [identify(two_runs(seed), LIBRARY, method).sel(force=list(FIVE)) for seed in range(seeds)]
@@ -81,6 +82,7 @@ def test_two_short_runs_tell_apart_what_one_cannot():
     assert np.all(np.abs(values(both, FIVE) - list(FIVE.values())) < 4 * both.standard_error.values)
 
 
+@pytest.mark.slow
 def test_runs_of_one_experiment_agree():
     p_values, each = [], []
     for seed in range(SEEDS):
@@ -172,6 +174,7 @@ def test_command_line_takes_several_records(tmp_path):
     assert {"identification_1.png", "identification_2.pdf"} <= names
 
 
+@pytest.mark.slow
 def test_json_of_several_records(tmp_path):
     for name, run, seed in (("a.csv", LONG, 1), ("b.csv", SHORT, 2)):
         run.decay(seed).to_dataframe().to_csv(tmp_path / name)

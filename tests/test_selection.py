@@ -33,6 +33,7 @@ def rows(columns, y):
     return Rows(y, columns, np.ones((len(y), 1)), np.ones(columns.shape[1]))
 
 
+@pytest.mark.slow
 def test_exactly_the_true_five_of_fourteen_are_kept():
     seeds, exact = 40, PAPER.angle
     results = [STRICT.identify(decay(PAPER.time, exact, seed), FOURTEEN) for seed in range(seeds)]

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from headless import FLAGS, IDLE, browser_path
 
+# A browser takes its time.
+pytestmark = pytest.mark.slow
 WIDTHS = (400, 1400)
 KINDS = ("identify", "cross_check", "runs", "compare", "discover")
 # A minute: machines that run tests are busy.
