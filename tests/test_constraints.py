@@ -116,3 +116,13 @@ def test_linear_map_holds_shapes_and_refuses_what_is_not_linear():
         Constraints(ties={"dahl": "cubic_damping**2"}).linear_map(library)
     with pytest.raises(UsageError, match=r"dahl\.s is tied"):
         Constraints(ties={"dahl.s": "cubic_damping"}).linear_map(library)
+
+
+def test_a_result_says_how_each_coefficient_is_constrained():
+    asked = Constraints({"lambda": 0.0}, {"zeta": (0.0, np.inf)}, {"nu": "2*delta"})
+    assert asked.kinds(("lambda", "zeta", "delta", "nu"), ["zeta"]) == [
+        "fixed",
+        "at its bound",
+        "",
+        "nu=2*delta",
+    ]

@@ -92,6 +92,25 @@ class Constraints:
         """Parameters that are constrained."""
         return tuple(dict.fromkeys((*self.fixed, *self.bounds, *self.ties)))
 
+    def kinds(self, symbols: Iterable[str], at_bound: Iterable[str] = ()) -> list[str]:
+        """How each coefficient is constrained, for the coordinate `constraint(force)` of a result.
+
+        Parameters
+        ----------
+        symbols : iterable of str
+            The coefficients.
+        at_bound : iterable of str
+            Those that a fit holds at one of their bounds.
+
+        Returns
+        -------
+        list of str
+            `fixed`, `at its bound`, the formula of a tie (`nu=-2.356*delta`), or nothing.
+        """
+        held = dict.fromkeys(at_bound, "at its bound") | dict.fromkeys(self.fixed, "fixed")
+        held |= {name: f"{name}={text}" for name, text in self.ties.items()}
+        return [held.get(symbol, "") for symbol in symbols]
+
     def check(self, library: ForceLibrary) -> None:
         """Refuse what does not fit to the parameters of a library.
 
