@@ -71,8 +71,8 @@ print(f"{len(candidates)} candidates in {len({force.family for force in candidat
 
 # %%
 nothing = st.discover(record_of(model_with({})), known, candidates)
-best = nothing["ranking"].z.isel(scan=-1).to_series().abs().sort_values(ascending=False)
-chance = nothing["generic"].p_value[-1].item()
+best = nothing["ranking"].z.isel(selection_step=-1).to_series().abs().sort_values(ascending=False)
+chance = nothing["omnibus"].p_value[-1].item()
 print(f"Verdict: {nothing.attrs['verdict']}; chance of larger scores of generic forces: {chance:.2g}")
 print("Highest scores:", ", ".join(f"{symbol} |z| = {z:.2f}" for symbol, z in best.head(3).items()))
 display(st.plots.forecasts(nothing))
@@ -97,7 +97,9 @@ def gap_of(record: xr.Dataset) -> float:
 def sealed(number: int) -> tuple[xr.Dataset, st.Model]:
     """A synthetic record with something hidden, and the envelope."""
     draw = np.random.default_rng(number)
-    testable = nothing["forecast"].candidate.values[np.isfinite(nothing["forecast"].detectable.values)]
+    testable = nothing["detectability"].candidate.values[
+        np.isfinite(nothing["detectability"].detectable.values)
+    ]
     force = candidates[str(draw.choice(testable))]
     sign = 1.0 if force.family in LOSING else draw.choice([-1.0, 1.0])
     shapes = {
@@ -107,7 +109,7 @@ def sealed(number: int) -> tuple[xr.Dataset, st.Model]:
     wanted = NOISE * np.exp(draw.uniform(np.log(0.4), np.log(8.0)))
     if draw.random() < 1 / 6:
         return record_of(model_with({}), seed=number), model_with({})
-    size = sign * nothing["forecast"].detectable.sel(candidate=force.symbol).item()
+    size = sign * nothing["detectability"].detectable.sel(candidate=force.symbol).item()
     # The gap is nearly proportional to the coefficient: a few steps settle it.
     for _ in range(4):
         motion = record_of(model_with({force.symbol: size}, shapes), noise=0.0)
@@ -178,7 +180,7 @@ display(tables.effects_found(one))
 def difference(angle: float, symbol: str, coefficient: float) -> xr.DataArray:
     """Standard errors by which an effect of this size differs from its twins, released from `angle` (rad)."""
     planned = st.discover(record_of(model_with({}), angle=angle, seed=3), known, candidates.select(alike))
-    forecast = planned["forecast"].ds.sel(candidate=symbol)
+    forecast = planned["detectability"].ds.sel(candidate=symbol)
     return 5.0 * abs(coefficient) / forecast.detectable * np.sqrt(1.0 - np.minimum(forecast.tie, 1.0) ** 2)
 
 
@@ -236,7 +238,7 @@ display(tables.effects_found(unknown))
 # harmonics of the phase), which know no candidate, tell by their chance that something is left.
 
 # %%
-left = unknown["generic"].ds.isel(scan=-1)
+left = unknown["omnibus"].ds.isel(selection_step=-1)
 strongest = left.z.to_series().sort_values(key=np.abs, ascending=False).head(5)
 print(f"Chance that nothing is left: {left.p_value.item():.2g}")
 display(strongest.to_frame("z of the generic force (amplitude r, phase phi)").round(1))

@@ -33,7 +33,7 @@ NUMBERS = (
     *("reference_frequency", "asymptotic_frequency", "residual_rms", "residual_over_noise", "train_rms"),
     *("train_over_noise", "holdout_rms", "holdout_over_noise", "holdout_p_value", "time_taken"),
 )
-TEXTS = ("reason", "bias", "sees", "blind_to", "cannot_tell_apart", "assumes")
+TEXTS = ("reason", "bias", "identifies", "neglects", "cannot_tell_apart", "assumes")
 
 
 @cache
@@ -128,14 +128,14 @@ def test_differences_are_over_the_errors_of_both():
 def test_what_a_method_sees():
     found = table()
     assert (
-        of(found, "averaging").sees.item()
+        of(found, "averaging").identifies.item()
         == "lambda, zeta, delta by the envelope; nu, epsilon by the frequency"
     )
     blind = "lambda, delta (taken for zeta); nu, epsilon (taken for the frequency)"
-    assert of(found, "logarithmic decrement").blind_to.item() == blind
-    assert of(found, "frequency shift").blind_to.item() == "lambda, zeta, delta"
+    assert of(found, "logarithmic decrement").neglects.item() == blind
+    assert of(found, "frequency shift").neglects.item() == "lambda, zeta, delta"
     assert of(found, "frequency shift").reason.item() == "its model has no damping"
-    assert of(found, "direct").blind_to.item() == ""
+    assert of(found, "direct").neglects.item() == ""
 
 
 def test_forces_of_one_signature_are_one_to_averaging():
@@ -145,11 +145,11 @@ def test_forces_of_one_signature_are_one_to_averaging():
     assert found.cannot_tell_apart.values.tolist() == ["delta = positional", "", ""]
     averaging = of(found, "averaging")
     assert averaging.reason.item().startswith("does not apply: Force even has no signature")
-    assert averaging.blind_to.item() == "even"
+    assert averaging.neglects.item() == "even"
     assert np.all(np.isnan(averaging.coefficient))
     assert np.isnan(averaging.time_taken)
     blind = "delta, positional (taken for zeta); even"
-    assert of(found, "logarithmic decrement").blind_to.item() == blind
+    assert of(found, "logarithmic decrement").neglects.item() == blind
     assert found.attrs["averaging_cannot_see"] == "even"
 
 

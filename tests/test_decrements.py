@@ -80,16 +80,16 @@ def test_without_noise_its_own_model_is_found(case):
 @pytest.mark.slow
 def test_standard_errors_tell_the_scatter(case):
     run, exact = case.run, case.run.angle
-    pulls, misfits = [], []
+    pulls, birge_ratios = [], []
     for seed in range(SEEDS):
         result = case.method.identify(decay(run.time, exact, seed), FORCES)
         gap, told = errors_of(result, case.truth)
         known = told > 0.0
         pulls.append(gap[known] / told[known])
-        misfits.append(result.misfit.item())
+        birge_ratios.append(result.birge_ratio.item())
     low, high = rms_range(SEEDS)
     assert np.all((rms(pulls) > low) & (rms(pulls) < high))
-    assert 0.9 < np.mean(misfits) < 1.1
+    assert 0.9 < np.mean(birge_ratios) < 1.1
 
 
 def test_symbols_mean_nothing(case):
@@ -217,14 +217,14 @@ def test_the_correction_takes_off_what_averaging_gets_wrong():
     )
 
 
-def test_a_misfit_counts_where_it_is():
+def test_the_birge_ratio_of_an_equation_scales_its_own_errors():
     shifted = paper_run({"zeta": 0.0097, "nu": -0.4}, duration=8.0)
     found = LogarithmicDecrement().identify(shifted.decay(0), FORCES)
-    assert found.frequency_misfit.item() > 50.0
-    assert found.envelope_misfit.item() < 0.1 * found.frequency_misfit.item()
+    assert found.frequency_birge_ratio.item() > 50.0
+    assert found.envelope_birge_ratio.item() < 0.1 * found.frequency_birge_ratio.item()
     own = LogarithmicDecrement().identify(paper_run({"zeta": 0.0097}, duration=8.0).decay(0), FORCES)
     assert found.reference_frequency_standard_error > 50.0 * own.reference_frequency_standard_error
-    assert found.standard_error.item() < 0.2 * found.frequency_misfit.item() * own.standard_error.item()
+    assert found.standard_error.item() < 0.2 * found.frequency_birge_ratio.item() * own.standard_error.item()
 
 
 def test_the_shift_of_the_frequency_stands_what_damps():
@@ -242,7 +242,7 @@ def envelope_only() -> Any:
 def test_what_is_neglected_shows():
     # Quadratic friction passes for negative solid friction and more viscous friction.
     found = envelope_only()
-    assert found.envelope_misfit.item() > 5.0
+    assert found.envelope_birge_ratio.item() > 5.0
     assert found.coefficient.sel(force="lambda").item() < -1e-4
     assert found.coefficient.sel(force="zeta").item() > 0.013
 
@@ -273,5 +273,5 @@ def test_an_elastic_force_passes_for_quadratic_friction_in_wus_decrement(nu):
     found = WuDecrement().identify(run.decay(0), FORCES)
     gap = found.coefficient.sel(force="delta").item() - DAMPED["delta"]
     assert gap == pytest.approx(-2.0 * DAMPED["zeta"] * nu, rel=0.2)
-    assert found.envelope_misfit.item() < 2.0
-    assert found.frequency_misfit.item() > 50.0
+    assert found.envelope_birge_ratio.item() < 2.0
+    assert found.frequency_birge_ratio.item() > 50.0

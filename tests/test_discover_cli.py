@@ -22,8 +22,8 @@ VISCOUS = {"zeta": "2*v"}
 OFFERED = {"drag": "v*abs(v)", "cubic": "x**3", "rubber": "x*abs(x)", "wild": "sqrt(2.25 - x**2)*x"}
 TIME = np.arange(0.0, 8.0, 0.02)
 CHILDREN = {
-    *("record", "disagreement", "disagreement_after", "forecast", "forecast_after", "ranking"),
-    *("steps", "generic", "before", "after", "holdout"),
+    *("record", "discrepancy", "discrepancy_after", "detectability", "detectability_after", "ranking"),
+    *("steps", "omnibus", "before", "after", "holdout"),
 }
 
 
@@ -88,13 +88,13 @@ def test_twin_is_explained_by_its_two_elastic_forces(twin):
 
 
 def test_the_twins_phase_slips_most_at_large_amplitude(twin):
-    attrs, spans = twin[0]["disagreement"].attrs, twin[0]["disagreement"].to_dataset()
+    attrs, spans = twin[0]["discrepancy"].attrs, twin[0]["discrepancy"].to_dataset()
     assert attrs["parts"].split(", ")[0] == "phase"
     assert attrs["where"] == "large amplitude"
     # nu < 0: softer at large amplitude; a mean frequency is then too high there, too low at small ones.
     order = np.argsort(spans.amplitude.values)
     assert spans.frequency_error.values[order[-1]] < 0.0 < spans.frequency_error.values[order[0]]
-    after = twin[0]["disagreement_after"].attrs
+    after = twin[0]["discrepancy_after"].attrs
     assert (after["parts"], after["where"]) == ("", "")
     assert np.isnan(after["departure_time"])
 
@@ -145,7 +145,7 @@ def test_json_follows_the_schema(twin):
         assert sum(likely) <= 1.0 + 1e-3
     assert set(found["model"]["coefficients"]) == set(FIVE)
     assert found["disagreement_after"]["departure_time"] is None
-    assert len(found["disagreement"]["spans"]["time"]) == tree["disagreement"].sizes["span"]
+    assert len(found["disagreement"]["spans"]["time"]) == tree["discrepancy"].sizes["span"]
     assert found["residual"] == pytest.approx(residual_of(tree, "after"))
 
 
@@ -180,7 +180,7 @@ def test_figure_of_the_gap_shows_the_records(twin):
 
 
 def test_disagreement_map_is_blank_without_samples_and_centred(twin):
-    found = twin[0]["disagreement"].to_dataset()
+    found = twin[0]["discrepancy"].to_dataset()
     mesh = plots.disagreement_map(twin[0]).collections[0]
     shown = mesh.get_array()
     blank = np.ma.getmaskarray(shown).T
@@ -194,10 +194,10 @@ def test_disagreement_map_is_blank_without_samples_and_centred(twin):
 def test_errors_of_the_disagreement_map_are_those_of_the_noise(twin, folder, tmp_path):
     small(folder, folder / "plain.csv", "-o", tmp_path / "plain.nc")
     for tree in (twin[0], load(tmp_path / "plain.nc")):
-        found = tree["disagreement_after"].to_dataset()
+        found = tree["discrepancy_after"].to_dataset()
         z = (found.force / found.standard_error).where(found.samples >= 5).values
         assert 0.7 < np.sqrt(np.nanmean(z**2)) < 1.4
-    before = twin[0]["disagreement"].to_dataset()
+    before = twin[0]["discrepancy"].to_dataset()
     beyond = (abs(before.force) > 3.0 * before.standard_error).where(before.samples >= 5, False)
     dots = plots.disagreement_map(twin[0]).lines[0]
     assert len(dots.get_xdata()) == beyond.sum() > 0
@@ -205,16 +205,16 @@ def test_errors_of_the_disagreement_map_are_those_of_the_noise(twin, folder, tmp
 
 def test_ranking_shows_the_scores_with_their_threshold(twin):
     tree = twin[0]
-    for scan in range(tree["ranking"].sizes["scan"]):
+    for scan in range(tree["ranking"].sizes["selection_step"]):
         ax = plots.ranking(tree, scan=scan)
         labels = [text.get_text() for text in ax.get_yticklabels()]
         points = [line for line in ax.lines if line.get_linestyle() == "None"]
-        z = tree["ranking"].z.isel(scan=scan).sel(candidate=labels).values
+        z = tree["ranking"].z.isel(selection_step=scan).sel(candidate=labels).values
         np.testing.assert_allclose([line.get_xdata()[0] for line in points], np.abs(z))
         dashed = next(line for line in ax.lines if line.get_linestyle() == "--")
         assert dashed.get_xdata()[0] == thresholds(tree)[scan]
-        assert labels[:3] == strongest(tree["ranking"].to_dataset().isel(scan=[scan]), 3)
-        assert np.nanmax(np.abs(tree["ranking"].z.isel(scan=scan))) == np.max(np.abs(z))
+        assert labels[:3] == strongest(tree["ranking"].to_dataset().isel(selection_step=[scan]), 3)
+        assert np.nanmax(np.abs(tree["ranking"].z.isel(selection_step=scan))) == np.max(np.abs(z))
     named = [line for line in plots.ranking(tree, scan=0).lines if line.get_marker() == "D"]
     assert len(named) == 1
 
@@ -223,13 +223,13 @@ def test_forecast_shows_the_detectable_strengths(twin):
     tree = twin[0]
     ax = plots.forecast(tree)
     labels = [text.get_text() for text in ax.get_yticklabels()]
-    assert sorted(labels) == sorted(tree["forecast"].candidate.values.tolist())
+    assert sorted(labels) == sorted(tree["detectability"].candidate.values.tolist())
     full = {
         labels[round(line.get_ydata()[0])]: line.get_xdata()[0]
         for line in ax.lines
         if line.get_marker() == "o" and line.get_color() == "0.2"
     }
-    after = tree["forecast_after"].to_dataset()
+    after = tree["detectability_after"].to_dataset()
     for symbol in after.candidate.values.tolist():
         np.testing.assert_equal(full[symbol], after.detectable.sel(candidate=symbol).item())
 
@@ -353,7 +353,7 @@ def test_scores_that_stand_out_though_nothing_was_added_are_told(twin):
         tree = twin[0].copy(deep=True)
         ranking = tree["ranking"].to_dataset()
         place = {
-            "scan": ranking.sizes["scan"] - 1,
+            "selection_step": ranking.sizes["selection_step"] - 1,
             "candidate": ranking.candidate.values.tolist().index("dahl"),
         }
         ranking.z[place], ranking.p_value[place] = 9.0, p_value

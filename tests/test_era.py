@@ -76,10 +76,10 @@ def test_standard_errors_tell_the_scatter(sampling_rate):
         assert np.all((rms(pulls) > low) & (rms(pulls) < high))
 
 
-def test_what_is_not_linear_shows_as_misfit():
+def test_what_is_not_linear_shows_in_the_birge_ratio():
     linear, other = (WindowedERA().identify(paper_run(f).decay(0), FORCES) for f in (LINEAR, FIVE))
-    assert linear.misfit.item() == pytest.approx(1.0, abs=0.4)
-    assert other.misfit.item() > 50.0
+    assert linear.birge_ratio.item() == pytest.approx(1.0, abs=0.4)
+    assert other.birge_ratio.item() > 50.0
     assert other.standard_error > 20.0 * linear.standard_error
     assert "linear oscillator" in other.attrs["assumes"]
 

@@ -20,7 +20,7 @@ from sysid_trib.simulation.simulate import trajectory
 
 FORCES = load_library()
 PER_FORCE = {"coefficient", "standard_error", "covariance", "active", "refers_to"}
-SCALARS = {"reference_frequency", "asymptotic_frequency", "noise", "misfit"}
+SCALARS = {"reference_frequency", "asymptotic_frequency", "noise", "birge_ratio"}
 
 
 def record(**attrs):

@@ -54,9 +54,10 @@ def discover(
     DataTree, of records decimated to some sixty samples a period (attrs `decimated`). attrs: `verdict`
     (`explained`, `unknown effect`, `nothing missing`), `left_out`, `failed_fits`. Groups:
     `record` (`record_1`, ... of several runs) with `simulated_angle(model)` before and after;
-    `disagreement` and `disagreement_after` (see `locate.disagreement`); `forecast` and `forecast_after` (see
-    `forecast`); `ranking` of the candidates before each step; `steps`, the effects added; `before` and
-    `after`, the identifications; `generic`, the tests that know no candidate; `holdout` over the stages.
+    `discrepancy` and `discrepancy_after`, where model and record differ (see `demodulation.disagreement`);
+    `detectability` and `detectability_after`; `ranking` of the candidates at each selection step; `steps`,
+    the effects added; `before` and `after`, the identifications; `omnibus`, the tests that know no candidate;
+    `holdout` over the models; of several runs `homogeneity`, whether they differ.
 
     Raises
     ------

@@ -40,11 +40,11 @@ def homogeneity(models: Sequence[Baseline]) -> xr.Dataset:
     gain, freedom, most = zip(*rows, strict=True)
     return xr.Dataset(
         {
-            "chi_square": ("stage", list(gain), {"units": "1", "long_name": "explained by runs that differ"}),
-            "degrees_of_freedom": ("stage", list(freedom), {"units": "1"}),
-            "p_value": ("stage", chi2.sf(gain, freedom), {"units": "1", "long_name": "chance of more"}),
-            "most": ("stage", list(most), {"long_name": "unknown that differs most"}),
-            "gain": ("stage", [*gains, np.nan], {"units": "1", "long_name": "explained by the next effect"}),
+            "chi_square": ("model", list(gain), {"units": "1", "long_name": "explained by runs that differ"}),
+            "degrees_of_freedom": ("model", list(freedom), {"units": "1"}),
+            "p_value": ("model", chi2.sf(gain, freedom), {"units": "1", "long_name": "chance of more"}),
+            "most": ("model", list(most), {"long_name": "unknown that differs most"}),
+            "gain": ("model", [*gains, np.nan], {"units": "1", "long_name": "explained by the next effect"}),
         }
     )
 

@@ -130,15 +130,15 @@ def labelled(model: Baseline, runs: Sequence[xr.Dataset]) -> xr.Dataset:
 
     problem, unknown = model.problem, model.unknown
     count, named = len(problem.library), len(problem.names)
-    misfit = np.sqrt(model.chi_square / max(1, len(model.residual) - len(unknown)))
-    spread = model.covariance * max(1.0, misfit) ** 2
+    birge_ratio = np.sqrt(model.chi_square / max(1, len(model.residual) - len(unknown)))
+    spread = model.covariance * max(1.0, birge_ratio) ** 2
     keep = [*range(count), *([named] if problem.free else [])]
     covariance = np.zeros((count + 1, count + 1))
     covariance[np.ix_(range(len(keep)), range(len(keep)))] = spread[np.ix_(keep, keep)]
     own = problem.own(unknown)
     levels = [noise.level for noise in model.noises]
     extra = {
-        "misfit": (misfit, "1", "RMS of the whitened residual over the noise"),
+        "birge_ratio": (birge_ratio, "1", "RMS of the whitened residual over the noise"),
         **run_noise(levels),
         **start_variables([(angle, rate) for angle, rate, _ in own], own[:, 2]),
     }

@@ -55,18 +55,18 @@ def groups_of(
     groups: dict[str, xr.Dataset] = dict(
         zip(group_names("record", len(runs)), _records(runs, ends), strict=True)
     )
-    groups["disagreement"] = disagreement(first.before, first.references)
-    groups["disagreement_after"] = disagreement(last.before, last.references)
-    groups["forecast"] = detectability(first.found)
-    groups["forecast_after"] = detectability(last.found)
+    groups["discrepancy"] = disagreement(first.before, first.references)
+    groups["discrepancy_after"] = disagreement(last.before, last.references)
+    groups["detectability"] = detectability(first.found)
+    groups["detectability_after"] = detectability(last.found)
     groups["ranking"] = _ranking(found, offered)
     groups["steps"] = _steps(found, stages)
-    groups["generic"] = _generic(found)
+    groups["omnibus"] = _generic(found)
     groups["before"] = labelled(stages.models[0], runs)
     groups["after"] = labelled(stages.models[-1], runs)
     groups["holdout"] = _holdout(stages)
     if len(runs) > 1:
-        groups["run_differences"] = homogeneity(stages.models)
+        groups["homogeneity"] = homogeneity(stages.models)
     return groups
 
 
@@ -100,7 +100,7 @@ def _ranking(found: Search, offered: ForceLibrary) -> xr.Dataset:
             if not scores.reasons[at]:
                 z[i, j], p_value[i, j] = scores.z[at], scores.p_values[at]
                 coefficient[i, j] = scores.z[at] / scores.size[at]
-    dims = ("scan", "candidate")
+    dims = ("selection_step", "candidate")
     tests = [scan.found.tests for scan in found.scans]
     return xr.Dataset(
         {
@@ -113,7 +113,11 @@ def _ranking(found: Search, offered: ForceLibrary) -> xr.Dataset:
             ),
             "shapes": (dims, shapes.astype(str), {"long_name": "shape parameters"}),
             "reason": (dims, reasons.astype(str), {"long_name": "why it is not ranked"}),
-            "independent_tests": ("scan", tests, {"units": "1", "long_name": "number of independent tests"}),
+            "independent_tests": (
+                "selection_step",
+                tests,
+                {"units": "1", "long_name": "number of independent tests"},
+            ),
         },
         {
             "candidate": symbols,
@@ -193,10 +197,18 @@ def _generic(found: Search) -> xr.Dataset:
     generic = [scan.generic for scan in found.scans]
     return xr.Dataset(
         {
-            "z": (("scan", "shape"), np.stack([g.z for g in generic]), {"units": "1", "long_name": "score"}),
-            "p_value": ("scan", [g.p_value for g in generic], {"units": "1", "long_name": "chance of more"}),
+            "z": (
+                ("selection_step", "trial_force"),
+                np.stack([g.z for g in generic]),
+                {"units": "1", "long_name": "score"},
+            ),
+            "p_value": (
+                "selection_step",
+                [g.p_value for g in generic],
+                {"units": "1", "long_name": "chance of more"},
+            ),
         },
-        {"shape": list(generic[0].names)},
+        {"trial_force": list(generic[0].names)},
     )
 
 
@@ -205,10 +217,10 @@ def _holdout(stages: ModelSequence) -> xr.Dataset:
     above = stages.holdout**2 - noise**2
     return xr.Dataset(
         {
-            "rms": ("stage", stages.holdout, {"units": "rad", "long_name": "RMS of what is predicted"}),
+            "rms": ("model", stages.holdout, {"units": "rad", "long_name": "RMS of what is predicted"}),
             "noise": ((), noise, {"units": "rad", "long_name": "noise of a sample"}),
             "gap_above_noise": (
-                "stage",
+                "model",
                 above / above[0] if above[0] > 0.0 else np.full(len(above), np.nan),
                 {"units": "1", "long_name": "squared gap above the noise, over the start model's"},
             ),

@@ -73,15 +73,15 @@ class Averaging:
         if self.frequency == "last" and len(runs) > 1:
             raise UsageError("frequency='last' is a rule for one record; take 'fit' for several runs.")
         found = _first_order(self, [run.measured for run in runs], asked)
-        values, corrected, misfit = found.values, "no", found.misfit
+        values, corrected, birge_ratio = found.values, "no", found.birge_ratio
         if self.correct:
-            values, corrected, misfit = _corrected(self, runs, asked, found)
+            values, corrected, birge_ratio = _corrected(self, runs, asked, found)
         noises = [float(run.measured.noise) for run in runs]
         extra: dict[str, tuple[ArrayLike, str, str]] = {
-            "misfit": (misfit, "1", "RMS of the averaged equations' residual over its error"),
+            "birge_ratio": (birge_ratio, "1", "Birge ratio of the averaged equations"),
             **run_noise(noises),
         }
-        spread = found.covariance * max(1.0, misfit) ** 2
+        spread = found.covariance * max(1.0, birge_ratio) ** 2
         noise = root_mean_square(noises)
         estimate = Estimate(values[:-1], spread, float(values[-1]), noise, extra)
         result = identification(self, decay, asked, estimate, offered=library)
@@ -116,12 +116,12 @@ class _Averaged:
     freedom: int
 
     @property
-    def misfit(self) -> float:
+    def birge_ratio(self) -> float:
         """RMS of the residual."""
-        return _misfit(self.residuals, self.freedom)
+        return _birge_ratio(self.residuals, self.freedom)
 
 
-def _misfit(residuals: Sequence[Array], freedom: int) -> float:
+def _birge_ratio(residuals: Sequence[Array], freedom: int) -> float:
     return float(np.sqrt(sum(float(r @ r) for r in residuals) / freedom))
 
 
@@ -210,9 +210,9 @@ def _measured(method: Averaging, decay: xr.Dataset) -> xr.Dataset:
 def _corrected(
     method: Averaging, runs: Sequence[_Run], library: ForceLibrary, found: _Averaged
 ) -> tuple[Array, str, float]:
-    """Values whose simulated motions, averaged in the same way, give what the records gave; their misfit."""
+    """Values whose simulated motions, averaged alike, give what the records gave, and the Birge ratio."""
     values = found.values
-    errors = np.sqrt(np.diag(found.covariance)) * max(1.0, found.misfit) + 1e-300
+    errors = np.sqrt(np.diag(found.covariance)) * max(1.0, found.birge_ratio) + 1e-300
     frequency = float(values[-1])
     starts = [first_guess(*_first_swings(run.decay, frequency), frequency) for run in runs]
     for _ in range(MAX_CORRECTIONS):
@@ -223,7 +223,7 @@ def _corrected(
             ]
             again = _first_order(method, moving, library)
         except SysidTribError as error:
-            return found.values, f"no: {error}", found.misfit
+            return found.values, f"no: {error}", found.birge_ratio
         step = found.values - again.values
         if method.reference_frequency is not None:
             step[-1] = 0.0
@@ -232,8 +232,8 @@ def _corrected(
             # What half-sines and first order leave is in the simulation as well.
             pairs = zip(found.residuals, again.residuals, strict=True)
             gaps = [one[: len(two)] - two[: len(one)] for one, two in pairs]
-            return values, "yes", _misfit(gaps, found.freedom)
-    return found.values, "no: the correction did not settle", found.misfit
+            return values, "yes", _birge_ratio(gaps, found.freedom)
+    return found.values, "no: the correction did not settle", found.birge_ratio
 
 
 def _first_swings(decay: xr.Dataset, frequency: float) -> tuple[Array, Array]:

@@ -69,10 +69,10 @@ def identified(
 def labelled(
     method: Any, decay: xr.Dataset, asked: ForceLibrary, found: Found, offered: ForceLibrary
 ) -> xr.Dataset:
-    """The identification of what was found, with its bias, its misfits and what the method assumes."""
-    extra = {"misfit": (found.misfit, "1", "RMS of the equations' residual over its error")}
-    for group, value in found.misfits.items():
-        extra[f"{group}_misfit"] = (value, "1", f"the same of the {group}'s equations alone")
+    """The identification of what was found, with its bias, its Birge ratios and what the method assumes."""
+    extra = {"birge_ratio": (found.birge_ratio, "1", "Birge ratio of the equations")}
+    for group, value in found.birge_ratios.items():
+        extra[f"{group}_birge_ratio"] = (value, "1", f"Birge ratio of the {group}'s equations alone")
     estimate = Estimate(found.values[:-1], found.covariance, float(found.values[-1]), found.noise, extra)
     result = identification(method, decay, asked, estimate, offered=offered)
     result["first_order_bias"] = (

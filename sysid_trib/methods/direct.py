@@ -90,10 +90,10 @@ class Direct:
         Returns
         -------
         Dataset (see `identify`); a force that was not kept has `active` False, coefficient 0 and the standard
-        error it would have had. Besides: `misfit`, the in-band residual over the noise; `start_angle` (rad),
-        `start_rate` (rad/s) and `offset` (rad) of the model's motion, `(run)` where there are several. attrs:
-        `refined`, whether the columns are from that motion; `correlation_lags`, over which the errors allow
-        for correlation.
+        error it would have had. Besides: `birge_ratio`, the in-band residual over the noise; `start_angle`
+        (rad), `start_rate` (rad/s) and `offset` (rad) of the model's motion, `(run)` where there are several.
+        attrs: `refined`, whether the columns are from that motion; `correlation_lags`, over which the errors
+        allow for correlation.
 
         Raises
         ------
@@ -114,7 +114,7 @@ class Direct:
         noise = root_mean_square(noises)
         guesses = [run.guess for run in runs]
         extra: dict[str, tuple[ArrayLike, str, str]] = {
-            "misfit": (in_band / noise, "1", "in-band residual over the noise of the record"),
+            "birge_ratio": (in_band / noise, "1", "in-band residual over the noise of the record"),
             **run_noise(noises),
             **start_variables([guess.start for guess in guesses], [guess.offset for guess in guesses]),
         }

@@ -134,15 +134,15 @@ def _limit(found: Found) -> tuple[float, float]:
 
 
 def _without_damping(found: Found, count: int) -> Found:
-    """What was found of the `count` conservative forces and the frequency, with their misfit."""
+    """What was found of the `count` conservative forces and the frequency, with their Birge ratio."""
     keep = np.array([*range(count), -1])
     return replace(
         found,
         values=found.values[keep],
         bias=found.bias[keep],
         covariance=found.covariance[np.ix_(keep, keep)],
-        misfits={"frequency": found.misfits["frequency"]},
-        misfit=found.misfits["frequency"],
+        birge_ratios={"frequency": found.birge_ratios["frequency"]},
+        birge_ratio=found.birge_ratios["frequency"],
     )
 
 

@@ -41,16 +41,16 @@ class Law:
 class Found:
     """Values of a law, what was taken off them, and how far the half periods are from it.
 
-    `told` : `yes`, or `no` and why. `misfits` : of each group of equations, RMS of the residual over its
-    error, which scales the errors of the group's unknowns; `misfit` : of all.
+    `told` : `yes`, or `no` and why. `birge_ratios` : of each group of equations, RMS of the residual over its
+    error, which scales the errors of the group's unknowns; `birge_ratio` : of all.
     """
 
     values: Array
     bias: Array
     covariance: Array
     noise: float
-    misfits: Mapping[str, float]
-    misfit: float
+    birge_ratios: Mapping[str, float]
+    birge_ratio: float
     told: str
 
 
@@ -72,18 +72,18 @@ def find(law: Law, decay: xr.Dataset, correct: bool) -> Found:
             told = f"no: {error}"
     squares = [part.chi_square(residual) for part, residual in gaps]
     freedom = [part.freedom for part, _ in gaps]
-    misfits = [float(np.sqrt(s / f)) for s, f in zip(squares, freedom, strict=True)]
-    spread = _covariance(law, first, misfits)
-    named = dict(zip(law.equations, misfits, strict=True))
+    birge_ratios = [float(np.sqrt(s / f)) for s, f in zip(squares, freedom, strict=True)]
+    spread = _covariance(law, first, birge_ratios)
+    named = dict(zip(law.equations, birge_ratios, strict=True))
     total = float(np.sqrt(sum(squares) / sum(freedom)))
     return Found(values, raw - values, spread, float(measured.noise), named, total, told)
 
 
-def _covariance(law: Law, parts: list[Solution], misfits: Sequence[float]) -> Array:
-    """Of the values: groups share the errors of half periods, each is scaled by its own misfit."""
+def _covariance(law: Law, parts: list[Solution], birge_ratios: Sequence[float]) -> Array:
+    """Of the values: groups share the errors of half periods, each is scaled by its own Birge ratio."""
     unknown = np.concatenate([part.unknown for part in parts])
     influence = np.concatenate(
-        [part.influence * max(1.0, misfit) for part, misfit in zip(parts, misfits, strict=True)]
+        [part.influence * max(1.0, ratio) for part, ratio in zip(parts, birge_ratios, strict=True)]
     )
     steps = 1e-3 * np.linalg.norm(influence, axis=1) + 1e-300
     steps = np.clip(steps, 1e-7 * np.abs(unknown), None)
@@ -111,7 +111,7 @@ def _corrected(
         step = found - law.values(np.concatenate([solution.unknown for solution in again]))
         values = values + step
         if np.all(np.abs(step) < small):
-            # What half-sines and law leave of a motion that is the law's own is no misfit.
+            # What half-sines and law leave of a motion that is the law's own is no departure from it.
             return values, [
                 (new, old.residual[: len(new.residual)] - new.residual)
                 for old, new in zip(first, again, strict=True)

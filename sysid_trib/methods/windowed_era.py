@@ -48,10 +48,12 @@ class WindowedERA:
         decay = one_record(decay, "Windowed ERA")
         asked = library.select([needed(library, "2*v", "Windowed ERA").symbol])
         windows = fit_windows(decay)
-        values, influence, misfits = zip(*(_mean(windows, *part) for part in _linear(windows)), strict=True)
-        scaled = np.stack(influence) * np.maximum(1.0, misfits)[:, None]
-        misfit = float(np.sqrt(np.mean(np.square(misfits))))
-        extra = {"misfit": (misfit, "1", "RMS of the windows' differences over their errors")}
+        values, influence, birge_ratios = zip(
+            *(_mean(windows, *part) for part in _linear(windows)), strict=True
+        )
+        scaled = np.stack(influence) * np.maximum(1.0, birge_ratios)[:, None]
+        birge_ratio = float(np.sqrt(np.mean(np.square(birge_ratios))))
+        extra = {"birge_ratio": (birge_ratio, "1", "RMS of the windows' differences over their errors")}
         estimate = Estimate(
             np.array(values[:1]), scaled @ scaled.T, float(values[1]), windows.sample_noise, extra
         )
@@ -74,5 +76,5 @@ def _mean(windows: Windows, value: Array, influence: sp.csr_matrix) -> tuple[flo
     variance = windows.noise**2 * np.asarray(influence.multiply(influence).sum(axis=1)).ravel()
     weight = (1.0 / variance) / np.sum(1.0 / variance)
     mean = float(weight @ value)
-    misfit = np.sqrt(np.sum((value - mean) ** 2 / variance) / (len(value) - 1))
-    return mean, windows.noise * (influence.T @ weight), float(misfit)
+    birge_ratio = np.sqrt(np.sum((value - mean) ** 2 / variance) / (len(value) - 1))
+    return mean, windows.noise * (influence.T @ weight), float(birge_ratio)

@@ -30,7 +30,7 @@ class WuDecrement:
     forces c_p |v|^p sign(v), |X_i| - |X_i+1| = sum of c_p B_p a^p, B_p the integral of sin^(p+1) over half a
     period: 2 lambda + pi zeta a + (4/3) delta a^2. All powers are unknowns at once. An elastic force
     nu x |x|, by which half periods last longer or shorter with the amplitude, passes for a delta of about
-    -2 zeta nu; `frequency_misfit` shows it, the envelope does not.
+    -2 zeta nu; `frequency_birge_ratio` shows it, the envelope does not.
     """
 
     ASSUMES: ClassVar[str] = "solid friction, powers of the speed and a linear spring, nothing else"

@@ -108,7 +108,7 @@ def _mapped(tree: xr.DataTree, ax: "Axes", after: bool) -> "QuadMesh":
 
 def missing_force(tree: xr.DataTree, *, after: bool) -> tuple[xr.DataArray, xr.DataArray, float]:
     """Force that the gap asks for (over I w^2, mrad, nan of few samples), its error, where colours end."""
-    before, found = (tree[name].to_dataset() for name in ("disagreement", "disagreement_after"))
+    before, found = (tree[name].to_dataset() for name in ("discrepancy", "discrepancy_after"))
     kept = np.abs(before.force.values[before.samples.values >= FEW])
     limit = 1e3 * float(np.percentile(kept[np.isfinite(kept)], WITHIN)) if np.isfinite(kept).any() else 1.0
     shown = found if after else before

@@ -59,8 +59,8 @@ def ranking(tree: xr.DataTree, ax: "Axes | None" = None, scan: int = 0) -> "Axes
     """
     ax = axes(ax)
     found = tree["ranking"].to_dataset()
-    scan %= found.sizes["scan"]
-    one = found.isel(scan=[scan])
+    scan %= found.sizes["selection_step"]
+    one = found.isel(selection_step=[scan])
     named, tied = marked(tree, scan)
     chosen = strongest(one, BEST)
     # Those marked are shown, wherever they rank.
@@ -103,7 +103,7 @@ def forecasts(tree: xr.DataTree) -> "Figure":
     """
     from matplotlib.figure import Figure
 
-    rows = tree["forecast"].sizes["candidate"]
+    rows = tree["detectability"].sizes["candidate"]
     figure = Figure(figsize=(7.2, MARGIN + 0.155 * rows), layout="constrained")
     forecast(tree, figure.subplots())
     return figure
@@ -117,7 +117,7 @@ def forecast(tree: xr.DataTree, ax: "Axes | None" = None) -> "Axes":
     tree : result of `discover`.
     """
     ax = axes(ax)
-    first, last = (tree[name].to_dataset() for name in ("forecast", "forecast_after"))
+    first, last = (tree[name].to_dataset() for name in ("detectability", "detectability_after"))
     symbols = by_family(first)
     for row, symbol in enumerate(symbols):
         pair = [
@@ -169,19 +169,19 @@ def _families(ax: "Axes", found: xr.Dataset, symbols: list[str]) -> None:
 
 def shown_scans(tree: xr.DataTree) -> list[int]:
     """The scan before each step, and the last; those of exchanged effects are left out."""
-    count, scans = tree["steps"].attrs["count"], tree["ranking"].sizes["scan"]
+    count, scans = tree["steps"].attrs["count"], tree["ranking"].sizes["selection_step"]
     return list(dict.fromkeys([*range(min(count, scans - 1)), scans - 1]))
 
 
 def scan_title(tree: xr.DataTree, scan: int) -> str:
     """When a scan was made."""
-    last = tree["ranking"].sizes["scan"] - 1
+    last = tree["ranking"].sizes["selection_step"] - 1
     return "at the end" if scan == last else f"before step {scan + 1}"
 
 
 def marked(tree: xr.DataTree, scan: int) -> tuple[str, list[str]]:
     """The effect that the step after a scan names, and its twins."""
-    if scan >= min(tree["steps"].attrs["count"], tree["ranking"].sizes["scan"] - 1):
+    if scan >= min(tree["steps"].attrs["count"], tree["ranking"].sizes["selection_step"] - 1):
         return "", []
     named, *tied = tree["steps"].isel(step=scan).ties.item().split("; ")
     return named, tied

@@ -28,7 +28,15 @@ QUALITY = (
     "RMS of record minus simulated model: of the whole record; identified from its first two thirds (train), "
     "of these and of the last third (held out)"
 )
-TEXTS = ("reason", "bias", "sees", "blind_to", "cannot_tell_apart", "assumes")
+# Keys of the JSON, and the variables of the comparison.
+TEXTS = {
+    "reason": "reason",
+    "bias": "bias",
+    "sees": "identifies",
+    "blind_to": "neglects",
+    "cannot_tell_apart": "cannot_tell_apart",
+    "assumes": "assumes",
+}
 
 
 def comparison_tables(tree: xr.DataTree) -> dict[str, "Table"]:
@@ -81,7 +89,7 @@ def quality_table(tree: xr.DataTree) -> "Table":
     remarks = []
     for label in found.method.values.tolist():
         one = found.sel({"method": label})
-        blind = f"blind to {one.blind_to.item()}" if one.blind_to.item() else ""
+        blind = f"blind to {one.neglects.item()}" if one.neglects.item() else ""
         remarks.append("; ".join(filter(None, (one.reason.item(), one.bias.item(), blind))))
     numbers = {
         "all/noise": (found.residual_over_noise, _ratio),
@@ -139,7 +147,11 @@ def comparison_json(tree: xr.DataTree) -> dict[str, Any]:
         frequencies = ("reference_frequency", "asymptotic_frequency")
         names = [*frequencies, *(f"{k}_standard_error" for k in frequencies), "asymptotic_frequency_z"]
         numbers = {name: number(one[name].item()) for name in (*names, *PER_METHOD)}
-        methods[label] = {"coefficients": coefficients, **numbers, **{k: one[k].item() for k in TEXTS}}
+        methods[label] = {
+            "coefficients": coefficients,
+            **numbers,
+            **{k: one[name].item() for k, name in TEXTS.items()},
+        }
     records = [
         {k: v for k, v in tree[group].attrs.items() if isinstance(v, str | int | float)}
         for group in record_groups(tree)
@@ -261,7 +273,7 @@ def _disagreements(found: xr.Dataset) -> list[str]:
         z[FREQUENCY] = one.asymptotic_frequency_z.item()
         far = ", ".join(k for k, value in z.items() if abs(value) > APART)
         if far:
-            cause = "neglect" if one.blind_to.item() else "bias" if one.bias.item() else "form"
+            cause = "neglect" if one.neglects.item() else "bias" if one.bias.item() else "form"
             causes[cause].append(f"{label} ({far})")
     sentences = {
         "neglect": "probably because they neglect forces, which others then stand for (see remarks)",

@@ -74,7 +74,10 @@ def _own_told(tree: xr.DataTree) -> str:
 
 def closest(tree: xr.DataTree) -> xr.Dataset:
     """Candidates after the last scan that can be tested, by |z|, with the strength detectable."""
-    last, forecast = tree["ranking"].to_dataset().isel(scan=-1), tree["forecast_after"].to_dataset()
+    last, forecast = (
+        tree["ranking"].to_dataset().isel(selection_step=-1),
+        tree["detectability_after"].to_dataset(),
+    )
     scored = last.candidate.values[np.isfinite(last.z.values)]
     shown = forecast.sel(candidate=[s for s in scored if s in forecast.candidate])
     z = last.z.sel(candidate=shown.candidate)
@@ -102,7 +105,7 @@ def _closest_told(tree: xr.DataTree) -> str:
 
 
 def _ties_told(tree: xr.DataTree) -> list[str]:
-    forecast = tree["forecast_after"].to_dataset()
+    forecast = tree["detectability_after"].to_dataset()
     pairs = zip(forecast.candidate.values.tolist(), forecast.tied_with.values.tolist(), strict=True)
     groups: list[list[str]] = []
     for symbol, ties in pairs:
@@ -117,7 +120,7 @@ def _ties_told(tree: xr.DataTree) -> list[str]:
 
 
 def _untestable_told(tree: xr.DataTree) -> list[str]:
-    found = tree["forecast_after"].to_dataset()
+    found = tree["detectability_after"].to_dataset()
     by_reason: dict[str, list[str]] = {}
     for symbol, reason in zip(found.candidate.values.tolist(), found.reason.values.tolist(), strict=True):
         if reason:

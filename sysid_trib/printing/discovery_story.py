@@ -38,7 +38,7 @@ def _start_told(tree: xr.DataTree) -> list[str]:
         f"The start model ({forces}) leaves {in_mrad(gap)} (RMS): {times_noise(gap, noise)} "
         f"of {in_mrad(noise)}."
     ]
-    return told + residual_sentences(tree, "disagreement")
+    return told + residual_sentences(tree, "discrepancy")
 
 
 def _step_told(tree: xr.DataTree, at: int) -> list[str]:
@@ -143,7 +143,7 @@ def _quiet(tree: xr.DataTree, candidates: str) -> tuple[str, list[str]]:
 
 def _high_by_chance(tree: xr.DataTree) -> list[str]:
     """Candidates above the threshold of one test each that are looked for at many frequencies."""
-    last, limit = tree["ranking"].to_dataset().isel(scan=-1), thresholds(tree)[-1]
+    last, limit = tree["ranking"].to_dataset().isel(selection_step=-1), thresholds(tree)[-1]
     high = last.isel(candidate=(abs(last.z.values) > limit) & (last.p_value.values >= _level(tree)))
     if not high.sizes["candidate"]:
         return []
@@ -154,7 +154,7 @@ def _high_by_chance(tree: xr.DataTree) -> list[str]:
 
 def _unknown(tree: xr.DataTree) -> list[str]:
     gap, noise = residual_of(tree, "after"), noise_of(tree)
-    generic = tree["generic"].to_dataset().isel(scan=-1)
+    generic = tree["omnibus"].to_dataset().isel(selection_step=-1)
     flagged = generic.p_value.item() < _level(tree)
     leaning = " and ".join(_leaning(tree))
     cancel = "nearly cancel others of the model, and so may imitate a force that is not among the candidates."
@@ -162,13 +162,15 @@ def _unknown(tree: xr.DataTree) -> list[str]:
         told = [
             f"Unknown effect: something is left that was not named; the gap is {times_noise(gap, noise)}."
         ]
-        told += residual_sentences(tree, "disagreement_after")
+        told += residual_sentences(tree, "discrepancy_after")
         told += [f"Of the effects that were added, {leaning} {cancel}"] if leaning else []
     else:
         told = [f"Unknown effect: the gap is {times_noise(gap, noise)}, but {leaning} {cancel}"]
     if flagged:
         order = np.argsort(-np.abs(generic.z.values))[:MOST]
-        shapes = ", ".join(f"{generic['shape'].values[i]} (z = {generic.z.values[i]:.3g})" for i in order)
+        shapes = ", ".join(
+            f"{generic['trial_force'].values[i]} (z = {generic.z.values[i]:.3g})" for i in order
+        )
         told.append(
             f"Generic forces of amplitude r and phase phi that it resembles: {shapes}; chance that nothing "
             f"is left {p_value_text(generic.p_value.item())}."
@@ -178,7 +180,7 @@ def _unknown(tree: xr.DataTree) -> list[str]:
 
 def _nearest_told(tree: xr.DataTree) -> list[str]:
     """Candidates whose scores stand out at the end, and why none was added."""
-    last = tree["ranking"].to_dataset().isel(scan=-1)
+    last = tree["ranking"].to_dataset().isel(selection_step=-1)
     strong = np.flatnonzero(last.p_value.values < _level(tree))
     if not len(strong):
         return []

@@ -27,9 +27,9 @@ def ranking_table(tree: xr.DataTree) -> "Table":
     """|z| of named and best candidates before each step and after the last; those in the model have none."""
     found = tree["ranking"].to_dataset()
     named = [symbol for symbol in added(tree) if symbol in found.candidate]
-    last = strongest(found.isel(scan=[-1]), LAST)
+    last = strongest(found.isel(selection_step=[-1]), LAST)
     chosen = list(dict.fromkeys([*named, *strongest(found, ROWS), *last]))
-    count = found.sizes["scan"]
+    count = found.sizes["selection_step"]
     heads = ["candidate", "name", *(f"step {at + 1}" for at in range(count - 1)), "end"]
     rows = []
     for symbol in chosen:
@@ -62,18 +62,18 @@ def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
         {k: v for k, v in tree[group].attrs.items() if isinstance(v, str | int | float)}
         for group in record_groups(tree)
     ]
-    held, generic = tree["holdout"].to_dataset(), tree["generic"].to_dataset()
-    forecast = tree["forecast_after"].to_dataset()
+    held, generic = tree["holdout"].to_dataset(), tree["omnibus"].to_dataset()
+    forecast = tree["detectability_after"].to_dataset()
     found: dict[str, Any] = {
         "record": records[0],
-        "disagreement": _disagreement(tree["disagreement"].to_dataset()),
+        "disagreement": _disagreement(tree["discrepancy"].to_dataset()),
         "steps": [_step(tree, at) for at in range(tree["steps"].attrs["count"])],
         "verdict": tree.attrs["verdict"],
         "noise": number(noise_of(tree)),
         "residual": number(residual_of(tree, "after")),
         "model": _model(tree["after"].to_dataset()),
         "start_model": _model(tree["before"].to_dataset()),
-        "disagreement_after": _disagreement(tree["disagreement_after"].to_dataset()),
+        "disagreement_after": _disagreement(tree["discrepancy_after"].to_dataset()),
         "holdout": {
             "what": tree.attrs["held_out"],
             "rms": [number(x) for x in held.rms.values.tolist()],

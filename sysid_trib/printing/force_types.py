@@ -29,11 +29,13 @@ def force_type_sentence(tree: xr.DataTree, scan: int) -> str:
     A fit trades phase for amplitude where the frequency depends on amplitude, so that the gap itself does not
     tell the type; scores do, as they leave out what the model's unknowns can do.
     """
-    generic = tree["generic"].to_dataset().isel(scan=scan)
+    generic = tree["omnibus"].to_dataset().isel(selection_step=scan)
     if generic.p_value.item() >= float(json.loads(tree.attrs["options"])["level"]):
         return ""
     best: dict[str, float] = {}
-    for name, z in zip(generic["shape"].values.tolist(), np.abs(generic.z.values).tolist(), strict=True):
+    for name, z in zip(
+        generic["trial_force"].values.tolist(), np.abs(generic.z.values).tolist(), strict=True
+    ):
         kind = _kind_of(name)
         best[kind] = max(best.get(kind, 0.0), z)
     ordered = sorted(best, key=lambda kind: -best[kind])

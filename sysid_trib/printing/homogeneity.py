@@ -7,14 +7,14 @@ import xarray as xr
 from sysid_trib.printing.layout import number, p_value_text
 from sysid_trib.printing.runs import DIFFERENT
 
-GROUP = "run_differences"
+GROUP = "homogeneity"
 
 
 def step_heterogeneity_sentences(tree: xr.DataTree, at: int) -> list[str]:
     """That runs which differ would explain as much as the effect of a step."""
     if GROUP not in tree.children:
         return []
-    before = tree[GROUP].to_dataset().isel(stage=at)
+    before = tree[GROUP].to_dataset().isel(model=at)
     if before.chi_square < before.gain:
         return []
     return [
@@ -28,7 +28,7 @@ def heterogeneity_sentences(tree: xr.DataTree, level: float) -> list[str]:
     """That the final model does not hold for all runs."""
     if GROUP not in tree.children:
         return []
-    last = tree[GROUP].to_dataset().isel(stage=-1)
+    last = tree[GROUP].to_dataset().isel(model=-1)
     found = (
         f"chi-square {last.chi_square.item():.3g} for {last.degrees_of_freedom.item()} differences, "
         f"p {p_value_text(last.p_value.item())}"
@@ -44,7 +44,7 @@ def homogeneity_json(tree: xr.DataTree) -> dict[str, Any]:
         return {}
     columns = tree[GROUP].to_dataset().data_vars.items()
     return {
-        GROUP: {
+        "run_differences": {
             str(name): [number(x) if isinstance(x, float) else x for x in column.values.tolist()]
             for name, column in columns
         }

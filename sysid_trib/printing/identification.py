@@ -150,7 +150,8 @@ def identification_json(tree: xr.DataTree, inertia: float | None = None) -> dict
         }
         scalars = ("reference_frequency", "asymptotic_frequency")
         errors = {f"{k}_standard_error": number(result[f"{k}_standard_error"].item()) for k in scalars}
-        values = {k: number(result[k].item()) for k in (*scalars, "noise", "misfit")}
+        values = {k: number(result[k].item()) for k in (*scalars, "noise")}
+        values["misfit"] = number(result.birge_ratio.item())
         methods[name] = {"coefficients": coefficients, **values, **errors}
     per_force = {
         quantity: {

@@ -42,7 +42,7 @@ def _map(tree: xr.DataTree, after: bool) -> "figure":
     there = np.isfinite(force.values)
     made = drawing.panel("angle (rad)", "rate over w (rad)", height=380)
     # Both maps over the same angles and rates.
-    reach = 1.1 * max(float(tree[name].x.max()) for name in ("disagreement", "disagreement_after"))
+    reach = 1.1 * max(float(tree[name].x.max()) for name in ("discrepancy", "discrepancy_after"))
     made.x_range, made.y_range = Range1d(-reach, reach), Range1d(-reach, reach)
     made.title.text = f"{'after' if after else 'before'}: missing f in θ″ + w²θ = -w²f (mrad)"
     made.title.text_font_style, made.title.text_font_size, made.title.text_font = (
@@ -75,8 +75,8 @@ def _map(tree: xr.DataTree, after: bool) -> "figure":
 
 def _ranking(tree: xr.DataTree, scan: int) -> "figure":
     found = tree["ranking"].to_dataset()
-    one = found.isel(scan=[scan % found.sizes["scan"]])
-    z = abs(one.z.isel(scan=0))
+    one = found.isel(selection_step=[scan % found.sizes["selection_step"]])
+    z = abs(one.z.isel(selection_step=0))
     named, tied = marked(tree, scan)
     chosen = strongest(one, BEST)
     # Those marked are shown, wherever they rank.
@@ -99,7 +99,7 @@ def _ranking(tree: xr.DataTree, scan: int) -> "figure":
     for kind, (color, marker, hollow) in KINDS.items():
         members = [s for s in chosen if _kind(s, named, tied) == kind]
         if members:
-            _scores(made, one.isel(scan=0).sel(candidate=members), left, color, marker, hollow)
+            _scores(made, one.isel(selection_step=0).sel(candidate=members), left, color, marker, hollow)
     drawing.threshold(made, limit)
     return made
 
@@ -121,7 +121,7 @@ def _scores(on: "figure", found: xr.Dataset, left: float, color: str, marker: st
 
 def forecast_panel(tree: xr.DataTree) -> Panel:
     """Smallest coefficient that the record would show, of each candidate; effects found beside it."""
-    first, last = (tree[name].to_dataset() for name in ("forecast", "forecast_after"))
+    first, last = (tree[name].to_dataset() for name in ("detectability", "detectability_after"))
     symbols = by_family(first)
     made = drawing.panel(
         "detectable coefficient (own unit)",

@@ -90,7 +90,7 @@ def compare(
     `method`: `reference_frequency`, `asymptotic_frequency` (rad/s) with errors, `asymptotic_frequency_z`;
     `residual_rms`, `train_rms`, `holdout_rms` (rad) and each over the noise; `phase_error` (rad);
     `holdout_p_value`, the chance of predicting so much worse than the best; `time_taken` (s); and the texts
-    `reason`, `bias`, `sees`, `blind_to`, `cannot_tell_apart`, `assumes`. Of several runs also
+    `reason`, `bias`, `identifies`, `neglects`, `cannot_tell_apart`, `assumes`. Of several runs also
     `run_noise(run)` and, over `method` and `run`, `run_residual_rms`, `run_train_rms`, `run_holdout_rms`
     (rad).
 

@@ -215,8 +215,8 @@ def _texts(trials: Sequence[Trial]) -> Columns:
     return {
         "reason": ([t.reason for t in trials], "", "why numbers are missing, or not to be trusted"),
         "bias": ([_bias(t.result) for t in trials], "", "known bias that is left in"),
-        "sees": ([t.seen.sees for t in trials], "", "forces identified, and by what"),
-        "blind_to": ([t.seen.blind_to for t in trials], "", "forces offered that are left out"),
+        "identifies": ([t.seen.sees for t in trials], "", "forces identified, and by what"),
+        "neglects": ([t.seen.blind_to for t in trials], "", "forces offered that are left out"),
         "cannot_tell_apart": (
             [t.seen.cannot_tell_apart for t in trials],
             "",
