@@ -30,8 +30,8 @@ from sysid_trib.discrepancy.score_tests import scores
 from sysid_trib.discrepancy.stepwise_search import first_baseline, search, verdict_of
 from sysid_trib.errors import SimulationError
 from sysid_trib.forces.formulas import parse
-from sysid_trib.noise.autoregression import fractional, whitened
-from sysid_trib.noise.residual_noise import Noise, noise_of, oscillations
+from sysid_trib.noise.autoregression import fractional_difference, whitened
+from sysid_trib.noise.residual_noise import NoiseModel, estimate_noise, modulated_harmonics
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.trajectory_fit.problem import Problem
 from sysid_trib.trajectory_fit.sensitivities import tangent
@@ -109,8 +109,8 @@ def test_noise_is_found_without_a_model(correlation, order):
         run = decay(RUN.time, RUN.angle + added)
         # A wrong model leaves an oscillation a thousand times the noise.
         wrong = 0.1 * RUN.angle * np.cos(0.2 * RUN.time)
-        found = noise_of(added + wrong, oscillations(run))
-        levels.append(found.level / (NOISE * np.sqrt(1.0 - correlation**2)))
+        found = estimate_noise(added + wrong, modulated_harmonics(run))
+        levels.append(found.innovation / (NOISE * np.sqrt(1.0 - correlation**2)))
         orders.append(len(found.filter_) - 1)
     assert np.mean(levels) == pytest.approx(1.0, abs=0.02)
     assert np.median(orders) == order
@@ -124,9 +124,9 @@ def pink_noise(count, seed):
     return (values - values.mean()) / values.std()
 
 
-@pytest.mark.parametrize("filter_", [[1.0], [1.0, -0.8], fractional(0.5, 2000), [1.0, -1.0]])
+@pytest.mark.parametrize("filter_", [[1.0], [1.0, -0.8], fractional_difference(0.5, 2000), [1.0, -1.0]])
 def test_drawn_noise_is_whitened_by_its_filter(filter_):
-    drawn = Noise(0.01, np.asarray(filter_)).drawn(2000, 20)
+    drawn = NoiseModel(0.01, np.asarray(filter_)).draws(2000, 20)
     assert drawn.shape == (20, 2000)
     assert abs(drawn.mean()) < 1e-12
     # The first samples of a long filter have no past; its end would see the beginning again.
@@ -139,11 +139,11 @@ def test_drawn_noise_is_whitened_by_its_filter(filter_):
 
 def test_noise_that_rises_to_low_frequencies_is_whitened_there_too():
     """Slow effects live below the swing's frequency, where an autoregression of short memory sees little."""
-    basis, low = oscillations(RUN.decay(0)), []
+    basis, low = modulated_harmonics(RUN.decay(0)), []
     for seed in range(12):
         added = NOISE * pink_noise(len(RUN.time), seed)
-        found = noise_of(added, basis)
-        white = whitened(added, found.filter_) / found.level
+        found = estimate_noise(added, basis)
+        white = whitened(added, found.filter_) / found.innovation
         power = np.abs(np.fft.rfft(white)) ** 2 / len(white)
         # The swing has some forty periods: lines far below it, and the mean of all.
         low.append(np.mean(power[1:12]))
@@ -155,15 +155,15 @@ def test_noise_that_rises_to_low_frequencies_is_whitened_there_too():
 def test_a_line_of_vibration_is_no_noise():
     quiet = correlated_noise(len(RUN.time), 1, 0.0)
     line = 3.0 * NOISE * np.sin(5.7 * RUN.time)
-    basis = oscillations(RUN.decay(1))
-    assert noise_of(quiet + line, basis).deviation == pytest.approx(
-        noise_of(quiet, basis).deviation, rel=0.03
+    basis = modulated_harmonics(RUN.decay(1))
+    assert estimate_noise(quiet + line, basis).standard_deviation == pytest.approx(
+        estimate_noise(quiet, basis).standard_deviation, rel=0.03
     )
 
 
 def true_baseline(seed):
     problem = Problem(BASE, fit_records([RUN.decay(seed)]), None, (), {})
-    return fit(problem, TRUTH, [Noise(NOISE, np.ones(1))])
+    return fit(problem, TRUTH, [NoiseModel(NOISE, np.ones(1))])
 
 
 def test_errors_of_a_baseline_are_the_bound():
@@ -179,7 +179,7 @@ def test_runs_that_agree_differ_by_chance_alone():
     total, freedom = 0.0, 0
     for seed in range(8):
         problem = Problem(BASE, fit_records([RUN.decay(seed), RUN.decay(100 + seed)]), None, (), {})
-        found = fit(problem, np.append(TRUTH, TRUTH[-3:]), [Noise(NOISE, np.ones(1))] * 2)
+        found = fit(problem, np.append(TRUTH, TRUTH[-3:]), [NoiseModel(NOISE, np.ones(1))] * 2)
         told = homogeneity([found])
         assert told.degrees_of_freedom.item() == len(FIVE) + 1
         total, freedom = total + told.chi_square.item(), freedom + told.degrees_of_freedom.item()

@@ -11,15 +11,17 @@ from helpers import NOISE, SIX, W, decay, paper_run
 from scipy.interpolate import BSpline
 
 from sysid_trib.methods.direct import Direct, _begin, _motion
-from sysid_trib.regression.rows import Guess, linearised, whitened_rows
-from sysid_trib.regression.weak_form import (
-    DEGREE,
+from sysid_trib.noise.smoothing import (
     KNOTS_PER_PERIOD,
     SAMPLES_PER_KNOT,
-    build_weak_form,
+    SPLINE_DEGREE,
     knot_sequence,
-    noise_operator,
     smooth,
+)
+from sysid_trib.regression.rows import Guess, linearised, whitened_rows
+from sysid_trib.regression.weak_form import (
+    build_weak_form,
+    noise_operator,
     whiten,
     whitener,
 )
@@ -40,8 +42,8 @@ def assert_annihilated(operator, motion, inside=INSIDE, at_ends=AT_ENDS):
 def test_integrals_of_smooth_functions_are_exact(tau):
     form, knots = build_weak_form(tau), knot_sequence(tau)
     for row, spline in ((0, 2), (1, 3), (form.rows // 2, form.rows // 2 + 2), (form.rows - 1, form.rows + 1)):
-        psi = BSpline.basis_element(knots[spline : spline + DEGREE + 2], extrapolate=False)
-        low, high = knots[spline], knots[spline + DEGREE + 1]
+        psi = BSpline.basis_element(knots[spline : spline + SPLINE_DEGREE + 2], extrapolate=False)
+        low, high = knots[spline], knots[spline + SPLINE_DEGREE + 1]
         for order, matrix in enumerate((form.value, form.slope, form.curvature)):
 
             def integrand(t, psi=psi, order=order):
@@ -100,7 +102,7 @@ def test_whiten_solves_with_the_cholesky_factor():
 def test_smoothing_finds_motion_derivatives_and_noise():
     tau = np.linspace(0.0, 60.0, 2501)
     motion = 0.3 * np.exp(-0.02 * tau) * np.cos(tau)
-    x, v, a, noise = smooth(build_weak_form(tau), decay(tau, motion, seed=1).angle.values)
+    x, v, a, noise = smooth(tau, decay(tau, motion, seed=1).angle.values)
     assert noise == pytest.approx(NOISE, rel=0.06)
     assert np.sqrt(np.mean((x - motion) ** 2)) < 0.4 * NOISE
     assert np.sqrt(np.mean((v - np.gradient(motion, tau, edge_order=2)) ** 2)) < 2e-3

@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from sysid_trib.discrepancy.candidate_sensitivities import ReferenceMotion
-from sysid_trib.noise.residual_noise import Noise, noise_of
+from sysid_trib.noise.residual_noise import NoiseModel, estimate_noise
 from sysid_trib.simulation.simulate import FAST
 from sysid_trib.trajectory_fit.least_squares import grown, least
 from sysid_trib.trajectory_fit.problem import Problem, Record
@@ -35,7 +35,7 @@ class Baseline:
 
     problem: Problem
     unknown: Array
-    noises: tuple[Noise, ...]
+    noises: tuple[NoiseModel, ...]
     residual: Array
     table: Array
 
@@ -70,7 +70,7 @@ class Baseline:
 
     def split_by_run(self, values: Array) -> list[Array]:
         """Whitened values of all runs, (sample,), run by run."""
-        counts = [len(r.time) - n.lost for r, n in zip(self.problem.records, self.noises, strict=True)]
+        counts = [len(r.time) - n.warm_up for r, n in zip(self.problem.records, self.noises, strict=True)]
         return np.split(values, np.cumsum(counts)[:-1])
 
     def white(self, moved: Sequence[Array]) -> Array:
@@ -91,7 +91,12 @@ def orthonormal_basis(table: Array) -> Array:
 
 
 def fit(
-    problem: Problem, unknown: Array, noises: Sequence[Noise], *, far: bool = False, evaluations: int = 40
+    problem: Problem,
+    unknown: Array,
+    noises: Sequence[NoiseModel],
+    *,
+    far: bool = False,
+    evaluations: int = 40,
 ) -> Baseline:
     """Fit a model from a first guess, in noise that is known; over a growing window if the guess is far."""
     weighted = with_noise(problem, noises)
@@ -101,10 +106,10 @@ def fit(
     return Baseline(weighted, unknown, tuple(noises), -left, table)
 
 
-def with_noise(problem: Problem, noises: Sequence[Noise]) -> Problem:
+def with_noise(problem: Problem, noises: Sequence[NoiseModel]) -> Problem:
     """The problem whose residuals are whitened to unit noise."""
     records = [
-        replace(record, filter_=noise.filter_, weight=1.0 / noise.level)
+        replace(record, filter_=noise.filter_, weight=1.0 / noise.innovation)
         for record, noise in zip(problem.records, noises, strict=True)
     ]
     return replace(problem, records=tuple(records))
@@ -113,7 +118,7 @@ def with_noise(problem: Problem, noises: Sequence[Noise]) -> Problem:
 def refit_in_residual_noise(problem: Problem, unknown: Array, bases: Sequence[Array]) -> Baseline:
     """A fit with the noise that it leaves beside slowly changing oscillations."""
     residuals = problem.residuals(unknown)
-    noises = [noise_of(left, basis) for left, basis in zip(residuals, bases, strict=True)]
+    noises = [estimate_noise(left, basis) for left, basis in zip(residuals, bases, strict=True)]
     return fit(problem, unknown, noises)
 
 

@@ -12,8 +12,8 @@ from scipy.stats import binned_statistic_2d, chi2
 from sysid_trib.discrepancy.baseline import Baseline
 from sysid_trib.discrepancy.candidate_sensitivities import ReferenceMotion
 from sysid_trib.discrepancy.trends import trend
-from sysid_trib.noise.residual_noise import Noise
-from sysid_trib.regression.weak_form import build_weak_form, smooth
+from sysid_trib.noise.residual_noise import NoiseModel
+from sysid_trib.noise.smoothing import smooth
 
 Array = NDArray[np.float64]
 
@@ -63,7 +63,7 @@ def disagreement(baseline: Baseline, references: Sequence[ReferenceMotion]) -> x
     spans, cells, departures = [], [], []
     for run, (course, gap, noise) in enumerate(zip(references, residuals, baseline.noises, strict=True)):
         x, v = course.about.at_samples(course.about.x), course.about.at_samples(course.about.v)
-        departures.append(_departure(course.time, gap, x, noise.deviation))
+        departures.append(_departure(course.time, gap, x, noise.standard_deviation))
         spans.append(_demodulated(run, course, gap, (x, v), noise))
         cells.append((x, v, _asked_force(course, gap, (x, v)), _asked_by_noise(course, noise)))
     found = xr.concat(spans, "span").merge(_map(cells))
@@ -94,7 +94,7 @@ def _departure(time: Array, gap: Array, x: Array, noise: float) -> float:
 
 
 def _demodulated(
-    run: int, course: ReferenceMotion, gap: Array, motion: tuple[Array, Array], noise: Noise
+    run: int, course: ReferenceMotion, gap: Array, motion: tuple[Array, Array], noise: NoiseModel
 ) -> xr.Dataset:
     # After its stop a motion has no phase.
     moving = len(course.about.x[:: course.about.every])
@@ -104,7 +104,7 @@ def _demodulated(
     count = int(max(1, min(SPANS, turns)))
     step = float(np.median(np.diff(course.time)))
     _, response = freqz([1.0], noise.filter_, HARMONICS * min(1.0, course.model.reference_frequency * step))
-    coloured = noise.level * np.abs(response)
+    coloured = noise.innovation * np.abs(response)
     rows = []
     for part in np.array_split(np.arange(len(gap)), count):
         p, a = phase[part], amplitude[part]
@@ -117,7 +117,9 @@ def _demodulated(
         values[1:3] = mean * (np.hypot(cosine, sine) - 1.0), np.arctan2(sine, cosine)
         errors[1] *= mean
         rms = float(np.sqrt(np.mean(gap[part] ** 2)))
-        rows.append((float(np.mean(course.time[part])), mean, rms, rms / noise.deviation, *values, *errors))
+        rows.append(
+            (float(np.mean(course.time[part])), mean, rms, rms / noise.standard_deviation, *values, *errors)
+        )
     table = np.array(rows).T
     slipped = list(TERMS).index("phase_error")
     table[4 + slipped] = np.unwrap(table[4 + slipped])
@@ -181,7 +183,7 @@ def _asked_force(course: ReferenceMotion, gap: Array, motion: tuple[Array, Array
     x, v = motion
     w = course.model.reference_frequency
     since = course.time - course.time[0]
-    left, rate, curvature, _ = smooth(build_weak_form(w * since), gap)
+    left, rate, curvature, _ = smooth(w * since, gap)
     asked = -(curvature + left)
     for force in course.model.library:
         if force.memoryless and force.kind == "force":
@@ -195,10 +197,10 @@ def _asked_force(course: ReferenceMotion, gap: Array, motion: tuple[Array, Array
     return np.where(inside, asked, np.nan)
 
 
-def _asked_by_noise(course: ReferenceMotion, noise: Noise) -> Array:
+def _asked_by_noise(course: ReferenceMotion, noise: NoiseModel) -> Array:
     """The same of drawings of the noise, (draw, sample); what it does to the model's forces is small."""
-    drawn = noise.drawn(len(course.time), DRAWS)
-    left, _, curvature, _ = smooth(build_weak_form(course.model.reference_frequency * course.time), drawn.T)
+    drawn = noise.draws(len(course.time), DRAWS)
+    left, _, curvature, _ = smooth(course.model.reference_frequency * course.time, drawn.T)
     return np.asarray(-(curvature + left).T)
 
 

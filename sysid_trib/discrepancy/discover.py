@@ -17,7 +17,7 @@ from sysid_trib.discrepancy.stepwise_search import (
 from sysid_trib.discrepancy.to_xarray import groups_of
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import Force, ForceLibrary
-from sysid_trib.methods.unknowns import unknown_forces
+from sysid_trib.forces.to_identify import forces_to_identify
 from sysid_trib.records.runs import Decays, as_runs, one_or_all
 from sysid_trib.results.schema import provenance
 
@@ -69,7 +69,7 @@ def discover(
     runs = [decimated(run) for run in as_runs(decay)]
     if not len(model_forces):
         raise UsageError("The start model has no force; give at least one, such as a viscous one.")
-    model = unknown_forces(model_forces, reference_frequency)
+    model = forces_to_identify(model_forces, reference_frequency)
     offered, left_out = _offered(model_forces, candidates)
     if not len(offered):
         raise UsageError("No candidate is left beside the forces of the model; offer another library.")

@@ -136,7 +136,7 @@ def labelled(model: Baseline, runs: Sequence[xr.Dataset]) -> xr.Dataset:
     covariance = np.zeros((count + 1, count + 1))
     covariance[np.ix_(range(len(keep)), range(len(keep)))] = spread[np.ix_(keep, keep)]
     own = problem.own(unknown)
-    levels = [noise.level for noise in model.noises]
+    levels = [noise.innovation for noise in model.noises]
     extra = {
         "birge_ratio": (birge_ratio, "1", "RMS of the whitened residual over the noise"),
         **run_noise(levels),

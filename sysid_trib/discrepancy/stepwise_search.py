@@ -28,7 +28,7 @@ from sysid_trib.discrepancy.score_tests import Scores, scores
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.direct import Direct
-from sysid_trib.noise.residual_noise import Noise, oscillations
+from sysid_trib.noise.residual_noise import NoiseModel, modulated_harmonics
 from sysid_trib.records.runs import one_or_all
 from sysid_trib.trajectory_fit.problem import Problem
 
@@ -83,8 +83,8 @@ def first_baseline(runs: Sequence[xr.Dataset], forces: ForceLibrary, frequency: 
     own = np.stack([np.ravel(quick[k]) for k in ("start_angle", "start_rate", "offset")], axis=1)
     free = [quick.reference_frequency.item()] if frequency is None else []
     unknown = np.array([*quick.coefficient.values, *free, *own.ravel()])
-    noises = [Noise(quick.noise.item(), np.ones(1))] * len(runs)
-    bases = [oscillations(run) for run in runs]
+    noises = [NoiseModel(quick.noise.item(), np.ones(1))] * len(runs)
+    bases = [modulated_harmonics(run) for run in runs]
     first = fit(problem, unknown, noises, far=True)
     second = refit_in_residual_noise(problem, first.unknown, bases)
     return refit_in_residual_noise(problem, second.unknown, bases)
@@ -106,7 +106,7 @@ def search(
     out, each is replaced by a twin that costs less, and all by one fitted from the start that costs less;
     after a change the record is scanned again.
     """
-    bases = [oscillations(run) for run in runs]
+    bases = [modulated_harmonics(run) for run in runs]
     scans: list[Scan] = []
     state: State = (baseline, ())
     ties: dict[str, list[Twin]] = {}

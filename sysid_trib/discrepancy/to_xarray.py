@@ -213,7 +213,7 @@ def _generic(found: Search) -> xr.Dataset:
 
 
 def _holdout(stages: ModelSequence) -> xr.Dataset:
-    noise = root_mean_square([n.deviation for n in stages.models[-1].noises])
+    noise = root_mean_square([n.standard_deviation for n in stages.models[-1].noises])
     above = stages.holdout**2 - noise**2
     return xr.Dataset(
         {

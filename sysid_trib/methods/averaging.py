@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from sysid_trib.decays.half_sines import envelope
 from sysid_trib.errors import DecayError, SysidTribError, UsageError
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.methods.unknowns import unknown_forces
+from sysid_trib.forces.to_identify import forces_to_identify
 from sysid_trib.records.runs import Decays, as_runs, root_mean_square, run_noise
 from sysid_trib.regression.averaged import averaged_equations, noise_of_equations
 from sysid_trib.regression.weak_form import whiten, whitener
@@ -68,7 +68,7 @@ class Averaging:
         UsageError
             The paper's rule for several runs: each has its own last frequency.
         """
-        asked = unknown_forces(library, self.reference_frequency)
+        asked = forces_to_identify(library, self.reference_frequency)
         runs = [_Run(run, _measured(self, run)) for run in as_runs(decay)]
         if self.frequency == "last" and len(runs) > 1:
             raise UsageError("frequency='last' is a rule for one record; take 'fit' for several runs.")

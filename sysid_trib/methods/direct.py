@@ -13,8 +13,9 @@ from sysid_trib.averaging.identifiability import dependent_columns
 from sysid_trib.decays.half_sines import usable_half_periods
 from sysid_trib.errors import DecayError, SimulationError, UsageError
 from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.to_identify import forces_to_identify
 from sysid_trib.methods.strong_form import strong_form
-from sysid_trib.methods.unknowns import unknown_forces
+from sysid_trib.noise.smoothing import smooth
 from sysid_trib.records.runs import Decays, as_runs, root_mean_square, run_noise, start_variables
 from sysid_trib.regression.rows import (
     Guess,
@@ -34,7 +35,7 @@ from sysid_trib.regression.rows import (
     whitened_rows,
 )
 from sysid_trib.regression.selection import by_optimizer, significant, solved_by
-from sysid_trib.regression.weak_form import build_weak_form, smooth
+from sysid_trib.regression.weak_form import build_weak_form
 from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.simulation.model import Model
 from sysid_trib.trajectory_fit.initial_conditions import fit_start
@@ -100,7 +101,7 @@ class Direct:
         DecayError
             The decay cannot support the request: too short, or forces that are the same on it.
         """
-        asked = unknown_forces(library, self.reference_frequency)
+        asked = forces_to_identify(library, self.reference_frequency)
         runs = _begin(self, as_runs(decay), asked)
         rows, _ = _regressed(runs)
         runs = moved(runs, *least_squares(rows, np.ones(len(asked), bool)))
@@ -150,7 +151,7 @@ def _begin(method: Direct, decays: Sequence[xr.Dataset], library: ForceLibrary) 
 
 def _first_run(method: Direct, time: Array, angle: Array, library: ForceLibrary, nominal: float) -> Run:
     form = build_weak_form(nominal * (time - time[0]))
-    x, v, acceleration, noise = smooth(form, angle)
+    x, v, acceleration, noise = smooth(form.tau, angle)
     free = method.reference_frequency is None
     problem = Problem(time, angle, form, library.forces, dict(method.shapes), nominal, free, noise)
     columns = averaged_columns(problem, nominal, x, v, acceleration)

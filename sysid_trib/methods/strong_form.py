@@ -4,8 +4,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from sysid_trib.noise.smoothing import smooth
 from sysid_trib.regression.rows import Mask, Rows, Run, moved, rms_forces, together
-from sysid_trib.regression.weak_form import smooth
 
 
 def strong_form(runs: Sequence[Run], select: Callable[[Rows], Mask]) -> tuple[tuple[Run, ...], Rows, Mask]:
@@ -34,7 +34,7 @@ def strong_form(runs: Sequence[Run], select: Callable[[Rows], Mask]) -> tuple[tu
 
 def _strong_rows(run: Run) -> Rows:
     problem, path = run.problem, run.path
-    x, _, acceleration, _ = smooth(problem.form, problem.angle)
+    x, _, acceleration, _ = smooth(problem.form.tau, problem.angle)
     k = (run.guess.frequency / problem.nominal) ** 2
     scale = rms_forces(path)
     nuisances = [-np.ones_like(x)] + ([x] if problem.free else [])

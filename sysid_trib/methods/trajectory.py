@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.to_identify import forces_to_identify
 from sysid_trib.methods.direct import Direct
-from sysid_trib.methods.unknowns import unknown_forces
 from sysid_trib.noise.autoregression import autoregression, whitened
 from sysid_trib.records.runs import Decays, as_runs, root_mean_square, run_noise, start_variables
 from sysid_trib.results.schema import Estimate, identification, model_of
@@ -67,7 +67,7 @@ class Trajectory:
         DecayError
             No motion of the model can be fitted to the decay.
         """
-        asked = unknown_forces(library, self.reference_frequency)
+        asked = forces_to_identify(library, self.reference_frequency)
         _check_names(self, asked)
         decays = as_runs(decay)
         records = [(d.time.values.astype(float), d.angle.values.astype(float)) for d in decays]

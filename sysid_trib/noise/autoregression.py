@@ -33,13 +33,13 @@ def autoregression_of(covariance: Array, samples: int) -> tuple[Array, float]:
     return found, left
 
 
-def fractional(d: float, taps: int) -> Array:
+def fractional_difference(d: float, taps: int) -> Array:
     """Filter (tap,) that whitens noise with a spectrum of 1/f^(2 d): (1 - B)^d (Hosking 1981)."""
     k = np.arange(1, taps)
     return np.concatenate([[1.0], np.cumprod((k - 1.0 - d) / k)])
 
 
-def lost(filter_: Array) -> int:
+def warm_up_samples(filter_: Array) -> int:
     """First samples that a filter has no past for; of a long one, those that would need most of it."""
     return min(len(filter_) - 1, MAX_ORDER)
 
@@ -48,8 +48,8 @@ def whitened(values: Array, filter_: Array) -> Array:
     """Values along the first axis after the whitening filter, without the first that have no past."""
     if len(filter_) - 1 > MAX_ORDER:
         taps = filter_.reshape(-1, *[1] * (values.ndim - 1))
-        return np.asarray(oaconvolve(values, taps, axes=0))[lost(filter_) : len(values)]
-    return np.asarray(lfilter(filter_, [1.0], values, axis=0))[lost(filter_) :]
+        return np.asarray(oaconvolve(values, taps, axes=0))[warm_up_samples(filter_) : len(values)]
+    return np.asarray(lfilter(filter_, [1.0], values, axis=0))[warm_up_samples(filter_) :]
 
 
 def _most(samples: int) -> int:

@@ -11,15 +11,15 @@ from scipy.optimize import minimize_scalar
 from scipy.signal.windows import tukey
 
 from sysid_trib.decays.half_sines import usable_half_periods
-from sysid_trib.noise.autoregression import autoregression_of, fractional, lost
-from sysid_trib.regression.weak_form import build_weak_form, smooth
+from sysid_trib.noise.autoregression import autoregression_of, fractional_difference, warm_up_samples
+from sysid_trib.noise.smoothing import clamped_knots, smooth
 
 Array = NDArray[np.float64]
 
 # Harmonics of the motion that any force may leave, each with an amplitude that changes over so many periods.
 HARMONICS = 6
 PERIODS_PER_KNOT = 4.0
-DEGREE = 3
+ENVELOPE_DEGREE = 3
 # Lines of the spectrum that keep less than this part of the noise are taken from this many neighbours.
 KEPT = 0.3
 WIDE = 15
@@ -31,46 +31,46 @@ TAPER = 0.2
 LINE = 14.0
 LINES = 4
 # The d of noise whose spectrum rises to low frequencies as 1/f^(2 d): white, 1/f noise is 0.5, a walk is 1.
-STEEPNESSES = np.linspace(0.0, 1.0, 21)
+FRACTIONAL_ORDERS = np.linspace(0.0, 1.0, 21)
 # What the criterion must gain by a power law: very strong evidence (Kass and Raftery 1995).
 WORTH = 10.0
 
 
 @dataclass(frozen=True)
-class Noise:
+class NoiseModel:
     """Noise of one run.
 
     Attributes
     ----------
-    level : standard deviation of the innovations, rad; `filter_` : (tap,) whitens it, [1] if white.
+    innovation : standard deviation of the innovations, rad; `filter_` : (tap,) whitens it, [1] if white.
     """
 
-    level: float
+    innovation: float
     filter_: Array
 
     @property
-    def lost(self) -> int:
+    def warm_up(self) -> int:
         """First samples that cannot be whitened."""
-        return lost(self.filter_)
+        return warm_up_samples(self.filter_)
 
     @property
-    def deviation(self) -> float:
+    def standard_deviation(self) -> float:
         """Standard deviation of a sample, rad."""
         # Lines of a record: 1/f noise has more the longer it lasts.
-        lines = len(self.filter_) if self.lost < len(self.filter_) - 1 else 4096
+        lines = len(self.filter_) if self.warm_up < len(self.filter_) - 1 else 4096
         power = np.abs(np.fft.rfft(self.filter_, lines)[1:]) ** 2
-        return self.level * float(np.sqrt(np.mean(1.0 / power)))
+        return self.innovation * float(np.sqrt(np.mean(1.0 / power)))
 
-    def drawn(self, samples: int, count: int) -> Array:
+    def draws(self, samples: int, count: int) -> Array:
         """Drawings of such noise, (count, samples), rad, of mean zero; always the same."""
         lines = np.fft.rfft(np.random.default_rng(0).standard_normal((count, samples)))
         response = np.fft.rfft(self.filter_, samples)
         # A walk has no mean to come back to.
         lines[:, 0], response[0] = 0.0, 1.0
-        return np.asarray(np.fft.irfft(self.level * lines / response, samples))
+        return np.asarray(np.fft.irfft(self.innovation * lines / response, samples))
 
 
-def oscillations(decay: xr.Dataset) -> Array:
+def modulated_harmonics(decay: xr.Dataset) -> Array:
     """Slowly changing harmonics of the motion, orthonormal, (sample, column).
 
     Phase and frequency are the record's own, so that no model is needed.
@@ -79,14 +79,12 @@ def oscillations(decay: xr.Dataset) -> Array:
     halves = usable_half_periods(time, angle, str(decay.attrs.get("source", "decay")))
     frequency = float(np.pi / np.median(halves.duration))
     tau = frequency * (time - time[0])
-    x, v, _, _ = smooth(build_weak_form(tau), angle)
+    x, v, _, _ = smooth(tau, angle)
     phase = np.unwrap(np.arctan2(-v, x))
     knots = max(1, round((tau[-1] - tau[0]) / (2.0 * np.pi * PERIODS_PER_KNOT)))
     # As many columns as the record can bear.
     knots = min(knots, max(1, len(time) // (8 * (2 * HARMONICS + 1))))
-    inner = np.linspace(tau[0], tau[-1], knots + 1)
-    sequence = np.concatenate([np.full(DEGREE, tau[0]), inner, np.full(DEGREE, tau[-1])])
-    slow = BSpline.design_matrix(tau, sequence, DEGREE).toarray()
+    slow = BSpline.design_matrix(tau, clamped_knots(tau, knots, ENVELOPE_DEGREE), ENVELOPE_DEGREE).toarray()
     columns = [slow]
     for m in range(1, HARMONICS + 1):
         columns += [slow * np.cos(m * phase)[:, None], slow * np.sin(m * phase)[:, None]]
@@ -94,7 +92,7 @@ def oscillations(decay: xr.Dataset) -> Array:
     return np.asarray(basis)
 
 
-def noise_of(residual: Array, basis: Array, lines: int = LINES) -> Noise:
+def estimate_noise(residual: Array, basis: Array, lines: int = LINES) -> NoiseModel:
     """Level and colour of what a residual has beside slowly changing oscillations (rad).
 
     So many lines of the spectrum at most are taken for vibration, which is no noise either.
@@ -119,10 +117,10 @@ def noise_of(residual: Array, basis: Array, lines: int = LINES) -> Noise:
     good = kept > KEPT
     good[0] = False
     if not good.any():
-        return Noise(float(np.sqrt(left @ left / max(1, n - basis.shape[1]))), np.ones(1))
+        return NoiseModel(float(np.sqrt(left @ left / max(1, n - basis.shape[1]))), np.ones(1))
     power = np.where(good, power / np.where(good, kept, 1.0), 0.0)
     if lines and (line := _highest(power, good)):
-        return noise_of(residual, _with_line(basis, left, line), lines - 1)
+        return estimate_noise(residual, _with_line(basis, left, line), lines - 1)
     # What stands out beside a harmonic is no noise but a swing that changes faster than the oscillations.
     apart = good & ~_beside(good)
     if apart.any():
@@ -130,11 +128,11 @@ def noise_of(residual: Array, basis: Array, lines: int = LINES) -> Noise:
         judged = binary_dilation(apart, iterations=WIDE)
         good &= apart | ~judged | (power < BESIDE * _usual(power, apart))
         power = np.where(good, power, 0.0)
-    steepness = _steepness(power, good, n)
-    filter_, variance = _autoregression(power, good, n, steepness)
-    if steepness:
-        filter_ = np.convolve(fractional(steepness, n), filter_)[:n]
-    return Noise(float(np.sqrt(variance)), filter_)
+    order = _fractional_order(power, good, n)
+    filter_, variance = _autoregression(power, good, n, order)
+    if order:
+        filter_ = np.convolve(fractional_difference(order, n), filter_)[:n]
+    return NoiseModel(float(np.sqrt(variance)), filter_)
 
 
 def _highest(power: Array, good: NDArray[np.bool_]) -> int:
@@ -177,7 +175,7 @@ def _with_line(basis: Array, left: Array, line: int) -> Array:
     return np.concatenate([basis, beside(found.x)], axis=1)
 
 
-def _steepness(power: Array, good: NDArray[np.bool_], n: int) -> float:
+def _fractional_order(power: Array, good: NDArray[np.bool_], n: int) -> float:
     """The d of noise whose spectrum rises as 1/f^(2 d) beside an autoregression, 0 if it need not.
 
     The lines below the swing must not speak against it: what rises towards the swing is no power law.
@@ -193,10 +191,10 @@ def _steepness(power: Array, good: NDArray[np.bool_], n: int) -> float:
         parameters = len(filter_) - 1 + (d > 0.0)
         return float(np.sum(each[good]) + parameters * np.log(n)), float(np.sum(each[below]))
 
-    every = np.array([costs(d) for d in STEEPNESSES])
+    every = np.array([costs(d) for d in FRACTIONAL_ORDERS])
     best = int(np.argmin(every[:, 0]))
     whole, low = every[0] - every[best]
-    return float(STEEPNESSES[best]) if whole > WORTH and low > -WORTH else 0.0
+    return float(FRACTIONAL_ORDERS[best]) if whole > WORTH and low > -WORTH else 0.0
 
 
 def _power_law(n: int, d: float) -> Array:

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from sysid_trib.averaging.internal_states import carry_along
 from sysid_trib.forces.force import Force
-from sysid_trib.regression.weak_form import KNOTS_PER_PERIOD, WeakForm, noise_operator, whiten, whitener
+from sysid_trib.noise.smoothing import KNOTS_PER_PERIOD
+from sysid_trib.regression.weak_form import WeakForm, noise_operator, whiten, whitener
 from sysid_trib.simulation.model import rescaling_factors
 
 Array = NDArray[np.float64]

@@ -16,15 +16,12 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
 from sysid_trib.errors import DecayError
+from sysid_trib.noise.smoothing import SPLINE_DEGREE, knot_sequence
 
 Array = NDArray[np.float64]
 
-DEGREE = 5
-KNOTS_PER_PERIOD = 12
 # Samples up to which a weak form is kept for the next record on the same grid: some 40 MB.
 MOST_KEPT = 100_000
-# Fewer samples than this between knots and the splines would follow the noise.
-SAMPLES_PER_KNOT = 2
 
 
 @dataclass(frozen=True)
@@ -36,28 +33,17 @@ class WeakForm:
     value, slope, curvature : (row, sample)
         ``value @ f`` is int psi f dtau for every test function psi; `slope` and `curvature` the same
         with psi' and psi''. Time is tau = w t.
-    splines : (sample, spline) each; all splines, also those at the ends, and their two derivatives.
     """
 
     tau: Array
     value: sp.csr_matrix
     slope: sp.csr_matrix
     curvature: sp.csr_matrix
-    splines: tuple[sp.csr_matrix, sp.csr_matrix, sp.csr_matrix]
 
     @property
     def rows(self) -> int:
         """Number of test functions."""
         return int(self.value.shape[0])
-
-
-def knot_sequence(tau: Array) -> Array:
-    """Clamped uniform knots, a twelfth of a period (2 pi in tau) apart, on whole samples if possible."""
-    step = (tau[-1] - tau[0]) / (len(tau) - 1)
-    per_knot = max(SAMPLES_PER_KNOT, round(2.0 * np.pi / KNOTS_PER_PERIOD / step))
-    intervals = max(1, round((len(tau) - 1) / per_knot))
-    inner = np.linspace(tau[0], tau[-1], intervals + 1)
-    return np.concatenate([np.full(DEGREE, tau[0]), inner, np.full(DEGREE, tau[-1])])
 
 
 def build_weak_form(tau: Array) -> WeakForm:
@@ -74,21 +60,9 @@ def _built(tau: Array) -> WeakForm:
     knots = knot_sequence(tau)
     weights = sp.diags_array(np.gradient(tau) * _end_weights(len(tau)))
     # The first two and last two clamped splines have a value or a slope at the ends: they are left out.
-    keep = slice(2, len(knots) - DEGREE - 1 - 2)
-    first, second, third = (_design(tau, knots, order) for order in range(3))
-    matrices = [(design.T.tocsr()[keep] @ weights).tocsr() for design in (first, second, third)]
-    return WeakForm(tau, matrices[0], matrices[1], matrices[2], (first, second, third))
-
-
-def smooth(form: WeakForm, angle: Array) -> tuple[Array, Array, Array, float]:
-    """Least-squares spline through the record: theta and two derivatives by tau, and the noise (rad)."""
-    tau, design = form.tau, form.splines
-    factor, _ = whitener(design[0].T.tocsr())
-    # The normal equations of B-splines are well conditioned, and banded.
-    weights = scipy.linalg.cho_solve_banded((factor, True), design[0].T @ angle, check_finite=False)
-    fitted, rate, curvature = (matrix @ weights for matrix in design)
-    freedom = max(1, len(tau) - len(weights))
-    return fitted, rate, curvature, float(np.sqrt(np.sum((angle - fitted) ** 2) / freedom))
+    keep = slice(2, len(knots) - SPLINE_DEGREE - 1 - 2)
+    designs = (_design(tau, knots, order) for order in range(3))
+    return WeakForm(tau, *((design.T.tocsr()[keep] @ weights).tocsr() for design in designs))
 
 
 def noise_operator(form: WeakForm, stiffness: Array, damping: Array) -> sp.csr_matrix:
@@ -129,10 +103,10 @@ def whiten(factor: tuple[Array, int], columns: Array) -> Array:
 
 def _design(tau: Array, knots: Array, order: int) -> sp.csr_matrix:
     """Values of the `order`-th derivative of every B-spline at every sample, (sample, spline)."""
-    design = BSpline.design_matrix(tau, knots[order : len(knots) - order], DEGREE - order)
+    design = BSpline.design_matrix(tau, knots[order : len(knots) - order], SPLINE_DEGREE - order)
     # d/dx B_{i,p} = p (B_{i,p-1}/(t_{i+p}-t_i) - B_{i+1,p-1}/(t_{i+p+1}-t_{i+1})), from low to high degree.
     for lift in range(order, 0, -1):
-        degree = DEGREE - lift + 1
+        degree = SPLINE_DEGREE - lift + 1
         inner = knots[lift - 1 : len(knots) - lift + 1]
         count = len(inner) - degree - 1
         scale = degree / (inner[degree + 1 : degree + count] - inner[1:count])

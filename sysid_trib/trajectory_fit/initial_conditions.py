@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid_trib.regression.weak_form import build_weak_form, smooth
+from sysid_trib.noise.smoothing import smooth
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 
@@ -41,7 +41,7 @@ class FittedMotion:
 def first_guess(time: Array, angle: Array, frequency: float) -> tuple[float, float]:
     """Angle (rad) and rate (rad/s) at the first sample, of the smoothed record."""
     tau = frequency * (time - time[0])
-    x, v, _, _ = smooth(build_weak_form(tau), angle)
+    x, v, _, _ = smooth(tau, angle)
     return float(x[0]), float(v[0] * frequency)
 
 

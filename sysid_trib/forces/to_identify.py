@@ -4,7 +4,7 @@ from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import ForceLibrary
 
 
-def unknown_forces(library: ForceLibrary, reference_frequency: float | None) -> ForceLibrary:
+def forces_to_identify(library: ForceLibrary, reference_frequency: float | None) -> ForceLibrary:
     """The forces to identify: without a given frequency the one of formula `x` is the frequency itself.
 
     Raises
