@@ -250,11 +250,10 @@ def test_result_does_not_replace_the_record(refused, folder):
 
 
 def test_disk_that_fills_up_leaves_no_half_file(refused, monkeypatch):
-    def full(self, path, **_):
-        Path(path).write_text("half")
+    def full(_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("pandas.DataFrame.to_csv", full)
+    monkeypatch.setattr(os, "fsync", full)
     assert "x.csv: cannot be written (No space left on device)" in refused(*SIMULATE)[1]
 
 

@@ -1,7 +1,6 @@
 """The one schema of an identification: labels, provenance, files."""
 
 import json
-import os
 
 import numpy as np
 import pytest
@@ -92,39 +91,6 @@ def test_saved_and_read_back_the_same(tmp_path):
     xr.testing.assert_identical(back, tree)
     assert back["direct"].active.dtype == bool
     assert sorted(p.name for p in tmp_path.iterdir()) == ["one.nc", "two.nc"]
-
-
-def test_an_older_file_is_replaced_only_by_a_whole_one(tmp_path, monkeypatch):
-    target = tmp_path / "one.nc"
-    target.write_text("older")
-    result = Averaging(correct=False).identify(record(), FORCES)
-
-    def fail(*args, **options):
-        raise OSError(28, "No space left on device")
-
-    with monkeypatch.context() as patch:
-        patch.setattr(xr.Dataset, "to_netcdf", fail)
-        with pytest.raises(RecordError, match=r"one\.nc: cannot be written \(No space left on device\)"):
-            save(result, target)
-    assert [p.name for p in tmp_path.iterdir()] == ["one.nc"]
-    assert target.read_text() == "older"
-
-
-@pytest.mark.parametrize("place", ["missing/one.nc", "file/one.nc", "folder"])
-def test_unwritable_output_is_refused(tmp_path, place):
-    (tmp_path / "folder").mkdir()
-    (tmp_path / "file").write_text("")
-    before = sorted(p.name for p in tmp_path.rglob("*"))
-    with pytest.raises(RecordError, match="cannot be written"):
-        save(Averaging(correct=False).identify(record(), FORCES), tmp_path / place)
-    assert sorted(p.name for p in tmp_path.rglob("*")) == before
-
-
-@pytest.mark.skipif(os.name != "posix", reason="permissions of POSIX")
-def test_a_result_may_be_read_by_all_whom_the_umask_allows(tmp_path):
-    save(Averaging(correct=False).identify(record(), FORCES), tmp_path / "one.nc")
-    (tmp_path / "plain").write_text("")
-    assert (tmp_path / "one.nc").stat().st_mode == (tmp_path / "plain").stat().st_mode
 
 
 def test_unreadable_result_is_refused(tmp_path):

@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.errors import UsageError
-from sysid_trib.results.files import write_beside
+from sysid_trib.results.files import save, write_file
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import simulate
 
@@ -60,8 +60,8 @@ def write_record(record: xr.Dataset, path: str | os.PathLike[str]) -> None:
     target = Path(path)
     if target.suffix.lower() == ".csv":
         table = record.angle.to_dataframe()[["angle"]].rename(columns={"angle": "angle (rad)"})
-        write_beside(target, lambda beside: table.to_csv(beside, index_label="time (s)"))
+        write_file(target, table.to_csv(index_label="time (s)").encode())
     elif target.suffix.lower() == ".nc":
-        write_beside(target, lambda beside: record.to_netcdf(beside, engine="h5netcdf"))
+        save(record, target)
     else:
         raise UsageError(f"{target}: the ending must be .csv or .nc.")

@@ -12,7 +12,7 @@ from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records.runs import record_groups
 from sysid_trib.reporting import contents, provenance, reproducing
 from sysid_trib.reporting.parts import Section
-from sysid_trib.results.files import write_beside
+from sysid_trib.results.files import write_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -46,8 +46,8 @@ def report(result: xr.DataTree | xr.Dataset, path: str | os.PathLike[str]) -> No
 
 
 def write_page(text: str, path: Path) -> None:
-    """Write a page: beside its place first, then renamed."""
-    write_beside(path, lambda beside: Path(beside).write_text(text, encoding="utf-8"))
+    """Write a page; an older file is replaced only by a whole one."""
+    write_file(path, text.encode())
 
 
 def page(result: xr.DataTree | xr.Dataset) -> str:

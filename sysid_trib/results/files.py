@@ -1,8 +1,9 @@
-"""Results as files: netCDF that comes back equal, figures; written beside their place and renamed."""
+"""Results as files: netCDF that comes back equal, figures. What is there is replaced only by a whole file."""
 
+import errno
+import io
 import os
-import tempfile
-from collections.abc import Callable
+import secrets
 from pathlib import Path
 from typing import Any
 
@@ -12,53 +13,81 @@ from sysid_trib.errors import RecordError, UsageError
 
 
 def save(result: xr.Dataset | xr.DataTree, path: str | os.PathLike[str]) -> None:
-    """Write a result as netCDF: beside its place first, then renamed, so that no half file is left.
+    """Write a result as netCDF; an older file is replaced only by a whole one.
 
     Parameters
     ----------
-    result : any result of this package.
-    path : the file, replaced if it is there.
+    result : Dataset or DataTree
+        Any result of this package.
+    path : str or path
+        The file, replaced if it is there.
+
+    Raises
+    ------
+    RecordError
+        The place cannot be written. The older file is as it was.
+    """
+    # HDF5 can crash the process when it closes a file on a full disk: it writes to memory.
+    write_file(Path(path), bytes(result.to_netcdf(engine="h5netcdf")))
+
+
+def write_figure(figure: Any, path: Path) -> None:
+    """Write a figure as PDF and PNG beside each other, its folder made if need be.
+
+    Parameters
+    ----------
+    figure : matplotlib Figure
+    path : path
+        Where to write, without an ending.
 
     Raises
     ------
     RecordError
         The place cannot be written.
     """
-    target = Path(path)
-
-    write_beside(target, lambda beside: result.to_netcdf(beside, engine="h5netcdf"))
-
-
-def write_figure(figure: Any, path: Path) -> None:
-    """Write a figure as PDF and PNG beside each other, its folder made if need be."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RecordError(
             f"{path.parent}: cannot be made ({error.strerror}); choose another folder."
         ) from None
-    for suffix in (".pdf", ".png"):
-        write_beside(path.with_suffix(suffix), lambda beside: figure.savefig(beside, dpi=150))
+    for kind in ("pdf", "png"):
+        content = io.BytesIO()
+        figure.savefig(content, dpi=150, format=kind)
+        write_file(path.with_suffix(f".{kind}"), content.getvalue())
 
 
-def write_beside(target: Path, write: Callable[[str], Any]) -> None:
-    """Call `write(temporary path)` in the target's folder and rename the file to `target`."""
+def write_file(target: Path, content: bytes) -> None:
+    """Write a file under another name in its folder, read it back, and rename it only if it is whole.
+
+    Parameters
+    ----------
+    target : path
+        The file, replaced if it is there.
+    content : bytes
+        All of the file.
+
+    Raises
+    ------
+    RecordError
+        The place cannot be written, or does not hold what was written. The older file is as it was.
+    """
+    temporary = target.with_name(f".sysid-trib-{secrets.token_hex(8)}{target.suffix}")
     try:
-        handle, beside = tempfile.mkstemp(dir=target.parent, prefix=f".{target.stem}-", suffix=target.suffix)
-        os.close(handle)
+        try:
+            with temporary.open("xb") as file:
+                file.write(content)
+                file.flush()
+                # A full disk may be noticed only now, or when the file is closed.
+                os.fsync(file.fileno())
+            if temporary.read_bytes() != content:
+                raise OSError(errno.EIO, "what was written does not read back the same")
+            os.replace(temporary, target)
+        finally:
+            temporary.unlink(missing_ok=True)
     except OSError as error:
         reason = error.strerror or error
         raise RecordError(f"{target}: cannot be written ({reason}); choose another place with -o.") from None
-    try:
-        write(beside)
-        # mkstemp makes files that only their owner may read.
-        os.chmod(beside, 0o666 & ~_umask())
-        os.replace(beside, target)
-    except OSError as error:
-        reason = error.strerror or error
-        raise RecordError(f"{target}: cannot be written ({reason}); choose another place with -o.") from None
-    finally:
-        Path(beside).unlink(missing_ok=True)
 
 
 def load(path: str | os.PathLike[str]) -> xr.DataTree:
@@ -87,9 +116,3 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
         raise RecordError(f"{Path(path).name}: not a result in netCDF ({error}).") from None
     with tree:
         return tree.load()
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
