@@ -1,55 +1,77 @@
 PYTHON ?= python3
-BIN := .venv/bin
+VENV ?= .venv
+BIN := $(VENV)/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n auto --dist loadfile
 
-.PHONY: demo test test-slow notebooks docs check clean
+.PHONY: demo test test-slow test-lowest test-scipy coverage notebooks docs check clean
 
-demo: .venv/ready
+demo: $(VENV)/ready
 	$(BIN)/sysid-trib identify --omega0 8.87
 
-test: .venv/ready-dev
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n auto --dist loadfile -m "not slow"
+test: $(VENV)/ready-dev
+	$(PYTEST) -m "not slow"
 
 # Full searches, measured records, calibration over many seeds, pages in a browser.
-test-slow: .venv/ready-dev
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n auto --dist loadfile -m slow
+test-slow: $(VENV)/ready-dev
+	$(PYTEST) -m slow
 
-notebooks: .venv/ready-notebooks
+# With the lowest version of each dependency that pyproject.toml allows.
+test-lowest:
+	$(MAKE) VENV=.venv-lowest CONSTRAINTS=build/lowest.txt test
+
+# Without heyoka, as where it has no wheel: scipy simulates.
+test-scipy: .venv-scipy/ready-scipy
+	$(MAKE) VENV=.venv-scipy test
+
+coverage: $(VENV)/ready-dev
+	$(PYTEST) --cov --cov-report=term-missing:skip-covered --cov-fail-under=95
+
+notebooks: $(VENV)/ready-notebooks
 	$(BIN)/python notebooks/run.py
 
-docs: .venv/ready-docs
+docs: $(VENV)/ready-docs
 	OMP_NUM_THREADS=1 $(BIN)/python -m sphinx -b html -W --keep-going -E -q docs build/docs
 	@echo "Open build/docs/index.html"
 
-check: .venv/ready-dev
+check: $(VENV)/ready-dev
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 
 clean:
-	rm -rf .venv .hypothesis .mypy_cache .pytest_cache .ruff_cache build dist
+	rm -rf .venv .venv-lowest .venv-scipy .hypothesis .mypy_cache .pytest_cache .ruff_cache .coverage .coverage.* build dist
 	find . -name __pycache__ -prune -exec rm -rf {} +
 
-$(BIN)/pip:
+$(VENV)/pyvenv.cfg:
 	@$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or newer is needed: make PYTHON=python3.12" if sys.version_info < (3, 11) else 0)'
-	@$(PYTHON) -m venv .venv
+	@$(PYTHON) -m venv $(VENV)
 
-.venv/ready: pyproject.toml | $(BIN)/pip
-	@echo "Setting up .venv (a few minutes the first time) ..."
+build/lowest.txt: pyproject.toml .ci/lowest.py
+	@mkdir -p build
+	@$(PYTHON) .ci/lowest.py > $@
+
+$(VENV)/ready: pyproject.toml | $(VENV)/pyvenv.cfg
+	@echo "Setting up $(VENV) (a few minutes the first time) ..."
 	@$(PIP) --editable .
 	@touch $@
 
-.venv/ready-dev: pyproject.toml | $(BIN)/pip
-	@echo "Setting up .venv for tests (a few minutes the first time) ..."
-	@$(PIP) --editable '.[dev]'
-	@touch $@ .venv/ready
+$(VENV)/ready-dev: pyproject.toml $(CONSTRAINTS) | $(VENV)/pyvenv.cfg
+	@echo "Setting up $(VENV) for tests (a few minutes the first time) ..."
+	@$(PIP) --editable '.[dev]' $(addprefix --constraint ,$(CONSTRAINTS))
+	@touch $@ $(VENV)/ready
 
-.venv/ready-notebooks: pyproject.toml | $(BIN)/pip
-	@echo "Setting up .venv for the notebooks (a few minutes the first time) ..."
+.venv-scipy/ready-scipy: pyproject.toml
+	$(MAKE) VENV=.venv-scipy .venv-scipy/ready-dev
+	@.venv-scipy/bin/python -m pip uninstall --quiet --yes heyoka
+	@touch $@
+
+$(VENV)/ready-notebooks: pyproject.toml | $(VENV)/pyvenv.cfg
+	@echo "Setting up $(VENV) for the notebooks (a few minutes the first time) ..."
 	@$(PIP) --editable '.[notebooks]'
-	@touch $@ .venv/ready
+	@touch $@ $(VENV)/ready
 
-.venv/ready-docs: pyproject.toml | $(BIN)/pip
-	@echo "Setting up .venv for the documentation (a few minutes the first time) ..."
+$(VENV)/ready-docs: pyproject.toml | $(VENV)/pyvenv.cfg
+	@echo "Setting up $(VENV) for the documentation (a few minutes the first time) ..."
 	@$(PIP) --editable '.[docs]'
-	@touch $@ .venv/ready
+	@touch $@ $(VENV)/ready

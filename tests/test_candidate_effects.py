@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from helpers import ENGINES, needs_heyoka
 from numpy import pi
 from scipy.integrate import solve_ivp
 from scipy.special import beta, dawsn, iv, j1, modstruve
@@ -353,12 +354,11 @@ def test_even_spring_fakes_a_cubic_force_of_minus_ten_ninths_of_its_square():
 
 
 @pytest.mark.parametrize("symbol", TABLE)
+@needs_heyoka
 def test_every_candidate_moves_alike_on_both_engines(symbol):
     time = np.linspace(0.0, 1.5, 151)
     model = Model(BOTH, {"lambda": 1e-3, "zeta": 5e-3, "epsilon": 0.1, symbol: 0.01}, W)
     plain = replace(model, coefficients={"lambda": 1e-3, "zeta": 5e-3, "epsilon": 0.1})
-    first, second = (
-        simulate(model, time, 0.3, 0.5, engine=name).angle.values for name in ("heyoka", "scipy")
-    )
+    first, second = (simulate(model, time, 0.3, 0.5, engine=name).angle.values for name in ENGINES)
     np.testing.assert_allclose(first, second, atol=1e-10)
     assert np.max(np.abs(first - simulate(plain, time, 0.3, 0.5).angle.values)) > 1e-6
