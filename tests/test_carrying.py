@@ -3,7 +3,7 @@ import pytest
 from candidates import candidate, force
 from scipy.interpolate import CubicSpline
 
-from sysid_trib.averaging.internal_states import carry_along
+from sysid_trib.averaging.internal_states import states_along
 from sysid_trib.errors import DecayError, LibraryError
 from sysid_trib.forces.library import parse_library
 from sysid_trib.simulation.model import Model
@@ -29,7 +29,7 @@ def test_dahl_state_is_the_simulators(s, rate, worst):
     shapes = {"dahl.s": s}
     time = np.arange(0.0, 10.0, 1 / rate)
     run = simulate(Model(library, {"zeta": 0.01, "dahl": 0.005}, W, shapes), time)
-    carried = carry_along(library["dahl"], W * time, run.angle.values, run.rate.values / W, shapes)
+    carried = states_along(library["dahl"], W * time, run.angle.values, run.rate.values / W, shapes)
     assert np.abs(carried["z"] - run["dahl.z"].values).max() < worst
 
 
@@ -42,7 +42,7 @@ def as_data(symbol):
 def test_jenkins_follows_the_rule_of_its_reversals():
     tau, x, v = swing()
     found = candidate("jenkins")
-    hidden = carry_along(found, tau, x, v)
+    hidden = states_along(found, tau, x, v)
     h = found.value(x, v, hidden=hidden)
     # Stepping the elastic-sliding rule through the samples knows no reversals, and is exact to a sample.
     stepped = np.zeros_like(x)
@@ -58,14 +58,14 @@ def test_jenkins_follows_the_rule_of_its_reversals():
 def test_masing_hysteresis_closes_its_loops():
     tau, x, v = swing(decay=0.0)
     found = candidate("masing")
-    h = found.value(x, v, hidden=carry_along(found, tau, x, v))
+    h = found.value(x, v, hidden=states_along(found, tau, x, v))
     period = CubicSpline(tau, h)
     np.testing.assert_allclose(period(np.pi + tau[:600]), period(3 * np.pi + tau[:600]), atol=2e-5)
 
 
 def test_stiff_state_costs_no_more_steps():
     tau, x, v = swing(step=0.1)
-    z = carry_along(candidate("dahl"), tau, x, v, {"dahl.s": 1e-4})["z"]
+    z = states_along(candidate("dahl"), tau, x, v, {"dahl.s": 1e-4})["z"]
     sliding = np.abs(v) > 0.1
     np.testing.assert_allclose(z[sliding][5:], np.sign(v)[sliding][5:], atol=1e-9)
 
@@ -73,21 +73,21 @@ def test_stiff_state_costs_no_more_steps():
 def test_state_and_memory_together():
     tau, x, v = swing()
     found = force("z + m", state={"z": "v - (z - x)"}, memory={"m": "z"}, start={"z": "x"})
-    hidden = carry_along(found, tau, x, v)
+    hidden = states_along(found, tau, x, v)
     np.testing.assert_allclose(hidden["z"], x, atol=1e-7)
-    reference = carry_along(force("m", memory={"m": "x"}), tau, x, v)
+    reference = states_along(force("m", memory={"m": "x"}), tau, x, v)
     np.testing.assert_allclose(hidden["m"], reference["m"], atol=1e-7)
 
 
 def test_time_reaches_the_states():
     tau, x, v = swing()
     found = force("z", state={"z": "t"})
-    z = carry_along(found, tau, x, v, time=tau / W)["z"]
+    z = states_along(found, tau, x, v, time=tau / W)["z"]
     np.testing.assert_allclose(z, tau**2 / (2 * W), atol=1e-9)
 
 
 def test_a_force_without_past_carries_nothing():
-    assert carry_along(candidate("magnet"), [0.0], [0.0], [0.0]) == {}
+    assert states_along(candidate("magnet"), [0.0], [0.0], [0.0]) == {}
 
 
 @pytest.mark.parametrize(
@@ -101,12 +101,12 @@ def test_a_force_without_past_carries_nothing():
 )
 def test_bad_motions_are_refused(tau, x):
     with pytest.raises(DecayError, match="'dahl' has a past"):
-        carry_along(candidate("dahl"), tau, x, x)
+        states_along(candidate("dahl"), tau, x, x)
 
 
 def test_exploding_hidden_variables_are_refused():
     tau, x, v = swing(cycles=200.0, step=0.1)
     with pytest.raises(LibraryError, match="Force 'g'"):
-        carry_along(force("m", memory={"m": "9*m*m + 1"}), tau, x, v)
+        states_along(force("m", memory={"m": "9*m*m + 1"}), tau, x, v)
     with pytest.raises(LibraryError, match="Force 'g'"):
-        carry_along(force("z", state={"z": "1 + 9*z*z"}), tau, x, v)
+        states_along(force("z", state={"z": "1 + 9*z*z"}), tau, x, v)

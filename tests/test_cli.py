@@ -105,7 +105,7 @@ def test_json_follows_the_schema(twin):
     assert {*COEFFICIENTS, "asymptotic frequency"} == set(check["differences"])
     # The twin's models never leave the noise: a time that is not finite is null.
     assert check["models"]["direct"]["departure_time"] is None
-    assert "simulated twin" in found["record"]["source"]
+    assert "simulation of the PDMS" in found["record"]["source"]
 
 
 def test_result_file(twin, tree):
@@ -132,7 +132,7 @@ def test_table_of_the_example_on_an_ascii_terminal():
     ending = run("identify", "--window", ":9", "--omega0", "8.87+-0.02", encoding="ascii")
     assert (ending.status, ending.err) == (0, "")
     first, second, *_ = ending.out.splitlines()
-    assert first.startswith("Embedded example: simulated twin")
+    assert first.startswith("Embedded example: simulation")
     assert second.startswith("Free decay: kept 0 s to 9 s")
     for row in ("lambda   solid friction", "alpha    linear elastic force", "w_inf (rad/s)"):
         assert row in ending.out

@@ -306,7 +306,7 @@ def test_command(tmp_path):
     )
     assert (ending.status, ending.err) == (0, "")
     first, second, *lines = ending.out.splitlines()
-    assert first.startswith("Embedded example: simulated twin")
+    assert first.startswith("Embedded example: simulation")
     assert second.startswith("Free decay: kept")
     for label in every_method():
         assert sum(line.startswith(f"{label}  ") for line in lines) == 3, label

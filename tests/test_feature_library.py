@@ -8,7 +8,7 @@ from candidates import CANDIDATES, candidate
 from sklearn.base import clone
 
 from sysid_trib import load_library
-from sysid_trib.averaging.internal_states import carry_along
+from sysid_trib.averaging.internal_states import states_along
 from sysid_trib.errors import DecayError, LibraryError
 from sysid_trib.forces.library import parse_library
 from sysid_trib.regression.pysindy_features import ForceFeatures, readable
@@ -126,7 +126,7 @@ def test_features_of_forces_with_a_past_are_carried_along_each_trajectory():
     np.testing.assert_array_equal(first, second)
     assert first.shape == (len(x), 3)
     tau = 0.1 * np.arange(len(x))
-    z = carry_along(library["dahl"], tau, x[:, 0], x[:, 1], {"dahl.s": 0.05})["z"]
+    z = states_along(library["dahl"], tau, x[:, 0], x[:, 1], {"dahl.s": 0.05})["z"]
     np.testing.assert_allclose(first[:, 0], z, rtol=1e-8)
     np.testing.assert_allclose(first[:, 2], 0.01 * np.arange(len(x)) * x[:, 1], rtol=1e-12)
 

@@ -258,9 +258,12 @@ def test_following_a_branch_gives_the_value(symbol):
 
     found = candidate(symbol)
     for formula in found.formulas:
-        signs = {s.text: np.sign(evaluate_tree(s.tree, found.probe)) for s in formula.surfaces}
+        signs = {s.text: np.sign(evaluate_tree(s.tree, found.test_points)) for s in formula.surfaces}
         np.testing.assert_allclose(
-            formula.evaluate(found.probe, signs=signs), formula.evaluate(found.probe), rtol=1e-12, atol=1e-14
+            formula.evaluate(found.test_points, signs=signs),
+            formula.evaluate(found.test_points),
+            rtol=1e-12,
+            atol=1e-14,
         )
 
 

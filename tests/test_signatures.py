@@ -12,7 +12,7 @@ from scipy.integrate import quad, solve_ivp
 from scipy.special import beta, dawsn, iv, j1, modstruve
 
 from sysid_trib import load_library
-from sysid_trib.averaging.signatures import averages, lost_power, signature
+from sysid_trib.averaging.signatures import averages, dissipated_power, signature
 from sysid_trib.errors import LibraryError, UsageError
 
 A = np.array([0.005, 0.03, 0.1, 0.2, 0.7, 1.5])
@@ -212,11 +212,11 @@ def test_time_is_held_in_a_cycle_and_runs_with_the_amplitudes():
 
 def test_power_is_lost_by_friction_and_not_by_springs():
     six = load_library()
-    assert lost_power(six["lambda"], 0.3) == pytest.approx(0.3 * 2 / pi)
-    assert lost_power(six["nu"], [0.1, 0.3]).tolist() == [0.0, 0.0]
+    assert dissipated_power(six["lambda"], 0.3) == pytest.approx(0.3 * 2 / pi)
+    assert dissipated_power(six["nu"], [0.1, 0.3]).tolist() == [0.0, 0.0]
     # A Jenkins element loses power only where it slips.
-    assert lost_power(candidate("jenkins"), np.array([0.01, 0.3]))[0] == pytest.approx(0.0, abs=1e-15)
-    assert lost_power(candidate("jenkins"), np.array([0.01, 0.3]))[1] > 0
+    assert dissipated_power(candidate("jenkins"), np.array([0.01, 0.3]))[0] == pytest.approx(0.0, abs=1e-15)
+    assert dissipated_power(candidate("jenkins"), np.array([0.01, 0.3]))[1] > 0
 
 
 def test_dataset_is_labelled():

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from sysid_trib.averaging.collocation import Array
-from sysid_trib.averaging.internal_states import carry_along
+from sysid_trib.averaging.internal_states import states_along
 from sysid_trib.averaging.signatures import averages
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import Force, ForceLibrary
@@ -80,7 +80,7 @@ def exactly_dependent(
         v = -0.5 * amplitude * (np.sin(tau) + np.sqrt(2.0) * np.sin(np.sqrt(2.0) * tau + 1.0))
     columns = []
     for force in forces:
-        hidden = {} if force.memoryless else carry_along(force, tau, x, v, shapes, time=t)
+        hidden = {} if force.memoryless else states_along(force, tau, x, v, shapes, time=t)
         columns.append(force.value(x, v, t, shapes=shapes, hidden=hidden))
     found = dependent_columns(np.column_stack(columns)) if columns else []
     return [tuple(forces[i].symbol for i in group) for group in found]

@@ -16,7 +16,7 @@ STAGES = 4
 ACCEPTED = 1e-8
 
 
-def carry_along(
+def states_along(
     force: Force,
     tau: ArrayLike,
     x: ArrayLike,

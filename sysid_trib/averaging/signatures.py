@@ -91,7 +91,7 @@ def averages(
     return np.concatenate(sine), np.concatenate(cosine)
 
 
-def lost_power(
+def dissipated_power(
     force: Force,
     amplitude: ArrayLike,
     shapes: Mapping[str, float] | None = None,

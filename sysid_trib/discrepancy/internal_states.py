@@ -111,8 +111,8 @@ def is_driven(force: Force) -> bool:
     if len(force.state) > 1 or any(f.names & set(force.state) for f in force.memory.values()):
         return False
     for name, formula in force.state.items():
-        here = force.probe[name]
-        none, one, other = (formula.evaluate(force.probe | {name: p * here}) for p in (0.0, 1.0, -2.0))
+        here = force.test_points[name]
+        none, one, other = (formula.evaluate(force.test_points | {name: p * here}) for p in (0.0, 1.0, -2.0))
         if not np.allclose(other - none, -2.0 * (one - none), rtol=1e-9, atol=1e-12):
             return False
     return True

@@ -110,20 +110,22 @@ class Force:
         if not self.memoryless or self.kind != "force" or self.shape:
             return False
         other = parse(formula, frozenset("xvt"), frozenset(), formula)
-        probe = self.probe
-        return bool(np.allclose(self._at(probe), other.evaluate(probe), rtol=1e-12, atol=1e-14))
+        points = self.test_points
+        return bool(np.allclose(self._at(points), other.evaluate(points), rtol=1e-12, atol=1e-14))
 
     @cached_property
     def parity(self) -> str:
         """`odd`, `even` or `mixed` under (x, v) -> (-x, -v), states and memory following."""
         hidden = (*self.state, *self.memory)
         for signs in itertools.product((-1.0, 1.0), repeat=len(hidden)):
-            flipped = self.probe | {"x": -self.probe["x"], "v": -self.probe["v"]}
-            flipped |= {k: s * self.probe[k] for k, s in zip(hidden, signs, strict=True)}
+            flipped = self.test_points | {"x": -self.test_points["x"], "v": -self.test_points["v"]}
+            flipped |= {k: s * self.test_points[k] for k, s in zip(hidden, signs, strict=True)}
             rest = zip((*self.state.values(), *self.memory.values()), signs, strict=True)
-            if not all(_same(f.evaluate(flipped), s * np.asarray(f.evaluate(self.probe))) for f, s in rest):
+            if not all(
+                _same(f.evaluate(flipped), s * np.asarray(f.evaluate(self.test_points))) for f, s in rest
+            ):
                 continue
-            here, there = self._at(self.probe), self._at(flipped)
+            here, there = self._at(self.test_points), self._at(flipped)
             if _same(there, -here):
                 return "odd"
             if _same(there, here):
@@ -138,7 +140,7 @@ class Force:
         """
         if not self.memoryless or self.kind == "sensor":
             return "sensor" if self.kind == "sensor" else "mixed"
-        here, there = self._at(self.probe), self._at(self.probe | {"v": -self.probe["v"]})
+        here, there = self._at(self.test_points), self._at(self.test_points | {"v": -self.test_points["v"]})
         return "conservative" if _same(there, here) else "dissipative" if _same(there, -here) else "mixed"
 
     @cached_property
@@ -183,7 +185,7 @@ class Force:
         return str(sympy.latex(sympy.Symbol(self.symbol)))
 
     @cached_property
-    def probe(self) -> dict[str, Any]:
+    def test_points(self) -> dict[str, Any]:
         """Points at which formulas are compared; deterministic, off the axes.
 
         Some are near zero: tanh(v/s) with a small s is sign(v) everywhere else.
@@ -201,15 +203,15 @@ class Force:
             return np.broadcast_to(self.formula.evaluate(names), (64,))
 
     def _degree_in(self, *variables: str, shapes: Mapping[str, float] | None = None) -> float | None:
-        probe = self.probe | dict(shapes or {})
-        here = self._at(probe)
+        points = self.test_points | dict(shapes or {})
+        here = self._at(points)
         used = np.abs(here) > 1e-12
         if not used.any():
             return None
         degree = None
         # Over many scales: tanh(v/s) is as good as sign(v) on one of them.
         for factor in (2.0, 4.0, 1e-3, 1e-6):
-            there = self._at(probe | {k: factor * probe[k] for k in variables})
+            there = self._at(points | {k: factor * points[k] for k in variables})
             if not np.all(np.isfinite(there)):
                 return None
             if degree is None:

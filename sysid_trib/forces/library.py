@@ -155,7 +155,7 @@ def _check_finite(force: Force, where: str) -> None:
     for formula in force.formulas:
         try:
             with np.errstate(all="ignore"):
-                values = np.asarray(formula.evaluate(force.probe))
+                values = np.asarray(formula.evaluate(force.test_points))
         except ZeroDivisionError:  # of two numbers: Python divides them, not NumPy
             values = np.asarray(np.nan)
         if not np.all(np.isfinite(values)) or np.max(np.abs(values)) > 1e9:

@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from sysid_trib.averaging.collocation import Index, Panels, solve_states
-from sysid_trib.averaging.internal_states import carry_along
+from sysid_trib.averaging.internal_states import states_along
 from sysid_trib.averaging.signatures import averages
 from sysid_trib.forces.force import Force
 from sysid_trib.physics.quantities import Array, amplitudes, with_error
@@ -113,7 +113,7 @@ def _unit_peak(force: Force) -> float:
 def _settled_peak(force: Force, a: float, shapes: Mapping[str, float], time: float) -> float:
     tau = 2.0 * np.pi * np.arange(CYCLES * POINTS_WITH_MEMORY + 1) / POINTS_WITH_MEMORY
     x, v = a * np.cos(tau), -a * np.sin(tau)
-    hidden = carry_along(force, tau, x, v, shapes, time=time)
+    hidden = states_along(force, tau, x, v, shapes, time=time)
     last = slice(-POINTS_WITH_MEMORY, None)
     past = {name: value[last] for name, value in hidden.items()}
     h = force.value(x[last], v[last], time, shapes=shapes, hidden=past)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sysid_trib.averaging.signatures import averages, lost_power
+from sysid_trib.averaging.signatures import averages, dissipated_power
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.printing.layout import text_table
 
@@ -62,7 +62,7 @@ def _closed(value: float) -> str:
 
 def loses_power(force: Force) -> str:
     """Whether a positive coefficient takes energy out, at the amplitudes at which a pendulum swings."""
-    power = lost_power(force, np.array([0.05, 0.3, 1.0]), None, time=1.0)
+    power = dissipated_power(force, np.array([0.05, 0.3, 1.0]), None, time=1.0)
     if np.all(np.abs(power) < 1e-13):
         return "no"
     return "yes" if np.all(power > -1e-13) else "gains power" if np.all(power < 1e-13) else "by amplitude"

@@ -9,11 +9,11 @@ from pysindy import AxesArray
 from pysindy.feature_library.base import BaseFeatureLibrary, x_sequence_or_item
 from sklearn.utils.validation import check_is_fitted
 
-from sysid_trib.averaging.internal_states import carry_along
+from sysid_trib.averaging.internal_states import states_along
 from sysid_trib.errors import DecayError, LibraryError
 from sysid_trib.forces.force import Force, ForceLibrary
 
-__all__ = ["ForceFeatures", "carry_along", "readable"]
+__all__ = ["ForceFeatures", "readable", "states_along"]
 
 # What pysindy calls its inputs when nobody has named them.
 UNNAMED = ["x0", "x1"]
@@ -122,7 +122,7 @@ class ForceFeatures(BaseFeatureLibrary):
         found = np.empty((*angle.shape, len(self._forces)), dtype=np.result_type(states.dtype, np.float32))
         for i, force in enumerate(self._forces):
             tau = t * float(self.reference_frequency or 0.0)
-            hidden = carry_along(force, tau, angle, rate, self.shapes, time=t)
+            hidden = states_along(force, tau, angle, rate, self.shapes, time=t)
             found[..., i] = force.value(angle, rate, t, shapes=self.shapes, hidden=hidden)
         return AxesArray(found, {"ax_time": 0, "ax_coord": 1})
 

@@ -8,7 +8,7 @@ import scipy.linalg
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from sysid_trib.averaging.internal_states import carry_along
+from sysid_trib.averaging.internal_states import states_along
 from sysid_trib.forces.force import Force
 from sysid_trib.noise.smoothing import KNOTS_PER_PERIOD
 from sysid_trib.regression.weak_form import WeakForm, noise_operator, whiten, whitener
@@ -107,7 +107,7 @@ def force_columns(
             k: (known or {})[f"{force.symbol}.{k}"] for k in names if f"{force.symbol}.{k}" in (known or {})
         }
         if len(hidden) < len(names):
-            hidden = carry_along(force, frequency * t, x, v, problem.shapes, time=t)
+            hidden = states_along(force, frequency * t, x, v, problem.shapes, time=t)
         columns.append(force.value(x, v, t, shapes=problem.shapes, hidden=hidden))
     return np.stack(columns, axis=1) if columns else np.zeros((len(x), 0))
 

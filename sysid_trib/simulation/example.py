@@ -1,4 +1,4 @@
-"""The embedded example: a simulated twin of the paper's PDMS/glass run, which was never published."""
+"""The embedded example: a simulation of the paper's PDMS/glass run, which was never published."""
 
 import numpy as np
 import xarray as xr
@@ -42,7 +42,7 @@ def paper_twin(*, seed: int = 2019) -> xr.Dataset:
         {"angle": ("time", angle, {"units": "rad", "long_name": "angle"})},
         {"time": ("time", time, {"units": "s", "long_name": "time"})},
         {
-            "source": "simulated twin of the PDMS/glass run of Le Bot et al. 2019 (not the measurement)",
+            "source": "simulation of the PDMS/glass run of Le Bot et al. 2019 (not the measurement)",
             "record_checksum": "",
             "synthetic": f"noise {NOISE:g} rad, angle step {STEP:g} rad, seed {seed}",
         },

@@ -19,7 +19,7 @@ FAST = "fast"
 
 
 @dataclass(frozen=True)
-class Trajectory:
+class SimulatedMotion:
     """A motion at the times asked for.
 
     `angle` (rad) is the measured one, `position` (rad) and `rate` (rad/s) the true ones; `hidden` holds the
@@ -88,7 +88,7 @@ def trajectory(
     *,
     engine: str | None = None,
     tolerance: float = 1e-12,
-) -> Trajectory:
+) -> SimulatedMotion:
     """Simulate without labels, the fast way for repeated use (see `simulate`).
 
     `engine` may also be `FAST`: the best that is installed, and no other if that fails, which may take a
@@ -111,7 +111,7 @@ def trajectory(
     for sensor in model.sensors:
         measured += model.coefficients[sensor.symbol] * sensor.value(x, v, time - start, shapes=model.shapes)
     stop, reversals = start + path.stop / w, start + path.reversals / w
-    return Trajectory(measured, x, w * v, stop, reversals, path.hidden, name)
+    return SimulatedMotion(measured, x, w * v, stop, reversals, path.hidden, name)
 
 
 def _path(
