@@ -2,7 +2,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
-PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n auto --dist loadfile
+PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n auto --dist loadfile $(WARNINGS)
 
 .PHONY: demo test test-slow test-lowest test-scipy coverage notebooks docs check clean
 
@@ -16,9 +16,10 @@ test: $(VENV)/ready-dev
 test-slow: $(VENV)/ready-dev
 	$(PYTEST) -m slow
 
-# With the lowest version of each dependency that pyproject.toml allows.
+# With the lowest version of each dependency that pyproject.toml allows. That they call what other packages have
+# deprecated since is theirs to mend.
 test-lowest:
-	$(MAKE) VENV=.venv-lowest CONSTRAINTS=build/lowest.txt test
+	$(MAKE) VENV=.venv-lowest CONSTRAINTS=build/lowest.txt WARNINGS='-W ignore::DeprecationWarning' test
 
 # Without heyoka, as where it has no wheel: scipy simulates.
 test-scipy: .venv-scipy/ready-scipy

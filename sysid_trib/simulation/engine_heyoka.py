@@ -48,7 +48,7 @@ def _analytic(name: str) -> Callable[[Any], Any]:
 
 
 def _expr(value: Any) -> Any:
-    return hy.expression(value)
+    return value if isinstance(value, hy.expression) else hy.expression(value)
 
 
 SMOOTH: Functions = {
