@@ -10,8 +10,8 @@ from scipy.ndimage import binary_dilation, median_filter
 from scipy.optimize import minimize_scalar
 from scipy.signal.windows import tukey
 
-from sysid_trib.decays.half_sines import usable_half_periods
 from sysid_trib.noise.autoregression import autoregression_of, fractional_difference, warm_up_samples
+from sysid_trib.noise.level import swing_frequency
 from sysid_trib.noise.smoothing import clamped_knots, smooth
 
 Array = NDArray[np.float64]
@@ -76,9 +76,7 @@ def modulated_harmonics(decay: xr.Dataset) -> Array:
     Phase and frequency are the record's own, so that no model is needed.
     """
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
-    halves = usable_half_periods(time, angle, str(decay.attrs.get("source", "decay")))
-    frequency = float(np.pi / np.median(halves.duration))
-    tau = frequency * (time - time[0])
+    tau = swing_frequency(decay) * (time - time[0])
     x, v, _, _ = smooth(tau, angle)
     phase = np.unwrap(np.arctan2(-v, x))
     knots = max(1, round((tau[-1] - tau[0]) / (2.0 * np.pi * PERIODS_PER_KNOT)))
