@@ -31,6 +31,7 @@ class Baseline:
     noises : of each run.
     residual : (sample,) record minus motion of all runs, whitened, in units of the noise.
     table : (sample, unknown) its sensitivities, whitened.
+    noise_bases : of each run, what its noise was estimated beside; empty where the noise was given.
     """
 
     problem: Problem
@@ -38,6 +39,7 @@ class Baseline:
     noises: tuple[NoiseModel, ...]
     residual: Array
     table: Array
+    noise_bases: tuple[Array, ...] = ()
 
     @property
     def chi_square(self) -> float:
@@ -119,7 +121,7 @@ def refit_in_residual_noise(problem: Problem, unknown: Array, bases: Sequence[Ar
     """A fit with the noise that it leaves beside slowly changing oscillations."""
     residuals = problem.residuals(unknown)
     noises = [estimate_noise(left, basis) for left, basis in zip(residuals, bases, strict=True)]
-    return fit(problem, unknown, noises)
+    return replace(fit(problem, unknown, noises), noise_bases=tuple(bases))
 
 
 def fit_records(runs: Sequence[xr.Dataset]) -> tuple[Record, ...]:

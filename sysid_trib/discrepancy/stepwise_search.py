@@ -106,7 +106,7 @@ def search(
     out, each is replaced by a twin that costs less, and all by one fitted from the start that costs less;
     after a change the record is scanned again.
     """
-    bases = [modulated_harmonics(run) for run in runs]
+    bases = baseline.noise_bases
     scans: list[Scan] = []
     state: State = (baseline, ())
     ties: dict[str, list[Twin]] = {}
