@@ -100,7 +100,7 @@ def test_a_force_without_past_carries_nothing():
     ],
 )
 def test_bad_motions_are_refused(tau, x):
-    with pytest.raises(DecayError, match="'dahl' has a past"):
+    with pytest.raises(DecayError, match="'dahl' depends on history"):
         states_along(candidate("dahl"), tau, x, x)
 
 

@@ -11,11 +11,11 @@ from hypothesis.extra.numpy import arrays
 from scipy.integrate import quad
 
 from sysid_trib import ForceLibrary, Model, load_library
+from sysid_trib.averaging.internal_states import GivenMotion, is_linear_in_state, values_along
 from sysid_trib.discrepancy.baseline import fit
 from sysid_trib.discrepancy.candidate_fits import likeliest, refit
 from sysid_trib.discrepancy.candidate_sensitivities import Probe, probes_of
 from sysid_trib.discrepancy.competing_models import tie_class
-from sysid_trib.discrepancy.internal_states import is_driven, values_along
 from sysid_trib.discrepancy.model_probabilities import CREDIBLE, credible, over_shapes, probabilities
 from sysid_trib.discrepancy.replacement import alone
 from sysid_trib.discrepancy.score_tests import scores
@@ -60,16 +60,20 @@ def test_shapes_that_must_be_set_cost_the_part_of_their_range_that_fits(width):
     assert price == pytest.approx(-2.0 * np.log(mean), abs=0.1)
 
 
+def given_motion(about):
+    return GivenMotion(about.tau, about.x, about.v, about.time)
+
+
 @pytest.mark.parametrize("symbol", WITH_A_PAST)
 def test_what_a_force_remembers_of_a_motion_is_what_it_would_move(symbol):
     model = Model(CONTACT, FIVE, W)
     about, force = tangent(model, RUN.time, 0.3, 0.0), EFFECTS[symbol]
-    assert is_driven(force) is (symbol not in SIMULATED)
+    assert is_linear_in_state(force) is (symbol not in SIMULATED)
     if symbol in SIMULATED:
-        assert values_along(about, force, [force.shape_values()]) is None
+        assert values_along(given_motion(about), force, [force.shape_values()]) is None
         return
     probes = probes_of(EFFECTS.select([symbol]))
-    found = values_along(about, force, [probe.shapes for probe in probes])
+    found = values_along(given_motion(about), force, [probe.shapes for probe in probes])
     library = ForceLibrary("with one", (*CONTACT.forces, force))
     names = (*force.state, *force.memory)
     followed = []
@@ -88,9 +92,9 @@ def test_what_a_force_remembers_of_a_motion_is_what_it_would_move(symbol):
 def test_a_probe_that_is_not_finite_leaves_the_others_alone():
     about, force = tangent(Model(CONTACT, FIVE, W), RUN.time, 0.3, 0.0), EFFECTS["dahl"]
     shapes = [{"dahl.s": s} for s in (0.01, 0.0, 0.02)]
-    first, wild, last = values_along(about, force, shapes).T
+    first, wild, last = values_along(given_motion(about), force, shapes).T
     assert not np.all(np.isfinite(wild))
-    np.testing.assert_array_equal([first, last], values_along(about, force, shapes[::2]).T)
+    np.testing.assert_array_equal([first, last], values_along(given_motion(about), force, shapes[::2]).T)
 
 
 @pytest.mark.slow

@@ -22,12 +22,22 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 Names = Mapping[str, Any]
 MAX_NEWTON = 60
-MAX_ROUNDS = 45
+MAX_HALVINGS = 45
 
 
 @dataclass(frozen=True)
 class Panels:
-    """Intervals of tau (or phi) in order: `row` = the motion, `segment` = its part between reversals."""
+    """Intervals of tau (or phi) in order.
+
+    Attributes
+    ----------
+    row : (panel,) array of int
+        The motion, where there are several.
+    segment : (panel,) array of int
+        Its part between reversals.
+    low, high : (panel,) array of float
+        Ends of the interval.
+    """
 
     row: Index
     segment: Index
@@ -46,13 +56,25 @@ class Panels:
 
 @dataclass(frozen=True)
 class States:
-    """States at the nodes of panels, (panel, node, state), and at each panel's low end, (panel, state)."""
+    """States on panels.
+
+    Attributes
+    ----------
+    panels : Panels
+        The panels, halved until the states are smooth on each.
+    tau, weights : (panel, node) array of float
+        Nodes, and weights of an integral over them.
+    values : (panel, node, state) array of float
+        States at the nodes.
+    at_low : (panel, state) array of float
+        States at each panel's low end.
+    """
 
     panels: Panels
     tau: Array
     weights: Array
     values: Array
-    left: Array
+    at_low: Array
 
     def named(self, force: Force) -> dict[str, Array]:
         """States at the nodes by name."""
@@ -60,12 +82,12 @@ class States:
 
 
 @lru_cache(maxsize=8)
-def _radau(stages: int) -> tuple[Array, Array, Array]:
+def _radau(count: int) -> tuple[Array, Array, Array]:
     """Radau IIA (Hairer and Wanner 1996): nodes on (0, 1], integration matrix, inverse Legendre matrix."""
-    nodes = legendre.legroots(np.eye(stages + 1)[-1] - np.eye(stages + 1)[-2])
+    nodes = legendre.legroots(np.eye(count + 1)[-1] - np.eye(count + 1)[-2])
     nodes[-1] = 1.0
-    basis = legendre.legvander(nodes, stages - 1)
-    integrals = [legendre.legval(nodes, legendre.legint(row, lbnd=-1)) for row in np.eye(stages)]
+    basis = legendre.legvander(nodes, count - 1)
+    integrals = [legendre.legval(nodes, legendre.legint(row, lbnd=-1)) for row in np.eye(count)]
     inverse = np.linalg.inv(basis)
     matrix = 0.5 * np.array(integrals).T @ inverse
     return 0.5 * (nodes + 1.0), np.asarray(matrix), np.asarray(inverse)
@@ -77,52 +99,64 @@ def solve_states(
     names_at: Callable[[Index, Array], Names],
     *,
     start: Array | None = None,
-    stages: int = 8,
+    nodes: int = 8,
     tolerance: float = 1e-13,
 ) -> States:
-    """States of a force under a given motion, on panels halved until the states are smooth on each.
+    """States of a force along a given motion, on panels halved until the states are smooth on each.
 
     Parameters
     ----------
-    force : a force with states.
-    panels : first division of the motions.
-    names_at : x, v, t, memory and shape parameters at (segment, tau), both of (panel, node).
-    start : (row, state), value at the start of each motion; None for the steady cycle.
-    stages : nodes a panel.
-    tolerance : error allowed on a panel, relative to the largest state.
+    force : Force
+        One with states.
+    panels : Panels
+        First division of the motions.
+    names_at : callable
+        x, v, t, memory and shape parameters at (segment, tau), both of (panel, node).
+    start : (row, state) array of float, optional
+        Value at the start of each motion; None for the steady cycle.
+    nodes : int
+        Nodes of a panel.
+    tolerance : float
+        Error allowed on a panel, relative to the largest state.
+
+    Returns
+    -------
+    States
 
     Raises
     ------
     LibraryError
         The states are not finite, or have no steady cycle.
     """
-    nodes, matrix, inverse = _radau(stages)
-    guess = np.zeros((panels.low.size, stages, len(force.state)))
+    place, matrix, inverse = _radau(nodes)
+    guess = np.zeros((panels.low.size, nodes, len(force.state)))
     if start is not None:
         guess += start[panels.row, None, :]
-    for _ in range(MAX_ROUNDS):
+    for _ in range(MAX_HALVINGS):
         width = panels.high - panels.low
-        tau = panels.low[:, None] + width[:, None] * nodes
+        tau = panels.low[:, None] + width[:, None] * place
         names = names_at(panels.segment[:, None], tau)
         try:
             with np.errstate(all="ignore"):
-                values, left = _newton(force, panels, names, guess, start=start, tolerance=tolerance)
+                values, at_low = _newton(force, panels, names, guess, start=start, tolerance=tolerance)
         except np.linalg.LinAlgError:
-            raise LibraryError(
-                f"Force '{force.symbol}': its states are not finite along the motion."
-            ) from None
+            raise _not_finite(force) from None
         # The force is watched too: it is integrated, and may switch where its states do not.
         h = force.formula.evaluate({**names, **_named(force, values)})
         h = np.broadcast_to(h, tau.shape)[..., None] * width[:, None, None]
         error = _error(inverse, np.concatenate((values, h), axis=-1))
         rough = (error > tolerance * max(np.abs(values).max(), 1e-300)) & (width > 1e-10)
         if not rough.any():
-            return States(panels, tau, matrix[-1] * width[:, None], values, left)
-        place = (np.arange(panels.low.size)[:, None] + nodes).ravel()
+            return States(panels, tau, matrix[-1] * width[:, None], values, at_low)
+        known = (np.arange(panels.low.size)[:, None] + place).ravel()
         panels, parent, offset = panels.halved(rough)
-        at = parent[:, None] + offset[:, None] + np.where(rough[parent], 0.5, 1.0)[:, None] * nodes
-        guess = np.stack([np.interp(at, place, z.ravel()) for z in np.moveaxis(values, -1, 0)], axis=-1)
+        at = parent[:, None] + offset[:, None] + np.where(rough[parent], 0.5, 1.0)[:, None] * place
+        guess = np.stack([np.interp(at, known, z.ravel()) for z in np.moveaxis(values, -1, 0)], axis=-1)
     raise LibraryError(f"Force '{force.symbol}': its states are too rough to be followed.")
+
+
+def _not_finite(force: Force) -> LibraryError:
+    return LibraryError(f"Force '{force.symbol}': its states are not finite along the motion.")
 
 
 def _error(inverse: Array, watched: Array) -> Array:
@@ -152,28 +186,28 @@ def _newton(
     force: Force, panels: Panels, names: Names, guess: Array, *, start: Array | None, tolerance: float
 ) -> tuple[Array, Array]:
     """Solve the collocation equations of all panels together: (values at the nodes, at the low ends)."""
-    count, stages, states = guess.shape
-    matrix = _radau(stages)[1] * (panels.high - panels.low)[:, None, None]
-    one = np.broadcast_to(np.tile(np.eye(states), (stages, 1)), (count, stages * states, states))
+    count, nodes, states = guess.shape
+    matrix = _radau(nodes)[1] * (panels.high - panels.low)[:, None, None]
+    identity = np.broadcast_to(np.tile(np.eye(states), (nodes, 1)), (count, nodes * states, states))
     values = guess
     best = np.inf
     for _ in range(MAX_NEWTON):
         slopes = _slopes(force, names, values)
         jacobian = _jacobian(force, names, values)
         if not (np.all(np.isfinite(slopes)) and np.all(np.isfinite(jacobian))):
-            raise LibraryError(f"Force '{force.symbol}': its states are not finite along the motion.")
+            raise _not_finite(force)
         rest = slopes - np.einsum("psab,psb->psa", jacobian, values)
-        system = -np.einsum("pij,pjab->piajb", matrix, jacobian).reshape(count, stages * states, -1)
-        system += np.eye(stages * states)
+        system = -np.einsum("pij,pjab->piajb", matrix, jacobian).reshape(count, nodes * states, -1)
+        system += np.eye(nodes * states)
         fixed = np.einsum("pij,pja->pia", matrix, rest).reshape(count, -1, 1)
-        solved = np.linalg.solve(system, np.concatenate((fixed, one), axis=-1))
-        left = _chained(force, solved[:, -states:, 1:], solved[:, -states:, 0], panels.row, start)
-        new = (solved[..., 0] + np.einsum("pij,pj->pi", solved[..., 1:], left)).reshape(values.shape)
+        solved = np.linalg.solve(system, np.concatenate((fixed, identity), axis=-1))
+        at_low = _chained(force, solved[:, -states:, 1:], solved[:, -states:, 0], panels.row, start)
+        new = (solved[..., 0] + np.einsum("pij,pj->pi", solved[..., 1:], at_low)).reshape(values.shape)
         change = np.abs(new - values).max() / max(np.abs(new).max(), 1e-300)
         values = new
         # Finite differences and rounding leave a floor: stop there, not at a fixed level.
         if change <= 0.01 * tolerance or (change < 1e-4 and change > 0.3 * best):
-            return values, left
+            return values, at_low
         best = min(best, change)
     raise LibraryError(f"Force '{force.symbol}': its states could not be followed along the motion.")
 

@@ -122,7 +122,7 @@ def _state_integrals(
     sums = np.stack([np.bincount(half, term, 2 * count) for term in terms.T], axis=-1)
     begins = np.concatenate(([True], half[1:] != half[:-1]))
     turns = np.empty((2 * count, len(force.state)))
-    turns[half[begins]] = found.left[begins]
+    turns[half[begins]] = found.at_low[begins]
     return np.asarray(sums), dict(zip(force.state, turns.T, strict=True))
 
 

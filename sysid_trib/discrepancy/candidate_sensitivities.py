@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid_trib.averaging.internal_states import GivenMotion, is_linear_in_state, values_along
 from sysid_trib.discrepancy.frequency_parameters import is_frequency, is_resonance
-from sysid_trib.discrepancy.internal_states import is_driven, values_along
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.force import Force, ForceLibrary, Shape
 from sysid_trib.simulation.model import Model
@@ -76,7 +76,7 @@ def _grid(force: Force, name: str, frequencies: Sequence[float], w: float) -> Ar
     if is_resonance(force, name):
         inside = [q / w for q in frequencies if shape.low <= q / w <= shape.high]
         return np.sort([*inside, *np.geomspace(shape.low, shape.high, BROAD)])
-    count = VALUES if force.memoryless or is_driven(force) else FEWER
+    count = VALUES if force.memoryless or is_linear_in_state(force) else FEWER
     if is_wide(shape):
         return np.geomspace(shape.low, shape.high, count)
     return np.linspace(shape.low, shape.high, count)
@@ -142,8 +142,12 @@ def _with_a_past(course: ReferenceMotion, probes: Sequence[Probe]) -> dict[int, 
     for at, probe in enumerate(probes):
         if not probe.force.memoryless:
             members.setdefault(probe.force.symbol, []).append(at)
+    if not members:
+        return found
+    about = course.about
+    motion = GivenMotion(about.tau, about.x, about.v, about.time)
     for rows in members.values():
-        values = values_along(course.about, probes[rows[0]].force, [probes[at].shapes for at in rows])
+        values = values_along(motion, probes[rows[0]].force, [probes[at].shapes for at in rows])
         if values is not None:
             found |= dict(zip(rows, values.T, strict=True))
     return found

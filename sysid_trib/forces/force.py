@@ -87,6 +87,11 @@ class Force:
         given = shapes or {}
         return {k: float(given.get(f"{self.symbol}.{k}", s.default)) for k, s in self.shape.items()}
 
+    def start_values(self, names: Mapping[str, Any]) -> dict[str, Any]:
+        """First value of each state and memory, from x, v, t and the shape parameters in `names`."""
+        values = dict.fromkeys((*self.state, *self.memory), 0.0)
+        return values | {k: formula.evaluate(names) for k, formula in self.start.items()}
+
     def value(
         self,
         x: ArrayLike,
