@@ -33,7 +33,8 @@ from sysid_trib.forces.formulas import parse
 from sysid_trib.noise.autoregression import fractional_difference, whitened
 from sysid_trib.noise.residual_noise import NoiseModel, estimate_noise, modulated_harmonics
 from sysid_trib.simulation.simulate import trajectory
-from sysid_trib.trajectory_fit.problem import Problem
+from sysid_trib.trajectory_fit.parameters import Parameters
+from sysid_trib.trajectory_fit.problem import FitProblem
 from sysid_trib.trajectory_fit.sensitivities import tangent
 
 CONTACT, EFFECTS = load_library(), load_library("candidate_effects")
@@ -162,7 +163,7 @@ def test_a_line_of_vibration_is_no_noise():
 
 
 def true_baseline(seed):
-    problem = Problem(BASE, fit_records([RUN.decay(seed)]), None, (), {})
+    problem = FitProblem(Parameters(BASE), fit_records([RUN.decay(seed)]))
     return fit(problem, TRUTH, [NoiseModel(NOISE, np.ones(1))])
 
 
@@ -178,7 +179,7 @@ def test_runs_that_agree_differ_by_chance_alone():
     """What runs of their own explain of noise is a chi-square of as many degrees of freedom."""
     total, freedom = 0.0, 0
     for seed in range(8):
-        problem = Problem(BASE, fit_records([RUN.decay(seed), RUN.decay(100 + seed)]), None, (), {})
+        problem = FitProblem(Parameters(BASE, runs=2), fit_records([RUN.decay(seed), RUN.decay(100 + seed)]))
         found = fit(problem, np.append(TRUTH, TRUTH[-3:]), [NoiseModel(NOISE, np.ones(1))] * 2)
         told = homogeneity([found])
         assert told.degrees_of_freedom.item() == len(FIVE) + 1
@@ -223,10 +224,10 @@ def test_a_hidden_effect_is_named(symbol, coefficient):
     found = search([run], first_baseline([run], BASE, None), EFFECTS)
     assert verdict_of(found) == "explained"
     assert symbol in tie_class(found.final, found.added[0], found.ties[found.added[0]])
-    at = list(found.final.problem.names).index(found.added[0])
+    at = found.final.problem.parameters.index(found.added[0])
     if found.added == (symbol,):
         error = float(np.sqrt(found.final.covariance[at, at]))
-        assert abs(found.final.unknown[at] - coefficient) < 4.0 * error
+        assert abs(found.final.values[at] - coefficient) < 4.0 * error
 
 
 def test_nothing_is_missing_from_the_truth():
@@ -254,10 +255,10 @@ def test_effects_that_imitate_one_of_no_library_are_not_believed():
 
 
 def test_a_candidate_without_a_fit_is_reported(monkeypatch):
-    def refuse(problem, unknown, table):
-        if "quintic" in problem.library.symbols:
+    def refuse(problem, values, table):
+        if "quintic" in problem.parameters.library.symbols:
             raise SimulationError("The motion diverges.")
-        return unfailing(problem, unknown, table)
+        return unfailing(problem, values, table)
 
     unfailing = candidate_fits.chord
     monkeypatch.setattr(candidate_fits, "chord", refuse)

@@ -109,7 +109,7 @@ def test_a_passive_part_never_drives():
     assert "partial_slip" in named
     assert "partial_slip" not in held.added
     for symbol in held.added:
-        value = held.final.unknown[held.final.problem.names.index(symbol)]
+        value = held.final.values[held.final.problem.parameters.index(symbol)]
         assert value >= 0.0 or not EFFECTS[symbol].passive
 
 
@@ -121,7 +121,7 @@ def test_a_strong_effect_is_held_against_each_candidate_alone():
     start = first_baseline([run], base, None)
     found = scores(start, EFFECTS.select(["inertia", "sensor_cubic"]), start.references)
     fits = {hint.force.symbol: refit(start, hint, np.inf) for hint in likeliest(found)}
-    models = {name: fit(one.problem, one.unknown, start.noises) for name, one in fits.items()}
+    models = {name: fit(one.problem, one.values, start.noises) for name, one in fits.items()}
     _, _, instead = alone(models["sensor_cubic"], ("sensor_cubic",), start, found)
     assert instead == ("inertia",)
     assert alone(models["inertia"], ("inertia",), start, found) is None

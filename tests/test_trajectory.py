@@ -25,7 +25,7 @@ from sysid_trib.methods import Trajectory
 from sysid_trib.noise.autoregression import autoregression
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.trajectory_fit.cramer_rao import cramer_rao_bound
-from sysid_trib.trajectory_fit.problem import FAR, Record
+from sysid_trib.trajectory_fit.problem import OUT_OF_PROPORTION, WhitenedRecord
 
 FORCES = load_library()
 STOPPING = SIX | {"lambda": 1e-3}
@@ -137,10 +137,16 @@ def test_motions_out_of_all_proportion_are_far_off_without_being_followed(monkey
     time = np.arange(0.0, 10.0, 0.02)
     angle = 0.3 * np.cos(W * time)
     model = Model(load_library().select(["zeta"]), {"zeta": 0.0}, W)
-    record = Record(time, angle)
+    record = WhitenedRecord(time, angle)
     np.testing.assert_allclose(record.residual(model, np.array([0.3, 0.0, 0.0])), 0.0, atol=1e-6)
     monkeypatch.setattr(
         "sysid_trib.trajectory_fit.problem.trajectory", lambda *_, **__: pytest.fail("was followed")
     )
-    left = record.residual(Model(model.library, {"zeta": 0.0}, w), np.array([*own, 0.0]))
-    np.testing.assert_allclose(left, FAR * 0.3)
+    far, nearer = (
+        record.residual(Model(model.library, {"zeta": 0.0}, part * w), np.array([*own, 0.0]) * part)
+        for part in (1.0, 0.99)
+    )
+    assert np.all(nearer > OUT_OF_PROPORTION * 0.3)
+    # There is a slope that leads back.
+    assert np.all(nearer < far)
+    assert np.all(far < 10.0 * OUT_OF_PROPORTION)

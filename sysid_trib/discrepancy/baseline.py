@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from sysid_trib.discrepancy.candidate_sensitivities import ReferenceMotion
 from sysid_trib.noise.residual_noise import NoiseModel, estimate_noise
 from sysid_trib.simulation.simulate import FAST
-from sysid_trib.trajectory_fit.least_squares import grown, least
-from sysid_trib.trajectory_fit.problem import Problem, Record
+from sysid_trib.trajectory_fit.least_squares import fitted, grown
+from sysid_trib.trajectory_fit.problem import FitProblem, WhitenedRecord
 from sysid_trib.trajectory_fit.sensitivities import tangent
 
 Array = NDArray[np.float64]
@@ -27,15 +27,15 @@ class Baseline:
 
     Attributes
     ----------
-    problem, unknown : the fit; its records whiten to unit noise.
+    problem, values : the fit; its records whiten to unit noise.
     noises : of each run.
     residual : (sample,) record minus motion of all runs, whitened, in units of the noise.
     table : (sample, unknown) its sensitivities, whitened.
     noise_bases : of each run, what its noise was estimated beside; empty where the noise was given.
     """
 
-    problem: Problem
-    unknown: Array
+    problem: FitProblem
+    values: Array
     noises: tuple[NoiseModel, ...]
     residual: Array
     table: Array
@@ -54,20 +54,18 @@ class Baseline:
     @cached_property
     def covariance(self) -> Array:
         """Covariance of the unknowns."""
-        size = np.linalg.norm(self.table, axis=0)
-        size = np.where(size > 0.0, size, 1.0)
-        scaled = self.table / size
-        return np.asarray(np.linalg.pinv(scaled.T @ scaled) / np.outer(size, size))
+        return self.problem.parameters.covariance(self.table, self.values)
 
     @cached_property
     def references(self) -> list[ReferenceMotion]:
         """Each run's motion with its small deviations; a `SimulationError` if one cannot be followed."""
-        model, own = self.problem.model(self.unknown), self.problem.own(self.unknown)
+        parameters = self.problem.parameters
+        model, starts = parameters.model(self.values), parameters.per_run(self.values)
         return [
             ReferenceMotion(
                 model, (float(a), float(r)), record.time, tangent(model, record.time, float(a), float(r))
             )
-            for record, (a, r, _) in zip(self.problem.records, own, strict=True)
+            for record, (a, r, _) in zip(self.problem.records, starts, strict=True)
         ]
 
     def split_by_run(self, values: Array) -> list[Array]:
@@ -93,8 +91,8 @@ def orthonormal_basis(table: Array) -> Array:
 
 
 def fit(
-    problem: Problem,
-    unknown: Array,
+    problem: FitProblem,
+    values: Array,
     noises: Sequence[NoiseModel],
     *,
     far: bool = False,
@@ -103,12 +101,12 @@ def fit(
     """Fit a model from a first guess, in noise that is known; over a growing window if the guess is far."""
     weighted = with_noise(problem, noises)
     if far:
-        unknown = grown(weighted, unknown, tolerance=TOLERANCE)
-    unknown, left, table = least(weighted, unknown, TOLERANCE, evaluations)
-    return Baseline(weighted, unknown, tuple(noises), -left, table)
+        values = grown(weighted, values, tolerance=TOLERANCE)
+    found = fitted(weighted, values, tolerance=TOLERANCE, evaluations=evaluations)
+    return Baseline(weighted, found.values, tuple(noises), -found.residual, found.sensitivity)
 
 
-def with_noise(problem: Problem, noises: Sequence[NoiseModel]) -> Problem:
+def with_noise(problem: FitProblem, noises: Sequence[NoiseModel]) -> FitProblem:
     """The problem whose residuals are whitened to unit noise."""
     records = [
         replace(record, filter_=noise.filter_, weight=1.0 / noise.innovation)
@@ -117,15 +115,16 @@ def with_noise(problem: Problem, noises: Sequence[NoiseModel]) -> Problem:
     return replace(problem, records=tuple(records))
 
 
-def refit_in_residual_noise(problem: Problem, unknown: Array, bases: Sequence[Array]) -> Baseline:
+def refit_in_residual_noise(problem: FitProblem, values: Array, bases: Sequence[Array]) -> Baseline:
     """A fit with the noise that it leaves beside slowly changing oscillations."""
-    residuals = problem.residuals(unknown)
+    residuals = problem.residuals(values)
     noises = [estimate_noise(left, basis) for left, basis in zip(residuals, bases, strict=True)]
-    return replace(fit(problem, unknown, noises), noise_bases=tuple(bases))
+    return replace(fit(problem, values, noises), noise_bases=tuple(bases))
 
 
-def fit_records(runs: Sequence[xr.Dataset]) -> tuple[Record, ...]:
+def fit_records(runs: Sequence[xr.Dataset]) -> tuple[WhitenedRecord, ...]:
     """The runs as records of a fit."""
     return tuple(
-        Record(run.time.values.astype(float), run.angle.values.astype(float), engine=FAST) for run in runs
+        WhitenedRecord(run.time.values.astype(float), run.angle.values.astype(float), engine=FAST)
+        for run in runs
     )

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.stats import chi2
 
 from sysid_trib.discrepancy.baseline import Baseline, fit, with_noise
@@ -19,7 +19,8 @@ from sysid_trib.methods.direct import Direct
 from sysid_trib.records.runs import one_or_all
 from sysid_trib.trajectory_fit.chord import chord
 from sysid_trib.trajectory_fit.least_squares import rms
-from sysid_trib.trajectory_fit.problem import Problem
+from sysid_trib.trajectory_fit.parameters import FREQUENCY, PER_RUN
+from sysid_trib.trajectory_fit.problem import FitProblem
 
 Array = NDArray[np.float64]
 
@@ -37,8 +38,8 @@ class Refit:
     """A candidate fitted with the model: problem, unknowns, chi-square (inf if the fit failed)."""
 
     probe: Probe
-    problem: Problem
-    unknown: Array
+    problem: FitProblem
+    values: Array
     chi_square: float
 
     @property
@@ -73,13 +74,13 @@ def refit(baseline: Baseline, hint: Hint, hopeless: float) -> Refit:
     `hopeless` : a chi-square above which, after a few steps, the fit is not brought to its end.
     """
     problem = with_noise(with_force(baseline.problem, hint.force), baseline.noises)
-    unknown = with_values(baseline, hint)
+    values = with_values(baseline, hint)
     try:
-        unknown, chi_square, settled = chord(problem, unknown, _with_column(baseline, hint))
-        begun = Refit(hint.probe, problem, unknown, chi_square)
+        values, chi_square, settled = chord(problem, values, _with_column(baseline, hint))
+        begun = Refit(hint.probe, problem, values, chi_square)
         return begun if settled or chi_square > hopeless else _ended(baseline, begun)
     except (SysidTribError, np.linalg.LinAlgError, ValueError):
-        return Refit(hint.probe, problem, unknown, np.inf)
+        return Refit(hint.probe, problem, values, np.inf)
 
 
 def _begun(baseline: Baseline, hint: Hint, runs: Sequence[xr.Dataset], *, refine: bool) -> Refit:
@@ -93,9 +94,9 @@ def _begun(baseline: Baseline, hint: Hint, runs: Sequence[xr.Dataset], *, refine
     return Refit(hint.probe, problem, starts[int(np.argmin(squares))], min(squares))
 
 
-def _chi_square(problem: Problem, unknown: Array) -> float:
+def _chi_square(problem: FitProblem, values: Array) -> float:
     try:
-        left = problem.white_residual(unknown)
+        left = problem.white_residual(values)
     except SysidTribError:
         return np.inf
     return float(left @ left)
@@ -103,24 +104,23 @@ def _chi_square(problem: Problem, unknown: Array) -> float:
 
 def _ended(baseline: Baseline, begun: Refit) -> Refit:
     try:
-        found = fit(begun.problem, begun.unknown, baseline.noises, evaluations=EVALUATIONS)
+        found = fit(begun.problem, begun.values, baseline.noises, evaluations=EVALUATIONS)
     except (SysidTribError, np.linalg.LinAlgError, ValueError):
         return replace(begun, chi_square=np.inf)
-    return replace(begun, unknown=found.unknown, chi_square=found.chi_square)
+    return replace(begun, values=found.values, chi_square=found.chi_square)
 
 
 def _with_column(baseline: Baseline, hint: Hint) -> Array:
     """The table of sensitivities with the candidate's response, nan for its shapes."""
-    count, named = len(baseline.problem.library), len(baseline.problem.names)
-    table = baseline.table
-    shapes = np.full((len(table), len(hint.probe.shapes)), np.nan)
-    parts = [table[:, :count], hint.response[:, None], table[:, count:named], shapes, table[:, named:]]
-    return np.concatenate(parts, axis=1)
+    before = baseline.problem.parameters
+    new: dict[str, ArrayLike] = dict.fromkeys(hint.probe.shapes, np.nan)
+    new[hint.force.symbol] = hint.response
+    return before.insert(hint.force).take(before, baseline.table, new)
 
 
 def is_large(baseline: Baseline) -> bool:
     """Whether the gap is too large for scores."""
-    gap = np.concatenate(baseline.problem.residuals(baseline.unknown))
+    gap = np.concatenate(baseline.problem.residuals(baseline.values))
     return rms(gap) > LARGE * rms(np.concatenate([record.angle for record in baseline.problem.records]))
 
 
@@ -162,18 +162,9 @@ def _is_plain(force: Force) -> bool:
     return force.memoryless and not has_frequency_parameter(force)
 
 
-def with_force(problem: Problem, force: Force) -> Problem:
+def with_force(problem: FitProblem, force: Force) -> FitProblem:
     """The problem with one force more, its shape parameters unknown too."""
-    library = replace(problem.library, forces=(*problem.library.forces, force))
-    names = tuple(f"{force.symbol}.{name}" for name in force.shape)
-    bounds = {**problem.bounds, force.symbol: (0.0, np.inf)} if force.passive else problem.bounds
-    return replace(problem, library=library, fit_shapes=(*problem.fit_shapes, *names), bounds=bounds)
-
-
-def own_columns(baseline: Baseline, symbol: str) -> list[int]:
-    """Which unknowns are a force's own: its coefficient, then its shapes."""
-    names = baseline.problem.names
-    return [i for i, name in enumerate(names) if name == symbol or name.startswith(f"{symbol}.")]
+    return replace(problem, parameters=problem.parameters.insert(force))
 
 
 def with_values(baseline: Baseline, hint: Hint) -> Array:
@@ -182,39 +173,34 @@ def with_values(baseline: Baseline, hint: Hint) -> Array:
     scaled = baseline.table / np.where(size > 0.0, size, 1.0)
     wanted = baseline.residual - hint.coefficient * hint.response
     steps = np.linalg.lstsq(scaled, wanted, rcond=1e-10)[0] / np.where(size > 0.0, size, 1.0)
-    before = baseline.unknown + steps
-    count, named = len(baseline.problem.library), len(baseline.problem.names)
-    shapes = list(hint.probe.shapes.values())
-    return np.array([*before[:count], hint.coefficient, *before[count:named], *shapes, *before[named:]])
+    before = baseline.problem.parameters
+    new = {hint.force.symbol: hint.coefficient, **hint.probe.shapes}
+    return before.insert(hint.force).take(before, baseline.values + steps, new)
 
 
-def without_force(baseline: Baseline, symbol: str) -> tuple[Problem, Array]:
-    """Problem and unknowns without a force."""
-    problem = baseline.problem
-    kept = tuple(force for force in problem.library if force.symbol != symbol)
-    shapes = tuple(name for name in problem.fit_shapes if not name.startswith(f"{symbol}."))
-    names = list(problem.names)
-    stay = [i for i in range(len(names)) if i not in own_columns(baseline, symbol)]
-    unknown = np.concatenate([baseline.unknown[stay], baseline.unknown[len(names) :]])
-    return replace(problem, library=replace(problem.library, forces=kept), fit_shapes=shapes), unknown
+def without_force(baseline: Baseline, symbol: str) -> tuple[FitProblem, Array]:
+    """Problem and values without a force."""
+    before = baseline.problem.parameters
+    after = before.remove([symbol])
+    return replace(baseline.problem, parameters=after), after.take(before, baseline.values)
 
 
-def _by_regression(problem: Problem, probe: Probe, runs: Sequence[xr.Dataset], refine: bool) -> list[Array]:
+def _by_regression(
+    problem: FitProblem, probe: Probe, runs: Sequence[xr.Dataset], refine: bool
+) -> list[Array]:
     """First guess from direct identification, which no phase slip can trap; none if it fails."""
-    forces = ForceLibrary("trial", tuple(f for f in problem.library if f.kind == "force"))
-    shapes = {**problem.shapes, **probe.shapes}
+    parameters = problem.parameters
+    forces = ForceLibrary("trial", tuple(f for f in parameters.library if f.kind == "force"))
+    shapes = {**parameters.shapes, **probe.shapes}
     try:
-        method = Direct(problem.reference_frequency, refine=refine, shapes=shapes)
+        method = Direct(parameters.reference_frequency, refine=refine, shapes=shapes)
         found = method.identify(one_or_all(list(runs)), forces)
     except SysidTribError:
         return []
     value = dict(zip(found.force.values.tolist(), found.coefficient.values.tolist(), strict=True))
-    fixed = [probe.shapes.get(name, problem.shapes.get(name, np.nan)) for name in problem.fit_shapes]
-    frequency = [found.reference_frequency.item()] if problem.free else []
-    own = np.stack([np.ravel(found[k]) for k in ("start_angle", "start_rate", "offset")], axis=1)
-    coefficients = [value.get(symbol, 0.0) for symbol in problem.library.symbols]
-    unknown = np.array([*coefficients, *fixed, *frequency, *own.ravel()])
-    return [unknown] if np.all(np.isfinite(unknown)) else []
+    value |= {**probe.shapes, FREQUENCY: found.reference_frequency.item()}
+    values = parameters.pack(value, np.stack([np.ravel(found[name]) for name in PER_RUN], axis=1))
+    return [values] if np.all(np.isfinite(values)) else []
 
 
 def is_significant(before: Baseline, one: Refit, tests: float, level: float) -> bool:

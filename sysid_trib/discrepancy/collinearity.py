@@ -23,23 +23,23 @@ def collinear_effects(baseline: Baseline, added: Sequence[str]) -> list[str]:
     """
     if len(added) < 2:
         return []
-    names = baseline.problem.names
+    parameters = baseline.problem.parameters
     errors = np.sqrt(np.diag(baseline.covariance))
-    owners = [names[i].split(".")[0] if i < len(names) else "" for i in range(baseline.table.shape[1])]
-    start = [i for i, owner in enumerate(owners) if owner not in added]
     found = []
     for symbol in added:
-        at = names.index(symbol)
-        others = [i for i, owner in enumerate(owners) if owner != symbol]
+        at = parameters.index(symbol)
         alone, beside = (
             float(
                 np.linalg.norm(
-                    project_out(baseline.table[:, at], orthonormal_basis(baseline.table[:, columns]))
+                    project_out(
+                        baseline.table[:, at],
+                        orthonormal_basis(parameters.remove(gone).take(parameters, baseline.table)),
+                    )
                 )
             )
-            for columns in (start, others)
+            for gone in (added, [symbol])
         )
-        z = abs(baseline.unknown[at]) / max(errors[at], 1e-300)
+        z = abs(baseline.values[at]) / max(errors[at], 1e-300)
         if beside < LEANS * alone and z < DETERMINED:
             found.append(symbol)
     return found

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid_trib.discrepancy.baseline import Baseline, orthonormal_basis, project_out
-from sysid_trib.discrepancy.candidate_fits import Hint, Refit, own_columns, refit, without_force
+from sysid_trib.discrepancy.candidate_fits import Hint, Refit, refit, without_force
 from sysid_trib.discrepancy.candidate_sensitivities import ReferenceMotion
 from sysid_trib.discrepancy.model_probabilities import credible, narrowness, over_shapes, probabilities
 from sysid_trib.discrepancy.score_tests import Scores, finer
@@ -72,7 +72,7 @@ class Place:
 
 def cost_of(fitted: Baseline, symbol: str) -> float:
     """Chi-square of a model, with the price of an effect's shapes."""
-    return fitted.chi_square + narrowness(fitted, fitted.problem.library[symbol])
+    return fitted.chi_square + narrowness(fitted, fitted.problem.parameters.library[symbol])
 
 
 def tie_class(fitted: Baseline, symbol: str, found: Sequence[Twin]) -> dict[str, float]:
@@ -115,11 +115,11 @@ def twins(fitted: Baseline, symbol: str, found: Scores, references: Sequence[Ref
 
 
 def _place(fitted: Baseline, symbol: str) -> Place:
-    problem, unknown = without_force(fitted, symbol)
-    mine = own_columns(fitted, symbol)
-    others = np.delete(fitted.table, mine, axis=1)
-    whole = fitted.residual + fitted.table[:, mine[0]] * fitted.unknown[mine[0]]
-    model = replace(fitted, problem=problem, unknown=unknown, residual=whole, table=others)
+    problem, values = without_force(fitted, symbol)
+    before = fitted.problem.parameters
+    others, at = problem.parameters.take(before, fitted.table), before.index(symbol)
+    whole = fitted.residual + fitted.table[:, at] * fitted.values[at]
+    model = replace(fitted, problem=problem, values=values, residual=whole, table=others)
     space = orthonormal_basis(others)
     return Place(model, project_out(whole, space), space, fitted.chi_square)
 

@@ -59,7 +59,7 @@ def disagreement(baseline: Baseline, references: Sequence[ReferenceMotion]) -> x
     `standard_error` by the noise alone, and the number of `samples`. attrs: `departure_time` (s, of the run
     `departure_run`), `parts` of which the gap is made beyond the noise, most first, and `where` it acts.
     """
-    residuals = [-left for left in baseline.problem.residuals(baseline.unknown)]
+    residuals = [-left for left in baseline.problem.residuals(baseline.values)]
     spans, cells, departures = [], [], []
     for run, (course, gap, noise) in enumerate(zip(references, residuals, baseline.noises, strict=True)):
         x, v = course.about.at_samples(course.about.x), course.about.at_samples(course.about.v)

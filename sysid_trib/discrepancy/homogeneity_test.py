@@ -10,6 +10,7 @@ from scipy.linalg import orth
 from scipy.stats import chi2
 
 from sysid_trib.discrepancy.baseline import Baseline, project_out
+from sysid_trib.trajectory_fit.parameters import FREQUENCY
 
 Array = NDArray[np.float64]
 
@@ -51,16 +52,18 @@ def homogeneity(models: Sequence[Baseline]) -> xr.Dataset:
 
 def _differing(model: Baseline) -> tuple[float, int, str]:
     """What unknowns of each run explain, how many there are, and the name of the one that explains most."""
-    shared = model.problem.shared
-    table = model.table[:, :shared] / np.maximum(np.linalg.norm(model.table[:, :shared], axis=0), 1e-300)
+    parameters = model.problem.parameters
+    table = parameters.of_common(model.table)
+    table = table / np.maximum(np.linalg.norm(table, axis=0), 1e-300)
     ends = np.cumsum([len(part) for part in model.split_by_run(model.residual)])
     columns = []
     for start, end in pairwise(ends):
         own = np.zeros_like(table)
         own[start:end] = table[start:end]
         columns.append(project_out(own, model.column_space))
-    alone = [_explained([own[:, [at]] for own in columns], model.residual)[0] for at in range(shared)]
-    return *_explained(columns, model.residual), model.problem.shared_names[int(np.argmax(alone))]
+    names = [name.replace(FREQUENCY, "w") for name in parameters.common]
+    alone = [_explained([own[:, [at]] for own in columns], model.residual)[0] for at in range(len(names))]
+    return *_explained(columns, model.residual), names[int(np.argmax(alone))]
 
 
 def _explained(columns: Sequence[Array], residual: Array) -> tuple[float, int]:
@@ -70,5 +73,5 @@ def _explained(columns: Sequence[Array], residual: Array) -> tuple[float, int]:
 
 def _gain(before: Baseline, after: Baseline) -> float:
     """Fall of chi-square between two models, in the noise of the first."""
-    left = before.problem.white(after.problem.residuals(after.unknown))
+    left = before.problem.white(after.problem.residuals(after.values))
     return before.chi_square - float(left @ left)

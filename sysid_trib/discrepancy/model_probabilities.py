@@ -85,12 +85,14 @@ def narrowness(fitted: Baseline, force: Force) -> float:
     """
     if not force.shape or has_frequency_parameter(force):
         return price_of(force)
-    at = [fitted.problem.names.index(f"{force.symbol}.{name}") for name in force.shape]
+    parameters = fitted.problem.parameters
+    names = [f"{force.symbol}.{name}" for name in force.shape]
+    values = [fitted.values[parameters.index(name)] for name in names]
     spans = [
         abs(float(value)) * np.log(shape.high / shape.low) if is_wide(shape) else shape.high - shape.low
-        for value, shape in zip(fitted.unknown[at], force.shape.values(), strict=True)
+        for value, shape in zip(values, force.shape.values(), strict=True)
     ]
-    parts = fitted.covariance[np.ix_(at, at)] / np.outer(spans, spans)
+    parts = parameters.covariance_of(fitted.covariance, names) / np.outer(spans, spans)
     # A uniform distribution has a twelfth of its squared range as variance.
-    _, price = np.linalg.slogdet(np.eye(len(at)) + np.linalg.pinv(12.0 * parts))
+    _, price = np.linalg.slogdet(np.eye(len(names)) + np.linalg.pinv(12.0 * parts))
     return float(price)

@@ -11,11 +11,10 @@ from sysid_trib.discrepancy.baseline import Baseline, fit
 from sysid_trib.discrepancy.candidate_fits import without_force
 from sysid_trib.discrepancy.stepwise_search import Search
 from sysid_trib.errors import SysidTribError
-from sysid_trib.records.runs import one_or_all, root_mean_square, run_noise, start_variables
-from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.trajectory_fit.initial_conditions import first_guess, fit_start
 from sysid_trib.trajectory_fit.least_squares import rms
-from sysid_trib.trajectory_fit.problem import Record
+from sysid_trib.trajectory_fit.problem import WhitenedRecord
+from sysid_trib.trajectory_fit.result import FitEstimate
 from sysid_trib.validation.holdout import TRAINING, counted_from
 
 Array = NDArray[np.float64]
@@ -51,32 +50,30 @@ def model_sequence(found: Search, runs: Sequence[xr.Dataset], unseen: Sequence[x
 
 def _between(found: Search, count: int, before: Baseline) -> Baseline:
     """The model with the first effects: the best that the search had, else a fit from below or from above."""
-    wanted = {*found.scans[0].before.problem.library.symbols, *found.added[:count]}
-    models = [scan.before for scan in found.scans if set(scan.before.problem.library.symbols) == wanted]
+    wanted = {*found.scans[0].before.problem.parameters.library.symbols, *found.added[:count]}
+    models = [
+        scan.before for scan in found.scans if set(scan.before.problem.parameters.library.symbols) == wanted
+    ]
     if models:
         return min(models, key=lambda one: one.chi_square)
-    problem, unknown = found.final.problem, found.final.unknown
+    problem, values = found.final.problem, found.final.values
     model = found.final
     for symbol in found.added[count:]:
-        problem, unknown = without_force(model, symbol)
-        model = replace(model, problem=problem, unknown=unknown)
+        problem, values = without_force(model, symbol)
+        model = replace(model, problem=problem, values=values)
     # From below: the unknowns of the stage before, and those of the new effect as they are in the end.
-    names = problem.shared_names
-    known = dict(zip(before.problem.shared_names, before.unknown, strict=False))
-    mixed = unknown.copy()
-    for at, name in enumerate(names):
-        mixed[at] = known.get(name, unknown[at])
-    mixed[len(names) :] = before.unknown[before.problem.shared :]
+    first = dict(zip(problem.parameters.common, values.tolist(), strict=False))
+    mixed = problem.parameters.take(before.problem.parameters, before.values, first)
     below = fit(problem, mixed, found.final.noises, evaluations=EVALUATIONS)
     if residual_rms(below) <= residual_rms(before):
         return below
-    above = fit(problem, unknown, found.final.noises, far=True)
+    above = fit(problem, values, found.final.noises, far=True)
     return min(below, above, key=residual_rms)
 
 
 def residual_rms(model: Baseline) -> float:
     """RMS of what a model leaves of all runs (rad)."""
-    return rms(np.concatenate(model.problem.residuals(model.unknown)))
+    return rms(np.concatenate(model.problem.residuals(model.values)))
 
 
 def _held_out(model: Baseline, runs: Sequence[xr.Dataset], unseen: Sequence[xr.Dataset]) -> float:
@@ -88,7 +85,7 @@ def _held_out(model: Baseline, runs: Sequence[xr.Dataset], unseen: Sequence[xr.D
             return _predicted(model, pairs)
         cut = [round(TRAINING * len(record.time)) for record in model.problem.records]
         first, last = zip(*map(_split, model.problem.records, cut), strict=True)
-        trained = fit(replace(model.problem, records=first), model.unknown, model.noises, far=True)
+        trained = fit(replace(model.problem, records=first), model.values, model.noises, far=True)
         pairs = [((record.time, record.angle), start) for record, start in zip(last, starts, strict=True)]
         return _predicted(trained, pairs)
     except SysidTribError:
@@ -106,7 +103,7 @@ def _origin(part: xr.Dataset, runs: Sequence[xr.Dataset]) -> float:
     return float((same or [part])[0].time.values[0])
 
 
-def _split(record: Record, cut: int) -> tuple[Record, Record]:
+def _split(record: WhitenedRecord, cut: int) -> tuple[WhitenedRecord, WhitenedRecord]:
     return (
         replace(record, time=record.time[:cut], angle=record.angle[:cut]),
         replace(record, time=record.time[cut:], angle=record.angle[cut:]),
@@ -115,7 +112,7 @@ def _split(record: Record, cut: int) -> tuple[Record, Record]:
 
 def _predicted(trained: Baseline, parts: Sequence[tuple[tuple[Array, Array], float]]) -> float:
     """RMS of what the model leaves of parts (times, angles, origin of `t`), their starts fitted."""
-    model = trained.problem.model(trained.unknown)
+    model = trained.problem.parameters.model(trained.values)
     left = []
     for (time, angle), origin in parts:
         later = replace(model, library=counted_from(model.library, float(time[0] - origin)))
@@ -128,32 +125,11 @@ def labelled(model: Baseline, runs: Sequence[xr.Dataset]) -> xr.Dataset:
     """A stage as an identification; errors are raised by what the model leaves beyond the noise."""
     from sysid_trib.methods.trajectory import Trajectory
 
-    problem, unknown = model.problem, model.unknown
-    count, named = len(problem.library), len(problem.names)
-    birge_ratio = np.sqrt(model.chi_square / max(1, len(model.residual) - len(unknown)))
-    spread = model.covariance * max(1.0, birge_ratio) ** 2
-    keep = [*range(count), *([named] if problem.free else [])]
-    covariance = np.zeros((count + 1, count + 1))
-    covariance[np.ix_(range(len(keep)), range(len(keep)))] = spread[np.ix_(keep, keep)]
-    own = problem.own(unknown)
+    parameters = model.problem.parameters
+    birge_ratio = np.sqrt(model.chi_square / max(1, len(model.residual) - len(parameters)))
+    covariance = model.covariance * max(1.0, birge_ratio) ** 2
     levels = [noise.innovation for noise in model.noises]
-    extra = {
-        "birge_ratio": (birge_ratio, "1", "RMS of the whitened residual over the noise"),
-        **run_noise(levels),
-        **start_variables([(angle, rate) for angle, rate, _ in own], own[:, 2]),
-    }
-    fitted = problem.model(unknown)
-    method = Trajectory(
-        problem.reference_frequency, "coloured", problem.fit_shapes, shapes=dict(fitted.shapes)
-    )
-    estimate = Estimate(
-        unknown[:count], covariance, fitted.reference_frequency, root_mean_square(levels), extra
-    )
-    result = identification(
-        method, one_or_all(list(runs)), problem.library, estimate, offered=problem.library
-    )
-    if "shape" in result:
-        errors = dict(zip(problem.fit_shapes, np.sqrt(np.diag(spread))[count:named], strict=True))
-        values = [errors.get(name, np.nan) for name in result.shape_parameter.values.tolist()]
-        result["shape_standard_error"] = result.shape_standard_error.copy(data=values)
-    return result
+    method = Trajectory(parameters.reference_frequency, "coloured", parameters.fit_shapes)
+    extra = {"birge_ratio": (birge_ratio, "1", "RMS of the whitened residual over the noise")}
+    estimate = FitEstimate(model.problem, model.values, covariance, levels)
+    return estimate.identification(method, runs, parameters.library, extra)

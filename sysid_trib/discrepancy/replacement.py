@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid_trib.discrepancy.baseline import Baseline, orthonormal_basis, project_out, with_noise
-from sysid_trib.discrepancy.candidate_fits import likeliest, refit, with_force
+from sysid_trib.discrepancy.candidate_fits import likeliest, refit
 from sysid_trib.discrepancy.candidate_sensitivities import Probe
 from sysid_trib.discrepancy.competing_models import SWAP
 from sysid_trib.discrepancy.model_probabilities import price_of
 from sysid_trib.discrepancy.score_tests import Scores
 from sysid_trib.trajectory_fit.chord import chord
-from sysid_trib.trajectory_fit.problem import Problem
+from sysid_trib.trajectory_fit.problem import FitProblem
 
 Array = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ STRONG = 100.0
 
 def simpler(
     fitted: Baseline, added: Sequence[str], found: Scores
-) -> tuple[Problem, Array, tuple[str, ...]] | None:
+) -> tuple[FitProblem, Array, tuple[str, ...]] | None:
     """One or two candidates in place of all effects added, or of none; None if no such model costs less.
 
     `found` : scores about the motion of the fitted model; its own effects are not among them.
@@ -41,11 +41,10 @@ def simpler(
     Predicted from small deviations: with y what the effects and the residual are together, outside of what
     the start model's unknowns can move, candidates of directions U leave |y|^2 - |P_U y|^2.
     """
-    out = [i for i, name in enumerate(fitted.problem.names) if name.split(".")[0] in added]
-    coefficients = [i for i in out if fitted.problem.names[i] in added]
-    others = np.delete(fitted.table, out, axis=1)
-    space = orthonormal_basis(others)
-    whole = fitted.residual + fitted.table[:, coefficients] @ fitted.unknown[coefficients]
+    parameters = fitted.problem.parameters
+    coefficients = [parameters.index(symbol) for symbol in added]
+    space = orthonormal_basis(parameters.remove(added).take(parameters, fitted.table))
+    whole = fitted.residual + fitted.table[:, coefficients] @ fitted.values[coefficients]
     y = project_out(whole, space)
     at, directions, along = _best_of_each(fitted, added, found, space, y)
     own = fitted.chi_square + _price(fitted.problem, added)
@@ -55,19 +54,19 @@ def simpler(
         if cost > limit or len(trials) == TRIALS:
             break
         trials.append([at[j] for j in chosen])
-    best: tuple[float, Problem, Array, tuple[str, ...]] | None = None
+    best: tuple[float, FitProblem, Array, tuple[str, ...]] | None = None
     for members in trials:
-        problem, unknown, chi_square = _replaced(fitted, out, found, members, whole)
+        problem, values, chi_square = _replaced(fitted, added, found, members, whole)
         symbols = tuple(found.probes[i].force.symbol for i in members)
         cost = chi_square + _price(problem, symbols)
         if best is None or cost < best[0]:
-            best = (cost, problem, unknown, symbols)
+            best = (cost, problem, values, symbols)
     return best[1:] if best is not None and best[0] < own - SWAP else None
 
 
 def alone(
     fitted: Baseline, added: Sequence[str], start: Baseline, found: Scores
-) -> tuple[Problem, Array, tuple[str, ...]] | None:
+) -> tuple[FitProblem, Array, tuple[str, ...]] | None:
     """One candidate in place of all effects added, fitted from the start model; None if none costs less.
 
     Where effects are strong, small deviations from a motion that others have bent do not show it.
@@ -84,11 +83,11 @@ def alone(
     best = min(tried, key=lambda one: one.cost, default=None)
     if best is None or best.cost + PRICE_OF_EFFECT > own - SWAP:
         return None
-    return best.problem, best.unknown, (best.force.symbol,)
+    return best.problem, best.values, (best.force.symbol,)
 
 
-def _price(problem: Problem, symbols: Sequence[str]) -> float:
-    return sum(PRICE_OF_EFFECT + price_of(problem.library[symbol]) for symbol in symbols)
+def _price(problem: FitProblem, symbols: Sequence[str]) -> float:
+    return sum(PRICE_OF_EFFECT + price_of(problem.parameters.library[symbol]) for symbol in symbols)
 
 
 def _best_of_each(
@@ -126,28 +125,25 @@ def _ranked(
 
 
 def _replaced(
-    fitted: Baseline, out: Sequence[int], found: Scores, members: Sequence[int], whole: Array
-) -> tuple[Problem, Array, float]:
+    fitted: Baseline, added: Sequence[str], found: Scores, members: Sequence[int], whole: Array
+) -> tuple[FitProblem, Array, float]:
     """The start model with these probes in place of the effects, fitted nearby."""
-    names = fitted.problem.names
-    gone = {names[i] for i in out}
-    kept = tuple(force for force in fitted.problem.library if force.symbol not in gone)
-    shapes = tuple(name for name in fitted.problem.fit_shapes if name not in gone)
-    problem = replace(fitted.problem, library=replace(fitted.problem.library, forces=kept), fit_shapes=shapes)
-    count, named = len(kept), len(problem.names)
-    for i in members:
-        problem = with_force(problem, found.probes[i].force)
-    problem = with_noise(problem, fitted.noises)
-    unknown, table = np.delete(fitted.unknown, out), np.delete(fitted.table, out, axis=1)
+    before = fitted.problem.parameters
+    kept = before.remove(added)
+    parameters, probes = kept, [found.probes[i] for i in members]
+    for probe in probes:
+        parameters = parameters.insert(probe.force)
+    problem = with_noise(replace(fitted.problem, parameters=parameters), fitted.noises)
+    values, table = kept.take(before, fitted.values), kept.take(before, fitted.table)
     responses = found.moved[:, list(members)]
     columns = np.concatenate([responses, table], axis=1)
     size = np.linalg.norm(columns, axis=0)
     size = np.where(size > 0.0, size, 1.0)
     steps = np.linalg.lstsq(columns / size, whole, rcond=1e-10)[0] / size
-    near = unknown + steps[len(members) :]
-    values = [value for i in members for value in found.probes[i].shapes.values()]
-    start = np.array([*near[:count], *steps[: len(members)], *near[count:named], *values, *near[named:]])
-    lost = np.full((len(whole), len(values)), np.nan)
-    parts = [table[:, :count], responses, table[:, count:named], lost, table[:, named:]]
-    unknown, chi_square, _ = chord(problem, start, np.concatenate(parts, axis=1))
-    return problem, unknown, chi_square
+    symbols = [probe.force.symbol for probe in probes]
+    shapes = {name: value for probe in probes for name, value in probe.shapes.items()}
+    first = {**dict(zip(symbols, steps, strict=False)), **shapes}
+    start = parameters.take(kept, values + steps[len(members) :], first)
+    moved = {**dict(zip(symbols, responses.T, strict=True)), **dict.fromkeys(shapes, np.nan)}
+    values, chi_square, _ = chord(problem, start, parameters.take(kept, table, moved))
+    return problem, values, chi_square

@@ -30,7 +30,8 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.direct import Direct
 from sysid_trib.noise.residual_noise import NoiseModel, modulated_harmonics
 from sysid_trib.records.runs import one_or_all
-from sysid_trib.trajectory_fit.problem import Problem
+from sysid_trib.trajectory_fit.parameters import FREQUENCY, PER_RUN, Parameters
+from sysid_trib.trajectory_fit.problem import FitProblem
 
 Array = NDArray[np.float64]
 
@@ -79,15 +80,16 @@ def first_baseline(runs: Sequence[xr.Dataset], forces: ForceLibrary, frequency: 
     """The start model fitted to the runs, with the noise of each."""
     decay = one_or_all(list(runs))
     quick = Direct(frequency).identify(decay, forces)
-    problem = Problem(forces, fit_records(runs), frequency, (), {})
-    own = np.stack([np.ravel(quick[k]) for k in ("start_angle", "start_rate", "offset")], axis=1)
-    free = [quick.reference_frequency.item()] if frequency is None else []
-    unknown = np.array([*quick.coefficient.values, *free, *own.ravel()])
+    parameters = Parameters(forces, frequency, runs=len(runs))
+    problem = FitProblem(parameters, fit_records(runs))
+    common = dict(zip(forces.symbols, quick.coefficient.values.tolist(), strict=True))
+    common[FREQUENCY] = quick.reference_frequency.item()
+    values = parameters.pack(common, np.stack([np.ravel(quick[name]) for name in PER_RUN], axis=1))
     noises = [NoiseModel(quick.noise.item(), np.ones(1))] * len(runs)
     bases = [modulated_harmonics(run) for run in runs]
-    first = fit(problem, unknown, noises, far=True)
-    second = refit_in_residual_noise(problem, first.unknown, bases)
-    return refit_in_residual_noise(problem, second.unknown, bases)
+    first = fit(problem, values, noises, far=True)
+    second = refit_in_residual_noise(problem, first.values, bases)
+    return refit_in_residual_noise(problem, second.values, bases)
 
 
 def search(
@@ -141,13 +143,15 @@ def search(
 
 
 def _stepped(
-    model: tuple[Problem, Array, tuple[str, ...]] | None, bases: Sequence[Array], before: tuple[str, ...] = ()
+    model: tuple[FitProblem, Array, tuple[str, ...]] | None,
+    bases: Sequence[Array],
+    before: tuple[str, ...] = (),
 ) -> State | None:
     """The model, if there is one, in the noise that it leaves; None if its motions cannot be followed."""
     if model is None:
         return None
-    problem, unknown, symbols = model
-    after = refit_in_residual_noise(problem, unknown, bases)
+    problem, values, symbols = model
+    after = refit_in_residual_noise(problem, values, bases)
     try:
         after.references  # noqa: B018, followed here once, and kept
     except SysidTribError:
@@ -170,7 +174,7 @@ def _exchanged(
             if twin.refit is None or twin.cost >= least:
                 continue
             names = tuple(twin.force.symbol if s == symbol else s for s in added)
-            swapped = _stepped((twin.refit.problem, twin.refit.unknown, names), bases)
+            swapped = _stepped((twin.refit.problem, twin.refit.values, names), bases)
             if swapped is None:
                 continue
             # By the measure of the effect itself: else two could take each other's place without end.
@@ -187,18 +191,17 @@ def _without_needless(state: State, bases: Sequence[Array], level: float) -> Sta
     needless = _pruned(baseline, added, level)
     if needless is None:
         return None
-    problem, unknown = without_force(baseline, needless)
-    alone = fit(problem, unknown, baseline.noises, far=True)
-    return _stepped((problem, alone.unknown, tuple(s for s in added if s != needless)), bases)
+    problem, values = without_force(baseline, needless)
+    alone = fit(problem, values, baseline.noises, far=True)
+    return _stepped((problem, alone.values, tuple(s for s in added if s != needless)), bases)
 
 
 def _by_weight(baseline: Baseline, added: Sequence[str]) -> tuple[str, ...]:
     """The effects in the order in which each explains most of what those before it leave."""
-    names = baseline.problem.names
-    out = [i for i, name in enumerate(names) if name.split(".")[0] in added]
-    others = np.delete(baseline.table, out, axis=1)
-    space = orthonormal_basis(others)
-    parts = {s: baseline.table[:, names.index(s)] * baseline.unknown[names.index(s)] for s in added}
+    parameters = baseline.problem.parameters
+    space = orthonormal_basis(parameters.remove(added).take(parameters, baseline.table))
+    index = {symbol: parameters.index(symbol) for symbol in added}
+    parts = {s: baseline.table[:, i] * baseline.values[i] for s, i in index.items()}
     parts = {s: project_out(part, space) for s, part in parts.items()}
     left = baseline.residual + sum(parts.values(), np.zeros_like(baseline.residual))
     ordered: list[str] = []
@@ -224,7 +227,7 @@ def _scanned(baseline: Baseline, added: Sequence[str], candidates: ForceLibrary,
 
 def _next(
     scan: Scan, runs: Sequence[xr.Dataset], level: float, most: int, failed: list[str]
-) -> tuple[Problem, Array, tuple[str, ...]] | None:
+) -> tuple[FitProblem, Array, tuple[str, ...]] | None:
     """The model with the effect to add, or two that explain more together, if they are significant.
 
     `failed` takes the symbols of candidates whose fits failed.
@@ -240,18 +243,18 @@ def _next(
     if not tried or not is_significant(scan.before, tried[0], found.tests, level):
         return None
     one = tried[0]
-    return one.problem, one.unknown, (one.force.symbol,)
+    return one.problem, one.values, (one.force.symbol,)
 
 
 def _pruned(baseline: Baseline, added: Sequence[str], level: float) -> str | None:
     """The added effect that the others make needless, if there is one."""
     errors = np.sqrt(np.diag(baseline.covariance))
-    symbols = baseline.problem.library.symbols
+    parameters = baseline.problem.parameters
     weakest, least = None, float(chi2.isf(level / 10.0, 1))
     for symbol in added:
-        at = symbols.index(symbol)
-        score = float((baseline.unknown[at] / errors[at]) ** 2)
-        if len(added) > 1 and score < least and not baseline.problem.library[symbol].shape:
+        at = parameters.index(symbol)
+        score = float((baseline.values[at] / errors[at]) ** 2)
+        if len(added) > 1 and score < least and not parameters.library[symbol].shape:
             weakest, least = symbol, score
     return weakest
 

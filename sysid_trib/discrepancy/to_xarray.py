@@ -72,7 +72,7 @@ def groups_of(
 
 def _records(runs: Sequence[xr.Dataset], ends: Sequence[Any]) -> list[xr.Dataset]:
     told = {"units": "rad", "long_name": "angle of the model"}
-    moved = [model.problem.residuals(model.unknown) for model in ends]
+    moved = [model.problem.residuals(model.values) for model in ends]
     records = []
     for at, run in enumerate(runs):
         simulated = np.stack([run.angle.values + left[at] for left in moved])
@@ -134,9 +134,9 @@ def _steps(found: Search, stages: ModelSequence) -> xr.Dataset:
     errors = np.sqrt(np.diag(found.final.covariance))
     leans = collinear_effects(found.final, found.added)
     for at, symbol in enumerate(found.added):
-        force = found.final.problem.library[symbol]
-        place = list(found.final.problem.names).index(symbol)
-        value, error = float(found.final.unknown[place]), float(errors[place])
+        force = found.final.problem.parameters.library[symbol]
+        place = found.final.problem.parameters.index(symbol)
+        value, error = float(found.final.values[place]), float(errors[place])
         before, after = stages.models[at], stages.models[at + 1]
         tests = found.scans[min(at, len(found.scans) - 1)].found.tests
         gain = before.chi_square - after.chi_square
@@ -188,8 +188,8 @@ def _finite(value: float) -> float | None:
 
 
 def _shapes_of(found: Search, force: Force) -> dict[str, float]:
-    names = list(found.final.problem.names)
-    return {k: float(found.final.unknown[names.index(f"{force.symbol}.{k}")]) for k in force.shape}
+    index = found.final.problem.parameters.index
+    return {k: float(found.final.values[index(f"{force.symbol}.{k}")]) for k in force.shape}
 
 
 def _generic(found: Search) -> xr.Dataset:

@@ -9,21 +9,26 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.to_identify import forces_to_identify
 from sysid_trib.methods.direct import Direct
 from sysid_trib.noise.autoregression import autoregression, whitened
-from sysid_trib.records.runs import Decays, as_runs, root_mean_square, run_noise, start_variables
-from sysid_trib.results.schema import Estimate, identification, model_of
+from sysid_trib.records.runs import Decays, as_runs, root_mean_square
+from sysid_trib.results.schema import model_of
 from sysid_trib.simulation.model import Model
 from sysid_trib.trajectory_fit.initial_conditions import first_guess
-from sysid_trib.trajectory_fit.least_squares import fitted, grown, rms
-from sysid_trib.trajectory_fit.problem import Problem, Record
+from sysid_trib.trajectory_fit.least_squares import Fit, fitted, grown, rms
+from sysid_trib.trajectory_fit.parameters import FREQUENCY, PER_RUN, Parameters
+from sysid_trib.trajectory_fit.problem import FitProblem, WhitenedRecord
+from sysid_trib.trajectory_fit.result import FitEstimate
 
 Array = NDArray[np.float64]
 
 # Rounds in which noise and fit of several runs, or of coloured noise, follow each other.
 ROUNDS = 3
+# A parameter that is nearer to a bound than this part of its standard error is stopped by it.
+NEAR_BOUND = 1e-3
 
 
 @dataclass(frozen=True)
@@ -40,12 +45,15 @@ class Trajectory:
     bounds : `{"lambda": (0, inf)}` for coefficients and shapes.
     start : model from which the fit starts; None is the direct identification.
     shapes : values of shape parameters, held or first guesses.
+    fix : `{"lambda": 0.0}` for coefficients and shapes that are held.
+    tie : `{"nu": "-2.356*delta"}` for coefficients and shapes that are functions of others.
 
     Notes
     -----
     The window grows over the records unless the start already follows them; sensitivities are differences of
     exact motions, so that switching times and the stop take part. Of several runs each counts by its own
-    noise, which is what it leaves.
+    noise, which is what it leaves. A fixed parameter has the standard error 0, a tied one that of the chain
+    rule; one that a bound stops is held there, and has the standard error 0 too.
     """
 
     reference_frequency: float | None = None
@@ -54,6 +62,8 @@ class Trajectory:
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     start: Model | None = None
     shapes: Mapping[str, float] = field(default_factory=dict)
+    fix: Mapping[str, float] = field(default_factory=dict)
+    tie: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.noise not in ("white", "coloured"):
@@ -66,98 +76,111 @@ class Trajectory:
         ------
         DecayError
             No motion of the model can be fitted to the decay.
+        UsageError
+            A shape or constraint is not one of these forces.
         """
-        asked = forces_to_identify(library, self.reference_frequency)
-        _check_names(self, asked)
-        decays = as_runs(decay)
-        records = [(d.time.values.astype(float), d.angle.values.astype(float)) for d in decays]
-        problem = Problem(
-            asked,
-            tuple(Record(time, angle) for time, angle in records),
-            self.reference_frequency,
-            self.fit_shapes,
-            self.shapes,
-            self.bounds,
-        )
-        unknown = fitted(problem, grown(problem, _beginning(self, problem, decays, library)))
-        for _ in range(ROUNDS if self.noise == "coloured" or len(decays) > 1 else 0):
-            problem = _weighted(problem, unknown, coloured=self.noise == "coloured")
-            unknown = fitted(problem, unknown)
-        return _labelled(self, problem, decays, library, unknown)
+        runs = as_runs(decay)
+        parameters = _parameters(self, forces_to_identify(library, self.reference_frequency), len(runs))
+        records = [WhitenedRecord(d.time.values.astype(float), d.angle.values.astype(float)) for d in runs]
+        problem = FitProblem(parameters, tuple(records))
+        fit = fitted(problem, grown(problem, _first_values(self, problem, runs)))
+        for _ in range(ROUNDS if self.noise == "coloured" or len(runs) > 1 else 0):
+            problem = _weighted(problem, fit.values, coloured=self.noise == "coloured")
+            fit = fitted(problem, fit.values)
+        while stopped := _stopped_by_bounds(problem.parameters, fit, self.bounds):
+            problem = replace(problem, parameters=problem.parameters.fix(stopped))
+            fit = fitted(problem, fit.values)
+        return _labelled(self, problem, runs, library, fit)
 
 
-def _check_names(method: Trajectory, library: ForceLibrary) -> None:
+def _parameters(method: Trajectory, library: ForceLibrary, runs: int) -> Parameters:
+    constraints = Constraints(method.fix, method.bounds, method.tie)
+    constraints.check(library)
     shapes = {f"{force.symbol}.{name}" for force in library for name in force.shape}
-    for name in (*method.fit_shapes, *method.bounds):
-        if name not in shapes and (name in method.fit_shapes or name not in library.symbols):
-            raise UsageError(f"There is no force or shape parameter '{name}' among the unknowns.")
+    fit_shapes = tuple(dict.fromkeys((*method.fit_shapes, *(k for k in method.tie if k in shapes))))
+    for name in fit_shapes:
+        if name not in shapes:
+            raise UsageError(f"There is no shape parameter '{name}' among the forces to identify.")
+    for name in method.bounds:
+        if name in shapes and name not in fit_shapes:
+            raise UsageError(f"Shape parameter {name} is held, a bound has no effect; name it in fit_shapes.")
+    held = {**method.shapes, **{name: value for name, value in method.fix.items() if name in shapes}}
+    return Parameters(library, method.reference_frequency, fit_shapes, held, runs, constraints)
 
 
-def _beginning(
-    method: Trajectory, problem: Problem, decays: Sequence[xr.Dataset], library: ForceLibrary
-) -> Array:
-    """First guess of all unknowns: from the start model, or from direct identification."""
-    start = method.start
+def _first_values(method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset]) -> Array:
+    """First guess of all parameters: from the start model, or from direct identification."""
+    start, parameters = method.start, problem.parameters
     if start is None:
-        quick = Direct(reference_frequency=method.reference_frequency, shapes=method.shapes)
-        found = quick.identify(decays, library)
+        free = [s for s in parameters.library.symbols if s not in method.fix and s not in method.tie]
+        direct = Direct(reference_frequency=method.reference_frequency, shapes=parameters.shapes)
+        found = direct.identify(runs, parameters.library.select(free) if free else parameters.library)
         start = model_of(found)
-        own = np.stack([np.ravel(found[k]) for k in ("start_angle", "start_rate", "offset")], axis=1)
+        per_run = np.stack([np.ravel(found[name]) for name in PER_RUN], axis=1)
     else:
-        frequency = start.reference_frequency
-        own = np.array([(*first_guess(r.time, r.angle, frequency), 0.0) for r in problem.records])
-    coefficients = [start.coefficients.get(symbol, 0.0) for symbol in problem.library.symbols]
-    defaults = {f"{f.symbol}.{k}": v for f in library for k, v in f.shape_values(method.shapes).items()}
-    shapes = [start.shapes.get(name, defaults[name]) for name in method.fit_shapes]
-    frequencies = [start.reference_frequency] if problem.free else []
-    return np.array([*coefficients, *shapes, *frequencies, *own.ravel()])
+        w = start.reference_frequency
+        per_run = np.array([(*first_guess(r.time, r.angle, w), 0.0) for r in problem.records])
+    values = {
+        f"{force.symbol}.{name}": value
+        for force in parameters.library
+        for name, value in force.shape_values(method.shapes).items()
+    }
+    values |= {**start.coefficients, **start.shapes, FREQUENCY: start.reference_frequency}
+    return parameters.expand(parameters.pack(values, per_run)[parameters.free])
 
 
-def _weighted(problem: Problem, unknown: Array, *, coloured: bool) -> Problem:
-    """Each run with the weight of the noise that it leaves, and with the colour of it where asked for."""
+def _weighted(problem: FitProblem, values: Array, *, coloured: bool) -> FitProblem:
+    """Each run with the weight of its residual, and with the colour of it where asked for."""
     records = []
-    for record, left in zip(problem.records, problem.residuals(unknown), strict=True):
-        filter_ = autoregression(left) if coloured else np.ones(1)
-        records.append(replace(record, filter_=filter_, weight=1.0 / rms(whitened(left, filter_))))
-    # Relative to their RMS noise, so that what is left is an angle.
+    for record, residual in zip(problem.records, problem.residuals(values), strict=True):
+        filter_ = autoregression(residual) if coloured else np.ones(1)
+        records.append(replace(record, filter_=filter_, weight=1.0 / rms(whitened(residual, filter_))))
+    # Relative to their RMS noise, so that a whitened residual is an angle.
     common = root_mean_square([1.0 / record.weight for record in records])
     return replace(problem, records=tuple(replace(r, weight=common * r.weight) for r in records))
 
 
+def _stopped_by_bounds(
+    parameters: Parameters, fit: Fit, bounds: Mapping[str, tuple[float, float]]
+) -> dict[str, float]:
+    """Parameters that would pass one of the given bounds if they could, and that bound."""
+    covariance = parameters.covariance(fit.sensitivity, fit.values)
+    free = parameters.free
+    step = np.zeros(len(parameters))
+    step[free] = -covariance[np.ix_(free, free)] @ (fit.sensitivity.T @ fit.residual)
+    stopped = {}
+    for name, (low, high) in bounds.items():
+        value, i = fit.values[parameters.index(name)], parameters.index(name)
+        near = NEAR_BOUND * np.sqrt(fit.residual @ fit.residual / len(fit.residual) * covariance[i, i])
+        if i in free and not low + near < value + step[i] < high - near:
+            stopped[name] = low if value - low < high - value else high
+    return stopped
+
+
 def _labelled(
-    method: Trajectory, problem: Problem, decays: Sequence[xr.Dataset], library: ForceLibrary, unknown: Array
+    method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset], library: ForceLibrary, fit: Fit
 ) -> xr.Dataset:
-    residuals = problem.residuals(unknown)
-    table, white = problem.white_sensitivity(unknown, residuals), problem.white(residuals)
-    lost = any(
-        np.max(np.abs(left)) > np.max(np.abs(record.angle))
-        for left, record in zip(residuals, problem.records, strict=True)
+    residuals = problem.residuals(fit.values)
+    astray = any(
+        np.max(np.abs(residual)) > np.max(np.abs(record.angle))
+        for residual, record in zip(residuals, problem.records, strict=True)
     )
-    if lost or not np.all(np.isfinite(table)):
+    if astray or not np.all(np.isfinite(fit.sensitivity)):
         raise DecayError(
             "No motion of these forces follows the record; offer other forces or a shorter window."
         )
-    noise = float(np.sqrt(white @ white / max(1, len(white) - len(unknown))))
-    size = np.linalg.norm(table, axis=0)
-    spread = noise**2 * np.linalg.pinv((table / size).T @ (table / size)) / np.outer(size, size)
-    count, named = len(problem.library), len(problem.names)
-    keep = [*range(count), *([named] if problem.free else [])]
-    covariance = np.zeros((count + 1, count + 1))
-    covariance[np.ix_(range(len(keep)), range(len(keep)))] = spread[np.ix_(keep, keep)]
-    own = problem.own(unknown)
-    spreads = [float(np.std(left)) for left in residuals]
-    extra = {
-        **start_variables([(angle, rate) for angle, rate, _ in own], own[:, 2]),
-        **run_noise([noise / record.weight for record in problem.records]),
-        "noise_of_sample": (spreads, "rad", "standard deviation of the residual"),
-    }
-    model = problem.model(unknown)
-    estimate = Estimate(unknown[:count], covariance, model.reference_frequency, noise, extra)
-    labelled = replace(method, shapes=model.shapes)
-    result = identification(labelled, decays, problem.library, estimate, offered=library)
-    if "shape" in result:
-        errors = dict(zip(method.fit_shapes, np.sqrt(np.diag(spread))[count:named], strict=True))
-        values = [errors.get(name, np.nan) for name in result.shape_parameter.values.tolist()]
-        result["shape_standard_error"] = result.shape_standard_error.copy(data=values)
+    parameters = problem.parameters
+    freedom = max(1, len(fit.residual) - len(parameters.free))
+    noise = float(np.sqrt(fit.residual @ fit.residual / freedom))
+    covariance = noise**2 * parameters.covariance(fit.sensitivity, fit.values)
+    estimate = FitEstimate(problem, fit.values, covariance, [noise / r.weight for r in problem.records])
+    deviations = [float(np.std(residual)) for residual in residuals]
+    extra = {"noise_of_sample": (deviations, "rad", "standard deviation of the residual")}
+    result = estimate.identification(method, runs, library, extra)
+    constraints = Constraints(method.fix, method.bounds, method.tie)
+    if constraints:
+        at_bound = parameters.constraints.fixed.keys() - method.fix.keys()
+        kinds = constraints.kinds(parameters.library.symbols, at_bound)
+        result = result.assign_coords(constraint=("force", kinds))
     orders = ", ".join(str(len(record.filter_) - 1) for record in problem.records)
     return result.assign_attrs(noise_model=f"autoregression of order {orders}")

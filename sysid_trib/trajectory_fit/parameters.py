@@ -1,0 +1,254 @@
+"""The parameters of a trajectory fit: names, blocks, bounds, fixed values and ties, in one vector."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sysid_trib.forces.constraints import Constraints
+from sysid_trib.forces.force import Force, ForceLibrary
+from sysid_trib.forces.ties import Tie
+from sysid_trib.simulation.model import Model
+
+Array = NDArray[np.float64]
+
+# Names with a space, which no force has.
+FREQUENCY = "reference frequency"
+# What each run has of its own: angle (rad) and rate (rad/s) at its first sample, zero of the sensor (rad).
+PER_RUN = ("start_angle", "start_rate", "offset")
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """Parameters in the order of their vector: coefficients, shapes, frequency, then three of each run.
+
+    Parameters
+    ----------
+    library : ForceLibrary
+        The forces with a coefficient each.
+    reference_frequency : float or None
+        w in rad/s, held; None where it is a parameter.
+    fit_shapes : tuple of str
+        Shape parameters that are fitted.
+    shapes : mapping of str to float
+        Values of the shape parameters that are held, and first values of the others.
+    runs : int
+        Number of runs.
+    constraints : Constraints
+        Fixed values, bounds and ties.
+    """
+
+    library: ForceLibrary
+    reference_frequency: float | None = None
+    fit_shapes: tuple[str, ...] = ()
+    shapes: Mapping[str, float] = field(default_factory=dict)
+    runs: int = 1
+    constraints: Constraints = field(default_factory=Constraints)
+
+    @cached_property
+    def common(self) -> tuple[str, ...]:
+        """Names of the parameters that all runs share."""
+        frequency = (FREQUENCY,) if self.reference_frequency is None else ()
+        return (*self.library.symbols, *self.fit_shapes, *frequency)
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of all parameters; those of a run end with its number from 0."""
+        return (*self.common, *(f"{name} of run {run}" for run in range(self.runs) for name in PER_RUN))
+
+    def __len__(self) -> int:
+        return len(self.common) + len(PER_RUN) * self.runs
+
+    def index(self, name: str) -> int:
+        """Place of a parameter in the vector."""
+        return self.names.index(name)
+
+    def indices(self, symbols: Iterable[str]) -> list[int]:
+        """Places of the coefficients and shape parameters of forces."""
+        asked = set(symbols)
+        return [i for i, name in enumerate(self.common) if name.partition(".")[0] in asked]
+
+    def of_run(self, run: int) -> slice:
+        """Places of a run's own parameters."""
+        first = len(self.common) + len(PER_RUN) * run
+        return slice(first, first + len(PER_RUN))
+
+    def per_run(self, values: Array) -> Array:
+        """Angle, rate and offset of each run, (run, 3) array of float."""
+        return values[len(self.common) :].reshape(-1, len(PER_RUN))
+
+    def of_common(self, values: Array) -> Array:
+        """The part of a vector, or the columns of a table, that belongs to the common parameters."""
+        return values[..., : len(self.common)]
+
+    def coefficients(self, values: Array) -> Array:
+        """Coefficient of each force, (force,) array of float."""
+        return values[: len(self.library)]
+
+    def model(self, values: Array) -> Model:
+        """The model of these values."""
+        value = dict(zip(self.common, values.tolist(), strict=False))
+        # A step of the optimiser below zero: only the square of the frequency counts.
+        frequency = abs(value[FREQUENCY]) if self.reference_frequency is None else self.reference_frequency
+        coefficients = {symbol: value[symbol] for symbol in self.library.symbols}
+        shapes = {name: value[name] for name in self.fit_shapes}
+        return Model(self.library, coefficients, frequency, {**self.shapes, **shapes})
+
+    def pack(self, values: Mapping[str, float], per_run: ArrayLike) -> Array:
+        """One vector.
+
+        Parameters
+        ----------
+        values : mapping of str to float
+            Common parameters by name; a coefficient that is missing is 0, a shape that is missing is held or
+            nan.
+        per_run : (run, 3) array of float
+            Angle (rad), rate (rad/s) and offset (rad) of each run.
+        """
+        known = {**dict.fromkeys(self.fit_shapes, np.nan), **self.shapes, **values}
+        common = [known.get(name, 0.0) for name in self.common]
+        return np.array([*common, *np.ravel(per_run)])
+
+    def insert(self, force: Force) -> "Parameters":
+        """The parameters with one force more, all its shapes fitted; passive forces are not negative."""
+        library = replace(self.library, forces=(*self.library.forces, force))
+        shapes = (*self.fit_shapes, *(f"{force.symbol}.{name}" for name in force.shape))
+        constraints = self.constraints
+        if force.passive:
+            bounds = {**constraints.bounds, force.symbol: (0.0, np.inf)}
+            constraints = replace(constraints, bounds=bounds)
+        return replace(self, library=library, fit_shapes=shapes, constraints=constraints)
+
+    def remove(self, symbols: Iterable[str]) -> "Parameters":
+        """The parameters without these forces and their shapes."""
+        gone = set(symbols)
+        forces = tuple(force for force in self.library if force.symbol not in gone)
+        shapes = tuple(name for name in self.fit_shapes if name.partition(".")[0] not in gone)
+        return replace(self, library=replace(self.library, forces=forces), fit_shapes=shapes)
+
+    def fix(self, fixed: Mapping[str, float]) -> "Parameters":
+        """The parameters with further ones held at these values."""
+        constraints = replace(self.constraints, fixed={**self.constraints.fixed, **fixed})
+        return replace(self, constraints=constraints)
+
+    def take(self, source: "Parameters", values: Array, new: Mapping[str, ArrayLike] | None = None) -> Array:
+        """Values of other parameters, by name, in the order of these.
+
+        Parameters
+        ----------
+        source : Parameters
+            Whose values they are.
+        values : (..., parameter) array of float
+            A vector, or a table with a column for each parameter.
+        new : mapping of str to array_like, optional
+            Values, or columns, of the parameters that `source` has not.
+        """
+        place = {name: i for i, name in enumerate(source.names)}
+        columns = [
+            values[..., place[name]]
+            if name in place
+            else np.broadcast_to((new or {})[name], values.shape[:-1])
+            for name in self.names
+        ]
+        return np.stack(columns, axis=-1)
+
+    def covariance_of(self, covariance: Array, names: Sequence[str]) -> Array:
+        """Part of a covariance for these names; zero for those that are no parameters, as a held frequency.
+
+        Parameters
+        ----------
+        covariance : (parameter, parameter) array of float
+            Covariance of all parameters.
+        names : sequence of str
+            The names asked for, in their order.
+        """
+        known = [i for i, name in enumerate(names) if name in self.common]
+        places = [self.index(names[i]) for i in known]
+        part = np.zeros((len(names), len(names)))
+        part[np.ix_(known, known)] = covariance[np.ix_(places, places)]
+        return part
+
+    @cached_property
+    def limits(self) -> tuple[Array, Array]:
+        """Lowest and highest value of each parameter, from the bounds and the shapes' ranges."""
+        low, high = np.full(len(self), -np.inf), np.full(len(self), np.inf)
+        ranges = {f"{f.symbol}.{k}": (s.low, s.high) for f in self.library for k, s in f.shape.items()}
+        ranges |= self.constraints.bounds
+        for i, name in enumerate(self.common):
+            low[i], high[i] = ranges.get(name, (-np.inf, np.inf))
+        return low, high
+
+    @cached_property
+    def free(self) -> NDArray[np.intp]:
+        """Places of the parameters that are neither fixed nor tied."""
+        held = {*self.constraints.fixed, *self.constraints.ties}
+        return np.array([i for i, name in enumerate(self.names) if name not in held])
+
+    def expand(self, free: Array) -> Array:
+        """All parameters from the free ones: fixed and tied values are set.
+
+        Parameters
+        ----------
+        free : (free,) array of float
+            Values of the free parameters.
+        """
+        values = np.empty(len(self))
+        values[self.free] = free
+        for name, value in self.constraints.fixed.items():
+            if name in self.common:
+                values[self.index(name)] = value
+        for name, tie in self._ties.items():
+            values[self.index(name)] = tie.value(self._known(values))
+        return values
+
+    def by_free(self, table: Array, values: Array) -> Array:
+        """Derivatives by the free parameters, by the chain rule.
+
+        Parameters
+        ----------
+        table : (..., parameter) array of float
+            Derivatives by all parameters, as if none were tied.
+        values : (parameter,) array of float
+            Where they are taken.
+        """
+        return table @ self._jacobian(values) if len(self.free) < len(self) else table
+
+    def covariance(self, sensitivity: Array, values: Array) -> Array:
+        """Covariance of all parameters in noise of unit variance; fixed ones have none.
+
+        Parameters
+        ----------
+        sensitivity : (sample, free) array of float
+            Derivative of the whitened residual by the free parameters.
+        values : (parameter,) array of float
+            Where it is taken.
+        """
+        size = np.linalg.norm(sensitivity, axis=0)
+        size = np.where(size > 0.0, size, 1.0)
+        scaled = sensitivity / size
+        free = np.asarray(np.linalg.pinv(scaled.T @ scaled) / np.outer(size, size))
+        if len(self.free) == len(self):
+            return free
+        jacobian = self._jacobian(values)
+        return np.asarray(jacobian @ free @ jacobian.T)
+
+    def _jacobian(self, values: Array) -> Array:
+        """Derivative of each parameter by the free ones, (parameter, free) array of float."""
+        rows = np.zeros((len(self), len(self.free)))
+        rows[self.free, range(len(self.free))] = 1.0
+        for name, tie in self._ties.items():
+            for other, slope in tie.derivatives(self._known(values)).items():
+                if other in self.common:
+                    rows[self.index(name)] += slope * rows[self.index(other)]
+        return rows
+
+    @cached_property
+    def _ties(self) -> Mapping[str, Tie]:
+        return self.constraints.formulas(self.library)
+
+    def _known(self, values: Array) -> dict[str, float]:
+        """Values by name, of held shapes too."""
+        held = {f"{f.symbol}.{k}": v for f in self.library for k, v in f.shape_values(self.shapes).items()}
+        return held | dict(zip(self.common, values.tolist(), strict=False))
