@@ -193,7 +193,7 @@ def test_a_missing_force_is_told():
     library = FORCES.select(["lambda", "zeta", "epsilon"])
     tree = compare(paper_run(FIVE).decay(7), library, [Direct(), Averaging()])
     assert tree["comparison"].residual_over_noise.values.min() > 3.0
-    assert "a force is missing or of another form" in " ".join(comparison_sentences(tree))
+    assert "a force is missing or has another form" in " ".join(comparison_sentences(tree))
 
 
 def test_a_prediction_that_is_good_by_accident_is_told():
@@ -301,19 +301,19 @@ def test_figure_shows_the_prediction():
 
 
 def test_command(tmp_path):
-    ending = run(
-        "compare", "-o", tmp_path / "twin.nc", "--plot", tmp_path / "figures", "--omega0", "8.87±0.02"
-    )
+    files = ("-o", tmp_path / "example.nc", "--plot", tmp_path / "figures")
+    ending = run("compare", *files, "--omega0", "8.87±0.02", "--explain")
     assert (ending.status, ending.err) == (0, "")
-    first, second, *lines = ending.out.splitlines()
+    verdict, _, first, second, *lines = ending.out.splitlines()
+    assert "is predicted best by" in verdict
     assert first.startswith("Embedded example: simulation")
     assert second.startswith("Free decay: kept")
     for label in every_method():
         assert sum(line.startswith(f"{label}  ") for line in lines) == 3, label
-    assert "is predicted best by" in ending.out
+    assert "Coefficients refer to" in ending.out
     assert "alpha" in ending.out
     assert {path.name for path in (tmp_path / "figures").iterdir()} == {"comparison.pdf", "comparison.png"}
-    assert "comparison" in load(tmp_path / "twin.nc").children
+    assert "comparison" in load(tmp_path / "example.nc").children
 
 
 def test_command_json():
@@ -426,7 +426,7 @@ def test_runs_are_saved_told_and_drawn(tmp_path):
     assert load(tmp_path / "result.nc").identical(tree)
     told = " ".join(comparison_sentences(tree))
     assert "The last third of each run, held out from 16.66 s and 10 s on, is predicted best by" in told
-    assert "times each run's noise (0.097 and 0.3 mrad a sample" in told
+    assert "The noise is that of each run: 0.097 and 0.3 mrad a sample" in told
     assert len(plots.comparison(tree).axes) == len(FIVE) + 2
     # Digits of a frequency stand in full; an offset would run into the label.
     axis = plots.coefficients(tree, "asymptotic_frequency").xaxis
@@ -477,7 +477,7 @@ def test_command_takes_several_records(tmp_path):
         decay.to_dataframe().to_csv(place)
     ending = run("compare", *places, "-o", tmp_path / "r.nc", "--plot", tmp_path / "figures")
     assert (ending.status, ending.err) == (0, "")
-    assert [line.startswith("Record: ") for line in ending.out.splitlines()[:4]] == [True, False] * 2
+    assert [line.startswith("Record: ") for line in ending.out.splitlines()[2:6]] == [True, False] * 2
     assert sum("takes one record at a time" in line for line in ending.out.splitlines()) == 9
     assert {"record_1", "record_2", "envelope_2", "comparison"} <= set(load(tmp_path / "r.nc").children)
     found = json.loads(run("compare", *places, "--json").out)

@@ -162,7 +162,9 @@ def test_command_line_takes_several_records(tmp_path):
     for name, run, seed in (("a.csv", LONG, 1), ("b.csv", SHORT, 2)):
         run.decay(seed).to_dataframe().to_csv(tmp_path / name)
     places = [str(tmp_path / name) for name in ("a.csv", "b.csv")]
-    ending = command("identify", *places, "-o", str(tmp_path / "r.nc"), "--plot", str(tmp_path / "figures"))
+    ending = command(
+        "identify", *places, "--explain", "-o", str(tmp_path / "r.nc"), "--plot", str(tmp_path / "figures")
+    )
     assert ending.status == 0, ending.err
     assert "run 2" in ending.out
     assert "The runs agree" in ending.out

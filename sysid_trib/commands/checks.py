@@ -1,6 +1,5 @@
 """What the command line reads: records, libraries, values with errors, settings of a model."""
 
-import os
 import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -9,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sysid_trib.errors import DecayError, RecordError, UsageError
+from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.library import load_library
 
 if TYPE_CHECKING:
@@ -35,10 +34,14 @@ class Columns:
 
 
 def read_decays(
-    records: Sequence[Path], columns: Columns, window: str, equilibrium: str
+    records: Sequence[Path],
+    columns: Columns,
+    window: str,
+    equilibrium: str,
+    reference_frequency: float | None,
 ) -> "tuple[list[xr.Dataset], list[str]]":
     """Free decays of the files, or of the embedded example, and a sentence on each."""
-    decays, told = zip(
+    decays, sentences = zip(
         *(_read_decay(record, columns, window, equilibrium) for record in (records or (None,))), strict=True
     )
     sums = [decay.attrs.get("record_checksum") for decay in decays]
@@ -46,7 +49,9 @@ def read_decays(
         # Its noise would count as if it were another's.
         if sums[at] in sums[:at]:
             raise UsageError(f"{record} is given twice; runs of one experiment are different records.")
-    return list(decays), list(told)
+    for decay in decays:
+        _check_reference(reference_frequency, decay)
+    return list(decays), list(sentences)
 
 
 def _read_decay(
@@ -64,16 +69,16 @@ def _read_decay(
         if given:
             raise UsageError(f"--{given[0].replace('_', '-')} is for a RECORD, and none is given.")
         read = paper_twin()
-        told = f"Embedded example: {read.attrs['source']}; {read.attrs['synthetic']}."
+        sentence = f"Embedded example: {read.attrs['source']}; {read.attrs['synthetic']}."
     else:
         read = read_record(record, **asdict(columns))
         unit = read.attrs["angle_unit_in_file"]
-        told = f"Record: {record}, {columns.signal} in {unit} from column {read.attrs['angle_column']}."
+        sentence = f"Record: {record}, {columns.signal} in {unit} from column {read.attrs['angle_column']}."
         if not isinstance(centre, str):
             centre *= ANGLE_UNITS.get(unit.removesuffix("/s"), 1.0)
     if read.angle.attrs.get("units") != "rad":
         raise DecayError(f"{record}: a position in m must be scaled first (scale_translation in Python).")
-    return free_decay(read, window=limits, equilibrium=centre), told
+    return free_decay(read, window=limits, equilibrium=centre), sentence
 
 
 def offered_forces(library: str, forces: str | None, alpha: bool) -> "ForceLibrary":
@@ -101,13 +106,18 @@ def check_positive(value: float | None, option: str) -> None:
         raise UsageError(f"{option} '{value:g}' must be a number from {LEAST:g} to {MOST:g}.")
 
 
-def check_alpha(contactless: tuple[float, float] | None, reference_frequency: float | None) -> None:
-    """Refuse two frequencies for alpha."""
+def known_frequencies(
+    omega0: str | None, reference_frequency: float | None
+) -> tuple[tuple[float, float] | None, bool]:
+    """Frequency without contact with its error, if given, and whether alpha is asked for."""
+    contactless = parse_value_with_error(omega0, "--omega0")
+    check_positive(reference_frequency, "--reference-frequency")
     if contactless and reference_frequency:
         raise UsageError("--omega0 and --reference-frequency each give alpha a meaning: choose one.")
+    return contactless, bool(contactless or reference_frequency)
 
 
-def check_reference(frequency: float | None, decay: "xr.Dataset") -> None:
+def _check_reference(frequency: float | None, decay: "xr.Dataset") -> None:
     """Refuse a reference frequency that the record cannot show."""
     time = decay.time.values
     slowest = 2.0 * np.pi / (time[-1] - time[0])
@@ -117,31 +127,6 @@ def check_reference(frequency: float | None, decay: "xr.Dataset") -> None:
             f"--reference-frequency '{frequency:g}': this record shows {slowest:.3g} to "
             f"{fastest:.3g} rad/s; mind that it is in rad/s, not Hz."
         )
-
-
-def check_output(target: Path | None, ending: str, *, reads: Sequence[Path] = ()) -> None:
-    """Refuse a file that cannot be written before the work is done, not after."""
-    if target is None:
-        return
-    if target.is_dir():
-        raise RecordError(f"{target}: cannot be written, it is a directory; name a file in it with -o.")
-    if target.suffix.lower() not in ending.split():
-        raise UsageError(f"{target}: the ending must be {ending.replace(' ', ' or ')}.")
-    if not os.access(target.parent, os.W_OK | os.X_OK):
-        reason = "is not writable" if target.parent.is_dir() else "does not exist"
-        raise RecordError(f"{target}: cannot be written, its folder {reason}; choose another place with -o.")
-    if target.exists() and any(record.exists() and target.samefile(record) for record in reads):
-        raise RecordError(f"{target}: the result would replace the record; choose another place with -o.")
-
-
-def check_folder(folder: Path | None) -> None:
-    """Refuse a folder for figures that is a file, or lies in one."""
-    if folder is None:
-        return
-    there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
-    if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
-        reason = "is not writable" if there.is_dir() else "is a file"
-        raise RecordError(f"{folder}: cannot be written, {there} {reason}; choose another folder for --plot.")
 
 
 def parse_window(text: str, option: str) -> tuple[float | None, float | None]:

@@ -1,15 +1,16 @@
 """`sysid-trib compare`."""
 
-import json
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING
 
 from sysid_trib.commands import options
-from sysid_trib.commands.terminal import command_line, print_records, print_table, print_written
+from sysid_trib.commands.destination import Destination
+from sysid_trib.commands.terminal import progress, record_sentences
 
 if TYPE_CHECKING:
     import xarray as xr
+    from matplotlib.figure import Figure
 
 
 def compare(
@@ -30,68 +31,33 @@ def compare(
     output: options.Output = None,
     as_json: options.Json = False,
     plot: options.Plot = None,
+    explain: options.Explain = False,
+    quiet: options.Quiet = False,
 ) -> None:
     """Identify the forces of a decay by every method, and test each on a part that it has not seen."""
     from sysid_trib.commands import checks
-    from sysid_trib.results import files
+    from sysid_trib.printing.comparison import comparison_blocks, comparison_json
     from sysid_trib.validation import compare as comparison
 
-    contactless = checks.parse_value_with_error(omega0, "--omega0")
-    checks.check_positive(reference_frequency, "--reference-frequency")
-    checks.check_alpha(contactless, reference_frequency)
-    offered = checks.offered_forces(library, forces, bool(contactless or reference_frequency))
+    destination = Destination(output, plot, as_json, explain, quiet)
+    contactless, alpha = checks.known_frequencies(omega0, reference_frequency)
+    offered = checks.offered_forces(library, forces, alpha)
     shapes = checks.held_shapes(set_, offered)
-    checks.check_output(output, ".nc", reads=records)
-    checks.check_folder(plot)
+    destination.check(records)
     columns = checks.Columns(time, angle, signal, units, sampling_rate, time_units)
-    decays, told = checks.read_decays(records, columns, window, equilibrium)
-    for each in decays:
-        checks.check_reference(reference_frequency, each)
+    decays, sources = checks.read_decays(records, columns, window, equilibrium, reference_frequency)
     methods = comparison.every_method(reference_frequency, shapes)
-    with _progress(len(methods)) as tell:
+    with progress(len(methods)) as tell:
         tree = comparison.compare(decays, offered, methods, contactless=contactless, tell=tell)
-    tree.attrs["command"] = command_line()
-    if output is not None:
-        files.save(tree, output)
-    if plot is not None:
-        from sysid_trib import plots
-
-        files.write_figure(plots.comparison(tree), plot / "comparison")
-    if as_json:
-        from sysid_trib.printing.comparison import comparison_json
-
-        print(json.dumps(comparison_json(tree), indent=2, allow_nan=False))
-        return
-    _tell(tree, told)
-    print_written(output, plot)
+    destination.deliver(
+        tree,
+        lambda: comparison_blocks(tree, record_sentences(tree, sources)),
+        lambda: comparison_json(tree),
+        _figures(tree),
+    )
 
 
-@contextmanager
-def _progress(steps: int) -> Iterator[Callable[[str], None]]:
-    """A bar on stderr with what is under way, gone when all is done; nothing where no terminal is."""
-    from rich.console import Console
-    from rich.progress import Progress
+def _figures(tree: "xr.DataTree") -> "Iterator[tuple[str, Callable[[], Figure]]]":
+    from sysid_trib import plots
 
-    console = Console(stderr=True, markup=False)
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("", total=steps)
-        done = -1
-
-        def tell(label: str) -> None:
-            nonlocal done
-            done += 1
-            bar.update(task, completed=done, description=label)
-
-        yield tell
-
-
-def _tell(tree: "xr.DataTree", told: list[str]) -> None:
-    from sysid_trib.printing.comparison import comparison_sentences, comparison_tables
-
-    print_records(tree, told)
-    for title, table in comparison_tables(tree).items():
-        print(f"\n{title}")
-        print_table(table)
-    print()
-    for sentence in comparison_sentences(tree):
-        print(sentence)
+    yield "comparison", partial(plots.comparison, tree)

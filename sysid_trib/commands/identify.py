@@ -1,14 +1,15 @@
 """`sysid-trib identify`."""
 
-import json
-from pathlib import Path
+from collections.abc import Callable, Iterator
+from functools import partial
 from typing import TYPE_CHECKING
 
 from sysid_trib.commands import options
-from sysid_trib.commands.terminal import command_line, print_records, print_table, print_written
+from sysid_trib.commands.destination import Destination
 
 if TYPE_CHECKING:
     import xarray as xr
+    from matplotlib.figure import Figure
 
 
 def identify(
@@ -30,29 +31,29 @@ def identify(
     output: options.Output = None,
     as_json: options.Json = False,
     plot: options.Plot = None,
+    explain: options.Explain = False,
+    quiet: options.Quiet = False,
 ) -> None:
     """Identify the forces of a decay in two ways, and cross-check them."""
     import xarray as xr
 
     from sysid_trib.commands import checks
+    from sysid_trib.commands.terminal import record_sentences
     from sysid_trib.methods import Averaging, Direct
+    from sysid_trib.printing.identification import identification_blocks, identification_json
     from sysid_trib.records.runs import one_or_all
-    from sysid_trib.results import files, schema
+    from sysid_trib.results import schema
     from sysid_trib.validation.cross_check import cross_check
     from sysid_trib.validation.homogeneity import run_agreement
 
-    contactless = checks.parse_value_with_error(omega0, "--omega0")
-    checks.check_positive(reference_frequency, "--reference-frequency")
+    destination = Destination(output, plot, as_json, explain, quiet)
+    contactless, alpha = checks.known_frequencies(omega0, reference_frequency)
     checks.check_positive(inertia, "--inertia")
-    checks.check_alpha(contactless, reference_frequency)
-    offered = checks.offered_forces(library, forces, bool(contactless or reference_frequency))
+    offered = checks.offered_forces(library, forces, alpha)
     shapes = checks.held_shapes(set_, offered)
-    checks.check_output(output, ".nc", reads=records)
-    checks.check_folder(plot)
+    destination.check(records)
     columns = checks.Columns(time, angle, signal, units, sampling_rate, time_units)
-    decays, told = checks.read_decays(records, columns, window, equilibrium)
-    for each in decays:
-        checks.check_reference(reference_frequency, each)
+    decays, sources = checks.read_decays(records, columns, window, equilibrium, reference_frequency)
     methods = (
         Averaging(reference_frequency=reference_frequency, shapes=shapes),
         Direct(reference_frequency=reference_frequency, shapes=shapes),
@@ -67,50 +68,17 @@ def identify(
         tree = schema.map_identifications(
             tree, lambda result: schema.with_contactless_frequency(result, *contactless)
         )
-    tree.attrs["command"] = command_line()
-    if output is not None:
-        files.save(tree, output)
-    if plot is not None:
-        _save_figures(tree, plot)
-    if as_json:
-        from sysid_trib.printing.identification import identification_json
-
-        print(json.dumps(identification_json(tree, inertia), indent=2, allow_nan=False))
-        return
-    _tell(tree, told, inertia)
-    print_written(output, plot)
-
-
-def _tell(tree: "xr.DataTree", told: list[str], inertia: float | None) -> None:
-    from sysid_trib.printing.identification import (
-        consequences,
-        identification_sentences,
-        identification_table,
+    destination.deliver(
+        tree,
+        lambda: identification_blocks(tree, record_sentences(tree, sources), inertia),
+        lambda: identification_json(tree, inertia),
+        _figures(tree),
     )
-    from sysid_trib.printing.runs import runs_sentences, runs_table
-
-    print_records(tree, told)
-    print()
-    print_table(identification_table(tree))
-    print()
-    for sentence in identification_sentences(tree):
-        print(sentence)
-    print()
-    for sentence in consequences(tree, inertia):
-        print(sentence)
-    if "runs" in tree:
-        print()
-        print_table(runs_table(tree["runs"].to_dataset()))
-        print()
-        for sentence in runs_sentences(tree["runs"].to_dataset()):
-            print(sentence)
 
 
-def _save_figures(tree: "xr.DataTree", folder: Path) -> None:
+def _figures(tree: "xr.DataTree") -> "Iterator[tuple[str, Callable[[], Figure]]]":
     from sysid_trib import plots
     from sysid_trib.records.runs import group_names, record_groups
-    from sysid_trib.results.files import write_figure
 
-    runs = len(record_groups(tree))
-    for run, name in enumerate(group_names("identification", runs)):
-        write_figure(plots.identification(tree, run), folder / name)
+    for run, name in enumerate(group_names("identification", len(record_groups(tree)))):
+        yield name, partial(plots.identification, tree, run)

@@ -51,3 +51,5 @@ Shapes = Annotated[
 Output = Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Where to write.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, and nothing else.")]
 Plot = Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for the figures (PDF and PNG).")]
+Explain = Annotated[bool, typer.Option("--explain", help="Print all that was tested, and what follows.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Print the verdict and the table alone.")]

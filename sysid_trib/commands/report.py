@@ -15,12 +15,12 @@ def report(
     output: Annotated[Path, typer.Option("-o", "--output", metavar="REPORT.html", help="Where to write.")],
 ) -> None:
     """Show a saved result as one self-contained page, with figures that can be zoomed."""
-    from sysid_trib.commands import checks
+    from sysid_trib.commands.destination import check_output
     from sysid_trib.errors import RecordError, UsageError
     from sysid_trib.reporting.page import page, write_page
     from sysid_trib.results import files
 
-    checks.check_output(output, ".html .htm", reads=[result])
+    check_output(output, ".html .htm", reads=[result])
     tree = files.load(result)
     try:
         text = page(tree)

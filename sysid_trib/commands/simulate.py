@@ -25,11 +25,12 @@ def simulate(
 ) -> None:
     """Simulate the decay of a model; without --set, of the paper's PDMS/glass run."""
     from sysid_trib.commands import checks
+    from sysid_trib.commands.destination import check_output
     from sysid_trib.commands.simulated_record import simulated_record, write_record
     from sysid_trib.forces.library import load_library
     from sysid_trib.simulation.model import Model
 
-    checks.check_output(output, ".csv .nc")
+    check_output(output, ".csv .nc")
     offered = load_library(library)
     coefficients, shapes = checks.settings(set_, offered, papers=library == "contact_forces")
     checks.check_positive(reference_frequency, "--reference-frequency")

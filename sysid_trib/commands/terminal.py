@@ -1,7 +1,10 @@
-"""Text and tables on standard output."""
+"""Text, tables and progress on the terminal."""
 
 import shlex
 import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from itertools import count
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -9,6 +12,8 @@ if TYPE_CHECKING:
 
     import xarray as xr
     from rich.table import Table
+
+    from sysid_trib.printing.layers import Block, Layer
 
 # Columns of a table that is not cut short.
 WIDEST = 2000
@@ -26,20 +31,60 @@ def print_table(table: "Table") -> None:
     console.print(table, crop=False)
 
 
-def print_records(tree: "xr.DataTree", told: list[str]) -> None:
-    """What each record is, and what was cut of it."""
+def print_blocks(blocks: "Iterable[Block]", layer: "Layer") -> None:
+    """Print the blocks of a layer, with an empty line between two."""
+    shown = [block for block in blocks if block.content and layer in block.layers]
+    for at, block in enumerate(shown):
+        if at:
+            print()
+        if block.title:
+            print(block.title)
+        if isinstance(block.content, Sequence):
+            for sentence in block.content:
+                indent = len(sentence) - len(sentence.lstrip())
+                print(" " * indent + printable(sentence))
+        else:
+            print_table(block.content)
+
+
+def record_sentences(tree: "xr.DataTree", sentences: Sequence[str]) -> list[str]:
+    """The sentence on each record, and what was cut of it."""
     from sysid_trib.records.runs import record_groups
 
-    for sentence, group in zip(told, record_groups(tree), strict=True):
-        print(printable(sentence))
-        print(tree[group].attrs.get("free_decay", ""))
+    pairs = zip(sentences, record_groups(tree), strict=True)
+    return [text for sentence, group in pairs for text in (sentence, tree[group].attrs.get("free_decay", ""))]
 
 
 def print_written(*places: "Path | None") -> None:
-    """The files and folders that were written."""
+    """Print the files and folders that were written."""
     for place in places:
         if place is not None:
             print(f"Written: {place}")
+
+
+@contextmanager
+def progress(steps: int | None = None) -> "Iterator[Callable[[str], None]]":
+    """What is under way, on stderr, gone when all is done; nothing where no terminal is.
+
+    Parameters
+    ----------
+    steps : int, optional
+        How often the caller will report; without it there is no bar, which would lie.
+
+    Yields
+    ------
+    callable
+        Takes the name of what begins.
+    """
+    from rich.console import Console
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    console = Console(stderr=True, markup=False)
+    spinner = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
+    columns = Progress.get_default_columns() if steps else spinner
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as shown:
+        task, done = shown.add_task("", total=steps), count()
+        yield lambda text: shown.update(task, completed=next(done), description=text)
 
 
 def printable(text: str) -> str:

@@ -1,13 +1,15 @@
 """A discovery as a story in plain sentences: where the gap is, what closes it, what could have been seen."""
 
 import json
+from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
 
 from sysid_trib.printing.detectability import added, candidates_of, detectability_sentences, remedy
-from sysid_trib.printing.discovery_tables import thresholds
+from sysid_trib.printing.discovery_tables import RANKING, ranking_table, thresholds
 from sysid_trib.printing.homogeneity import heterogeneity_sentences, step_heterogeneity_sentences
+from sysid_trib.printing.layers import Block, Layer
 from sysid_trib.printing.layout import p_value_text, value_with_error
 from sysid_trib.printing.residual import in_mrad, noise_of, residual_of, residual_sentences, times_noise
 
@@ -29,6 +31,29 @@ def discovery_story(tree: xr.DataTree) -> dict[str, list[str]]:
     story["Verdict"] = _verdict_told(tree)
     story["What this record can show"] = detectability_sentences(tree)
     return story
+
+
+def discovery_blocks(tree: xr.DataTree, sources: Sequence[str]) -> list[Block]:
+    """What the command `discover` prints, in layers.
+
+    Parameters
+    ----------
+    tree : DataTree
+        Result of `discover`.
+    sources : sequence of str
+        What each record is.
+
+    Returns
+    -------
+    list of Block
+    """
+    story = discovery_story(tree)
+    return [
+        Block([story["Verdict"][0]], Layer.QUIET),
+        Block(sources),
+        *(Block(sentences, title=title) for title, sentences in story.items()),
+        Block(ranking_table(tree), title=RANKING),
+    ]
 
 
 def _start_told(tree: xr.DataTree) -> list[str]:

@@ -6,112 +6,179 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from sysid_trib.printing.layout import number, text_table, value_with_error
-from sysid_trib.printing.physics import physics_json, physics_sentences
-from sysid_trib.printing.runs import runs_json
+from sysid_trib.printing.layers import ALWAYS, USUALLY, Block, Layer
+from sysid_trib.printing.layout import (
+    number,
+    numbers,
+    p_value_text,
+    quantity,
+    quantity_json,
+    records_json,
+    text_table,
+)
+from sysid_trib.printing.physics import physics_json, physics_sentences, weight_sentences
+from sysid_trib.printing.runs import runs_json, runs_sentences, runs_table
 from sysid_trib.records.runs import group_names, record_groups
 from sysid_trib.results.schema import library_of
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from rich.table import Table
 
 # Between the level at which methods disagree and this one they agree, but barely.
 BARELY = 0.05
 EXPLAINED = {
-    "yes": "The record is explained: what is left is white noise.",
-    "partly": "The model leaves a small gap, but more than white noise: the noise is coloured, or a force is "
-    "missing or of another form, and then coefficients are off by more than their errors.",
-    "no": "The model does not explain the record: a force is missing, or one is of another form.",
+    "yes": "The record is explained: no departure from white noise was found in the residual ({}).",
+    "partly": "The residual is small, but it is not white noise ({}). Either the noise is coloured, or a "
+    "force is missing or has another form. In the second case the coefficients are off by more than their "
+    "errors.",
+    "no": "The model does not explain the record ({}). A force is missing, or one has another form.",
 }
 EXPLAINED_BY_RATE = (
-    "What the model leaves is more than white noise, as it must be in the integral of a measured rate: "
-    "whether a force is missing cannot be told from it."
+    "The residual is not white noise ({}). The integral of a measured rate always has such a residual: it "
+    "does not show whether a force is missing."
 )
+SCALARS = ("reference_frequency", "asymptotic_frequency")
+
+
+def identification_blocks(
+    tree: xr.DataTree, sources: "Sequence[str]", inertia: float | None = None
+) -> list[Block]:
+    """What the command `identify` prints, in layers.
+
+    Parameters
+    ----------
+    tree : DataTree
+        Result of `cross_check`, with the group `runs` if there are several.
+    sources : sequence of str
+        What each record is.
+    inertia : float, kg m^2, optional
+        Adds SI units.
+
+    Returns
+    -------
+    list of Block
+    """
+    result = tree[tree["comparison"].attrs["second"]].to_dataset()
+    matters = [*_key_sentences(tree), *weight_sentences(result, float(_amplitudes(tree).max()))]
+    blocks = [
+        Block([verdict_sentence(tree)], ALWAYS),
+        Block(sources),
+        Block(identification_table(tree), ALWAYS),
+        Block(matters, Layer.DEFAULT),
+        Block(identification_sentences(tree)[1:], Layer.EXPLAIN),
+        Block(consequences(tree, inertia), Layer.EXPLAIN),
+    ]
+    if "runs" in tree:
+        runs = tree["runs"].to_dataset()
+        blocks += [Block(runs_table(runs), Layer.EXPLAIN), Block(runs_sentences(runs), USUALLY)]
+    return blocks
 
 
 def identification_table(tree: xr.DataTree) -> "Table":
     """Coefficients by both methods with errors, and how many errors apart they are."""
-    checked = tree["comparison"].ds
-    methods = [checked.attrs["first"], checked.attrs["second"]]
-    results = [tree[m].ds for m in methods]
+    checked, results = tree["comparison"].ds, _results(tree)
     rows = []
-    for symbol in _symbols(tree, methods):
-        named = next(r for r in results if symbol in r.force).sel(force=symbol)
-        row = [f"{symbol:8} {named['name'].item()}", named["formula"].item()]
-        row += [coefficient_cell(result, symbol) for result in results]
-        z = checked.z.sel(quantity=symbol).item() if symbol in checked.quantity else np.nan
-        rows.append([*row, f"{z:+.1f}" if np.isfinite(z) else ""])
-    for name, title in (("reference_frequency", "w (rad/s)"), ("asymptotic_frequency", "w_inf (rad/s)")):
-        cells = [value_with_error(r[name].item(), r[f"{name}_standard_error"].item()) for r in results]
-        z = checked.z.sel(quantity="asymptotic frequency").item()
-        shown = name.startswith("asym") and np.isfinite(z)
-        rows.append([title, name.replace("_", " "), *cells, f"{z:+.1f}" if shown else ""])
-    rows.append(["noise (rad)", "", *(f"{r.noise.item():.2g}" for r in results), ""])
-    gap = [_times(checked.residual_over_noise.sel(model=m).item()) for m in methods]
-    rows.append(["gap of the simulated model (RMS)", "", *gap, ""])
-    return text_table(["force", "formula", *methods, "difference / error"], rows, numbers=(2, 3, 4))
+    for symbol in dict.fromkeys(s for r in results.values() for s in r.force.values.tolist()):
+        named = next(r for r in results.values() if symbol in r.force).sel(force=symbol)
+        cells = [coefficient_cell(result, symbol) for result in results.values()]
+        difference = _difference(checked, symbol)
+        rows.append([f"{symbol:8} {named['name'].item()}", named["formula"].item(), *cells, difference])
+    for name, title in zip(SCALARS, ("w (rad/s)", "w_inf (rad/s)"), strict=True):
+        label = name.replace("_", " ")
+        cells = [quantity(result, name) for result in results.values()]
+        rows.append([title, label, *cells, _difference(checked, label)])
+    rows.append(["noise (rad)", "", *(f"{r.noise.item():.2g}" for r in results.values()), ""])
+    ratios = [checked.residual_over_noise.sel(model=name).item() for name in results]
+    cells = [f"{ratio:.3g} x noise" if np.isfinite(ratio) else "diverges" for ratio in ratios]
+    rows.append(["residual (RMS)", "", *cells, ""])
+    return text_table(["force", "formula", *results, "difference / error"], rows, numbers=(2, 3, 4))
+
+
+def verdict_sentence(tree: xr.DataTree) -> str:
+    """Whether the record is explained."""
+    checked = tree["comparison"].ds
+    explained = checked.attrs["explained"]
+    measured_rate = tree[record_groups(tree)[0]].attrs.get("signal") == "rate"
+    sentence = EXPLAINED_BY_RATE if measured_rate and explained != "yes" else EXPLAINED[explained]
+    return sentence.format(f"p {p_value_text(float(checked.residual_p_value.max()))}")
 
 
 def identification_sentences(tree: xr.DataTree) -> list[str]:
-    """The cross-check in plain sentences: is the record explained, then do the methods agree."""
-    checked = tree["comparison"].ds
-    names = [checked.attrs["first"], checked.attrs["second"]]
-    results = [tree[name].ds for name in names]
-    rolling = tree[record_groups(tree)[0]].attrs.get("signal") == "rate"
-    said = [
-        EXPLAINED_BY_RATE
-        if rolling and checked.attrs["explained"] != "yes"
-        else EXPLAINED[checked.attrs["explained"]]
-    ]
-    said.append(_agreement(checked, results))
-    for name in names:
-        said.append(_gap(name, checked.sel(model=name)))
-    for name, result in zip(names, results, strict=True):
-        said += _remarks(name, result)
-    said += _held(results[1])
-    stiffness = library_of(results[1], whole=True).role("x")
-    if stiffness is not None and stiffness.symbol not in results[1].force:
-        said.append(
-            f"{stiffness.symbol} and the frequency are one unknown in a single record: give --omega0 "
-            f"(frequency without contact) to have {stiffness.symbol}."
+    """The cross-check in plain sentences: is the record explained, do the methods agree, what to mind."""
+    checked, results = tree["comparison"].ds, _results(tree)
+    agreement, *warnings = _key_sentences(tree)
+    residuals = [_residual_sentence(name, checked.sel(model=name)) for name in results]
+    second = results[checked.attrs["second"]]
+    stiffness = library_of(second, whole=True).role("x")
+    if stiffness is not None and stiffness.symbol not in second.force:
+        symbol = stiffness.symbol
+        warnings.append(
+            f"In a single record, {symbol} cannot be separated from the frequency: give --omega0 (frequency "
+            f"without contact) to identify {symbol}."
         )
+    warnings = [sentence for sentence in warnings if sentence not in residuals]
+    return [verdict_sentence(tree), agreement, *residuals, *warnings]
+
+
+def _key_sentences(tree: xr.DataTree) -> list[str]:
+    """Whether the methods agree, and all that warns."""
+    checked, results = tree["comparison"].ds, _results(tree)
+    sentences = [_agreement(checked)]
+    for name, result in results.items():
+        if np.isnan(checked.residual_rms.sel(model=name).item()):
+            sentences.append(_residual_sentence(name, checked.sel(model=name)))
+        sentences += _remarks(name, result)
+    sentences += _held_shapes(results[checked.attrs["second"]])
     for key, sentence in (
-        ("averaging_cannot_tell_apart", "Averaging cannot tell apart by principle: {}."),
-        ("averaging_cannot_see", "Averaging cannot see: {}."),
-        ("no_method_can_tell_apart", "No method can tell apart: {}."),
+        ("averaging_cannot_tell_apart", "Averaging cannot separate these forces, by principle: {}."),
+        ("averaging_cannot_see", "Averaging cannot identify, by principle: {}."),
+        ("no_method_can_tell_apart", "No method can separate these forces: {}."),
     ):
         if checked.attrs[key]:
-            said.append(sentence.format(checked.attrs[key]))
-    return said
+            sentences.append(sentence.format(checked.attrs[key]))
+    return sentences
 
 
-def _agreement(checked: xr.Dataset, results: list[xr.Dataset]) -> str:
-    first, second = checked.attrs["first"], checked.attrs["second"]
+def _results(tree: xr.DataTree) -> dict[str, xr.Dataset]:
+    """Both identifications by the name of their method."""
+    checked = tree["comparison"].attrs
+    return {name: tree[name].to_dataset() for name in (checked["first"], checked["second"])}
+
+
+def _difference(checked: xr.Dataset, label: str) -> str:
+    z = checked.z.sel(quantity=label).item() if label in checked.quantity else np.nan
+    return f"{z:+.1f}" if np.isfinite(z) else ""
+
+
+def _agreement(checked: xr.Dataset) -> str:
+    pair = f"{checked.attrs['first'].capitalize()} and {checked.attrs['second']}"
     if checked.attrs["verdict"] == "unknown":
-        return f"{first.capitalize()} and {second} cannot be compared: see below."
-    found = (
+        return f"{pair} cannot be compared: the error of their difference could not be computed."
+    test = (
         f"chi-square {checked.chi_square.item():.3g} for {checked.degrees_of_freedom.item()} differences, "
         f"p = {checked.p_value.item():.2g} (Hotelling, {checked.attrs['draws']} simulated records)."
     )
     if checked.attrs["verdict"] == "disagree":
-        return f"{first.capitalize()} and {second} disagree: {found}"
+        return f"{pair} disagree: {test}"
     if checked.p_value.item() < BARELY:
-        return f"{first.capitalize()} and {second} agree but barely: {found}"
+        return f"{pair} agree, but barely: {test}"
     if checked.attrs["explained"] == "yes":
-        return f"{first.capitalize()} and {second} agree: {found}"
-    return f"{first.capitalize()} and {second} differ by no more than their errors: {found}"
+        return f"{pair} agree within their errors: {test}"
+    return f"{pair} differ by no more than their errors: {test}"
 
 
-def _gap(name: str, checked: xr.Dataset) -> str:
+def _residual_sentence(name: str, checked: xr.Dataset) -> str:
     rms, noise = checked.residual_rms.item(), checked.residual_over_noise.item()
     if np.isnan(rms):
         return f"The model from {name} has no motion from this start: it diverges."
-    left = checked.departure_time.item()
-    where = "never leaves the noise" if np.isnan(left) else f"leaves the noise at {left:.3g} s"
-    return f"The model from {name} {where}: RMS {rms:.3g} rad, {noise:.3g} times the noise."
+    start = checked.departure_time.item()
+    when = "never exceeds the noise" if np.isnan(start) else f"exceeds the noise from {start:.3g} s on"
+    return f"The residual of the model from {name} {when}: RMS {rms:.3g} rad, {noise:.3g} times the noise."
 
 
-def _held(result: xr.Dataset) -> list[str]:
+def _held_shapes(result: xr.Dataset) -> list[str]:
     if "shape" not in result:
         return []
     pairs = zip(result.shape_parameter.values.tolist(), result.shape.values.tolist(), strict=True)
@@ -121,9 +188,8 @@ def _held(result: xr.Dataset) -> list[str]:
 
 def consequences(tree: xr.DataTree, inertia: float | None) -> list[str]:
     """What follows from the second identification, in sentences; with an inertia (kg m^2) in SI units too."""
-    return physics_sentences(
-        tree[tree["comparison"].attrs["second"]].to_dataset(), _amplitudes(tree), inertia
-    )
+    result = tree[tree["comparison"].attrs["second"]].to_dataset()
+    return physics_sentences(result, _amplitudes(tree), inertia)
 
 
 def _amplitudes(tree: xr.DataTree) -> NDArray[np.float64]:
@@ -134,59 +200,42 @@ def _amplitudes(tree: xr.DataTree) -> NDArray[np.float64]:
 
 def identification_json(tree: xr.DataTree, inertia: float | None = None) -> dict[str, Any]:
     """The result as plain data; non-finite numbers are None."""
-    checked = tree["comparison"].ds
-    methods = {}
-    for name in (checked.attrs["first"], checked.attrs["second"]):
-        result = tree[name].ds
-        coefficients = {
-            symbol: {
-                "value": number(result.coefficient.sel(force=symbol).item()),
-                "standard_error": number(result.standard_error.sel(force=symbol).item()),
-                "active": bool(result.active.sel(force=symbol).item()),
-                "refers_to": number(result.refers_to.sel(force=symbol).item()),
-                "unit": result.unit.sel(force=symbol).item(),
-            }
-            for symbol in result.force.values.tolist()
-        }
-        scalars = ("reference_frequency", "asymptotic_frequency")
-        errors = {f"{k}_standard_error": number(result[f"{k}_standard_error"].item()) for k in scalars}
-        values = {k: number(result[k].item()) for k in (*scalars, "noise")}
-        values["misfit"] = number(result.birge_ratio.item())
-        methods[name] = {"coefficients": coefficients, **values, **errors}
-    per_force = {
-        quantity: {
-            k: number(checked[k].sel(quantity=quantity).item())
-            for k in ("difference", "expected_difference", "standard_error", "z")
-        }
-        for quantity in checked.quantity.values.tolist()
+    checked, results = tree["comparison"].ds, _results(tree)
+    methods = {name: _method_json(result) for name, result in results.items()}
+    differences = ("difference", "expected_difference", "standard_error", "z")
+    residuals = ("residual_rms", "residual_over_noise", "departure_time", "residual_p_value")
+    check = {
+        **numbers(checked, ("chi_square", "degrees_of_freedom", "p_value")),
+        "differences": {
+            q: numbers(checked.sel(quantity=q), differences) for q in checked.quantity.values.tolist()
+        },
+        "models": {name: numbers(checked.sel(model=name), residuals) for name in methods},
+        **checked.attrs,
     }
-    per_method = {
-        name: {
-            k: number(checked[k].sel(model=name).item())
-            for k in ("residual_rms", "residual_over_noise", "departure_time", "residual_p_value")
+    data = {**records_json(tree), "methods": methods, "cross_check": check}
+    data["consequences"] = physics_json(results[checked.attrs["second"]], _amplitudes(tree), inertia)
+    if "runs" in tree:
+        data["runs"] = runs_json(tree["runs"].to_dataset())
+    return data
+
+
+def _method_json(result: xr.Dataset) -> dict[str, Any]:
+    coefficients = {
+        symbol: {
+            **quantity_json(one, "coefficient"),
+            "active": bool(one.active.item()),
+            "refers_to": number(one.refers_to.item()),
+            "unit": one.unit.item(),
         }
-        for name in methods
+        for symbol in result.force.values.tolist()
+        for one in (result.sel(force=symbol),)
     }
-    whole = {k: number(checked[k].item()) for k in ("chi_square", "degrees_of_freedom", "p_value")}
-    check = {**whole, "differences": per_force, "models": per_method, **checked.attrs}
-    records = [
-        {k: v for k, v in tree[group].attrs.items() if isinstance(v, str | int | float)}
-        for group in record_groups(tree)
-    ]
-    second = tree[checked.attrs["second"]].to_dataset()
-    found = {"record": records[0], "methods": methods, "cross_check": check}
-    found["consequences"] = physics_json(second, _amplitudes(tree), inertia)
-    if len(records) > 1:
-        found |= {"records": records, "runs": runs_json(tree["runs"].to_dataset())}
-    return found
-
-
-def _times(ratio: float) -> str:
-    return f"{ratio:.3g} x noise" if np.isfinite(ratio) else "diverges"
-
-
-def _symbols(tree: xr.DataTree, methods: list[str]) -> list[str]:
-    return list(dict.fromkeys(s for m in methods for s in tree[m].ds.force.values.tolist()))
+    names = (*SCALARS, "noise", *(f"{name}_standard_error" for name in SCALARS))
+    return {
+        "coefficients": coefficients,
+        **numbers(result, names),
+        "misfit": number(result.birge_ratio.item()),
+    }
 
 
 def coefficient_cell(result: xr.Dataset, symbol: str) -> str:
@@ -196,18 +245,23 @@ def coefficient_cell(result: xr.Dataset, symbol: str) -> str:
     one = result.sel(force=symbol)
     if not one.active.item():
         return f"dropped (± {one.standard_error.item():.2g})"
-    return value_with_error(one.coefficient.item(), one.standard_error.item())
+    return quantity(one, "coefficient")
 
 
 def _remarks(method: str, result: xr.Dataset) -> list[str]:
-    told = []
+    """What to mind of a method's result."""
+    sentences = []
     corrected = result.attrs.get("first_order_bias_removed", "yes")
     if corrected != "yes":
-        told.append(f"First-order bias of {method} not removed: {corrected[2:].strip(': .') or 'as asked'}.")
+        reason = corrected[2:].strip(": .") or "as asked"
+        sentences.append(f"The first-order bias of {method} was not removed: {reason}.")
     if result.attrs.get("refined", "True") != "True":
-        told.append(
-            f"The columns of {method} are from the smoothed record: its model's motion does not follow it."
+        sentences.append(
+            f"The columns of {method} come from the smoothed record: the motion of its model does not follow "
+            "the record."
         )
     if int(result.attrs.get("correlation_lags", 0)):
-        told.append(f"Residuals of {method} are correlated; its errors allow for it (Newey and West).")
-    return told
+        sentences.append(
+            f"The residuals of {method} are correlated; its errors take that into account (Newey and West)."
+        )
+    return sentences

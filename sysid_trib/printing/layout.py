@@ -1,9 +1,13 @@
 """Numbers with errors, and tables for a terminal."""
 
+from collections.abc import Iterable
 from math import floor, log10
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import xarray as xr
+
+from sysid_trib.records.runs import record_groups
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -27,6 +31,21 @@ def value_with_error(value: float, error: float) -> str:
     return text if power == 0 else f"({text})e{power:+03d}"
 
 
+def quantity(result: xr.Dataset, name: str, units: str = "", factor: float = 1.0) -> str:
+    """A variable of a result with its standard error, times a factor, with units behind it."""
+    value, error = (factor * result[key].item() for key in (name, _error_of(name)))
+    return f"{value_with_error(value, error)}{units}"
+
+
+def coefficient_text(one: xr.Dataset) -> str:
+    """The coefficient of a force with its standard error, and its unit where it has one."""
+    return quantity(one, "coefficient", "" if one.unit.item() == "1" else f" {one.unit.item()}")
+
+
+def _error_of(name: str) -> str:
+    return "standard_error" if name == "coefficient" else f"{name}_standard_error"
+
+
 def p_value_text(p_value: float, equals: str = "= ") -> str:
     """A p-value as a sentence takes it, or without `equals` a table."""
     if not np.isfinite(p_value):
@@ -34,9 +53,33 @@ def p_value_text(p_value: float, equals: str = "= ") -> str:
     return f"{equals}{p_value:.2g}" if p_value > 1e-300 else "< 1e-300"
 
 
-def number(value: float) -> float | int | None:
-    """A number that JSON can hold."""
+def number(value: Any) -> Any:
+    """A number, or a list of them, that JSON can hold: in place of one that is not finite stands None."""
+    if isinstance(value, list):
+        return [number(each) for each in value]
     return value if np.isfinite(value) else None
+
+
+def numbers(result: xr.Dataset, names: Iterable[str]) -> dict[str, Any]:
+    """Variables of a result as JSON holds them."""
+    return {name: number(result[name].values.tolist()) for name in names}
+
+
+def quantity_json(result: xr.Dataset, name: str) -> dict[str, Any]:
+    """A variable of a result with its standard error as JSON holds them."""
+    return {
+        "value": number(result[name].item()),
+        "standard_error": number(result[_error_of(name)].item()),
+    }
+
+
+def records_json(tree: xr.DataTree) -> dict[str, Any]:
+    """What is known of the record, and of all if there are several."""
+    records = [
+        {k: v for k, v in tree[group].attrs.items() if isinstance(v, str | int | float)}
+        for group in record_groups(tree)
+    ]
+    return {"record": records[0]} | ({"records": records} if len(records) > 1 else {})
 
 
 def text_table(

@@ -13,7 +13,7 @@ from sysid_trib.physics.fingerprint import SIGNIFICANT, slip_fingerprint
 from sysid_trib.physics.force_weights import weights
 from sysid_trib.physics.quantities import amplitudes
 from sysid_trib.physics.units import physical_units
-from sysid_trib.printing.layout import number, value_with_error
+from sysid_trib.printing.layout import numbers, quantity, quantity_json
 from sysid_trib.results.schema import library_of
 
 # A share below this is not worth a word.
@@ -27,36 +27,51 @@ def physics_sentences(result: xr.Dataset, amplitude: ArrayLike, inertia: float |
 
     Parameters
     ----------
-    result : an identification.
-    amplitude : rad; the largest and the smallest are told of, and the motion is followed from the largest.
-    inertia : kg m^2; with it energies and coefficients are told in SI units.
+    result : Dataset
+        An identification.
+    amplitude : array_like of float, rad
+        Amplitudes of the motion. The sentences are about the largest and the smallest, and the motion starts
+        at the largest.
+    inertia : float, kg m^2, optional
+        Adds energies and coefficients in SI units.
 
     Returns
     -------
-    Sentences, short, numbers with their standard errors. A force that is not finite on these cycles leaves
-    out what it spoils, and is named.
+    list of str
+        Short sentences, numbers with their standard errors. A force that is not finite on these cycles leaves
+        out what depends on it, and is named.
 
     Raises
     ------
     UsageError
         Not an identification, not positive angles, or no positive inertia.
     """
-    a = amplitudes(amplitude)
-    ends = sorted({float(a.max()), float(a.min())}, reverse=True)
+    ends = _ends(amplitude)
     sentences = []
     try:
         for end in ends:
-            sentences += _weights_told(result, end)
-        sentences += _energy_told(result, ends[0], inertia)
-        sentences += _crossovers_told(crossovers(result), ends)
-        sentences += _arrest_told(arrest_time(result, ends[0]))
+            sentences += _weights(result, end)
+        sentences += _energy(result, ends[0], inertia)
+        sentences += _crossovers(crossovers(result), ends)
+        sentences.append(_arrest(arrest_time(result, ends[0])))
     except LibraryError as error:
-        sentences.append(f"The rest cannot be told: {error}")
+        sentences.append(f"Nothing more can be computed: {error}")
     if _holds_fingerprint(result):
-        sentences.append(_fingerprint_told(slip_fingerprint(result)))
+        sentences.append(_fingerprint(slip_fingerprint(result)))
     if inertia is not None:
-        sentences.append(_units_told(physical_units(result, inertia)))
+        sentences.append(_si_units(physical_units(result, inertia)))
     return sentences
+
+
+def weight_sentences(result: xr.Dataset, amplitude: float) -> list[str]:
+    """Which forces the decay and the frequency shift come from, at one amplitude (rad).
+
+    Empty where no force acts, or where one is not finite.
+    """
+    try:
+        return _weights(result, amplitude)
+    except LibraryError:
+        return []
 
 
 def physics_json(result: xr.Dataset, amplitude: ArrayLike, inertia: float | None = None) -> dict[str, Any]:
@@ -64,41 +79,52 @@ def physics_json(result: xr.Dataset, amplitude: ArrayLike, inertia: float | None
 
     Parameters
     ----------
-    result, amplitude, inertia : As `physics_sentences`.
+    result : Dataset
+        An identification.
+    amplitude : array_like of float, rad
+        Amplitudes of the motion.
+    inertia : float, kg m^2, optional
+        Adds energies and coefficients in SI units.
 
     Returns
     -------
-    `weights` and `energy` (lists, one entry an amplitude), `crossovers` (a list) and `arrest`, or in their
-    place `refused`, why there are none; where they apply `slip_fingerprint` and `physical_units`. Each number
-    is a float or has `value` and `standard_error`.
+    dict
+        `weights` and `energy` (lists, one entry an amplitude), `crossovers` (a list) and `arrest`, or in
+        their place `refused`, why there are none; where they apply `slip_fingerprint` and `physical_units`.
+        Each number is a float or has `value` and `standard_error`.
 
     Raises
     ------
     UsageError
-        As `physics_sentences`.
+        Not an identification, not positive angles, or no positive inertia.
     """
-    a = amplitudes(amplitude)
-    ends = sorted({float(a.max()), float(a.min())}, reverse=True)
+    ends = _ends(amplitude)
     data: dict[str, Any] = {}
     try:
-        data["weights"] = [_weights_data(result, end) for end in ends]
-        data["energy"] = [_energy_data(result, end, inertia) for end in ends]
-        data["crossovers"] = _crossovers_data(crossovers(result))
+        data["weights"] = [_weights_json(result, end) for end in ends]
+        data["energy"] = [_energy_json(result, end, inertia) for end in ends]
+        data["crossovers"] = _crossovers_json(crossovers(result))
         stop = arrest_time(result, ends[0])
         data["arrest"] = {
             "amplitude": ends[0],
-            "arrest_time": _pair(stop, "arrest_time"),
-            "stop_time": number(stop.stop_time.item()),
+            "arrest_time": quantity_json(stop, "arrest_time"),
+            **numbers(stop, ["stop_time"]),
         }
     except LibraryError as error:
         data = {"refused": str(error)}
     if _holds_fingerprint(result):
         slip = slip_fingerprint(result)
-        scalars = {k: number(slip[k].item()) for k in ("slip_ratio", "z", "p_value", "significance")}
-        data["slip_fingerprint"] = {"ratio": _pair(slip, "ratio"), **scalars, **slip.attrs}
+        scalars = numbers(slip, ("slip_ratio", "z", "p_value", "significance"))
+        data["slip_fingerprint"] = {"ratio": quantity_json(slip, "ratio"), **scalars, **slip.attrs}
     if inertia is not None:
-        data["physical_units"] = _units_data(physical_units(result, inertia))
+        data["physical_units"] = _si_units_json(physical_units(result, inertia))
     return data
+
+
+def _ends(amplitude: ArrayLike) -> list[float]:
+    """The largest and the smallest amplitude, or the only one."""
+    a = amplitudes(amplitude)
+    return sorted({float(a.max()), float(a.min())}, reverse=True)
 
 
 def _holds_fingerprint(result: xr.Dataset) -> bool:
@@ -106,123 +132,111 @@ def _holds_fingerprint(result: xr.Dataset) -> bool:
     return all(library.role(formula) is not None for formula in ("x*abs(x)", "v*abs(v)"))
 
 
-def _pair(found: xr.Dataset, name: str) -> dict[str, float | None]:
-    error = found[f"{name}_standard_error"].item()
-    return {"value": number(found[name].item()), "standard_error": number(error)}
+def _by_force(found: xr.Dataset) -> dict[str, xr.Dataset]:
+    return {symbol: found.sel(force=symbol) for symbol in found.force.values.tolist()}
 
 
-def _with_error(found: xr.Dataset, name: str, units: str = "", factor: float = 1.0) -> str:
-    value, error = factor * found[name].item(), factor * found[f"{name}_standard_error"].item()
-    return f"{value_with_error(value, error)}{units}"
+def _pairs(found: xr.Dataset) -> list[xr.Dataset]:
+    return [found.isel(pair=at) for at in range(found.sizes["pair"])]
 
 
-def _weights_told(result: xr.Dataset, amplitude: float) -> list[str]:
-    found = weights(result, amplitude)
+def _weights(result: xr.Dataset, amplitude: float) -> list[str]:
+    by_force = _by_force(weights(result, amplitude))
     parts = []
-    for share, what in (("decay_share", "the decay is"), ("frequency_share", "the frequency shift is")):
-        size = np.abs(found[share].values)
-        order = found.force.values[np.argsort(-size, kind="stable")].tolist()
+    for share, what in (("decay_share", "decay"), ("frequency_share", "frequency shift")):
         # NaN, where no force acts, is not larger than anything.
-        kept = [s for s in order if abs(found[share].sel(force=s).item()) > SMALL]
-        each = [f"{s} {_with_error(found.sel(force=s), share, ' %', 100.0)}" for s in kept]
-        if each:
-            parts.append(f"{what} {', '.join(each)}")
-    return [f"At {amplitude:.3g} rad {'; '.join(parts)}."] if parts else []
+        kept = [s for s, one in by_force.items() if abs(one[share].item()) > SMALL]
+        kept.sort(key=lambda s: -abs(by_force[s][share].item()))
+        if kept:
+            texts = [f"{s} {quantity(by_force[s], share, ' %', 100.0)}" for s in kept]
+            parts.append(f"the {what} comes from {', '.join(texts)}")
+    return [f"At {amplitude:.3g} rad, {'; '.join(parts)}."] if parts else []
 
 
-def _energy_told(result: xr.Dataset, amplitude: float, inertia: float | None) -> list[str]:
+def _energy(result: xr.Dataset, amplitude: float, inertia: float | None) -> list[str]:
     found = dissipated_energy(result, amplitude, inertia)
     if not found.total_energy.item():
         return []
-    lost = _with_error(found, "lost_fraction", " %", 100.0)
-    joule = "" if inertia is None else f", {_with_error(found, 'total_energy', ' J')}"
-    return [f"A cycle at {amplitude:.3g} rad takes {lost} of the energy I w^2 a^2/2{joule}."]
+    percent = quantity(found, "lost_fraction", " %", 100.0)
+    joule = "" if inertia is None else f", {quantity(found, 'total_energy', ' J')}"
+    return [f"A cycle at {amplitude:.3g} rad dissipates {percent} of the energy I w^2 a^2/2{joule}."]
 
 
-def _crossovers_told(found: xr.Dataset, ends: list[float]) -> list[str]:
+def _crossovers(found: xr.Dataset, ends: list[float]) -> list[str]:
     """Where two forces weigh the same; an amplitude that the motion does not pass is only extrapolated."""
     sentences = []
-    for i in range(found.sizes["pair"]):
-        pair = found.isel(pair=i)
+    for pair in _pairs(found):
         rules = [
-            f"{_with_error(pair.sel(rule=rule), 'amplitude', ' rad')} {name}"
+            f"{quantity(pair.sel(rule=rule), 'amplitude', ' rad')} {name}"
             for rule, name in (("averaged", "on average"), ("peak force", "by peak force"))
             if np.isfinite(pair.amplitude.sel(rule=rule).item())
         ]
         if rules:
             missed = (pair.amplitude < min(ends)) | (pair.amplitude > max(ends)) | pair.amplitude.isnull()
-            remarks = ["they act against each other"] if pair.opposed.item() else []
-            remarks += ["not reached by this motion"] if missed.all() else []
-            told_too = f" ({'; '.join(remarks)})" if remarks else ""
+            remarks = ["they act against each other"] * bool(pair.opposed.item())
+            remarks += ["not reached by this motion"] * bool(missed.all())
+            remark = f" ({'; '.join(remarks)})" if remarks else ""
             sentences.append(
                 f"{pair['first'].item()} and {pair['second'].item()} weigh the same in the "
-                f"{pair.acts_on.item()} at {', '.join(rules)}{told_too}."
+                f"{pair.acts_on.item()} at {', '.join(rules)}{remark}."
             )
     return sentences
 
 
-def _arrest_told(found: xr.Dataset) -> list[str]:
-    start = found.amplitude.item()
+def _arrest(found: xr.Dataset) -> str:
+    start = f"From {found.amplitude.item():.3g} rad, the averaged motion"
     if not np.isfinite(found.arrest_time.item()):
-        return [f"From {start:.3g} rad the averaged motion has no arrest: it fades, or goes on."]
+        return f"{start} does not stop in a finite time."
     exact = found.stop_time.item()
-    simulated = f"; the simulated motion after {exact:.4g} s" if np.isfinite(exact) else ""
-    stops = _with_error(found, "arrest_time", " s")
-    return [f"From {start:.3g} rad the averaged motion stops after {stops}{simulated}."]
+    simulated = f"; the simulated motion stops after {exact:.4g} s" if np.isfinite(exact) else ""
+    return f"{start} stops after {quantity(found, 'arrest_time', ' s')}{simulated}."
 
 
-def _fingerprint_told(found: xr.Dataset) -> str:
-    ratio = f"{found.attrs['numerator']}/{found.attrs['denominator']} = {_with_error(found, 'ratio')}"
-    slip = f"partial slip has -3 pi/4 = {found.slip_ratio.item():.3f} within a tenth"
-    apart = f"{found.attrs['verdict']}, {abs(found.z.item()):.3g} errors apart"
+def _fingerprint(found: xr.Dataset) -> str:
+    ratio = f"{found.attrs['numerator']}/{found.attrs['denominator']} = {quantity(found, 'ratio')}"
+    verdict = f"{found.attrs['verdict']}, {abs(found.z.item()):.3g} standard errors apart"
     if found.significance.item() < SIGNIFICANT:
-        apart += f"; {found.attrs['denominator']} itself is not significant"
-    return f"{ratio}; {slip}: {apart}."
+        verdict += f"; {found.attrs['denominator']} itself is not significant"
+    return f"{ratio}; partial slip has -3 pi/4 = {found.slip_ratio.item():.3f} within a tenth: {verdict}."
 
 
-def _units_told(found: xr.Dataset) -> str:
-    each = [
-        f"{s} {value_with_error(one.coefficient.item(), one.standard_error.item())} {one['unit'].item()}"
-        for s in found.force.values.tolist()
-        for one in (found.sel(force=s),)
+def _si_units(found: xr.Dataset) -> str:
+    texts = [
+        f"{s} {quantity(one, 'coefficient', ' ' + one['unit'].item())}" for s, one in _by_force(found).items()
     ]
-    stiffness = _with_error(found, "linear_stiffness", " N m rad-1")
-    return f"In SI units: {', '.join(each)}; linear stiffness {stiffness}."
+    stiffness = quantity(found, "linear_stiffness", " N m rad-1")
+    return f"In SI units: {', '.join(texts)}; linear stiffness {stiffness}."
 
 
-def _weights_data(result: xr.Dataset, amplitude: float) -> dict[str, Any]:
-    found = weights(result, amplitude)
-    forces = {
-        s: {name: _pair(found.sel(force=s), name) for name in WEIGHTS} for s in found.force.values.tolist()
-    }
+def _weights_json(result: xr.Dataset, amplitude: float) -> dict[str, Any]:
+    by_force = _by_force(weights(result, amplitude))
+    forces = {s: {name: quantity_json(one, name) for name in WEIGHTS} for s, one in by_force.items()}
     return {"amplitude": amplitude, "forces": forces}
 
 
-def _energy_data(result: xr.Dataset, amplitude: float, inertia: float | None) -> dict[str, Any]:
+def _energy_json(result: xr.Dataset, amplitude: float, inertia: float | None) -> dict[str, Any]:
     found = dissipated_energy(result, amplitude, inertia)
-    forces = {s: _pair(found.sel(force=s), "energy") for s in found.force.values.tolist()}
-    whole = {name: _pair(found, name) for name in ENERGIES}
+    forces = {s: quantity_json(one, "energy") for s, one in _by_force(found).items()}
+    whole = {name: quantity_json(found, name) for name in ENERGIES}
     return {"amplitude": amplitude, "units": found.energy.attrs["units"], "forces": forces, **whole}
 
 
-def _crossovers_data(found: xr.Dataset) -> list[dict[str, Any]]:
-    rows = []
-    for i in range(found.sizes["pair"]):
-        pair = found.isel(pair=i)
-        labels = {k: pair[k].item() for k in ("first", "second", "acts_on")}
-        rules = {rule: _pair(pair.sel(rule=rule), "amplitude") for rule in pair["rule"].values.tolist()}
-        rows.append({**labels, "opposed": bool(pair.opposed.item()), **rules})
-    return rows
-
-
-def _units_data(found: xr.Dataset) -> dict[str, Any]:
-    forces = {
-        s: {
-            "value": number(found.coefficient.sel(force=s).item()),
-            "standard_error": number(found.standard_error.sel(force=s).item()),
-            "unit": found["unit"].sel(force=s).item(),
-            "multiplies": found["multiplies"].sel(force=s).item(),
+def _crossovers_json(found: xr.Dataset) -> list[dict[str, Any]]:
+    return [
+        {
+            **{name: pair[name].item() for name in ("first", "second", "acts_on")},
+            "opposed": bool(pair.opposed.item()),
+            **{
+                rule: quantity_json(pair.sel(rule=rule), "amplitude") for rule in pair["rule"].values.tolist()
+            },
         }
-        for s in found.force.values.tolist()
+        for pair in _pairs(found)
+    ]
+
+
+def _si_units_json(found: xr.Dataset) -> dict[str, Any]:
+    forces = {
+        s: quantity_json(one, "coefficient") | {name: one[name].item() for name in ("unit", "multiplies")}
+        for s, one in _by_force(found).items()
     }
-    return {"coefficients": forces, **{k: _pair(found, k) for k in ("linear_stiffness", "inertia")}}
+    return {"coefficients": forces, **{k: quantity_json(found, k) for k in ("linear_stiffness", "inertia")}}

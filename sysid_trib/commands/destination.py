@@ -1,0 +1,122 @@
+"""Where the result of a command goes: a file, figures, and standard output."""
+
+import json
+import os
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sysid_trib.commands.terminal import command_line, print_blocks, print_written
+from sysid_trib.errors import RecordError, UsageError
+from sysid_trib.printing.layers import Block, Layer
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+    Figures = Iterable[tuple[str, Callable[[], Figure]]]
+
+
+@dataclass(frozen=True)
+class Destination:
+    """Where a result goes: the options that commands share.
+
+    Attributes
+    ----------
+    output : Path or None
+        Result file.
+    plot : Path or None
+        Folder of the figures.
+    as_json, explain, quiet : bool
+        What standard output shows.
+    """
+
+    output: Path | None
+    plot: Path | None
+    as_json: bool
+    explain: bool
+    quiet: bool
+
+    def check(self, records: Sequence[Path]) -> None:
+        """Refuse, before the work is done, options that exclude each other and places that cannot be written.
+
+        Parameters
+        ----------
+        records : sequence of Path
+            Files that the result must not replace.
+
+        Raises
+        ------
+        UsageError
+            Both layers of text, or a file of another ending.
+        RecordError
+            A place that cannot be written.
+        """
+        if self.explain and self.quiet:
+            raise UsageError("--explain prints more and --quiet prints less: choose one.")
+        check_output(self.output, ".nc", reads=records)
+        check_folder(self.plot)
+
+    def deliver(
+        self,
+        tree: "xr.DataTree",
+        blocks: Callable[[], Sequence[Block]],
+        data: Callable[[], dict[str, Any]],
+        figures: "Figures",
+    ) -> None:
+        """Save, draw and print a result.
+
+        Parameters
+        ----------
+        tree : DataTree
+            The result.
+        blocks : callable
+            What is printed, in layers.
+        data : callable
+            What is printed as JSON.
+        figures : iterable of (str, callable)
+            Name of each figure, and what draws it.
+        """
+        from sysid_trib.results import files
+
+        tree.attrs["command"] = command_line()
+        if self.output is not None:
+            files.save(tree, self.output)
+        if self.plot is not None:
+            for name, draw in figures:
+                files.write_figure(draw(), self.plot / name)
+        if self.as_json:
+            print(json.dumps(data(), indent=2, allow_nan=False))
+            return
+        print_blocks(blocks(), self._layer)
+        print_written(self.output, self.plot)
+
+    @property
+    def _layer(self) -> Layer:
+        return Layer.QUIET if self.quiet else Layer.EXPLAIN if self.explain else Layer.DEFAULT
+
+
+def check_output(target: Path | None, ending: str, *, reads: Sequence[Path] = ()) -> None:
+    """Refuse a file that cannot be written before the work is done, not after."""
+    if target is None:
+        return
+    if target.is_dir():
+        raise RecordError(f"{target}: cannot be written, it is a directory; name a file in it with -o.")
+    if target.suffix.lower() not in ending.split():
+        raise UsageError(f"{target}: the ending must be {ending.replace(' ', ' or ')}.")
+    if not os.access(target.parent, os.W_OK | os.X_OK):
+        reason = "is not writable" if target.parent.is_dir() else "does not exist"
+        raise RecordError(f"{target}: cannot be written, its folder {reason}; choose another place with -o.")
+    if target.exists() and any(record.exists() and target.samefile(record) for record in reads):
+        raise RecordError(f"{target}: the result would replace the record; choose another place with -o.")
+
+
+def check_folder(folder: Path | None) -> None:
+    """Refuse a folder for figures that is a file, or lies in one."""
+    if folder is None:
+        return
+    there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
+        reason = "is not writable" if there.is_dir() else "is a file"
+        raise RecordError(f"{folder}: cannot be written, {there} {reason}; choose another folder for --plot.")
