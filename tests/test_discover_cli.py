@@ -13,7 +13,7 @@ from sysid_trib.discrepancy.trends import trend
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.printing.detectability import remedy
 from sysid_trib.printing.discovery_story import discovery_story
-from sysid_trib.printing.discovery_tables import discovery_json, ranking_table, strongest, thresholds
+from sysid_trib.printing.discovery_tables import discovery_json, ranking_table, strongest
 from sysid_trib.printing.residual import noise_of, residual_of
 from sysid_trib.results.files import save
 from sysid_trib.simulation.simulate import trajectory
@@ -89,14 +89,14 @@ def test_twin_is_explained_by_its_two_elastic_forces(twin):
 
 def test_the_twins_phase_slips_most_at_large_amplitude(twin):
     attrs, spans = twin[0]["discrepancy"].attrs, twin[0]["discrepancy"].to_dataset()
-    assert attrs["parts"].split(", ")[0] == "phase"
+    assert attrs["parts"][0] == "phase"
     assert attrs["where"] == "large amplitude"
     # nu < 0: softer at large amplitude; a mean frequency is then too high there, too low at small ones.
     order = np.argsort(spans.amplitude.values)
     assert spans.frequency_error.values[order[-1]] < 0.0 < spans.frequency_error.values[order[0]]
-    after = twin[0]["discrepancy_after"].attrs
-    assert (after["parts"], after["where"]) == ("", "")
-    assert np.isnan(after["departure_time"])
+    after = twin[0]["discrepancy_after"]
+    assert (after.attrs["parts"], after.attrs["where"]) == ([], "")
+    assert np.isnan(after.departure_time)
 
 
 def test_story_of_the_twin(twin):
@@ -212,7 +212,7 @@ def test_ranking_shows_the_scores_with_their_threshold(twin):
         z = tree["ranking"].z.isel(selection_step=scan).sel(candidate=labels).values
         np.testing.assert_allclose([line.get_xdata()[0] for line in points], np.abs(z))
         dashed = next(line for line in ax.lines if line.get_linestyle() == "--")
-        assert dashed.get_xdata()[0] == thresholds(tree)[scan]
+        assert dashed.get_xdata()[0] == tree["ranking"].threshold.values[scan]
         assert labels[:3] == strongest(tree["ranking"].to_dataset().isel(selection_step=[scan]), 3)
         assert np.nanmax(np.abs(tree["ranking"].z.isel(selection_step=scan))) == np.max(np.abs(z))
     named = [line for line in plots.ranking(tree, scan=0).lines if line.get_marker() == "D"]
@@ -321,11 +321,11 @@ def test_candidates_that_the_model_has_are_left_out_and_told(folder, tmp_path):
 def test_a_fit_that_does_not_settle_and_a_step_that_worsens_are_told(twin):
     tree = twin[0].copy(deep=True)
     steps = tree["steps"].to_dataset()
-    steps["tie_costs"] = ("step", ['{"lost": null, "near": 20.0}', "{}"])
+    steps["penalised_deviance"].loc[{"step": 0, "candidate": ["dahl", "magnet"]}] = [np.inf, 20.0]
     steps["worsens_holdout"] = ("step", [False, True])
     tree["steps"] = type(tree)(steps)
     told = story(tree)
-    assert "their fits did not settle: lost." in told
+    assert "their fits did not settle: dahl." in told
     assert told.count("held out worse: do not trust it yet") == 1
 
 
@@ -333,9 +333,9 @@ def test_of_many_twins_the_likeliest_are_named(twin):
     tree = twin[0].copy(deep=True)
     steps, offered = tree["steps"].to_dataset(), tree["ranking"].candidate.values.tolist()
     tied = ["epsilon", *(symbol for symbol in offered if symbol != "epsilon")][:14]
-    steps["ties"] = ("step", [steps.ties.values[0], "; ".join(tied)])
-    likely = json.dumps(dict.fromkeys(tied, 1.0 / 14.0))
-    steps["tie_probabilities"] = ("step", [steps.tie_probabilities.values[0], likely])
+    at = {"step": 1, "candidate": tied}
+    steps["credible"].loc[at], steps["tie_probability"].loc[at] = True, 1.0 / 14.0
+    steps["penalised_deviance"].loc[at] = np.arange(14.0)
     tree["steps"] = type(tree)(steps)
     line = next(line for line in story(tree).splitlines() if "It cannot be told from" in line)
     assert line.endswith(", and 3 more.")
@@ -357,6 +357,7 @@ def test_scores_that_stand_out_though_nothing_was_added_are_told(twin):
             "candidate": ranking.candidate.values.tolist().index("dahl"),
         }
         ranking.z[place], ranking.p_value[place] = 9.0, p_value
+        ranking.significant[place] = p_value < 0.01
         tree["ranking"] = type(tree)(ranking)
         assert said in story(tree)
         assert ("no other candidate" in story(tree)) == (p_value > 0.01)

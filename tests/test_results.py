@@ -45,10 +45,10 @@ def test_provenance():
     assert attrs["method"] == "direct"
     assert json.loads(attrs["options"])["reference_frequency"] == W
     assert attrs["sysid_trib_version"] == sysid_trib.__version__
-    assert (attrs["record_source"], attrs["record_checksum"]) == ("run.csv", "abc")
+    assert (attrs["record_source"], attrs["record_checksum"]) == (["run.csv"], ["abc"])
     assert attrs["library_title"] == FORCES.title
     # netCDF holds nothing else in attributes.
-    assert all(isinstance(value, str | int | float) for value in attrs.values())
+    assert all(isinstance(value, str | int | float | list) for value in attrs.values())
 
 
 def test_library_and_model_come_back():

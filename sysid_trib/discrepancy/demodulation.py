@@ -14,6 +14,7 @@ from sysid_trib.discrepancy.candidate_sensitivities import ReferenceMotion
 from sysid_trib.discrepancy.trends import trend
 from sysid_trib.noise.residual_noise import NoiseModel
 from sysid_trib.noise.smoothing import smooth
+from sysid_trib.results.variables import variable
 
 Array = NDArray[np.float64]
 
@@ -53,11 +54,12 @@ def disagreement(baseline: Baseline, references: Sequence[ReferenceMotion]) -> x
     Returns
     -------
     Dataset. Over `span` (of all runs in turn; `run`, `time` in s, `amplitude` in rad): `rms` (rad),
-    `gap_over_noise`, and with standard errors `offset`, `amplitude_error`, `phase_error`, `second_cosine`,
-    ... (rad). As trends through these `frequency_error` and `decay_error`, of the record minus the model's,
-    over w. Over `x` and `v` (rad): `force`, the mean force that the gap asks for, as a part of I w^2, its
-    `standard_error` by the noise alone, and the number of `samples`. attrs: `departure_time` (s, of the run
-    `departure_run`), `parts` of which the gap is made beyond the noise, most first, and `where` it acts.
+    `residual_over_noise`, and with standard errors `offset`, `amplitude_error`, `phase_error`,
+    `second_cosine`, ... (rad). As trends through these `frequency_error` and `decay_error`, of the record
+    minus the model's, over w. Over `x` and `v` (rad): `force`, the mean force that the gap asks for, as a part of I w^2, its
+    `standard_error` by the noise alone, and the number of `samples`. Scalars `departure_time` (s, of the
+    run `departure_run`). attrs: `parts` of which the residual is made beyond the noise, largest first, and
+    `where` it acts.
     """
     residuals = [-left for left in baseline.problem.residuals(baseline.values)]
     spans, cells, departures = [], [], []
@@ -72,12 +74,11 @@ def disagreement(baseline: Baseline, references: Sequence[ReferenceMotion]) -> x
     found, where = _with_rates(found, references[0].model.reference_frequency)
     parts = _parts(found)
     place = where.get(parts[0], _place_of_rms(found)) if parts else ""
-    found.attrs = {
-        "departure_time": first[0],
-        "departure_run": first[1],
-        "parts": ", ".join(parts),
-        "where": place,
-    }
+    found["departure_time"] = variable(
+        (), first[0], "time from which on the residual is beyond the noise", "s"
+    )
+    found["departure_run"] = variable((), first[1], "the run of that time, from 0")
+    found.attrs = {"parts": parts, "where": place}
     return found
 
 
@@ -127,8 +128,12 @@ def _demodulated(
         "run": ("span", np.full(count, run)),
         "time": ("span", table[0], {"units": "s", "long_name": "time"}),
         "amplitude": ("span", table[1], {"units": "rad", "long_name": "amplitude of the model"}),
-        "rms": ("span", table[2], {"units": "rad", "long_name": "RMS of the gap"}),
-        "gap_over_noise": ("span", table[3], {"units": "1", "long_name": "RMS of the gap over the noise"}),
+        "rms": ("span", table[2], {"units": "rad", "long_name": "RMS residual"}),
+        "residual_over_noise": (
+            "span",
+            table[3],
+            {"units": "1", "long_name": "RMS residual over the noise"},
+        ),
     }
     for at, (name, told) in enumerate(TERMS.items()):
         data[name] = ("span", table[4 + at], {"units": "rad", "long_name": told})

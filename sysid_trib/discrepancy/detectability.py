@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from sysid_trib.discrepancy.model_probabilities import APART
 from sysid_trib.discrepancy.score_tests import Scores
+from sysid_trib.results.variables import PER_FORCE_UNIT, text_variable, variable
 
 Array = NDArray[np.float64]
 
@@ -15,15 +16,15 @@ NAMED = 20.0
 
 
 def detectability(found: Scores) -> xr.Dataset:
-    """Detectable strength and ties of each candidate, from the responses outside of the model's.
+    """Detectable strength of each candidate, and which are alike, from sensitivities outside of the model's.
 
     Returns
     -------
     Dataset over `candidate`: `detectable`, the coefficient that would stand out by five standard errors (at
-    the best value of its shape parameters, of those tried; nan if not testable), `share` of its response that
-    the model cannot move itself, `reason` why it cannot be tested, `tied_with`; and `tie(candidate, other)`,
-    the cosine between responses. Two are tied that differ by less than a tie class spans if one of
-    them has 20 standard errors.
+    the best value of its shape parameters, of those tried; nan if not testable), `independent_fraction` of
+    its sensitivities that those of the model cannot make, `testable` and the `reason` why not; and
+    `cosine(candidate, other)` between sensitivities, `alike` where two differ by less than a credible set
+    spans if one of them has 20 standard errors.
     """
     symbols = list(dict.fromkeys(probe.force.symbol for probe in found.probes))
     at = [_best(found, symbol) for symbol in symbols]
@@ -33,24 +34,20 @@ def detectability(found: Scores) -> xr.Dataset:
     cosine = np.abs(directions.T @ directions)
     np.fill_diagonal(cosine, 1.0)
     nearest = np.sqrt(1.0 - APART / NAMED**2)
-    ties = [
-        "; ".join(s for j, s in enumerate(symbols) if j != i and testable[i] and cosine[i, j] > nearest)
-        for i in range(len(symbols))
-    ]
+    alike = (cosine > nearest) & testable[:, None] & ~np.eye(len(symbols), dtype=bool)
     size = found.size[at]
     detectable = np.where(testable, DETECTED / np.where(size > 0.0, size, 1.0), np.nan)
-    unit = {"units": "see the coordinate unit"}
+    one, both = "candidate", ("candidate", "other")
+    reasons = [found.reasons[i] for i in at]
+    fraction = "part of its sensitivities that the model's cannot make"
     return xr.Dataset(
         {
-            "detectable": (
-                "candidate",
-                detectable,
-                unit | {"long_name": "coefficient of five standard errors"},
-            ),
-            "share": ("candidate", found.share[at], {"units": "1", "long_name": "part outside of the model"}),
-            "reason": ("candidate", [found.reasons[i] for i in at], {"long_name": "why it cannot be tested"}),
-            "tied_with": ("candidate", ties, {"long_name": "candidates that look the same"}),
-            "tie": (("candidate", "other"), cosine, {"units": "1", "long_name": "cosine between responses"}),
+            "detectable": variable(one, detectable, "coefficient of five standard errors", PER_FORCE_UNIT),
+            "independent_fraction": variable(one, found.share[at], fraction, "1"),
+            "testable": variable(one, testable, "whether the record can test it"),
+            "reason": text_variable(one, reasons, "why it cannot be tested"),
+            "alike": variable(both, alike, "whether the record could not tell the two apart"),
+            "cosine": variable(both, cosine, "cosine between the sensitivities", "1"),
         },
         {
             "candidate": symbols,

@@ -82,7 +82,7 @@ def discover(
     stages = model_sequence(found, runs, unseen)
     tell("where they disagree")
     verdict = verdict_of(found, level)
-    tree = xr.DataTree.from_dict(groups_of(runs, found, stages, offered))
+    tree = xr.DataTree.from_dict(groups_of(runs, found, stages, offered, level))
     third = f"the last third{' of each run' * (len(runs) > 1)}"
     options = {"max_effects": max_effects, "level": level, "seed": seed}
     tree.attrs = {
@@ -91,10 +91,11 @@ def discover(
         "options": json.dumps(options | {"reference_frequency": reference_frequency}),
         "candidates": offered.to_toml(),
         "verdict": verdict,
-        "left_out": ", ".join(left_out),
-        "failed_fits": ", ".join(found.failed),
+        "max_effects": max_effects,
+        "left_out": left_out,
+        "failed_fits": list(found.failed),
         "held_out": f"{len(unseen)} run{'s' * (len(unseen) > 1)}" if unseen else third,
-        "decimated": "; ".join(filter(None, (run.attrs.get("decimated", "") for run in runs))),
+        "decimated": [run.attrs["decimated"] for run in runs if "decimated" in run.attrs],
     }
     return tree
 

@@ -10,6 +10,7 @@ from scipy.linalg import orth
 from scipy.stats import chi2
 
 from sysid_trib.discrepancy.baseline import Baseline, project_out
+from sysid_trib.results.variables import text_variable, variable
 from sysid_trib.trajectory_fit.parameters import FREQUENCY
 
 Array = NDArray[np.float64]
@@ -18,18 +19,19 @@ Array = NDArray[np.float64]
 DISTINCT = 1e-6
 
 
-def homogeneity(models: Sequence[Baseline]) -> xr.Dataset:
+def homogeneity(models: Sequence[Baseline], level: float) -> xr.Dataset:
     """Score test of each model for runs that differ, by small deviations.
 
     Parameters
     ----------
     models : of several runs each; the last is the final one.
+    level : significance level below which the runs differ.
 
     Returns
     -------
-    Dataset. Over `stage`: `chi_square` that coefficients, shapes and frequency of each run would explain of
-    what the model leaves, with `degrees_of_freedom` and `p_value`; `most`, the unknown that alone explains
-    most of it; and `gain`, the chi-square that the effect added next explains, nan of the last.
+    Dataset. Over `model`: `chi_square` that coefficients, shapes and frequency of each run would explain of
+    what the model leaves, with `degrees_of_freedom`, `p_value` and `differ`; `most`, the parameter that alone
+    explains most of it; and `gain`, the chi-square that the effect added next explains, nan of the last.
 
     Notes
     -----
@@ -39,13 +41,15 @@ def homogeneity(models: Sequence[Baseline]) -> xr.Dataset:
     rows = [_differing(model) for model in models]
     gains = [_gain(before, after) for before, after in pairwise(models)]
     gain, freedom, most = zip(*rows, strict=True)
+    p_value = chi2.sf(gain, freedom)
     return xr.Dataset(
         {
-            "chi_square": ("model", list(gain), {"units": "1", "long_name": "explained by runs that differ"}),
-            "degrees_of_freedom": ("model", list(freedom), {"units": "1"}),
-            "p_value": ("model", chi2.sf(gain, freedom), {"units": "1", "long_name": "chance of more"}),
-            "most": ("model", list(most), {"long_name": "unknown that differs most"}),
-            "gain": ("model", [*gains, np.nan], {"units": "1", "long_name": "explained by the next effect"}),
+            "chi_square": variable("model", list(gain), "chi-square explained by runs that differ", "1"),
+            "degrees_of_freedom": variable("model", list(freedom), "degrees of freedom", "1"),
+            "p_value": variable("model", p_value, "p-value of runs that do not differ", "1"),
+            "differ": variable("model", p_value < level, "whether the p-value is below the level"),
+            "most": text_variable("model", most, "parameter that differs most"),
+            "gain": variable("model", [*gains, np.nan], "chi-square explained by the next effect", "1"),
         }
     )
 

@@ -1,13 +1,12 @@
-"""A search as datasets: records, ranking, steps, generic tests, hold-out."""
+"""A search as datasets: records, ranking of the candidates, steps, omnibus tests, hold-out."""
 
-import json
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.stats import chi2, norm
 
 from sysid_trib.discrepancy.collinearity import collinear_effects
 from sysid_trib.discrepancy.competing_models import cost_of, tie_class
@@ -15,41 +14,22 @@ from sysid_trib.discrepancy.demodulation import disagreement
 from sysid_trib.discrepancy.detectability import detectability
 from sysid_trib.discrepancy.homogeneity_test import homogeneity
 from sysid_trib.discrepancy.model_sequence import WORSE, ModelSequence, labelled, residual_rms
-from sysid_trib.discrepancy.stepwise_search import Search
-from sysid_trib.forces.force import Force, ForceLibrary
+from sysid_trib.discrepancy.stepwise_search import Scan, Search
+from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.records.runs import group_names, root_mean_square
+from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, text_variable, variable
 
 Array = NDArray[np.float64]
 
-# What the columns of the steps are, and their units.
-STEPS = {
-    "symbol": ("symbol of the effect", ""),
-    "name": ("name of the effect", ""),
-    "formula": ("its formula", ""),
-    "family": ("its family", ""),
-    "kind": ("force or sensor", ""),
-    "unit": ("unit of its coefficient", ""),
-    "coefficient": ("coefficient in the final model", "see unit"),
-    "standard_error": ("its standard error", "see unit"),
-    "shapes": ("shape parameters, as JSON", ""),
-    "z": ("coefficient over its error", "1"),
-    "p_value": ("chance of as much by noise, corrected", "1"),
-    "ties": ("the effect and those that may as well be the truth", ""),
-    "tie_probabilities": ("how probable each of these is, all being as likely before, as JSON", ""),
-    "tie_costs": ("-2 ln of the odds of each candidate in its place, as JSON", ""),
-    "residual_before": ("RMS left before", "rad"),
-    "residual_after": ("RMS left after", "rad"),
-    "gap_before": ("RMS of the whitened residual before, in units of the noise", "1"),
-    "gap_after": ("the same after", "1"),
-    "leans": ("whether it leans on other effects, and may imitate what has no name", ""),
-    "worsens_holdout": ("whether it makes the prediction worse", ""),
-}
+# An effect of fewer standard errors in the final model is not significant there.
+SIGNIFICANT = 3.0
+STEP_TEXTS = ("symbol", "name", "family", "kind")
 
 
 def groups_of(
-    runs: Sequence[xr.Dataset], found: Search, stages: ModelSequence, offered: ForceLibrary
+    runs: Sequence[xr.Dataset], found: Search, stages: ModelSequence, offered: ForceLibrary, level: float
 ) -> dict[str, xr.Dataset]:
-    """What `discover` returns, group by group."""
+    """What `discover` returns, group by group; an effect is named at the family-wise `level`."""
     first, last = found.scans[0], found.scans[-1]
     ends = (stages.models[0], stages.models[-1])
     groups: dict[str, xr.Dataset] = dict(
@@ -59,170 +39,196 @@ def groups_of(
     groups["discrepancy_after"] = disagreement(last.before, last.references)
     groups["detectability"] = detectability(first.found)
     groups["detectability_after"] = detectability(last.found)
-    groups["ranking"] = _ranking(found, offered)
-    groups["steps"] = _steps(found, stages)
-    groups["omnibus"] = _generic(found)
+    groups["ranking"] = _ranking(found, offered, level)
+    groups["steps"] = _steps(found, stages, offered)
+    groups["omnibus"] = _omnibus(found, level)
     groups["before"] = labelled(stages.models[0], runs)
     groups["after"] = labelled(stages.models[-1], runs)
     groups["holdout"] = _holdout(stages)
     if len(runs) > 1:
-        groups["homogeneity"] = homogeneity(stages.models)
+        groups["homogeneity"] = homogeneity(stages.models, level)
     return groups
 
 
 def _records(runs: Sequence[xr.Dataset], ends: Sequence[Any]) -> list[xr.Dataset]:
-    told = {"units": "rad", "long_name": "angle of the model"}
-    moved = [model.problem.residuals(model.values) for model in ends]
+    residuals = [model.problem.residuals(model.values) for model in ends]
     records = []
     for at, run in enumerate(runs):
-        simulated = np.stack([run.angle.values + left[at] for left in moved])
-        labelled_run = run.assign_coords(model=["before", "after"])
-        records.append(labelled_run.assign(simulated_angle=(("model", "time"), simulated, told)))
+        simulated = np.stack([run.angle.values + residual[at] for residual in residuals])
+        angle = variable(("model", "time"), simulated, "angle of the model", "rad")
+        records.append(run.assign_coords(model=["before", "after"]).assign(simulated_angle=angle))
     return records
 
 
-def _ranking(found: Search, offered: ForceLibrary) -> xr.Dataset:
-    """Score, p-value, coefficient and shapes of every candidate before each step, and after the last."""
+def _ranking(found: Search, offered: ForceLibrary, level: float) -> xr.Dataset:
+    """Score, p-value, coefficient and shapes of every candidate at each selection step and at the end."""
     symbols = list(offered.symbols)
-    shape = (len(found.scans), len(symbols))
-    z, p_value, coefficient = np.full(shape, np.nan), np.full(shape, np.nan), np.full(shape, np.nan)
-    shapes = np.full(shape, "", dtype=object)
-    reasons = np.full(shape, "in the model", dtype=object)
+    names = [f"{force.symbol}.{name}" for force in offered for name in force.shape]
+    z, p_value, coefficient = np.full((3, len(found.scans), len(symbols)), np.nan)
+    shapes = np.full((len(found.scans), len(names)), np.nan)
+    reasons = np.full(z.shape, "in the model", dtype=object)
     for i, scan in enumerate(found.scans):
         scores = scan.found
-        best: dict[str, int] = {}
-        for at in np.argsort(-np.abs(scores.z)).tolist():
-            best.setdefault(scores.probes[at].force.symbol, at)
-        for symbol, at in best.items():
+        for symbol, at in _best_probes(scan).items():
             j = symbols.index(symbol)
             reasons[i, j] = scores.reasons[at]
-            shapes[i, j] = json.dumps({k: float(f"{v:.4g}") for k, v in scores.probes[at].shapes.items()})
+            for name, value in scores.probes[at].shapes.items():
+                shapes[i, names.index(name)] = value
             if not scores.reasons[at]:
                 z[i, j], p_value[i, j] = scores.z[at], scores.p_values[at]
                 coefficient[i, j] = scores.z[at] / scores.size[at]
-    dims = ("selection_step", "candidate")
-    tests = [scan.found.tests for scan in found.scans]
-    return xr.Dataset(
-        {
-            "z": (dims, z, {"units": "1", "long_name": "score"}),
-            "p_value": (dims, p_value, {"units": "1", "long_name": "chance of a larger score, corrected"}),
-            "coefficient": (
-                dims,
-                coefficient,
-                {"units": "see unit", "long_name": "coefficient by the score"},
-            ),
-            "shapes": (dims, shapes.astype(str), {"long_name": "shape parameters"}),
-            "reason": (dims, reasons.astype(str), {"long_name": "why it is not ranked"}),
-            "independent_tests": (
-                "selection_step",
-                tests,
-                {"units": "1", "long_name": "number of independent tests"},
-            ),
-        },
-        {
-            "candidate": symbols,
-            "name": ("candidate", [f.name for f in offered]),
-            "family": ("candidate", [f.family for f in offered]),
-            "unit": ("candidate", [f.units for f in offered]),
-        },
-    )
+    step, both = "selection_step", ("selection_step", "candidate")
+    tests = np.array([scan.found.tests for scan in found.scans])
+    data: Variables = {
+        "z": variable(both, z, "score", "1"),
+        "p_value": variable(both, p_value, "p-value of the score, corrected for the number of tests", "1"),
+        "significant": variable(both, p_value < level, "whether the p-value is below the level"),
+        "coefficient": variable(both, coefficient, "coefficient by the score", PER_FORCE_UNIT),
+        "testable": variable(both, reasons == "", "whether the record can test it"),
+        "reason": text_variable(both, reasons, "why it is not tested"),
+        "independent_tests": variable(step, tests, "number of independent tests", "1"),
+        "threshold": variable(
+            step, norm.isf(level / (2.0 * tests)), "|z| of the level, corrected for the number of tests", "1"
+        ),
+        "significance_level": variable(
+            (), level, "family-wise significance level at which an effect is named", "1"
+        ),
+    }
+    if names:
+        # netCDF has no empty axis.
+        data["shape"] = variable((step, "shape_parameter"), shapes, "shape parameter of the highest score")
+    labels = {
+        label: ("candidate", [getattr(force, label) for force in offered]) for label in ("name", "family")
+    }
+    labels["unit"] = ("candidate", [force.units for force in offered])
+    return xr.Dataset(data, {"candidate": symbols, **labels} | ({"shape_parameter": names} if names else {}))
 
 
-def _steps(found: Search, stages: ModelSequence) -> xr.Dataset:
-    """The effects added, in order, with their final coefficients and what each took from the gap."""
-    rows: list[dict[str, Any]] = []
-    errors = np.sqrt(np.diag(found.final.covariance))
-    leans = collinear_effects(found.final, found.added)
+def _best_probes(scan: Scan) -> dict[str, int]:
+    """Of each candidate the trial that scores highest."""
+    best: dict[str, int] = {}
+    for at in np.argsort(-np.abs(scan.found.z)).tolist():
+        best.setdefault(scan.found.probes[at].force.symbol, at)
+    return best
+
+
+def _steps(found: Search, stages: ModelSequence, offered: ForceLibrary) -> xr.Dataset:
+    """The effects added, in order, with their final coefficients and what each explains."""
+    if not found.added:
+        # netCDF has no empty axis: without a step there is but the count.
+        return xr.Dataset(attrs={"count": 0})
+    parameters = found.final.problem.parameters
+    forces = [parameters.library[symbol] for symbol in found.added]
+    places = [parameters.index(symbol) for symbol in found.added]
+    values, errors = found.final.values, np.sqrt(np.diag(found.final.covariance))
+    z = values[places] / errors[places]
+    chosen = np.array([_selected_at(found, symbol) for symbol in found.added])
+    tests = np.array([found.scans[at].found.tests for at in chosen])
+    chi_square = np.array([model.chi_square for model in stages.models])
+    p_value = tests * chi2.sf(-np.diff(chi_square), [1 + len(force.shape) for force in forces])
+    collinear = collinear_effects(found.final, found.added)
+    residual = [residual_rms(model) for model in stages.models]
+    whitened = np.sqrt(chi_square / [len(model.residual) for model in stages.models])
+    columns: dict[str, tuple[Any, str, str]] = {
+        "coefficient": (values[places], "coefficient in the final model", PER_FORCE_UNIT),
+        "standard_error": (errors[places], "standard error of the coefficient", PER_FORCE_UNIT),
+        "z": (z, "coefficient over its standard error", "1"),
+        "significant": (np.abs(z) >= SIGNIFICANT, "whether the coefficient is significant in the end", ""),
+        "p_value": (np.minimum(p_value, 1.0), "p-value of what the effect explains, corrected", "1"),
+        "selection_step": (chosen, "selection step at which the effect was chosen", "1"),
+        "residual_before": (residual[:-1], "RMS residual before", "rad"),
+        "residual_after": (residual[1:], "RMS residual after", "rad"),
+        "whitened_residual_before": (
+            whitened[:-1],
+            "RMS of the whitened residual before, over the noise",
+            "1",
+        ),
+        "whitened_residual_after": (whitened[1:], "RMS of the whitened residual after, over the noise", "1"),
+        "collinear": ([s in collinear for s in found.added], "whether it is not separately identifiable", ""),
+        "worsens_holdout": (
+            stages.holdout[1:] > WORSE * stages.holdout[:-1],
+            "whether it makes the prediction worse",
+            "",
+        ),
+    }
+    data = {name: variable("step", *column) for name, column in columns.items()}
+    texts = {name: [getattr(force, name) for force in forces] for name in STEP_TEXTS}
+    texts |= {"unit": [force.units for force in forces], "formula": [force.formula.text for force in forces]}
+    data |= {name: text_variable("step", text, f"{name} of the effect") for name, text in texts.items()}
+    data |= _competition(found, offered) | _step_shapes(found, errors)
+    shaped = {"shape_parameter": list(parameters.fit_shapes)} if "shape" in data else {}
+    return xr.Dataset(data, {"candidate": list(offered.symbols)} | shaped, {"count": len(forces)})
+
+
+def _selected_at(found: Search, symbol: str) -> int:
+    """The selection step after which an effect came into the model for good."""
+    before = [symbol not in scan.before.problem.parameters.library.symbols for scan in found.scans]
+    return max((at for at, absent in enumerate(before[:-1]) if absent), default=0)
+
+
+def _competition(found: Search, offered: ForceLibrary) -> Variables:
+    """What each candidate explains in the place of each effect."""
+    symbols = list(offered.symbols)
+    probability, deviance = np.full((2, len(found.added), len(symbols)), np.nan)
     for at, symbol in enumerate(found.added):
-        force = found.final.problem.parameters.library[symbol]
-        place = found.final.problem.parameters.index(symbol)
-        value, error = float(found.final.values[place]), float(errors[place])
-        before, after = stages.models[at], stages.models[at + 1]
-        tests = found.scans[min(at, len(found.scans) - 1)].found.tests
-        gain = before.chi_square - after.chi_square
-        tied = tie_class(found.final, symbol, found.ties[symbol])
-        rows.append(
-            {
-                "symbol": symbol,
-                "name": force.name,
-                "formula": force.formula.text,
-                "family": force.family,
-                "kind": force.kind,
-                "unit": force.units,
-                "coefficient": value,
-                "standard_error": error,
-                "shapes": json.dumps(_shapes_of(found, force)),
-                "z": value / error,
-                "p_value": float(min(1.0, tests * chi2.sf(gain, 1 + len(force.shape)))),
-                "ties": "; ".join(tied),
-                "tie_probabilities": json.dumps({s: round(p, 4) for s, p in tied.items()}),
-                "tie_costs": json.dumps(_costs(found, symbol)),
-                "residual_before": residual_rms(before),
-                "residual_after": residual_rms(after),
-                "gap_before": float(np.sqrt(before.chi_square / len(before.residual))),
-                "gap_after": float(np.sqrt(after.chi_square / len(after.residual))),
-                "leans": symbol in leans,
-                "worsens_holdout": bool(stages.holdout[at + 1] > WORSE * stages.holdout[at]),
-            }
-        )
-    # netCDF has no empty axis: without a step there is but the count.
-    names = list(rows[0]) if rows else []
-    columns = {name: ("step", [row[name] for row in rows], _told(name)) for name in names}
-    return xr.Dataset(columns, attrs={"count": len(rows)})
+        own = cost_of(found.final, symbol)
+        for name, value in tie_class(found.final, symbol, found.ties[symbol]).items():
+            probability[at, symbols.index(name)] = value
+        for competitor in found.ties[symbol]:
+            deviance[at, symbols.index(competitor.force.symbol)] = competitor.cost - own
+        deviance[at, symbols.index(symbol)] = 0.0
+    dims = ("step", "candidate")
+    likely = "probability in the effect's place if all were as likely before, nan outside of the credible set"
+    return {
+        "tie_probability": variable(dims, probability, likely, "1"),
+        "credible": variable(dims, np.isfinite(probability), "whether it is in the 95 % credible set"),
+        "penalised_deviance": variable(
+            dims, deviance, "-2 ln of the odds against the effect, inf of a fit that failed, nan untried", "1"
+        ),
+    }
 
 
-def _told(name: str) -> dict[str, str]:
-    """Attributes of a column of the steps; words have no unit."""
-    said, unit = STEPS[name]
-    return {"long_name": said} | ({"units": unit} if unit else {})
+def _step_shapes(found: Search, errors: Array) -> Variables:
+    """Shape parameters of each effect in the final model, nan those of the others."""
+    parameters = found.final.problem.parameters
+    if not parameters.fit_shapes:
+        return {}
+    names = parameters.fit_shapes
+    own = np.array([[name.startswith(f"{symbol}.") for name in names] for symbol in found.added])
+    places = [parameters.index(name) for name in names]
+    dims = ("step", "shape_parameter")
+    return {
+        "shape": variable(dims, np.where(own, found.final.values[places], np.nan), "shape parameter"),
+        "shape_standard_error": variable(
+            dims, np.where(own, errors[places], np.nan), "standard error of the shape parameter"
+        ),
+    }
 
 
-def _costs(found: Search, symbol: str) -> dict[str, float | None]:
-    """What each candidate costs above the effect; None of a fit that failed."""
-    own = cost_of(found.final, symbol)
-    return {one.force.symbol: _finite(one.cost - own) for one in found.ties[symbol]}
-
-
-def _finite(value: float) -> float | None:
-    return round(value, 2) if np.isfinite(value) else None
-
-
-def _shapes_of(found: Search, force: Force) -> dict[str, float]:
-    index = found.final.problem.parameters.index
-    return {k: float(found.final.values[index(f"{force.symbol}.{k}")]) for k in force.shape}
-
-
-def _generic(found: Search) -> xr.Dataset:
-    """Tests of every scan that know no candidate."""
-    generic = [scan.generic for scan in found.scans]
+def _omnibus(found: Search, level: float) -> xr.Dataset:
+    """At each selection step the tests that know no candidate."""
+    tests = [scan.generic for scan in found.scans]
+    p_value = np.array([test.p_value for test in tests])
     return xr.Dataset(
         {
-            "z": (
-                ("selection_step", "trial_force"),
-                np.stack([g.z for g in generic]),
-                {"units": "1", "long_name": "score"},
-            ),
-            "p_value": (
-                "selection_step",
-                [g.p_value for g in generic],
-                {"units": "1", "long_name": "chance of more"},
-            ),
+            "z": variable(("selection_step", "trial_force"), [test.z for test in tests], "score", "1"),
+            "p_value": variable("selection_step", p_value, "p-value of all together", "1"),
+            "significant": variable("selection_step", p_value < level, "whether it is below the level"),
         },
-        {"trial_force": list(generic[0].names)},
+        {"trial_force": list(tests[0].names)},
     )
 
 
 def _holdout(stages: ModelSequence) -> xr.Dataset:
     noise = root_mean_square([n.standard_deviation for n in stages.models[-1].noises])
     above = stages.holdout**2 - noise**2
+    ratio = above / above[0] if above[0] > 0.0 else np.full(len(above), np.nan)
     return xr.Dataset(
         {
-            "rms": ("model", stages.holdout, {"units": "rad", "long_name": "RMS of what is predicted"}),
-            "noise": ((), noise, {"units": "rad", "long_name": "noise of a sample"}),
-            "gap_above_noise": (
-                "model",
-                above / above[0] if above[0] > 0.0 else np.full(len(above), np.nan),
-                {"units": "1", "long_name": "squared gap above the noise, over the start model's"},
+            "rms": variable("model", stages.holdout, "RMS residual of the prediction", "rad"),
+            "noise": variable((), noise, "standard deviation of a sample's noise", "rad"),
+            "residual_above_noise": variable(
+                "model", ratio, "squared residual above the noise, over the start model's", "1"
             ),
         }
     )

@@ -3,6 +3,7 @@
 import re
 import tomllib
 from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +58,12 @@ def load_library(name_or_path: str | Path = "contact_forces") -> ForceLibrary:
         reason = " ".join(str(error).split())
         raise LibraryError(f"{path.name}: not a readable TOML file ({reason}); see libraries/.") from None
     return parse_library(data, path.name)
+
+
+@lru_cache(maxsize=32)
+def library_of_text(text: str, source: str) -> ForceLibrary:
+    """The library of a TOML text, as a result keeps it, parsed once (see `load_library`)."""
+    return parse_library(tomllib.loads(text), source)
 
 
 def parse_library(data: Mapping[str, Any], source: str) -> ForceLibrary:

@@ -6,7 +6,8 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.plots.style import LEGEND, axes
-from sysid_trib.printing.discovery_tables import strongest, thresholds
+from sysid_trib.printing.discovery_tables import strongest
+from sysid_trib.results.discoveries import credible_set
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -64,14 +65,14 @@ def ranking(tree: xr.DataTree, ax: "Axes | None" = None, scan: int = 0) -> "Axes
     named, tied = marked(tree, scan)
     chosen = strongest(one, BEST)
     # Those marked are shown, wherever they rank.
-    chosen += [s for s in (named, *tied) if s and s not in chosen and np.isfinite(_z(one, s))]
-    limit = thresholds(tree)[scan]
+    chosen += [s for s in (*named, *tied) if s not in chosen and np.isfinite(_z(one, s))]
+    limit = one.threshold.item()
     size = [abs(_z(one, symbol)) for symbol in chosen]
     # Scores in their hundreds and a threshold of four need a logarithm, else it hides the differences.
     far = max(size, default=0.0) > FAR * limit
     left = min([0.5 * limit, *(0.7 * z for z in size)]) if far else 0.0
     for row, (symbol, z) in enumerate(zip(chosen, size, strict=True)):
-        style = NAMED if symbol == named else TIED if symbol in tied else OTHERS
+        style = NAMED if symbol in named else TIED if symbol in tied else OTHERS
         ax.plot([left, z], [row, row], "-", color=style["color"], linewidth=0.8)
         ax.plot([z], [row], linestyle="", **style)
         # Three digits, and no power of ten as long as there is room without.
@@ -168,23 +169,27 @@ def _families(ax: "Axes", found: xr.Dataset, symbols: list[str]) -> None:
 
 
 def shown_scans(tree: xr.DataTree) -> list[int]:
-    """The scan before each step, and the last; those of exchanged effects are left out."""
-    count, scans = tree["steps"].attrs["count"], tree["ranking"].sizes["selection_step"]
-    return list(dict.fromkeys([*range(min(count, scans - 1)), scans - 1]))
+    """The selection steps at which an effect of the final model was chosen, and the last."""
+    chosen = tree["steps"].selection_step.values.tolist() if tree["steps"].attrs["count"] else []
+    return [*sorted(set(chosen)), tree["ranking"].sizes["selection_step"] - 1]
 
 
 def scan_title(tree: xr.DataTree, scan: int) -> str:
     """When a scan was made."""
-    last = tree["ranking"].sizes["selection_step"] - 1
-    return "at the end" if scan == last else f"before step {scan + 1}"
+    if scan == tree["ranking"].sizes["selection_step"] - 1:
+        return "at the end"
+    steps = np.flatnonzero(tree["steps"].selection_step.values == scan) + 1
+    return f"before step {' and '.join(map(str, steps))}"
 
 
-def marked(tree: xr.DataTree, scan: int) -> tuple[str, list[str]]:
-    """The effect that the step after a scan names, and its twins."""
-    if scan >= min(tree["steps"].attrs["count"], tree["ranking"].sizes["selection_step"] - 1):
-        return "", []
-    named, *tied = tree["steps"].isel(step=scan).ties.item().split("; ")
-    return named, tied
+def marked(tree: xr.DataTree, scan: int) -> tuple[list[str], list[str]]:
+    """The effects that were chosen at a selection step, and those that cannot be told from them."""
+    if not tree["steps"].attrs["count"]:
+        return [], []
+    steps = tree["steps"].to_dataset()
+    sets = [list(credible_set(steps.isel(step=at))) for at in np.flatnonzero(steps.selection_step == scan)]
+    named = [each[0] for each in sets]
+    return named, [symbol for each in sets for symbol in each[1:] if symbol not in named]
 
 
 def _z(found: xr.Dataset, symbol: str) -> float:

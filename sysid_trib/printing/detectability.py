@@ -1,28 +1,15 @@
 """What a record could show, in sentences: detectable strengths, ties and what would break them."""
 
-import tomllib
 from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
 
 from sysid_trib.discrepancy.detectability import DETECTED, NAMED
-from sysid_trib.forces.force import Force, ForceLibrary
-from sysid_trib.forces.library import parse_library
+from sysid_trib.forces.force import Force
 
 # Candidates whose detectable strength is told.
 CLOSEST = 6
-
-
-def candidates_of(tree: xr.DataTree) -> ForceLibrary:
-    """The candidates that were offered."""
-    return parse_library(tomllib.loads(tree.attrs["candidates"]), "candidates")
-
-
-def added(tree: xr.DataTree) -> list[str]:
-    """Symbols of the effects that were added, in their order."""
-    # Without a step there is but the count.
-    return tree["steps"].symbol.values.tolist() if tree["steps"].attrs["count"] else []
 
 
 def remedy(tied: Sequence[Force]) -> str:
@@ -56,9 +43,11 @@ def detectability_sentences(tree: xr.DataTree) -> list[str]:
     told += _ties_told(tree)
     told += _untestable_told(tree)
     if left_out := tree.attrs["left_out"]:
-        told.append(f"Not offered, because the model has them: {left_out}.")
+        told.append(f"Not offered, because the model has them: {', '.join(left_out)}.")
     if failed := tree.attrs["failed_fits"]:
-        told.append(f"Tried, but without a fit, because their motions could not be followed: {failed}.")
+        told.append(
+            f"Tried, but without a fit, because their motions could not be followed: {', '.join(failed)}."
+        )
     return [sentence for sentence in told if sentence]
 
 
@@ -106,11 +95,11 @@ def _closest_told(tree: xr.DataTree) -> str:
 
 def _ties_told(tree: xr.DataTree) -> list[str]:
     forecast = tree["detectability_after"].to_dataset()
-    pairs = zip(forecast.candidate.values.tolist(), forecast.tied_with.values.tolist(), strict=True)
     groups: list[list[str]] = []
-    for symbol, ties in pairs:
+    for symbol in forecast.candidate.values.tolist():
         # Each with each: a chain of neighbours may have ends that are far apart.
-        home = next((group for group in groups if set(group) <= set(ties.split("; "))), None)
+        others = forecast.alike.sel(candidate=symbol)
+        home = next((group for group in groups if others.sel(other=group).all()), None)
         if home is None:
             groups.append([symbol])
         else:

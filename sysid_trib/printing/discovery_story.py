@@ -1,25 +1,29 @@
 """A discovery as a story in plain sentences: where the gap is, what closes it, what could have been seen."""
 
-import json
 from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
 
-from sysid_trib.printing.detectability import added, candidates_of, detectability_sentences, remedy
-from sysid_trib.printing.discovery_tables import RANKING, ranking_table, thresholds
+from sysid_trib.printing.detectability import detectability_sentences, remedy
+from sysid_trib.printing.discovery_tables import RANKING, ranking_table
 from sysid_trib.printing.homogeneity import heterogeneity_sentences, step_heterogeneity_sentences
 from sysid_trib.printing.layers import Block, Layer
 from sysid_trib.printing.layout import p_value_text, value_with_error
 from sysid_trib.printing.residual import in_mrad, noise_of, residual_of, residual_sentences, times_noise
+from sysid_trib.results.discoveries import (
+    added_effects,
+    candidates_of,
+    credible_set,
+    failed_competitors,
+    shapes_of,
+)
 
 # Generic shapes and candidates that are named where they stand out.
 MOST = 3
 # Twins of an effect that are named, the likeliest; a file has all.
 TWINS = 10
 UNSEEN = "Effects below the strengths that follow may be there unseen."
-# An effect of fewer standard errors in the final model is not significant there.
-FAINT = 3.0
 
 
 def discovery_story(tree: xr.DataTree) -> dict[str, list[str]]:
@@ -68,7 +72,7 @@ def _start_told(tree: xr.DataTree) -> list[str]:
 
 def _step_told(tree: xr.DataTree, at: int) -> list[str]:
     step = tree["steps"].to_dataset().isel(step=at)
-    shapes = json.loads(step.shapes.item())
+    shapes = shapes_of(step, step.symbol.item())
     shaped = "".join(f", {name} = {value:.3g}" for name, value in shapes.items())
     what = "error of the sensor" if step.kind.item() == "sensor" else step.family.item()
     what = f" ({what})" if what else ""
@@ -78,24 +82,24 @@ def _step_told(tree: xr.DataTree, at: int) -> list[str]:
         f"corrected p {p_value_text(step.p_value.item())} (of what it explains)."
     ]
     told.append(f"   Adding it takes the gap from {_shrinking(tree, at)}.")
-    if abs(step.z.item()) < FAINT:
+    if not step.significant:
         told.append("   In the final model its coefficient is not significant.")
     told += [f"   {one}" for one in step_heterogeneity_sentences(tree, at)]
     if step.worsens_holdout.item():
         told.append("   It makes the prediction of what was held out worse: do not trust it yet.")
-    tied = step.ties.item().split("; ")[1:]
+    likely = credible_set(step)
+    tied = list(likely)[1:]
     if tied:
         offered = candidates_of(tree)
         named = ", ".join(f"{s} ({offered[s].formula.text})" for s in tied[:TWINS])
         others = f", and {len(tied) - TWINS} more" if len(tied) > TWINS else ""
         told.append(f"   It cannot be told from: {named}{others}.")
-        likely = list(json.loads(step.tie_probabilities.item()).items())[: TWINS + 1]
-        each = ", ".join(f"{symbol} {probability:.2f}" for symbol, probability in likely)
+        first = list(likely.items())[: TWINS + 1]
+        each = ", ".join(f"{symbol} {probability:.2f}" for symbol, probability in first)
         told.append(f"   If all candidates were as likely before, the probabilities are: {each}.")
         told.append(f"   {remedy([offered[s] for s in (step.symbol.item(), *tied)])}")
-    costs = json.loads(step.tie_costs.item())
-    if wild := [symbol for symbol, cost in costs.items() if cost is None]:
-        told.append(f"   In its place these were tried, but their fits did not settle: {', '.join(wild)}.")
+    if failed := failed_competitors(step):
+        told.append(f"   In its place these were tried, but their fits did not settle: {', '.join(failed)}.")
     return told
 
 
@@ -119,16 +123,12 @@ def _pair(before: float, after: float, noise: float) -> str:
 
 def _verdict_told(tree: xr.DataTree) -> list[str]:
     said = {"explained": _explained, "nothing missing": _nothing, "unknown effect": _unknown}
-    return [
-        *said[tree.attrs["verdict"]](tree),
-        *heterogeneity_sentences(tree, _level(tree)),
-        _model_told(tree),
-    ]
+    return [*said[tree.attrs["verdict"]](tree), *heterogeneity_sentences(tree), _model_told(tree)]
 
 
 def _model_told(tree: xr.DataTree) -> str:
     """Frequency and forces of the final model that no step has told."""
-    after, named = tree["after"].to_dataset(), added(tree)
+    after, named = tree["after"].to_dataset(), added_effects(tree)
     w = value_with_error(after.reference_frequency.item(), after.reference_frequency_standard_error.item())
     values = [f"w = {w} rad/s"]
     for symbol in after.force.values.tolist():
@@ -145,7 +145,7 @@ def _valued(one: xr.Dataset) -> str:
 
 def _explained(tree: xr.DataTree) -> list[str]:
     gap, noise = residual_of(tree, "after"), noise_of(tree)
-    named = " and ".join(added(tree))
+    named = " and ".join(added_effects(tree))
     quiet, but = _quiet(tree, "no other candidate")
     return [f"Explained: with {named} the model leaves {times_noise(gap, noise)}; {quiet} {UNSEEN}", *but]
 
@@ -168,8 +168,9 @@ def _quiet(tree: xr.DataTree, candidates: str) -> tuple[str, list[str]]:
 
 def _high_by_chance(tree: xr.DataTree) -> list[str]:
     """Candidates above the threshold of one test each that are looked for at many frequencies."""
-    last, limit = tree["ranking"].to_dataset().isel(selection_step=-1), thresholds(tree)[-1]
-    high = last.isel(candidate=(abs(last.z.values) > limit) & (last.p_value.values >= _level(tree)))
+    last = tree["ranking"].to_dataset().isel(selection_step=-1)
+    limit = last.threshold.item()
+    high = last.isel(candidate=(abs(last.z.values) > limit) & ~last.significant.values)
     if not high.sizes["candidate"]:
         return []
     pairs = zip(high.candidate.values.tolist(), abs(high.z.values).tolist(), strict=True)
@@ -180,7 +181,7 @@ def _high_by_chance(tree: xr.DataTree) -> list[str]:
 def _unknown(tree: xr.DataTree) -> list[str]:
     gap, noise = residual_of(tree, "after"), noise_of(tree)
     generic = tree["omnibus"].to_dataset().isel(selection_step=-1)
-    flagged = generic.p_value.item() < _level(tree)
+    flagged = bool(generic.significant)
     leaning = " and ".join(_leaning(tree))
     cancel = "nearly cancel others of the model, and so may imitate a force that is not among the candidates."
     if flagged or not leaning:
@@ -206,12 +207,12 @@ def _unknown(tree: xr.DataTree) -> list[str]:
 def _nearest_told(tree: xr.DataTree) -> list[str]:
     """Candidates whose scores stand out at the end, and why none was added."""
     last = tree["ranking"].to_dataset().isel(selection_step=-1)
-    strong = np.flatnonzero(last.p_value.values < _level(tree))
+    strong = np.flatnonzero(last.significant.values)
     if not len(strong):
         return []
     order = strong[np.argsort(-np.abs(last.z.values[strong]))][:MOST]
     named = ", ".join(f"{last.candidate.values[i]} (z = {last.z.values[i]:.3g})" for i in order)
-    most = json.loads(tree.attrs["options"])["max_effects"]
+    most = tree.attrs["max_effects"]
     full = tree["steps"].attrs["count"] >= most
     reason = (
         f"no more than {most} effects were asked for (--max-effects)"
@@ -226,8 +227,8 @@ def _leaning(tree: xr.DataTree) -> list[str]:
     if not tree["steps"].attrs["count"]:
         return []
     steps = tree["steps"].to_dataset()
-    return [str(symbol) for symbol in steps.symbol.values[steps.leans.values]]
+    return [str(symbol) for symbol in steps.symbol.values[steps.collinear.values]]
 
 
 def _level(tree: xr.DataTree) -> float:
-    return float(json.loads(tree.attrs["options"])["level"])
+    return float(tree["ranking"].significance_level.item())

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from sysid_trib.printing.detectability import added, candidates_of
 from sysid_trib.printing.homogeneity import homogeneity_json
 from sysid_trib.printing.layout import number, text_table
 from sysid_trib.printing.residual import noise_of, residual_of
 from sysid_trib.records.runs import record_groups
+from sysid_trib.results.discoveries import added_effects, candidates_of, credible_set, shapes_of
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -20,13 +20,15 @@ ROWS = 10
 LAST = 3
 RANKING = "Named and strongest candidates, |z| before each step and at the end (-: in the model, or untested)"
 NUMBERS = ("coefficient", "standard_error", "z", "p_value", "residual_before", "residual_after")
+# Keys of the JSON where they differ from the names of the variables.
+SPANS = {"residual_over_noise": "gap_over_noise"}
 WORDS = ("symbol", "name", "formula", "family", "kind", "unit")
 
 
 def ranking_table(tree: xr.DataTree) -> "Table":
     """|z| of named and best candidates before each step and after the last; those in the model have none."""
     found = tree["ranking"].to_dataset()
-    named = [symbol for symbol in added(tree) if symbol in found.candidate]
+    named = [symbol for symbol in added_effects(tree) if symbol in found.candidate]
     last = strongest(found.isel(selection_step=[-1]), LAST)
     chosen = list(dict.fromkeys([*named, *strongest(found, ROWS), *last]))
     count = found.sizes["selection_step"]
@@ -36,7 +38,7 @@ def ranking_table(tree: xr.DataTree) -> "Table":
         one = found.sel(candidate=symbol)
         cells = [f"{abs(z):.3g}" if np.isfinite(z) else "-" for z in one.z.values]
         rows.append([symbol, one["name"].item(), *cells])
-    rows.append(["threshold", "", *(f"{z:.3g}" for z in thresholds(tree))])
+    rows.append(["threshold", "", *(f"{z:.3g}" for z in found.threshold.values)])
     return text_table(heads, rows, whole=(0,), numbers=tuple(range(2, count + 2)))
 
 
@@ -46,14 +48,6 @@ def strongest(found: xr.Dataset, count: int) -> list[str]:
     order = np.argsort(-size.max(axis=0), kind="stable")[:count].tolist()
     chosen = [i for i in order if size[:, i].max() >= 0.0]
     return [str(found.candidate.values[i]) for i in sorted(chosen, key=lambda i: -size[0, i])]
-
-
-def thresholds(tree: xr.DataTree) -> list[float]:
-    """|z| beyond which a candidate is named, in each scan: the level corrected for the number of tests."""
-    from scipy.stats import norm
-
-    level = float(json.loads(tree.attrs["options"])["level"])
-    return [float(norm.isf(level / (2.0 * tests))) for tests in tree["ranking"].independent_tests.values]
 
 
 def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
@@ -77,7 +71,7 @@ def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
         "holdout": {
             "what": tree.attrs["held_out"],
             "rms": [number(x) for x in held.rms.values.tolist()],
-            "gap_above_noise": [number(x) for x in held.gap_above_noise.values.tolist()],
+            "gap_above_noise": [number(x) for x in held.residual_above_noise.values.tolist()],
         },
         "generic_p_value": number(float(generic.p_value.values[-1])),
         "detectable": {
@@ -88,7 +82,7 @@ def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
             for s, r in zip(forecast.candidate.values.tolist(), forecast.reason.values.tolist(), strict=True)
             if r
         },
-        **{key: [s for s in tree.attrs[key].split(", ") if s] for key in ("left_out", "failed_fits")},
+        **{key: list(tree.attrs[key]) for key in ("left_out", "failed_fits")},
         "options": json.loads(tree.attrs["options"]),
     }
     return found | homogeneity_json(tree) | ({"records": records} if len(records) > 1 else {})
@@ -96,40 +90,43 @@ def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
 
 def _disagreement(found: xr.Dataset) -> dict[str, Any]:
     spans = {
-        str(name): [number(x) for x in column.values.tolist()]
+        SPANS.get(str(name), str(name)): [number(x) for x in column.values.tolist()]
         for name, column in found.data_vars.items()
         if column.dims == ("span",)
     }
-    attrs = {k: number(v) if isinstance(v, float) else v for k, v in found.attrs.items()}
-    attrs["departure_time"] = number(float(found.attrs["departure_time"]))
-    attrs["departure_run"] = int(found.attrs["departure_run"])
-    return {**attrs, "spans": spans}
+    return {
+        "departure_time": number(found.departure_time.item()),
+        "departure_run": found.departure_run.item(),
+        "parts": ", ".join(found.attrs["parts"]),
+        "where": found.attrs["where"],
+        "spans": spans,
+    }
 
 
 def _step(tree: xr.DataTree, at: int) -> dict[str, Any]:
     step = tree["steps"].to_dataset().isel(step=at)
     offered = candidates_of(tree)
-    tied = [offered[s] for s in step.ties.item().split("; ")[1:]]
     held = tree["holdout"].rms.values
-    likely = json.loads(step.tie_probabilities.item())
+    likely = {symbol: number(round(probability, 4)) for symbol, probability in credible_set(step).items()}
+    symbol = step.symbol.item()
     return {
         **{name: step[name].item() for name in WORDS},
         **{name: number(step[name].item()) for name in NUMBERS},
-        "shapes": {k: number(v) for k, v in json.loads(step.shapes.item()).items()},
-        "probability": number(likely[step.symbol.item()]),
+        "shapes": {k: number(v) for k, v in shapes_of(step, symbol).items()},
+        "probability": likely.pop(symbol),
         "indistinguishable_from": [
             {
-                "symbol": f.symbol,
-                "name": f.name,
-                "formula": f.formula.text,
-                "probability": number(likely[f.symbol]),
+                "symbol": other,
+                "name": offered[other].name,
+                "formula": offered[other].formula.text,
+                "probability": probability,
             }
-            for f in tied
+            for other, probability in likely.items()
         ],
         "holdout_before": number(float(held[at])),
         "holdout_after": number(float(held[at + 1])),
         "worsens_holdout": bool(step.worsens_holdout.item()),
-        "leans": bool(step.leans.item()),
+        "leans": bool(step.collinear.item()),
     }
 
 

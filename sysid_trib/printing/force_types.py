@@ -1,7 +1,5 @@
 """Which type of force a gap asks for, by the generic forces that know no candidate."""
 
-import json
-
 import numpy as np
 import xarray as xr
 
@@ -30,7 +28,7 @@ def force_type_sentence(tree: xr.DataTree, scan: int) -> str:
     tell the type; scores do, as they leave out what the model's unknowns can do.
     """
     generic = tree["omnibus"].to_dataset().isel(selection_step=scan)
-    if generic.p_value.item() >= float(json.loads(tree.attrs["options"])["level"]):
+    if not generic.significant:
         return ""
     best: dict[str, float] = {}
     for name, z in zip(

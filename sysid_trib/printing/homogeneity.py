@@ -24,7 +24,7 @@ def step_heterogeneity_sentences(tree: xr.DataTree, at: int) -> list[str]:
     ]
 
 
-def heterogeneity_sentences(tree: xr.DataTree, level: float) -> list[str]:
+def heterogeneity_sentences(tree: xr.DataTree) -> list[str]:
     """That the final model does not hold for all runs."""
     if GROUP not in tree.children:
         return []
@@ -33,7 +33,7 @@ def heterogeneity_sentences(tree: xr.DataTree, level: float) -> list[str]:
         f"chi-square {last.chi_square.item():.3g} for {last.degrees_of_freedom.item()} differences, "
         f"p {p_value_text(last.p_value.item())}"
     )
-    if last.p_value >= level:
+    if not last.differ:
         return [f"The runs agree: {found}."]
     return [f"The runs disagree: {found}. Most in {last.most.item()}: {DIFFERENT}"]
 
@@ -42,10 +42,10 @@ def homogeneity_json(tree: xr.DataTree) -> dict[str, Any]:
     """The test of each stage as plain data; nothing of a single run."""
     if GROUP not in tree.children:
         return {}
-    columns = tree[GROUP].to_dataset().data_vars.items()
+    found = tree[GROUP].to_dataset()
     return {
         "run_differences": {
-            str(name): [number(x) if isinstance(x, float) else x for x in column.values.tolist()]
-            for name, column in columns
+            name: [number(x) if isinstance(x, float) else x for x in found[name].values.tolist()]
+            for name in ("chi_square", "degrees_of_freedom", "p_value", "most", "gain")
         }
     }

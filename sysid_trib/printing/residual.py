@@ -44,10 +44,10 @@ def residual_sentences(tree: xr.DataTree, group: str) -> list[str]:
     """Where a model leaves the record, what the gap is made of, and what that means."""
     found = tree[group].to_dataset()
     told = [_departure_told(tree, found)]
-    parts = [part for part in found.attrs["parts"].split(", ") if part]
+    parts = list(found.attrs["parts"])
     if not parts:
         # Beyond the noise, but in no part that goes with the motion.
-        return [*told, f"{UNKNOWN.capitalize()}."] if np.isfinite(found.attrs["departure_time"]) else told
+        return [*told, f"{UNKNOWN.capitalize()}."] if np.isfinite(found.departure_time) else told
     told.append(f"{_sizes_told(found, len(record_groups(tree)))}.")
     if rates := _rates_told(found, parts[0]):
         told.append(rates)
@@ -57,11 +57,11 @@ def residual_sentences(tree: xr.DataTree, group: str) -> list[str]:
 
 
 def _departure_told(tree: xr.DataTree, found: xr.Dataset) -> str:
-    left = found.attrs["departure_time"]
+    left = found.departure_time.item()
     if not np.isfinite(left):
         return "At no time does the gap stand out of the noise by itself."
     groups = record_groups(tree)
-    run = int(found.attrs["departure_run"])
+    run = found.departure_run.item()
     where = f" of run {run + 1}" if len(groups) > 1 else ""
     if left <= float(tree[groups[run]].time.values[0]):
         return f"The gap is beyond the noise from the first sample{where} on."

@@ -17,6 +17,7 @@ WORDS = {
     "record_checksum": "SHA-256 of its file",
     "free_decay": "part of it",
     "sysid_trib_version": "version of sysid_trib",
+    "format_version": "version of the format of results",
 }
 # Told elsewhere on the page, or long.
 ELSEWHERE = ("method", "options", "library", "candidates", "command", "verdict")
@@ -69,11 +70,14 @@ def _plain(
     chosen = {
         str(key): value for key, value in attrs.items() if (not only or key in only) and key not in leave
     }
-    return {
-        key: f"{value:g}" if isinstance(value, float) else str(value)
-        for key, value in chosen.items()
-        if str(value)
-    }
+    texts = {key: _plain_text(value) for key, value in chosen.items()}
+    return {key: text for key, text in texts.items() if text}
+
+
+def _plain_text(value: Any) -> str:
+    if isinstance(value, list):
+        return "; ".join(filter(None, value))
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _worded(about: Mapping[str, str], prefix: str = "") -> list[tuple[str, str]]:

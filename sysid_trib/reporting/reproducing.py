@@ -1,14 +1,13 @@
 """The Python that makes a result again."""
 
 import json
-import tomllib
 from collections.abc import Mapping
 from dataclasses import MISSING, fields
 from typing import Any
 
 import xarray as xr
 
-from sysid_trib.forces.library import library_folder, load_library, parse_library
+from sysid_trib.forces.library import library_folder, library_of_text, load_library
 from sysid_trib.records.runs import record_groups
 from sysid_trib.reporting.contents import identifications, kind_of
 from sysid_trib.simulation.example import paper_twin
@@ -25,9 +24,7 @@ def python_text(tree: xr.DataTree) -> str:
 def _decay(tree: xr.DataTree) -> list[str]:
     if kind_of(tree) == "identify":
         # An identification alone keeps neither its record nor how it was cut.
-        reads = [
-            f"st.free_decay(st.read_record({name!r}))" for name in tree.attrs["record_source"].split("; ")
-        ]
+        reads = [f"st.free_decay(st.read_record({name!r}))" for name in tree.attrs["record_source"]]
     else:
         reads = [_one_decay(tree[group].to_dataset()) for group in record_groups(tree)]
     if len(reads) == 1:
@@ -67,7 +64,7 @@ def _reading(attrs: Mapping[Any, Any]) -> dict[str, Any]:
 
 
 def _library(attrs: Mapping[Any, Any]) -> str:
-    offered = parse_library(tomllib.loads(attrs["library"]), attrs["library_source"])
+    offered = library_of_text(attrs["library"], attrs["library_source"])
     name = attrs["library_source"].removesuffix(".toml")
     shipped = (library_folder() / f"{name}.toml").is_file()
     whole = shipped and load_library(name).symbols == offered.symbols

@@ -7,10 +7,10 @@ import xarray as xr
 
 from sysid_trib.plots.discovered import missing_force
 from sysid_trib.plots.scored import BEST, FAR, by_family, marked, scan_title, shown_scans
-from sysid_trib.printing.detectability import added
-from sysid_trib.printing.discovery_tables import strongest, thresholds
+from sysid_trib.printing.discovery_tables import strongest
 from sysid_trib.reporting import drawing
 from sysid_trib.reporting.parts import Panel
+from sysid_trib.results.discoveries import added_effects, shapes_of
 
 if TYPE_CHECKING:
     from bokeh.plotting import figure
@@ -81,9 +81,9 @@ def _ranking(tree: xr.DataTree, scan: int) -> "figure":
     chosen = strongest(one, BEST)
     # Those marked are shown, wherever they rank.
     chosen += [
-        s for s in (named, *tied) if s in z.candidate and s not in chosen and np.isfinite(z.sel(candidate=s))
+        s for s in (*named, *tied) if s in z.candidate and s not in chosen and np.isfinite(z.sel(candidate=s))
     ]
-    limit = thresholds(tree)[scan]
+    limit = one.threshold.item()
     size = z.sel(candidate=chosen).values
     far = bool(np.max(size, initial=0.0) > FAR * limit)
     left = min([0.5 * limit, *(0.7 * size)]) if far else 0.0
@@ -104,19 +104,23 @@ def _ranking(tree: xr.DataTree, scan: int) -> "figure":
     return made
 
 
-def _kind(symbol: str, named: str, tied: list[str]) -> str:
+def _kind(symbol: str, named: list[str], tied: list[str]) -> str:
     kinds = list(KINDS)
-    return kinds[0] if symbol == named else kinds[1] if symbol in tied else kinds[2]
+    return kinds[0] if symbol in named else kinds[1] if symbol in tied else kinds[2]
 
 
 def _scores(on: "figure", found: xr.Dataset, left: float, color: str, marker: str, hollow: bool) -> None:
     symbols, z = found.candidate.values.tolist(), found.z.values
     on.segment([left] * len(z), symbols, np.abs(z), symbols, color=color, line_width=1.0)
     columns = {"x": np.abs(z), "y": symbols, "z": z, "name": found["name"].values.tolist()}
-    columns |= {"p": found.p_value.values, "shapes": found.shapes.values.tolist()}
+    columns |= {"p": found.p_value.values, "shapes": [_shapes_text(found, symbol) for symbol in symbols]}
     drawn = drawing.marks(on, columns, color, marker=marker, size=8, hollow=hollow)
     told = [("@y", "@name"), ("z", "@z{%.4g}"), ("corrected p", "@p{%.2g}"), ("shapes", "@shapes")]
     drawing.tell(on, [drawn], told)
+
+
+def _shapes_text(found: xr.Dataset, symbol: str) -> str:
+    return ", ".join(f"{symbol}.{name} = {value:.4g}" for name, value in shapes_of(found, symbol).items())
 
 
 def forecast_panel(tree: xr.DataTree) -> Panel:
@@ -142,7 +146,7 @@ def forecast_panel(tree: xr.DataTree) -> Panel:
     for name, end in ends.items():
         _strengths(made, first, end.dropna("candidate"), hollow=name == "start model")
     sizes = both[np.isfinite(both)]
-    if found := added(tree):
+    if found := added_effects(tree):
         color, marker, _ = KINDS["named"]
         values = np.abs(tree["steps"].coefficient.values)
         named = drawing.marks(made, {"x": values, "y": found}, color, marker=marker, size=9)

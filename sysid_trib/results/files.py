@@ -10,6 +10,7 @@ from typing import Any
 import xarray as xr
 
 from sysid_trib.errors import RecordError, UsageError
+from sysid_trib.results.format import current_format
 
 
 def save(result: xr.Dataset | xr.DataTree, path: str | os.PathLike[str]) -> None:
@@ -95,18 +96,20 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
 
     Parameters
     ----------
-    path : a file that `save` wrote.
+    path : str or path
+        A file that `save` wrote.
 
     Returns
     -------
-    DataTree, equal to what was saved and wholly in memory; a single Dataset is its root.
+    DataTree
+        Equal to what was saved and wholly in memory. A single Dataset is its root.
 
     Raises
     ------
     UsageError
         There is no such file.
     RecordError
-        It is no result in netCDF.
+        It is no result in netCDF, or one of another version of the format.
     """
     try:
         tree = xr.open_datatree(path, engine="h5netcdf")
@@ -115,4 +118,4 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
     except (OSError, ValueError) as error:
         raise RecordError(f"{Path(path).name}: not a result in netCDF ({error}).") from None
     with tree:
-        return tree.load()
+        return current_format(tree.load(), Path(path))

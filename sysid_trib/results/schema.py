@@ -1,7 +1,6 @@
 """The one schema of an identification: plain xarray, with provenance."""
 
 import json
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
@@ -13,8 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from sysid_trib._version import __version__
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import Force, ForceLibrary
-from sysid_trib.forces.library import parse_library
+from sysid_trib.forces.library import library_of_text
 from sysid_trib.records.runs import Decays, as_runs
+from sysid_trib.results.format import FORMAT_VERSION
 from sysid_trib.simulation.model import Model
 
 Array = NDArray[np.float64]
@@ -163,12 +163,9 @@ def _root(variance: float) -> float:
     return float(np.sqrt(max(0.0, variance)))
 
 
-def provenance(method: Any, decay: Decays, library: ForceLibrary) -> dict[str, str]:
+def provenance(method: Any, decay: Decays, library: ForceLibrary) -> dict[str, Any]:
     """How a result came about: package version, method and options, library text, record(s)."""
     runs = as_runs(decay)
-
-    def told(name: str) -> str:
-        return "; ".join(filter(None, (str(run.attrs.get(name, "")) for run in runs)))
 
     options = (
         {f.name: getattr(method, f.name) for f in fields(method)}
@@ -179,11 +176,12 @@ def provenance(method: Any, decay: Decays, library: ForceLibrary) -> dict[str, s
         "method": type(method).__name__.lower(),
         "options": json.dumps(options, default=lambda value: {NOT_KEPT: str(value)}),
         "sysid_trib_version": __version__,
+        "format_version": FORMAT_VERSION,
         "library_title": library.title,
         "library_source": library.source,
         "library": library.to_toml(),
-        "record_source": told("source"),
-        "record_checksum": told("record_checksum"),
+        "record_source": [str(run.attrs.get("source", "")) for run in runs],
+        "record_checksum": [str(run.attrs.get("record_checksum", "")) for run in runs],
     }
 
 
@@ -278,7 +276,7 @@ def with_contactless_frequency(result: xr.Dataset, omega0: float, standard_error
 
 def library_of(result: xr.Dataset, whole: bool = False) -> ForceLibrary:
     """The force library of an identification: the forces it holds, or the whole file it was read from."""
-    library = parse_library(tomllib.loads(result.attrs["library"]), result.attrs["library_source"])
+    library = library_of_text(result.attrs["library"], result.attrs["library_source"])
     return library if whole else library.select(result.force.values.tolist())
 
 
