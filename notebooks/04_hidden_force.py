@@ -181,7 +181,7 @@ def difference(angle: float, symbol: str, coefficient: float) -> xr.DataArray:
     """Standard errors by which an effect of this size differs from its twins, released from `angle` (rad)."""
     planned = st.discover(record_of(model_with({}), angle=angle, seed=3), known, candidates.select(alike))
     forecast = planned["detectability"].ds.sel(candidate=symbol)
-    return 5.0 * abs(coefficient) / forecast.detectable * np.sqrt(1.0 - np.minimum(forecast.tie, 1.0) ** 2)
+    return 5.0 * abs(coefficient) / forecast.detectable * np.sqrt(1.0 - np.minimum(forecast.cosine, 1.0) ** 2)
 
 
 step = one["steps"].ds.isel(step=0)
@@ -271,13 +271,14 @@ def row_of(tree: xr.DataTree, hidden: st.Model) -> dict[str, object]:
     truth = {symbol: c for symbol, c in hidden.coefficients.items() if symbol not in BASE}
     steps, gaps = tree["steps"].ds, tree["holdout"].rms.values / tree["holdout"].noise.item()
     each = [steps.isel(step=at) for at in range(steps.attrs["count"])]
-    named, classes = [one["symbol"].item() for one in each], [one["ties"].item().split("; ") for one in each]
+    named = [one["symbol"].item() for one in each]
+    classes = [one.candidate.values[one.credible.values].tolist() for one in each]
     coefficients = [f"{one['coefficient'].item():.3g} ± {one['standard_error'].item():.1g}" for one in each]
     return {
         "hidden": ", ".join(f"{symbol} {c:.3g}" for symbol, c in truth.items()) or "nothing",
         "verdict": tree.attrs["verdict"],
         "named": "; ".join(" ".join(pair) for pair in zip(named, coefficients, strict=True)),
-        "cannot be told from": "; ".join(", ".join(tied[1:]) for tied in classes),
+        "cannot be told from": "; ".join(", ".join({*tied} - {*named}) for tied in classes),
         "gap before": gaps[0],
         "after": gaps[-1],
         "exact": set(named) == set(truth),

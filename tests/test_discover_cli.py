@@ -152,6 +152,7 @@ def test_json_follows_the_schema(twin):
 def test_saved_and_read_back_the_same(twin, tmp_path):
     save(twin[0], tmp_path / "again.nc")
     assert load(tmp_path / "again.nc").identical(twin[0])
+    assert discovery_json(twin[0]) == twin[1]
 
 
 def test_figures_are_written(folder, tmp_path):
@@ -334,6 +335,7 @@ def test_of_many_twins_the_likeliest_are_named(twin):
     steps, offered = tree["steps"].to_dataset(), tree["ranking"].candidate.values.tolist()
     tied = ["epsilon", *(symbol for symbol in offered if symbol != "epsilon")][:14]
     at = {"step": 1, "candidate": tied}
+    steps["credible"].loc[{"step": 1}] = False
     steps["credible"].loc[at], steps["tie_probability"].loc[at] = True, 1.0 / 14.0
     steps["penalised_deviance"].loc[at] = np.arange(14.0)
     tree["steps"] = type(tree)(steps)

@@ -1,5 +1,6 @@
 """The workflow under test: it sees files, the base model's symbols and what to leave out, nothing else."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +10,7 @@ import xarray as xr
 
 from sysid_trib import free_decay, load_library, read_record
 from sysid_trib.discrepancy.discover import discover
+from sysid_trib.results.discoveries import credible_set
 
 
 def named(paths: Sequence[Path], base: Sequence[str], left_out: Sequence[str]) -> dict[str, Any]:
@@ -29,4 +31,5 @@ def named(paths: Sequence[Path], base: Sequence[str], left_out: Sequence[str]) -
 def _step(row: xr.Dataset) -> dict[str, Any]:
     words = {name: str(row[name].item()) for name in ("symbol", "family")}
     numbers = {name: float(row[name]) for name in ("coefficient", "standard_error", "p_value")}
-    return words | numbers | {"ties": str(row.ties.item()).split("; "), "costs": str(row.tie_costs.item())}
+    deviance = row.penalised_deviance.dropna("candidate").to_series().round(2).to_dict()
+    return words | numbers | {"ties": list(credible_set(row)), "costs": json.dumps(deviance)}

@@ -56,10 +56,10 @@ def disagreement(baseline: Baseline, references: Sequence[ReferenceMotion]) -> x
     Dataset. Over `span` (of all runs in turn; `run`, `time` in s, `amplitude` in rad): `rms` (rad),
     `residual_over_noise`, and with standard errors `offset`, `amplitude_error`, `phase_error`,
     `second_cosine`, ... (rad). As trends through these `frequency_error` and `decay_error`, of the record
-    minus the model's, over w. Over `x` and `v` (rad): `force`, the mean force that the gap asks for, as a part of I w^2, its
-    `standard_error` by the noise alone, and the number of `samples`. Scalars `departure_time` (s, of the
-    run `departure_run`). attrs: `parts` of which the residual is made beyond the noise, largest first, and
-    `where` it acts.
+    minus the model's, over w. Over `x` and `v` (rad): `force`, the mean force that the residual asks for, as
+    a part of I w^2, its `standard_error` by the noise alone, and the number of `samples`. Scalars
+    `departure_time` (s, of the run `departure_run`). attrs: `parts` of which the residual is made beyond the
+    noise, largest first, and `where` it acts.
     """
     residuals = [-left for left in baseline.problem.residuals(baseline.values)]
     spans, cells, departures = [], [], []

@@ -83,7 +83,8 @@ def _rendered(tree: xr.DataTree) -> str:
     groups = [group for group in record_groups(tree) if group in tree.children]
     return environment.get_template("page.html").render(
         title=TITLES[contents.kind_of(tree)],
-        records=[tree[group].attrs for group in groups] or [{"source": "; ".join(tree.attrs.get("record_source", []))}],
+        records=[tree[group].attrs for group in groups]
+        or [{"source": "; ".join(tree.attrs.get("record_source", []))}],
         summary=contents.summary(tree),
         sections=sections,
         divs=divs,

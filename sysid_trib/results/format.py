@@ -12,8 +12,10 @@ from sysid_trib.errors import RecordError
 FORMAT_VERSION = 2
 
 # netCDF gives a list of one text back as the text, and an empty list as an array.
-LISTS = ("record_source", "record_checksum", "first_record", "second_record")
-LISTS += ("left_out", "failed_fits", "parts", "decimated")
+LISTS = (
+    *("record_source", "record_checksum", "first_record", "second_record"),
+    *("left_out", "failed_fits", "parts", "decimated"),
+)
 
 
 def as_list(value: Any) -> list[str]:
@@ -40,8 +42,8 @@ def current_format(tree: xr.DataTree, path: Path) -> xr.DataTree:
         version = node.attrs.get("format_version", 1)
         if "sysid_trib_version" in node.attrs and version != FORMAT_VERSION:
             raise RecordError(
-                f"{path.name}: a result of sysid_trib {node.attrs['sysid_trib_version']} in format {version}, "
-                f"of which this version reads format {FORMAT_VERSION}; make the result again."
+                f"{path.name}: a result in format {version}, and this version of sysid_trib reads format "
+                f"{FORMAT_VERSION}; make the result again."
             )
         # A record's own source is one text.
         lists = [name for name in LISTS if name in node.attrs and "angle" not in node.variables]
