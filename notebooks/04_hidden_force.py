@@ -278,7 +278,7 @@ def row_of(tree: xr.DataTree, hidden: st.Model) -> dict[str, object]:
         "hidden": ", ".join(f"{symbol} {c:.3g}" for symbol, c in truth.items()) or "nothing",
         "verdict": tree.attrs["verdict"],
         "named": "; ".join(" ".join(pair) for pair in zip(named, coefficients, strict=True)),
-        "cannot be told from": "; ".join(", ".join({*tied} - {*named}) for tied in classes),
+        "cannot be told from": "; ".join(", ".join(s for s in tied if s not in named) for tied in classes),
         "gap before": gaps[0],
         "after": gaps[-1],
         "exact": set(named) == set(truth),
