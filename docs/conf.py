@@ -76,10 +76,10 @@ def _readable(app: Sphinx, what: str, name: str, obj: object, options: object, l
     """Bring what numpydoc reads otherwise into the form that it shows well.
 
     `name : what it is, in SI units` becomes a name and its description, not a type; an entry whose next line
-    begins a sentence of its own has both, and is left as it is. What is returned, told in sentences, becomes
-    one line: numpydoc takes each line for another thing returned.
+    begins a sentence of its own has both, and stays as it is. What is returned becomes one line: numpydoc
+    takes each line for another thing returned.
     """
-    found: list[str] = []
+    kept: list[str] = []
     section = ""
     for before, line, after in zip(["", *lines[:-1]], lines, [*lines[1:], ""], strict=True):
         if re.fullmatch(r"-{3,}", line):
@@ -87,10 +87,10 @@ def _readable(app: Sphinx, what: str, name: str, obj: object, options: object, l
         entry = re.fullmatch(r"(\w[\w, ]*) : (.+)", line) if section in ("Parameters", "Attributes") else None
         goes_on = section == "Returns" and before[:1].strip(" -") and line[:1].strip(" -")
         if entry and (entry[2].endswith(".") or not re.match(r"    ([A-Z]|``)", after)):
-            found += [entry[1], f"    {entry[2]}"]
+            kept += [entry[1], f"    {entry[2]}"]
         elif goes_on:
-            found[-1] += f" {line}"
+            kept[-1] += f" {line}"
         else:
-            found.append(line)
+            kept.append(line)
     # A bar is a modulus here, never a substitution.
-    lines[:] = [re.sub(r"(``.*?``)|\|", lambda bar: bar[1] or r"\|", line) for line in found]
+    lines[:] = [re.sub(r"(``.*?``)|\|", lambda bar: bar[1] or r"\|", line) for line in kept]

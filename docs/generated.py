@@ -1,11 +1,19 @@
 """The parts of the documentation that are made while it is built, so that they cannot go stale.
 
 A page asks for one by a line `<!-- generated: NAME ARGUMENTS -->`, NAME one of `PARTS`; what comes in its
-place is Markdown.
+place is Markdown. Where the page itself holds what a command prints, in a block below a line
+`<!-- output: COMMAND -->`,
+
+    python docs/generated.py [PAGE ...]
+
+writes it anew, and `tests/test_docs.py` holds it against the program. Measured records are read from the
+folder in SYSID_TRIB_DATA; what needs one that is not there stays as it is.
 """
 
+import atexit
 import contextlib
 import inspect
+import os
 import re
 import shlex
 import subprocess
@@ -27,66 +35,83 @@ from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.printing.forces import loses_power, signature_text
 
 ROOT = Path(__file__).resolve().parent.parent
+DATA = Path(os.environ.get("SYSID_TRIB_DATA", ROOT.parent / "shared" / "data"))
+MEASURED = (
+    "single_pendulum/free_swing.csv",
+    "string_pendulum/run_1.txt",
+    "roll_decay/model_test_21337.csv",
+)
 PLACE = re.compile(r"^<!-- generated: (.+?) -->$", re.MULTILINE)
+OUTPUT = re.compile(
+    r"(?<=^<!-- output: )sysid-trib (.+?) -->\n\n```text\n(.*?)\n```$", re.MULTILINE | re.DOTALL
+)
 # Amplitudes (rad) between which signatures are compared.
 LOW, HIGH = 0.02, 0.5
-# Where the documentation has what the README's anchors lead to, and other files that are not pages.
-LINKS = {
-    "../README.md#what-is-missing": "discrepancy.md",
-    "docs/discovery.md": "discovery.md",
-    "docs/": "",
-}
 # Module (or package) of a public name, and the part of the reference in which it stands.
 TOPICS = (
-    ("Records and decays", ("records", "decays", "example")),
-    ("Forces and their signatures", ("forces", "library_files", "signatures", "ties", "feature_library")),
-    ("Models and their motion", ("model", "simulation", "prediction", "bounds")),
-    ("Identification", ("identification", "comparing", "differences")),
+    ("Records and decays", ("records", "decays", "simulation.example")),
+    (
+        "Forces and their signatures",
+        ("forces", "averaging.signatures", "averaging.identifiability", "regression"),
+    ),
+    ("Models and their motion", ("simulation", "averaging", "trajectory_fit")),
+    ("Identification", ("validation",)),
     ("What is missing", ("discrepancy",)),
+    ("Views for python-control", ("physics.linear_systems",)),
     ("What follows from an identification", ("physics",)),
-    ("Views for python-control", ("control_systems",)),
     ("Results", ("",)),
 )
 
 
 def expand(text: str) -> str:
-    """The page with every part in its place, and links to the README turned to pages."""
-    text = PLACE.sub(lambda place: _part(*shlex.split(place[1])), text)
-    for there, here in LINKS.items():
-        text = text.replace(f"]({there}", f"]({here}")
-    # Files that are no page: their name is enough.
-    return re.sub(r"\[([^\]]+)\]\(benchmarks/README\.md[^)]*\)", r"`benchmarks/README.md` (\1)", text)
+    """The page with every part in its place."""
+    return PLACE.sub(lambda place: _part(*shlex.split(place[1])), text)
+
+
+def refreshed(text: str) -> str:
+    """The page with what each command prints today in the block below its line."""
+    return OUTPUT.sub(
+        lambda place: f"sysid-trib {place[1]} -->\n\n```text\n{_today(place[1], place[2])}\n```", text
+    )
+
+
+def _today(command: str, before: str) -> str:
+    words = shlex.split(command)
+    records = [word for word in words if word.endswith((".csv", ".txt"))]
+    return printed(*words) if all((_folder() / name).exists() for name in records) else before
 
 
 def _part(name: str, *arguments: str) -> str:
     return PARTS[name](*arguments)
 
 
-def readme(section: str) -> str:
-    """A section of the README, without its heading."""
-    parts = re.split(r"^## (.+)$", (ROOT / "README.md").read_text(encoding="utf-8"), flags=re.MULTILINE)
-    return dict(zip(parts[1::2], parts[2::2], strict=True))[section].strip()
-
-
 @lru_cache
-def _folder() -> tempfile.TemporaryDirectory[str]:
-    """Where commands run, one folder for all pages; it goes when Python ends."""
-    return tempfile.TemporaryDirectory()
+def _folder() -> Path:
+    """Where commands run, one folder for all pages, with links to the measured records."""
+    folder = tempfile.TemporaryDirectory()
+    atexit.register(folder.cleanup)
+    for record in filter(Path.exists, (DATA / name for name in MEASURED)):
+        (Path(folder.name) / record.name).symlink_to(record)
+    return Path(folder.name)
+
+
+def printed(*words: str) -> str:
+    """What a command prints."""
+    with contextlib.chdir(_folder()):
+        ending = CliRunner().invoke(app, words, catch_exceptions=False)
+    if ending.exit_code:
+        raise RuntimeError(f"{shlex.join(words)}: {ending.output}")
+    return "\n".join(line.rstrip() for line in ending.stdout.splitlines())
 
 
 def run(program: str, *words: str) -> str:
     """A command and what it prints."""
-    with contextlib.chdir(_folder().name):
-        ending = CliRunner().invoke(app, words, catch_exceptions=False)
-    if ending.exit_code:
-        raise RuntimeError(f"{shlex.join(words)}: {ending.output}")
-    lines = [line.rstrip() for line in ending.stdout.splitlines()]
-    return "\n".join(["```console", f"$ {shlex.join((program, *words))}", *lines, "```"])
+    return "\n".join(["```console", f"$ {shlex.join((program, *words))}", printed(*words), "```"])
 
 
 def commands() -> str:
     """Every command with its options, from the command line itself."""
-    told = subprocess.run(
+    text = subprocess.run(
         [sys.executable, "-m", "typer", "sysid_trib.cli", "utils", "docs", "--name", "sysid-trib"],
         capture_output=True,
         text=True,
@@ -94,29 +119,29 @@ def commands() -> str:
         encoding="utf-8",
     ).stdout
     # The page has a title of its own, and its contents list the commands.
-    told = (
-        told[told.index("## ") :]
+    text = (
+        text[text.index("## ") :]
         .replace("**Usage**:\n\n", "")
         .replace("* `--help`: Show this message and exit.\n", "")
     )
-    return told.replace("[[RECORD]...]...", "[RECORD]...").replace(" <list[Path]>`", "`")
+    return text.replace("[[RECORD]...]...", "[RECORD]...").replace(" <list[Path]>`", "`")
 
 
 def forces(name: str) -> str:
     """The forces of a library by family: what is declared, and what follows from the formula."""
     library = st.load_library(name)
-    blind = without_signature(_everything(), LOW, HIGH)
+    unseen = without_signature(_everything(), LOW, HIGH)
     lines = []
     for family in dict.fromkeys(force.family for force in library):
         lines += [f"## {family[0].upper()}{family[1:]}", ""]
         for force in (f for f in library if f.family == family):
-            lines += _force(force, blind)
+            lines += _force(force, unseen)
     return "\n".join(lines)
 
 
-def _force(force: Force, blind: tuple[str, ...]) -> list[str]:
+def _force(force: Force, unseen: tuple[str, ...]) -> list[str]:
     title = f"### `{force.symbol}`: {force.name}"
-    about = f"{force.meaning[0].upper()}{force.meaning[1:]}. *{force.source}*"
+    meaning = f"{force.meaning[0].upper()}{force.meaning[1:]}. *{force.source}*"
     points = [f"Formula `{force.formula.text}`"]
     for word, table in (("State", force.state), ("Memory", force.memory), ("Start", force.start)):
         points += [f"{word} {_equation(word, k, f.text)}" for k, f in table.items()]
@@ -129,23 +154,25 @@ def _force(force: Force, blind: tuple[str, ...]) -> list[str]:
     else:
         kind = f"{force.parity.capitalize()}, {force.character} type"
         points.append(f"{kind}; takes power from the motion: {loses_power(force)}")
-        points += _signature(force, blind)
+        points += _signature(force, unseen)
     if force.units != "1":
         points.append(f"Unit of the coefficient: {force.units}")
-    return [title, "", "$$", force.latex, "$$", "", about, "", *(f"- {point}" for point in points), ""]
+    return [title, "", "$$", force.latex, "$$", "", meaning, "", *(f"- {point}" for point in points), ""]
 
 
 def _equation(word: str, name: str, formula: str) -> str:
-    left = f"d{name}/d(w t)" if word == "State" else f"{name} after a reversal" if word == "Memory" else name
-    return f"{left} = `{formula}`"
+    derivative = (
+        f"d{name}/d(w t)" if word == "State" else f"{name} after a reversal" if word == "Memory" else name
+    )
+    return f"{derivative} = `{formula}`"
 
 
-def _signature(force: Force, blind: tuple[str, ...]) -> list[str]:
-    if force.symbol in blind:
-        return ["Signature: none at first order, so that averaging does not see it"]
+def _signature(force: Force, unseen: tuple[str, ...]) -> list[str]:
+    if force.symbol in unseen:
+        return ["Signature: none at first order, so that averaging does not identify it"]
     sine, cosine = signature_text(force)
     points = [f"Signature: ⟨h sin φ⟩ = {sine}; ⟨h cos φ⟩ = {cosine}"]
-    groups = [[s for s in group if s != force.symbol] for group in _twins() if force.symbol in group]
+    groups = [[s for s in group if s != force.symbol] for group in _tie_classes() if force.symbol in group]
     if groups:
         points.append(f"Averaging cannot separate it from {'; nor from '.join(map(_listed, groups))}")
     return points
@@ -159,13 +186,13 @@ def _everything() -> ForceLibrary:
 
 
 @lru_cache
-def _twins() -> list[tuple[str, ...]]:
+def _tie_classes() -> list[tuple[str, ...]]:
     return st.indistinguishable(_everything(), LOW, HIGH)
 
 
 def ties() -> str:
     """Which forces averaging cannot tell apart, and which no method can."""
-    groups = [f"- {_listed(group)}" for group in _twins()]
+    groups = [f"- {_listed(group)}" for group in _tie_classes()]
     exact = [f"- {_listed(group)}" for group in exactly_dependent(_everything(), HIGH)]
     none = _listed(without_signature(_everything(), LOW, HIGH))
     return "\n".join(
@@ -174,7 +201,7 @@ def ties() -> str:
             "",
             *groups,
             "",
-            f"and does not see {none}. Whatever the method, these cannot be separated:",
+            f"and does not identify {none}. Whatever the method, these cannot be separated:",
             "",
             *(exact or ["- none"]),
         ]
@@ -224,9 +251,9 @@ def small_results() -> dict[str, xr.DataTree]:
     decay = st.free_decay(record.drop_vars(set(record.data_vars) - {"angle"}))
     start, candidates = six.select(["zeta", "delta"]), six.select(["nu", "epsilon"])
     methods = (st.methods.Averaging(), st.methods.Direct())
-    found = (method.identify(decay, start) for method in methods)
+    identified = (method.identify(decay, start) for method in methods)
     return {
-        "identify": st.cross_check(decay, *found, draws=16),
+        "identify": st.cross_check(decay, *identified, draws=16),
         "compare": st.compare(decay, start, methods),
         "discover": st.discover(decay, start, candidates, max_effects=1),
     }
@@ -256,5 +283,19 @@ def results() -> str:
 
 
 PARTS: dict[str, Callable[..., str]] = {
-    part.__name__: part for part in (api, commands, forces, readme, results, run, ties)
+    part.__name__: part for part in (api, commands, forces, results, run, ties)
 }
+
+
+def main() -> None:
+    """Write anew what commands print on the pages named, or on all."""
+    named = [Path(name).resolve() for name in sys.argv[1:]]
+    for page in named or [ROOT / "README.md", *sorted(ROOT.glob("docs/*.md"))]:
+        before = page.read_text(encoding="utf-8")
+        if (after := refreshed(before)) != before:
+            page.write_text(after, encoding="utf-8")
+            print(f"{page.name}: written anew")
+
+
+if __name__ == "__main__":
+    main()
