@@ -11,12 +11,23 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sysid_trib.errors import UsageError
-from sysid_trib.forces.formulas import Formula, Surface, parse
+from sysid_trib.forces import written
+from sysid_trib.forces.formulas import Formula, parse
 
 
 @dataclass(frozen=True)
 class Shape:
-    """A shape parameter: a number inside a formula that does not enter linearly."""
+    """A shape parameter: a number inside a formula that does not enter linearly.
+
+    Parameters
+    ----------
+    default : float
+        Its value unless another is given.
+    low, high : float
+        The range in which it is fitted.
+    meaning : str
+        Shown in tables.
+    """
 
     default: float
     low: float
@@ -33,16 +44,26 @@ class Force:
 
     Parameters
     ----------
-    symbol : the coefficient's name.
-    name : shown in tables.
-    formula : h (rad).
-    family, meaning, source : words, shown in tables.
-    kind : `force`, or `sensor`: the measured angle is then x + coefficient * h.
-    state : right side of each internal state.
-    memory : what replaces each held value at a reversal.
-    start : first value of states and memory, from x, v and t at the first sample; zero where left out.
-    shape : parameters that do not enter linearly.
-    passive : whether it can only store or lose energy, so that its coefficient is not negative.
+    symbol : str
+        The coefficient's name.
+    name : str
+        Shown in tables.
+    formula : Formula
+        h (rad).
+    family, meaning, source : str
+        Shown in tables.
+    kind : str
+        `force`, or `sensor`: the measured angle is then x + coefficient * h.
+    state : mapping of str to Formula
+        Right side of each internal state.
+    memory : mapping of str to Formula
+        What replaces each held value at a reversal.
+    start : mapping of str to Formula
+        First value of states and memory, from x, v and t at the first sample; zero where left out.
+    shape : mapping of str to Shape
+        Parameters that do not enter linearly.
+    passive : bool
+        Whether it can only store or lose energy, so that its coefficient is not negative.
     """
 
     symbol: str
@@ -72,10 +93,10 @@ class Force:
         return not self.state and not self.memory
 
     @property
-    def surfaces(self) -> tuple[Surface, ...]:
+    def surfaces(self) -> tuple[Formula, ...]:
         """Switching surfaces of the motion: of the force and of its states."""
-        found = {s.text: s for f in (self.formula, *self.state.values()) for s in f.surfaces}
-        return tuple(found.values())
+        formulas = (self.formula, *self.state.values())
+        return tuple(dict.fromkeys(surface for f in formulas for surface in f.surfaces))
 
     @property
     def holds_time(self) -> bool:
@@ -101,36 +122,54 @@ class Force:
         shapes: Mapping[str, float] | None = None,
         hidden: Mapping[str, ArrayLike] | None = None,
     ) -> NDArray[np.float64]:
-        """Value of h at the given points (rad); `hidden` holds the states and memory, zero if left out."""
+        """Value of h at the given points.
+
+        Parameters
+        ----------
+        x, v : array of float, rad
+            Angle and dx/dtau.
+        t : array of float, s
+            Time since the first sample.
+        shapes : mapping of str to float, optional
+            Shape parameters, `{"dahl.s": 0.02}`; defaults where left out.
+        hidden : mapping of str to array of float, optional
+            States and memory; zero where left out.
+
+        Returns
+        -------
+        array of float, rad
+        """
         given = {"x": x, "v": v, "t": t, **dict.fromkeys((*self.state, *self.memory), 0.0), **(hidden or {})}
         arrays = {k: np.asarray(a, dtype=float) for k, a in given.items()}
-        names: dict[str, Any] = arrays | self.shape_values(shapes)
         with np.errstate(all="ignore"):
-            found = self.formula.evaluate(names)
-        shape = np.broadcast_shapes(names["x"].shape, names["v"].shape, np.shape(found))
-        return np.broadcast_to(found, shape)
+            h = self.formula.evaluate({**arrays, **self.shape_values(shapes)})
+        return np.broadcast_to(h, np.broadcast_shapes(arrays["x"].shape, arrays["v"].shape, np.shape(h)))
 
     def matches(self, formula: str) -> bool:
-        """Whether this is the memoryless force of the given formula: a role known by what it does."""
+        """Whether this is the force of the given formula, without history or shape parameters.
+
+        Parameters
+        ----------
+        formula : str
+            A formula in x, v and t. Forces are known by what they do, not by their symbols.
+        """
         if not self.memoryless or self.kind != "force" or self.shape:
             return False
-        other = parse(formula, frozenset("xvt"), frozenset(), formula)
-        points = self.test_points
-        return bool(np.allclose(self._at(points), other.evaluate(points), rtol=1e-12, atol=1e-14))
+        expected = parse(formula, frozenset("xvt"), frozenset(), formula).evaluate(self.test_points)
+        return bool(np.allclose(self._at(self.test_points), expected, rtol=1e-12, atol=1e-14))
 
     @cached_property
     def parity(self) -> str:
         """`odd`, `even` or `mixed` under (x, v) -> (-x, -v), states and memory following."""
-        hidden = (*self.state, *self.memory)
+        hidden, points = (*self.state, *self.memory), self.test_points
+        rates = (*self.state.values(), *self.memory.values())
         for signs in itertools.product((-1.0, 1.0), repeat=len(hidden)):
-            flipped = self.test_points | {"x": -self.test_points["x"], "v": -self.test_points["v"]}
-            flipped |= {k: s * self.test_points[k] for k, s in zip(hidden, signs, strict=True)}
-            rest = zip((*self.state.values(), *self.memory.values()), signs, strict=True)
-            if not all(
-                _same(f.evaluate(flipped), s * np.asarray(f.evaluate(self.test_points))) for f, s in rest
-            ):
+            factors = dict(zip(hidden, signs, strict=True))
+            flipped = points | {k: s * points[k] for k, s in ({"x": -1.0, "v": -1.0} | factors).items()}
+            pairs = zip(rates, signs, strict=True)
+            if not all(_same(f.evaluate(flipped), s * np.asarray(f.evaluate(points))) for f, s in pairs):
                 continue
-            here, there = self._at(self.test_points), self._at(flipped)
+            here, there = self._at(points), self._at(flipped)
             if _same(there, -here):
                 return "odd"
             if _same(there, here):
@@ -141,7 +180,7 @@ class Force:
     def character(self) -> str:
         """`dissipative` or `conservative` type by time reversal (v -> -v), else `mixed`.
 
-        A force with states or memory depends on its past, which has no time reversal: `mixed`.
+        A force with states or memory depends on history, which has no time reversal: `mixed`.
         """
         if not self.memoryless or self.kind == "sensor":
             return "sensor" if self.kind == "sensor" else "mixed"
@@ -150,7 +189,7 @@ class Force:
 
     @cached_property
     def degree(self) -> float | None:
-        """Degree q of homogeneity in (x, v) together, None if there is none or if it has a past."""
+        """Degree q of homogeneity in (x, v) together, None if there is none or if it depends on history."""
         return None if not self.memoryless or self.shape or self.holds_time else self._degree_in("x", "v")
 
     @cached_property
@@ -172,15 +211,7 @@ class Force:
     @cached_property
     def latex(self) -> str:
         """The formula in LaTeX, with theta and theta' = dtheta/d(w t)."""
-        import sympy
-
-        names = {k: sympy.Symbol(k, real=True) for f in self.formulas for k in f.names}
-        names |= {"x": sympy.Symbol(r"\theta", real=True), "v": sympy.Symbol(r"\theta'", real=True)}
-        functions = {n: getattr(sympy, n) for n in ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh")}
-        functions |= {"abs": sympy.Abs, "min": sympy.Min, "max": sympy.Max, "power": _sympy_power}
-        functions["sign"] = sympy.Function(r"\operatorname{sgn}")
-        expression = sympy.nsimplify(self.formula.evaluate(names, functions), rational=True)
-        return str(sympy.latex(expression, mul_symbol=r"\,"))
+        return written.formula_latex(self)
 
     @property
     def latex_symbol(self) -> str:
@@ -210,23 +241,19 @@ class Force:
     def _degree_in(self, *variables: str, shapes: Mapping[str, float] | None = None) -> float | None:
         points = self.test_points | dict(shapes or {})
         here = self._at(points)
-        used = np.abs(here) > 1e-12
-        if not used.any():
-            return None
-        degree = None
         # Over many scales: tanh(v/s) is as good as sign(v) on one of them.
-        for factor in (2.0, 4.0, 1e-3, 1e-6):
-            there = self._at(points | {k: factor * points[k] for k in variables})
-            if not np.all(np.isfinite(there)):
-                return None
-            if degree is None:
-                ratio = np.abs(there[used] / here[used])
-                # Rounded to a tidy number so that a degree of 2 is 2 and not 1.9999999999.
-                degree = round(float(np.median(np.log2(np.maximum(ratio, 1e-300)))), 9) + 0.0
-            scaled = factor**degree * here
-            if not np.allclose(there, scaled, rtol=1e-9, atol=1e-12 * np.abs(scaled).max()):
-                return None
-        return degree
+        scaled = {c: self._at(points | {k: c * points[k] for k in variables}) for c in (2.0, 4.0, 1e-3, 1e-6)}
+        used = np.abs(here) > 1e-12
+        if not used.any() or not np.all(np.isfinite(list(scaled.values()))):
+            return None
+        ratio = np.abs(scaled[2.0][used] / here[used])
+        # Rounded to a tidy number so that a degree of 2 is 2 and not 1.9999999999.
+        degree = round(float(np.median(np.log2(np.maximum(ratio, 1e-300)))), 9) + 0.0
+        powers = {c: c**degree * here for c in scaled}
+        exact = all(
+            np.allclose(scaled[c], powers[c], rtol=1e-9, atol=1e-12 * np.abs(powers[c]).max()) for c in scaled
+        )
+        return degree if exact else None
 
 
 @dataclass(frozen=True)
@@ -235,9 +262,12 @@ class ForceLibrary:
 
     Parameters
     ----------
-    title : what the library is.
-    forces : in their order, each with a symbol of its own.
-    source : the file that it is from.
+    title : str
+        What the library is.
+    forces : tuple of Force
+        In their order, each with a symbol of its own.
+    source : str
+        The file that it is from.
     """
 
     title: str
@@ -272,40 +302,9 @@ class ForceLibrary:
 
     def to_toml(self) -> str:
         """The library as text in the format it is read from."""
-        blocks = "".join(f"\n[[force]]\n{_toml(force)}" for force in self.forces)
+        blocks = "".join(f"\n[[force]]\n{written.toml(force)}" for force in self.forces)
         return f"title = {json.dumps(self.title)}\n{blocks}"
-
-
-def _toml(force: Force) -> str:
-    # A JSON string is a TOML string, and a number's repr reads back as the same number.
-    lines = {
-        k: json.dumps(w)
-        for k in ("symbol", "name", "family", "meaning", "source")
-        if (w := getattr(force, k))
-    }
-    lines["formula"] = json.dumps(force.formula.text)
-    if force.kind != "force":
-        lines["kind"] = json.dumps(force.kind)
-    for key in ("state", "memory", "start"):
-        if table := getattr(force, key):
-            lines[key] = "{ " + ", ".join(f"{k} = {json.dumps(f.text)}" for k, f in table.items()) + " }"
-    if force.shape:
-        shapes = (
-            f"{k} = {{ default = {s.default!r}, low = {s.low!r}, high = {s.high!r}, "
-            f"meaning = {json.dumps(s.meaning)} }}"
-            for k, s in force.shape.items()
-        )
-        lines["shape"] = "{ " + ", ".join(shapes) + " }"
-    if force.passive:
-        lines["passive"] = "true"
-    return "".join(f"{k} = {line}\n" for k, line in lines.items())
 
 
 def _same(first: Any, second: Any) -> bool:
     return bool(np.allclose(first, second, rtol=1e-9, atol=1e-12))
-
-
-def _sympy_power(base: Any, exponent: Any) -> Any:
-    import sympy
-
-    return base ** sympy.nsimplify(exponent)

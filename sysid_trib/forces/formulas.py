@@ -38,16 +38,16 @@ NUMPY: dict[str, Callable[..., Any]] = {
 
 
 @dataclass(frozen=True)
-class Surface:
-    """Where a formula changes branch: the zero of `tree`, an expression known by its text."""
-
-    text: str
-    tree: ast.expr = field(compare=False, repr=False)
-
-
-@dataclass(frozen=True)
 class Formula:
-    """A parsed formula; two formulas are equal if their texts are."""
+    """A parsed formula; two formulas are equal if their texts are.
+
+    Parameters
+    ----------
+    text : str
+        The formula as written.
+    tree : ast.expr
+        The same, parsed and checked.
+    """
 
     text: str
     tree: ast.expr = field(compare=False, repr=False)
@@ -59,23 +59,10 @@ class Formula:
         return frozenset(n.id for n in ast.walk(self.tree) if isinstance(n, ast.Name) and id(n) not in calls)
 
     @property
-    def surfaces(self) -> tuple[Surface, ...]:
-        """Switching surfaces, each once, innermost first."""
-        found: dict[str, Surface] = {}
-        for node in _bottom_up(self.tree):
-            if isinstance(node, ast.Call) and node.func.id in SWITCHING:  # type: ignore[attr-defined]
-                surface = node.surface  # type: ignore[attr-defined]
-                found.setdefault(surface.text, surface)
-        return tuple(found.values())
-
-    @property
-    def singular(self) -> bool:
-        """Whether it may have no Taylor series on a switching surface (roots, logarithms, broken powers)."""
-        return any(
-            (isinstance(n, ast.Call) and n.func.id in ("sqrt", "log"))  # type: ignore[attr-defined]
-            or (isinstance(n, ast.BinOp) and isinstance(n.op, ast.Pow) and not _whole(n.right))
-            for n in ast.walk(self.tree)
-        )
+    def surfaces(self) -> tuple["Formula", ...]:
+        """Expressions at whose zeros it changes branch, each once, innermost first."""
+        calls = [n for n in _bottom_up(self.tree) if isinstance(n, ast.Call)]
+        return tuple(dict.fromkeys(call.surface for call in calls if hasattr(call, "surface")))
 
     def evaluate(
         self,
@@ -87,10 +74,18 @@ class Formula:
 
         Parameters
         ----------
-        names : value of each variable; arrays, heyoka or SymPy expressions.
-        functions : the table of functions, `power` among them.
-        signs : sign of each switching surface by its text. If given, the branch it selects is followed
-            and `sign`, `abs`, `min`, `max` are not called.
+        names : mapping of str to number
+            Value of each variable; arrays, heyoka or SymPy expressions.
+        functions : mapping of str to callable
+            The table of functions, `power` among them.
+        signs : mapping of str to number, optional
+            Sign of each switching surface by its text. If given, the branch it selects is followed and
+            `sign`, `abs`, `min`, `max` are not called.
+
+        Returns
+        -------
+        number
+            Of the kind of `names`.
         """
         return evaluate_tree(self.tree, names, functions, signs)
 
@@ -129,10 +124,18 @@ def parse(text: object, allowed: frozenset[str], exponents: frozenset[str], wher
 
     Parameters
     ----------
-    text : the formula as written in a library.
-    allowed : names of variables it may hold, besides `pi`.
-    exponents : names among them that may stand as an exponent (shape parameters).
-    where : file and force, for the message.
+    text : object
+        The formula as written in a library.
+    allowed : set of str
+        Names of variables it may hold, besides `pi`.
+    exponents : set of str
+        Names among them that may stand as an exponent (shape parameters).
+    where : str
+        File and force, for the message.
+
+    Returns
+    -------
+    Formula
 
     Raises
     ------
@@ -199,15 +202,13 @@ def _checked(
                 raise LibraryError(
                     f"{where}: '{name}' got {len(args)} arguments; min, max take two, others one."
                 )
-    allowed_functions = " ".join((*SWITCHING, *SMOOTH))
+    advice = ""
     match node:
         case ast.BinOp(op=ast.BitXor()) | ast.Call(func=ast.Name(id="sgn")):
-            hint = " (write ** for a power, sign for sgn)"
-        case _:
-            hint = ""
+            advice = " (write ** for a power, sign for sgn)"
     raise LibraryError(
         f"{where} holds something other than numbers, names, + - * / ** and functions "
-        f"{allowed_functions}{hint}."
+        f"{' '.join((*SWITCHING, *SMOOTH))}{advice}."
     )
 
 
@@ -222,14 +223,10 @@ def _is_exponent(node: ast.AST, exponents: frozenset[str]) -> bool:
     return False
 
 
-def _whole(node: ast.AST) -> bool:
-    return isinstance(node, ast.Constant) and float(node.value).is_integer()  # type: ignore[arg-type]
-
-
 def _switch(name: str, args: list[ast.expr], surface: ast.expr) -> ast.Call:
     """A call that changes branch where `surface` is zero; the surface is kept with it, found once."""
     call = ast.Call(ast.Name(name), args, [])
-    call.surface = Surface(ast.unparse(surface), surface)  # type: ignore[attr-defined]
+    call.surface = Formula(ast.unparse(surface), surface)  # type: ignore[attr-defined]
     return call
 
 
@@ -239,9 +236,8 @@ def _branch(name: str, values: list[Any], sign: Any) -> Any:
     if name == "abs":
         return sign * values[0]
     first, second = values
-    half = 0.5 * (first + second)
-    gap = 0.5 * sign * (first - second)
-    return half + gap if name == "max" else half - gap
+    mean, half_difference = 0.5 * (first + second), 0.5 * sign * (first - second)
+    return mean + half_difference if name == "max" else mean - half_difference
 
 
 def _bottom_up(tree: ast.AST) -> Iterator[ast.AST]:

@@ -13,9 +13,9 @@ from sysid_trib.errors import LibraryError, UsageError
 from sysid_trib.forces.force import Force, ForceLibrary, Shape
 from sysid_trib.forces.formulas import RESERVED, Formula, parse
 
-WORDS = ("name", "family", "meaning", "source")
-TABLES = ("state", "memory", "start", "shape")
-FORCE_KEYS = {"symbol", "formula", "kind", "passive", *WORDS, *TABLES}
+TEXT_KEYS = ("name", "family", "meaning", "source")
+TABLE_KEYS = ("state", "memory", "start", "shape")
+FORCE_KEYS = {"symbol", "formula", "kind", "passive", *TEXT_KEYS, *TABLE_KEYS}
 SHAPE_KEYS = {"default", "low", "high", "meaning"}
 MAX_BYTES = 1_000_000
 
@@ -31,11 +31,13 @@ def load_library(name_or_path: str | Path = "contact_forces") -> ForceLibrary:
 
     Parameters
     ----------
-    name_or_path : name of a library of the package (`contact_forces`), or a TOML file.
+    name_or_path : str or path
+        Name of a library of the package (`contact_forces`), or a TOML file.
 
     Returns
     -------
-    ForceLibrary, the forces in the order of the file.
+    ForceLibrary
+        The forces in the order of the file.
 
     Raises
     ------
@@ -84,18 +86,17 @@ def _force(entry: Mapping[str, Any], source: str) -> Force:
     if not isinstance(symbol, str) or not re.fullmatch(r"[A-Za-z]\w{0,39}", symbol, re.ASCII):
         raise LibraryError(f"{source}: symbol {symbol!r} must be a short word of letters, digits and _.")
     where = f"{source}, force '{symbol}'"
-    unknown = sorted(set(entry) - FORCE_KEYS)
-    if unknown:
-        raise LibraryError(f"{where}: unknown key '{unknown[0]}'; known are {', '.join(sorted(FORCE_KEYS))}.")
-    words = {k: entry.get(k, "") for k in WORDS} | {"kind": entry.get("kind", "force")}
-    for key, word in words.items():
-        words[key] = _words(word, f"{where}: '{key}'")
+    strange = sorted(set(entry) - FORCE_KEYS)
+    if strange:
+        raise LibraryError(f"{where}: unknown key '{strange[0]}'; known are {', '.join(sorted(FORCE_KEYS))}.")
+    words = {k: entry.get(k, "") for k in TEXT_KEYS} | {"kind": entry.get("kind", "force")}
+    words = {k: _words(word, f"{where}: '{k}'") for k, word in words.items()}
     if words["kind"] not in ("force", "sensor"):
         raise LibraryError(f'{where}: kind must be "force" or "sensor", not \'{words["kind"]}\'.')
     passive = entry.get("passive", False)
     if not isinstance(passive, bool):
         raise LibraryError(f"{where}: passive must be true or false, not {passive!r}.")
-    tables = {k: entry.get(k, {}) for k in TABLES}
+    tables = {k: entry.get(k, {}) for k in TABLE_KEYS}
     for key, table in tables.items():
         if not isinstance(table, dict):
             raise LibraryError(f"{where}: '{key}' must be a table such as {{ z = ... }}.")
@@ -140,9 +141,9 @@ def _check_names(tables: Mapping[str, Mapping[str, Any]], where: str) -> None:
             raise LibraryError(
                 f"{where}: '{name}' cannot name a state, memory or shape parameter; rename it."
             )
-    lost = sorted(set(tables["start"]) - set(tables["state"]) - set(tables["memory"]))
-    if lost:
-        raise LibraryError(f"{where}: start value for '{lost[0]}', which is neither a state nor a memory.")
+    strange = sorted(set(tables["start"]) - set(tables["state"]) - set(tables["memory"]))
+    if strange:
+        raise LibraryError(f"{where}: start value for '{strange[0]}', which is neither a state nor a memory.")
 
 
 def _shape(table: object, where: str) -> Shape:

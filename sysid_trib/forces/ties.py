@@ -89,9 +89,9 @@ class Tie:
             Values of parameters that count as constants.
         """
         known = known or {}
-        unknown = {f"p{i}": name for i, name in enumerate(self.names) if name not in known}
+        variables = {f"p{i}": name for i, name in enumerate(self.names) if name not in known}
         values = {f"p{i}": known.get(name, np.nan) for i, name in enumerate(self.names)}
-        return _linear(self.formula.tree, unknown, values)
+        return _linear(self.formula.tree, variables, values)
 
     def _evaluate(self, values: Mapping[str, complex]) -> complex:
         stand_ins = {f"p{i}": values[name] for i, name in enumerate(self.names)}
@@ -129,7 +129,7 @@ def parse_tie(name: str, text: str, known: Sequence[str]) -> Tie:
     if name in names:
         raise UsageError(f"The tie '{name}={text}' ties {name} to itself; use other parameters.")
     stand_ins = {word: f"p{i}" for i, word in enumerate(names)}
-    replaced = WORD.sub(lambda found: stand_ins.get(found[0], found[0]), text)
+    replaced = WORD.sub(lambda word: stand_ins.get(word[0], word[0]), text)
     shapes = frozenset(p for word, p in stand_ins.items() if "." in word)
     try:
         formula = parse(replaced, frozenset(stand_ins.values()), shapes, name)
@@ -142,26 +142,26 @@ def parse_tie(name: str, text: str, known: Sequence[str]) -> Tie:
 
 
 def _linear(
-    tree: ast.AST, unknown: Mapping[str, str], values: Mapping[str, float]
+    tree: ast.AST, variables: Mapping[str, str], values: Mapping[str, float]
 ) -> tuple[float, dict[str, float]] | None:
-    """Constant and factors of a checked tree in the unknown names; None if it is not linear in them."""
-    if not any(isinstance(node, ast.Name) and node.id in unknown for node in ast.walk(tree)):
+    """Constant and factors of a checked tree in the variables; None if it is not linear in them."""
+    if not any(isinstance(node, ast.Name) and node.id in variables for node in ast.walk(tree)):
         return float(Formula("", tree).evaluate(values)), {}  # type: ignore[arg-type]
     match tree:
         case ast.Name(id=name):
-            return 0.0, {unknown[name]: 1.0}
+            return 0.0, {variables[name]: 1.0}
         case ast.UnaryOp(op=op, operand=operand):
-            inner = _linear(operand, unknown, values)
+            inner = _linear(operand, variables, values)
             return _scaled(inner, -1.0 if isinstance(op, ast.USub) else 1.0)
         case ast.BinOp(left=left, op=ast.Add() | ast.Sub() as op, right=right):
-            first, second = _linear(left, unknown, values), _linear(right, unknown, values)
+            first, second = _linear(left, variables, values), _linear(right, variables, values)
             second = _scaled(second, -1.0 if isinstance(op, ast.Sub) else 1.0)
             if first is None or second is None:
                 return None
             names = dict.fromkeys((*first[1], *second[1]))
             return first[0] + second[0], {k: first[1].get(k, 0.0) + second[1].get(k, 0.0) for k in names}
         case ast.BinOp(left=left, op=ast.Mult() | ast.Div() as op, right=right):
-            first, second = _linear(left, unknown, values), _linear(right, unknown, values)
+            first, second = _linear(left, variables, values), _linear(right, variables, values)
             if second is not None and not second[1] and (second[0] or isinstance(op, ast.Mult)):
                 return _scaled(first, OPERATORS[type(op)](1.0, second[0]))
             if first is not None and not first[1] and isinstance(op, ast.Mult):
