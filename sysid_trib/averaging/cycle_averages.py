@@ -14,20 +14,21 @@ from scipy.optimize import elementwise
 from sysid_trib.averaging.collocation import Array, Index, Panels, solve_states
 from sysid_trib.errors import LibraryError
 from sysid_trib.forces.force import Force
-from sysid_trib.forces.formulas import Formula, evaluate_tree
+from sysid_trib.forces.formulas import Formula
 
 Pieces = tuple[Index, Array, Array]
 QUARTER = 0.5 * np.pi
 # On half a cycle: odd, so that the quarter point, where x changes sign, is one of them.
-SAMPLES = 97
+HALF_CYCLE_POINTS = 97
 # A piece is accepted when doubling its nodes changes it by less than this part of the mean of |h|.
-ACCEPTED = 3e-13
-NOISE = 1e-6
-# Plus this part of the amplitude: at small ones sin(x) - x is rounding of x.
-CANCELLED = 1e-14
+INTEGRAL_TOLERANCE = 3e-13
+# So much of an average may be rounding of its formula,
+ROUNDING_ERROR = 1e-6
+# plus this part of the amplitude: at small ones sin(x) - x is rounding of x.
+CANCELLATION = 1e-14
 # Part of the mean of |h| below which an average is rounding.
-ROUNDING = 1e-14
-MAX_ROUNDS = 60
+NEGLIGIBLE = 1e-14
+MAX_BISECTIONS = 60
 MAX_PIECES = 20_000
 MAX_CYCLES = 500
 START_PANELS = 4
@@ -36,12 +37,26 @@ START_PANELS = 4
 def cycle_averages(
     force: Force, a: Array, time: Array, shape_values: Mapping[str, float]
 ) -> tuple[Array, Array]:
-    """Averages (<h sin phi>, <h cos phi>) at each amplitude `a` (rad), `time` (s) being held in a cycle.
+    """Averages over the steady cycle at each amplitude.
+
+    Parameters
+    ----------
+    force : Force
+    a : (amplitude,) array of float, rad
+    time : (amplitude,) array of float, s
+        Held during a cycle.
+    shape_values : mapping of str to float
+        Value of each shape parameter by its name in the formula.
+
+    Returns
+    -------
+    sine, cosine : (amplitude,) array of float, rad
+        <h sin phi> and <h cos phi>.
 
     Raises
     ------
     LibraryError
-        Not finite, too rough, or without a steady cycle.
+        The force is not finite, too rough, or has no steady cycle.
     """
     # Rows are half cycles, the first of each amplitude (v < 0) before all the second ones (v > 0).
     rows: dict[str, Any] = {"a": np.tile(a, 2), "t": np.tile(time, 2)}
@@ -60,7 +75,7 @@ def cycle_averages(
         raise LibraryError(f"Force '{force.symbol}': memory and states settle to no steady cycle.")
     means = (sums[: a.size] + sums[a.size :]) / (2 * np.pi)
     # What symmetry makes zero is zero, so that nobody takes rounding for a signature.
-    means[np.abs(means) < ROUNDING * means[:, 2:]] = 0.0
+    means[np.abs(means) < NEGLIGIBLE * means[:, 2:]] = 0.0
     return means[:, 0], means[:, 1]
 
 
@@ -80,8 +95,8 @@ def _steady_memory(
     states = {k: turns.get(k, np.zeros(2 * a.size)) for k in force.state}
     here: dict[str, Any] = {"v": np.zeros_like(a), "t": time, **shape_values}
     ends = [here | {"x": x} | {k: z[half] for k, z in states.items()} for x, half in _halves(a)]
-    held = dict.fromkeys(force.memory, np.zeros_like(a))
-    held |= {k: f.evaluate(ends[0]) for k, f in force.start.items() if k in force.memory}
+    start = force.start_values(ends[0])
+    held = {k: start[k] * np.ones_like(a) for k in force.memory}
 
     def replaced(held: Mapping[str, Array], end: Mapping[str, Array]) -> dict[str, Array]:
         return {k: np.broadcast_to(f.evaluate({**end, **held}), a.shape) for k, f in force.memory.items()}
@@ -112,17 +127,17 @@ def _state_integrals(
     count = rows["a"].size // 2
     order = np.lexsort((low, half % count))
     half, low, high = half[order], low[order], high[order]
-    found = solve_states(
+    states = solve_states(
         force, Panels(half % count, half, low, high), lambda half, phi: _names(rows, half, phi, shape_values)
     )
-    half = found.panels.segment
-    names = _names(rows, half[:, None], found.tau, shape_values) | found.named(force)
-    h = found.weights * force.formula.evaluate(names)
-    terms = _terms(h, found.tau).sum(axis=1)
+    half = states.panels.segment
+    names = _names(rows, half[:, None], states.tau, shape_values) | states.named(force)
+    h = states.weights * force.formula.evaluate(names)
+    terms = _terms(h, states.tau).sum(axis=1)
     sums = np.stack([np.bincount(half, term, 2 * count) for term in terms.T], axis=-1)
     begins = np.concatenate(([True], half[1:] != half[:-1]))
     turns = np.empty((2 * count, len(force.state)))
-    turns[half[begins]] = found.at_low[begins]
+    turns[half[begins]] = states.at_low[begins]
     return np.asarray(sums), dict(zip(force.state, turns.T, strict=True))
 
 
@@ -141,20 +156,20 @@ def _names(
 def _pieces(force: Force, rows: Mapping[str, Array], shape_values: Mapping[str, float]) -> Pieces:
     """Cut each row at its quarter point and where a switching surface is crossed: (row, low, high)."""
     halves = np.repeat((0.0, np.pi), rows["a"].size // 2)
-    phi = halves[:, None] + np.linspace(0.0, np.pi, SAMPLES)
+    phi = halves[:, None] + np.linspace(0.0, np.pi, HALF_CYCLE_POINTS)
     every = np.arange(halves.size)
     names = _names(rows, every[:, None], phi, shape_values)
     cut_row, cut_at = [every, every, every], [halves, halves + QUARTER, halves + np.pi]
     for surface in force.surfaces:
         # Where a state switches is not known before it is solved; its panels close in on it.
-        if Formula(surface.text, surface.tree).names & set(force.state):
+        if surface.names & set(force.state):
             continue
-        sides = np.sign(np.broadcast_to(evaluate_tree(surface.tree, names), phi.shape))
-        row, left = np.nonzero(sides[:, :-1] * sides[:, 1:] < 0)
+        sides = np.sign(np.broadcast_to(surface.evaluate(names), phi.shape))
+        row, before = np.nonzero(sides[:, :-1] * sides[:, 1:] < 0)
         if row.size:
             cut_row.append(row)
-            bracket = (phi[row, left], phi[row, left + 1])
-            cut_at.append(_crossings(surface.tree, rows, row, bracket, shape_values))
+            bracket = (phi[row, before], phi[row, before + 1])
+            cut_at.append(_crossings(surface, rows, row, bracket, shape_values))
     row, at = np.concatenate(cut_row), np.concatenate(cut_at)
     order = np.lexsort((at, row))
     row, at = row[order], at[order]
@@ -163,18 +178,17 @@ def _pieces(force: Force, rows: Mapping[str, Array], shape_values: Mapping[str, 
 
 
 def _crossings(
-    tree: Any,
+    surface: Formula,
     rows: Mapping[str, Array],
     row: Index,
     bracket: tuple[Array, Array],
     shape_values: Mapping[str, float],
 ) -> Array:
     def side(phi: Array, row: Array) -> Array:
-        return np.asarray(evaluate_tree(tree, _names(rows, row.astype(int), phi, shape_values)))
+        return np.asarray(surface.evaluate(_names(rows, row.astype(int), phi, shape_values)))
 
     exact = {"xatol": 1e-15, "xrtol": 1e-15}
-    found = elementwise.find_root(side, bracket, args=(row.astype(float),), tolerances=exact)
-    return np.asarray(found.x)
+    return np.asarray(elementwise.find_root(side, bracket, args=(row.astype(float),), tolerances=exact).x)
 
 
 @lru_cache(maxsize=1)
@@ -205,7 +219,7 @@ def _integrals(
     row, low, high = pieces
     total = np.zeros((rows["a"].size, 3))
     before = np.full(len(total), np.inf)
-    for turn in range(MAX_ROUNDS):
+    for turn in range(MAX_BISECTIONS):
         phi = low[:, None] + (high - low)[:, None] * nodes
         h = force.formula.evaluate(_names(rows, row[:, None], phi, shape_values))
         terms = _terms(np.broadcast_to(h, phi.shape) * (weights * (high - low)[:, None]), phi)
@@ -218,11 +232,12 @@ def _integrals(
         # The size is seen anew at every turn: the first one may miss a narrow peak.
         size = total[:, 2] + np.bincount(row, fine[:, 2], len(total))
         error = np.abs(fine - coarse)[:, :2].max(axis=1)
-        done = error <= ACCEPTED * size[row]
-        left = np.bincount(row[~done], error[~done], len(total))
+        done = error <= INTEGRAL_TOLERANCE * size[row]
+        remaining = np.bincount(row[~done], error[~done], len(total))
         # Halving does not lessen the rounding of a formula that cancels, as log(1 + v/s) at small v does.
-        noise = (left > 0.6 * before) & (left < NOISE * size + CANCELLED * rows["a"]) & (turn > 2)
-        done, before = done | noise[row], left
+        rounding = remaining < ROUNDING_ERROR * size + CANCELLATION * rows["a"]
+        rounding &= (remaining > 0.6 * before) & (turn > 2)
+        done, before = done | rounding[row], remaining
         np.add.at(total, row[done], fine[done])
         if done.all():
             return total

@@ -12,23 +12,21 @@ from numpy.typing import ArrayLike
 from scipy.integrate import quad, solve_ivp
 
 from sysid_trib.averaging.collocation import Array
+from sysid_trib.averaging.cycle_averages import CANCELLATION, ROUNDING_ERROR
 from sysid_trib.averaging.signatures import averages
 from sysid_trib.errors import SimulationError
 from sysid_trib.forces.force import Force
 from sysid_trib.simulation.model import Model
 
 # Below this part of the first amplitude the signatures are continued by a power of the amplitude.
-FLOOR = 1e-9
-LARGEST = 1e3
-TOLERANCE = 1e-11
-NODES = 16
+SMALLEST_PART = 1e-9
+LARGEST_AMPLITUDE = 1e3
+ENVELOPE_TOLERANCE = 1e-11
+CHEBYSHEV_NODES = 16
 # Of an octave: a signature with a kink, as where a slip begins, is halved no further.
-SHORTEST = 0.01
-# Part of the amplitude to which a tabulated force is known at least.
-CANCELLED = 1e-14
-NOISE = 1e-6
+SHORTEST_PART = 0.01
 
-Panel = tuple[float, float, Array]
+OctavePart = tuple[float, float, Array]
 
 
 def predict_envelope(model: Model, time: ArrayLike, amplitude: float) -> xr.Dataset:
@@ -36,16 +34,20 @@ def predict_envelope(model: Model, time: ArrayLike, amplitude: float) -> xr.Data
 
     Parameters
     ----------
-    model : forces with coefficients; first order in them. Sensor terms are left out.
-    time : s, increasing; `t` in a formula counts from the first.
-    amplitude : rad, at time[0].
+    model : Model
+        Forces with coefficients; first order in them. Sensor terms are left out.
+    time : (time,) array of float, s
+        Increasing; `t` in a formula counts from the first.
+    amplitude : float, rad
+        At time[0].
 
     Returns
     -------
-    Dataset with `amplitude(time)` (rad), `frequency(time)` (rad/s), `phase(time)` (rad, zero at time[0], so
-    that theta = a cos phase) and the scalar `arrest_time` (s, on the clock of `time`; NaN if the decay has no
-    end). After the arrest the amplitude is zero, frequency and phase are NaN. An arrest after the last time
-    is found too, unless a formula holds `t`.
+    Dataset
+        `amplitude(time)` (rad), `frequency(time)` (rad/s), `phase(time)` (rad, zero at time[0], so that
+        theta = a cos phase) and the scalar `arrest_time` (s, on the clock of `time`; NaN if the decay has no
+        end). After the arrest the amplitude is zero, frequency and phase are NaN. An arrest after the last
+        time is given too, unless a formula holds `t`.
 
     Raises
     ------
@@ -62,9 +64,9 @@ def predict_envelope(model: Model, time: ArrayLike, amplitude: float) -> xr.Data
         raise SimulationError(
             "The times of a prediction must be finite and increase; sort them, drop repeats."
         )
-    if not 0 < amplitude <= LARGEST:
+    if not 0 < amplitude <= LARGEST_AMPLITUDE:
         raise SimulationError(
-            f"The first amplitude must be an angle from 0 to {LARGEST:g} rad, not {amplitude}."
+            f"The first amplitude must be an angle from 0 to {LARGEST_AMPLITUDE:g} rad, not {amplitude}."
         )
     averaged = Averaged(model)
     a, phase, arrest = _decay(averaged, time - time[0], float(amplitude))
@@ -75,9 +77,9 @@ def predict_envelope(model: Model, time: ArrayLike, amplitude: float) -> xr.Data
         "frequency": (np.where(moving, frequency, np.nan), "rad/s", "angular frequency"),
         "phase": (np.where(moving, phase, np.nan), "rad", "phase since the first time"),
     }
-    found = {k: ("time", value, {"units": u, "long_name": n}) for k, (value, u, n) in values.items()}
+    data = {k: ("time", value, {"units": u, "long_name": n}) for k, (value, u, n) in values.items()}
     end = ((), time[0] + arrest, {"units": "s", "long_name": "time of arrest"})
-    return xr.Dataset(found | {"arrest_time": end}, {"time": ("time", time, {"units": "s"})})
+    return xr.Dataset(data | {"arrest_time": end}, {"time": ("time", time, {"units": "s"})})
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,7 @@ class Averaged:
     """The averaged equations of a model: powers of the amplitude, the rest tabulated as it is needed."""
 
     model: Model
-    octaves: dict[int, list[Panel]] = field(default_factory=dict, repr=False)
+    octaves: dict[int, list[OctavePart]] = field(default_factory=dict, repr=False)
 
     @cached_property
     def powers(self) -> tuple[Array, Array]:
@@ -118,8 +120,8 @@ class Averaged:
         return w * sums[..., 0], w * (1.0 + sums[..., 1] / a)
 
     def _weighted(self, force: Force, a: Array, time: ArrayLike = 0.0) -> Array:
-        found = averages(force, a, self.model.shapes, time)
-        return self.model.coefficients[force.symbol] * np.stack(found)
+        pair = np.stack(averages(force, a, self.model.shapes, time))
+        return self.model.coefficients[force.symbol] * pair
 
     def _tabulated(self, a: Array) -> Array:
         """Sums over the forces without a power law, (amplitude, 2), by Chebyshev interpolation in log2 a."""
@@ -134,19 +136,19 @@ class Averaged:
                     sums[inside] = chebyshev.chebval(2.0 * (at[inside] - low) / (high - low) - 1.0, series).T
         return sums
 
-    def _panels(self, low: float, high: float, before: float = np.inf) -> Iterator[Panel]:
+    def _panels(self, low: float, high: float, before: float = np.inf) -> Iterator[OctavePart]:
         """Series for a part of an octave, halved until its last coefficients no longer count.
 
         `before` is their size in the part that was halved: rounding does not get smaller.
         """
-        nodes = chebyshev.chebpts1(NODES)
+        nodes = chebyshev.chebpts1(CHEBYSHEV_NODES)
         a = 2.0 ** (low + 0.5 * (nodes + 1.0) * (high - low))
         values = np.sum([self._weighted(force, a) for force in self.others], axis=0).T
-        series = np.asarray(chebyshev.chebfit(nodes, values, NODES - 1))
+        series = np.asarray(chebyshev.chebfit(nodes, values, CHEBYSHEV_NODES - 1))
         # Beside the spring's a, what a formula such as sin(x) - x loses to rounding is nothing.
-        size = max(np.abs(series).max(initial=1e-300), CANCELLED / TOLERANCE * 2.0**high)
+        size = max(np.abs(series).max(initial=1e-300), CANCELLATION / ENVELOPE_TOLERANCE * 2.0**high)
         last = np.abs(series[-3:]).max() / size
-        if last < TOLERANCE or high - low < SHORTEST or 0.5 * before < last < NOISE:
+        if last < ENVELOPE_TOLERANCE or high - low < SHORTEST_PART or 0.5 * before < last < ROUNDING_ERROR:
             yield low, high, series
         else:
             middle = 0.5 * (low + high)
@@ -157,7 +159,7 @@ class Averaged:
 def _decay(averaged: Averaged, time: Array, amplitude: float) -> tuple[Array, Array, float]:
     """Amplitude, phase at the times, and time of arrest (NaN if none), all from t = 0."""
     end = max(float(time[-1]), 1e-9)
-    least = FLOOR * amplitude
+    least = SMALLEST_PART * amplitude
 
     def rates(t: float, y: Array) -> tuple[float, float]:
         slope, frequency = averaged.rates(np.maximum(y[0], 0.5 * least), t)
@@ -167,29 +169,29 @@ def _decay(averaged: Averaged, time: Array, amplitude: float) -> tuple[Array, Ar
         return float(y[0] - least)
 
     def growing(t: float, y: Array) -> float:
-        return float(LARGEST * 1.01 - y[0])
+        return float(LARGEST_AMPLITUDE * 1.01 - y[0])
 
     vanishing.terminal = growing.terminal = True  # type: ignore[attr-defined]
-    found = solve_ivp(
+    solution = solve_ivp(
         rates,
         (0.0, end),
         (amplitude, 0.0),
         method="DOP853",
-        rtol=TOLERANCE,
-        atol=(TOLERANCE * amplitude, 1e-10),
+        rtol=ENVELOPE_TOLERANCE,
+        atol=(ENVELOPE_TOLERANCE * amplitude, 1e-10),
         dense_output=True,
         events=(vanishing, growing),
     )
-    if found.status < 0 or found.t_events[1].size or not np.all(np.isfinite(found.y)):
+    if solution.status < 0 or solution.t_events[1].size or not np.all(np.isfinite(solution.y)):
         raise SimulationError("The averaged amplitude grows without bound; some force feeds energy in.")
-    last = float(found.t[-1])
-    a, phase = found.sol(np.minimum(time, last))
-    if not found.t_events[0].size:
-        return a, phase, last + _remaining(averaged, float(found.y[0, -1]), least)
+    last = float(solution.t[-1])
+    a, phase = solution.sol(np.minimum(time, last))
+    if not solution.t_events[0].size:
+        return a, phase, last + _remaining(averaged, float(solution.y[0, -1]), least)
     arrest = last + _tail(averaged, least, last)
     slope, frequency = averaged.rates(least, last)
     after = time > last
-    # Without an arrest what is left, a billionth, dies out exponentially.
+    # Without an arrest the last billionth dies out exponentially.
     rest = least * np.exp(slope / least * (time - last)) if np.isnan(arrest) else 0.0
     return np.where(after, rest, a), np.where(after, phase + frequency * (time - last), phase), arrest
 
@@ -220,5 +222,4 @@ def _remaining(averaged: Averaged, a: float, least: float) -> float:
         x = float(np.exp(log_a))
         return -x / float(averaged.rates(x)[0])
 
-    found = quad(waiting, np.log(least), np.log(a), epsabs=0.0, epsrel=1e-10, limit=200)
-    return float(found[0] + tail)
+    return float(quad(waiting, np.log(least), np.log(a), epsabs=0.0, epsrel=1e-10, limit=200)[0] + tail)

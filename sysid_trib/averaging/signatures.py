@@ -1,6 +1,7 @@
 """Signatures of forces: averages <h sin phi> and <h cos phi> over a cycle x = a cos phi, v = -a sin phi.
 
-The first drives the envelope, the second the frequency (Le Bot et al. 2019, Appendix).
+The first drives the envelope, the second the frequency (Le Bot et al. 2019, Appendix). Together they are the
+describing function of the force (Krylov-Bogoliubov averages).
 """
 
 from collections.abc import Mapping
@@ -30,16 +31,21 @@ def signature(
 
     Parameters
     ----------
-    force : a force or sensor of a library.
-    amplitude : a (rad), a number or one row of them, not negative.
-    shapes : shape parameters, `{"dahl.s": 0.02}`; defaults where left out.
-    time : t of the formula (s), one or as many as amplitudes; held during the cycle.
+    force : Force
+        A force or sensor of a library.
+    amplitude : float or (amplitude,) array of float, rad
+        Not negative.
+    shapes : mapping of str to float, optional
+        Shape parameters, `{"dahl.s": 0.02}`; defaults where left out.
+    time : float or (amplitude,) array of float, s
+        t of the formula, held during the cycle.
 
     Returns
     -------
-    Dataset with `sine` = <h sin phi> and `cosine` = <h cos phi> (rad), over `amplitude` if it is a row.
-    da/d(w t) = coefficient * sine; relative frequency shift = coefficient * cosine / a. A force with a past
-    is averaged over its steady cycle.
+    Dataset
+        `sine` = <h sin phi> and `cosine` = <h cos phi> (rad), over `amplitude` if it is a row.
+        da/d(w t) = coefficient * sine; relative frequency shift = coefficient * cosine / a. A
+        history-dependent force is averaged over its steady cycle.
 
     Raises
     ------
