@@ -8,7 +8,6 @@ Own model: 12 s of the forces that the method looks for. Paper's run: 25 s of al
 
 import argparse
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ from rich.table import Table
 
 sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "tests")]
 from helpers import FIVE, SIX, Run, decay, paper_run, rms  # noqa: E402
+from stopwatch import timed  # noqa: E402
 
 from sysid_trib.methods import (  # noqa: E402
     Averaging,
@@ -49,28 +49,27 @@ METHODS: list[tuple[Any, dict[str, float]]] = [
 
 
 def study(method: Any, run: Run, seeds: int) -> tuple[list[str], np.ndarray, np.ndarray, float]:
-    """Forces found, their coefficients and standard errors, (seed, force), and the median time (s)."""
-    exact, found, told, spent = run.angle, [], [], []
+    """Forces, their coefficients and standard errors, (seed, force), and the median time (s)."""
+    exact, coefficients, errors, spent = run.angle, [], [], []
     for seed in range(seeds):
         record = decay(run.time, exact, seed)
-        begin = time.perf_counter()
-        result = method.identify(record, run.model.library)
-        spent.append(time.perf_counter() - begin)
-        found.append(result.coefficient.values)
-        told.append(result.standard_error.values)
-    return result.force.values.tolist(), np.array(found), np.array(told), float(np.median(spent))
+        result, seconds = timed(lambda record=record: method.identify(record, run.model.library))
+        spent.append(seconds)
+        coefficients.append(result.coefficient.values)
+        errors.append(result.standard_error.values)
+    return result.force.values.tolist(), np.array(coefficients), np.array(errors), float(np.median(spent))
 
 
 def rows(method: Any, own: dict[str, float], seeds: int) -> list[list[str]]:
     """One row a force."""
-    forces, found, told, spent = study(method, paper_run(own, duration=12.0), seeds)
-    pulls = rms((found - [own[symbol] for symbol in forces]) / told)
-    _, found, told, _ = study(method, paper_run(SIX), seeds)
+    forces, values, errors, spent = study(method, paper_run(own, duration=12.0), seeds)
+    pulls = rms((values - [own[symbol] for symbol in forces]) / errors)
+    _, values, errors, _ = study(method, paper_run(SIX), seeds)
     title = type(method).__name__ + (", analytic signal" if getattr(method, "curve", "")[:1] == "a" else "")
     cells = []
     for at, symbol in enumerate(forces):
-        mean, error = np.mean(found[:, at]), np.sqrt(np.mean(told[:, at] ** 2))
-        gap = mean - SIX[symbol]
+        mean, error = np.mean(values[:, at]), np.sqrt(np.mean(errors[:, at] ** 2))
+        bias = mean - SIX[symbol]
         cells.append(
             [
                 *((title, f"{1e3 * spent:.0f}") if at == 0 else ("", "")),
@@ -78,8 +77,8 @@ def rows(method: Any, own: dict[str, float], seeds: int) -> list[list[str]]:
                 f"{pulls[at]:.2f}",
                 f"{SIX[symbol]:.3g}",
                 f"{mean:.4g}",
-                f"{100.0 * gap / abs(SIX[symbol]):+.3g} %",
-                f"{gap / error:+.2g}",
+                f"{100.0 * bias / abs(SIX[symbol]):+.3g} %",
+                f"{bias / error:+.2g}",
             ]
         )
     return cells

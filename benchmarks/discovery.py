@@ -2,20 +2,21 @@
 
 python benchmarks/discovery.py [--quick]
 
-Beside each time its ratio to one direct identification of the paper's run in the same process, which tells
-slow machines from slow code; below, the slopes of lines through logarithms, where 1 is linear.
+Beside each time its ratio to one direct identification of the paper's run in the same process, which
+separates slow machines from slow code; below, the slopes of lines through logarithms, where 1 is linear.
 """
 
 import argparse
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
+from time import process_time
 
 import numpy as np
 
 sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "tests")]
 from helpers import FIVE, paper_run  # noqa: E402
+from stopwatch import times  # noqa: E402
 
 from sysid_trib import ForceLibrary, discover, load_library  # noqa: E402
 from sysid_trib.methods import Direct  # noqa: E402
@@ -27,14 +28,8 @@ CANDIDATES = (10, 20, 40)
 
 
 def seconds(call: Callable[[], object], repeats: int = 1) -> float:
-    """Least processor time of a call; a first one, which compiles and imports, is not counted."""
-    call()
-    spent = []
-    for _ in range(repeats):
-        begin = time.process_time()
-        call()
-        spent.append(time.process_time() - begin)
-    return min(spent)
+    """Least processor time of a call."""
+    return float(np.min(times(call, repeats, process_time)))
 
 
 def main() -> None:
@@ -47,7 +42,7 @@ def main() -> None:
     paper = paper_run().decay(0)
     unit = seconds(lambda: Direct().identify(paper, contact.select(FIVE)), 5)
 
-    def cost(rate: float, duration: float, count: int) -> float:
+    def time_of(rate: float, duration: float, count: int) -> float:
         record = paper_run(sampling_rate=rate, duration=duration).decay(0)
         return seconds(lambda: discover(record, start, ForceLibrary("candidates", effects[:count])))
 
@@ -57,16 +52,16 @@ def main() -> None:
         *(("duration", *pair, 40) for pair in DURATIONS[:most]),
     ]
     print(f"{'grows':12}{'samples':>10}{'candidates':>12}{'time (s)':>10}{'in direct identifications':>28}")
-    found: dict[str, list[tuple[float, float]]] = {}
+    measured: dict[str, list[tuple[float, float]]] = {}
     for what, rate, duration, count in rows:
-        spent = cost(rate, duration, count)
+        spent = time_of(rate, duration, count)
         size = count if what == "candidates" else rate * duration
-        found.setdefault(what, []).append((size, spent))
+        measured.setdefault(what, []).append((size, spent))
         line = f"{what:12}{rate * duration:10,.0f}{count:12}{spent:10.2f}{spent / unit:28.0f}"
         print(line, flush=True)
-    for what, points in found.items():
-        sizes, times = np.log(np.array(points)).T
-        print(f"slope with {what}: {np.polyfit(sizes, times, 1)[0]:.2f}")
+    for what, points in measured.items():
+        sizes, spent_times = np.log(np.array(points)).T
+        print(f"slope with {what}: {np.polyfit(sizes, spent_times, 1)[0]:.2f}")
     print(f"one direct identification: {1e3 * unit:.0f} ms")
 
 

@@ -8,7 +8,6 @@ unless its title says otherwise; the seeds of the noise are 0, 1, 2, ...
 
 import argparse
 import sys
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -35,6 +34,7 @@ from helpers import (  # noqa: E402
     paper_run,
     rms,
 )
+from stopwatch import timed  # noqa: E402
 
 from sysid_trib import ForceLibrary  # noqa: E402
 from sysid_trib.methods import Averaging, Direct, Trajectory  # noqa: E402
@@ -68,8 +68,8 @@ def ours(method) -> Callable:
 def peer(function) -> Callable:
     def identify(run: Run, angle: np.ndarray):
         library = run.model.library.select(run.model.coefficients)
-        found = function(library, run.model.reference_frequency, run.time, angle)
-        return found, np.full(len(found), np.nan)
+        values = function(library, run.model.reference_frequency, run.time, angle)
+        return values, np.full(len(values), np.nan)
 
     return identify
 
@@ -111,16 +111,16 @@ def study_row(study: Study, seeds: int, tick: Callable) -> list[str]:
     run, truth, exact = study.run, study.run.model.coefficients, study.run.angle
     free = "alpha" not in truth
     bound = cramer_rao_bound(run.model, run.time, run.start, 0.0, NOISE, free=free).standard_error.values
-    errors, reported, spent = np.empty((2, seeds, len(truth))), np.empty((seeds, len(truth))), []
+    errors, reported = np.empty((2, seeds, len(truth)))
+    spent = []
     for seed in range(seeds):
         angle = decay(run.time, exact, seed).angle.values
-        begin = time.perf_counter()
-        found, reported[seed] = study.identify(run, angle)
-        spent.append(time.perf_counter() - begin)
-        errors[0, seed] = found - list(truth.values())
+        (values, reported[seed]), seconds = timed(lambda angle=angle: study.identify(run, angle))
+        spent.append(seconds)
+        errors[seed] = values - list(truth.values())
         tick()
-    ratio = dict(zip(truth, rms(errors[0]) / bound, strict=True))
-    covered = 100.0 * np.mean(np.abs(errors[0]) < 1.96 * reported, axis=0)
+    ratio = dict(zip(truth, rms(errors) / bound, strict=True))
+    covered = 100.0 * np.mean(np.abs(errors) < 1.96 * reported, axis=0)
     worst = max(ratio.values())
     verdict = "" if np.isnan(study.bar) else f"{'yes' if worst <= study.bar else 'NO'} ({study.bar:g})"
     cover = "" if np.isnan(reported).any() else f"{covered.min():.1f} to {covered.max():.1f}"
@@ -139,8 +139,8 @@ def selection_rows(seeds: int, tick: Callable) -> list[list[str]]:
         result = method.identify(decay(PAPER.time, exact, seed), offered)
         kept.append(names(offered.symbols, result.active.values))
         tick()
-    hits = np.mean([found == set(FIVE) for found in kept])
-    missed = np.mean([bool(set(FIVE) - found) for found in kept])
+    hits = np.mean([symbols == set(FIVE) for symbols in kept])
+    missed = np.mean([bool(set(FIVE) - symbols) for symbols in kept])
     title = "selection by significance: exactly the five of fourteen"
     return [[title, str(seeds), f"{100 * hits:.1f} %, a true one missed in {100 * missed:.1f} % (bar 90 %)"]]
 
@@ -192,9 +192,9 @@ def main() -> None:
             run(study.title, study.seeds, partial(study_row, study), table)
         for title, (seeds, row) in others.items():
             run(title, seeds, row, shares)
-    for found in (table, shares):
-        if found.row_count:
-            console.print(found)
+    for shown in (table, shares):
+        if shown.row_count:
+            console.print(shown)
 
 
 if __name__ == "__main__":

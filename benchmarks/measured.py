@@ -10,7 +10,6 @@ read from ../shared/data beside the project, or from the folder in SYSID_TRIB_DA
 import argparse
 import os
 import sys
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -25,6 +24,7 @@ from scipy.interpolate import CubicSpline
 
 sys.path.insert(0, str(Path(__file__).parent))
 import peers
+from stopwatch import timed
 
 from sysid_trib import Model, free_decay, load_library, model_of, read_record
 from sysid_trib.errors import SysidTribError
@@ -90,21 +90,21 @@ def records_folder() -> Path:
     return folder
 
 
-def gap(model: Model, time: np.ndarray, angle: np.ndarray, seconds: float) -> float:
+def residual_rms(model: Model, time: np.ndarray, angle: np.ndarray, seconds: float) -> float:
     """RMS (mrad) of a model's motion `seconds` after the beginning of the decay, its start fitted."""
     shapes = dict(model.shapes)
     if "ambient" in model.coefficients:
         # The clock of the shaking runs on, while `t` counts from the first sample.
         shapes["ambient.p"] += shapes["ambient.W"] * seconds
     model = replace(model, shapes=shapes)
-    found = fit_start(model, time, angle, first_guess(time, angle, model.reference_frequency))
-    return 1e3 * float(np.sqrt(np.mean((angle - found.offset - found.x) ** 2)))
+    motion = fit_start(model, time, angle, first_guess(time, angle, model.reference_frequency))
+    return 1e3 * float(np.sqrt(np.mean((angle - motion.offset - motion.x) ** 2)))
 
 
 def ours(method, forces: str, decay: xr.Dataset) -> tuple[Model, int]:
     """Model identified by a method, and how many numbers were fitted for it.
 
-    The methods identify forces: terms of the sensor are fitted to what these leave, in turn with them.
+    The methods identify forces: terms of the sensor are fitted to their residual, in turn with them.
     """
     library = BOTH.select(forces.split())
     sensors = [f for f in library if f.kind == "sensor"]
@@ -121,9 +121,9 @@ def ours(method, forces: str, decay: xr.Dataset) -> tuple[Model, int]:
         terms = np.stack([f.value(motion.x, motion.v, t - t[0]) for f in sensors], axis=1)
         # The start moves along, or a cubic error would be taken for amplitude.
         table = np.column_stack([terms, motion.sensitivity, np.ones(len(t))])
-        found = np.linalg.lstsq(table, angle - motion.x, rcond=None)[0][: len(sensors)]
-        errors = terms @ found
-        named = zip((f.symbol for f in sensors), found.tolist(), strict=True)
+        fitted = np.linalg.lstsq(table, angle - motion.x, rcond=None)[0][: len(sensors)]
+        errors = terms @ fitted
+        named = zip((f.symbol for f in sensors), fitted.tolist(), strict=True)
         model = replace(model, library=library, coefficients=dict(model.coefficients) | dict(named))
     return model, count
 
@@ -143,8 +143,8 @@ def pysindy(peer: Callable, forces: str, w: float, decay: xr.Dataset) -> tuple[M
     if peer is not peers.sindy:
         dense = np.arange(t[0], t[-1], min(STEP, np.median(np.diff(t))))
         t, angle = dense, CubicSpline(t, angle)(dense)
-    found = peer(library, TUNED, t, angle)
-    return Model(library, dict(zip(library.symbols, found.tolist(), strict=True)), w), len(library)
+    values = peer(library, TUNED, t, angle)
+    return Model(library, dict(zip(library.symbols, values.tolist(), strict=True)), w), len(library)
 
 
 def smoothed(forces: str, w: float, decay: xr.Dataset) -> tuple[Model, int]:
@@ -152,8 +152,8 @@ def smoothed(forces: str, w: float, decay: xr.Dataset) -> tuple[Model, int]:
     tried = []
     for window in WINDOWS:
         derivatives = partial(peers.inner_savitzky_golay, window=window)
-        found = pysindy(partial(peers.sindy, derivatives=derivatives), forces, w, decay)
-        tried.append((gap(found[0], decay.time.values, decay.angle.values, 0.0), found))
+        fitted = pysindy(partial(peers.sindy, derivatives=derivatives), forces, w, decay)
+        tried.append((residual_rms(fitted[0], decay.time.values, decay.angle.values, 0.0), fitted))
     return min(tried, key=lambda pair: pair[0])[1]
 
 
@@ -190,14 +190,14 @@ def table_of(record: Record, folder: Path, quick: bool, progress: Progress) -> T
         table.add_column(head, justify="left" if head in ("method", "forces") else "right")
     rows = contestants(record, w)
     for name, forces, identify in progress.track(rows, description=record.title):
-        begin = time.perf_counter()
         try:
-            model, count = identify(train)
-            taken = f"{time.perf_counter() - begin:.2f}"
-            gaps = [gap(model, t[p], angle[p], t[p][0] - t[0]) for p in (slice(split), slice(split, None))]
-            table.add_row(name, forces, str(count), *(f"{g:.2f}" for g in gaps), taken)
+            (model, count), seconds = timed(partial(identify, train))
+            parts = (slice(split), slice(split, None))
+            residuals = [residual_rms(model, t[p], angle[p], t[p][0] - t[0]) for p in parts]
         except SysidTribError as error:
-            table.add_row(name, forces, "", str(error)[:60], "", f"{time.perf_counter() - begin:.2f}")
+            table.add_row(name, forces, "", str(error)[:60], "", "")
+            continue
+        table.add_row(name, forces, str(count), *(f"{r:.2f}" for r in residuals), f"{seconds:.2f}")
     return table
 
 

@@ -75,6 +75,6 @@ def weak_sindy(library: ForceLibrary, w: float, time: np.ndarray, angle: np.ndar
         )
         model = pysindy.SINDy(feature_library=weak, optimizer=plain_optimizer())
         model.fit(np.column_stack([angle, rate / w]), t=time[1] - time[0])
-    found = -model.coefficients()[1] / w
-    found[[f.matches("x") for f in library]] -= 1.0
-    return found
+    values = -model.coefficients()[1] / w
+    values[[f.matches("x") for f in library]] -= 1.0
+    return values

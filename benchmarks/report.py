@@ -10,7 +10,6 @@ that of the page's main thread, which a busy machine does not stretch.
 import argparse
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +18,7 @@ import xarray as xr
 sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "tests")]
 from headless import FLAGS, IDLE, browser_path  # noqa: E402
 from helpers import lengthened  # noqa: E402
+from stopwatch import timed  # noqa: E402
 
 import sysid_trib as st  # noqa: E402
 
@@ -40,10 +40,7 @@ def opening(page: Path) -> tuple[float, float]:
         shown = browser.new_page(viewport={"width": 1400, "height": 900})
         session = shown.context.new_cdp_session(shown)
         session.send("Performance.enable", {"timeDomain": "threadTicks"})
-        begin = time.perf_counter()
-        shown.goto(page.as_uri())
-        shown.wait_for_function(IDLE)
-        clock = time.perf_counter() - begin
+        _, clock = timed(lambda: (shown.goto(page.as_uri()), shown.wait_for_function(IDLE)))
         metrics = {m["name"]: m["value"] for m in session.send("Performance.getMetrics")["metrics"]}
         browser.close()
     return clock, metrics["TaskDuration"]
@@ -58,9 +55,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         page = Path(folder) / "page.html"
         for result in (tree, lengthened(tree, samples)):
-            begin = time.perf_counter()
-            st.report(result, page)
-            made = time.perf_counter() - begin
+            _, made = timed(lambda result=result: st.report(result, page))
             clock, processor = opening(page) if browser_path() else (np.nan, np.nan)
             size = page.stat().st_size / 1e6
             count = result["record"].sizes["time"]

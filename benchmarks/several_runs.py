@@ -50,9 +50,9 @@ def decays(seed: int) -> list[xr.Dataset]:
 
 def row(method: Any, seeds: int) -> list[str]:
     """RMS error of each force over the bound, and how many 95 % intervals cover."""
-    found = [identify(decays(seed), LIBRARY, method) for seed in range(seeds)]
-    errors = np.array([values(result, FIVE) - list(FIVE.values()) for result in found])
-    stated = np.array([result.standard_error.sel(force=list(FIVE)).values for result in found])
+    results = [identify(decays(seed), LIBRARY, method) for seed in range(seeds)]
+    errors = np.array([values(result, FIVE) - list(FIVE.values()) for result in results])
+    stated = np.array([result.standard_error.sel(force=list(FIVE)).values for result in results])
     covered = 100.0 * np.mean(np.abs(errors) < 1.96 * stated, axis=0)
     ratios = rms(errors) / bound(RUNS, NOISES)
     return [
@@ -68,8 +68,8 @@ def main() -> None:
     seeds = parser.parse_args().seeds
     table = Table("", *FIVE, "95 % intervals cover (%)", title=f"RMS error / bound of both, {seeds} seeds")
     for name, at in (("bound of the first alone", 0), ("bound of the second alone", 1)):
-        alone = bound(RUNS[at : at + 1], NOISES[at : at + 1]) / bound(RUNS, NOISES)
-        table.add_row(name, *(f"{r:.2f}" for r in alone), "")
+        ratio = bound(RUNS[at : at + 1], NOISES[at : at + 1]) / bound(RUNS, NOISES)
+        table.add_row(name, *(f"{r:.2f}" for r in ratio), "")
     for method in (Direct(W), Trajectory(W), Averaging(reference_frequency=W)):
         table.add_row(*row(method, seeds))
     Console(width=120).print(table)

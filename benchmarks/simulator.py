@@ -7,13 +7,15 @@ python benchmarks/simulator.py
 """
 
 import sys
-import time
+from importlib import import_module
 from pathlib import Path
+from time import process_time
 
 import numpy as np
 
 sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "tests")]
 from reference_motion import reference_motion  # noqa: E402
+from stopwatch import median_ms, timed  # noqa: E402
 
 from sysid_trib import ForceLibrary, Model, load_library  # noqa: E402
 from sysid_trib.simulation.simulate import simulate, trajectory  # noqa: E402
@@ -31,34 +33,19 @@ MORE = {
 }
 
 
-def median_ms(function, repeats):
-    """Median time of a call in ms, the first call not counted."""
-    function()
-    spent = []
-    for _ in range(repeats):
-        begin = time.process_time()
-        function()
-        spent.append(time.process_time() - begin)
-    return 1e3 * float(np.median(spent))
-
-
 def main():
-    begin = time.process_time()
-    import heyoka  # noqa: F401
-
-    print(f"import of heyoka        {1e3 * (time.process_time() - begin):8.1f} ms")
+    print(f"import of heyoka        {1e3 * timed(lambda: import_module('heyoka'), process_time)[1]:8.1f} ms")
     model = Model(load_library("contact_forces"), PAPER, W)
-    begin = time.process_time()
-    trajectory(model, np.linspace(0.0, 25.0, 2501))
-    print(f"first call (compiling)  {1e3 * (time.process_time() - begin):8.1f} ms")
+    _, first = timed(lambda: trajectory(model, np.linspace(0.0, 25.0, 2501)), process_time)
+    print(f"first call (compiling)  {1e3 * first:8.1f} ms")
     for count in (2501, 25_001):
         grid = np.linspace(0.0, 25.0, count)
         exact = reference_motion(PAPER, W, grid, rtol=3e-14)
-        peer = median_ms(lambda grid=grid: reference_motion(PAPER, W, grid, rtol=1e-9), 7)
+        peer = median_ms(lambda grid=grid: reference_motion(PAPER, W, grid, rtol=1e-9), 7, process_time)
         peer_error = np.abs(reference_motion(PAPER, W, grid, rtol=1e-9) - exact).max()
         print(f"{count} samples\n  scipy, rtol 1e-9      {peer:8.2f} ms  error {peer_error:.1e} rad")
         for function, repeats in ((trajectory, 101), (simulate, 101)):
-            ours = median_ms(lambda f=function, grid=grid: f(model, grid), repeats)
+            ours = median_ms(lambda f=function, grid=grid: f(model, grid), repeats, process_time)
             error = np.abs(np.asarray(function(model, grid).angle) - exact).max()
             name = function.__name__
             print(f"  {name:<21} {ours:8.2f} ms  error {error:.1e} rad  {peer / ours:5.0f} times faster")
@@ -73,12 +60,11 @@ def further(name, coefficients, friction, grid):
     effects = load_library("candidate_effects").select(coefficients)
     library = ForceLibrary("further forces", (*load_library("contact_forces"), *effects))
     model = Model(library, PAPER | {"lambda": friction} | coefficients, W)
-    begin = time.process_time()
-    exact = trajectory(model, grid, engine="scipy").angle
-    peer = 1e3 * (time.process_time() - begin)
-    ours = median_ms(lambda: trajectory(model, grid), 31)
+    motion, peer = timed(lambda: trajectory(model, grid, engine="scipy"), process_time)
+    exact = motion.angle
+    ours = median_ms(lambda: trajectory(model, grid), 31, process_time)
     error = np.abs(trajectory(model, grid).angle - exact).max()
-    print(f"  {name:<28} {ours:8.2f} ms  scipy {peer:8.1f} ms  difference {error:.1e} rad")
+    print(f"  {name:<28} {ours:8.2f} ms  scipy {1e3 * peer:8.1f} ms  difference {error:.1e} rad")
 
 
 if __name__ == "__main__":

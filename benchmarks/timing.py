@@ -6,34 +6,22 @@ python benchmarks/timing.py [--quick]
 import argparse
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 from rich.console import Console
 from rich.table import Table
 
 sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "tests")]
 import peers  # noqa: E402
 from helpers import FIVE, W, paper_run  # noqa: E402
+from stopwatch import median_ms  # noqa: E402
 
 from sysid_trib import ForceLibrary, discover, load_library  # noqa: E402
 from sysid_trib.methods import Averaging, Direct, Trajectory  # noqa: E402
 from sysid_trib.validation.cross_check import cross_check  # noqa: E402
 
 SAMPLING_RATES = (100.0, 1000.0)
-
-
-def median_ms(call: Callable, repeats: int) -> float:
-    """Median time of a call; a first one, which compiles and imports, is not counted."""
-    call()
-    spent = []
-    for _ in range(repeats):
-        begin = time.perf_counter()
-        call()
-        spent.append(time.perf_counter() - begin)
-    return 1e3 * float(np.median(spent))
 
 
 def calls(sampling_rate: float) -> dict[str, tuple[Callable, int]]:
@@ -47,7 +35,7 @@ def calls(sampling_rate: float) -> dict[str, tuple[Callable, int]]:
     start = library.select(["lambda", "zeta", "delta"])
     effects = (*library.select(["nu", "epsilon"]), *load_library("candidate_effects"))
 
-    def found(candidates: int) -> None:
+    def discovered(candidates: int) -> None:
         discover(record, start, ForceLibrary("candidates", effects[:candidates]))
 
     def fit_alone() -> None:
@@ -60,9 +48,9 @@ def calls(sampling_rate: float) -> dict[str, tuple[Callable, int]]:
         "Averaging": (lambda: Averaging().identify(record, library), 9),
         "Averaging, uncorrected": (lambda: Averaging(correct=False).identify(record, library), 15),
         "Trajectory": (lambda: Trajectory(W).identify(record, library), 5),
-        "discover, 20 candidates": (lambda: found(20), 1),
-        "discover, 40 candidates": (lambda: found(40), 1),
-        f"discover, {len(effects)} candidates": (lambda: found(len(effects)), 1),
+        "discover, 20 candidates": (lambda: discovered(20), 1),
+        "discover, 40 candidates": (lambda: discovered(40), 1),
+        f"discover, {len(effects)} candidates": (lambda: discovered(len(effects)), 1),
         "cross_check": (lambda: cross_check(record, *pair), 2),
         "pysindy.SINDy.fit": (fit_alone, 15),
         "pysindy.WeakPDELibrary": (lambda: peers.weak_sindy(library, W, time, angle), 2),
@@ -74,19 +62,19 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="2,500 samples only")
     options = parser.parse_args()
     rates = SAMPLING_RATES[:1] if options.quick else SAMPLING_RATES
-    found = {}
+    spent = {}
     for rate in rates:
         for name, (call, repeats) in calls(rate).items():
-            found[name, rate] = median_ms(call, repeats)
+            spent[name, rate] = median_ms(call, repeats)
     table = Table("second call in a process", *(f"{25 * rate:,.0f} samples (ms)" for rate in rates))
-    for name in dict.fromkeys(name for name, _ in found):
-        table.add_row(name, *(f"{found[name, rate]:.1f}" for rate in rates))
+    for name in dict.fromkeys(name for name, _ in spent):
+        table.add_row(name, *(f"{spent[name, rate]:.1f}" for rate in rates))
     for peer in ("pysindy.SINDy.fit", "pysindy.WeakPDELibrary"):
-        ratios = (f"{found['Direct', rate] / found[peer, rate]:.2f}" for rate in rates)
+        ratios = (f"{spent['Direct', rate] / spent[peer, rate]:.2f}" for rate in rates)
         table.add_row(f"Direct / {peer}", *ratios)
     command = [sys.executable, "-m", "sysid_trib", "--help"]
-    helped = median_ms(lambda: subprocess.run(command, capture_output=True, check=True), 5)
-    table.add_row("sysid-trib --help", f"{helped:.0f}")
+    help_time = median_ms(lambda: subprocess.run(command, capture_output=True, check=True), 5)
+    table.add_row("sysid-trib --help", f"{help_time:.0f}")
     Console(width=110).print(table)
 
 

@@ -15,15 +15,15 @@ from .sight import SMALL, Glance, Setting, Sight, beside
 SECOND = 0.6
 # A stronger force is no missing effect but another oscillator.
 STRONGEST = 0.3
-# What leaves less than this part of the truth's z is its twin: nine tenths of chi-square are explained by it.
-TWIN = 0.3
-# Shapes of candidates that leave less than this part are searched, in so many responses a shape.
+# A candidate that explains all but this part of the truth's z competes with it: nine tenths of chi-square.
+COMPETING = 0.3
+# Shapes of candidates that explain all but this part are searched, in so many responses a shape.
 NEAR = 0.7
 SEARCHED = 7
 FAR = 1e6
 # A state that takes more steps than these in one of the motion follows at once, as another candidate does.
 QUICKEST = 100
-# What leaves so little is not seen.
+# So small a z is not seen.
 UNSEEN = 4.0
 HIDDEN = [*FORCES, *SENSORS]
 
@@ -54,7 +54,7 @@ class Case:
     # RMS of the noise of the run held out (rad).
     noise: float
     left_out: list[str] = field(default_factory=list)
-    # z that the best one (two) of the candidates would leave of the truth.
+    # z of the truth that the best one (two) of the candidates would not explain.
     beyond: list[float] = field(default_factory=list)
 
 
@@ -162,7 +162,7 @@ def _measured(
 
 
 def _leave_out(case: Case) -> None:
-    """Take the truth's twins from the library, and tell what the best of the others would leave of it."""
+    """Take the truth and what competes with it from the library; z that the best others do not explain."""
     truth, fine = case.hidden[0], case.setting
     # Every other sample shows as much, if its noise counts as much less.
     setting = replace(fine, step=2.0 * fine.step, count=fine.count // 2, level=fine.level / np.sqrt(2.0))
@@ -170,29 +170,29 @@ def _leave_out(case: Case) -> None:
     y = truth.coefficient * sight.response(truth.symbol, truth.shapes)[1]
     # A line at a frequency of its own stands in for nothing else.
     others = {*HIDDEN} - {*setting.oscillator.base, truth.symbol, "ambient"}
-    twin = max(UNSEEN, TWIN * abs(truth.z))
-    left = {symbol: _left_by(symbol, sight, y, twin) for symbol in sorted(others)}
+    limit = max(UNSEEN, COMPETING * abs(truth.z))
+    unexplained = {symbol: _unexplained_by(symbol, sight, y, limit) for symbol in sorted(others)}
     while True:
-        stay = sorted((rest, s) for s, (rest, _) in left.items() if s not in case.left_out)
-        # Any two of them: a combination that leaves what cannot be seen is a twin as well.
+        stay = sorted((rest, s) for s, (rest, _) in unexplained.items() if s not in case.left_out)
+        # Any two of them: a combination that explains all that can be seen competes as well.
         pairs = [
-            (float(np.linalg.norm(beside(y, [left[one][1], left[other][1]]))), one)
-            for (_, one), (_, other) in itertools.combinations(stay, 2)
+            (float(np.linalg.norm(beside(y, [unexplained[first][1], unexplained[second][1]]))), first)
+            for (_, first), (_, second) in itertools.combinations(stay, 2)
         ]
         case.beyond = [stay[0][0], min(pairs)[0]]
         if not case.kind.startswith("left out"):
             return
-        near = [s for rest, s in stay if rest < twin] or [s for rest, s in [min(pairs)] if rest < UNSEEN]
+        near = [s for rest, s in stay if rest < limit] or [s for rest, s in [min(pairs)] if rest < UNSEEN]
         if not near:
             case.left_out = [truth.symbol, *case.left_out]
             return
         case.left_out = [*case.left_out, *near]
 
 
-def _left_by(symbol: str, sight: Sight, y: np.ndarray, twin: float) -> tuple[float, np.ndarray]:
-    """The least that a candidate leaves of a response, over its shapes, and its own response there.
+def _unexplained_by(symbol: str, sight: Sight, y: np.ndarray, limit: float) -> tuple[float, np.ndarray]:
+    """The least part of a response that a candidate does not explain, over its shapes, and its own response.
 
-    The search ends where it is known to be a twin.
+    The search ends where it is known to compete.
     """
     start, w = sight.setting.starts[0], sight.setting.oscillator.w
     tried: list[tuple[float, np.ndarray, Shapes]] = []
@@ -204,14 +204,14 @@ def _left_by(symbol: str, sight: Sight, y: np.ndarray, twin: float) -> tuple[flo
             u = sight.response(symbol, p)[1]
         except (NoDecayError, OverflowError):
             return np.inf
-        left = float(np.linalg.norm(beside(y, [u]))) if np.linalg.norm(u) > 0.0 else np.inf
-        tried.append((left, u, p))
-        return left
+        norm = float(np.linalg.norm(beside(y, [u]))) if np.linalg.norm(u) > 0.0 else np.inf
+        tried.append((norm, u, p))
+        return norm
 
     for p in grid(symbol, start, w):
         rest(p)
     least, u, p = min(tried, key=lambda one: one[0], default=(np.inf, y, {}))
-    if p and twin < least < NEAR * np.linalg.norm(y):
+    if p and limit < least < NEAR * np.linalg.norm(y):
         names = list(p)
         minimize(
             lambda logs: min(rest(dict(zip(names, np.exp(logs).tolist(), strict=True))), FAR),

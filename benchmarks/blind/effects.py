@@ -1,7 +1,7 @@
 """Hidden effects by hand: nothing of the project's formulas is used, so that an error there is seen here.
 
 An effect gives its force `push(x, v, s, c, t, z)`: x angle, v = x'/w, s and c the branches of sign(v) and
-sign(x), t in seconds, z its states. What depends on the past without a differential equation is remembered
+sign(x), t in seconds, z its states. What depends on the past without a differential equation is kept
 at reversals: `begin` at the start, `reverse` at every v = 0.
 """
 

@@ -1,4 +1,4 @@
-"""How a small force moves a motion, to first order: quick, for the search of an effect's twins.
+"""How a small force moves a motion, to first order: quick, for the search of competing effects.
 
 The deviation obeys the motion's own linear equation; two of its solutions are known from the motion, by its
 start angle and its start time, and variation of constants gives the rest.

@@ -12,7 +12,7 @@ STRENGTHS = {"8-20": (9.0, 20.0), "20-60": (20.0, 60.0), "60-300": (60.0, 300.0)
 # Steps through the list of effects, so that a part of the study sees all families; coprime to its length.
 STRIDE = 11
 COLOURS = ("ar1", "ar2", "pink")
-# Pairs are of one of each, so that both can be told.
+# Pairs are of one of each, so that both can be told apart.
 FIRST = ("cubic_damping", "stribeck", "van_der_pol", "damping_drift", "jenkins", "tilted_friction")
 SECOND = ("quintic", "even_drag", "stiffness_drift", "sensor_cubic", "freeplay", "ambient", "even_spring")
 
