@@ -22,13 +22,22 @@ def effects_found(tree: xr.DataTree) -> pd.DataFrame:
             {
                 "effect": f"{step['symbol'].item()}: {step['formula'].item()}",
                 "coefficient": _with_error(step["coefficient"].item(), step["standard_error"].item()),
-                "shapes": step["shapes"].item().strip("{}").replace('"', ""),
-                "tied with": step["ties"].item().partition("; ")[2],
+                "shapes": ", ".join(_shapes(step)),
+                "tied with": "; ".join(
+                    s for s in step.candidate.values[step.credible.values] if s != step["symbol"].item()
+                ),
                 "fit": " to ".join(f"{gap:.3g}" for gap in fit),
                 "held out": " to ".join(f"{gap:.3g}" for gap in out.values[at : at + 2]),
             }
         )
     return pd.DataFrame(rows)
+
+
+def _shapes(step: xr.Dataset) -> list[str]:
+    if "shape" not in step:
+        return []
+    values = step["shape"].dropna("shape_parameter")
+    return [f"{value.shape_parameter.item()} = {value.item():.4g}" for value in values]
 
 
 def coefficients(results: Mapping[str, xr.Dataset]) -> pd.DataFrame:

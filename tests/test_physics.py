@@ -19,9 +19,9 @@ from sysid_trib.physics.energy import arrest_time, dissipated_energy
 from sysid_trib.physics.fingerprint import SLIP_RATIO, slip_fingerprint
 from sysid_trib.physics.force_weights import weights
 from sysid_trib.physics.linear_systems import damp
+from sysid_trib.physics.model_estimate import model_estimate
 from sysid_trib.physics.sliding import sliding_coefficients
 from sysid_trib.physics.units import inertia_with_mass, physical_units
-from sysid_trib.physics.unknowns import unknowns_of
 from sysid_trib.printing.physics import physics_json, physics_sentences
 from sysid_trib.simulation.model import rescaling_factors
 from sysid_trib.simulation.simulate import simulate, trajectory
@@ -177,7 +177,7 @@ def test_errors_of_si_coefficients_hold_those_of_frequency_and_inertia():
 def test_covariance_with_the_frequency_is_recovered_from_a_result():
     for coefficients in (DRY, {"zeta": 0.3, "nu": 0.1}):
         spread = correlated(np.array([*coefficients.values(), W]), 0.02)
-        np.testing.assert_allclose(unknowns_of(known(coefficients, spread)).covariance, spread, rtol=1e-9)
+        np.testing.assert_allclose(model_estimate(known(coefficients, spread)).covariance, spread, rtol=1e-9)
 
 
 # Units, reference, symbols.

@@ -1,10 +1,10 @@
 """Torsional stiffness of the contact, from the frequencies and from the contact's size."""
 
-import numpy as np
 import xarray as xr
 
 from sysid_trib.errors import UsageError
-from sysid_trib.physics.quantities import Array, check_quantity, propagated, with_error
+from sysid_trib.physics.error_propagation import propagate_measured
+from sysid_trib.results.variables import with_error
 
 
 def contact_stiffness(
@@ -20,15 +20,23 @@ def contact_stiffness(
 
     Parameters
     ----------
-    frequency : an identification, whose asymptotic frequency is taken with its error; or w_inf, rad/s.
-    omega0 : frequency without the contact, rad/s.
-    inertia : kg m^2.
-    frequency_standard_error : of a w_inf given as a number, rad/s.
-    omega0_standard_error, inertia_standard_error : of the other two, rad/s and kg m^2.
+    frequency : Dataset or float, rad/s
+        An identification, whose asymptotic frequency is taken with its error; or w_inf.
+    omega0 : float, rad/s
+        Frequency without the contact.
+    inertia : float, kg m^2
+        Moment of inertia.
+    frequency_standard_error : float, rad/s
+        Of a w_inf given as a number.
+    omega0_standard_error : float, rad/s
+        Standard error of `omega0`.
+    inertia_standard_error : float, kg m^2
+        Standard error of `inertia`.
 
     Returns
     -------
-    Dataset with `contact_stiffness` and its standard error, N m (per rad).
+    Dataset
+        `contact_stiffness` and its standard error, N m (per rad).
 
     Raises
     ------
@@ -45,16 +53,15 @@ def contact_stiffness(
         frequency_standard_error = float(frequency.asymptotic_frequency_standard_error.item())
     else:
         w_inf = frequency
-    check_quantity("frequency", w_inf, frequency_standard_error)
-    check_quantity("frequency without contact", omega0, omega0_standard_error)
-    check_quantity("inertia", inertia, inertia_standard_error)
-
-    def stiffness(z: Array) -> float:
-        return float(z[2] * (z[0] ** 2 - z[1] ** 2))
-
-    errors = np.array([frequency_standard_error, omega0_standard_error, inertia_standard_error])
-    found = propagated(stiffness, np.array([w_inf, omega0, inertia]), np.diag(errors**2))
-    return xr.Dataset(with_error("contact_stiffness", (), found, "N m", "torsional stiffness of the contact"))
+    stiffness = propagate_measured(
+        lambda z: z[2] * (z[0] ** 2 - z[1] ** 2),
+        ("frequency", w_inf, frequency_standard_error),
+        ("frequency without contact", omega0, omega0_standard_error),
+        ("inertia", inertia, inertia_standard_error),
+    )
+    return xr.Dataset(
+        with_error("contact_stiffness", (), stiffness, "torsional stiffness of the contact", "N m")
+    )
 
 
 def sphere_stiffness(
@@ -68,23 +75,30 @@ def sphere_stiffness(
 
     Parameters
     ----------
-    shear_modulus : G, Pa.
-    contact_radius : a, m.
-    shear_modulus_standard_error, contact_radius_standard_error : theirs.
+    shear_modulus : float, Pa
+        G.
+    contact_radius : float, m
+        a.
+    shear_modulus_standard_error : float, Pa
+        Standard error of G.
+    contact_radius_standard_error : float, m
+        Standard error of a.
 
     Returns
     -------
-    Dataset with `contact_stiffness` and its standard error, N m (per rad).
+    Dataset
+        `contact_stiffness` and its standard error, N m (per rad).
 
     Raises
     ------
     UsageError
         A quantity that is not positive.
     """
-    check_quantity("shear modulus", shear_modulus, shear_modulus_standard_error)
-    check_quantity("contact radius", contact_radius, contact_radius_standard_error)
-    errors = np.array([shear_modulus_standard_error, contact_radius_standard_error])
-    found = propagated(
-        lambda z: 16.0 * z[0] * z[1] ** 3 / 3.0, np.array([shear_modulus, contact_radius]), np.diag(errors**2)
+    stiffness = propagate_measured(
+        lambda z: 16.0 * z[0] * z[1] ** 3 / 3.0,
+        ("shear modulus", shear_modulus, shear_modulus_standard_error),
+        ("contact radius", contact_radius, contact_radius_standard_error),
     )
-    return xr.Dataset(with_error("contact_stiffness", (), found, "N m", "torsional stiffness of the sphere"))
+    return xr.Dataset(
+        with_error("contact_stiffness", (), stiffness, "torsional stiffness of the sphere", "N m")
+    )

@@ -11,17 +11,20 @@ from scipy.optimize import bisect, brentq
 from sysid_trib.averaging.signatures import averages
 from sysid_trib.errors import LibraryError
 from sysid_trib.forces.force import Force
+from sysid_trib.physics.error_propagation import Array
 from sysid_trib.physics.force_weights import peak
-from sysid_trib.physics.quantities import Array
-from sysid_trib.physics.unknowns import Unknowns, unknowns_of
+from sysid_trib.physics.model_estimate import ModelEstimate, model_estimate
+from sysid_trib.results.variables import text_variable, variable, with_error
 
 # Amplitudes (rad) among which a crossover is sought where a force is no power law: 12 a decade.
 LOWEST, HIGHEST, GRID = 1e-4, np.pi, 55
 RULES = ("peak force", "averaged")
+# Forces of these characters act on the envelope, and on the frequency.
+ACTS_ON = {"envelope": ("dissipative", "mixed"), "frequency": ("conservative", "mixed")}
 # Of ln a, for the slope of two weights that cross.
 STEP = 1e-4
 
-Size = Callable[[Array], Array]
+Weight = Callable[[Array], Array]
 
 
 def crossovers(result: xr.Dataset) -> xr.Dataset:
@@ -29,16 +32,18 @@ def crossovers(result: xr.Dataset) -> xr.Dataset:
 
     Parameters
     ----------
-    result : an identification.
+    result : Dataset
+        An identification.
 
     Returns
     -------
-    Dataset over `pair` (coordinates `first`, `second`, and `acts_on`: envelope or frequency) and `rule`
-    (`peak force`, `averaged`): `amplitude` (rad; nan if there is none; of forces that are no power laws the
-    smallest from 1e-4 to pi) with `amplitude_standard_error`, `crossings`, how many there are, and over
-    `pair` `opposed`, whether the two act against each other at the averaged crossover: a pair of which one
-    feeds and one damps then sustains an oscillation there. Signs do not count for the amplitude. Forces with
-    a past are in both groups.
+    Dataset
+        Over `pair` (coordinates `first`, `second`, and `acts_on`: envelope or frequency) and `rule`
+        (`peak force`, `averaged`): `amplitude` (rad; nan if there is none; of forces that are no power laws
+        the smallest from 1e-4 to pi) with `amplitude_standard_error`, `crossings`, how many there are, and
+        over `pair` `opposed`, whether the two act against each other at the averaged crossover: a pair of
+        which one feeds and one damps then sustains an oscillation there. Signs do not count for the
+        amplitude. History-dependent forces are in both groups.
 
     Raises
     ------
@@ -51,103 +56,93 @@ def crossovers(result: xr.Dataset) -> xr.Dataset:
     averages in the frequency, 32 nu/(9 pi epsilon). By averages the first are 3 pi zeta/(4 delta) and
     2 lambda/(pi zeta), by peak force the last is nu/epsilon.
     """
-    found = unknowns_of(result)
-    at, rows, sizes = [], [], _Sizes(found)
-    for acts_on, kinds in (
-        ("envelope", ("dissipative", "mixed")),
-        ("frequency", ("conservative", "mixed")),
-    ):
-        group = [i for i, force in enumerate(found.forces) if force.character in kinds]
+    estimate = model_estimate(result)
+    tables, pairs, rows = _WeightTables(estimate), [], []
+    for acts_on, characters in ACTS_ON.items():
+        group = [i for i, force in enumerate(estimate.forces) if force.character in characters]
         for pair in itertools.combinations(group, 2):
-            at.append((*(found.symbols[i] for i in pair), acts_on))
-            rows.append([_crossing(found, pair, [sizes(i, acts_on, rule) for i in pair]) for rule in RULES])
+            pairs.append((*(estimate.symbols[i] for i in pair), acts_on))
+            rows.append(
+                [_crossing(estimate, pair, [tables(i, acts_on, rule) for i in pair]) for rule in RULES]
+            )
     table = np.array(rows, dtype=float).reshape(-1, len(RULES), 4)
-    told = {"units": "rad", "long_name": "amplitude at which two forces weigh the same"}
-    error = told | {"long_name": "standard error of the amplitude"}
-    data = {
-        "amplitude": (("pair", "rule"), table[..., 0], told),
-        "amplitude_standard_error": (("pair", "rule"), table[..., 1], error),
-        "crossings": (("pair", "rule"), table[..., 2].astype(int), {"units": "1", "long_name": "crossings"}),
-        "opposed": ("pair", table[:, 1, 3] > 0, {"long_name": "whether they act against each other"}),
-    }
-    first, second, acts_on_each = (np.array([row[k] for row in at], dtype=str) for k in range(3))
-    return xr.Dataset(
-        data,
-        {
-            "pair": np.array([f"{one} {two} {kind}" for one, two, kind in at], dtype=str),
-            "rule": list(RULES),
-            "first": ("pair", first),
-            "second": ("pair", second),
-            "acts_on": ("pair", acts_on_each),
-        },
-        {"library": result.attrs["library"]},
+    both = ("pair", "rule")
+    told = "amplitude at which two forces weigh the same"
+    data = with_error("amplitude", both, (table[..., 0], table[..., 1]), told, "rad")
+    data["crossings"] = variable(both, table[..., 2].astype(int), "number of crossings", "1")
+    data["opposed"] = variable("pair", table[:, 1, 3] > 0, "whether they act against each other")
+    columns = dict(
+        zip(("first", "second", "acts_on"), np.array(pairs, dtype=str).reshape(-1, 3).T, strict=True)
     )
+    coords = {name: text_variable("pair", texts, name.replace("_", " ")) for name, texts in columns.items()}
+    coords["pair"] = text_variable("pair", [" ".join(pair) for pair in pairs], "the two and what they act on")
+    return xr.Dataset(data, coords | {"rule": list(RULES)}, estimate.provenance)
 
 
-class _Sizes:
+class _WeightTables:
     """Weight of each force with coefficient 1 as a function of amplitude, tabulated once."""
 
-    def __init__(self, found: Unknowns) -> None:
-        self.found = found
+    def __init__(self, estimate: ModelEstimate) -> None:
+        self.estimate = estimate
         self.grid = np.geomspace(LOWEST, HIGHEST, GRID)
-        self.tables: dict[tuple[int, str, str], tuple[Size, Array]] = {}
+        self.tables: dict[tuple[int, str, str], tuple[Weight, Array]] = {}
 
-    def __call__(self, i: int, acts_on: str, rule: str) -> tuple[Size, Array]:
+    def __call__(self, i: int, acts_on: str, rule: str) -> tuple[Weight, Array]:
         key = (i, acts_on if rule == "averaged" else "", rule)
         if key not in self.tables:
-            size = self._size(self.found.forces[i], acts_on, rule)
-            self.tables[key] = size, size(self.grid)
+            weight = self._weight(self.estimate.forces[i], acts_on, rule)
+            self.tables[key] = weight, weight(self.grid)
         return self.tables[key]
 
-    def _size(self, force: Force, acts_on: str, rule: str) -> Size:
-        def size(a: Array) -> Array:
+    def _weight(self, force: Force, acts_on: str, rule: str) -> Weight:
+        def weight(a: Array) -> Array:
             if rule == "peak force":
-                return peak(force, a, self.found.shapes)
-            return averages(force, a, self.found.shapes)[0 if acts_on == "envelope" else 1]
+                return peak(force, a, self.estimate.shapes)
+            return averages(force, a, self.estimate.shapes)[0 if acts_on == "envelope" else 1]
 
         def where_finite(a: Array) -> Array:
             try:
-                return size(a)
+                return weight(a)
             except LibraryError:
-                found = np.full(a.size, np.nan)
-            # A limit of a formula: what lies beyond is no amplitude of this force.
+                finite = np.full(a.size, np.nan)
+            # A limit of a formula: larger amplitudes are none of this force.
             with suppress(LibraryError):
                 for i in range(a.size if a.size > 1 else 0):
-                    found[i] = size(a[i : i + 1])[0]
-            return found
+                    finite[i] = weight(a[i : i + 1])[0]
+            return finite
 
         return where_finite
 
 
 def _crossing(
-    found: Unknowns, pair: tuple[int, ...], sizes: list[tuple[Size, Array]]
+    estimate: ModelEstimate, pair: tuple[int, ...], tables: list[tuple[Weight, Array]]
 ) -> tuple[float, float, int, bool]:
     """Smallest amplitude of equal weights, its error, how many there are, and whether they are opposed."""
-    c, spread = found.coefficients[list(pair)], found.spread[np.ix_(pair, pair)]
+    c, covariance = estimate.coefficients[list(pair)], estimate.coefficient_covariance[np.ix_(pair, pair)]
 
-    def difference(tables: list[Array]) -> Array:
+    def difference(weights: list[Array]) -> Array:
         with np.errstate(all="ignore"):
-            levels = [np.log(np.abs(k * table)) for k, table in zip(c, tables, strict=True)]
+            levels = [np.log(np.abs(k * weight)) for k, weight in zip(c, weights, strict=True)]
             return levels[0] - levels[1]
 
     def at(log_a: float) -> float:
-        return float(difference([size(np.array([np.exp(log_a)])) for size, _ in sizes])[0])
+        return float(difference([weight(np.array([np.exp(log_a)])) for weight, _ in tables])[0])
 
-    degrees = [found.forces[i].degree for i in pair]
+    degrees = [estimate.forces[i].degree for i in pair]
     if degrees[0] is not None and degrees[1] is not None:
         level = at(0.0)
         powers = degrees[1] - degrees[0]
         roots = [level / powers] if powers and np.isfinite(level) else []
     else:
-        roots = _roots(at, difference([table for _, table in sizes]))
+        roots = _roots(at, difference([table for _, table in tables]))
     if not roots:
         return np.nan, np.nan, 0, False
     root = min(roots)
     a = float(np.exp(root))
     slope = (at(root + STEP) - at(root - STEP)) / (2.0 * STEP)
     gradient = np.array([1.0, -1.0]) / c
-    error = a * float(np.sqrt(gradient @ spread @ gradient)) / abs(slope) if slope else np.nan
-    signed = [k * size(np.array([a]))[0] for k, (size, _) in zip(c, sizes, strict=True)]
+    error = a * float(np.sqrt(gradient @ covariance @ gradient)) / abs(slope) if slope else np.nan
+    signed = [k * weight(np.array([a]))[0] for k, (weight, _) in zip(c, tables, strict=True)]
     return a, error, len(roots), bool(signed[0] * signed[1] < 0)
 
 

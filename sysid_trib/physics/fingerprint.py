@@ -5,15 +5,15 @@ import xarray as xr
 from scipy.stats import norm
 
 from sysid_trib.errors import UsageError
-from sysid_trib.physics.quantities import with_error
-from sysid_trib.physics.unknowns import unknowns_of
+from sysid_trib.physics.model_estimate import model_estimate
+from sysid_trib.results.variables import variable, with_error
 
 # nu/delta of a contact that slips from its rim inwards.
 SLIP_RATIO = -0.75 * np.pi
 # Part of it by which the six forces may miss it: on simulated slip (kappa 0.005 to 0.2, zeta 0.002 and 0.01)
 # they give -2.0 to -2.3, because the loops of a decay do not close and epsilon takes its share of nu.
 ALLOWED = 0.1
-# Below this probability of so large a difference by chance the ratio is another one.
+# Below this p-value the ratio is another one.
 LEVEL = 0.01
 # A ratio tells something if its quadratic friction is so many errors from zero, and it is known this well.
 SIGNIFICANT = 3.0
@@ -25,14 +25,16 @@ def slip_fingerprint(result: xr.Dataset) -> xr.Dataset:
 
     Parameters
     ----------
-    result : an identification with the forces of formulas `x*abs(x)` (nu) and `v*abs(v)` (delta).
+    result : Dataset
+        An identification with the forces of formulas `x*abs(x)` (nu) and `v*abs(v)` (delta).
 
     Returns
     -------
-    Dataset with `ratio` and its standard error, `slip_ratio` = -3 pi/4, `allowance` (a tenth of it, by which
-    six forces miss the ratio of a slipping contact), `z` and `p_value` of the difference with both,
-    `significance` of delta (its size over its error). attrs: `verdict`, which is `compatible`, `not
-    compatible` or `undecided` (the errors allow anything), and `numerator`, `denominator`, their symbols.
+    Dataset
+        `ratio` and its standard error, `slip_ratio` = -3 pi/4, `allowance` (a tenth of it, by which six
+        forces miss the ratio of a slipping contact), `z` and `p_value` of the difference with both,
+        `significance` of delta (its size over its error). attrs: `verdict`, which is `compatible`, `not
+        compatible` or `undecided` (the errors allow anything), and `numerator`, `denominator`, their symbols.
 
     Raises
     ------
@@ -46,34 +48,34 @@ def slip_fingerprint(result: xr.Dataset) -> xr.Dataset:
     where delta is not significant and the ratio has no symmetric error (Fieller). A nu of another cause, as a
     magnet's, hides the fingerprint.
     """
-    found = unknowns_of(result)
-    roles = [found.library.role(formula) for formula in ("x*abs(x)", "v*abs(v)")]
+    estimate = model_estimate(result)
+    roles = [estimate.library.role(formula) for formula in ("x*abs(x)", "v*abs(v)")]
     if roles[0] is None or roles[1] is None:
         raise UsageError("The fingerprint of slip needs forces of formulas x*abs(x) and v*abs(v).")
     symbols = [force.symbol for force in roles if force is not None]
-    at = [found.symbols.index(symbol) for symbol in symbols]
-    (nu, delta), spread = found.coefficients[at], found.spread[np.ix_(at, at)]
+    at = [estimate.symbols.index(symbol) for symbol in symbols]
+    (nu, delta), covariance = estimate.coefficients[at], estimate.coefficient_covariance[np.ix_(at, at)]
     combination = np.array([1.0, -SLIP_RATIO])
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = nu / delta
         slope = np.array([1.0, -ratio]) / delta
-        error = np.sqrt(slope @ spread @ slope)
-        variance = combination @ spread @ combination + (ALLOWED * SLIP_RATIO * delta) ** 2
+        error = np.sqrt(slope @ covariance @ slope)
+        variance = combination @ covariance @ combination + (ALLOWED * SLIP_RATIO * delta) ** 2
         z = (combination @ [nu, delta]) / np.sqrt(variance)
-        significance = delta / np.sqrt(spread[1, 1])
-    p_value = float(2.0 * norm.sf(abs(z)))
+        significance = delta / np.sqrt(covariance[1, 1])
+    p_value = 2.0 * norm.sf(abs(z))
     known = abs(significance) >= SIGNIFICANT and error <= SHARP * abs(SLIP_RATIO)
     # Slip takes energy: a quadratic friction that feeds it in is another thing.
     other = p_value < LEVEL or significance <= -SIGNIFICANT
     verdict = "not compatible" if other else "compatible" if known else "undecided"
-    data = with_error("ratio", (), (ratio, error), "1", f"{symbols[0]}/{symbols[1]}")
-    for name, value, told in (
+    numbers = (
         ("slip_ratio", SLIP_RATIO, "ratio of partial slip"),
         ("allowance", ALLOWED * abs(SLIP_RATIO), "error of the ratio as a fingerprint"),
         ("z", z, "difference from partial slip over its error"),
-        ("p_value", p_value, "probability of so large a difference by chance"),
+        ("p_value", p_value, "p-value of partial slip"),
         ("significance", abs(significance), f"size of {symbols[1]} over its standard error"),
-    ):
-        data[name] = ((), float(value), {"units": "1", "long_name": told})
+    )
+    data = with_error("ratio", (), (ratio, error), f"{symbols[0]}/{symbols[1]}")
+    data |= {name: variable((), float(value), long_name, "1") for name, value, long_name in numbers}
     attrs = {"verdict": verdict, "numerator": symbols[0], "denominator": symbols[1]}
     return xr.Dataset(data, attrs=attrs)

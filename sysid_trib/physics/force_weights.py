@@ -12,8 +12,9 @@ from sysid_trib.averaging.collocation import Index, Panels, solve_states
 from sysid_trib.averaging.internal_states import states_along
 from sysid_trib.averaging.signatures import averages
 from sysid_trib.forces.force import Force
-from sysid_trib.physics.quantities import Array, amplitudes, with_error
-from sysid_trib.physics.unknowns import unknowns_of
+from sysid_trib.physics.error_propagation import Array, amplitude_row
+from sysid_trib.physics.model_estimate import model_estimate
+from sysid_trib.results.variables import with_error
 
 # Points of a cycle on which the peak of a force is sought; every maximum of a power of x or v is one of them.
 POINTS = 1440
@@ -29,17 +30,21 @@ def weights(result: xr.Dataset, amplitude: ArrayLike, *, time: float = 0.0) -> x
 
     Parameters
     ----------
-    result : an identification.
-    amplitude : rad, a number or one row of them.
-    time : `t` of the formulas, s.
+    result : Dataset
+        An identification.
+    amplitude : float or (amplitude,) array of float, rad
+        A number or one row of them.
+    time : float, s
+        `t` of the formulas.
 
     Returns
     -------
-    Dataset over `force` (and `amplitude`): `peak_force` = |c| max |h| (rad; the paper's lambda, 2 zeta a,
-    delta a^2), `decay` = -c <h sin phi> (rad of amplitude lost per rad of phase), `frequency_shift` =
-    c <h cos phi>/a (1); `decay_share` and `frequency_share`, each over the sum of their sizes, negative
-    where a force feeds energy in or lowers the frequency, nan if none acts. Each with its standard error.
-    All at the result's reference frequency, also an alpha that was stated at another.
+    Dataset
+        Over `force` (and `amplitude`): `peak_force` = |c| max |h| (rad; the paper's lambda, 2 zeta a,
+        delta a^2), `decay` = -c <h sin phi> (rad of amplitude lost per rad of phase), `frequency_shift` =
+        c <h cos phi>/a (1); `decay_share` and `frequency_share`, each over the sum of their sizes, negative
+        where a force feeds energy in or lowers the frequency, nan if none acts. Each with its standard
+        error. All at the result's reference frequency, also an alpha that was stated at another.
 
     Raises
     ------
@@ -48,48 +53,49 @@ def weights(result: xr.Dataset, amplitude: ArrayLike, *, time: float = 0.0) -> x
     LibraryError
         A force that is not finite on such a cycle.
     """
-    found, a = unknowns_of(result), amplitudes(amplitude)
-    unit = np.array([averages(force, a, found.shapes, np.full(a.size, time)) for force in found.forces])
-    peaks = np.array([peak(force, a, found.shapes, time) for force in found.forces])
-    c, errors = found.coefficients[:, None], np.sqrt(np.diag(found.spread))[:, None]
-    dims = ("force", "amplitude")
+    estimate, a = model_estimate(result), amplitude_row(amplitude)
+    forces, shapes = estimate.forces, estimate.shapes
+    unit = np.array([averages(force, a, shapes, np.full(a.size, time)) for force in forces])
+    peaks = np.array([peak(force, a, shapes, time) for force in forces])
+    c, covariance = estimate.coefficients[:, None], estimate.coefficient_covariance
+    errors, dims = np.sqrt(np.diag(covariance))[:, None], ("force", "amplitude")
     # A zero without a sign.
     decay, shift = 0.0 - unit[:, 0], unit[:, 1] / a + 0.0
+    decay_shares, shift_shares = (shares(c * part, part, covariance) for part in (decay, shift))
     data = (
-        with_error("peak_force", dims, (np.abs(c) * peaks, errors * peaks), "rad", "peak force")
-        | with_error("decay", dims, (c * decay, errors * np.abs(decay)), "rad", "loss of amplitude per rad")
-        | with_error("frequency_shift", dims, (c * shift, errors * np.abs(shift)), "1", "frequency shift")
-        | with_error("decay_share", dims, shares(c * decay, decay, found.spread), "1", "share in the decay")
-        | with_error(
-            "frequency_share", dims, shares(c * shift, shift, found.spread), "1", "share in the shift"
-        )
+        with_error("peak_force", dims, (np.abs(c) * peaks, errors * peaks), "peak force", "rad")
+        | with_error("decay", dims, (c * decay, errors * np.abs(decay)), "loss of amplitude per rad", "rad")
+        | with_error("frequency_shift", dims, (c * shift, errors * np.abs(shift)), "frequency shift")
+        | with_error("decay_share", dims, decay_shares, "share in the decay")
+        | with_error("frequency_share", dims, shift_shares, "share in the shift")
     )
-    coords = {
-        "force": found.symbols,
-        "amplitude": ("amplitude", a, {"units": "rad", "long_name": "amplitude"}),
-    }
-    labelled = xr.Dataset(data, coords, {"library": result.attrs["library"]})
-    return labelled if np.ndim(amplitude) else labelled.isel(amplitude=0)
+    return estimate.over_amplitude(data, amplitude)
 
 
-def shares(terms: Array, unit: Array, spread: Array) -> tuple[Array, Array]:
-    """Each term, (force, amplitude), over the sum of their sizes, and its standard error.
+def shares(terms: Array, unit: Array, covariance: Array) -> tuple[Array, Array]:
+    """Each term over the sum of their sizes, and its standard error.
 
-    `unit` are the terms of coefficients 1, `spread` the covariance of the coefficients.
+    Parameters
+    ----------
+    terms : (force, amplitude) array of float
+        The terms.
+    unit : (force, amplitude) array of float
+        The terms of coefficients 1.
+    covariance : (force, force) array of float
+        Covariance of the coefficients.
     """
-    size = np.abs(terms)
-    total = size.sum(axis=0)
+    total = np.abs(terms).sum(axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
         share = terms / total + 0.0
         # d share_i / d c_j = u_j (delta_ij - share_i sgn_j) / total
         sign = np.where(terms < 0, -1.0, 1.0)
         slope = (np.eye(len(terms))[:, :, None] - share[:, None, :] * sign[None]) * unit[None] / total
-    variance = np.einsum("ija,jk,ika->ia", slope, spread, slope)
+    variance = np.einsum("ija,jk,ika->ia", slope, covariance, slope)
     return share, np.sqrt(np.maximum(variance, 0.0))
 
 
 def peak(force: Force, a: Array, shapes: Mapping[str, float], time: float = 0.0) -> Array:
-    """Largest |h| on the cycles of these amplitudes (rad), of a force with a past on its settled cycle.
+    """Largest |h| on the cycles of these amplitudes (rad); internal states are on their settled cycle.
 
     Of a force with memory it is half from peak to peak.
     """
@@ -115,8 +121,8 @@ def _settled_peak(force: Force, a: float, shapes: Mapping[str, float], time: flo
     x, v = a * np.cos(tau), -a * np.sin(tau)
     hidden = states_along(force, tau, x, v, shapes, time=time)
     last = slice(-POINTS_WITH_MEMORY, None)
-    past = {name: value[last] for name, value in hidden.items()}
-    h = force.value(x[last], v[last], time, shapes=shapes, hidden=past)
+    settled = {name: value[last] for name, value in hidden.items()}
+    h = force.value(x[last], v[last], time, shapes=shapes, hidden=settled)
     # Half from peak to peak: an offset is what the memory began with.
     return 0.5 * float(np.ptp(h))
 
@@ -131,9 +137,9 @@ def _steady_peaks(force: Force, a: Array, shapes: Mapping[str, float], time: flo
     def names(row: Index, phi: Array) -> dict[str, Any]:
         return {"x": a[row] * np.cos(phi), "v": -a[row] * np.sin(phi), "t": time, **given}
 
-    found = solve_states(force, Panels(row, row, low, high), names)
-    at = found.panels.row[:, None]
-    h = force.formula.evaluate(names(at, found.tau) | found.named(force))
+    cycles = solve_states(force, Panels(row, row, low, high), names)
+    at = cycles.panels.row[:, None]
+    h = force.formula.evaluate(names(at, cycles.tau) | cycles.named(force))
     peaks = np.zeros(a.size)
-    np.maximum.at(peaks, np.broadcast_to(at, found.tau.shape), np.abs(h))
+    np.maximum.at(peaks, np.broadcast_to(at, cycles.tau.shape), np.abs(h))
     return peaks

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from sysid_trib.averaging.signatures import averages
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import Force
-from sysid_trib.physics.quantities import Variables, check_quantity, propagated, with_error
-from sysid_trib.physics.unknowns import unknowns_of
+from sysid_trib.physics.error_propagation import check_quantity, propagate
+from sysid_trib.physics.model_estimate import model_estimate
 from sysid_trib.results.schema import model_of
+from sysid_trib.results.variables import Variables, variable, with_error
 from sysid_trib.simulation.model import Model
 
 if TYPE_CHECKING:
@@ -20,8 +21,15 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 # Distances from rest (rad) at which a force's slopes are compared: where they differ it has none.
-NEAR, NEARER = 1e-7, 1e-8
-SMOOTH = 1e-3
+OUTER_STEP, INNER_STEP = 1e-7, 1e-8
+SLOPE_TOLERANCE = 1e-3
+# What `damp` gives of each pole, with its unit.
+POLE = {
+    "natural_frequency": ("natural frequency", "rad/s"),
+    "damping_ratio": ("damping ratio", "1"),
+    "growth_rate": ("real part of the pole", "rad/s"),
+    "frequency": ("imaginary part of the pole", "rad/s"),
+}
 
 
 def to_nonlinear_system(
@@ -31,14 +39,18 @@ def to_nonlinear_system(
 
     Parameters
     ----------
-    model : a model, or an identification.
-    inertia : moment of inertia, kg m^2.
+    model : Model or Dataset
+        A model, or an identification.
+    inertia : float, kg m^2, optional
+        Moment of inertia.
 
     Returns
     -------
-    System with states and outputs `theta` (rad), `theta_dot` (rad/s) and the internal states of forces
-    (`dahl_z`), and the input `torque`: N m with an inertia, else torque over inertia, rad/s^2. Its parameters
-    are the coefficients. `t` in a formula is the time of the simulation. Sensor terms are left out.
+    control.NonlinearIOSystem
+        States and outputs are `theta` (rad), `theta_dot` (rad/s) and the internal states of forces
+        (`dahl_z`); the input is `torque`: N m with an inertia, else torque over inertia, rad/s^2. Its
+        parameters are the coefficients. `t` in a formula is the time of the simulation. Sensor terms are
+        left out.
 
     Raises
     ------
@@ -82,16 +94,20 @@ def linearise(
 
     Parameters
     ----------
-    model : a model, or an identification.
-    amplitude : rad; every force is replaced by its describing function at this amplitude, the stiffness
-        2 <h cos phi>/a and damping -2 <h sin phi>/a. None: the slopes at rest; a force without slopes there,
-        as dry friction or a detent, is left out.
-    inertia : as for `to_nonlinear_system`.
+    model : Model or Dataset
+        A model, or an identification.
+    amplitude : float, rad, optional
+        Every force is replaced by its describing function at this amplitude, the stiffness 2 <h cos phi>/a
+        and damping -2 <h sin phi>/a. None: the slopes at rest; a force without slopes there, as dry friction
+        or a detent, is left out.
+    inertia : float, kg m^2, optional
+        As for `to_nonlinear_system`.
 
     Returns
     -------
-    System with states and outputs `theta` (rad), `theta_dot` (rad/s) and the input `torque`; at rest also
-    with the internal states of the forces that are kept. About a cycle `t` in a formula is zero.
+    control.StateSpace
+        States and outputs are `theta` (rad) and `theta_dot` (rad/s), the input is `torque`; at rest also
+        the internal states of the forces that are kept. About a cycle `t` in a formula is zero.
 
     Raises
     ------
@@ -124,14 +140,17 @@ def damp(model: Model | xr.Dataset, amplitude: float | None = None) -> xr.Datase
 
     Parameters
     ----------
-    model : a model, or an identification.
-    amplitude : as for `linearise`.
+    model : Model or Dataset
+        A model, or an identification.
+    amplitude : float, rad, optional
+        As for `linearise`.
 
     Returns
     -------
-    Dataset over `pole`: `natural_frequency` (rad/s), its size, `damping_ratio`, and the pole itself as
-    `growth_rate` and `frequency` (rad/s), its real and imaginary part. Of an identification each with the
-    standard error that its covariance gives.
+    Dataset
+        Over `pole`: `natural_frequency` (rad/s), its size, `damping_ratio`, and the pole itself as
+        `growth_rate` and `frequency` (rad/s), its real and imaginary part. Of an identification each with
+        the standard error that its covariance gives.
 
     Raises
     ------
@@ -146,35 +165,27 @@ def damp(model: Model | xr.Dataset, amplitude: float | None = None) -> xr.Datase
         order = np.lexsort((poles.imag, np.round(natural / of.reference_frequency, 9)))
         return np.stack([natural, ratio, poles.real, poles.imag])[:, order]
 
+    values, errors = modes(_model(model)), None
     if isinstance(model, xr.Dataset):
-        unknowns = unknowns_of(model)
-        found = propagated(lambda z: modes(unknowns.model(z)), unknowns.values, unknowns.covariance)
-    else:
-        values = modes(_model(model))
-        found = values, np.full(values.shape, np.nan)
+        estimate = model_estimate(model)
+        values, errors = propagate(lambda z: modes(estimate.model(z)), estimate.values, estimate.covariance)
     data: Variables = {}
-    for i, (name, units, long_name) in enumerate(
-        (
-            ("natural_frequency", "rad/s", "natural frequency"),
-            ("damping_ratio", "1", "damping ratio"),
-            ("growth_rate", "rad/s", "real part of the pole"),
-            ("frequency", "rad/s", "imaginary part of the pole"),
-        )
-    ):
-        labelled = with_error(name, ("pole",), (found[0][i], found[1][i]), units, long_name)
-        data |= labelled if isinstance(model, xr.Dataset) else {name: labelled[name]}
+    for i, (name, (long_name, units)) in enumerate(POLE.items()):
+        if errors is None:
+            data[name] = variable("pole", values[i], long_name, units)
+        else:
+            data |= with_error(name, "pole", (values[i], errors[i]), long_name, units)
     return xr.Dataset(data)
 
 
-def _model(given: Model | xr.Dataset) -> Model:
-    model = given if isinstance(given, Model) else model_of(given)
-    return model
+def _model(model: Model | xr.Dataset) -> Model:
+    return model if isinstance(model, Model) else model_of(model)
 
 
 def _gain(inertia: float | None) -> float:
     if inertia is None:
         return 1.0
-    check_quantity("inertia", inertia, 0.0)
+    check_quantity("inertia", inertia)
     return 1.0 / inertia
 
 
@@ -195,19 +206,16 @@ def _field(model: Model, coefficients: Mapping[str, float], state: Any, time: fl
     for force in model.forces:
         hidden = dict(zip(force.state, np.asarray(state)[at:].tolist(), strict=False))
         at += len(force.state)
-        rates[1] -= w**2 * coefficients[force.symbol] * float(_value(force, model, x, v, time, hidden))
+        h = float(force.value(x, v, time, shapes=model.shapes, hidden=hidden))
+        rates[1] -= w**2 * coefficients[force.symbol] * h
         names = {"x": x, "v": v, "t": time, **hidden, **force.shape_values(model.shapes)}
         rates += [w * float(formula.evaluate(names)) for formula in force.state.values()]
     return np.array(rates, dtype=float)
 
 
-def _value(force: Force, model: Model, x: float, v: float, time: float, hidden: Mapping[str, float]) -> float:
-    return float(force.value(x, v, time, shapes=model.shapes, hidden=hidden))
-
-
 def _about_a_cycle(model: Model, amplitude: float) -> tuple[Array, list[str]]:
     """System matrix with every force's describing function, and the names of its states."""
-    check_quantity("amplitude", amplitude, 0.0)
+    check_quantity("amplitude", amplitude)
     w = model.reference_frequency
     sums = np.zeros(2)
     for force in model.forces:
@@ -254,12 +262,14 @@ def _slopes(force: Force, model: Model) -> Array | None:
         return np.zeros((1, count))
     origin = rows(np.zeros(count))
     units = np.eye(count)
-    central = np.stack([(rows(NEARER * u) - rows(-NEARER * u)) / (2.0 * NEARER) for u in units], axis=1)
+    central = np.stack(
+        [(rows(INNER_STEP * u) - rows(-INNER_STEP * u)) / (2.0 * INNER_STEP) for u in units], axis=1
+    )
     # A slope at rest serves every direction, near and nearer.
     directions = [*units, *-units, *np.random.default_rng(5).standard_normal((4, count))]
-    for reach in (NEAR, NEARER):
+    for step in (OUTER_STEP, INNER_STEP):
         for u in directions:
-            gap = (rows(reach * u) - origin)[0] / reach - central[0] @ u
-            if not abs(gap) <= SMOOTH * max(1.0, np.abs(central[0]).max()):
+            difference = (rows(step * u) - origin)[0] / step - central[0] @ u
+            if not abs(difference) <= SLOPE_TOLERANCE * max(1.0, np.abs(central[0]).max()):
                 return None
     return central

@@ -1,7 +1,6 @@
 """Identification in sliding windows, to see whether the coefficients stay the same during a decay."""
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -9,10 +8,11 @@ import xarray as xr
 from sysid_trib.decays.half_periods import HalfPeriods
 from sysid_trib.decays.half_sines import usable_half_periods
 from sysid_trib.errors import DecayError, SysidTribError, UsageError
-from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.physics.constant import constancy, windows_apart
-from sysid_trib.physics.quantities import Array, Variables, propagated, with_error
-from sysid_trib.physics.unknowns import unknowns_of
+from sysid_trib.forces.force import Force, ForceLibrary
+from sysid_trib.physics.constant import constancy, separate_windows
+from sysid_trib.physics.error_propagation import Array, propagate
+from sysid_trib.physics.model_estimate import model_estimate
+from sysid_trib.results.variables import PER_FORCE_UNIT, text_variable, variable, with_error
 from sysid_trib.simulation.model import rescaling_factors
 from sysid_trib.validation.cross_check import Method
 
@@ -31,21 +31,28 @@ def sliding_coefficients(
 
     Parameters
     ----------
-    decay : `angle(time)` in rad, as `free_decay` returns it.
-    library, method : as for `identify`. With the method's `reference_frequency` the frequency is held in
-        every window, and a change of the linear stiffness shows in the force of formula `x`; without it the
-        frequency is fitted in every window and shows it itself.
-    window_periods : length of a window in periods, at least 3.
-    overlap : part of a window that it shares with the next, 0 to less than 1.
+    decay : Dataset
+        `angle(time)` in rad, as `free_decay` returns it.
+    library : ForceLibrary
+        The forces, as for `identify`.
+    method : method
+        As for `identify`. With the method's `reference_frequency` the frequency is held in every window, and
+        a change of the linear stiffness shows in the force of formula `x`; without it the frequency is fitted
+        in every window and shows it itself.
+    window_periods : float
+        Length of a window in periods, at least 3.
+    overlap : float
+        Part of a window that the next has too, 0 to less than 1.
 
     Returns
     -------
-    Dataset over `window` (coordinates `window_time`, its centre in s, and `amplitude`, mean in rad) and
-    `force`: `coefficient`, `standard_error`, all referred to the one `common_frequency` (rad/s) although each
-    window's method has its own; `reference_frequency(window)` (rad/s) with its error; `reason(window)`, why
-    the method could not decide, its numbers being nan; `apart(window)`, the windows of the tests. Tests of
-    each force over these: `chi_square`, `degrees_of_freedom`, `p_value` of a constant coefficient,
-    `trend` (per s) with its error, `trend_p_value`.
+    Dataset
+        Over `window` (coordinates `window_time`, its centre in s, and `amplitude`, mean in rad) and `force`:
+        `coefficient`, `standard_error`, all referred to the one `common_frequency` (rad/s) although each
+        window's method has its own; `reference_frequency(window)` (rad/s) with its error; `decided(window)`
+        and the `reason(window)` why the method could not decide, its numbers being nan; `apart(window)`, the
+        windows of the tests. Tests of each force over these: `chi_square`, `degrees_of_freedom`, `p_value`
+        of a constant coefficient, `trend` (per s) with its error, `trend_p_value`.
 
     Raises
     ------
@@ -78,19 +85,20 @@ def sliding_coefficients(
             f"Two windows of {window_periods:g} periods ({length:.3g} s) do not fit into "
             f"{time[-1] - time[0]:.3g} s; take shorter ones."
         )
-    found, reasons = zip(*_identified(decay, library, method, starts, length), strict=True)
-    decided = [result for result in found if result is not None]
+    results, reasons = zip(*_identified(decay, library, method, starts, length), strict=True)
+    decided = [result for result in results if result is not None]
     if not decided:
         raise DecayError(f"No window could be decided; in the first: {reasons[0]}")
-    table = _converted(found, decided)
-    table["reason"] = ("window", list(reasons), {"long_name": "why the window could not be decided"})
-    table["apart"] = ("window", windows_apart(starts, length), {"long_name": "whether it enters the tests"})
-    centre = {"units": "s", "long_name": "centre of the window"}
-    mean = {"units": "rad", "long_name": "mean amplitude in the window"}
+    table = _converted(results, decided).assign(
+        decided=variable("window", [not reason for reason in reasons], "whether it could be decided"),
+        reason=text_variable("window", reasons, "why the window could not be decided"),
+        apart=variable("window", separate_windows(starts, length), "whether it enters the tests"),
+    )
+    amplitude = _mean_amplitudes(halves, starts, length)
     table = table.assign_coords(
         window=np.arange(starts.size),
-        window_time=("window", starts + 0.5 * length, centre),
-        amplitude=("window", _mean_amplitudes(halves, starts, length), mean),
+        window_time=variable("window", starts + 0.5 * length, "centre of the window", "s"),
+        amplitude=variable("window", amplitude, "mean amplitude in the window", "rad"),
     )
     return table.assign(constancy(table)).assign_attrs(decided[0].attrs)
 
@@ -107,33 +115,32 @@ def _identified(
             yield None, str(error)
 
 
-def _converted(found: tuple[xr.Dataset | None, ...], decided: list[xr.Dataset]) -> xr.Dataset:
+def _converted(results: tuple[xr.Dataset | None, ...], decided: list[xr.Dataset]) -> xr.Dataset:
     """Coefficients and errors of every window at the mean of the windows' reference frequencies."""
     common = _common_frequency(decided)
     symbols = decided[0].force.values.tolist()
-    values = np.full((2, len(found), len(symbols)), np.nan)
-    frequency = np.full((2, len(found)), np.nan)
-    for i, result in enumerate(found):
+    values = np.full((2, len(results), len(symbols)), np.nan)
+    frequency = np.full((2, len(results)), np.nan)
+    for i, result in enumerate(results):
         if result is None:
             continue
-        unknowns = unknowns_of(result)
-        forces = unknowns.forces
+        estimate = model_estimate(result)
 
-        def at_common(z: Array, forces: Any = forces) -> Array:
+        def at_common(z: Array, forces: tuple[Force, ...] = estimate.forces) -> Array:
             factors = rescaling_factors(forces, float(z[-1]), common)
             # A force that cannot be converted keeps the window's own frequency.
             return np.asarray(z[:-1] * np.where(np.isfinite(factors), factors, 1.0))
 
-        values[:, i] = propagated(at_common, unknowns.values, unknowns.covariance)
-        frequency[:, i] = unknowns.frequency, np.sqrt(unknowns.covariance[-1, -1])
-    own, dims = {"units": "see the coordinate unit"}, ("window", "force")
-    data: Variables = {
-        "coefficient": (dims, values[0], own | {"long_name": "coefficient"}),
-        "standard_error": (dims, values[1], own | {"long_name": "standard error of the coefficient"}),
-        "common_frequency": ((), common, {"units": "rad/s", "long_name": "frequency they all refer to"}),
+        values[:, i] = propagate(at_common, estimate.values, estimate.covariance)
+        frequency[:, i] = estimate.frequency, np.sqrt(estimate.covariance[-1, -1])
+    dims = ("window", "force")
+    data = {
+        "coefficient": variable(dims, values[0], "coefficient", PER_FORCE_UNIT),
+        "standard_error": variable(dims, values[1], "standard error of the coefficient", PER_FORCE_UNIT),
+        "common_frequency": variable((), common, "frequency they all refer to", "rad/s"),
     }
     data |= with_error(
-        "reference_frequency", dims[:1], (frequency[0], frequency[1]), "rad/s", "frequency of the window"
+        "reference_frequency", "window", (frequency[0], frequency[1]), "frequency of the window", "rad/s"
     )
     return xr.Dataset(data, {"force": symbols, "unit": ("force", decided[0]["unit"].values)})
 

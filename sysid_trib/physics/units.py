@@ -4,8 +4,9 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.forces.force import Force
-from sysid_trib.physics.quantities import Array, Variables, check_quantity, propagated, with_error
-from sysid_trib.physics.unknowns import Unknowns, unknowns_of
+from sysid_trib.physics.error_propagation import Array, check_quantity, propagate, propagate_measured
+from sysid_trib.physics.model_estimate import ModelEstimate, model_estimate
+from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, variable, with_error
 
 
 def physical_units(result: xr.Dataset, inertia: float, *, inertia_standard_error: float = 0.0) -> xr.Dataset:
@@ -13,14 +14,19 @@ def physical_units(result: xr.Dataset, inertia: float, *, inertia_standard_error
 
     Parameters
     ----------
-    result : an identification.
-    inertia, inertia_standard_error : moment of inertia, kg m^2 (of a translation with theta = x: mass, kg).
+    result : Dataset
+        An identification.
+    inertia : float, kg m^2
+        Moment of inertia (of a translation with theta = x: mass, kg).
+    inertia_standard_error : float, kg m^2
+        Its standard error.
 
     Returns
     -------
-    Dataset over `force`: `coefficient` and `standard_error` in the unit of the coordinate `unit`, each the
-    factor of the coordinate `multiplies`; `covariance(force, other_force)`. Scalars `linear_stiffness`, all
-    that is proportional to the angle, and `inertia`, with errors.
+    Dataset
+        Over `force`: `coefficient` and `standard_error` in the unit of the coordinate `unit`, each the
+        factor of the coordinate `multiplies`; `covariance(force, other_force)`. Scalars `linear_stiffness`,
+        all that is proportional to the angle, and `inertia`, with errors.
 
     Raises
     ------
@@ -34,36 +40,35 @@ def physical_units(result: xr.Dataset, inertia: float, *, inertia_standard_error
     I w^2 c h(theta, theta'/w). Errors hold those of w and of the inertia.
     """
     check_quantity("inertia", inertia, inertia_standard_error)
-    found = unknowns_of(result)
-    count = len(found.forces)
-    powers = np.array([0.0 if f.speed_degree is None else f.speed_degree for f in found.forces])
-    factors = np.array([_factor(f) for f in found.forces])
-    c, w = found.coefficients, found.frequency
+    estimate = model_estimate(result)
+    count = len(estimate.forces)
+    powers = np.array([0.0 if f.speed_degree is None else f.speed_degree for f in estimate.forces])
+    factors = np.array([_factor(f) for f in estimate.forces])
+    c, w = estimate.coefficients, estimate.frequency
     scale = factors * inertia * w ** (2.0 - powers)
     # By (coefficients, w, inertia).
     jacobian = np.zeros((count, count + 2))
     jacobian[:, :count] = np.diag(scale)
     jacobian[:, count] = (2.0 - powers) * c * scale / w
     jacobian[:, count + 1] = c * scale / inertia
-    whole = np.zeros((count + 2, count + 2))
-    whole[:-1, :-1] = found.covariance
-    whole[-1, -1] = inertia_standard_error**2
-    spread = jacobian @ whole @ jacobian.T
-    own = {"units": "see the coordinate unit"}
+    values, whole = estimate.with_inertia(inertia, inertia_standard_error)
+    covariance = jacobian @ whole @ jacobian.T
+    errors = np.sqrt(np.diag(covariance))
     data: Variables = {
-        "coefficient": (("force",), scale * c, own | {"long_name": "coefficient in SI units"}),
-        "standard_error": (("force",), np.sqrt(np.diag(spread)), own | {"long_name": "its standard error"}),
-        "covariance": (("force", "other_force"), spread, own | {"long_name": "covariance"}),
+        "coefficient": variable("force", scale * c, "coefficient in SI units", PER_FORCE_UNIT),
+        "standard_error": variable("force", errors, "standard error of the coefficient", PER_FORCE_UNIT),
+        "covariance": variable(("force", "other_force"), covariance, "covariance", PER_FORCE_UNIT),
     }
-    data |= _stiffness(found, inertia, whole)
-    data |= with_error("inertia", (), (inertia, inertia_standard_error), "kg m2", "moment of inertia")
+    stiffness = propagate(lambda z: _stiffness(estimate, z), values, whole)
+    data |= with_error("linear_stiffness", (), stiffness, "linear stiffness", "N m rad-1")
+    data |= with_error("inertia", (), (inertia, inertia_standard_error), "moment of inertia", "kg m2")
     coords = {
-        "force": found.symbols,
-        "other_force": found.symbols,
-        "unit": ("force", [_unit(f) for f in found.forces]),
-        "multiplies": ("force", [_term(f) for f in found.forces]),
+        "force": estimate.symbols,
+        "other_force": estimate.symbols,
+        "unit": ("force", [_unit(f) for f in estimate.forces]),
+        "multiplies": ("force", [_term(f) for f in estimate.forces]),
     }
-    return xr.Dataset(data, coords, {"library": result.attrs["library"]})
+    return xr.Dataset(data, coords, estimate.provenance)
 
 
 def inertia_with_mass(
@@ -79,43 +84,44 @@ def inertia_with_mass(
 
     Parameters
     ----------
-    inertia : without the mass, kg m^2.
-    mass : kg.
-    radius : distance of the mass from the axis, m.
-    inertia_standard_error, mass_standard_error, radius_standard_error : theirs.
+    inertia : float, kg m^2
+        Without the mass.
+    mass : float, kg
+        The mass.
+    radius : float, m
+        Distance of the mass from the axis.
+    inertia_standard_error : float, kg m^2
+        Standard error of `inertia`.
+    mass_standard_error : float, kg
+        Standard error of `mass`.
+    radius_standard_error : float, m
+        Standard error of `radius`.
 
     Returns
     -------
-    Dataset with `inertia` and its standard error, kg m^2.
+    Dataset
+        `inertia` and its standard error, kg m^2.
 
     Raises
     ------
     UsageError
         A quantity that is not positive.
     """
-    check_quantity("inertia", inertia, inertia_standard_error)
-    check_quantity("mass", mass, mass_standard_error)
-    check_quantity("radius", radius, radius_standard_error)
-    errors = np.array([inertia_standard_error, mass_standard_error, radius_standard_error])
-    found = propagated(
-        lambda z: z[0] + z[1] * z[2] ** 2, np.array([inertia, mass, radius]), np.diag(errors**2)
+    total = propagate_measured(
+        lambda z: z[0] + z[1] * z[2] ** 2,
+        ("inertia", inertia, inertia_standard_error),
+        ("mass", mass, mass_standard_error),
+        ("radius", radius, radius_standard_error),
     )
-    return xr.Dataset(with_error("inertia", (), found, "kg m2", "moment of inertia"))
+    return xr.Dataset(with_error("inertia", (), total, "moment of inertia", "kg m2"))
 
 
-def _stiffness(found: Unknowns, inertia: float, whole: Array) -> Variables:
+def _stiffness(estimate: ModelEstimate, values: Array) -> float:
     """I w^2, and what a force of formula `x` adds to it where w does not hold it."""
-    stiff = found.library.role("x")
-    at = None if stiff is None else found.symbols.index(stiff.symbol)
-
-    def total(z: Array) -> float:
-        added = z[at] if at is not None and found.within[at] else 0.0
-        return float(z[-1] * z[-2] ** 2 * (1.0 + added))
-
-    values = np.append(found.values, inertia)
-    return with_error(
-        "linear_stiffness", (), propagated(total, values, whole), "N m rad-1", "linear stiffness"
-    )
+    force = estimate.library.role("x")
+    at = None if force is None else estimate.symbols.index(force.symbol)
+    added = values[at] if at is not None and estimate.in_model[at] else 0.0
+    return float(values[-1] * values[-2] ** 2 * (1.0 + added))
 
 
 def _power_law(force: Force) -> bool:

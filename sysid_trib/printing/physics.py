@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike
 from sysid_trib.errors import LibraryError
 from sysid_trib.physics.crossing import crossovers
 from sysid_trib.physics.energy import arrest_time, dissipated_energy
+from sysid_trib.physics.error_propagation import amplitude_row
 from sysid_trib.physics.fingerprint import SIGNIFICANT, slip_fingerprint
 from sysid_trib.physics.force_weights import weights
-from sysid_trib.physics.quantities import amplitudes
 from sysid_trib.physics.units import physical_units
 from sysid_trib.printing.layout import numbers, quantity, quantity_json
 from sysid_trib.results.schema import library_of
@@ -123,7 +123,7 @@ def physics_json(result: xr.Dataset, amplitude: ArrayLike, inertia: float | None
 
 def _ends(amplitude: ArrayLike) -> list[float]:
     """The largest and the smallest amplitude, or the only one."""
-    a = amplitudes(amplitude)
+    a = amplitude_row(amplitude)
     return sorted({float(a.max()), float(a.min())}, reverse=True)
 
 

@@ -296,10 +296,14 @@ def model_of(result: xr.Dataset) -> Model:
     coefficients = dict(
         zip(result.force.values[kept].tolist(), result.coefficient.values[kept].tolist(), strict=True)
     )
-    shapes: dict[str, float] = {}
-    if "shape" in result:
-        shapes = dict(zip(result.shape_parameter.values.tolist(), result.shape.values.tolist(), strict=True))
-    return Model(library_of(result), coefficients, frequency, shapes)
+    return Model(library_of(result), coefficients, frequency, shape_values_of(result))
+
+
+def shape_values_of(result: xr.Dataset) -> dict[str, float]:
+    """Shape parameters of an identification by name, such as `dahl.s`."""
+    if "shape" not in result:
+        return {}
+    return dict(zip(result.shape_parameter.values.tolist(), result["shape"].values.tolist(), strict=True))
 
 
 def map_identifications(tree: xr.DataTree, change: Callable[[xr.Dataset], xr.Dataset]) -> xr.DataTree:

@@ -19,7 +19,7 @@ def variable(dims: str | tuple[str, ...], values: ArrayLike, long_name: str, uni
     ----------
     dims : str or tuple of str
         Names of the dimensions; `()` of a scalar.
-    values : array
+    values : array_like
         The values.
     long_name : str
         What they are.
@@ -33,3 +33,18 @@ def variable(dims: str | tuple[str, ...], values: ArrayLike, long_name: str, uni
 def text_variable(dims: str | tuple[str, ...], values: ArrayLike, long_name: str) -> Variable:
     """A variable of texts; an array of them has the width of its longest."""
     return variable(dims, np.asarray(values, dtype=str), long_name)
+
+
+def with_error(
+    name: str,
+    dims: str | tuple[str, ...],
+    values_and_errors: tuple[ArrayLike, ArrayLike],
+    long_name: str,
+    units: str = "1",
+) -> Variables:
+    """A variable and its `..._standard_error`, of the same dimensions and unit."""
+    values, errors = values_and_errors
+    return {
+        name: variable(dims, values, long_name, units),
+        f"{name}_standard_error": variable(dims, errors, f"standard error of the {long_name}", units),
+    }

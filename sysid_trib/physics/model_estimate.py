@@ -1,0 +1,160 @@
+"""An identified model at one reference frequency, with the covariance of all its numbers."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from sysid_trib.errors import UsageError
+from sysid_trib.forces.force import Force, ForceLibrary
+from sysid_trib.physics.error_propagation import Array
+from sysid_trib.results.schema import asymptotic_frequency, library_of, shape_values_of
+from sysid_trib.results.variables import Variables, variable
+from sysid_trib.simulation.model import Model, rescaling_factors
+
+NEEDED = ("coefficient", "covariance", "refers_to", "reference_frequency", "frequency_covariance")
+
+
+@dataclass(frozen=True)
+class ModelEstimate:
+    """Coefficients of an identification, all referred to its reference frequency w.
+
+    Attributes
+    ----------
+    library : ForceLibrary
+        The forces.
+    values : (force + 1,) array of float
+        Coefficients, then w (rad/s).
+    covariance : (force + 1, force + 1) array of float
+        Their covariance.
+    in_model : (force,) array of bool
+        False for a force that w holds already, as an alpha added by the contactless frequency.
+    shapes : mapping of str to float
+        Shape parameters, taken as exact.
+    provenance : mapping of str to str
+        Attributes that what follows from the identification carries on: the text of its library.
+    """
+
+    library: ForceLibrary
+    values: Array
+    covariance: Array
+    in_model: NDArray[np.bool_]
+    shapes: Mapping[str, float]
+    provenance: Mapping[str, str]
+
+    @property
+    def forces(self) -> tuple[Force, ...]:
+        """The forces, in the order of the values."""
+        return self.library.forces
+
+    @property
+    def symbols(self) -> list[str]:
+        """Their symbols."""
+        return list(self.library.symbols)
+
+    @property
+    def coefficients(self) -> Array:
+        """Coefficients at the reference frequency, (force,)."""
+        return self.values[:-1]
+
+    @property
+    def frequency(self) -> float:
+        """Reference frequency w, rad/s."""
+        return float(self.values[-1])
+
+    @property
+    def coefficient_covariance(self) -> Array:
+        """Covariance of the coefficients alone."""
+        return self.covariance[:-1, :-1]
+
+    def model(self, values: Array) -> Model:
+        """The model with these values in the place of its own, of the forces that are in it."""
+        chosen = self.in_model & (self.coefficients != 0.0)
+        pairs = zip(self.symbols, values[:-1].tolist(), chosen, strict=True)
+        return Model(self.library, {s: c for s, c, yes in pairs if yes}, float(values[-1]), self.shapes)
+
+    def with_inertia(self, inertia: float, standard_error: float) -> tuple[Array, Array]:
+        """Values and covariance with an inertia (kg m^2) as the last, which was measured apart from them."""
+        covariance = np.pad(self.covariance, (0, 1))
+        covariance[-1, -1] = standard_error**2
+        return np.append(self.values, inertia), covariance
+
+    def over_amplitude(self, data: Variables, given: ArrayLike) -> xr.Dataset:
+        """Variables over force and amplitude; without that dimension where one number was given.
+
+        Parameters
+        ----------
+        data : dict
+            The variables, over `force` and `amplitude`.
+        given : array_like, rad
+            The amplitudes as the user gave them.
+        """
+        amplitude = variable("amplitude", np.atleast_1d(given).astype(float), "amplitude", "rad")
+        table = xr.Dataset(data, {"force": self.symbols, "amplitude": amplitude}, self.provenance)
+        return table if np.ndim(given) else table.isel(amplitude=0)
+
+
+def model_estimate(result: xr.Dataset) -> ModelEstimate:
+    """Read an identification, all coefficients converted to its reference frequency.
+
+    Sensor terms are left out.
+
+    Parameters
+    ----------
+    result : Dataset
+        An identification.
+
+    Raises
+    ------
+    UsageError
+        Not an identification.
+    """
+    missing = [name for name in NEEDED if name not in getattr(result, "variables", ())]
+    if missing or "library" not in result.attrs:
+        raise UsageError(
+            f"This wants an identification, as identify returns it; {', '.join(missing) or 'library'} is "
+            "missing."
+        )
+    # A sensor term takes no energy and has no weight.
+    library = library_of(result)
+    library = library.select(f.symbol for f in library if f.kind == "force")
+    result = result.sel(force=list(library.symbols), other_force=list(library.symbols))
+    w, refers = result.reference_frequency.item(), result.refers_to.values
+    c = result.coefficient.values.astype(float)
+    in_model = np.isclose(refers, w, rtol=1e-12)
+    covariance, jacobian = _stated_covariance(result, library, in_model), np.eye(len(c) + 2)[:-1]
+    values = np.append(c, w)
+    for i in np.flatnonzero(~in_model):
+        factor = float(rescaling_factors((library.forces[i],), refers[i], w)[0])
+        power = np.log(factor) / np.log(refers[i] / w)
+        values[i] = c[i] * factor
+        slopes = factor, -power * values[i] / w, power * values[i] / refers[i]
+        jacobian[i, np.array([i, -2, -1])] = slopes
+    covariance = jacobian @ covariance @ jacobian.T
+    provenance = {"library": result.attrs["library"]}
+    return ModelEstimate(library, values, covariance, in_model, shape_values_of(result), provenance)
+
+
+def _stated_covariance(result: xr.Dataset, library: ForceLibrary, in_model: NDArray[np.bool_]) -> Array:
+    """Covariance of (coefficients as stated, w, omega0), (force + 2, force + 2)."""
+    count = len(in_model)
+    c, of_coefficients = result.coefficient.values.astype(float), result.covariance.values
+    w, error = result.reference_frequency.item(), result.reference_frequency_standard_error.item()
+    inside = library.select(s for s, yes in zip(library.symbols, in_model, strict=True) if yes)
+    _, gradient = asymptotic_frequency(inside, c[in_model], w)
+    whole = np.zeros((count + 2, count + 2))
+    whole[:count, :count] = of_coefficients
+    if error > 0:
+        # A result states the covariance with the asymptotic frequency; that with w follows.
+        with_w = result.frequency_covariance.values - of_coefficients[:, in_model] @ gradient[:-1]
+        whole[:count, count] = whole[count, :count] = with_w / gradient[-1]
+        whole[count, count] = error**2
+    if "omega0" in result and not in_model.all():
+        omega0, its_error = result.omega0.item(), result.omega0_standard_error.item()
+        # alpha = (w_inf/w0)^2 - 1 moves with w0.
+        slope = np.where(in_model, 0.0, -2.0 * (1.0 + c) / omega0)
+        whole[:count, -1] = whole[-1, :count] = slope * its_error**2
+        whole[-1, -1] = its_error**2
+    return whole
