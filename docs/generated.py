@@ -20,6 +20,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterable
+from dataclasses import fields
 from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
@@ -32,6 +33,7 @@ import sysid_trib as st
 from sysid_trib.averaging.identifiability import exactly_dependent, without_signature
 from sysid_trib.cli import app
 from sysid_trib.forces.force import Force, ForceLibrary
+from sysid_trib.methods import METHODS
 from sysid_trib.printing.forces import loses_power, signature_text
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -282,8 +284,30 @@ def results() -> str:
     return "\n".join(lines)
 
 
+def methods() -> str:
+    """What each method observes, identifies, takes and assumes, as it says itself."""
+    lines = [
+        "| | observes | identifies | several runs | shape parameters | assumes |",
+        "| --- | --- | --- | --- | --- | --- |",
+    ]
+    for kind in METHODS:
+        scope, options = kind().scope, {option.name for option in fields(kind)}
+        shapes = "fits or holds" if "fit_shapes" in options else "holds" if "shapes" in options else "no"
+        several = "yes" if scope.several_runs else "no"
+        cells = (
+            f"`methods.{kind.__name__}`",
+            scope.observes,
+            scope.identifies,
+            several,
+            shapes,
+            scope.assumes,
+        )
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
 PARTS: dict[str, Callable[..., str]] = {
-    part.__name__: part for part in (api, commands, forces, results, run, ties)
+    part.__name__: part for part in (api, commands, forces, methods, results, run, ties)
 }
 
 

@@ -22,9 +22,8 @@ from sysid_trib.printing.comparison import (
 )
 from sysid_trib.results.files import load, save
 from sysid_trib.simulation.model import rescaling_factors
-from sysid_trib.validation.compare import every_method
-from sysid_trib.validation.holdout import no_better, predicted, split
-from sysid_trib.validation.method_labels import labelled
+from sysid_trib.validation.compare import _by_label, every_method
+from sysid_trib.validation.holdout import diebold_mariano, predicted, split
 
 FORCES = load_library()
 FULL = ["trajectory", "direct", "averaging", "averaging (analytic signal)"]
@@ -157,8 +156,8 @@ def test_a_method_that_does_not_apply_keeps_its_row(tmp_path):
     library = FORCES.select(["zeta", "epsilon"])
     tree = compare(paper_run(FIVE).decay(7), library, [WuDecrement(), LinearDecrement(), Direct()])
     found = tree["comparison"].to_dataset()
-    assert found.method.values.tolist() == ["wu decrement", "linear decrement", "direct"]
-    for label in ("wu decrement", "linear decrement"):
+    assert found.method.values.tolist() == ["Wu decrement", "linear decrement", "direct"]
+    for label in ("Wu decrement", "linear decrement"):
         assert of(found, label).reason.item().startswith("does not apply: ")
         assert np.isnan(of(found, label).holdout_rms.item())
         assert label not in tree.children
@@ -175,7 +174,7 @@ class Wild:
 
     def identify(self, decay, library):
         if self.broken:
-            raise ZeroDivisionError("by zero")
+            raise np.linalg.LinAlgError("singular")
         found = Direct().identify(decay, library)
         return found.assign(coefficient=-1e3 * abs(found.coefficient))
 
@@ -185,8 +184,21 @@ def test_a_model_that_runs_away_and_a_method_that_breaks():
     found = compare(record, FORCES, [Wild(), Wild(broken=True), Direct()])["comparison"].ds
     assert found.method.values.tolist() == ["wild", "wild (broken)", "direct"]
     assert of(found, "wild").reason.item() == "its model diverges"
-    assert of(found, "wild (broken)").reason.item() == "failed: ZeroDivisionError, by zero"
+    assert of(found, "wild (broken)").reason.item() == "failed: LinAlgError, singular"
     assert np.isnan(of(found, "wild").residual_rms.item())
+
+
+@dataclass(frozen=True)
+class Faulty:
+    """A method with a bug."""
+
+    def identify(self, decay, library):
+        raise ZeroDivisionError("by zero")
+
+
+def test_a_bug_of_a_method_shows():
+    with pytest.raises(ZeroDivisionError):
+        compare(paper_run(FIVE).decay(7), FORCES, [Faulty(), Direct()])
 
 
 def test_a_missing_force_is_told():
@@ -231,23 +243,23 @@ def test_time_in_a_formula_counts_from_the_start_of_the_decay():
 def test_chance_of_a_difference():
     random = np.random.default_rng(0)
     one, same, worse = random.standard_normal((3, 4000)) * [[1.0], [1.0], [1.3]]
-    assert no_better([one], [one], [50]) == 1.0
-    assert no_better([same], [one], [50]) > 1e-3
-    assert no_better([worse], [one], [50]) < 1e-6
-    assert np.isnan(no_better([one[:80]], [one[:80]], [50]))
+    assert diebold_mariano([one], [one], [50]) == 1.0
+    assert diebold_mariano([same], [one], [50]) > 1e-3
+    assert diebold_mariano([worse], [one], [50]) < 1e-6
+    assert np.isnan(diebold_mariano([one[:80]], [one[:80]], [50]))
     halves = [[side[:2000], side[2000:]] for side in (worse, one)]
-    assert no_better(*halves, [50, 50]) == pytest.approx(no_better([worse], [one], [50]))
+    assert diebold_mariano(*halves, [50, 50]) == pytest.approx(diebold_mariano([worse], [one], [50]))
 
 
 def test_labels():
     pair = [Averaging(), Averaging(correct=False), Averaging("last"), Direct(), Direct(significance=0.01)]
-    assert list(labelled(pair)) == [
+    assert list(_by_label(pair)) == [
         *("averaging", "averaging (not correct)", "averaging (frequency last)"),
         *("direct", "direct (significance 0.01)"),
     ]
-    assert list(labelled([Direct(), Direct()])) == ["direct", "direct 2"]
+    assert list(_by_label([Direct(), Direct()])) == ["direct", "direct 2"]
     named = {"a/b": Direct(), "a-b": Direct(), "record": Direct(), "": LinearDecrement()}
-    assert list(labelled(named)) == ["a-b", "a-b 2", "record (method)", "linear decrement"]
+    assert list(_by_label(named)) == ["a-b", "a-b 2", "record (method)", "linear decrement"]
 
 
 @pytest.mark.parametrize(
@@ -256,8 +268,8 @@ def test_labels():
         ([], FORCES, [Direct()], "No run is given"),
         ("run.csv", FORCES, [Direct()], "A decay is a Dataset"),
         (None, "contact_forces", [Direct()], "ForceLibrary"),
-        (None, FORCES, [Direct], "methods such as"),
-        (None, FORCES, ["direct"], "methods such as"),
+        (None, FORCES, [Direct], "a method such as"),
+        (None, FORCES, ["direct"], "a method such as"),
         (None, FORCES, [], "at least one"),
     ],
 )

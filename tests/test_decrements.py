@@ -74,7 +74,7 @@ def test_without_noise_its_own_model_is_found(case):
     gap, told = errors_of(result, case.truth)
     assert result.attrs["first_order_bias_removed"] == "yes"
     assert np.all(np.abs(gap) <= told + 1e-12 * W)
-    assert result.attrs["assumes"] == case.method.ASSUMES
+    assert result.attrs["assumes"] == case.method.scope.assumes
 
 
 @pytest.mark.slow

@@ -1,6 +1,16 @@
-"""Identification methods: small frozen objects with one job, `identify(decay, library) -> Dataset`."""
+"""Identification methods: small frozen objects with one job, `identify(decay, library) -> Dataset`.
+
+`METHODS` lists them in the order of tables and figures. What a method assumes, observes and identifies is its
+attribute `scope`.
+"""
+
+import json
+from typing import Any
+
+import xarray as xr
 
 from sysid_trib.decays.windowed_modes import windowed_modes
+from sysid_trib.errors import UsageError
 from sysid_trib.methods.averaging import Averaging
 from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.energy_decay import EnergyDecay
@@ -9,9 +19,25 @@ from sysid_trib.methods.frequency_shift import FrequencyShift
 from sysid_trib.methods.linear_decrement import LinearDecrement
 from sysid_trib.methods.logarithmic_decrement import LogarithmicDecrement
 from sysid_trib.methods.quadratic_decay import QuadraticDecay
+from sysid_trib.methods.scope import MethodScope
 from sysid_trib.methods.trajectory import Trajectory
 from sysid_trib.methods.windowed_era import WindowedERA
 from sysid_trib.methods.wu_decrement import WuDecrement
+from sysid_trib.results.schema import NOT_KEPT
+
+METHODS: tuple[type[Any], ...] = (
+    Trajectory,
+    Direct,
+    Averaging,
+    FrequencyShift,
+    WuDecrement,
+    FeenyLiang,
+    EnergyDecay,
+    LogarithmicDecrement,
+    LinearDecrement,
+    QuadraticDecay,
+    WindowedERA,
+)
 
 __all__ = [
     "Averaging",
@@ -21,6 +47,7 @@ __all__ = [
     "FrequencyShift",
     "LinearDecrement",
     "LogarithmicDecrement",
+    "MethodScope",
     "QuadraticDecay",
     "Trajectory",
     "WindowedERA",
@@ -28,3 +55,25 @@ __all__ = [
     "feeny_liang_decrement",
     "windowed_modes",
 ]
+
+
+def method_of(result: xr.Dataset) -> Any:
+    """The method of an identification, with the options it was made with.
+
+    Parameters
+    ----------
+    result : Dataset
+        An identification.
+
+    Raises
+    ------
+    UsageError
+        The method is none of `METHODS`.
+    """
+    kinds = {kind.__name__.lower(): kind for kind in METHODS}
+    name = result.attrs["method"]
+    if name not in kinds:
+        raise UsageError(f"'{name}' is no method of this package; run it yourself on the record.")
+    options = json.loads(result.attrs["options"])
+    # An optimiser or a start model is not kept in a result: the method goes without it.
+    return kinds[name](**{k: v for k, v in options.items() if not (isinstance(v, dict) and NOT_KEPT in v)})

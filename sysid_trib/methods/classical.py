@@ -1,37 +1,103 @@
-"""What the classical methods share: the forces they want, the half periods' frequency, the result."""
+"""What the classical methods share: the forces they need, a steady frequency, the labelled result."""
 
-from collections.abc import Callable
-from typing import Any
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
 from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.forces.force import Force, ForceLibrary
-from sysid_trib.methods.indirect import Found, Law, find
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.methods.half_period_model import HalfPeriodModel
+from sysid_trib.methods.indirect import as_identification, indirect_estimate
+from sysid_trib.methods.scope import Method, MethodScope, scope_of
 from sysid_trib.regression.relations import Equations
-from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.simulation.model import Model
 
 Array = NDArray[np.float64]
 
 
-def needed(library: ForceLibrary, formula: str, method: str) -> Force:
-    """The library's force of a formula.
+@dataclass(frozen=True)
+class ClassicalMethod:
+    """A decrement: equations between the extrema of half periods, beside a steady frequency.
+
+    A method of this kind states its `scope`, the formulas of the forces that it needs, its equations and what
+    coefficients follow from their parameters.
+
+    Parameters
+    ----------
+    correct : bool
+        Whether the bias of the half-sines is removed (see `indirect_estimate`).
+    """
+
+    scope: ClassVar[MethodScope]
+    FORMULAS: ClassVar[tuple[str, ...]] = ()
+
+    correct: bool = True
+
+    def identify(self, decay: xr.Dataset, library: ForceLibrary) -> xr.Dataset:
+        """Identify the forces that the method describes, those of its `FORMULAS`.
+
+        Parameters
+        ----------
+        decay : Dataset
+            `angle(time)` about its equilibrium.
+        library : ForceLibrary
+            The forces offered.
+
+        Raises
+        ------
+        DecayError
+            The library lacks a force, or the decay has too few half periods.
+        UsageError
+            Several decays.
+        """
+        decay = one_record(self, decay)
+        asked = self.forces_of(library)
+
+        def model(values: Array) -> Model:
+            coefficients = dict(zip(asked.symbols, values[:-1].tolist(), strict=True))
+            return Model(asked, coefficients, float(values[-1]))
+
+        groups = {"envelope": self.equations(asked), "frequency": same_half_periods}
+        half_periods = HalfPeriodModel(groups, self.values, model)
+        found = indirect_estimate(half_periods.auxiliary(), [decay], correct=self.correct)
+        return as_identification(self, decay, asked, found, library)
+
+    def forces_of(self, library: ForceLibrary) -> ForceLibrary:
+        """The forces of a library that the method identifies."""
+        return needed_forces(self, library, self.FORMULAS)
+
+    @abstractmethod
+    def equations(self, library: ForceLibrary) -> Equations:
+        """Equations between the extrema of neighbouring half periods, for the forces of `forces_of`."""
+
+    @abstractmethod
+    def values(self, parameters: Array) -> Array:
+        """Coefficients and w (rad/s) from the parameters and, last, half a period (s)."""
+
+
+def needed_forces(method: Method, library: ForceLibrary, formulas: Sequence[str]) -> ForceLibrary:
+    """The library's forces of these formulas.
 
     Raises
     ------
     DecayError
-        It has none, so that the method does not apply.
+        One is missing, so that the method does not apply.
     """
-    force = library.role(formula)
-    if force is None:
-        raise DecayError(f"{method} wants a force of formula {formula}, and the library has none.")
-    return force
+    found = [library.role(formula) for formula in formulas]
+    if None in found:
+        raise DecayError(
+            f"{scope_of(method).sentence_label} wants a force of formula {formulas[found.index(None)]}, and "
+            "the library has none."
+        )
+    return library.select(force.symbol for force in found if force is not None)
 
 
-def one_record(decay: Any, method: str) -> xr.Dataset:
+def one_record(method: Method, decay: Any) -> xr.Dataset:
     """The decay itself.
 
     Raises
@@ -40,44 +106,10 @@ def one_record(decay: Any, method: str) -> xr.Dataset:
         Several were given, or something else.
     """
     if not isinstance(decay, xr.Dataset):
-        raise UsageError(f"{method} takes one record at a time.")
+        raise UsageError(f"{scope_of(method).sentence_label} takes one record at a time.")
     return decay
 
 
 def same_half_periods(extremum: Array, time: Array) -> tuple[Array, Array]:
-    """Equations of a steady frequency: every half period lasts as long; the unknown is that time (s)."""
+    """Equations of a steady frequency: every half period lasts as long; the parameter is that time (s)."""
     return np.ones((len(time) - 1, 1)), np.diff(time)
-
-
-def law_of_forces(library: ForceLibrary, amplitude: Equations, values: Callable[[Array], Array]) -> Law:
-    """A law of the decrement beside a steady frequency, for the model of all forces of `library`."""
-
-    def model(found: Array) -> Model:
-        coefficients = dict(zip(library.symbols, found[:-1].tolist(), strict=True))
-        return Model(library, coefficients, float(found[-1]))
-
-    return Law({"envelope": amplitude, "frequency": same_half_periods}, values, model)
-
-
-def identified(
-    method: Any, decay: xr.Dataset, asked: ForceLibrary, law: Law, offered: ForceLibrary
-) -> xr.Dataset:
-    """Solve a law on a decay and label what it gives: `method` has the option `correct` and `ASSUMES`."""
-    return labelled(method, decay, asked, find(law, decay, method.correct), offered)
-
-
-def labelled(
-    method: Any, decay: xr.Dataset, asked: ForceLibrary, found: Found, offered: ForceLibrary
-) -> xr.Dataset:
-    """The identification of what was found, with its bias, its Birge ratios and what the method assumes."""
-    extra = {"birge_ratio": (found.birge_ratio, "1", "Birge ratio of the equations")}
-    for group, value in found.birge_ratios.items():
-        extra[f"{group}_birge_ratio"] = (value, "1", f"Birge ratio of the {group}'s equations alone")
-    estimate = Estimate(found.values[:-1], found.covariance, float(found.values[-1]), found.noise, extra)
-    result = identification(method, decay, asked, estimate, offered=offered)
-    result["first_order_bias"] = (
-        "force",
-        found.bias[:-1],
-        {"units": "1", "long_name": "first-order bias removed"},
-    )
-    return result.assign_attrs(first_order_bias_removed=found.told, assumes=type(method).ASSUMES)

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import xarray as xr
@@ -14,6 +14,7 @@ from sysid_trib.decays.half_sines import usable_half_periods
 from sysid_trib.errors import DecayError, SimulationError, UsageError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.to_identify import forces_to_identify
+from sysid_trib.methods.scope import MethodScope
 from sysid_trib.methods.strong_form import strong_form
 from sysid_trib.noise.smoothing import smooth
 from sysid_trib.records.runs import Decays, as_runs, root_mean_square, run_noise, start_variables
@@ -71,6 +72,14 @@ class Direct:
     At convergence the residual angle is orthogonal to the sensitivities of the motion: the estimate has
     the variance of maximum likelihood in white noise.
     """
+
+    scope: ClassVar = MethodScope(
+        label="direct",
+        assumes="the forces offered are all there are",
+        family="direct",
+        # pysindy.SINDy on derivatives of the smoothed record, as it is commonly used.
+        variants={"strong form": {"form": "strong"}},
+    )
 
     reference_frequency: float | None = None
     optimizer: Any = None

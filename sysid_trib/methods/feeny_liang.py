@@ -4,12 +4,13 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.methods.classical import identified, law_of_forces, needed, one_record
+from sysid_trib.methods.classical import ClassicalMethod
+from sysid_trib.methods.scope import MethodScope
+from sysid_trib.regression.relations import Equations
 
 Array = NDArray[np.float64]
 
@@ -18,12 +19,13 @@ LARGEST = 1.0 - 1e-12
 
 
 @dataclass(frozen=True)
-class FeenyLiang:
+class FeenyLiang(ClassicalMethod):
     """Solid friction lambda (rad) and damping ratio zeta from turning points, and the frequency.
 
     Parameters
     ----------
-    correct : whether the bias of the half-sines is removed (see `indirect.find`).
+    correct : bool
+        Whether the bias of the half-sines is removed by indirect inference.
 
     Notes
     -----
@@ -32,24 +34,24 @@ class FeenyLiang:
     has nothing in common with that of the sum.
     """
 
-    ASSUMES: ClassVar[str] = "solid and viscous friction and a linear spring, nothing else"
+    FORMULAS: ClassVar = ("sign(v)", "2*v")
+    scope: ClassVar = MethodScope(
+        label="Feeny-Liang decrement",
+        assumes="solid and viscous friction and a linear spring, nothing else",
+        observes="extrema",
+        identifies="solid and viscous friction",
+        several_runs=False,
+    )
 
-    correct: bool = True
+    def equations(self, library: ForceLibrary) -> Equations:
+        """Differences of successive extrema against their sums."""
+        return _decrements
 
-    def identify(self, decay: xr.Dataset, library: ForceLibrary) -> xr.Dataset:
-        """Identify the forces of formulas `sign(v)` and `2*v` of `library` from a decay with `angle(time)`.
-
-        Raises
-        ------
-        DecayError
-            The library lacks one of them, or the decay has too few half periods.
-        UsageError
-            Several decays.
-        """
-        decay = one_record(decay, "Feeny and Liang's decrement")
-        wanted = [needed(library, formula, "Feeny and Liang's decrement") for formula in ("sign(v)", "2*v")]
-        asked = library.select(force.symbol for force in wanted)
-        return identified(self, decay, asked, law_of_forces(asked, _decrements, _values), library)
+    def values(self, parameters: Array) -> Array:
+        """From lambda, tanh(pi beta/2) and half a period (s) to lambda, zeta, w."""
+        beta = 2.0 / np.pi * np.arctanh(np.clip(parameters[1], -LARGEST, LARGEST))
+        stretch = np.hypot(1.0, beta)
+        return np.array([parameters[0], beta / stretch, np.pi / parameters[2] * stretch])
 
 
 def feeny_liang_decrement(turning_points: ArrayLike) -> tuple[float, float]:
@@ -57,11 +59,15 @@ def feeny_liang_decrement(turning_points: ArrayLike) -> tuple[float, float]:
 
     Parameters
     ----------
-    turning_points : (turn,) rad, angles about the equilibrium at which the motion turns; signed or not.
+    turning_points : (turn,) array of float, rad
+        Angles about the equilibrium at which the motion turns; signed or not.
 
     Returns
     -------
-    lambda (rad) and zeta.
+    solid : float, rad
+        Solid friction lambda.
+    viscous : float
+        Damping ratio zeta.
 
     Raises
     ------
@@ -71,21 +77,13 @@ def feeny_liang_decrement(turning_points: ArrayLike) -> tuple[float, float]:
     extremum = np.abs(np.asarray(turning_points, dtype=float))
     if len(extremum) < 3:
         raise DecayError(f"{len(extremum)} turning points cannot decide two forces; give at least three.")
-    design, target = _decrements(extremum, np.arange(len(extremum), dtype=float))
-    unknown = np.linalg.lstsq(design, target, rcond=None)[0]
-    if not abs(unknown[1]) < LARGEST:
+    parameters = np.linalg.lstsq(*_decrements(extremum, np.arange(len(extremum), dtype=float)), rcond=None)[0]
+    if not abs(parameters[1]) < LARGEST:
         raise DecayError("The turning points do not decay as solid and viscous friction have it.")
-    solid, viscous, _ = _values(np.append(unknown, 1.0))
+    solid, viscous, _ = FeenyLiang().values(np.append(parameters, 1.0))
     return float(solid), float(viscous)
 
 
 def _decrements(extremum: Array, time: Array) -> tuple[Array, Array]:
     both = extremum[:-1] + extremum[1:]
     return np.column_stack([np.full(len(both), 2.0), both]), -np.diff(extremum)
-
-
-def _values(unknown: Array) -> Array:
-    """From lambda, tanh(pi beta/2) and half a period (s) to lambda, zeta, w."""
-    beta = 2.0 / np.pi * np.arctanh(np.clip(unknown[1], -LARGEST, LARGEST))
-    stretch = np.hypot(1.0, beta)
-    return np.array([unknown[0], beta / stretch, np.pi / unknown[2] * stretch])

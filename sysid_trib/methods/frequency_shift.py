@@ -12,15 +12,17 @@ from sysid_trib.averaging.signatures import averages
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import parse_library
-from sysid_trib.methods.classical import labelled, one_record
-from sysid_trib.methods.indirect import Found, Law, find
+from sysid_trib.methods.classical import one_record
+from sysid_trib.methods.half_period_model import HalfPeriodModel
+from sysid_trib.methods.indirect import IndirectEstimate, as_identification, indirect_estimate
+from sysid_trib.methods.scope import MethodScope
 from sysid_trib.methods.wu_decrement import energy_balance
 from sysid_trib.regression.relations import Equations
 from sysid_trib.simulation.model import Model
 
 Array = NDArray[np.float64]
 
-# What lets the simulated amplitude shrink as the record's: not looked for, and no matter why it does.
+# Friction by which the simulated amplitude shrinks as the record's does; it is not reported.
 DAMPING = parse_library(
     {
         "force": [
@@ -41,10 +43,13 @@ class FrequencyShift:
 
     Parameters
     ----------
-    reference_frequency : w in rad/s without contact, held: coefficients refer to it, and the library's force
-        of formula `x` is an unknown. Without it they refer to the undamped w fitted.
-    correct : whether the bias of half-sines and averaging is removed (see `indirect.find`).
-    shapes : values of shape parameters, which are held.
+    reference_frequency : float, rad/s
+        w without contact, held: coefficients refer to it, and the library's force of formula `x` is
+        identified. Without it they refer to the undamped w fitted.
+    correct : bool
+        Whether the bias of half-sines and averaging is removed by indirect inference.
+    shapes : Mapping of str to float
+        Values of shape parameters, which are held.
 
     Notes
     -----
@@ -52,7 +57,13 @@ class FrequencyShift:
     for w_inf = w sqrt(1 + alpha - zeta^2), and are not reported.
     """
 
-    ASSUMES: ClassVar[str] = "conservative forces alone shift the frequency, whatever damps the motion"
+    scope: ClassVar = MethodScope(
+        label="frequency shift",
+        assumes="conservative forces alone shift the frequency, whatever damps the motion",
+        observes="frequency",
+        identifies="conservative forces",
+        several_runs=False,
+    )
 
     reference_frequency: float | None = None
     correct: bool = True
@@ -68,20 +79,19 @@ class FrequencyShift:
         UsageError
             Several decays.
         """
-        decay = one_record(decay, "Frequency shift")
+        decay = one_record(self, decay)
         stiffness = library.role("x")
         asked = library.select(f.symbol for f in library if _is_conservative(f) and f is not stiffness)
         if not len(asked):
-            raise DecayError(
-                "Frequency shift wants a nonlinear conservative force, and the library has none."
-            )
-        law = _damped_law(asked, self.shapes)
-        found = find(law, decay, self.correct)
+            label = self.scope.sentence_label
+            raise DecayError(f"{label} wants a nonlinear conservative force, and the library has none.")
+        auxiliary = _damped_model(asked, self.shapes).auxiliary()
+        found = indirect_estimate(auxiliary, [decay], correct=self.correct)
         limit = _limit(found)
         found = _without_damping(found, len(asked))
         if self.reference_frequency is not None:
             asked, found = _referred(found, asked, stiffness, self.reference_frequency)
-        result = labelled(self, decay, asked, found, library)
+        result = as_identification(self, decay, asked, found, library)
         for name, value in zip(
             ("asymptotic_frequency", "asymptotic_frequency_standard_error"), limit, strict=True
         ):
@@ -104,26 +114,26 @@ def _shifts(library: ForceLibrary, shapes: Mapping[str, float]) -> Equations:
     return frequencies
 
 
-def _damped_law(library: ForceLibrary, shapes: Mapping[str, float]) -> Law:
+def _damped_model(library: ForceLibrary, shapes: Mapping[str, float]) -> HalfPeriodModel:
     """Shift of the frequency, and friction that the simulated amplitude shrinks by as the record's."""
     whole = ForceLibrary("conservative forces, damped", (*library.forces, *DAMPING.forces))
     count = len(library)
 
-    def values(unknown: Array) -> Array:
-        damping = unknown[count + 1 :]
+    def values(parameters: Array) -> Array:
+        damping = parameters[count + 1 :]
         # Undamped, the frequency would be higher than w_inf.
-        w = unknown[count] / np.sqrt(max(1.0 - damping[VISCOUS] ** 2, SMALLEST))
-        return np.concatenate([unknown[:count] * unknown[count] / w**2, damping, [w]])
+        w = parameters[count] / np.sqrt(max(1.0 - damping[VISCOUS] ** 2, SMALLEST))
+        return np.concatenate([parameters[:count] * parameters[count] / w**2, damping, [w]])
 
-    def model(found: Array) -> Model:
-        coefficients = dict(zip(whole.symbols, found[:-1].tolist(), strict=True))
-        return Model(whole, coefficients, float(found[-1]), shapes)
+    def model(values: Array) -> Model:
+        coefficients = dict(zip(whole.symbols, values[:-1].tolist(), strict=True))
+        return Model(whole, coefficients, float(values[-1]), shapes)
 
     equations = {"frequency": _shifts(library, shapes), "envelope": energy_balance(DAMPING)}
-    return Law(equations, values, model)
+    return HalfPeriodModel(equations, values, model)
 
 
-def _limit(found: Found) -> tuple[float, float]:
+def _limit(found: IndirectEstimate) -> tuple[float, float]:
     """Frequency at vanishing amplitude and its standard error, rad/s."""
     at = len(found.values) - 1 - len(DAMPING) + VISCOUS
     w, viscous = found.values[-1], found.values[at]
@@ -133,8 +143,8 @@ def _limit(found: Found) -> tuple[float, float]:
     return float(w * root), float(np.sqrt(gradient @ found.covariance @ gradient))
 
 
-def _without_damping(found: Found, count: int) -> Found:
-    """What was found of the `count` conservative forces and the frequency, with their Birge ratio."""
+def _without_damping(found: IndirectEstimate, count: int) -> IndirectEstimate:
+    """Estimate of the `count` conservative forces and the frequency, with their Birge ratio."""
     keep = np.array([*range(count), -1])
     return replace(
         found,
@@ -147,8 +157,8 @@ def _without_damping(found: Found, count: int) -> Found:
 
 
 def _referred(
-    found: Found, library: ForceLibrary, stiffness: Force | None, reference: float
-) -> tuple[ForceLibrary, Found]:
+    found: IndirectEstimate, library: ForceLibrary, stiffness: Force | None, reference: float
+) -> tuple[ForceLibrary, IndirectEstimate]:
     """Coefficients that refer to a frequency given, and the force of formula `x` if there is one."""
     fitted = found.values[-1]
     ratio = (fitted / reference) ** 2
@@ -162,5 +172,5 @@ def _referred(
     if stiffness is not None:
         jacobian[0, -1] = 2.0 * ratio / fitted
         values, bias = np.append(ratio - 1.0, values), np.append(2.0 * ratio * found.bias[-1] / fitted, bias)
-    spread = jacobian @ found.covariance @ jacobian.T
-    return replace(library, forces=forces), replace(found, values=values, bias=bias, covariance=spread)
+    covariance = jacobian @ found.covariance @ jacobian.T
+    return replace(library, forces=forces), replace(found, values=values, bias=bias, covariance=covariance)

@@ -1,15 +1,17 @@
-"""Indirect inference: what a simplified method gets wrong on the motion of its own model is taken off."""
+"""Indirect inference: the bias of a simplified model is what it gets wrong on motions of its own."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from sysid_trib.decays.half_sines import envelope
 from sysid_trib.errors import SysidTribError
-from sysid_trib.regression.relations import Equations, Solution, solve
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.methods.scope import Method, scope_of
+from sysid_trib.records.runs import Decays, root_mean_square, run_noise
+from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.trajectory_fit.initial_conditions import first_guess, fit_start
@@ -17,129 +19,208 @@ from sysid_trib.trajectory_fit.initial_conditions import first_guess, fit_start
 Array = NDArray[np.float64]
 
 MAX_CORRECTIONS = 20
-# Of the standard errors by the noise alone, or of the values where there is next to no noise.
-SETTLED, ROUNDING = 1e-2, 1e-9
+# Steps that end the correction: of the standard errors, or of the values where there is next to no noise.
+SETTLED_ERRORS, SETTLED_VALUES = 1e-3, 1e-9
 
 
 @dataclass(frozen=True)
-class Law:
-    """What a method holds of a decay.
+class AuxiliaryFit:
+    """Least squares of an auxiliary model on envelopes.
 
     Attributes
     ----------
-    equations : groups of equations between half periods with unknowns of their own, `envelope`, `frequency`.
-    values : from all unknowns, in the groups' order, to coefficients and, last, the frequency.
-    model : of such values.
+    values : (value,) array of float
+        Coefficients and, last, the frequency (rad/s).
+    residuals : Mapping of str to list of array
+        Of each group of equations, in each run.
+    degrees_of_freedom : Mapping of str to int
+        Of each group's residuals.
+    chi_square : callable
+        Chi-square of residuals of a group, given its name and the residuals.
+    covariance : callable
+        Covariance of the values, (value, value); each group's errors are multiplied by its number.
     """
 
-    equations: Mapping[str, Equations]
-    values: Callable[[Array], Array]
+    values: Array
+    residuals: Mapping[str, Sequence[Array]]
+    degrees_of_freedom: Mapping[str, int]
+    chi_square: Callable[[str, Sequence[Array]], float]
+    covariance: Callable[[Mapping[str, float]], Array]
+
+    def birge_ratio(self, *groups: str) -> float:
+        """Root of the reduced chi-square of some groups."""
+        total = sum(self.chi_square(group, self.residuals[group]) for group in groups)
+        return float(np.sqrt(total / sum(self.degrees_of_freedom[group] for group in groups)))
+
+    def error_factors(self) -> dict[str, float]:
+        """The Birge ratio of each group, by which errors are raised; at least 1."""
+        return {group: max(1.0, self.birge_ratio(group)) for group in self.residuals}
+
+
+@dataclass(frozen=True)
+class AuxiliaryModel:
+    """A simplified model of the envelope of a decay, quick to fit, and biased.
+
+    Attributes
+    ----------
+    measure : callable
+        Envelope of a decay (see `envelope`).
+    fit : callable
+        `AuxiliaryFit` of the envelopes of all runs.
+    model : callable
+        The model of values of that fit, to be simulated.
+    """
+
+    measure: Callable[[xr.Dataset], xr.Dataset]
+    fit: Callable[[Sequence[xr.Dataset]], AuxiliaryFit]
     model: Callable[[Array], Model]
 
 
 @dataclass(frozen=True)
-class Found:
-    """Values of a law, what was taken off them, and how far the half periods are from it.
+class IndirectEstimate:
+    """Values of an auxiliary model without their bias.
 
-    `told` : `yes`, or `no` and why. `birge_ratios` : of each group of equations, RMS of the residual over its
-    error, which scales the errors of the group's unknowns; `birge_ratio` : of all.
+    Attributes
+    ----------
+    values, bias : (value,) array of float
+        Coefficients and, last, the frequency (rad/s); what was taken off them.
+    covariance : (value, value) array of float
+        Scaled by the Birge ratios.
+    noises : list of float, rad
+        Of one sample of each run.
+    birge_ratios : Mapping of str to float
+        Of each group of equations.
+    birge_ratio : float
+        Of all.
+    bias_removed : str
+        `yes`, or `no` and why.
     """
 
     values: Array
     bias: Array
     covariance: Array
-    noise: float
+    noises: Sequence[float]
     birge_ratios: Mapping[str, float]
     birge_ratio: float
-    told: str
+    bias_removed: str
 
 
-def find(law: Law, decay: xr.Dataset, correct: bool) -> Found:
-    """Solve a law on a decay's half-sines; `correct` removes its bias.
+def indirect_estimate(
+    auxiliary: AuxiliaryModel, decays: Sequence[xr.Dataset], *, correct: bool
+) -> IndirectEstimate:
+    """Fit an auxiliary model to decays, and remove its bias by indirect inference.
 
-    The model found is simulated from the fitted start, its motion goes through half-sines and law as the
-    record did, and what that got wrong is subtracted, until nothing moves (Gourieroux et al. 1993).
+    Parameters
+    ----------
+    auxiliary : AuxiliaryModel
+        What is fitted.
+    decays : sequence of Dataset
+        The runs.
+    correct : bool
+        Whether the bias is removed.
+
+    Notes
+    -----
+    The model of the values is simulated from the fitted start, the auxiliary model is fitted to its motion as
+    to the record, and what that got wrong is subtracted, until nothing moves (Gourieroux et al. 1993).
     """
-    measured = envelope(decay)
-    first = [solve(equations, measured) for equations in law.equations.values()]
-    raw = law.values(np.concatenate([part.unknown for part in first]))
-    values, told, gaps = raw, "no", [(part, part.residual) for part in first]
+    measured = [auxiliary.measure(decay) for decay in decays]
+    first = auxiliary.fit(measured)
+    values, last, bias_removed = first.values, first, "no"
     if correct:
         try:
-            values, gaps = _corrected(law, decay, measured, first)
-            told = "yes"
+            values, last = _corrected(auxiliary, decays, measured, first)
+            bias_removed = "yes"
         except (SysidTribError, np.linalg.LinAlgError) as error:
-            told = f"no: {error}"
-    squares = [part.chi_square(residual) for part, residual in gaps]
-    freedom = [part.freedom for part, _ in gaps]
-    birge_ratios = [float(np.sqrt(s / f)) for s, f in zip(squares, freedom, strict=True)]
-    spread = _covariance(law, first, birge_ratios)
-    named = dict(zip(law.equations, birge_ratios, strict=True))
-    total = float(np.sqrt(sum(squares) / sum(freedom)))
-    return Found(values, raw - values, spread, float(measured.noise), named, total, told)
-
-
-def _covariance(law: Law, parts: list[Solution], birge_ratios: Sequence[float]) -> Array:
-    """Of the values: groups share the errors of half periods, each is scaled by its own Birge ratio."""
-    unknown = np.concatenate([part.unknown for part in parts])
-    influence = np.concatenate(
-        [part.influence * max(1.0, ratio) for part, ratio in zip(parts, birge_ratios, strict=True)]
+            bias_removed = f"no: {error}"
+    return IndirectEstimate(
+        values,
+        first.values - values,
+        first.covariance(last.error_factors()),
+        [float(each.noise) for each in measured],
+        {group: last.birge_ratio(group) for group in last.residuals},
+        last.birge_ratio(*last.residuals),
+        bias_removed,
     )
-    steps = 1e-3 * np.linalg.norm(influence, axis=1) + 1e-300
-    steps = np.clip(steps, 1e-7 * np.abs(unknown), None)
-    slopes = [
-        (law.values(unknown + s * unit) - law.values(unknown - s * unit)) / (2.0 * s)
-        for s, unit in zip(steps, np.eye(len(unknown)), strict=True)
-    ]
-    moved = np.stack(slopes, axis=1) @ influence
-    return np.asarray(moved @ moved.T)
 
 
 def _corrected(
-    law: Law, decay: xr.Dataset, measured: xr.Dataset, first: list[Solution]
-) -> tuple[Array, list[tuple[Solution, Array]]]:
-    """Values whose motion, seen in the same way, gives what the record gave; the residuals' gaps."""
-    found = law.values(np.concatenate([part.unknown for part in first]))
-    errors = np.sqrt(np.diag(_covariance(law, first, [1.0] * len(first))))
-    small = SETTLED * errors + ROUNDING * np.abs(found)
-    part = _first_swings(decay, float(found[-1]))
-    start = first_guess(*part, float(found[-1]))
-    values = found
+    auxiliary: AuxiliaryModel,
+    decays: Sequence[xr.Dataset],
+    measured: Sequence[xr.Dataset],
+    first: AuxiliaryFit,
+) -> tuple[Array, AuxiliaryFit]:
+    """Values whose motions give the same fit as the records; the fit of these motions.
+
+    Its residuals are those of the records beyond those of the motions.
+
+    Raises
+    ------
+    SysidTribError
+        A motion cannot be computed or measured, or the values do not settle.
+    """
+    frequency = float(first.values[-1])
+    beginnings = [_first_swings(decay, frequency) for decay in decays]
+    starts = [first_guess(*part, frequency) for part in beginnings]
+    errors = np.sqrt(np.diag(first.covariance(first.error_factors())))
+    settled = SETTLED_ERRORS * errors + SETTLED_VALUES * np.abs(first.values)
+    values = first.values
     for _ in range(MAX_CORRECTIONS):
-        simulated = _simulated(law.model(values), decay, part, start, measured)
-        again = [solve(equations, simulated) for equations in law.equations.values()]
-        step = found - law.values(np.concatenate([solution.unknown for solution in again]))
+        model = auxiliary.model(values)
+        simulated = []
+        for decay, part, start, envelope in zip(decays, beginnings, starts, measured, strict=True):
+            motion = fit_start(model, *part, start, offset=None)
+            time = decay.time.values.astype(float)
+            angle = trajectory(model, time, motion.angle, motion.rate).angle
+            again = auxiliary.measure(xr.Dataset({"angle": ("time", angle)}, {"time": time}))
+            simulated.append(_as_measured(again, envelope))
+        fit = auxiliary.fit(simulated)
+        step = first.values - fit.values
         values = values + step
-        if np.all(np.abs(step) < small):
-            # What half-sines and law leave of a motion that is the law's own is no departure from it.
-            return values, [
-                (new, old.residual[: len(new.residual)] - new.residual)
-                for old, new in zip(first, again, strict=True)
-            ]
+        if np.all(np.abs(step) <= settled):
+            # What the auxiliary model leaves of a motion of its own is no sign of another force.
+            residuals = {
+                group: [
+                    old[: len(new)] - new[: len(old)]
+                    for old, new in zip(first.residuals[group], fit.residuals[group], strict=True)
+                ]
+                for group in first.residuals
+            }
+            return values, replace(fit, residuals=residuals)
     raise SysidTribError("the correction did not settle")
 
 
 def _first_swings(decay: xr.Dataset, frequency: float) -> tuple[Array, Array]:
-    """Two periods fix the start; a law that misses a force may slip out of phase later."""
+    """Two periods fix the start; a model that is still biased may slip out of phase later."""
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
     count = int(np.searchsorted(time, time[0] + 4.0 * np.pi / frequency)) + 1
     return time[:count], angle[:count]
 
 
-def _simulated(
-    model: Model,
-    decay: xr.Dataset,
-    part: tuple[Array, Array],
-    start: tuple[float, float],
-    measured: xr.Dataset,
-) -> xr.Dataset:
-    """The half-sines of the model's motion, at the record's half periods and with its error bars."""
-    time = decay.time.values.astype(float)
-    motion = fit_start(model, *part, start, offset=None)
-    moved = trajectory(model, time, motion.angle, motion.rate).angle
-    seen = envelope(xr.Dataset({"angle": ("time", moved)}, {"time": time}))
-    shift = int(np.argmin(np.abs(seen.extremum_time.values - measured.extremum_time.values[0])))
-    count = min(measured.sizes["half_period"], seen.sizes["half_period"] - shift)
+def _as_measured(simulated: xr.Dataset, measured: xr.Dataset) -> xr.Dataset:
+    """The simulated envelope at the record's half periods and with its standard errors."""
+    shift = int(np.argmin(np.abs(simulated.extremum_time.values - measured.extremum_time.values[0])))
+    count = min(measured.sizes["half_period"], simulated.sizes["half_period"] - shift)
+    part = simulated.isel(half_period=slice(shift, shift + count), instant=slice(shift, shift + count - 2))
     names = ["extremum_standard_error", "extremum_time_standard_error"]
-    bars = measured[names].isel(half_period=slice(0, count))
-    return seen[["extremum", "extremum_time"]].isel(half_period=slice(shift, shift + count)).merge(bars)
+    return part.assign(measured[names].isel(half_period=slice(0, count)).data_vars)
+
+
+def as_identification(
+    method: Method, decay: Decays, asked: ForceLibrary, found: IndirectEstimate, offered: ForceLibrary
+) -> xr.Dataset:
+    """An indirect estimate as an identification, with its bias and what the method assumes."""
+    extra: dict[str, tuple[ArrayLike, str, str]] = {
+        "birge_ratio": (found.birge_ratio, "1", "Birge ratio of the equations")
+    }
+    for group, value in found.birge_ratios.items():
+        if group:
+            extra[f"{group}_birge_ratio"] = (value, "1", f"Birge ratio of the {group}'s equations alone")
+    extra |= run_noise(found.noises)
+    noise = root_mean_square(found.noises)
+    estimate = Estimate(found.values[:-1], found.covariance, float(found.values[-1]), noise, extra)
+    result = identification(method, decay, asked, estimate, offered=offered)
+    attrs = {"units": "1", "long_name": "first-order bias removed"}
+    result["first_order_bias"] = ("force", found.bias[:-1], attrs)
+    assumes = scope_of(method).assumes
+    return result.assign_attrs(first_order_bias_removed=found.bias_removed, assumes=assumes)

@@ -4,48 +4,43 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.methods.classical import identified, law_of_forces, needed, one_record
+from sysid_trib.methods.classical import ClassicalMethod
+from sysid_trib.methods.scope import MethodScope
+from sysid_trib.regression.relations import Equations
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class LinearDecrement:
+class LinearDecrement(ClassicalMethod):
     """Solid friction lambda (rad) from |X_i| - |X_i+1| = 2 lambda, and the frequency.
 
     Parameters
     ----------
-    correct : whether the bias of the half-sines is removed (see `indirect.find`).
+    correct : bool
+        Whether the bias of the half-sines is removed by indirect inference.
     """
 
-    ASSUMES: ClassVar[str] = "solid friction and a linear spring, nothing else"
+    FORMULAS: ClassVar = ("sign(v)",)
+    scope: ClassVar = MethodScope(
+        label="linear decrement",
+        assumes="solid friction and a linear spring, nothing else",
+        observes="extrema",
+        identifies="solid friction",
+        several_runs=False,
+    )
 
-    correct: bool = True
+    def equations(self, library: ForceLibrary) -> Equations:
+        """|X_i| - |X_i+1| = 2 lambda."""
+        return _decrements
 
-    def identify(self, decay: xr.Dataset, library: ForceLibrary) -> xr.Dataset:
-        """Identify the force of formula `sign(v)` of `library` from a decay with `angle(time)`.
-
-        Raises
-        ------
-        DecayError
-            The library lacks that force, or the decay has too few half periods.
-        UsageError
-            Several decays.
-        """
-        decay = one_record(decay, "Linear decrement")
-        solid = needed(library, "sign(v)", "Linear decrement")
-        asked = library.select([solid.symbol])
-        return identified(self, decay, asked, law_of_forces(asked, _decrements, _values), library)
+    def values(self, parameters: Array) -> Array:
+        """From lambda and half a period (s) to lambda and w, which solid friction does not change."""
+        return np.array([parameters[0], np.pi / parameters[1]])
 
 
 def _decrements(extremum: Array, time: Array) -> tuple[Array, Array]:
     return np.full((len(time) - 1, 1), 2.0), -np.diff(extremum)
-
-
-def _values(unknown: Array) -> Array:
-    """From lambda and half a period (s) to lambda and w, which solid friction does not change."""
-    return np.array([unknown[0], np.pi / unknown[1]])

@@ -13,6 +13,7 @@ from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.to_identify import forces_to_identify
 from sysid_trib.methods.direct import Direct
+from sysid_trib.methods.scope import MethodScope
 from sysid_trib.noise.autoregression import autoregression, whitened
 from sysid_trib.records.runs import Decays, as_runs, root_mean_square
 from sysid_trib.results.schema import model_of
@@ -68,6 +69,16 @@ class Trajectory:
     def __post_init__(self) -> None:
         if self.noise not in ("white", "coloured"):
             raise UsageError(f"noise='{self.noise}' is neither 'white' nor 'coloured'.")
+
+    @property
+    def scope(self) -> MethodScope:
+        """What the method says of itself; its errors allow for coloured noise where that is asked for."""
+        return MethodScope(
+            label="trajectory",
+            assumes=f"the forces offered are all there are; the residual is {self.noise} noise",
+            white_noise=self.noise == "white",
+            family="trajectory",
+        )
 
     def identify(self, decay: Decays, library: ForceLibrary) -> xr.Dataset:
         """Identify the forces of `library` from a decay with `angle(time)`, or from several runs.

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from sysid_trib.decays.windowed_modes import Windows, fit_windows, table
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.methods.classical import needed, one_record
+from sysid_trib.methods.classical import needed_forces, one_record
+from sysid_trib.methods.scope import MethodScope
 from sysid_trib.results.schema import Estimate, identification
 
 Array = NDArray[np.float64]
@@ -27,8 +28,12 @@ class WindowedERA:
     For any other force `window_frequency` and `window_decay_rate` against `window_amplitude` show what acts.
     """
 
-    ASSUMES: ClassVar[str] = (
-        "over two periods the motion is that of a linear oscillator with viscous friction"
+    scope: ClassVar = MethodScope(
+        label="windowed ERA",
+        assumes="over two periods the motion is that of a linear oscillator with viscous friction",
+        observes="short windows",
+        identifies="viscous friction",
+        several_runs=False,
     )
 
     def identify(self, decay: xr.Dataset, library: ForceLibrary) -> xr.Dataset:
@@ -45,20 +50,18 @@ class WindowedERA:
         UsageError
             Several decays.
         """
-        decay = one_record(decay, "Windowed ERA")
-        asked = library.select([needed(library, "2*v", "Windowed ERA").symbol])
+        decay = one_record(self, decay)
+        asked = needed_forces(self, library, ["2*v"])
         windows = fit_windows(decay)
-        values, influence, birge_ratios = zip(
-            *(_mean(windows, *part) for part in _linear(windows)), strict=True
-        )
-        scaled = np.stack(influence) * np.maximum(1.0, birge_ratios)[:, None]
-        birge_ratio = float(np.sqrt(np.mean(np.square(birge_ratios))))
+        values, influence, ratios = zip(*(_mean(windows, *part) for part in _linear(windows)), strict=True)
+        scaled = np.stack(influence) * np.maximum(1.0, ratios)[:, None]
+        birge_ratio = float(np.sqrt(np.mean(np.square(ratios))))
         extra = {"birge_ratio": (birge_ratio, "1", "RMS of the windows' differences over their errors")}
         estimate = Estimate(
             np.array(values[:1]), scaled @ scaled.T, float(values[1]), windows.sample_noise, extra
         )
         result = identification(self, decay, asked, estimate, offered=library).merge(table(windows))
-        return result.assign_attrs(first_order_bias_removed="not needed", assumes=self.ASSUMES)
+        return result.assign_attrs(first_order_bias_removed="not needed", assumes=self.scope.assumes)
 
 
 def _linear(windows: Windows) -> list[tuple[Array, sp.csr_matrix]]:

@@ -4,56 +4,70 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from sysid_trib.averaging.signatures import averages
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import Force, ForceLibrary
-from sysid_trib.methods.classical import identified, law_of_forces, needed, one_record
+from sysid_trib.methods.classical import ClassicalMethod, needed_forces
+from sysid_trib.methods.scope import MethodScope
 from sysid_trib.regression.relations import Equations
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class WuDecrement:
+class WuDecrement(ClassicalMethod):
     """Solid friction and all powers of the speed in a library from the decrement, and the frequency.
 
     Parameters
     ----------
-    correct : whether the bias of half-sines and energy balance is removed (see `indirect.find`).
+    correct : bool
+        Whether the bias of half-sines and energy balance is removed by indirect inference.
 
     Notes
     -----
     The energy that a half period loses is the work of the forces along a sine of the mean amplitude a: for
     forces c_p |v|^p sign(v), |X_i| - |X_i+1| = sum of c_p B_p a^p, B_p the integral of sin^(p+1) over half a
-    period: 2 lambda + pi zeta a + (4/3) delta a^2. All powers are unknowns at once. An elastic force
+    period: 2 lambda + pi zeta a + (4/3) delta a^2. All powers are estimated at once. An elastic force
     nu x |x|, by which half periods last longer or shorter with the amplitude, passes for a delta of about
     -2 zeta nu; `frequency_birge_ratio` shows it, the envelope does not.
     """
 
-    ASSUMES: ClassVar[str] = "solid friction, powers of the speed and a linear spring, nothing else"
+    scope: ClassVar = MethodScope(
+        label="Wu decrement",
+        assumes="solid friction, powers of the speed and a linear spring, nothing else",
+        observes="extrema",
+        identifies="solid friction and powers of the speed",
+        several_runs=False,
+    )
 
-    correct: bool = True
-
-    def identify(self, decay: xr.Dataset, library: ForceLibrary) -> xr.Dataset:
-        """Identify `sign(v)` and all powers of the speed of `library` from a decay with `angle(time)`.
+    def forces_of(self, library: ForceLibrary) -> ForceLibrary:
+        """The powers of the speed in a library, solid friction among them.
 
         Raises
         ------
         DecayError
-            The library lacks solid friction or any other power, or the decay has too few half periods.
-        UsageError
-            Several decays.
+            The library lacks solid friction or any other power.
         """
-        decay = one_record(decay, "Wu's decrement")
-        needed(library, "sign(v)", "Wu's decrement")
-        asked = library.select(force.symbol for force in library if _is_power(force))
-        if len(asked) < 2:
-            raise DecayError("Wu's decrement wants a power of the speed beside sign(v), as 2*v or v*abs(v).")
-        law = law_of_forces(asked, energy_balance(asked), _values)
-        return identified(self, decay, asked, law, library)
+        needed_forces(self, library, ["sign(v)"])
+        powers = library.select(force.symbol for force in library if _is_power(force))
+        if len(powers) < 2:
+            label = self.scope.sentence_label
+            raise DecayError(f"{label} wants a power of the speed beside sign(v), as 2*v or v*abs(v).")
+        return powers
+
+    def equations(self, library: ForceLibrary) -> Equations:
+        """Energy balance of each half period."""
+        return energy_balance(library)
+
+    def values(self, parameters: Array) -> Array:
+        """From coefficients and half a period (s) to coefficients and w.
+
+        Damping of any power lowers the frequency to second order, together by what is well known of it: that
+        is left to the correction, for the part of viscous friction alone is not.
+        """
+        return np.append(parameters[:-1], np.pi / parameters[-1])
 
 
 def energy_balance(library: ForceLibrary) -> Equations:
@@ -70,12 +84,3 @@ def energy_balance(library: ForceLibrary) -> Equations:
 def _is_power(force: Force) -> bool:
     powers = force.degree is not None and force.degree == force.speed_degree
     return powers and force.kind == "force" and force.character == "dissipative"
-
-
-def _values(unknown: Array) -> Array:
-    """From coefficients and half a period (s) to coefficients and w.
-
-    Damping of any power lowers the frequency to second order, together by what is well known of it: that is
-    left to the correction, for the share of viscous friction alone is not.
-    """
-    return np.append(unknown[:-1], np.pi / unknown[-1])

@@ -176,9 +176,8 @@ def limits(value: Array, error: Array, best: int) -> tuple[float, float]:
 
 
 def family_of(tree: xr.DataTree, method: str) -> str:
-    """By the class of the method, not by its label, which anyone may choose."""
-    kind = str(tree[method].attrs.get("method", "")) if method in tree.children else "other"
-    return kind if kind in FAMILIES else "other"
+    """The family that the method states (see `MethodScope`)."""
+    return str(tree["comparison"].ds.family.sel({"method": method}).item())
 
 
 def _mark(tree: xr.DataTree, method: str) -> dict[str, Any]:

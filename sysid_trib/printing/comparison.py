@@ -306,7 +306,7 @@ def _explanation(table: xr.Dataset) -> str:
         ratio = best.residual_over_noise.item()
     if ratio <= LARGE:
         return noise
-    labels = [label for label, one in _methods(table).items() if "white noise" in one.assumes.item()]
+    labels = [label for label, one in _methods(table).items() if one.white_noise.item()]
     errors = f" Errors stated by {' and '.join(labels)} are too small: they assume white noise."
     return (
         f"{noise} The residual is {ratio:.3g} times as large: a force is missing or has another form, or the "

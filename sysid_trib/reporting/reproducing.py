@@ -7,11 +7,12 @@ from typing import Any
 
 import xarray as xr
 
+from sysid_trib.errors import UsageError
 from sysid_trib.forces.library import library_folder, library_of_text, load_library
+from sysid_trib.methods import method_of
 from sysid_trib.records.runs import record_groups
 from sysid_trib.reporting.contents import identifications, kind_of
 from sysid_trib.simulation.example import paper_twin
-from sysid_trib.validation.cross_check_statistics import method_of
 
 
 def python_text(tree: xr.DataTree) -> str:
@@ -127,7 +128,7 @@ def _method(result: xr.Dataset) -> str:
     """The method with the options that are not the usual ones."""
     try:
         method = method_of(result)
-    except StopIteration:
+    except UsageError:
         return "method"  # of the user's own
     usual = {
         f.name: f.default_factory() if f.default_factory is not MISSING else f.default for f in fields(method)

@@ -1,7 +1,6 @@
 """The numbers of several methods as one table, at one reference frequency."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import floor, log10
 from typing import Any
 
@@ -11,32 +10,18 @@ from numpy.typing import NDArray
 
 from sysid_trib.records.runs import root_mean_square
 from sysid_trib.results.common_reference import factors, in_model
-from sysid_trib.validation.holdout import FollowedRuns, no_better
-from sysid_trib.validation.method_scope import Visibility
+from sysid_trib.validation.holdout import diebold_mariano
+from sysid_trib.validation.trial import Trial
 
 Array = NDArray[np.float64]
 Columns = dict[str, tuple[Any, str, str]]
 
-# Name of a column, the attribute of a trial, and of what it is.
-GAPS = (
+# Name of a column, the attribute of a trial, and what it is of.
+PARTS = (
     ("residual", "whole", "on the whole record"),
     ("train", "train", "on the first two thirds, from which it is identified"),
     ("holdout", "holdout", "on the last third, held out"),
 )
-
-
-@dataclass(frozen=True)
-class Trial:
-    """What came of one method: its result, or why there is none, and how its models follow the record."""
-
-    label: str
-    seen: Visibility
-    result: xr.Dataset | None = None
-    seconds: float = float("nan")
-    whole: FollowedRuns | None = None
-    train: FollowedRuns | None = None
-    holdout: FollowedRuns | None = None
-    reason: str = ""
 
 
 def method_table(trials: Sequence[Trial], noises: Sequence[float], blocks: Sequence[int]) -> xr.Dataset:
@@ -73,7 +58,7 @@ def method_table(trials: Sequence[Trial], noises: Sequence[float], blocks: Seque
             {"units": "rad", "long_name": "noise of one sample, the record's"},
         ),
     )
-    columns = _frequencies(trials, at) | _gaps(trials, best, blocks) | _texts(trials)
+    columns = _frequencies(trials, at) | _residuals(trials, best, blocks) | _texts(trials)
     for name, (column, units, long_name) in columns.items():
         attrs = {"long_name": long_name} | ({"units": units} if units else {})
         table[name] = ("method", column, attrs)
@@ -171,10 +156,10 @@ def _scalars(trials: Sequence[Trial], name: str) -> Array:
     return np.array([np.nan if t.result is None else t.result[name].item() for t in trials])
 
 
-def _gaps(trials: Sequence[Trial], best: Trial, blocks: Sequence[int]) -> Columns:
-    """RMS of what the simulated models leave, the chance of the prediction's, phase and time."""
+def _residuals(trials: Sequence[Trial], best: Trial, blocks: Sequence[int]) -> Columns:
+    """RMS of the simulated models' residuals, p-value of the prediction's, phase error and time."""
     columns: Columns = {}
-    for name, attribute, told in GAPS:
+    for name, attribute, told in PARTS:
         motions = [getattr(trial, attribute) for trial in trials]
         rms = [np.nan if motion is None else motion.rms for motion in motions]
         ratio = [np.nan if motion is None else motion.over_noise for motion in motions]
@@ -182,12 +167,12 @@ def _gaps(trials: Sequence[Trial], best: Trial, blocks: Sequence[int]) -> Column
         columns[f"{name}_rms"] = (np.array(rms), "rad", told)
         columns[f"{name}_over_noise"] = (np.array(ratio), "1", f"{told}, over the noise")
     nothing = float("nan")
-    gaps = [None if t.holdout is None else [run.gap for run in t.holdout.runs] for t in trials]
-    least = gaps[[t.label for t in trials].index(best.label)]
-    chances = [no_better(gap, least, blocks) if gap and least else nothing for gap in gaps]
+    each = [None if t.holdout is None else [run.residual for run in t.holdout.runs] for t in trials]
+    least = each[[t.label for t in trials].index(best.label)]
+    p_values = [diebold_mariano(some, least, blocks) if some and least else nothing for some in each]
     phases = [t.whole.phase_error if t.whole else nothing for t in trials]
-    chance = "probability by chance of so large a difference from the best on the part held out"
-    columns["holdout_p_value"] = (np.array(chances), "1", chance)
+    name = "p-value of the difference from the best on the part held out"
+    columns["holdout_p_value"] = (np.array(p_values), "1", name)
     columns["phase_error"] = (
         np.array(phases),
         "rad",
@@ -198,12 +183,12 @@ def _gaps(trials: Sequence[Trial], best: Trial, blocks: Sequence[int]) -> Column
 
 
 def _each_run(trials: Sequence[Trial], noises: Sequence[float]) -> dict[str, Any]:
-    """What the simulated models leave of each of several runs, and its noise."""
+    """RMS of the simulated models' residuals in each of several runs, and its noise."""
     variables: dict[str, Any] = {
         "run_noise": ("run", list(noises), {"units": "rad", "long_name": "noise of one sample of the run"})
     }
     lost = np.full(len(noises), np.nan)
-    for name, attribute, told in GAPS:
+    for name, attribute, told in PARTS:
         motions = [getattr(trial, attribute) for trial in trials]
         rms = np.stack([lost if motion is None else motion.each_rms for motion in motions])
         attrs = {"units": "rad", "long_name": f"RMS of record minus model {told}, of each run"}
@@ -215,14 +200,20 @@ def _texts(trials: Sequence[Trial]) -> Columns:
     return {
         "reason": ([t.reason for t in trials], "", "why numbers are missing, or not to be trusted"),
         "bias": ([_bias(t.result) for t in trials], "", "known bias that is left in"),
-        "identifies": ([t.seen.sees for t in trials], "", "forces identified, and by what"),
-        "neglects": ([t.seen.blind_to for t in trials], "", "forces offered that are left out"),
+        "identifies": ([t.forces.identifies for t in trials], "", "forces identified, and by what"),
+        "neglects": ([t.forces.neglects for t in trials], "", "forces offered that are left out"),
         "cannot_tell_apart": (
-            [t.seen.cannot_tell_apart for t in trials],
+            [t.forces.cannot_tell_apart for t in trials],
             "",
             "forces that are the same to it",
         ),
-        "assumes": ([t.seen.assumes for t in trials], "", "what the method assumes"),
+        "assumes": ([t.scope.assumes for t in trials], "", "what the method assumes"),
+        "family": ([t.scope.family for t in trials], "", "kind of method, for figures"),
+        "white_noise": (
+            [t.scope.white_noise for t in trials],
+            "",
+            "its errors hold in white noise only",
+        ),
     }
 
 

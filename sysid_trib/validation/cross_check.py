@@ -1,7 +1,7 @@
 """Identify the forces of a decay, and hold two identifications of it against each other."""
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -9,22 +9,17 @@ import xarray as xr
 from sysid_trib.decays.half_sines import envelope
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.methods.scope import Method
 from sysid_trib.records.runs import Decays, as_runs, group_names, noise_of_run
 from sysid_trib.trajectory_fit.initial_conditions import FittedMotion
-from sysid_trib.validation.cross_check_statistics import comparison, fitted_motion, pooled, residuals, ties
+from sysid_trib.validation.cross_check_statistics import comparison, ties
+from sysid_trib.validation.residuals import fitted_motion, pooled, residuals
 
 # Below this probability of a larger difference by chance the methods are said to disagree.
 LEVEL = 0.01
 # A gap that white noise leaves less often than this is one; beyond so many noise levels (RMS) it is large.
 CHANCE = 1e-3
 LARGE = 1.5
-
-
-class Method(Protocol):
-    """An identification method: a frozen object with its options."""
-
-    def identify(self, decay: Any, library: ForceLibrary) -> xr.Dataset:
-        """Identify the forces of `library` from a decay with `angle(time)`, or from several if it can."""
 
 
 def identify(decay: Decays, library: ForceLibrary, method: Method) -> xr.Dataset:
@@ -53,9 +48,20 @@ def identify(decay: Decays, library: ForceLibrary, method: Method) -> xr.Dataset
     """
     if not isinstance(library, ForceLibrary):
         raise UsageError(f"identify wants a ForceLibrary, not {library!r}: load_library('contact_forces').")
-    if isinstance(method, type) or not hasattr(method, "identify"):
-        raise UsageError(f"identify wants a method such as methods.Direct(), not {method!r}.")
+    check_method(method, "identify")
     return method.identify(decay, library)
+
+
+def check_method(method: Any, function: str) -> None:
+    """Refuse what is no method.
+
+    Raises
+    ------
+    UsageError
+        A class in the place of an object, or something else.
+    """
+    if isinstance(method, type) or not hasattr(method, "identify"):
+        raise UsageError(f"{function} wants a method such as methods.Direct(), not {method!r}.")
 
 
 def cross_check(

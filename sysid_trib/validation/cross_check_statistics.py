@@ -1,6 +1,5 @@
-"""How well two identifications of one decay agree, and how well each model follows the record."""
+"""How far two identifications of one decay differ, and what they cannot tell apart."""
 
-import json
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -9,37 +8,21 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
 from sysid_trib.averaging.identifiability import exactly_dependent, indistinguishable, without_signature
-from sysid_trib.errors import SimulationError, SysidTribError
+from sysid_trib.errors import SysidTribError
+from sysid_trib.methods import method_of
 from sysid_trib.records.runs import noise_of_run, one_or_all
 from sysid_trib.results.common_reference import FREQUENCY, in_model, quantities, stated_covariance
-from sysid_trib.results.schema import NOT_KEPT, library_of, model_of
+from sysid_trib.results.schema import library_of, model_of
 from sysid_trib.simulation.simulate import trajectory
-from sysid_trib.trajectory_fit.initial_conditions import FittedMotion, first_guess, fit_start
+from sysid_trib.trajectory_fit.initial_conditions import FittedMotion
 
 Array = NDArray[np.float64]
 
 # Samples a period for the statistics of the difference: more would cost time and change nothing.
 SAMPLES_PER_PERIOD = 60
-# A model has left the noise where the RMS over half a period is beyond this many noise levels.
-LEFT = 2.0
-
-
-def fitted_motion(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> FittedMotion | None:
-    """Motion of an identified model in a run, start and sensor's zero fitted; None if it diverges."""
-    time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
-    frequency = result.reference_frequency.item()
-    if "start_angle" in result:
-        start = (float(np.ravel(result.start_angle)[run]), float(np.ravel(result.start_rate)[run]))
-    else:
-        start = first_guess(time, angle, frequency)
-    try:
-        return fit_start(model_of(result), time, angle, start)
-    except SimulationError:
-        return None
 
 
 def comparison(
@@ -94,59 +77,6 @@ def comparison(
     variables: dict[str, Any] = {k: ("quantity", value, attrs) for k, (value, attrs) in columns.items()}
     variables |= {k: ((), value, {"units": "1", "long_name": name}) for k, (value, name) in scalars.items()}
     return xr.Dataset(variables, {"quantity": [*kept, FREQUENCY]})
-
-
-def residuals(
-    decay: xr.Dataset, names: Sequence[str], motions: Sequence[FittedMotion | None], noise: float
-) -> xr.Dataset:
-    """What each model leaves of the record: RMS, RMS over the noise, when, and whether it is but white noise.
-
-    A model without a motion leaves nan.
-    """
-    time, angle = decay.time.values, decay.angle.values
-    rows = []
-    for motion in motions:
-        if motion is None:
-            rows.append((np.nan, np.nan, float(time[0]), 0.0))
-            continue
-        gap = angle - motion.offset - motion.x
-        rms = float(np.sqrt(np.mean(gap**2)))
-        rows.append((rms, rms / noise, _departure(time, gap, noise, motion), _chance(gap, noise, motion)))
-    columns = {
-        "residual_rms": ("rad", "RMS of record minus model"),
-        "residual_over_noise": ("1", "RMS of record minus model over the noise"),
-        "departure_time": ("s", "first time at which the model leaves the noise, nan if never"),
-        "residual_p_value": (
-            "1",
-            "probability that white noise leaves as much within the band of the motion",
-        ),
-    }
-    variables: dict[str, Any] = {
-        name: ("model", values, {"units": units, "long_name": long_name})
-        for (name, (units, long_name)), values in zip(columns.items(), np.array(rows).T, strict=True)
-    }
-    return xr.Dataset(variables, {"model": list(names)})
-
-
-def pooled(each: Sequence[xr.Dataset]) -> xr.Dataset:
-    """`residuals` of several runs as one, those of each run beside it with the dimension `run`.
-
-    RMS over the runs, the earliest departure, and the least p-value times the number of runs (Bonferroni).
-    """
-    if len(each) == 1:
-        return each[0]
-    runs = xr.concat(each, "run")
-    whole = xr.Dataset(
-        {
-            name: np.sqrt((runs[name] ** 2).mean("run", skipna=False))
-            for name in ("residual_rms", "residual_over_noise")
-        }
-    )
-    whole["departure_time"] = runs.departure_time.min("run")
-    whole["residual_p_value"] = np.minimum(1.0, len(each) * runs.residual_p_value.min("run"))
-    for name in whole.data_vars:
-        whole[name].attrs = each[0][name].attrs
-    return whole.merge(runs.rename({name: f"run_{name}" for name in runs.data_vars}))
 
 
 def ties(runs: Sequence[xr.Dataset], result: xr.Dataset) -> dict[str, str]:
@@ -262,41 +192,3 @@ def _coarse(decay: xr.Dataset, result: xr.Dataset, run: int) -> tuple[Array, flo
     if len(time) <= most:
         return time, noise
     return np.linspace(time[0], time[-1], most), noise * np.sqrt(most / len(time))
-
-
-def _departure(time: Array, gap: Array, noise: float, motion: FittedMotion) -> float:
-    """First time at which the RMS over half a period is beyond `LEFT` noise levels; nan if never."""
-    width = _half_period(motion)
-    total = np.concatenate([[0.0], np.cumsum(gap**2)])
-    local = np.sqrt((total[width:] - total[:-width]) / width)
-    beyond = np.flatnonzero(local > LEFT * noise)
-    return float(time[beyond[0]]) if len(beyond) else float("nan")
-
-
-def _chance(gap: Array, noise: float, motion: FittedMotion) -> float:
-    """Probability that the means of a gap over twelfths of a period are those of white noise of this level.
-
-    A missing force is a slow gap: it hides in the RMS of all samples, but not in their means.
-    """
-    width = max(1, _half_period(motion) // 6)
-    count = len(gap) // width
-    means = gap[: count * width].reshape(count, width).mean(axis=1)
-    return float(chi2.sf(width * np.sum((means / noise) ** 2), count))
-
-
-def _half_period(motion: FittedMotion) -> int:
-    """Samples of a half period."""
-    turns = np.flatnonzero(np.diff(np.sign(motion.v)) != 0)
-    return int(np.median(np.diff(turns))) if len(turns) > 2 else max(1, len(motion.v) // 10)
-
-
-def method_of(result: xr.Dataset) -> Any:
-    """The method of an identification with the options it was made with."""
-    from sysid_trib import methods
-
-    kind = next(
-        k for k in vars(methods).values() if getattr(k, "__name__", "").lower() == result.attrs["method"]
-    )
-    options = json.loads(result.attrs["options"])
-    # What an optimiser or a start model is for, the statistics do without.
-    return kind(**{k: v for k, v in options.items() if not (isinstance(v, dict) and NOT_KEPT in v)})

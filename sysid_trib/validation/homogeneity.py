@@ -10,9 +10,9 @@ from scipy.linalg import block_diag
 from scipy.stats import chi2, norm
 
 from sysid_trib.errors import SysidTribError, UsageError
+from sysid_trib.methods import method_of
 from sysid_trib.results.common_reference import FREQUENCY, in_model, quantities, stated_covariance
 from sysid_trib.results.schema import library_of
-from sysid_trib.validation.cross_check_statistics import method_of
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,168 @@
+"""What a method says of itself, and what follows from it for the forces of a library."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal, Protocol
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.averaging.identifiability import exactly_dependent, indistinguishable
+from sysid_trib.averaging.signatures import averages
+from sysid_trib.errors import SysidTribError
+from sysid_trib.forces.force import Force, ForceLibrary
+
+MOTION = "the motion"
+# Of the largest force on the cycle; below it a signature is rounding.
+SMALLEST_SIGNATURE = 1e-9
+
+
+class Method(Protocol):
+    """An identification method: a frozen object with its options, and a `scope` (see `MethodScope`)."""
+
+    def identify(self, decay: Any, library: ForceLibrary) -> xr.Dataset:
+        """Identify the forces of `library` from a decay with `angle(time)`, or from several if it can."""
+
+
+@dataclass(frozen=True)
+class MethodScope:
+    """What a method assumes, observes and identifies: its attribute `scope`.
+
+    Parameters
+    ----------
+    label : str
+        Name in tables and sentences.
+    assumes : str
+        What must hold for its numbers to be right.
+    observes : str
+        What it takes from the record: the motion itself, or averages over half periods.
+    identifies : str
+        The forces that it identifies of those offered.
+    several_runs : bool
+        Whether it identifies several runs together.
+    white_noise : bool
+        Whether its standard errors are right in white noise only.
+    family : str
+        Colour and mark in figures.
+    variants : Mapping
+        Options of variants by their name, which `compare` runs beside the method.
+    """
+
+    label: str
+    assumes: str = ""
+    observes: str = MOTION
+    identifies: str = "every force offered"
+    several_runs: bool = True
+    white_noise: bool = False
+    family: Literal["trajectory", "direct", "averaging", "other"] = "other"
+    variants: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    @property
+    def sentence_label(self) -> str:
+        """The label as the first word of a sentence."""
+        return self.label[0].upper() + self.label[1:]
+
+
+@dataclass(frozen=True)
+class ForceScope:
+    """What a method makes of the forces of a library.
+
+    Attributes
+    ----------
+    identifies : str
+        The forces identified, and by what.
+    neglects : str
+        The forces offered that it leaves out, and what they are taken for.
+    cannot_tell_apart : str
+        Forces that are the same to it.
+    damped : bool
+        Whether a force that it identifies acts on the envelope.
+    """
+
+    identifies: str = ""
+    neglects: str = ""
+    cannot_tell_apart: str = ""
+    damped: bool = True
+
+
+def scope_of(method: Method) -> MethodScope:
+    """The scope of a method; of one that states none, its class as label and nothing else."""
+    stated = getattr(method, "scope", None)
+    return stated if isinstance(stated, MethodScope) else MethodScope(type(method).__name__.lower())
+
+
+def force_scope(
+    method: Method, library: ForceLibrary, fitted: Sequence[str] | None, amplitude: float
+) -> ForceScope:
+    """What a method makes of the forces of a library, by their signatures.
+
+    Parameters
+    ----------
+    method : Method
+        With its options.
+    library : ForceLibrary
+        The forces offered, without one that is exchangeable with the frequency.
+    fitted : sequence of str, or None
+        Symbols of those identified; None if the method failed.
+    amplitude : float, rad
+        The largest of the record.
+
+    Returns
+    -------
+    ForceScope
+        Empty of a method that failed and that does not identify every force offered.
+    """
+    scope = scope_of(method)
+    if fitted is None:
+        if scope.identifies != MethodScope.identifies:
+            return ForceScope()
+        fitted = library.symbols
+    shapes = dict(getattr(method, "shapes", {}))
+    if scope.observes == MOTION:
+        groups = exactly_dependent(library, amplitude, shapes=shapes)
+        neglected = ", ".join(s for s in library.symbols if s not in fitted)
+        return ForceScope(f"{', '.join(fitted)} by {MOTION} itself", neglected, _groups(groups, fitted))
+    groups = indistinguishable(library, 0.02 * amplitude, amplitude, shapes=shapes)
+    # One amplitude does: which forces have a signature does not depend on it, but at a zero of one.
+    parts = {force.symbol: _signature(force, 0.7 * amplitude, shapes) for force in library}
+    damped = any(parts[symbol][0] for symbol in fitted if symbol in parts)
+    return ForceScope(_identified(fitted, parts), _neglected(fitted, parts), _groups(groups, fitted), damped)
+
+
+def _groups(groups: Sequence[Sequence[str]], fitted: Sequence[str]) -> str:
+    return "; ".join(" = ".join(group) for group in groups if set(group) & set(fitted))
+
+
+def _identified(fitted: Sequence[str], parts: Mapping[str, tuple[bool, bool]]) -> str:
+    """Which forces by the envelope, which by the frequency."""
+    ways = {"the envelope": (True, False), "the frequency": (False, True), "both": (True, True)}
+    by_way = {way: [s for s in fitted if parts.get(s) == part] for way, part in ways.items()}
+    return "; ".join(f"{', '.join(symbols)} by {way}" for way, symbols in by_way.items() if symbols)
+
+
+def _neglected(fitted: Sequence[str], parts: Mapping[str, tuple[bool, bool]]) -> str:
+    """Forces left out, by what takes their place in the envelope or in the frequency."""
+    by_place: dict[str, list[str]] = {}
+    known = [s for s in fitted if s in parts]
+    for symbol, (in_envelope, in_frequency) in parts.items():
+        if symbol in fitted and (in_envelope or in_frequency):
+            continue
+        takers = [s for s in known if in_envelope and parts[s][0]]
+        takers += [s for s in known if in_frequency and parts[s][1] and s not in takers]
+        takers += ["the frequency"] if in_frequency else []
+        place = f" (taken for {' and '.join(takers)})" if takers else ""
+        by_place.setdefault(place, []).append(symbol)
+    return "; ".join(f"{', '.join(symbols)}{place}" for place, symbols in by_place.items())
+
+
+def _signature(force: Force, amplitude: float, shapes: Mapping[str, float]) -> tuple[bool, bool]:
+    """Whether a force acts on the envelope, and on the frequency."""
+    phase = np.linspace(0.0, 2.0 * np.pi, 64)
+    try:
+        sine, cosine = (abs(float(part[0])) for part in averages(force, np.array([amplitude]), shapes))
+        size = np.abs(force.value(amplitude * np.cos(phase), -amplitude * np.sin(phase), shapes=shapes)).max()
+    except SysidTribError:
+        return True, True
+    # Internal states are zero here: a force that is made of them alone has its own averages for a size.
+    least = SMALLEST_SIGNATURE * max(float(size), sine, cosine)
+    return sine > least, cosine > least

@@ -1,0 +1,127 @@
+"""Residuals of identified models in the record: how large, from when on, and whether they are white noise."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from sysid_trib.errors import SimulationError
+from sysid_trib.results.schema import model_of
+from sysid_trib.trajectory_fit.initial_conditions import FittedMotion, first_guess, fit_start
+
+Array = NDArray[np.float64]
+
+# A model departs from the record where the RMS over half a period is beyond this many noise levels.
+DEPARTED = 2.0
+
+
+def fitted_motion(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> FittedMotion | None:
+    """Motion of an identified model in a run, start and sensor's zero fitted; None if it diverges."""
+    time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
+    frequency = result.reference_frequency.item()
+    if "start_angle" in result:
+        start = (float(np.ravel(result.start_angle)[run]), float(np.ravel(result.start_rate)[run]))
+    else:
+        start = first_guess(time, angle, frequency)
+    try:
+        return fit_start(model_of(result), time, angle, start)
+    except SimulationError:
+        return None
+
+
+def residuals(
+    decay: xr.Dataset, names: Sequence[str], motions: Sequence[FittedMotion | None], noise: float
+) -> xr.Dataset:
+    """Residual of each model: RMS, RMS over the noise, first departure, and p-value of white noise.
+
+    Parameters
+    ----------
+    decay : Dataset
+        `angle(time)`.
+    names : sequence of str
+        Of the models.
+    motions : sequence of FittedMotion, or None
+        Of the models; a model without a motion has nan.
+    noise : float, rad
+        Of one sample.
+    """
+    time, angle = decay.time.values, decay.angle.values
+    rows = []
+    for motion in motions:
+        if motion is None:
+            rows.append((np.nan, np.nan, float(time[0]), 0.0))
+            continue
+        residual = angle - motion.offset - motion.x
+        rms = float(np.sqrt(np.mean(residual**2)))
+        rows.append(
+            (
+                rms,
+                rms / noise,
+                _departure(time, residual, noise, motion),
+                _white_noise_p_value(residual, noise, motion),
+            )
+        )
+    columns = {
+        "residual_rms": ("rad", "RMS of record minus model"),
+        "residual_over_noise": ("1", "RMS of record minus model over the noise"),
+        "departure_time": ("s", "first time at which the residual leaves the noise, nan if never"),
+        "residual_p_value": (
+            "1",
+            "p-value of white noise within the band of the motion",
+        ),
+    }
+    variables: dict[str, Any] = {
+        name: ("model", values, {"units": units, "long_name": long_name})
+        for (name, (units, long_name)), values in zip(columns.items(), np.array(rows).T, strict=True)
+    }
+    return xr.Dataset(variables, {"model": list(names)})
+
+
+def pooled(each: Sequence[xr.Dataset]) -> xr.Dataset:
+    """`residuals` of several runs as one, those of each run beside it with the dimension `run`.
+
+    RMS over the runs, the earliest departure, and the least p-value times the number of runs (Bonferroni).
+    """
+    if len(each) == 1:
+        return each[0]
+    runs = xr.concat(each, "run")
+    whole = xr.Dataset(
+        {
+            name: np.sqrt((runs[name] ** 2).mean("run", skipna=False))
+            for name in ("residual_rms", "residual_over_noise")
+        }
+    )
+    whole["departure_time"] = runs.departure_time.min("run")
+    whole["residual_p_value"] = np.minimum(1.0, len(each) * runs.residual_p_value.min("run"))
+    for name in whole.data_vars:
+        whole[name].attrs = each[0][name].attrs
+    return whole.merge(runs.rename({name: f"run_{name}" for name in runs.data_vars}))
+
+
+def _departure(time: Array, residual: Array, noise: float, motion: FittedMotion) -> float:
+    """First time at which the RMS over half a period is beyond `DEPARTED` noise levels; nan if never."""
+    width = _half_period(motion)
+    total = np.concatenate([[0.0], np.cumsum(residual**2)])
+    local = np.sqrt((total[width:] - total[:-width]) / width)
+    beyond = np.flatnonzero(local > DEPARTED * noise)
+    return float(time[beyond[0]]) if len(beyond) else float("nan")
+
+
+def _white_noise_p_value(residual: Array, noise: float, motion: FittedMotion) -> float:
+    """P-value that the means of a residual over twelfths of a period are those of white noise of this level.
+
+    The residual of a missing force is slow: it hides in the RMS of all samples, but not in their means.
+    """
+    width = max(1, _half_period(motion) // 6)
+    count = len(residual) // width
+    means = residual[: count * width].reshape(count, width).mean(axis=1)
+    return float(chi2.sf(width * np.sum((means / noise) ** 2), count))
+
+
+def _half_period(motion: FittedMotion) -> int:
+    """Samples of a half period."""
+    turns = np.flatnonzero(np.diff(np.sign(motion.v)) != 0)
+    return int(np.median(np.diff(turns))) if len(turns) > 2 else max(1, len(motion.v) // 10)

@@ -1,0 +1,131 @@
+"""One method on the runs: its identification, its model's prediction of a part held out, what it neglects."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.errors import SysidTribError
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.methods.scope import ForceScope, Method, MethodScope, force_scope, scope_of
+from sysid_trib.records.runs import one_or_all
+from sysid_trib.results.schema import with_contactless_frequency
+from sysid_trib.validation.holdout import ModelResidual, ModelResiduals, RunInParts, predicted, residual_of
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What came of one method.
+
+    Attributes
+    ----------
+    label : str
+        Its name in the table.
+    scope : MethodScope
+        What it says of itself.
+    forces : ForceScope
+        What it makes of the forces offered.
+    result : Dataset, or None
+        Its identification.
+    seconds : float, s
+        The time that took.
+    whole, train, holdout : ModelResiduals, or None
+        Residuals of its model on the whole record; of the model of the first two thirds on these, and on the
+        last third.
+    reason : str
+        Why there are none, or why they are not to be trusted.
+    """
+
+    label: str
+    scope: MethodScope
+    forces: ForceScope
+    result: xr.Dataset | None = None
+    seconds: float = float("nan")
+    whole: ModelResiduals | None = None
+    train: ModelResiduals | None = None
+    holdout: ModelResiduals | None = None
+    reason: str = ""
+
+
+def try_method(
+    label: str,
+    method: Method,
+    runs: Sequence[RunInParts],
+    library: ForceLibrary,
+    contactless: tuple[float, float] | None,
+) -> Trial:
+    """A method on the training parts, on the parts held out, and on the whole."""
+    # The part first: what is imported or compiled at first use is then not in the time of the whole.
+    part, part_reason, _ = _identified(method, [run.train for run in runs], library)
+    result, reason, seconds = _identified(method, [run.decay for run in runs], library)
+    amplitude = max(float(np.max(np.abs(run.decay.angle.values))) for run in runs)
+    forces = _force_scope(method, library, result, amplitude)
+    trial = Trial(label, scope_of(method), forces, result, seconds, reason=reason)
+    if result is None:
+        return trial
+    whole = _of_all(residual_of, [(run.decay, result, run.envelope, at) for at, run in enumerate(runs)], runs)
+    reason = _complaint("its model", whole) if forces.damped else "its model has no damping"
+    if part is not None:
+        train = [(run.train, part, run.envelope, at) for at, run in enumerate(runs)]
+        later = [(run.rest, part, run.envelope, float(run.decay.time.values[0])) for run in runs]
+        holdout = _of_all(predicted, later, runs)
+        trial = replace(trial, train=_of_all(residual_of, train, runs), holdout=holdout)
+        part_reason = _complaint("on the part held out it", holdout)
+    else:
+        part_reason = f"first two thirds: {part_reason}"
+    if contactless is not None:
+        result = with_contactless_frequency(result, *contactless)
+    # The reason against the whole comes first; the prediction only adds to it.
+    return replace(trial, result=result, whole=whole, reason=reason or part_reason)
+
+
+def _identified(
+    method: Method, decays: Sequence[xr.Dataset], library: ForceLibrary
+) -> tuple[xr.Dataset | None, str, float]:
+    """Identification, or why there is none; the time it took, s."""
+    # The row of a rule for one record is empty for no fault of its own, nor of the records.
+    if len(decays) > 1 and not scope_of(method).several_runs:
+        return None, "takes one record at a time", float("nan")
+    began = perf_counter()
+    try:
+        result = method.identify(one_or_all(decays), library)
+    except SysidTribError as error:
+        return None, f"does not apply: {str(error).rstrip('.')}", float("nan")
+    except np.linalg.LinAlgError as error:
+        return None, f"failed: {type(error).__name__}, {str(error).rstrip('.')}", float("nan")
+    seconds = perf_counter() - began
+    if not np.all(np.isfinite(result.coefficient.values)):
+        return None, "failed: its coefficients are not finite", float("nan")
+    return result, "", seconds
+
+
+def _of_all(
+    residual: Callable[..., ModelResidual | None],
+    arguments: Sequence[tuple[Any, ...]],
+    runs: Sequence[RunInParts],
+) -> ModelResiduals | None:
+    """Residuals of a model in all runs; None where it diverges in one."""
+    each = [residual(*of_run) for of_run in arguments]
+    finite = tuple(one for one in each if one is not None and np.isfinite(one.rms))
+    return ModelResiduals(finite, tuple(run.noise for run in runs)) if len(finite) == len(runs) else None
+
+
+def _complaint(subject: str, residuals: ModelResiduals | None) -> str:
+    complaint = "diverges" if residuals is None else residuals.complaint
+    return f"{subject} {complaint}" if complaint else ""
+
+
+def _force_scope(
+    method: Method, library: ForceLibrary, result: xr.Dataset | None, amplitude: float
+) -> ForceScope:
+    fitted = None if result is None else tuple(result.force.values.tolist())
+    stiffness = library.role("x")
+    held = stiffness is None or (fitted is not None and stiffness.symbol in fitted)
+    asked = library.select(s for s in library.symbols if held or library[s] is not stiffness)
+    try:
+        return force_scope(method, asked, fitted, amplitude)
+    except SysidTribError:
+        return ForceScope()

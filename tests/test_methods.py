@@ -1,0 +1,72 @@
+"""What holds for every method of the list."""
+
+from dataclasses import fields, is_dataclass
+
+import pytest
+from helpers import FIVE, paper_run
+
+from sysid_trib import load_library, methods
+from sysid_trib.errors import UsageError
+from sysid_trib.methods import METHODS, Averaging, Trajectory, method_of
+from sysid_trib.methods.scope import MethodScope, scope_of
+from sysid_trib.plots.compared import FAMILIES
+from sysid_trib.validation.compare import every_method
+
+EVERY = every_method()
+
+
+@pytest.mark.parametrize("kind", METHODS, ids=lambda kind: kind.__name__)
+def test_a_method_says_what_it_is(kind):
+    method = kind()
+    assert is_dataclass(kind)
+    assert kind.__name__ in methods.__all__
+    for text in (method.scope.label, method.scope.assumes, method.scope.observes, method.scope.identifies):
+        assert text
+    assert method.scope.family in FAMILIES
+    assert "scope" not in {option.name for option in fields(kind)}
+
+
+def test_every_method_and_variant_of_the_list_is_compared():
+    labels = [
+        label
+        for scope in (kind().scope for kind in METHODS)
+        for label in (scope.label, *(f"{scope.label} ({variant})" for variant in scope.variants))
+    ]
+    assert list(EVERY) == labels
+    assert len(set(labels)) == len(labels)
+
+
+def test_options_reach_the_methods_that_have_them():
+    for method in every_method(9.8, {"dahl.s": 0.02}).values():
+        names = {option.name for option in fields(method)}
+        assert "reference_frequency" not in names or method.reference_frequency == 9.8
+        assert "shapes" not in names or method.shapes == {"dahl.s": 0.02}
+
+
+@pytest.mark.parametrize("label", [label for label, method in EVERY.items() if not method.scope.several_runs])
+def test_a_method_of_one_record_refuses_several(label):
+    run = paper_run(FIVE, duration=6.0).decay(0)
+    with pytest.raises(UsageError, match="one record"):
+        EVERY[label].identify([run, run], load_library())
+
+
+def test_scope_depends_on_options():
+    assert Averaging().scope.several_runs
+    assert not Averaging("last").scope.several_runs
+    assert Trajectory().scope.white_noise
+    assert not Trajectory(noise="coloured").scope.white_noise
+
+
+def test_a_method_without_scope_has_the_name_of_its_class():
+    class Guess:
+        def identify(self, decay, library):
+            raise NotImplementedError
+
+    assert scope_of(Guess()) == MethodScope("guess")
+
+
+def test_a_method_from_elsewhere_cannot_be_made_again():
+    result = methods.Direct().identify(paper_run(FIVE).decay(0), load_library())
+    assert method_of(result) == methods.Direct()
+    with pytest.raises(UsageError, match="'froude' is no method of this package"):
+        method_of(result.assign_attrs(method="froude"))
