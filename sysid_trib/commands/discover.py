@@ -102,7 +102,7 @@ def discover(
 
 def _figures(tree: "xr.DataTree") -> "Iterator[tuple[str, Callable[[], Figure]]]":
     from sysid_trib import plots
-    from sysid_trib.records.runs import group_names, record_groups
+    from sysid_trib.results.per_run import group_names, record_groups
 
     for run, name in enumerate(group_names("discovery", len(record_groups(tree)))):
         yield name, partial(plots.discovery, tree, run)

@@ -78,7 +78,7 @@ def identify(
 
 def _figures(tree: "xr.DataTree") -> "Iterator[tuple[str, Callable[[], Figure]]]":
     from sysid_trib import plots
-    from sysid_trib.records.runs import group_names, record_groups
+    from sysid_trib.results.per_run import group_names, record_groups
 
     for run, name in enumerate(group_names("identification", len(record_groups(tree)))):
         yield name, partial(plots.identification, tree, run)

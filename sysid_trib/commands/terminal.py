@@ -49,7 +49,7 @@ def print_blocks(blocks: "Iterable[Block]", layer: "Layer") -> None:
 
 def record_sentences(tree: "xr.DataTree", sentences: Sequence[str]) -> list[str]:
     """The sentence on each record, and what was cut of it."""
-    from sysid_trib.records.runs import record_groups
+    from sysid_trib.results.per_run import record_groups
 
     pairs = zip(sentences, record_groups(tree), strict=True)
     return [text for sentence, group in pairs for text in (sentence, tree[group].attrs.get("free_decay", ""))]

@@ -16,7 +16,8 @@ from sysid_trib.discrepancy.homogeneity_test import homogeneity
 from sysid_trib.discrepancy.model_sequence import WORSE, ModelSequence, labelled, residual_rms
 from sysid_trib.discrepancy.stepwise_search import Scan, Search
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.records.runs import group_names, root_mean_square
+from sysid_trib.records.runs import root_mean_square
+from sysid_trib.results.per_run import group_names
 from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, text_variable, variable
 
 Array = NDArray[np.float64]

@@ -17,7 +17,7 @@ from sysid_trib.forces.to_identify import forces_to_identify
 from sysid_trib.methods.scope import MethodScope
 from sysid_trib.methods.strong_form import strong_form
 from sysid_trib.noise.smoothing import smooth
-from sysid_trib.records.runs import Decays, as_runs, root_mean_square, run_noise, start_variables
+from sysid_trib.records.runs import Decays, as_runs, root_mean_square
 from sysid_trib.regression.rows import (
     Guess,
     Linearised,
@@ -37,6 +37,7 @@ from sysid_trib.regression.rows import (
 )
 from sysid_trib.regression.selection import by_optimizer, significant, solved_by
 from sysid_trib.regression.weak_form import build_weak_form
+from sysid_trib.results.per_run import run_noise, start_variables
 from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.simulation.model import Model
 from sysid_trib.trajectory_fit.initial_conditions import fit_start

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.scope import Method, scope_of
-from sysid_trib.records.runs import Decays, root_mean_square, run_noise
+from sysid_trib.records.runs import Decays, root_mean_square
+from sysid_trib.results.per_run import run_noise
 from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory

@@ -9,7 +9,7 @@ import xarray as xr
 from sysid_trib.decays.half_sines import envelope as half_sine_envelope
 from sysid_trib.errors import SysidTribError
 from sysid_trib.plots.style import LEGEND, LINES, axes, half_periods, logarithmic_amplitude, thinning
-from sysid_trib.records.runs import noise_of_run, record_groups
+from sysid_trib.results.per_run import noise_of_run, record_groups
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -16,7 +16,7 @@ from sysid_trib.printing.layout import (
     text_table,
     value_with_error,
 )
-from sysid_trib.records.runs import record_groups
+from sysid_trib.results.per_run import record_groups
 from sysid_trib.validation.comparison_table import column_power
 from sysid_trib.validation.cross_check import LARGE
 

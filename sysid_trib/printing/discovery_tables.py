@@ -9,8 +9,8 @@ import xarray as xr
 from sysid_trib.printing.homogeneity import homogeneity_json
 from sysid_trib.printing.layout import number, text_table
 from sysid_trib.printing.residual import noise_of, residual_of
-from sysid_trib.records.runs import record_groups
 from sysid_trib.results.discoveries import added_effects, candidates_of, credible_set, shapes_of
+from sysid_trib.results.per_run import record_groups
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -18,7 +18,7 @@ from sysid_trib.printing.layout import (
 )
 from sysid_trib.printing.physics import physics_json, physics_sentences, weight_sentences
 from sysid_trib.printing.runs import runs_json, runs_sentences, runs_table
-from sysid_trib.records.runs import group_names, record_groups
+from sysid_trib.results.per_run import group_names, record_groups
 from sysid_trib.results.schema import library_of
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from sysid_trib.records.runs import record_groups
+from sysid_trib.results.per_run import record_groups
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -4,7 +4,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.printing.force_types import force_type_sentence
-from sysid_trib.records.runs import record_groups
+from sysid_trib.results.per_run import record_groups
 
 UNKNOWN = "what is left does not follow the motion: vibration from outside, or noise of another kind"
 # Places that a sentence tells; a gap that is everywhere needs none.

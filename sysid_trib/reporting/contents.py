@@ -20,12 +20,12 @@ from sysid_trib.printing.identification import (
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.printing.physics import physics_sentences
 from sysid_trib.printing.runs import runs_sentences, runs_table
-from sysid_trib.records.runs import noise_of_run, record_groups
 from sysid_trib.reporting.compared import prediction_panel, quantity_panels
 from sysid_trib.reporting.drawing import MOST_POINTS
 from sysid_trib.reporting.motions import motion_panels, record_panel
 from sysid_trib.reporting.parts import Figures, Section, Table, as_table
 from sysid_trib.reporting.searched import forecast_panel, map_panels, ranking_panels
+from sysid_trib.results.per_run import noise_of_run, record_groups
 
 FOLLOWS = "What follows from the model"
 MOTIONS = "The record and the motion of each model, its start and the sensor's zero fitted."

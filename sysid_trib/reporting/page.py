@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import xarray as xr
 
 from sysid_trib.errors import RecordError, UsageError
-from sysid_trib.records.runs import record_groups
 from sysid_trib.reporting import contents, provenance, reproducing
 from sysid_trib.reporting.parts import Section
 from sysid_trib.results.files import write_file
+from sysid_trib.results.per_run import record_groups
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

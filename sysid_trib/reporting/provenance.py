@@ -6,9 +6,9 @@ from typing import Any
 
 import xarray as xr
 
-from sysid_trib.records.runs import record_groups
 from sysid_trib.reporting.contents import identifications
 from sysid_trib.reporting.parts import Table
+from sysid_trib.results.per_run import record_groups
 
 # Attributes of a record under the words of the page; the others keep their names.
 WORDS = {

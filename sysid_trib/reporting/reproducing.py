@@ -10,8 +10,8 @@ import xarray as xr
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.library import library_folder, library_of_text, load_library
 from sysid_trib.methods import method_of
-from sysid_trib.records.runs import record_groups
 from sysid_trib.reporting.contents import identifications, kind_of
+from sysid_trib.results.per_run import record_groups
 from sysid_trib.simulation.example import paper_twin
 
 

@@ -9,7 +9,8 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.records.runs import one_or_all, root_mean_square, run_noise, start_variables
+from sysid_trib.records.runs import one_or_all, root_mean_square
+from sysid_trib.results.per_run import run_noise, start_variables
 from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.trajectory_fit.parameters import FREQUENCY
 from sysid_trib.trajectory_fit.problem import FitProblem

@@ -13,7 +13,8 @@ from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods import METHODS
 from sysid_trib.methods.scope import Method, scope_of
-from sysid_trib.records.runs import Decays, as_runs, group_names
+from sysid_trib.records.runs import Decays, as_runs
+from sysid_trib.results.per_run import group_names
 from sysid_trib.results.schema import library_of
 from sysid_trib.validation.comparison_table import method_table
 from sysid_trib.validation.cross_check import check_method

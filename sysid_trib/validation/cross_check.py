@@ -10,7 +10,8 @@ from sysid_trib.decays.half_sines import envelope
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.scope import Method
-from sysid_trib.records.runs import Decays, as_runs, group_names, noise_of_run
+from sysid_trib.records.runs import Decays, as_runs
+from sysid_trib.results.per_run import group_names, noise_of_run
 from sysid_trib.trajectory_fit.initial_conditions import FittedMotion
 from sysid_trib.validation.cross_check_statistics import comparison, ties
 from sysid_trib.validation.residuals import fitted_motion, pooled, residuals

@@ -13,8 +13,9 @@ from scipy.stats import f as f_distribution
 from sysid_trib.averaging.identifiability import exactly_dependent, indistinguishable, without_signature
 from sysid_trib.errors import SysidTribError
 from sysid_trib.methods import method_of
-from sysid_trib.records.runs import noise_of_run, one_or_all
+from sysid_trib.records.runs import one_or_all
 from sysid_trib.results.common_reference import FREQUENCY, in_model, quantities, stated_covariance
+from sysid_trib.results.per_run import noise_of_run
 from sysid_trib.results.schema import library_of, model_of
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.trajectory_fit.initial_conditions import FittedMotion
