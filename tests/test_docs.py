@@ -46,6 +46,30 @@ def generated():
     return module
 
 
+def _outputs():
+    """Every page that holds what a command prints, with the command; those on measured records take long."""
+    for page in (ROOT / "README.md", *sorted(DOCS.glob("*.md"))):
+        for command in re.findall(
+            r"^<!-- output: (sysid-trib .+) -->$", page.read_text(encoding="utf-8"), re.M
+        ):
+            marks = [pytest.mark.slow] if page.name != "README.md" else []
+            yield pytest.param(page, command, id=f"{page.stem}: {command}", marks=marks)
+
+
+@pytest.mark.parametrize(("page", "command"), list(_outputs()))
+def test_what_a_page_says_is_printed_is_printed(page, command, generated):
+    text = page.read_text(encoding="utf-8")
+    block = next(m[0] for m in generated.OUTPUT.finditer(text) if f"sysid-trib {m[1]}" == command)
+    printed = generated.refreshed(f"<!-- output: {block}")
+    number = re.compile(r"[+-]?(\d[\d.]*)")
+    written, today = (number.split(shown.partition("```text")[2]) for shown in (block, printed))
+    # Words alike but for blanks, and numbers but for what another processor makes of them.
+    assert [" ".join(words.split()) for words in written[::2]] == [" ".join(w.split()) for w in today[::2]]
+    numbers = [[float(digits.rstrip(".")) for digits in shown[1::2]] for shown in (written, today)]
+    if not command.startswith("sysid-trib compare"):
+        np.testing.assert_allclose(*numbers, rtol=0.03, atol=0.11)
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_code_of_a_page_runs(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
