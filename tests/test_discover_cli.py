@@ -11,6 +11,7 @@ from helpers import FIVE, W, library_of_formulas, paper_run
 from sysid_trib import Model, discover, load, plots
 from sysid_trib.discrepancy.trends import trend
 from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.plots import style
 from sysid_trib.printing.detectability import remedy
 from sysid_trib.printing.discovery_story import discovery_story
 from sysid_trib.printing.discovery_tables import discovery_json, ranking_table, strongest
@@ -207,7 +208,7 @@ def test_errors_of_the_disagreement_map_are_those_of_the_noise(twin, folder, tmp
 def test_ranking_shows_the_scores_with_their_threshold(twin):
     tree = twin[0]
     for scan in range(tree["ranking"].sizes["selection_step"]):
-        ax = plots.ranking(tree, scan=scan)
+        ax = plots.ranking(tree, selection_step=scan)
         labels = [text.get_text() for text in ax.get_yticklabels()]
         points = [line for line in ax.lines if line.get_linestyle() == "None"]
         z = tree["ranking"].z.isel(selection_step=scan).sel(candidate=labels).values
@@ -216,7 +217,7 @@ def test_ranking_shows_the_scores_with_their_threshold(twin):
         assert dashed.get_xdata()[0] == tree["ranking"].threshold.values[scan]
         assert labels[:3] == strongest(tree["ranking"].to_dataset().isel(selection_step=[scan]), 3)
         assert np.nanmax(np.abs(tree["ranking"].z.isel(selection_step=scan))) == np.max(np.abs(z))
-    named = [line for line in plots.ranking(tree, scan=0).lines if line.get_marker() == "D"]
+    named = [line for line in plots.ranking(tree, selection_step=0).lines if line.get_marker() == "D"]
     assert len(named) == 1
 
 
@@ -228,7 +229,7 @@ def test_forecast_shows_the_detectable_strengths(twin):
     full = {
         labels[round(line.get_ydata()[0])]: line.get_xdata()[0]
         for line in ax.lines
-        if line.get_marker() == "o" and line.get_color() == "0.2"
+        if line.get_marker() == "o" and line.get_color() == style.INK
     }
     after = tree["detectability_after"].to_dataset()
     for symbol in after.candidate.values.tolist():

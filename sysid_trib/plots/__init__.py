@@ -2,8 +2,15 @@
 
 from sysid_trib.plots.averaged import signatures
 from sysid_trib.plots.compared import coefficients, comparison, prediction
-from sysid_trib.plots.cross_checked import envelope, frequency, identification, record, residual
-from sysid_trib.plots.discovered import disagreement, disagreement_map, discovery
+from sysid_trib.plots.force_map import disagreement, disagreement_map
+from sysid_trib.plots.motion_figures import (
+    discovery,
+    envelope,
+    frequency,
+    identification,
+    record,
+    residual,
+)
 from sysid_trib.plots.paper import averaged_decay, frequency_shift, half_sines, motions, weights
 from sysid_trib.plots.planned import distinction
 from sysid_trib.plots.scored import forecast, forecasts, ranking, rankings

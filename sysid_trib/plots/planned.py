@@ -1,4 +1,4 @@
-"""Figure for planning: which measurement would tell twins apart."""
+"""Figure for planning: which measurement would separate competing effects."""
 
 from itertools import cycle
 from typing import TYPE_CHECKING
@@ -7,31 +7,34 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.discrepancy.model_probabilities import APART
-from sysid_trib.plots.style import LEGEND, SERIES, axes
+from sysid_trib.plots.style import LEGEND, SERIES, THRESHOLD, axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def distinction(found: xr.DataArray, ax: "Axes | None" = None) -> "Axes":
-    """By how many standard errors an effect differs from its twins, over measurements that may be made.
+def distinction(differences: xr.DataArray, ax: "Axes | None" = None) -> "Axes":
+    """By how many standard errors an effect differs from competing ones, over measurements to choose from.
 
     Parameters
     ----------
-    found : (measurement, other), standard errors; what is varied has coordinates with `long_name` and
-        `units`. An `other` that never differs, the effect itself, is not drawn.
+    differences : xr.DataArray, (measurement, other)
+        Standard errors. What is varied is a coordinate with `long_name` and `units`. An `other` that never
+        differs, the effect itself, is not drawn.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on.
     """
     ax = axes(ax)
-    measurement, other = found.dims
-    varied = found[measurement]
-    twins = [symbol for symbol in found[other].values.tolist() if found.sel({other: symbol}).any()]
-    for symbol, series in zip(twins, cycle(SERIES)):
-        values = found.sel({other: symbol}).values
+    measurement, other = differences.dims
+    varied = differences[measurement]
+    competing = {s: differences.sel({other: s}).values for s in differences[other].values.tolist()}
+    drawn = [(symbol, values) for symbol, values in competing.items() if values.any()]
+    for (symbol, values), series in zip(drawn, cycle(SERIES)):
         ax.plot(varied.values, values, label=symbol, markersize=4, linewidth=1.0, **series)
-    apart = float(np.sqrt(APART))
-    ax.axhline(apart, color="black", linewidth=0.8, linestyle="--", zorder=0)
-    end = varied.values[-1], apart
-    ax.annotate("told apart above", end, (0, 3), textcoords="offset points", ha="right", fontsize=8)
+    separable = float(np.sqrt(APART))
+    ax.axhline(separable, zorder=0, **THRESHOLD)
+    end = varied.values[-1], separable
+    ax.annotate("separable above", end, (0, 3), textcoords="offset points", ha="right", fontsize=8)
     ax.set(xlabel=f"{varied.attrs['long_name']} ({varied.attrs['units']})", yscale="log")
     ax.set_ylabel("difference (standard errors)")
     ax.legend(ncols=4, **LEGEND)

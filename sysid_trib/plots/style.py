@@ -1,34 +1,48 @@
-"""What figures share: colours, marks, legends, and axes where none are given."""
+"""What figures share: colours, marks, legends, grids of panels, and axes where none are given."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
-# Okabe and Ito's palette: told apart by colour-blind readers, and by their lines in print.
-LINES: tuple[dict[str, Any], ...] = (
-    {"color": "#D55E00", "linestyle": "--", "zorder": 4},
-    {"color": "#0072B2", "linestyle": "-", "zorder": 3},
+Style = Mapping[str, Any]
+
+# Okabe and Ito's palette: readers with defects of colour vision distinguish it, and print shows its lines.
+ORANGE, BLUE, GREEN, PINK, YELLOW, SKY = "#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
+INK, GREY = "#333333", "#737373"
+# The first model of two and the second: a dashed line on a full one shows both where they agree.
+MODEL_LINES: tuple[dict[str, Any], ...] = (
+    {"color": ORANGE, "linestyle": "--", "zorder": 4},
+    {"color": BLUE, "linestyle": "-", "zorder": 3},
 )
 SERIES: tuple[dict[str, Any], ...] = (
-    {"color": "#D55E00", "marker": ">", "linestyle": "--"},
-    {"color": "#0072B2", "marker": "^", "linestyle": "-"},
-    {"color": "#009E73", "marker": "v", "linestyle": "-."},
-    {"color": "#CC79A7", "marker": "D", "linestyle": ":"},
-    {"color": "#E69F00", "marker": "o", "linestyle": (0, (5, 1, 1, 1, 1, 1))},
-    {"color": "#56B4E9", "marker": "s", "linestyle": (0, (1, 1))},
+    {"color": ORANGE, "marker": ">", "linestyle": "--"},
+    {"color": BLUE, "marker": "^", "linestyle": "-"},
+    {"color": GREEN, "marker": "v", "linestyle": "-."},
+    {"color": PINK, "marker": "D", "linestyle": ":"},
+    {"color": YELLOW, "marker": "o", "linestyle": (0, (5, 1, 1, 1, 1, 1))},
+    {"color": SKY, "marker": "s", "linestyle": (0, (1, 1))},
 )
-MARKS: dict[str, Any] = {
-    "fmt": "o",
-    "color": "0.5",
-    "markerfacecolor": "none",
-    "markersize": 3.5,
-    "markeredgewidth": 0.7,
-    "linewidth": 0.6,
+# Kinds of candidates, by the words of the legend: full, half and open marks for print.
+CANDIDATE_MARKS: dict[str, dict[str, Any]] = {
+    "named": {"color": ORANGE, "marker": "D", "markersize": 6},
+    "competing effects": {"color": BLUE, "marker": "s", "markersize": 5},
+    "other candidates": {"color": GREY, "marker": "o", "markersize": 4, "markerfacecolor": "white"},
 }
+# The two models for which coefficients are detectable, and effects that were identified.
+DETECTABLE_MARKS: dict[str, dict[str, Any]] = {
+    "start model": CANDIDATE_MARKS["other candidates"],
+    "final model": {"color": INK, "marker": "o", "markersize": 4},
+    "identified": CANDIDATE_MARKS["named"],
+}
+OPEN_MARKS: dict[str, Any] = {"markerfacecolor": "none", "markersize": 3.5, "markeredgewidth": 0.7}
+BAR_WIDTH = 0.6
+THRESHOLD: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": "--"}
 LEGEND: dict[str, Any] = {
     "frameon": False,
     "fontsize": 8,
@@ -36,28 +50,21 @@ LEGEND: dict[str, Any] = {
     "bbox_to_anchor": (1.0, 1.0),
     "borderaxespad": 0.1,
 }
-MOST_POINTS = 4000
 
 
-def thinning(samples: int) -> int:
-    """Every how many-th sample a curve is drawn by."""
-    return max(1, samples // MOST_POINTS)
-
-
-def line(series: Mapping[str, Any]) -> dict[str, Any]:
+def line(series: Style) -> dict[str, Any]:
     """Line of a series."""
     return {"color": series["color"], "linestyle": series["linestyle"], "linewidth": 1.2}
 
 
-def mark(series: Mapping[str, Any]) -> dict[str, Any]:
+def mark(series: Style) -> dict[str, Any]:
     """Open marks of a series."""
-    size = {k: MARKS[k] for k in ("markerfacecolor", "markersize", "markeredgewidth")}
-    return {"color": series["color"], "marker": series["marker"], **size}
+    return {"color": series["color"], "marker": series["marker"], **OPEN_MARKS}
 
 
 def half_periods(ax: "Axes", x: ArrayLike, y: ArrayLike, error: ArrayLike) -> None:
     """Half periods of a record with their errors, named above the panel."""
-    points = ax.errorbar(x, y, error, **MARKS)
+    points = ax.errorbar(x, y, error, fmt="o", color="0.5", linewidth=BAR_WIDTH, **OPEN_MARKS)
     ax.legend([points], ["half periods of the record"], **LEGEND)
 
 
@@ -68,13 +75,60 @@ def in_latex(symbol: str) -> str:
     return f"${sympy.latex(sympy.Symbol(symbol))}$"
 
 
-def axes(ax: "Axes | None") -> "Axes":
-    """The axes given, or new ones."""
-    if ax is not None:
-        return ax
+def new_figure(width: float, height: float) -> "Figure":
+    """An empty figure, its size in inches, that keeps labels apart."""
     from matplotlib.figure import Figure
 
-    return Figure(figsize=(5.0, 3.2), layout="constrained").subplots()
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def axes(ax: "Axes | None") -> "Axes":
+    """The axes given, or new ones."""
+    return new_figure(5.0, 3.2).subplots() if ax is None else ax
+
+
+def grid(
+    count: int, across: int, width: float, row_height: float, *, share: str = ""
+) -> "tuple[Figure, list[Axes]]":
+    """A figure with `count` panels, `across` in a row, and room above them for a legend.
+
+    Parameters
+    ----------
+    count, across : int
+        Panels in all, and in a row.
+    width, row_height : float, inch
+        Size of the figure, and of a row.
+    share : {"", "x", "y"}
+        Axis that all panels share.
+    """
+    rows = -(-count // across)
+    figure = new_figure(width, rows * row_height + 0.3)
+    panels = figure.subplots(rows, across, squeeze=False, sharex=share == "x", sharey=share == "y").ravel()
+    for panel in panels[count:]:
+        panel.remove()
+    return figure, panels[:count].tolist()
+
+
+def letter(panels: "Iterable[Axes]", titles: Iterable[str] = (), fontsize: float = 9) -> None:
+    """Letters above panels, with a title each where there are titles."""
+    texts = list(titles)
+    for at, panel in enumerate(panels):
+        title = f"({chr(ord('a') + at)}) {texts[at] if texts else ''}"
+        panel.set_title(title.rstrip(), loc="left", fontsize=fontsize)
+
+
+def name_rows(ax: "Axes", names: list[str]) -> None:
+    """Names as rows, the first on top."""
+    ax.set_yticks(range(len(names)), names)
+    ax.set_ylim(max(len(names), 1) - 0.4, -0.6)
+
+
+def legend_marks(styles: Mapping[str, Style]) -> "list[Line2D]":
+    """Marks for a legend, by their labels."""
+    from matplotlib.lines import Line2D
+
+    usual: dict[str, Any] = {"linestyle": "", "markersize": 4}
+    return [Line2D([], [], label=label, **usual | dict(style)) for label, style in styles.items()]
 
 
 def logarithmic_amplitude(ax: "Axes") -> None:

@@ -1,126 +1,85 @@
 """Interactive figures of methods side by side: each quantity by method, and how well each predicts."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
-from sysid_trib.plots.compared import FAMILIES, FREQUENCY, family_of, is_variant, limits, shown, values_of
+from sysid_trib.plots.comparison_data import (
+    FREQUENCY,
+    PREDICTION,
+    method_marks,
+    quantities,
+    quantity_data,
+    shown_methods,
+)
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.reporting import drawing
 from sysid_trib.reporting.parts import Panel
-from sysid_trib.validation.comparison_table import column_power
 
 if TYPE_CHECKING:
     from bokeh.plotting import figure
 
-Array = NDArray[np.float64]
-
 
 def quantity_panels(tree: xr.DataTree) -> list[Panel]:
     """One panel a force, and one for the asymptotic frequency."""
-    names = [*shown(tree).force.values.tolist(), FREQUENCY]
-    return [Panel(_quantity(tree, name), wide=False) for name in names]
+    return [Panel(_quantity(tree, name), wide=False) for name in quantities(tree)]
 
 
 def prediction_panel(tree: xr.DataTree) -> Panel:
     """RMS of record minus model over the noise: of the part identified from (open), and held out (full)."""
-    found = shown(tree)
-    methods = found.method.values
-    made = drawing.panel(
-        "RMS over the noise",
-        "",
-        rows=methods.tolist(),
-        log="x",
-        height=_height(found),
-    )
-    drawn = []
-    for (color, marker, _), rows in _looks(tree).items():
-        one = found.isel(method=rows)
-        names = methods[rows].tolist()
-        made.segment(one.train_over_noise.values, names, one.holdout_over_noise.values, names, color=color)
-        for part, values in (
-            ("first two thirds", one.train_over_noise),
-            ("held-out third", one.holdout_over_noise),
-        ):
-            columns = {"x": values.values, "y": names, "part": [part] * len(names)}
-            hollow = part != "held-out third"
-            drawn.append(drawing.marks(made, columns, color, marker=marker, size=7, hollow=hollow))
+    table, style = shown_methods(tree), _style(tree)
+    methods = table.method.values.tolist()
+    made = drawing.list_panel("RMS over the noise", methods, log="x")
+    first, last = (table[name].values for name in PREDICTION)
+    made.segment(first, methods, last, methods, color=style["color"])
+    drawn, faces = [], (["white"] * len(methods), style["color"])
+    for (name, part), face in zip(PREDICTION.items(), faces, strict=True):
+        columns = {"x": table[name].values, "y": methods, "part": [part] * len(methods)}
+        drawn.append(drawing.marks(made, columns | style | {"markerfacecolor": face}, {}, size=7))
     drawing.tell(made, drawn, [("method", "@y"), ("@part", "@x{%.3g} times the noise")])
     drawing.threshold(made, 1.0)
-    ends = np.concatenate([found.train_over_noise.values, found.holdout_over_noise.values, [1.0]])
-    drawing.log_axis(made, 0.8 * np.nanmin(ends), 1.3 * np.nanmax(ends))
+    drawing.log_axis(made, 0.8 * np.nanmin([*first, *last, 1.0]), 1.3 * np.nanmax([*first, *last, 1.0]))
     return Panel(made)
 
 
+def _style(tree: xr.DataTree) -> dict[str, list[str]]:
+    """Columns of colours and marks, a row for each method."""
+    styles = [{"markerfacecolor": style["color"]} | style for style in method_marks(tree).values()]
+    columns = {name: [style[name] for style in styles] for name in drawing.STYLED}
+    return columns | {"marker": [drawing.MARKERS[marker] for marker in columns["marker"]]}
+
+
 def _quantity(tree: xr.DataTree, quantity: str) -> "figure":
-    found = shown(tree)
-    value, error, _ = values_of(tree, quantity)
-    methods = found.method.values
-    best = methods.tolist().index(found.attrs["best"])
-    low, high = limits(value, error, best)
-    made = drawing.panel(_label(found, quantity), "", rows=methods.tolist(), height=_height(found))
-    made.x_range.update(start=low, end=high)
+    data, style = quantity_data(tree, quantity), _style(tree)
+    made = drawing.list_panel(_axis_label(quantity, data), data.method.values.tolist())
+    made.x_range.update(start=data.low, end=data.high)
     made.xaxis.ticker.desired_num_ticks = 4
-    if np.isfinite(value[best]):
-        drawing.band(made, value[best] - error[best], value[best] + error[best], along="y")
-    drawn = []
-    for (color, marker, hollow), rows in _looks(tree).items():
-        there = rows[np.isfinite(value[rows])]
-        inside = (low <= value[there]) & (value[there] <= high)
-        for at, beyond in ((there[inside], False), (there[~inside], True)):
-            if len(at):
-                columns = _columns(methods[at], value[at], error[at], low, high, beyond=beyond)
-                mark = drawing.marks(
-                    made,
-                    columns,
-                    color,
-                    marker="^" if beyond else marker,
-                    size=8,
-                    hollow=hollow and not beyond,
-                )
-                if beyond:
-                    mark.glyph.angle = "turn"
-                drawn.append(mark)
-    drawing.tell(made, drawn, [("method", "@y"), (made.xaxis.axis_label, "@told")])
+    if np.isfinite(data.band_low):
+        drawing.band(made, data.band_low, data.band_high, along="y")
+    value, error, side = (data[name].values for name in ("value", "error", "side"))
+    # A value beyond the axis is an arrow at its end: an upright triangle, turned.
+    inset, inside = 0.02 * (data.high - data.low), side == 0
+    columns = {
+        "x": np.where(inside, value, np.clip(value, data.low + inset, data.high - inset)),
+        "y": data.method.values,
+        "low": np.where(inside, np.maximum(data.low, value - error), np.nan),
+        "high": np.where(inside, np.minimum(data.high, value + error), np.nan),
+        "turn": -0.5 * np.pi * side,
+        "text": [value_with_error(v, e) for v, e in zip(value.tolist(), error.tolist(), strict=True)],
+        "color": style["color"],
+        "marker": np.where(inside, style["marker"], "triangle"),
+        "markerfacecolor": np.where(inside, style["markerfacecolor"], style["color"]),
+    }
+    drawn = drawing.marks(made, columns, {}, size=8)
+    drawn.glyph.angle = "turn"
+    drawing.tell(made, [drawn], [("method", "@y"), (made.xaxis.axis_label, "@text")])
     return made
 
 
-def _columns(
-    methods: NDArray[np.str_], value: Array, error: Array, low: float, high: float, *, beyond: bool
-) -> dict[str, Any]:
-    """Marks with their bars within the axis; of values beyond it, arrows at its ends."""
-    told = [value_with_error(float(v), float(e)) for v, e in zip(value, error, strict=True)]
-    columns = {"x": value, "y": methods.tolist(), "told": told}
-    if beyond:
-        # An upright triangle turned to the left or to the right.
-        inset = 0.02 * (high - low)
-        turn = np.where(value > high, -0.5 * np.pi, 0.5 * np.pi)
-        return columns | {"x": np.clip(value, low + inset, high - inset), "turn": turn}
-    return columns | {"low": np.maximum(low, value - error), "high": np.minimum(high, value + error)}
-
-
-def _looks(tree: xr.DataTree) -> dict[tuple[str, str, bool], NDArray[np.intp]]:
-    """Rows of the methods that look alike, by colour, mark, and whether it is hollow."""
-    looks: dict[tuple[str, str, bool], list[int]] = {}
-    for row, method in enumerate(shown(tree).method.values.tolist()):
-        color, marker, _ = FAMILIES[family_of(tree, method)]
-        # Matplotlib writes a grey as a number.
-        ink = color if color.startswith("#") else drawing.INK
-        looks.setdefault((ink, marker, is_variant(tree, method)), []).append(row)
-    return {look: np.array(rows) for look, rows in looks.items()}
-
-
-def _label(found: xr.Dataset, quantity: str) -> str:
+def _axis_label(quantity: str, data: xr.Dataset) -> str:
     if quantity == FREQUENCY:
         return "asymptotic frequency (rad/s)"
-    one = found.sel(force=quantity)
-    power, unit = column_power(one), one.unit.item()
-    scale = f"1e{power:+03d}" if power else ""
-    inside = " ".join(filter(None, (scale, unit if unit != "1" else "")))
+    scale = f"1e{data.power:+03d}" if data.power else ""
+    inside = " ".join(filter(None, (scale, data.unit if data.unit != "1" else "")))
     return f"{quantity} ({inside})" if inside else quantity
-
-
-def _height(found: xr.Dataset) -> int:
-    return drawing.MARGIN + drawing.ROW * found.sizes["method"]

@@ -1,38 +1,34 @@
-"""What the interactive figures share: axes, lines, marks with errors, what the pointer is told, thinning."""
+"""What the interactive figures share: axes, lines, marks with errors, tooltips."""
 
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from sysid_trib.plots.motion_data import drawn_samples
+from sysid_trib.plots.style import GREY, INK, Style
 
 if TYPE_CHECKING:
     from bokeh.models import GlyphRenderer, Legend
     from bokeh.plotting import figure
 
-Array = NDArray[np.float64]
-
 FONT = "system-ui, 'Segoe UI', Roboto, 'Helvetica Neue', 'Liberation Sans', sans-serif"
-INK, FAINT = "#333333", "#e6e6e6"
-GREY, PALE = "#8c8c8c", "#b3b3b3"
-BAND = "#e4e4e4"
-HEIGHT, LOW = 300, 220
-# What a list takes: a row, and what is about it.
-ROW, MARGIN = 19, 70
-# Points of one curve: as many as a wide screen has, for each the least and the largest of what it stands for.
-MOST_POINTS = 6000
+RECORD_GREY, GRID_GREY, BAND_GREY = "#b3b3b3", "#e6e6e6", "#e4e4e4"
+# Heights of a panel, px: usual, of residuals, and of a list without its rows; and of a row.
+PANEL_HEIGHT_PX, RESIDUAL_HEIGHT_PX, LIST_HEIGHT_PX, ROW_HEIGHT_PX = 300, 220, 70, 19
 DASHES = {"-": "solid", "--": "dashed"}
 # Matplotlib's marks by bokeh's names.
 MARKERS = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle"}
-Told = Sequence[tuple[str, str]]
+STYLED = ("color", "marker", "markerfacecolor")
+Tooltips = Sequence[tuple[str, str]]
 
 
 def panel(
     x_label: str,
     y_label: str,
     *,
-    height: int = HEIGHT,
+    height: int = PANEL_HEIGHT_PX,
     share_x: "figure | None" = None,
     rows: Sequence[str] = (),
     log: str = "",
@@ -41,10 +37,16 @@ def panel(
 
     Parameters
     ----------
-    height : px.
-    share_x : a figure with the same x axis: one zooms with the other.
-    rows : names on the y axis, the first on top; else it holds numbers.
-    log : the axes with a logarithmic scale, such as "x".
+    x_label, y_label : str
+        Labels of the axes.
+    height : int, px
+        Height of the panel.
+    share_x : figure, optional
+        A figure with the same x axis: both zoom together.
+    rows : sequence of str
+        Names on the y axis, the first on top; without them it holds numbers.
+    log : str
+        The axes with a logarithmic scale, such as "x".
     """
     from bokeh.models import DataRange1d, FactorRange, Range1d
     from bokeh.plotting import figure
@@ -77,59 +79,50 @@ def panel(
         axis.axis_label_text_color = axis.major_label_text_color = INK
         axis.axis_line_color = axis.major_tick_line_color = GREY
         axis.minor_tick_line_color = None
-    made.grid.grid_line_color = FAINT
+    made.grid.grid_line_color = GRID_GREY
     return made
 
 
 def line(
-    on: "figure", x: ArrayLike, y: ArrayLike, color: str, *, dash: str = "-", width: float = 1.3
+    on: "figure", curve: tuple[ArrayLike, ArrayLike], style: Style, *, width: float = 1.3
 ) -> "GlyphRenderer":
-    """A curve, thinned."""
+    """A curve, decimated."""
     from bokeh.models import ColumnDataSource
 
-    shown = kept(np.asarray(y, dtype=float))
-    source = ColumnDataSource(columns({"x": np.asarray(x)[shown], "y": np.asarray(y)[shown]}))
-    return on.line("x", "y", source=source, color=color, line_dash=DASHES[dash], line_width=width)
+    x, y = (np.asarray(values, dtype=float) for values in curve)
+    shown = drawn_samples(y)
+    source = ColumnDataSource(columns({"x": x[shown], "y": y[shown]}))
+    dash = DASHES[style.get("linestyle", "-")]
+    return on.line("x", "y", source=source, color=style["color"], line_dash=dash, line_width=width)
 
 
-def marks(
-    on: "figure",
-    data: dict[str, Any],
-    color: str,
-    *,
-    marker: str = "o",
-    size: float = 5.0,
-    hollow: bool = False,
-) -> "GlyphRenderer":
+def marks(on: "figure", data: Mapping[str, Any], style: Style, *, size: float) -> "GlyphRenderer":
     """Marks at the columns `x` and `y`, with bars over `low` to `high` where there are such columns.
 
-    Bars are along x where y holds names.
+    Columns `color`, `marker` and `markerfacecolor` give each mark its own style. Bars are along x where y
+    holds names.
     """
     from bokeh.models import ColumnDataSource, FactorRange
 
     source = ColumnDataSource(columns(data))
-    bars = None
+    styled = dict(style) | {name: {"field": name} for name in STYLED if name in data}
+    color, marker = styled["color"], styled.get("marker", "o")
     if "low" in data:
         named = isinstance(on.y_range, FactorRange)
         ends = ("low", "y", "high", "y") if named else ("x", "low", "x", "high")
-        bars = on.segment(*ends, source=source, color=color, line_width=1.2)
-    fill = "white" if hollow else color
-    made = on.scatter(
-        "x", "y", source=source, marker=MARKERS[marker], size=size, line_color=color, fill_color=fill
-    )
-    if bars is not None:
-        bars.glyph.line_alpha = 0.8
-    return made
+        on.segment(*ends, source=source, color=color, line_width=1.2).glyph.line_alpha = 0.8
+    drawn = on.scatter("x", "y", source=source, size=size, marker=MARKERS.get(str(marker), marker))
+    drawn.glyph.update(line_color=color, fill_color=styled.get("markerfacecolor", color))
+    return drawn
 
 
-def tell(on: "figure", drawn: "Sequence[GlyphRenderer]", told: Told) -> None:
-    """What the pointer is told of marks and curves: names, and columns such as `@x{%.4g} s`."""
+def tell(on: "figure", drawn: "Sequence[GlyphRenderer]", tooltips: Tooltips) -> None:
+    """What the pointer shows of marks and curves: names, and columns such as `@x{%.4g} s`."""
     from bokeh.models import HoverTool
 
-    formats = {text.split("{")[0]: "printf" for _, text in told if "{%" in text}
-    on.add_tools(
-        HoverTool(renderers=list(drawn), tooltips=list(told), formatters=formats, point_policy="snap_to_data")
-    )
+    formats = {text.split("{")[0]: "printf" for _, text in tooltips if "{%" in text}
+    shown: dict[str, Any] = {"renderers": list(drawn), "tooltips": list(tooltips), "formatters": formats}
+    on.add_tools(HoverTool(point_policy="snap_to_data", **shown))
 
 
 def legend(on: "figure", entries: "Sequence[tuple[str, Sequence[GlyphRenderer]]]") -> "Legend":
@@ -160,7 +153,7 @@ def band(on: "figure", low: float, high: float, *, along: str = "x") -> None:
     from bokeh.models import BoxAnnotation
 
     ends = {"bottom": low, "top": high} if along == "x" else {"left": low, "right": high}
-    on.add_layout(BoxAnnotation(**ends, fill_color=BAND, fill_alpha=1.0, line_color=None, level="image"))
+    on.add_layout(BoxAnnotation(**ends, fill_color=BAND_GREY, fill_alpha=1.0, line_color=None, level="image"))
 
 
 def log_axis(on: "figure", low: float, high: float) -> None:
@@ -176,20 +169,17 @@ def log_axis(on: "figure", low: float, high: float) -> None:
     on.xaxis.formatter = BasicTickFormatter()
 
 
+def list_panel(x_label: str, rows: Sequence[str], *, log: str = "") -> "figure":
+    """Empty axes, as high as there are rows."""
+    height = LIST_HEIGHT_PX + ROW_HEIGHT_PX * len(rows)
+    return panel(x_label, "", rows=rows, log=log, height=height)
+
+
 def threshold(on: "figure", at: float) -> None:
     """A dashed line across the axis x."""
     from bokeh.models import Span
 
     on.add_layout(Span(location=at, dimension="height", line_color=INK, line_dash="dashed", line_width=1))
-
-
-def kept(values: Array) -> NDArray[np.intp]:
-    """Samples by which a curve is drawn: the least and the largest of each stretch, so no peak is lost."""
-    if values.size <= MOST_POINTS:
-        return np.arange(values.size)
-    edges = np.linspace(0, values.size, MOST_POINTS // 2 + 1).astype(int)
-    ends = [start + f(values[start:stop]) for start, stop in pairwise(edges) for f in (np.argmin, np.argmax)]
-    return np.unique(ends)
 
 
 def columns(data: Mapping[str, Any]) -> dict[str, Any]:

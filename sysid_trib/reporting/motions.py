@@ -1,143 +1,118 @@
-"""Interactive figures of a record and the motions of models: angle, what is left, envelope, frequency."""
+"""Interactive figures of a record and the motions of models: angle, residuals, envelope, frequency."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
+from numpy.typing import ArrayLike
 
-from sysid_trib.decays.half_sines import envelope as half_sine_envelope
-from sysid_trib.errors import SysidTribError
+from sysid_trib.plots.motion_data import MOST_POINTS, MotionData
+from sysid_trib.plots.style import GREY
 from sysid_trib.reporting import drawing
 from sysid_trib.reporting.parts import Panel
 
 if TYPE_CHECKING:
+    from bokeh.models import GlyphRenderer
     from bokeh.plotting import figure
 
-# Colour and dash of each model's line, by its name, the last on top.
-Lines = Mapping[str, tuple[str, str]]
-IN_TIME = [("time", "@x{%.5g} s"), ("angle", "@y{%.5g} rad")]
+Curve = tuple[ArrayLike, ArrayLike]
+Entries = list[tuple[str, "Sequence[GlyphRenderer]"]]
 
 
-def motion_panels(
-    data: xr.Dataset, lines: Lines, noise: float, *, together: bool, label: str = "{}"
-) -> list[Panel]:
-    """Record and models, what each leaves, envelope, and frequency against amplitude.
+def motion_panels(drawn: MotionData, *, together: bool) -> list[Panel]:
+    """Record and models, residuals, envelope, and frequency against amplitude.
 
     Parameters
     ----------
-    data : `angle(time)` and `simulated_angle(model, time)`, rad.
-    lines : the models, the last on top.
-    noise : rad, of one sample; the band is twice as wide.
-    together : what the models leave in one panel, else in one each with a scale of its own.
-    label : of a model, about its name.
+    drawn : MotionData
+        The record and its models.
+    together : bool
+        Whether the residuals of all models share a panel, else each has a panel and a scale of its own.
     """
-    labels = {name: label.format(name) for name in lines}
-    moving = {k: v for k, v in lines.items() if np.all(np.isfinite(data.simulated_angle.sel(model=k)))}
-    record = _record(data, moving, labels)
-    parts = [list(moving)] if together else [[name] for name in reversed(moving)]
-    left = [_residual(data, {n: lines[n] for n in part}, labels, noise, record) for part in parts if part]
-    found = dict(_envelopes(data, list(moving)))
-    panels = [Panel(record), *map(Panel, left)]
-    if "record" in found:
-        panels += [Panel(draw(found, lines, labels), wide=False) for draw in (_envelope, _frequency)]
+    record = _record(drawn)
+    parts = [list(drawn.lines)] if together else [[name] for name in drawn.lines]
+    panels = [Panel(record), *(Panel(_residual(drawn, part, record)) for part in parts if part)]
+    if "record" in drawn.half_periods:
+        panels += [Panel(draw(drawn), wide=False) for draw in (_envelope, _frequency)]
     return panels
 
 
 def record_panel(data: xr.Dataset) -> Panel:
     """The record alone, the part that is held out on grey."""
-    made = _record(data, {}, {})
+    made = _record(MotionData(data, np.nan, {}, {}))
     drawing.band(made, data.holdout_start.item(), float(data.time.values[-1]), along="y")
     return Panel(made)
 
 
-def _record(data: xr.Dataset, lines: Lines, labels: Mapping[str, str]) -> "figure":
+def _record(drawn: MotionData) -> "figure":
     made = drawing.panel("time (s)", "angle (rad)")
-    time, angle = data.time.values, data.angle.values
     # Pale behind models, which must show.
-    color = drawing.PALE if lines else drawing.GREY
-    if time.size > drawing.MOST_POINTS:
-        drawn = {"record": drawing.line(made, time, angle, color)}
+    color = drawing.RECORD_GREY if drawn.lines else GREY
+    if drawn.time.size > MOST_POINTS:
+        points = drawing.line(made, (drawn.time, drawn.angle), {"color": color})
     else:
-        drawn = {"record": drawing.marks(made, {"x": time, "y": angle}, color, size=3.5)}
-    for name, (color, dash) in lines.items():
-        drawn[labels[name]] = drawing.line(
-            made, time, data.simulated_angle.sel(model=name).values, color, dash=dash
-        )
-    drawing.tell(made, [drawn["record"]], IN_TIME)
-    if lines:
-        drawing.legend(made, [(name, [curve]) for name, curve in drawn.items()])
+        points = drawing.marks(made, {"x": drawn.time, "y": drawn.angle}, {"color": color}, size=3.5)
+    drawing.tell(made, [points], [("time", "@x{%.5g} s"), ("angle", "@y{%.5g} rad")])
+    if drawn.lines:
+        curves = {name: (drawn.time, drawn.motion(name)) for name in drawn.lines}
+        _with_models(made, drawn, [("record", [points])], curves)
     return made
 
 
-def _residual(
-    data: xr.Dataset, lines: Lines, labels: Mapping[str, str], noise: float, record: "figure"
-) -> "figure":
-    made = drawing.panel("time (s)", "record \N{MINUS SIGN} model (mrad)", height=drawing.LOW, share_x=record)
-    drawing.band(made, -2e3 * noise, 2e3 * noise)
-    entries = []
-    for name, (color, dash) in lines.items():
-        gap = 1e3 * (data.angle - data.simulated_angle.sel(model=name)).values
-        drawn = drawing.line(made, data.time.values, gap, color, dash=dash, width=1.0)
-        drawing.tell(made, [drawn], [("time", "@x{%.5g} s"), (labels[name], "@y{%.4g} mrad")])
-        entries.append((labels[name], [drawn]))
-    drawing.legend(made, entries)
+def _residual(drawn: MotionData, models: Sequence[str], record: "figure") -> "figure":
+    label, height = "record \N{MINUS SIGN} model (mrad)", drawing.RESIDUAL_HEIGHT_PX
+    made = drawing.panel("time (s)", label, height=height, share_x=record)
+    drawing.band(made, -2e3 * drawn.noise, 2e3 * drawn.noise)
+    curves = _with_models(made, drawn, [], {n: (drawn.time, drawn.residual(n)) for n in models}, width=1.0)
+    for name, curve in curves.items():
+        drawing.tell(made, [curve], [("time", "@x{%.5g} s"), (drawn.labels[name], "@y{%.4g} mrad")])
     return made
 
 
-def _envelopes(data: xr.Dataset, models: Sequence[str]) -> Iterator[tuple[str, xr.Dataset]]:
-    """The record's and each model's motion through the same half-sine fits, where there are such."""
-    motions = {"record": data[["angle"]]}
-    for name in models:
-        motions[name] = xr.Dataset({"angle": data.simulated_angle.sel(model=name, drop=True)})
-    for name, motion in motions.items():
-        try:
-            yield name, half_sine_envelope(motion)
-        except SysidTribError:
-            continue
-
-
-def _envelope(found: Mapping[str, xr.Dataset], lines: Lines, labels: Mapping[str, str]) -> "figure":
+def _envelope(drawn: MotionData) -> "figure":
     from bokeh.models import Range1d
 
     made = drawing.panel("time (s)", "amplitude (rad)", log="y")
-    entries = []
-    for name, (color, dash) in lines.items():
-        if name in found:
-            time, a = found[name].instant_time.values, found[name].amplitude.values
-            entries.append((labels[name], [drawing.line(made, time, a, color, dash=dash)]))
-    measured = found["record"]
-    a, error = measured.amplitude.values, measured.amplitude_standard_error.values
-    # Where the noise is as large as the swing, a bar would reach below zero.
-    low, high = max(0.8 * float(a.min()), 0.2 * float(np.median(a))), 1.15 * float(a.max())
-    columns = {"x": measured.instant_time.values, "y": a, "error": error}
-    columns |= {"low": np.maximum(a - error, 0.1 * low), "high": a + error}
-    drawn = drawing.marks(made, columns, drawing.GREY, hollow=True)
+    low, high = drawn.amplitude_limits()
     made.y_range = Range1d(low, high)
     made.yaxis.ticker.desired_num_ticks = 5
-    drawing.tell(made, [drawn], [("time", "@x{%.5g} s"), ("amplitude", "@y{%.5g} ± @error{%.2g} rad")])
-    drawing.legend(made, [("record", [drawn]), *entries])
-    return made
+    # Where the noise is as large as the swing, a bar would reach below zero.
+    tooltips = [("time", "@x{%.5g} s"), ("amplitude", "@y{%.5g} ± @error{%.2g} rad")]
+    return _half_periods(made, drawn, "instant_time", "amplitude", 0.1 * low, tooltips)
 
 
-def _frequency(found: Mapping[str, xr.Dataset], lines: Lines, labels: Mapping[str, str]) -> "figure":
+def _frequency(drawn: MotionData) -> "figure":
     from bokeh.models import Range1d
 
     made = drawing.panel("amplitude (rad)", "frequency (rad/s)")
-    entries = []
-    for name, (color, dash) in lines.items():
-        if name in found:
-            a, w = found[name].amplitude.values, found[name].frequency.values
-            entries.append((labels[name], [drawing.line(made, a, w, color, dash=dash)]))
-    measured = found["record"]
-    w, error = measured.frequency.values, measured.frequency_standard_error.values
-    columns = {"x": measured.amplitude.values, "y": w, "error": error, "low": w - error, "high": w + error}
-    drawn = drawing.marks(made, columns, drawing.GREY, hollow=True)
-    # A few wild points at the noise floor must not squeeze the course into a line.
-    low, high = np.percentile(w, [3, 97])
-    made.y_range = Range1d(low - 0.4 * (high - low), high + 0.4 * (high - low))
-    made.x_range = Range1d(0.0, 1.05 * float(np.max(columns["x"])))
-    told = [("amplitude", "@x{%.4g} rad"), ("frequency", "@y{%.6g} ± @error{%.2g} rad/s")]
-    drawing.tell(made, [drawn], told)
-    drawing.legend(made, [("record", [drawn]), *entries])
+    made.y_range = Range1d(*drawn.frequency_limits())
+    made.x_range = Range1d(0.0, 1.05 * drawn.half_periods["record"].amplitude.values.max())
+    tooltips = [("amplitude", "@x{%.4g} rad"), ("frequency", "@y{%.6g} ± @error{%.2g} rad/s")]
+    return _half_periods(made, drawn, "amplitude", "frequency", -np.inf, tooltips)
+
+
+def _half_periods(
+    made: "figure", drawn: MotionData, x: str, y: str, lowest: float, tooltips: drawing.Tooltips
+) -> "figure":
+    """Half periods of the record with bars from `lowest` on, and the lines of the models."""
+    measured = drawn.half_periods["record"]
+    value, error = measured[y].values, measured[f"{y}_standard_error"].values
+    columns = {"x": measured[x].values, "y": value, "error": error}
+    columns |= {"low": np.maximum(value - error, lowest), "high": value + error}
+    curves = {n: (fit[x].values, fit[y].values) for n, fit in drawn.half_periods.items() if n != "record"}
+    points = drawing.marks(made, columns, {"color": GREY, "markerfacecolor": "white"}, size=5.0)
+    drawing.tell(made, [points], tooltips)
+    _with_models(made, drawn, [("record", [points])], curves)
     return made
+
+
+def _with_models(
+    made: "figure", drawn: MotionData, entries: Entries, curves: Mapping[str, Curve], width: float = 1.3
+) -> "dict[str, GlyphRenderer]":
+    """Curves of models over what is drawn, and the legend."""
+    lines = drawn.lines
+    order = sorted(curves, key=lambda name: lines[name]["zorder"])
+    made_lines = {name: drawing.line(made, curves[name], lines[name], width=width) for name in order}
+    drawing.legend(made, [*entries, *((drawn.labels[name], [made_lines[name]]) for name in curves)])
+    return made_lines

@@ -12,11 +12,11 @@ from command_line import run, write_csv
 from helpers import lengthened
 
 import sysid_trib as st
+from sysid_trib.plots.motion_data import MOST_POINTS, drawn_samples
 from sysid_trib.printing.comparison import comparison_sentences
 from sysid_trib.printing.discovery_story import discovery_story
 from sysid_trib.printing.identification import identification_sentences
 from sysid_trib.printing.layout import value_with_error
-from sysid_trib.reporting import drawing
 from sysid_trib.reporting.page import page
 
 KINDS = ("identify", "cross_check", "runs", "compare", "discover")
@@ -135,22 +135,22 @@ def test_hostile_names_are_text(results):
     assert "<script>alert" not in page(tree)
 
 
-def test_thinned_curve_keeps_its_extremes():
+def test_decimated_curve_keeps_its_extremes():
     values = np.random.default_rng(0).standard_normal(200_001)
     values[123_457], values[9] = 50.0, -60.0
-    shown = drawing.kept(values)
-    assert len(shown) <= drawing.MOST_POINTS
+    shown = drawn_samples(values)
+    assert len(shown) <= MOST_POINTS
     assert {123_457, 9} <= set(shown.tolist())
     assert np.all(np.diff(shown) > 0)
-    assert drawing.kept(values[: drawing.MOST_POINTS]).size == drawing.MOST_POINTS
+    assert drawn_samples(values[:MOST_POINTS]).size == MOST_POINTS
 
 
-def test_long_record_is_small_and_says_that_it_is_thinned(results, pages):
+def test_long_record_is_small_and_says_that_it_is_decimated(results, pages):
     tree = lengthened(results["cross_check"], 1_000_000)
     text = page(tree)
     assert len(text.encode()) < 5_000_000
-    assert f"{drawing.MOST_POINTS:,} of 1,000,000 samples" in text
-    assert "thinned" not in pages["cross_check"]
+    assert f"{MOST_POINTS:,} of 1,000,000 samples" in text
+    assert "curves are decimated" not in pages["cross_check"]
 
 
 def test_model_that_diverges_is_left_out(results):

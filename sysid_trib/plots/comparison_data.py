@@ -1,0 +1,111 @@
+"""Methods side by side as numbers to draw, the same on paper and on a page."""
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from sysid_trib.plots.style import BLUE, GREEN, INK, ORANGE
+from sysid_trib.validation.comparison_table import column_power
+
+Array = NDArray[np.float64]
+
+# Marks of the families that methods state (see `MethodScope`).
+OTHER_FAMILY = "other"
+FAMILY_MARKS: dict[str, dict[str, Any]] = {
+    "trajectory": {"color": GREEN, "marker": "D"},
+    "direct": {"color": BLUE, "marker": "s"},
+    "averaging": {"color": ORANGE, "marker": "o"},
+    OTHER_FAMILY: {"color": INK, "marker": "^"},
+}
+FREQUENCY = "asymptotic_frequency"
+PREDICTION = {"train_over_noise": "first two thirds", "holdout_over_noise": "held-out third"}
+# A method farther from the best than this many times the usual distance is an arrow at the edge.
+ARROW_BEYOND = 5.0
+
+
+def shown_methods(tree: xr.DataTree) -> xr.Dataset:
+    """The comparison, of methods that have any result."""
+    table = tree["comparison"].to_dataset()
+    results = [table[name].notnull() for name in ("coefficient", FREQUENCY, *PREDICTION)]
+    there = [column.any("force") if "force" in column.dims else column for column in results]
+    return table.isel(method=np.flatnonzero(np.any(there, axis=0)))
+
+
+def quantities(tree: xr.DataTree) -> list[str]:
+    """What is compared: the forces by symbol, and the asymptotic frequency."""
+    return [*shown_methods(tree).force.values.tolist(), FREQUENCY]
+
+
+def quantity_data(tree: xr.DataTree, quantity: str) -> xr.Dataset:
+    """A coefficient or the `asymptotic_frequency` by method, as an axis shows it.
+
+    Parameters
+    ----------
+    tree : xr.DataTree
+        Result of `compare`.
+    quantity : str
+        Symbol of a force, or `asymptotic_frequency`.
+
+    Returns
+    -------
+    xr.Dataset
+        `value(method)` and `error(method)` over ten to the attribute `power`, and `side(method)`: -1 or 1
+        for a value beyond the axis, else 0. Attributes: `power`, `unit`, the ends `low` and `high` of the
+        axis, and the band of the method that predicts best, `band_low` and `band_high` (nan without one).
+    """
+    table = shown_methods(tree)
+    if quantity == FREQUENCY:
+        power, unit = 0, "rad/s"
+        columns = table[FREQUENCY], table[f"{FREQUENCY}_standard_error"]
+    else:
+        column = table.sel(force=quantity)
+        power, unit = column_power(column), column.unit.item()
+        columns = column.coefficient, column.standard_error
+    value, error = (column.values / 10.0**power for column in columns)
+    at = table.method.values.tolist().index(table.attrs["best"])
+    low, high = _limits(value, error, at)
+    return xr.Dataset(
+        {
+            "value": ("method", value),
+            "error": ("method", error),
+            "side": ("method", np.where(value > high, 1, np.where(value < low, -1, 0))),
+        },
+        {"method": table.method.values},
+        {
+            **{"power": power, "unit": unit, "low": low, "high": high},
+            **{"band_low": value[at] - error[at], "band_high": value[at] + error[at]},
+        },
+    )
+
+
+def _limits(value: Array, error: Array, best: int) -> tuple[float, float]:
+    """Ends of an axis on which most methods have room; an outlier must not squeeze the others."""
+    known = np.isfinite(value[best])
+    centre = float(value[best] if known else np.nanmedian(value))
+    distance = np.abs(value - centre) + error
+    usual = max(float(np.nanmedian(distance)), 3.0 * float(error[best]) if known else 0.0)
+    inside = distance <= ARROW_BEYOND * usual
+    low = min(float((value - error)[inside].min(initial=np.inf)), centre - usual)
+    high = max(float((value + error)[inside].max(initial=-np.inf)), centre + usual)
+    spare = max(0.08 * (high - low), 1e-9 * abs(centre), 1e-300)
+    return low - spare, high + spare
+
+
+def method_marks(tree: xr.DataTree) -> dict[str, dict[str, Any]]:
+    """Mark of each method: that of its family, open for all but the first of the family."""
+    marks: dict[str, dict[str, Any]] = {}
+    before: set[str] = set()
+    for method, family in method_families(tree).items():
+        face = {"markerfacecolor": "white"} if family in before - {OTHER_FAMILY} else {}
+        marks[method] = FAMILY_MARKS[family] | face
+        before.add(family)
+    return marks
+
+
+def method_families(tree: xr.DataTree) -> dict[str, str]:
+    """Family of each method, a key of `FAMILY_MARKS`."""
+    table = shown_methods(tree)
+    pairs = zip(table.method.values.tolist(), table.family.values.tolist(), strict=True)
+    return {method: family if family in FAMILY_MARKS else OTHER_FAMILY for method, family in pairs}

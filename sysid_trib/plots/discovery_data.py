@@ -1,0 +1,155 @@
+"""A discovery as numbers to draw, the same on paper and on a page."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.plots.style import CANDIDATE_MARKS
+from sysid_trib.printing.discovery_tables import strongest
+from sysid_trib.results.discoveries import added_effects, credible_set, shapes_of
+
+# Candidates in a ranking.
+MOST_CANDIDATES = 15
+# A score beyond so many thresholds asks for a logarithmic axis.
+LOGARITHMIC_BEYOND = 5.0
+# A cell of fewer samples has no mean; colours end where so many percent of the cells lie within.
+FEWEST_SAMPLES = 5
+COLOUR_PERCENT = 98.0
+
+
+def missing_force(tree: xr.DataTree, *, after: bool) -> tuple[xr.DataArray, xr.DataArray, float]:
+    """Mean force over angle and rate that a model lacks, relative to I w^2.
+
+    Parameters
+    ----------
+    tree : xr.DataTree
+        Result of `discover`.
+    after : bool
+        Of the final model, else of the start model.
+
+    Returns
+    -------
+    tuple
+        The force and its standard error, mrad, nan where samples are few; and the force, mrad, at which the
+        colours of both models end.
+    """
+    first, last = (tree[name].to_dataset() for name in ("discrepancy", "discrepancy_after"))
+    kept = np.abs(first.force.values[first.samples.values >= FEWEST_SAMPLES])
+    kept = kept[np.isfinite(kept)]
+    limit = 1e3 * float(np.percentile(kept, COLOUR_PERCENT)) if kept.size else 1.0
+    shown = last if after else first
+    return (1e3 * shown.force).where(shown.samples >= FEWEST_SAMPLES), 1e3 * shown.standard_error, limit
+
+
+@dataclass(frozen=True)
+class RankingData:
+    """Candidates by score at one selection step.
+
+    Attributes
+    ----------
+    candidates : xr.Dataset
+        Columns of `ranking` at the step for the candidates shown, the highest score first, with
+        `size(candidate)`, which is |z|, `kind(candidate)`, a key of `CANDIDATE_MARKS`, and
+        `shapes(candidate)`, the shape parameters as text.
+    title : str
+        When the step was.
+    threshold : float
+        |z| beyond which a candidate is named.
+    logarithmic : bool
+        Whether scores ask for a logarithmic axis.
+    low, high : float
+        The least that the axis shows, and the largest |z| or the threshold.
+    """
+
+    candidates: xr.Dataset
+    title: str
+    threshold: float
+    logarithmic: bool
+    low: float
+    high: float
+
+
+def ranking_data(tree: xr.DataTree, selection_step: int) -> RankingData:
+    """The candidates of the highest scores at a selection step; those named or competing always.
+
+    Parameters
+    ----------
+    tree : xr.DataTree
+        Result of `discover`.
+    selection_step : int
+        0 before the first step, 1 before the second, ..., -1 at the end.
+    """
+    scores = tree["ranking"].to_dataset().isel(selection_step=selection_step)
+    named, competing = _named(tree, selection_step)
+    chosen = strongest(scores.expand_dims("selection_step"), MOST_CANDIDATES)
+    tested = scores.candidate.values[np.isfinite(scores.z.values)]
+    chosen += [s for s in (*named, *competing) if s in tested and s not in chosen]
+    kinds = list(CANDIDATE_MARKS)
+    kind = [kinds[0] if s in named else kinds[1] if s in competing else kinds[2] for s in chosen]
+    shown = scores.sel(candidate=chosen)
+    size, threshold = np.abs(shown.z.values), scores.threshold.item()
+    texts = {"kind": kind, "shapes": [_shapes_text(scores, symbol) for symbol in chosen]}
+    shown = shown.assign({name: ("candidate", np.array(text, dtype=str)) for name, text in texts.items()})
+    logarithmic = bool(np.max(size, initial=0.0) > LOGARITHMIC_BEYOND * threshold)
+    # Scores in their hundreds and a threshold of four need a logarithm, else it hides the differences.
+    low = min([0.5 * threshold, *(0.7 * size)]) if logarithmic else 0.0
+    shown, high = shown.assign(size=("candidate", size)), max([threshold, *size])
+    return RankingData(shown, _title(tree, selection_step), threshold, logarithmic, low, high)
+
+
+def rankings_data(tree: xr.DataTree) -> list[RankingData]:
+    """The ranking at the selection steps at which an effect of the final model was chosen, and at the end."""
+    chosen = tree["steps"].selection_step.values.tolist() if tree["steps"].attrs["count"] else []
+    return [ranking_data(tree, step) for step in (*sorted(set(chosen)), -1)]
+
+
+def _title(tree: xr.DataTree, selection_step: int) -> str:
+    if selection_step in (-1, tree["ranking"].sizes["selection_step"] - 1):
+        return "at the end"
+    steps = tree["steps"].to_dataset().get("selection_step", xr.DataArray([])).values
+    added = " and ".join(str(at + 1) for at in np.flatnonzero(steps == selection_step))
+    return f"before step {added}" if added else f"selection step {selection_step + 1}"
+
+
+def _named(tree: xr.DataTree, selection_step: int) -> tuple[list[str], list[str]]:
+    """The effects that were chosen at a selection step, and those that compete with them."""
+    if not tree["steps"].attrs["count"]:
+        return [], []
+    steps = tree["steps"].to_dataset()
+    sets = [
+        list(credible_set(steps.isel(step=at)))
+        for at in np.flatnonzero(steps.selection_step.values == selection_step)
+    ]
+    named = [credible[0] for credible in sets]
+    return named, [symbol for credible in sets for symbol in credible[1:] if symbol not in named]
+
+
+def _shapes_text(scores: xr.Dataset, symbol: str) -> str:
+    return ", ".join(f"{symbol}.{name} = {value:.4g}" for name, value in shapes_of(scores, symbol).items())
+
+
+def detectability_data(tree: xr.DataTree) -> xr.Dataset:
+    """Smallest coefficient of each candidate that the record would show, those of a family together.
+
+    Returns
+    -------
+    xr.Dataset
+        `start(candidate)` and `final(candidate)`: detectable coefficient beside each model, nan where the
+        record cannot test it; `in_final(candidate)`: whether it is still a candidate;
+        `identified(candidate)`: absolute coefficient of an effect that was added, else nan; `name`,
+        `family`, `formula`.
+    """
+    first, last = (tree[name].to_dataset() for name in ("detectability", "detectability_after"))
+    families = list(dict.fromkeys(first.family.values.tolist()))
+    order = np.argsort([families.index(f) for f in first.family.values.tolist()], kind="stable")
+    shown = first[["name", "family", "formula"]].isel(candidate=order)
+    identified = xr.full_like(shown.candidate, np.nan, dtype=float)
+    for at, symbol in enumerate(added_effects(tree)):
+        identified.loc[symbol] = abs(tree["steps"].coefficient.values[at])
+    return shown.assign(
+        start=first.detectable.isel(candidate=order),
+        final=last.detectable.reindex_like(shown.candidate),
+        in_final=shown.candidate.isin(last.candidate.values),
+        identified=identified,
+    )

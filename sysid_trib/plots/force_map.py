@@ -1,0 +1,82 @@
+"""Figures of a discovery: the mean force over angle and rate that a model lacks."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.plots.discovery_data import missing_force
+from sysid_trib.plots.style import LEGEND, axes, letter, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.collections import QuadMesh
+    from matplotlib.figure import Figure
+
+# A dot marks cells of more standard errors.
+DOT_BEYOND = 3.0
+
+
+def disagreement(tree: xr.DataTree) -> "Figure":
+    """The map of the missing force before and after, in the same colours.
+
+    Dots mark cells beyond three standard errors.
+
+    Parameters
+    ----------
+    tree : xr.DataTree
+        Result of `discover`.
+    """
+    figure = new_figure(7.2, 3.3)
+    first, second = figure.subplots(1, 2, sharex=True, sharey=True)
+    _map(tree, first, after=False)
+    mesh = _map(tree, second, after=True)
+    letter((first, second), ("before", "after"))
+    second.set_ylabel("")
+    _add_colours(figure, mesh, [first, second])
+    return figure
+
+
+def disagreement_map(tree: xr.DataTree, ax: "Axes | None" = None, *, after: bool = False) -> "Axes":
+    """Mean force over angle and rate that a model lacks, f in theta'' + w^2 theta = -w^2 f (mrad).
+
+    Dots mark cells beyond three standard errors of the noise.
+
+    Parameters
+    ----------
+    tree : xr.DataTree
+        Result of `discover`.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on.
+    after : bool
+        Of the final model, in the colours of the start model.
+    """
+    ax = axes(ax)
+    _add_colours(ax.figure, _map(tree, ax, after), ax)
+    return ax
+
+
+def _map(tree: xr.DataTree, ax: "Axes", after: bool) -> "QuadMesh":
+    from matplotlib.colors import TwoSlopeNorm
+
+    force, error, limit = missing_force(tree, after=after)
+    x, v, values = force.x.values, force.v.values, force.values
+    colours: dict[str, Any] = {"cmap": "RdBu_r", "norm": TwoSlopeNorm(0.0, -limit, limit)}
+    mesh = ax.pcolormesh(x, v, values.T, shading="nearest", rasterized=True, **colours)
+    at_x, at_v = np.nonzero(np.abs(values) > DOT_BEYOND * error.values)
+    ax.plot(
+        x[at_x],
+        v[at_v],
+        ".",
+        color="black",
+        markersize=2.5,
+        label=f"beyond {DOT_BEYOND:g} standard errors",
+    )
+    ax.legend(**LEGEND)
+    ax.set(xlabel=r"angle $\theta$ (rad)", ylabel=r"$\dot\theta/\omega$ (rad)", aspect="equal")
+    return mesh
+
+
+def _add_colours(figure: Any, mesh: "QuadMesh", panels: Any) -> None:
+    bar = figure.colorbar(mesh, ax=panels, extend="both", shrink=0.9)
+    bar.set_label(r"missing $f$ in $\ddot\theta + \omega^2\theta = -\omega^2 f$ (mrad)")

@@ -1,0 +1,119 @@
+"""A record and the motions of its models as numbers to draw, the same on paper and on a page."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from sysid_trib.decays.half_sines import envelope as half_sine_envelope
+from sysid_trib.errors import SysidTribError
+from sysid_trib.plots.style import MODEL_LINES, Style
+from sysid_trib.results.per_run import noise_of_run, record_groups
+
+Array = NDArray[np.float64]
+
+# Points of a curve: as many as a wide screen has, for each the least and the largest of its stretch.
+MOST_POINTS = 6000
+
+
+@dataclass(frozen=True)
+class MotionData:
+    """A record, its models that have a motion, and the noise.
+
+    Attributes
+    ----------
+    data : xr.Dataset
+        `angle(time)` and, with models, `simulated_angle(model, time)`, rad.
+    noise : float, rad
+        Standard deviation of a sample.
+    lines : mapping of str to style
+        Line of each model by its name; lines of a higher `zorder` lie on others.
+    labels : mapping of str to str
+        What a legend calls each model.
+    """
+
+    data: xr.Dataset
+    noise: float
+    lines: Mapping[str, Style]
+    labels: Mapping[str, str]
+
+    @property
+    def time(self) -> Array:
+        """Instants of the samples, s."""
+        return self.data.time.values
+
+    @property
+    def angle(self) -> Array:
+        """Angle of the record, rad."""
+        return self.data.angle.values
+
+    def motion(self, model: str) -> Array:
+        """Angle of a model, rad."""
+        return self.data.simulated_angle.sel(model=model).values
+
+    def residual(self, model: str) -> Array:
+        """Record minus model, mrad."""
+        return 1e3 * (self.angle - self.motion(model))
+
+    @cached_property
+    def half_periods(self) -> Mapping[str, xr.Dataset]:
+        """Envelopes of the record (`record`) and of each model, by the same half-sine fits.
+
+        First-order averages of a model would differ at large amplitude. A motion without half periods has
+        no envelope.
+        """
+        motions = {"record": self.angle} | {name: self.motion(name) for name in self.lines}
+        envelopes = {}
+        for name, angle in motions.items():
+            try:
+                envelopes[name] = half_sine_envelope(self.data[["angle"]].assign(angle=("time", angle)))
+            except SysidTribError:
+                continue
+        return envelopes
+
+    def amplitude_limits(self) -> tuple[float, float]:
+        """Ends of an axis of the record's amplitudes, rad; an error bar may reach below zero."""
+        amplitude = self.half_periods["record"].amplitude.values
+        low = max(0.8 * float(np.min(amplitude)), 0.2 * float(np.median(amplitude)))
+        return low, 1.15 * float(np.max(amplitude))
+
+    def frequency_limits(self) -> tuple[float, float]:
+        """Ends of an axis of the record's frequencies, rad/s; outliers at the noise floor are outside."""
+        low, high = np.percentile(self.half_periods["record"].frequency.values, [3, 97])
+        return low - 0.4 * (high - low), high + 0.4 * (high - low)
+
+
+def motion_data(tree: xr.DataTree, run: int) -> MotionData:
+    """The record of a run with the models of a cross-check, or those before and after of a discovery."""
+    data = tree[record_groups(tree)[run]].to_dataset()
+    if "steps" in tree.children:
+        names, label, noise = ("before", "after"), "model {}", noise_of_sample(tree, run)
+    else:
+        checked = tree["comparison"].attrs
+        names, label = (checked["first"], checked["second"]), "{}"
+        noise = noise_of_run(tree[checked["second"]].to_dataset(), run)
+    lines = {
+        name: style
+        for name, style in zip(names, MODEL_LINES, strict=True)
+        if np.isfinite(data.simulated_angle.sel(model=name).values).all()
+    }
+    return MotionData(data, noise, lines, {name: label.format(name) for name in names})
+
+
+def noise_of_sample(tree: xr.DataTree, run: int) -> float:
+    """Noise of one sample of a run, rad: an identification has the noise of its innovations."""
+    after = tree["after"].to_dataset()
+    return float(noise_of_run(after, run) * tree["holdout"].noise.item() / after.noise.item())
+
+
+def drawn_samples(values: Array) -> NDArray[np.intp]:
+    """Samples that draw a curve: the least and the largest of each stretch, so that no peak is lost."""
+    if values.size <= MOST_POINTS:
+        return np.arange(values.size)
+    edges = np.linspace(0, values.size, MOST_POINTS // 2 + 1).astype(int)
+    ends = [start + f(values[start:stop]) for start, stop in pairwise(edges) for f in (np.argmin, np.argmax)]
+    return np.unique(ends)
