@@ -1,0 +1,52 @@
+"""Importing the package changes nothing in the process of whoever imports it."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import sysid_trib as st
+
+PACKAGE = Path(st.__file__).parent
+# What changes the process for all that runs in it.
+PROCESS_WIDE = {
+    *("umask", "environ", "putenv", "chdir", "setlocale", "setrecursionlimit"),
+    *("simplefilter", "filterwarnings", "resetwarnings", "basicConfig", "setLevel", "addHandler"),
+    *("seterr", "set_printoptions", "rcParams", "set_options"),
+}
+STATE = """
+import locale, logging, os, signal, sys, warnings
+
+def state():
+    loggers = logging.root.manager.loggerDict.items()
+    return {
+        "warnings": (list(warnings.filters), warnings.showwarning),
+        "logging": (logging.root.level, list(logging.root.handlers), logging.root.manager.disable),
+        "loggers": {name: (one.level, one.disabled) for name, one in loggers if hasattr(one, "level")},
+        "environment": dict(os.environ),
+        "signals": [signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM)],
+        "interpreter": (sys.excepthook, sys.getrecursionlimit(), sys.stdout, sys.stderr),
+        "locale": locale.setlocale(locale.LC_ALL),
+        "folder": os.getcwd(),
+    }
+
+before = state()
+import sysid_trib, sysid_trib.cli, sysid_trib.errors
+after = state()
+print([name for name in before if before[name] != after[name]])
+"""
+
+
+def test_importing_changes_nothing_in_the_process():
+    ended = subprocess.run([sys.executable, "-c", STATE], capture_output=True, text=True, check=True)
+    assert ended.stdout == "[]\n"
+
+
+def test_no_module_sets_what_is_the_whole_processs():
+    touched = [
+        (path.relative_to(PACKAGE).as_posix(), node.lineno, node.attr)
+        for path in PACKAGE.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Attribute) and node.attr in PROCESS_WIDE
+    ]
+    assert touched == []
