@@ -140,6 +140,37 @@ def test_table_of_the_example_on_an_ascii_terminal():
     assert "Averaging and direct agree" in ending.out
 
 
+def test_layers_of_the_text():
+    quiet, usual, whole = (run("identify", *layer).out for layer in (["--quiet"], [], ["--explain"]))
+    for text in (quiet, usual, whole):
+        assert text.startswith("The record is explained: no departure from white noise was found")
+        assert "lambda   solid friction" in text
+    assert "Averaging and direct agree" not in quiet
+    assert "Free decay: kept" not in quiet
+    for text in (usual, whole):
+        assert "Averaging and direct agree within their errors: chi-square" in text
+        assert "At 0.274 rad, the decay comes from zeta" in text
+    assert "weigh the same" in whole
+    assert "weigh the same" not in usual
+    assert len(quiet.splitlines()) < len(usual.splitlines()) < len(whole.splitlines()) - 5
+
+
+@pytest.mark.parametrize("command", ["identify", "compare"])
+def test_two_layers_at_once_are_refused(command):
+    ending = run(command, "--quiet", "--explain")
+    assert ending.status == 2
+    assert ending.complaint == "sysid-trib: --explain prints more and --quiet prints less: choose one."
+
+
+def test_what_warns_is_printed_by_default(tmp_path):
+    time = np.arange(0.0, 12.0, 0.01)
+    angle = 0.4 * np.exp(-0.05 * time) * np.cos(9.0 * time - 0.4 * np.exp(-0.1 * time))
+    record = write_csv(tmp_path / "softening.csv", time, angle)
+    ending = run("identify", record, "--forces", "zeta")
+    assert ending.out.startswith("The model does not explain the record (p ")
+    assert "The residuals of direct are correlated" in ending.out
+
+
 def test_alpha_is_the_papers(simulated, tmp_path):
     result = tmp_path / "result.nc"
     arguments = (simulated, "--window", ":9", "--omega0", "8.87±0.02", "--forces", "zeta,delta,nu,epsilon")

@@ -9,12 +9,16 @@ from command_line import run, write_csv
 from helpers import FIVE, W, library_of_formulas, paper_run
 
 from sysid_trib import Model, discover, load, plots
+from sysid_trib.commands.terminal import print_blocks
 from sysid_trib.discrepancy.trends import trend
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.plots import style
 from sysid_trib.printing.detectability import remedy
-from sysid_trib.printing.discovery_story import discovery_story
-from sysid_trib.printing.discovery_tables import discovery_json, ranking_table, strongest
+from sysid_trib.printing.discovery_json import discovery_json
+from sysid_trib.printing.discovery_story import discovery_blocks, discovery_story
+from sysid_trib.printing.discovery_tables import ranking_table, strongest
+from sysid_trib.printing.layers import Layer
+from sysid_trib.printing.layout import coefficient_text
 from sysid_trib.printing.residual import noise_of, residual_of
 from sysid_trib.results.files import save
 from sysid_trib.simulation.simulate import trajectory
@@ -58,9 +62,8 @@ def folder(tmp_path_factory):
 
 
 def small(folder, *arguments):
-    return run(
-        "discover", *arguments, "--library", folder / "viscous.toml", "--candidates", folder / "offered.toml"
-    )
+    libraries = ("--library", folder / "viscous.toml", "--candidates", folder / "offered.toml")
+    return run("discover", *arguments, *libraries, "--explain")
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +109,7 @@ def test_story_of_the_twin(twin):
     gaps = [residual_of(tree, model) / noise_of(tree) for model in ("before", "after")]
     assert f"{gaps[0]:.3g} times the noise" in told
     assert "The start model (lambda, zeta, delta)" in told
-    assert "Most of it is phase, most at large amplitude." in told
+    assert "Most of the gap is in the phase, mostly at large amplitude." in told
     assert "a conservative force is missing, or the clock is wrong." in told
     for step in found["steps"]:
         assert f"{step['symbol']}, {step['name']} {step['formula']}" in told
@@ -117,16 +120,59 @@ def test_story_of_the_twin(twin):
         assert re.search(r"hold-out.* from {:.3g} to {:.3g} times the noise".format(*pair), told)
         for other in step["indistinguishable_from"]:
             assert f"{other['symbol']} ({other['formula']})" in told
-    assert f"with nu and epsilon the model leaves {gaps[1]:.3g} times the noise" in told
+    assert f"with nu and epsilon the gap is {gaps[1]:.3g} times the noise" in told
     friction = 5.0 * tree["after"].standard_error.sel(force="lambda").item()
     assert f"lambda {friction:.2g}" in told
     assert "Not testable on this record: " in told
-    assert "worse" not in told
-    besides = re.search("The model has besides: (.*)[.]", told)[1]
+    assert "held out worse" not in told
+    besides = re.search("The model has besides (.*)[.]", told)[1]
     assert [one.split(" = ")[0] for one in besides.split(", ")] == ["w", "lambda", "zeta", "delta"]
     zeta = tree["after"].sel(force="zeta")
     assert f"zeta = {zeta.coefficient.item():.6f} ± {zeta.standard_error.item():.6f}" in besides
     assert [*ranking_table(tree).columns[0].cells][:2] == ["nu", "epsilon"]
+
+
+def test_layers_of_the_text(twin, capsys):
+    tree = twin[0]
+    texts = {}
+    for layer in Layer:
+        print_blocks(discovery_blocks(tree, ["Record: swing.csv"]), layer)
+        texts[layer] = capsys.readouterr().out
+    for text in texts.values():
+        verdict, _, *lines = text.splitlines()
+        assert verdict.startswith("Explained: with nu and epsilon the gap is ")
+        for symbol in ("nu", "epsilon"):
+            row = next(line for line in lines if line.startswith(f"{symbol} "))
+            assert coefficient_text(tree["steps"].isel(step=["nu", "epsilon"].index(symbol))) in row
+    assert len(texts[Layer.QUIET].splitlines()) == 5
+    for layer in (Layer.DEFAULT, Layer.EXPLAIN):
+        assert "Record: swing.csv" in texts[layer]
+        assert "epsilon cannot be separated from: " in texts[layer]
+        assert "may be present and unseen" in texts[layer]
+    assert "Adding it takes the gap from" not in texts[Layer.DEFAULT]
+    for lines in discovery_story(tree).values():
+        assert all(line in texts[Layer.EXPLAIN] for line in lines)
+
+
+def test_the_default_text_hides_no_warning(twin, capsys):
+    tree = twin[0].copy(deep=True)
+    steps, tests = tree["steps"].to_dataset(), tree["omnibus"].to_dataset()
+    steps["worsens_holdout"] = ("step", [False, True])
+    steps["significant"] = ("step", [False, True])
+    steps["collinear"] = ("step", [True, True])
+    tests.significant[-1] = True
+    tree["steps"], tree["omnibus"] = type(tree)(steps), type(tree)(tests)
+    tree.attrs["verdict"] = "unknown effect"
+    print_blocks(discovery_blocks(tree, []), Layer.DEFAULT)
+    printed = capsys.readouterr().out
+    for warning in (
+        "Unknown effect: the named effects do not explain the record",
+        "the coefficient of nu is not significant",
+        "epsilon makes the prediction of what was held out worse",
+        "nu and epsilon nearly cancel other forces of the model",
+        "The omnibus test rejects that nothing is missing",
+    ):
+        assert warning in printed
 
 
 def test_json_follows_the_schema(twin):
@@ -239,9 +285,9 @@ def test_forecast_shows_the_detectable_strengths(twin):
 def test_nothing_is_missing(folder):
     ending = small(folder, folder / "plain.csv")
     assert (ending.status, ending.err) == (0, "")
-    assert "Nothing is missing" in ending.out
+    assert "No missing effect was found" in ending.out
     assert "What is missing" not in ending.out
-    assert "Candidates would be detected" in ending.out
+    assert "Detectable coefficients of the candidates" in ending.out
 
 
 @pytest.mark.parametrize("candidates", [OFFERED, {"stiff": "x"}])
@@ -267,8 +313,8 @@ def test_an_effect_outside_of_the_library_stays_unknown(folder, tmp_path):
     assert found["verdict"] == "unknown effect"
     assert found["generic_p_value"] < 0.01
     told = story(load(tmp_path / "even.nc"))
-    assert "Unknown effect: something is left that was not named" in told
-    assert "Generic forces" in told
+    assert re.search("Unknown effect: the (model does|named effects do) not explain the record", told)
+    assert "The omnibus test rejects" in told
 
 
 def test_a_held_out_window_takes_no_part(folder, tmp_path):
@@ -298,7 +344,7 @@ def test_runs_that_differ_are_told(folder, tmp_path):
     ending = small(folder, folder / "plain.csv", folder / "worn.csv", "-o", tmp_path / "both.nc")
     assert ending.status == 0
     assert re.search("Runs that differ .most in zeta. would explain as much or more", ending.out)
-    assert re.search("The runs disagree: chi-square .* Most in zeta", ending.out)
+    assert re.search("The runs differ: chi-square .* The largest difference is in zeta", ending.out)
     agreeing = json.loads(small(folder, folder / "cubic.csv", folder / "cubic_2.csv", "--json").out)
     told = agreeing["run_differences"]
     assert told["chi_square"][0] < told["gain"][0]
@@ -308,15 +354,14 @@ def test_runs_that_differ_are_told(folder, tmp_path):
 def test_a_record_that_is_short_tells_what_it_would_have_shown(folder):
     ending = small(folder, folder / "cubic.csv", "--window", "5:8")
     assert ending.status == 0
-    assert re.search(r"(Nothing is missing|cubic)", ending.out)
+    assert re.search(r"(No missing effect|cubic)", ending.out)
     assert re.search(r"(Five standard errors of the forces in the model: zeta \S+)", ending.out)
 
 
 def test_candidates_that_the_model_has_are_left_out_and_told(folder, tmp_path):
     doubled = toml(tmp_path / "doubled.toml", {"again": "v*2", "cubic": "x**3"})
-    ending = run(
-        *("discover", folder / "plain.csv", "--library", folder / "viscous.toml", "--candidates", doubled)
-    )
+    libraries = ("--library", folder / "viscous.toml", "--candidates", doubled)
+    ending = run("discover", folder / "plain.csv", *libraries, "--explain")
     assert "Not offered, because the model has them: again." in ending.out
 
 
@@ -327,7 +372,7 @@ def test_a_fit_that_does_not_settle_and_a_step_that_worsens_are_told(twin):
     steps["worsens_holdout"] = ("step", [False, True])
     tree["steps"] = type(tree)(steps)
     told = story(tree)
-    assert "their fits did not settle: dahl." in told
+    assert "but their fits failed: dahl." in told
     assert told.count("held out worse: do not trust it yet") == 1
 
 
@@ -340,17 +385,17 @@ def test_of_many_twins_the_likeliest_are_named(twin):
     steps["credible"].loc[at], steps["tie_probability"].loc[at] = True, 1.0 / 14.0
     steps["penalised_deviance"].loc[at] = np.arange(14.0)
     tree["steps"] = type(tree)(steps)
-    line = next(line for line in story(tree).splitlines() if "It cannot be told from" in line)
+    line = next(line for line in story(tree).splitlines() if "epsilon cannot be separated from" in line)
     assert line.endswith(", and 3 more.")
     assert f"{tied[10]} (" in line
     assert f"{tied[11]} (" not in line
 
 
 def test_scores_that_stand_out_though_nothing_was_added_are_told(twin):
-    assert "no other candidate and no generic force stands out" in story(twin[0])
-    assert "By their scores" not in story(twin[0])
+    assert "No further departure was found by the other candidates or by the omnibus test" in story(twin[0])
+    assert "By their scores," not in story(twin[0])
     for p_value, said in (
-        (1e-4, "By their scores these candidates stand out: dahl (z = 9)"),
+        (1e-4, "By their scores, these candidates stand out: dahl (z = 9)"),
         (0.5, "dahl (9)"),
     ):
         tree = twin[0].copy(deep=True)
@@ -363,8 +408,8 @@ def test_scores_that_stand_out_though_nothing_was_added_are_told(twin):
         ranking.significant[place] = p_value < 0.01
         tree["ranking"] = type(tree)(ranking)
         assert said in story(tree)
-        assert ("no other candidate" in story(tree)) == (p_value > 0.01)
-        assert ("but, of so many frequencies tried, by chance" in story(tree)) == (p_value > 0.01)
+        assert ("by the other candidates" in story(tree)) == (p_value > 0.01)
+        assert ("but not significant for so many frequencies tried" in story(tree)) == (p_value > 0.01)
 
 
 def test_what_would_break_a_tie():
@@ -416,6 +461,7 @@ def test_without_a_step_there_is_a_tree_too(folder):
         (("--forces", "mu"), 2, "no force 'mu'"),
         (("--candidates", "nothing_such"), 2, "no library 'nothing_such'"),
         (("--max-effects", "-1"), 2, "max-effects"),
+        (("--quiet", "--explain"), 2, "--explain prints more and --quiet prints less: choose one."),
         (("--max-effects", "many"), 2, "max-effects"),
         (("--holdout", "5"), 2, "--holdout '5' must be START:STOP"),
         (("--holdout", "5:x"), 2, "--holdout: 'x'"),

@@ -16,7 +16,7 @@ from numpydoc.validate import validate
 
 import sysid_trib as st
 from sysid_trib.printing.comparison import comparison_json
-from sysid_trib.printing.discovery_tables import discovery_json
+from sysid_trib.printing.discovery_json import discovery_json
 from sysid_trib.printing.identification import identification_json
 
 ROOT = Path(__file__).resolve().parent.parent

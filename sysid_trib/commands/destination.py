@@ -89,12 +89,11 @@ class Destination:
         if self.as_json:
             print(json.dumps(data(), indent=2, allow_nan=False))
             return
-        print_blocks(blocks(), self._layer)
+        layer = Layer.QUIET if self.quiet else Layer.EXPLAIN if self.explain else Layer.DEFAULT
+        print_blocks(blocks(), layer)
+        if layer is Layer.DEFAULT:
+            print("More: --explain.")
         print_written(self.output, self.plot)
-
-    @property
-    def _layer(self) -> Layer:
-        return Layer.QUIET if self.quiet else Layer.EXPLAIN if self.explain else Layer.DEFAULT
 
 
 def check_output(target: Path | None, ending: str, *, reads: Sequence[Path] = ()) -> None:

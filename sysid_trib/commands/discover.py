@@ -67,8 +67,8 @@ def discover(
     from sysid_trib.commands import checks, discovery_inputs
     from sysid_trib.commands.terminal import progress, record_sentences
     from sysid_trib.discrepancy.discover import discover
+    from sysid_trib.printing.discovery_json import discovery_json
     from sysid_trib.printing.discovery_story import discovery_blocks
-    from sysid_trib.printing.discovery_tables import discovery_json
 
     destination = Destination(output, plot, as_json, explain, quiet)
     checks.check_positive(reference_frequency, "--reference-frequency")

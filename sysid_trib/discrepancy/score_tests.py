@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 # A response of which less than this part is outside of what the model's unknowns can move is not testable.
 TESTABLE = 1e-5
-SAME = "not testable on this record: the model's own unknowns move the same"
+SAME = "not testable on this record: parameters of the model have the same effect"
 # A force beyond this part of the restoring force is not small: scores say nothing of it.
 STRONGEST = 0.5
 # Draws of the largest score of noise.

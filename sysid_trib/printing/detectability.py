@@ -1,4 +1,4 @@
-"""What a record could show, in sentences: detectable strengths, ties and what would break them."""
+"""What a record could show, in sentences: detectable coefficients, and what would separate effects."""
 
 from collections.abc import Sequence
 
@@ -8,115 +8,95 @@ import xarray as xr
 from sysid_trib.discrepancy.detectability import DETECTED, NAMED
 from sysid_trib.forces.force import Force
 
-# Candidates whose detectable strength is told.
+# Candidates whose detectable coefficient is printed.
 CLOSEST = 6
 
 
 def remedy(tied: Sequence[Force]) -> str:
-    """The measurement that would tell tied forces apart, by how they differ."""
+    """The measurement that would separate forces, by how they differ."""
     if _mixed([force.kind == "sensor" for force in tied]):
         return (
-            "Another inertia, or a second sensor, would tell: an error of the sensor stays, a force changes."
+            "Another inertia, or a second sensor, would separate them: an error of the sensor stays the "
+            "same, a force changes."
         )
     if _mixed([force.holds_time for force in tied]):
         return (
-            "A second release at 0.6 of the amplitude would tell: what drifts goes by the clock, the others "
-            "by amplitude."
+            "A second release at 0.6 of the amplitude would separate them: a drift depends on time, the "
+            "others depend on amplitude."
         )
     if _mixed([force.memoryless for force in tied]):
         return (
-            "A low release at 0.2 of the amplitude, or another inertia, would tell: what has a memory "
-            "changes otherwise."
+            "A low release at 0.2 of the amplitude, or another inertia, would separate them: a "
+            "history-dependent force changes in another way."
         )
     if any(force.shape or force.character != "conservative" for force in tied):
-        return "A low release at 0.2 of the amplitude would tell: there they differ most."
-    return "A release at a larger amplitude would tell: there they differ most."
+        return "A low release at 0.2 of the amplitude would separate them: there they differ most."
+    return "A release at a larger amplitude would separate them: there they differ most."
 
 
-def _mixed(each: Sequence[bool]) -> bool:
-    return any(each) and not all(each)
+def _mixed(flags: Sequence[bool]) -> bool:
+    return any(flags) and not all(flags)
 
 
 def detectability_sentences(tree: xr.DataTree) -> list[str]:
-    """Detectable strengths, candidates that look alike, cannot be tested, were left out, or had no fit."""
-    told = [_own_told(tree), _closest_told(tree)]
-    told += _ties_told(tree)
-    told += _untestable_told(tree)
+    """Detectable coefficients; candidates that look alike, cannot be tested, or were not offered."""
+    candidates = tree["detectability_after"].to_dataset()
+    sentences = [_errors(tree), *_closest(tree), *_alike(candidates), *_untestable(candidates)]
     if left_out := tree.attrs["left_out"]:
-        told.append(f"Not offered, because the model has them: {', '.join(left_out)}.")
+        sentences.append(f"Not offered, because the model has them: {', '.join(left_out)}.")
     if failed := tree.attrs["failed_fits"]:
-        told.append(
-            f"Tried, but without a fit, because their motions could not be followed: {', '.join(failed)}."
-        )
-    return [sentence for sentence in told if sentence]
+        sentences.append(f"Tried, but not fitted: their motions could not be computed: {', '.join(failed)}.")
+    return sentences
 
 
-def _own_told(tree: xr.DataTree) -> str:
+def _errors(tree: xr.DataTree) -> str:
     after = tree["after"].to_dataset()
-    each = [
-        f"{symbol} {DETECTED * error:.2g}"
-        for symbol, error in zip(after.force.values, after.standard_error.values, strict=True)
-        if np.isfinite(error)
-    ]
-    return f"Five standard errors of the forces in the model: {', '.join(each)}."
+    pairs = zip(after.force.values.tolist(), after.standard_error.values.tolist(), strict=True)
+    named = ", ".join(f"{symbol} {DETECTED * error:.2g}" for symbol, error in pairs if np.isfinite(error))
+    return f"Five standard errors of the forces in the model: {named}."
 
 
-def closest(tree: xr.DataTree) -> xr.Dataset:
-    """Candidates after the last scan that can be tested, by |z|, with the strength detectable."""
-    last, forecast = (
-        tree["ranking"].to_dataset().isel(selection_step=-1),
-        tree["detectability_after"].to_dataset(),
-    )
-    scored = last.candidate.values[np.isfinite(last.z.values)]
-    shown = forecast.sel(candidate=[s for s in scored if s in forecast.candidate])
-    z = last.z.sel(candidate=shown.candidate)
-    found = shown[["detectable"]].assign(z=z, p_value=last.p_value.sel(candidate=shown.candidate))
-    return found.isel(candidate=np.argsort(-np.abs(found.z.values)))
-
-
-def _closest_told(tree: xr.DataTree) -> str:
-    found = closest(tree)
-    if not found.sizes["candidate"]:
-        return ""
+def _closest(tree: xr.DataTree) -> list[str]:
+    """Candidates that can be tested beside the final model, by |z|, with their detectable coefficients."""
+    z = tree["ranking"].z.isel(selection_step=-1)
+    detectable = tree["detectability_after"].detectable
+    tested = [s for s in z.candidate.values[np.isfinite(z.values)].tolist() if s in detectable.candidate]
+    tested = [tested[at] for at in np.argsort(-np.abs(z.sel(candidate=tested).values))[:CLOSEST]]
+    columns = (values.sel(candidate=tested).values.tolist() for values in (detectable, z))
     named = ", ".join(
-        f"{s} {strength:.2g} (z = {z:.2g})"
-        for s, strength, z in zip(
-            found.candidate.values[:CLOSEST],
-            found.detectable.values[:CLOSEST],
-            found.z.values[:CLOSEST],
-            strict=True,
-        )
+        f"{s} {size:.2g} (z = {score:.2g})" for s, size, score in zip(tested, *columns, strict=True)
     )
-    return (
-        f"Candidates would be detected (five standard errors, with shapes and frequencies as they came "
-        f"closest) from these coefficients on, those that came closest first: {named}."
-    )
+    if not named:
+        return []
+    return [
+        "Detectable coefficients of the candidates (five standard errors, at the shapes and frequencies of "
+        f"the highest score), highest score first: {named}."
+    ]
 
 
-def _ties_told(tree: xr.DataTree) -> list[str]:
-    forecast = tree["detectability_after"].to_dataset()
+def _alike(candidates: xr.Dataset) -> list[str]:
     groups: list[list[str]] = []
-    for symbol in forecast.candidate.values.tolist():
+    for symbol in candidates.candidate.values.tolist():
         # Each with each: a chain of neighbours may have ends that are far apart.
-        others = forecast.alike.sel(candidate=symbol)
+        others = candidates.alike.sel(candidate=symbol)
         home = next((group for group in groups if others.sel(other=group).all()), None)
         if home is None:
             groups.append([symbol])
         else:
             home.append(symbol)
     alike = "; ".join(", ".join(group) for group in groups if len(group) > 1)
-    return [f"On this record these look alike even at {NAMED:g} standard errors: {alike}."] if alike else []
+    return [f"On this record, these look alike even at {NAMED:g} standard errors: {alike}."] if alike else []
 
 
-def _untestable_told(tree: xr.DataTree) -> list[str]:
-    found = tree["detectability_after"].to_dataset()
+def _untestable(candidates: xr.Dataset) -> list[str]:
     by_reason: dict[str, list[str]] = {}
-    for symbol, reason in zip(found.candidate.values.tolist(), found.reason.values.tolist(), strict=True):
+    pairs = zip(candidates.candidate.values.tolist(), candidates.reason.values.tolist(), strict=True)
+    for symbol, reason in pairs:
         if reason:
-            by_reason.setdefault(reason.rstrip("."), []).append(symbol)
-    told = []
-    for reason, symbols in by_reason.items():
-        # The reason may name the record already.
-        text = reason.removeprefix("not testable on this record: ")
-        told.append(f"Not testable on this record: {', '.join(symbols)} ({text}).")
-    return told
+            # The reason may name the record already.
+            text = reason.removeprefix("not testable on this record: ").rstrip(".")
+            by_reason.setdefault(text, []).append(symbol)
+    return [
+        f"Not testable on this record: {', '.join(symbols)} ({reason})."
+        for reason, symbols in by_reason.items()
+    ]

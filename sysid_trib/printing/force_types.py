@@ -1,4 +1,4 @@
-"""Which type of force a gap asks for, by the generic forces that know no candidate."""
+"""Which type of force a gap asks for, by the omnibus test that knows no candidate."""
 
 import numpy as np
 import xarray as xr
@@ -12,40 +12,46 @@ MEANING = {
     TILTED: "friction that differs from side to side is missing, or the sensor is not linear",
 }
 BOTH = {
-    frozenset({CONSERVATIVE, DISSIPATIVE}): "forces of both types are missing, or one with memory",
+    frozenset({CONSERVATIVE, DISSIPATIVE}): "forces of both types are missing, or a history-dependent one",
     frozenset({EVEN, TILTED}): MEANING[EVEN],
 }
 # A second type that scores this part of the first cannot be excluded.
 NEAR = 0.8
 
 
-def force_type_sentence(tree: xr.DataTree, scan: int) -> str:
-    """The type of generic force that scores highest, and what it means; empty if none stands out.
+def force_type_sentence(tree: xr.DataTree, selection_step: int) -> str:
+    """The type of force that scores highest in the omnibus test, and what it means.
+
+    Parameters
+    ----------
+    tree : DataTree
+        Result of `discover`.
+    selection_step : int
+        The test before this step; -1 for that of the final model.
+
+    Returns
+    -------
+    str
+        Empty if the test does not reject.
 
     Notes
     -----
     A fit trades phase for amplitude where the frequency depends on amplitude, so that the gap itself does not
-    tell the type; scores do, as they leave out what the model's unknowns can do.
+    show the type. Scores do: what the model's parameters can do is projected out of them.
     """
-    generic = tree["omnibus"].to_dataset().isel(selection_step=scan)
-    if not generic.significant:
+    omnibus = tree["omnibus"].to_dataset().isel(selection_step=selection_step)
+    if not omnibus.significant:
         return ""
     best: dict[str, float] = {}
-    for name, z in zip(
-        generic["trial_force"].values.tolist(), np.abs(generic.z.values).tolist(), strict=True
-    ):
+    for name, z in zip(omnibus.trial_force.values.tolist(), np.abs(omnibus.z.values).tolist(), strict=True):
         kind = _kind_of(name)
         best[kind] = max(best.get(kind, 0.0), z)
     ordered = sorted(best, key=lambda kind: -best[kind])
     scores = ", ".join(f"{kind} {best[kind]:.3g}" for kind in ordered)
-    near = [kind for kind in ordered if best[kind] > NEAR * best[ordered[0]]]
-    if len(near) == 1:
-        meaning = MEANING[near[0]]
-    elif len(near) == 2 and frozenset(near) in BOTH:
-        meaning = BOTH[frozenset(near)]
-    else:
-        meaning = "forces of several types would explain it"
-    return f"By generic forces (|z| at most: {scores}), {meaning}."
+    near = frozenset(kind for kind in ordered if best[kind] > NEAR * best[ordered[0]])
+    meanings = BOTH | {frozenset({kind}): meaning for kind, meaning in MEANING.items()}
+    meaning = meanings.get(near, "forces of several types would explain it")
+    return f"By the omnibus test (largest |z|: {scores}), {meaning}."
 
 
 def _kind_of(name: str) -> str:

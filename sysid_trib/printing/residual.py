@@ -1,4 +1,4 @@
-"""A gap in words: how large, from when on, in phase or amplitude, and what makes such a one."""
+"""The gap of a model in words: how large, from when on, in phase or amplitude, and what may close it."""
 
 import numpy as np
 import xarray as xr
@@ -6,11 +6,11 @@ import xarray as xr
 from sysid_trib.printing.force_types import force_type_sentence
 from sysid_trib.results.per_run import record_groups
 
-UNKNOWN = "what is left does not follow the motion: vibration from outside, or noise of another kind"
-# Places that a sentence tells; a gap that is everywhere needs none.
+UNKNOWN = "The gap does not follow the motion: it is vibration from outside, or noise of another kind."
+# Places that a sentence names; a gap that is everywhere needs none.
 WHERE = {
-    "large amplitude": ", most at large amplitude",
-    "small amplitude": ", most at small amplitude",
+    "large amplitude": ", mostly at large amplitude",
+    "small amplitude": ", mostly at small amplitude",
     "late times": ", growing with time",
 }
 HARMONICS = ("second", "third")
@@ -18,11 +18,11 @@ HARMONICS = ("second", "third")
 
 def residual_of(tree: xr.DataTree, model: str) -> float:
     """RMS of record minus model over all runs, rad."""
-    left = [
+    residuals = [
         (tree[group].angle - tree[group].simulated_angle.sel(model=model)).values
         for group in record_groups(tree)
     ]
-    return float(np.sqrt(np.mean(np.concatenate(left) ** 2)))
+    return float(np.sqrt(np.mean(np.concatenate(residuals) ** 2)))
 
 
 def noise_of(tree: xr.DataTree) -> float:
@@ -35,79 +35,85 @@ def in_mrad(angle: float) -> str:
     return f"{1e3 * angle:.3g} mrad"
 
 
-def times_noise(gap: float, noise: float) -> str:
-    """A gap over the noise as text."""
-    return f"{gap / noise:.3g} times the noise"
+def times_noise(residual: float, noise: float) -> str:
+    """A residual over the noise as text."""
+    return f"{residual / noise:.3g} times the noise"
 
 
 def residual_sentences(tree: xr.DataTree, group: str) -> list[str]:
-    """Where a model leaves the record, what the gap is made of, and what that means."""
-    found = tree[group].to_dataset()
-    told = [_departure_told(tree, found)]
-    parts = list(found.attrs["parts"])
+    """Where model and record differ, what the gap is made of, and what that means."""
+    spans = tree[group].to_dataset()
+    departure, parts = _departure(tree, spans), list(spans.attrs["parts"])
     if not parts:
-        # Beyond the noise, but in no part that goes with the motion.
-        return [*told, f"{UNKNOWN.capitalize()}."] if np.isfinite(found.departure_time) else told
-    told.append(f"{_sizes_told(found, len(record_groups(tree)))}.")
-    if rates := _rates_told(found, parts[0]):
-        told.append(rates)
+        # Larger than the noise, but in no part that goes with the motion.
+        return [departure, UNKNOWN] if np.isfinite(spans.departure_time) else [departure]
     most = "phase and amplitude" if set(parts[:2]) == {"phase", "amplitude"} else parts[0]
-    told.append(f"Most of it is {most}{WHERE.get(found.attrs['where'], '')}.")
-    return [*told, *filter(None, [force_type_sentence(tree, -1 if group.endswith("after") else 0)])]
+    return [
+        departure,
+        _sizes(spans, len(record_groups(tree))),
+        *_rates(spans, parts[0]),
+        f"Most of the gap is in the {most}{WHERE.get(spans.attrs['where'], '')}.",
+        *force_type_sentences(tree, group),
+    ]
 
 
-def _departure_told(tree: xr.DataTree, found: xr.Dataset) -> str:
-    left = found.departure_time.item()
-    if not np.isfinite(left):
-        return "At no time does the gap stand out of the noise by itself."
-    groups = record_groups(tree)
-    run = found.departure_run.item()
+def force_type_sentences(tree: xr.DataTree, group: str) -> list[str]:
+    """Which type of force the gap asks for, if it has a part that goes with the motion."""
+    if not len(tree[group].attrs["parts"]):
+        return []
+    sentence = force_type_sentence(tree, -1 if group.endswith("after") else 0)
+    return [sentence] if sentence else []
+
+
+def _departure(tree: xr.DataTree, spans: xr.Dataset) -> str:
+    start = spans.departure_time.item()
+    if not np.isfinite(start):
+        return "At no time does the gap by itself exceed the noise."
+    groups, run = record_groups(tree), spans.departure_run.item()
     where = f" of run {run + 1}" if len(groups) > 1 else ""
-    if left <= float(tree[groups[run]].time.values[0]):
-        return f"The gap is beyond the noise from the first sample{where} on."
-    return f"The gap is beyond the noise from {left:.3g} s{where} on."
+    first = start <= float(tree[groups[run]].time.values[0])
+    return f"The gap exceeds the noise from {'the first sample' if first else f'{start:.3g} s'}{where} on."
 
 
-def _sizes_told(found: xr.Dataset, runs: int) -> str:
-    """How far phase, amplitude and the rest are off, where they are most."""
+def _sizes(spans: xr.Dataset, runs: int) -> str:
+    """Phase, amplitude and the rest of record minus model, where they are largest."""
     # The record's own: the model's may be far off.
-    amplitude = float((found.amplitude + found.amplitude_error).max())
-    slip = found.phase_error.values
+    amplitude = float((spans.amplitude + spans.amplitude_error).max())
+    slip = spans.phase_error.values
     at = int(np.argmax(np.abs(slip)))
-    place = f"{found.time.values[at]:.3g} s{f' of run {found.run.values[at] + 1}' * (runs > 1)}"
-    ahead = "ahead of" if slip[at] > 0.0 else "behind"
-    texts = [
-        f"In phase the record is up to {abs(slip[at]):.3g} rad {ahead} the model (at {place})",
-        f"in amplitude up to {in_mrad(_most(found.amplitude_error.values))} off (of {amplitude:.3g} rad)",
-        f"in offset {in_mrad(_most(found.offset.values))}",
-    ]
-    higher = [
-        in_mrad(_most(np.hypot(found[f"{name}_cosine"].values, found[f"{name}_sine"].values)))
-        for name in HARMONICS
-    ]
-    return ", ".join(texts) + f"; its second and third harmonics are {' and '.join(higher)} off"
+    place = f"{spans.time.values[at]:.3g} s{f' of run {spans.run.values[at] + 1}' * (runs > 1)}"
+    waves = {
+        name: np.hypot(*(spans[f"{name}_{wave}"].values for wave in ("cosine", "sine"))) for name in HARMONICS
+    }
+    harmonics = [f"{name} harmonic {in_mrad(_most(size))}" for name, size in waves.items()]
+    return (
+        f"The record is up to {abs(slip[at]):.3g} rad {'ahead of' if slip[at] > 0.0 else 'behind'} the model "
+        f"in phase (at {place}). Other largest differences: amplitude "
+        f"{in_mrad(_most(spans.amplitude_error.values))} (of {amplitude:.3g} rad), offset "
+        f"{in_mrad(_most(spans.offset.values))}, {', '.join(harmonics)}."
+    )
 
 
 def _most(values: np.ndarray) -> float:
     return float(np.max(np.abs(values)))
 
 
-def _rates_told(found: xr.Dataset, part: str) -> str:
+def _rates(spans: xr.Dataset, part: str) -> list[str]:
     """Errors of frequency or decay at the largest and the smallest amplitude, if they differ."""
-    if part not in ("phase", "amplitude") or found.attrs["where"] not in WHERE:
-        return ""
-    rate = found.frequency_error if part == "phase" else found.decay_error
-    # Where the trend is with time, amplitudes tell nothing.
-    late = found.attrs["where"] == "late times"
-    order = found.time.values if late else -found.amplitude.values
+    if part not in ("phase", "amplitude") or spans.attrs["where"] not in WHERE:
+        return []
+    rate = spans.frequency_error if part == "phase" else spans.decay_error
+    # Where the trend is with time, amplitudes say nothing.
+    late = spans.attrs["where"] == "late times"
+    order = spans.time.values if late else -spans.amplitude.values
     texts = []
     for end in (int(np.argmin(order)), int(np.argmax(order))):
         value = float(rate.values[end])
         # The record's own, where the model's has faded.
-        amplitude = found.amplitude.values[end] + found.amplitude_error.values[end]
-        place = f"{found.time.values[end]:.3g} s" if late else f"{amplitude:.3g} rad"
+        amplitude = spans.amplitude.values[end] + spans.amplitude_error.values[end]
+        where = f"{spans.time.values[end]:.3g} s" if late else f"{amplitude:.3g} rad"
         size = f"{100.0 * abs(value):.2g} %" if part == "phase" else f"by {abs(value):.2g} w"
-        texts.append((f"{size} {'faster' if value > 0.0 else 'slower'}", place))
+        texts.append((f"{size} {'faster' if value > 0.0 else 'slower'}", where))
     (first, here), (last, there) = texts
-    does = "swings" if part == "phase" else "decays"
-    return f"The record {does} {first} than the model at {here}, and {last} at {there}."
+    verb = "swings" if part == "phase" else "decays"
+    return [f"The record {verb} {first} than the model at {here}, and {last} at {there}."]

@@ -1,69 +1,108 @@
-"""Whether the runs of one experiment agree, as a table and in a sentence."""
+"""Whether the runs of one experiment differ: as a table, in sentences and as plain data."""
 
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
-from sysid_trib.printing.layout import number, p_value_text, text_table, value_with_error
+from sysid_trib.printing.layout import number, numbers, p_value_text, text_table, value_with_error
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-DIFFERENT = (
-    "it changes from run to run, or with amplitude because a force is of another form; the common errors are "
-    "then too small."
-)
+# The test of each model of a discovery, and its variables in the JSON.
+GROUP = "homogeneity"
+TESTED = ("chi_square", "degrees_of_freedom", "p_value", "most", "gain")
 
 
 def runs_table(runs: xr.Dataset) -> "Table":
-    """What each run alone gives, and the chance of so large a difference (see `run_agreement`)."""
-    count = runs.sizes["run"]
+    """What each run alone gives, and the p-value of the differences (see `run_agreement`)."""
     rows = []
-    for quantity in runs.quantity.values.tolist():
-        one = runs.sel(quantity=quantity)
+    for name, one in _quantities(runs).items():
         pairs = zip(one.value.values.tolist(), one.standard_error.values.tolist(), strict=True)
         cells = [value_with_error(value, error) for value, error in pairs]
-        rows.append([quantity, *cells, p_value_text(one.p_value.item(), "")])
-    heads = ["quantity", *(f"run {at + 1}" for at in range(count)), "p"]
-    return text_table(heads, rows, numbers=tuple(range(1, count + 2)))
+        rows.append([name, *cells, p_value_text(one.p_value.item(), "")])
+    heads = ["quantity", *(f"run {at + 1}" for at in range(runs.sizes["run"])), "p"]
+    return text_table(heads, rows, numbers=tuple(range(1, len(heads))))
 
 
 def runs_sentences(runs: xr.Dataset) -> list[str]:
     """The test in sentences: as a whole, which force differs, and which run alone decides nothing."""
-    told = [
+    sentences = [
         f"Run {at + 1} alone decides nothing: {reason}"
         for at, reason in enumerate(runs.reason.values.tolist())
         if reason
     ]
     if runs.attrs["verdict"] == "unknown":
-        return [*told, "Whether the runs agree cannot be told."]
-    found = (
-        f"chi-square {runs.total_chi_square.item():.3g} for {runs.total_degrees_of_freedom.item():.0f} "
-        f"differences, p {p_value_text(runs.total_p_value.item())}."
+        return [*sentences, "Whether the runs differ cannot be tested."]
+    p_values = runs.p_value.fillna(1.0)
+    worst = (
+        f"{runs.quantity.values[int(np.argmin(p_values.values))]} (p {p_value_text(p_values.min().item())})"
     )
-    if runs.attrs["verdict"] == "agree":
-        return [*told, f"The runs agree: {found}"]
-    worst = runs.p_value.fillna(1.0)
-    name, least = runs.quantity.values[int(np.argmin(worst.values))], p_value_text(worst.min().item())
+    total = {name: runs[f"total_{name}"].item() for name in TESTED[:3]}
+    return [*sentences, _sentence(total, worst if runs.attrs["verdict"] == "disagree" else "")]
+
+
+def heterogeneity_sentences(tree: xr.DataTree) -> list[str]:
+    """Whether the final model of a discovery holds for all runs; nothing of a single run."""
+    if GROUP not in tree.children:
+        return []
+    last = tree[GROUP].to_dataset().isel(model=-1)
     return [
-        *told,
-        f"The runs disagree: {found} Most in {name} (p {least}): {DIFFERENT}",
+        _sentence({name: last[name].item() for name in TESTED[:3]}, last.most.item() if last.differ else "")
     ]
+
+
+def step_heterogeneity_sentences(tree: xr.DataTree, at: int) -> list[str]:
+    """That runs which differ would explain as much as the effect of a step."""
+    if GROUP not in tree.children:
+        return []
+    before = tree[GROUP].to_dataset().isel(model=at)
+    if before.chi_square < before.gain:
+        return []
+    return [
+        f"Runs that differ (most in {before.most.item()}) would explain as much or more: chi-square "
+        f"{before.chi_square.item():.3g} of {before.degrees_of_freedom.item()} differences, the effect "
+        f"{before.gain.item():.3g}."
+    ]
+
+
+def _sentence(test: dict[str, Any], most: str) -> str:
+    """The result of a test for runs that differ, `most` in a quantity, or in none."""
+    result = (
+        f"chi-square {test['chi_square']:.3g} for {test['degrees_of_freedom']:.0f} differences, "
+        f"p {p_value_text(test['p_value'])}"
+    )
+    if not most:
+        return f"No difference between the runs was found: {result}."
+    return (
+        f"The runs differ: {result}. The largest difference is in {most}: it changes from run to run, or "
+        "with amplitude because a force has another form. The common errors are then too small."
+    )
 
 
 def runs_json(runs: xr.Dataset) -> dict[str, Any]:
     """The test as plain data; non-finite numbers are None."""
     per_quantity = {
-        quantity: {
-            "values": [number(x) for x in one.value.values.tolist()],
-            "standard_errors": [number(x) for x in one.standard_error.values.tolist()],
-            "chi_square": number(one.chi_square.item()),
-            "p_value": number(one.p_value.item()),
+        name: {
+            "values": number(one.value.values.tolist()),
+            "standard_errors": number(one.standard_error.values.tolist()),
+            **numbers(one, ("chi_square", "p_value")),
         }
-        for quantity, one in ((q, runs.sel(quantity=q)) for q in runs.quantity.values.tolist())
+        for name, one in _quantities(runs).items()
     }
-    total = {
-        name: number(runs[f"total_{name}"].item()) for name in ("chi_square", "degrees_of_freedom", "p_value")
-    }
+    total = {name: number(runs[f"total_{name}"].item()) for name in TESTED[:3]}
     return {"verdict": runs.attrs["verdict"], **total, "quantities": per_quantity}
+
+
+def homogeneity_json(tree: xr.DataTree) -> dict[str, Any]:
+    """The test of each model of a discovery as plain data; nothing of a single run."""
+    if GROUP not in tree.children:
+        return {}
+    tests = tree[GROUP].to_dataset()
+    data = numbers(tests, (name for name in TESTED if name != "most"))
+    return {"run_differences": data | {"most": tests.most.values.tolist()}}
+
+
+def _quantities(runs: xr.Dataset) -> dict[str, xr.Dataset]:
+    return {name: runs.sel(quantity=name) for name in runs.quantity.values.tolist()}

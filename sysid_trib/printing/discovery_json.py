@@ -1,0 +1,93 @@
+"""A discovery as plain data for JSON."""
+
+import json
+from typing import Any
+
+import xarray as xr
+
+from sysid_trib.printing.layout import number, numbers, quantity_json, records_json
+from sysid_trib.printing.residual import noise_of, residual_of
+from sysid_trib.printing.runs import homogeneity_json
+from sysid_trib.results.discoveries import candidates_of, credible_set, shapes_of
+
+NUMBERS = ("coefficient", "standard_error", "z", "p_value", "residual_before", "residual_after")
+WORDS = ("symbol", "name", "formula", "family", "kind", "unit")
+# Keys of the JSON where they differ from the names of the variables.
+SPANS = {"residual_over_noise": "gap_over_noise"}
+
+
+def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
+    """The result as plain data; residuals are RMS in rad, non-finite numbers are None."""
+    held, candidates = tree["holdout"].to_dataset(), tree["detectability_after"].to_dataset()
+    symbols = candidates.candidate.values.tolist()
+    reasons = zip(symbols, candidates.reason.values.tolist(), strict=True)
+    return {
+        **records_json(tree),
+        "disagreement": _spans_json(tree["discrepancy"].to_dataset()),
+        "steps": [_step_json(tree, at) for at in range(tree["steps"].attrs["count"])],
+        "verdict": tree.attrs["verdict"],
+        "noise": number(noise_of(tree)),
+        "residual": number(residual_of(tree, "after")),
+        "model": _model_json(tree["after"].to_dataset()),
+        "start_model": _model_json(tree["before"].to_dataset()),
+        "disagreement_after": _spans_json(tree["discrepancy_after"].to_dataset()),
+        "holdout": {
+            "what": tree.attrs["held_out"],
+            "rms": number(held.rms.values.tolist()),
+            "gap_above_noise": number(held.residual_above_noise.values.tolist()),
+        },
+        "generic_p_value": number(tree["omnibus"].p_value.values[-1].item()),
+        "detectable": dict(zip(symbols, number(candidates.detectable.values.tolist()), strict=True)),
+        "not_testable": {symbol: reason for symbol, reason in reasons if reason},
+        **{key: list(tree.attrs[key]) for key in ("left_out", "failed_fits")},
+        "options": json.loads(tree.attrs["options"]),
+        **homogeneity_json(tree),
+    }
+
+
+def _spans_json(spans: xr.Dataset) -> dict[str, Any]:
+    names = [str(name) for name, column in spans.data_vars.items() if column.dims == ("span",)]
+    return {
+        **numbers(spans, ["departure_time"]),
+        "departure_run": spans.departure_run.item(),
+        "parts": ", ".join(spans.attrs["parts"]),
+        "where": spans.attrs["where"],
+        "spans": {SPANS.get(name, name): values for name, values in numbers(spans, names).items()},
+    }
+
+
+def _step_json(tree: xr.DataTree, at: int) -> dict[str, Any]:
+    step, offered = tree["steps"].to_dataset().isel(step=at), candidates_of(tree)
+    held = number(tree["holdout"].rms.values.tolist())
+    probabilities = {s: number(round(probability, 4)) for s, probability in credible_set(step).items()}
+    symbol = step.symbol.item()
+    return {
+        **{name: step[name].item() for name in WORDS},
+        **numbers(step, NUMBERS),
+        "shapes": {name: number(value) for name, value in shapes_of(step, symbol).items()},
+        "probability": probabilities.pop(symbol),
+        "indistinguishable_from": [
+            {
+                "symbol": other,
+                "name": offered[other].name,
+                "formula": offered[other].formula.text,
+                "probability": probability,
+            }
+            for other, probability in probabilities.items()
+        ],
+        "holdout_before": held[at],
+        "holdout_after": held[at + 1],
+        "worsens_holdout": bool(step.worsens_holdout.item()),
+        "leans": bool(step.collinear.item()),
+    }
+
+
+def _model_json(result: xr.Dataset) -> dict[str, Any]:
+    by_force = {s: result.sel(force=s) for s in result.force.values.tolist()}
+    names = [n for f in ("reference_frequency", "asymptotic_frequency") for n in (f, f"{f}_standard_error")]
+    shapes = result.shape_parameter.values.tolist() if "shape" in result else []
+    return {
+        "coefficients": {s: quantity_json(of_force, "coefficient") for s, of_force in by_force.items()},
+        **numbers(result, names),
+        "shapes": {name: quantity_json(result.sel(shape_parameter=name), "shape") for name in shapes},
+    }

@@ -1,0 +1,137 @@
+"""The verdict of a discovery in sentences: is the record explained, and what remains."""
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.printing.layout import coefficient_text, p_value_text, quantity
+from sysid_trib.printing.residual import (
+    force_type_sentences,
+    noise_of,
+    residual_of,
+    residual_sentences,
+    times_noise,
+)
+from sysid_trib.printing.runs import heterogeneity_sentences
+from sysid_trib.results.discoveries import added_effects
+
+# Forces of the omnibus test, and candidates, that are named where they stand out.
+MOST = 3
+UNSEEN = "An effect that is weaker than its detectable coefficient may be present and unseen."
+
+
+def verdict_sentences(tree: xr.DataTree, *, details: bool = True) -> list[str]:
+    """The verdict in its first sentence, then what remains and the model.
+
+    Parameters
+    ----------
+    tree : DataTree
+        Result of `discover`.
+    details : bool
+        Say also where the final model and the record differ.
+
+    Returns
+    -------
+    list of str
+    """
+    sentences = _unknown(tree, details) if tree.attrs["verdict"] == "unknown effect" else _closed(tree)
+    return [*sentences, *_outstanding(tree), *heterogeneity_sentences(tree), _model(tree)]
+
+
+def _last(tree: xr.DataTree, group: str) -> xr.Dataset:
+    """The tests of a group after the last step."""
+    return tree[group].to_dataset().isel(selection_step=-1)
+
+
+def _closed(tree: xr.DataTree) -> list[str]:
+    """Nothing more stands out of the residual."""
+    residual = times_noise(residual_of(tree, "after"), noise_of(tree))
+    effects = added_effects(tree)
+    headline = (
+        f"Explained: with {' and '.join(effects)} the gap is {residual}."
+        if effects
+        else f"No missing effect was found: the gap is {residual}."
+    )
+    tests = ["the omnibus test"]
+    if not _last(tree, "ranking").significant.any():
+        tests.insert(0, "the other candidates" if effects else "the candidates")
+    level = tree["ranking"].significance_level.item()
+    absent = f"No further departure was found by {' or by '.join(tests)} (significance level {level:.2g})."
+    return [
+        f"{headline} {absent}",
+        UNSEEN,
+        *_high_but_not_significant(tree),
+    ]
+
+
+def _high_but_not_significant(tree: xr.DataTree) -> list[str]:
+    """Candidates above the threshold of one test each that were tried at many frequencies."""
+    last = _last(tree, "ranking")
+    limit = last.threshold.item()
+    high = last.isel(candidate=(abs(last.z.values) > limit) & ~last.significant.values)
+    if not high.sizes["candidate"]:
+        return []
+    pairs = zip(high.candidate.values.tolist(), abs(high.z.values).tolist(), strict=True)
+    named = ", ".join(f"{symbol} ({z:.3g})" for symbol, z in pairs)
+    return [
+        f"Above the threshold of {limit:.3g}, but not significant for so many frequencies tried: {named}."
+    ]
+
+
+def _unknown(tree: xr.DataTree, details: bool) -> list[str]:
+    """What remains was not named, or was named by effects that may imitate another."""
+    residual = times_noise(residual_of(tree, "after"), noise_of(tree))
+    omnibus = _last(tree, "omnibus")
+    collinear = " and ".join(_collinear(tree))
+    imitate = (
+        f"{collinear} nearly cancel other forces of the model: they may imitate a force that is no candidate."
+    )
+    if collinear and not omnibus.significant:
+        return [f"Unknown effect: the gap is {residual}, but {imitate}"]
+    named = "the named effects do" if added_effects(tree) else "the model does"
+    sentences = [f"Unknown effect: {named} not explain the record; the gap is {residual}."]
+    sentences += (residual_sentences if details else force_type_sentences)(tree, "discrepancy_after")
+    if collinear:
+        sentences.append(f"Of the effects that were added, {imitate}")
+    if omnibus.significant:
+        order = np.argsort(-np.abs(omnibus.z.values))[:MOST]
+        forces = ", ".join(f"{omnibus.trial_force.values[i]} (z = {omnibus.z.values[i]:.3g})" for i in order)
+        sentences.append(
+            f"The omnibus test rejects that nothing is missing (p {p_value_text(omnibus.p_value.item())}). "
+            f"Its highest scores, by amplitude r and phase phi: {forces}."
+        )
+    return sentences
+
+
+def _collinear(tree: xr.DataTree) -> list[str]:
+    """Symbols of the added effects that are not separately identifiable."""
+    if not tree["steps"].attrs["count"]:
+        return []
+    steps = tree["steps"].to_dataset()
+    return [str(symbol) for symbol in steps.symbol.values[steps.collinear.values]]
+
+
+def _outstanding(tree: xr.DataTree) -> list[str]:
+    """Candidates whose scores stand out at the end, and why none was added."""
+    last = _last(tree, "ranking")
+    strong = last.isel(candidate=last.significant.values)
+    if not strong.sizes["candidate"]:
+        return []
+    order = np.argsort(-np.abs(strong.z.values))[:MOST]
+    named = ", ".join(f"{strong.candidate.values[i]} (z = {strong.z.values[i]:.3g})" for i in order)
+    most = tree.attrs["max_effects"]
+    reason = (
+        f"no more than {most} effects were asked for (--max-effects)"
+        if tree["steps"].attrs["count"] >= most
+        else "fitted in full, none reduces the gap as its score promises"
+    )
+    return [f"By their scores, these candidates stand out: {named}; {reason}."]
+
+
+def _model(tree: xr.DataTree) -> str:
+    """Frequency and forces of the final model that no step has named."""
+    after, effects = tree["after"].to_dataset(), added_effects(tree)
+    values = [f"w = {quantity(after, 'reference_frequency', ' rad/s')}"]
+    for symbol in after.force.values.tolist():
+        if symbol not in effects:
+            values.append(f"{symbol} = {coefficient_text(after.sel(force=symbol))}")
+    return f"The model has {'besides ' if effects else ''}{', '.join(values)}."
