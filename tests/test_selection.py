@@ -19,8 +19,10 @@ from helpers import (
 from sysid_trib import ForceLibrary
 from sysid_trib.errors import UsageError
 from sysid_trib.methods import Direct
+from sysid_trib.regression.constraint_map import ConstraintMap
+from sysid_trib.regression.optimizers import SignificanceSelection
 from sysid_trib.regression.rows import Rows
-from sysid_trib.regression.selection import by_optimizer, significant
+from sysid_trib.regression.solution import select
 from sysid_trib.results.schema import model_of
 
 PAPER = paper_run()
@@ -28,9 +30,17 @@ FOURTEEN = ForceLibrary("fourteen", (*PAPER.model.library.forces, *library_of_fo
 STRICT = Direct(W, significance=0.01)
 
 
-def rows(columns, y):
-    """Rows without nuisances but one that does not matter."""
-    return Rows(y, columns, np.ones((len(y), 1)), np.ones(columns.shape[1]))
+def selected(optimizer, columns, y, nuisance=None):
+    """What an optimiser keeps of white rows with one nuisance."""
+    nuisances = np.ones((len(y), 1)) if nuisance is None else nuisance
+    count = columns.shape[1]
+    unbounded = np.full(count, np.inf)
+    free = ConstraintMap(np.arange(count), np.eye(count), np.zeros(count), -unbounded, unbounded)
+    return select(Rows(y, columns, nuisances, np.ones(count)), [optimizer], free)
+
+
+def significant(columns, y, level):
+    return selected(SignificanceSelection(level, removed_columns=1), columns, y)
 
 
 @pytest.mark.slow
@@ -117,8 +127,7 @@ def test_strong_form_selects_as_well():
 def test_nothing_is_kept_of_noise():
     random = np.random.default_rng(0)
     kept = [
-        significant(rows(random.normal(size=(300, 8)), random.normal(size=300)), 0.01).any()
-        for _ in range(200)
+        significant(random.normal(size=(300, 8)), random.normal(size=300), 0.01).any() for _ in range(200)
     ]
     assert np.mean(kept) <= share_range(200, 0.01)[1]
 
@@ -129,14 +138,14 @@ def test_significance_finds_a_pair_that_cancels():
     a, b = random.normal(size=(2, 500))
     columns = np.column_stack([a, a + 0.05 * b, random.normal(size=500)])
     y = 20.0 * (columns[:, 1] - columns[:, 0]) + 0.3 * random.normal(size=500)
-    assert significant(rows(columns, y), 0.01).tolist() == [True, True, False]
+    assert significant(columns, y, 0.01).tolist() == [True, True, False]
 
 
 def test_a_looser_level_keeps_more():
     random = np.random.default_rng(3)
     columns = random.normal(size=(200, 30))
     y = random.normal(size=200)
-    kept = [int(significant(rows(columns, y), level).sum()) for level in (1e-3, 0.5, 0.999)]
+    kept = [int(significant(columns, y, level).sum()) for level in (1e-3, 0.5, 0.999)]
     assert kept == sorted(kept)
     assert kept[0] == 0 < kept[2]
 
@@ -145,7 +154,7 @@ def test_nuisances_are_never_thresholded():
     random = np.random.default_rng(2)
     columns, nuisance = random.normal(size=(100, 2)), random.normal(size=(100, 1))
     y = columns @ [1.0, 0.05] + 0.01 * nuisance[:, 0]
-    found = by_optimizer(Rows(y, columns, nuisance, np.ones(2)), pysindy.STLSQ(threshold=0.2, alpha=0.0))
+    found = selected(pysindy.STLSQ(threshold=0.2, alpha=0.0), columns, y, nuisance)
     assert found.tolist() == [True, False]
 
 

@@ -10,7 +10,8 @@ import scipy.linalg
 from helpers import NOISE, SIX, W, decay, paper_run
 from scipy.interpolate import BSpline
 
-from sysid_trib.methods.direct import Direct, _begin, _motion
+from sysid_trib.forces.constraints import Constraints
+from sysid_trib.methods.direct import _motion
 from sysid_trib.noise.smoothing import (
     KNOTS_PER_PERIOD,
     SAMPLES_PER_KNOT,
@@ -18,7 +19,10 @@ from sysid_trib.noise.smoothing import (
     knot_sequence,
     smooth,
 )
-from sysid_trib.regression.rows import Guess, linearised, whitened_rows
+from sysid_trib.regression.constraint_map import constraint_map
+from sysid_trib.regression.linearisation import linearised
+from sysid_trib.regression.problem import RunEstimate, begin
+from sysid_trib.regression.rows import weak_rows
 from sysid_trib.regression.weak_form import (
     build_weak_form,
     noise_operator,
@@ -95,8 +99,8 @@ def test_whiten_solves_with_the_cholesky_factor():
     dense = sum(np.diag(band[k, : 30 - k], -k) for k in range(4))
     y = random.normal(size=(30, 2))
     expected = scipy.linalg.solve_triangular(dense, y, lower=True)
-    np.testing.assert_allclose(whiten((band, 3), y), expected, rtol=1e-8)
-    np.testing.assert_allclose(whiten((band, 3), y[:, 0]), expected[:, 0], rtol=1e-8)
+    np.testing.assert_allclose(whiten(band, y), expected, rtol=1e-8)
+    np.testing.assert_allclose(whiten(band, y[:, 0]), expected[:, 0], rtol=1e-8)
 
 
 def test_smoothing_finds_motion_derivatives_and_noise():
@@ -111,13 +115,15 @@ def test_smoothing_finds_motion_derivatives_and_noise():
 
 def test_whitened_residual_of_a_true_model_is_white():
     run = paper_run()
-    (begun,) = _begin(Direct(W), [run.decay(2)], run.model.library)
-    true = replace(begun, guess=Guess(np.array(list(SIX.values())), W, 0.0, (0.3, 0.0)))
-    moving, _ = _motion(true, run.model.library, np.ones(6, bool), None)
-    problem, guess, path = moving.problem, moving.guess, moving.path
-    rows = whitened_rows(problem, guess, path, linearised(problem, guess, path))
-    residual = (rows.y - rows.columns @ (rows.scale * guess.coefficients)) / NOISE
-    assert problem.noise == pytest.approx(NOISE, rel=0.06)
+    library = run.model.library
+    free = constraint_map(Constraints(), library, {})
+    (begun,) = begin([run.decay(2)], library, free, reference_frequency=W, shapes={})
+    true = replace(begun, estimate=RunEstimate(np.array(list(SIX.values())), W, 0.0, (0.3, 0.0)))
+    simulated, _ = _motion(true, np.ones(6, bool), None)
+    rows = weak_rows(simulated, linearised(simulated))
+    coefficients = simulated.estimate.coefficients
+    residual = whiten(rows.factor, rows.target - rows.columns @ (rows.scale * coefficients)) / NOISE
+    assert simulated.problem.noise == pytest.approx(NOISE, rel=0.06)
     count = len(residual)
     assert np.sum(residual**2) == pytest.approx(count, abs=4.0 * np.sqrt(2.0 * count))
     for lag in range(1, 6):

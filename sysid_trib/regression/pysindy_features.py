@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pysindy import AxesArray
 from pysindy.feature_library.base import BaseFeatureLibrary, x_sequence_or_item
 from sklearn.utils.validation import check_is_fitted
@@ -12,6 +13,8 @@ from sklearn.utils.validation import check_is_fitted
 from sysid_trib.averaging.internal_states import states_along
 from sysid_trib.errors import DecayError, LibraryError
 from sysid_trib.forces.force import Force, ForceLibrary
+
+Array = NDArray[np.float64]
 
 __all__ = ["ForceFeatures", "readable", "states_along"]
 
@@ -114,17 +117,70 @@ class ForceFeatures(BaseFeatureLibrary):
                     f"Force '{force.symbol}' is carried along in time: give ForceFeatures a positive {name}."
                 )
 
+    def evaluate(
+        self, time: Array, angle: Array, rate: Array, internal: Mapping[str, Array] | None = None
+    ) -> Array:
+        """Value of every force along a motion at times of its own.
+
+        Parameters
+        ----------
+        time : (sample,) array of float, s
+            From the first sample.
+        angle, rate : (sample,) array of float, rad
+            theta and theta'.
+        internal : mapping of str to (sample,) array of float, optional
+            Internal states and memory as far as they are known, `{"dahl.z": ...}`; the others are computed
+            along the motion.
+
+        Returns
+        -------
+        (sample, force) array of float, rad
+        """
+        known, columns = internal or {}, np.empty((*angle.shape, len(self._forces)))
+        tau = time * float(self.reference_frequency or 0.0)
+        for i, force in enumerate(self._forces):
+            names = {name: f"{force.symbol}.{name}" for name in (*force.state, *force.memory)}
+            if all(name in known for name in names.values()):
+                hidden = {name: known[full] for name, full in names.items()}
+            else:
+                hidden = states_along(force, tau, angle, rate, self.shapes, time=time)
+            columns[..., i] = force.value(angle, rate, time, shapes=self.shapes, hidden=hidden)
+        return columns
+
+    def cell_averages(self, time: Array, angle: Array, rate: Array, acceleration: Array) -> Array:
+        """`evaluate`, averaged over each sample's cell: sign(v) turns where v does, not at a sample.
+
+        Parameters
+        ----------
+        time : (sample,) array of float, s
+            From the first sample.
+        angle, rate, acceleration : (sample,) array of float, rad
+            theta, theta' and theta''.
+
+        Returns
+        -------
+        (sample, force) array of float, rad
+        """
+        columns = self.evaluate(time, angle, rate)
+        frequency = float(self.reference_frequency or 0.0)
+        step = frequency * np.gradient(time)
+        for i, force in enumerate(self._forces):
+            # Internal states are continuous, and costly to compute.
+            if not force.memoryless or not force.surfaces:
+                continue
+            parts = (-0.375 * step, -0.125 * step, 0.125 * step, 0.375 * step)
+            near = [(angle + s * rate, rate + s * acceleration, time + s / frequency) for s in parts]
+            columns[:, i] = np.mean([force.value(*point, shapes=self.shapes) for point in near], axis=0)
+        return columns
+
     def _columns(self, x: Any) -> AxesArray:
         _check_columns(x)
         states = np.asarray(x)
         angle, rate = (states[..., i].astype(float) for i in range(2))
-        t = np.arange(len(states)) * float(self.sampling_time or 0.0)
-        found = np.empty((*angle.shape, len(self._forces)), dtype=np.result_type(states.dtype, np.float32))
-        for i, force in enumerate(self._forces):
-            tau = t * float(self.reference_frequency or 0.0)
-            hidden = states_along(force, tau, angle, rate, self.shapes, time=t)
-            found[..., i] = force.value(angle, rate, t, shapes=self.shapes, hidden=hidden)
-        return AxesArray(found, {"ax_time": 0, "ax_coord": 1})
+        time = np.arange(len(states), dtype=np.float64) * np.float64(self.sampling_time or 0.0)
+        columns = self.evaluate(time, angle, rate)
+        dtype = np.result_type(states.dtype, np.float32)
+        return AxesArray(columns.astype(dtype, copy=False), {"ax_time": 0, "ax_coord": 1})
 
 
 def readable(

@@ -79,7 +79,7 @@ def noise_operator(form: WeakForm, stiffness: Array, damping: Array) -> sp.csr_m
     return (turned - form.slope @ sp.diags_array(damping) - form.value @ sp.diags_array(rate)).tocsr()
 
 
-def whitener(operator: sp.csr_matrix) -> tuple[Array, int]:
+def whitener(operator: sp.csr_matrix) -> Array:
     """Banded Cholesky factor (lower, as scipy.linalg stores it) of the covariance of the rows' noise."""
     covariance = (operator @ operator.T).todia()
     width = int(covariance.offsets.max())
@@ -88,17 +88,16 @@ def whitener(operator: sp.csr_matrix) -> tuple[Array, int]:
         diagonal = covariance.diagonal(-offset)
         band[offset, : len(diagonal)] = diagonal
     try:
-        return scipy.linalg.cholesky_banded(band, lower=True, check_finite=False), width
+        return scipy.linalg.cholesky_banded(band, lower=True, check_finite=False)
     except np.linalg.LinAlgError:
         raise DecayError("The equations of this record are degenerate; check its sampling.") from None
 
 
-def whiten(factor: tuple[Array, int], columns: Array) -> Array:
+def whiten(factor: Array, columns: Array) -> Array:
     """Solve L z = columns, so that the noise of z has the unit matrix as covariance."""
-    band, _ = factor
-    solve = scipy.linalg.get_lapack_funcs("tbtrs", (band, columns))
-    found, _ = solve(band, columns.reshape(len(columns), -1), uplo="L")
-    return np.asarray(found).reshape(columns.shape)
+    solve = scipy.linalg.get_lapack_funcs("tbtrs", (factor, columns))
+    solved, _ = solve(factor, columns.reshape(len(columns), -1), uplo="L")
+    return np.asarray(solved).reshape(columns.shape)
 
 
 def _design(tau: Array, knots: Array, order: int) -> sp.csr_matrix:

@@ -1,0 +1,195 @@
+"""Optimisers of pysindy: rows of correlated noise with standard errors, and selection by significance.
+
+They serve in `pysindy.SINDy(optimizer=...)` as well as in `Direct`.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pysindy.optimizers import BaseOptimizer
+from scipy.stats import chi2
+
+from sysid_trib.regression.weak_form import whiten
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+# Level and lags of Ljung and Box's test (1978) of rows that should be white.
+CORRELATION_LEVEL = 1e-4
+CORRELATION_TEST_LAGS = 12
+
+
+class WhitenedLeastSquares(BaseOptimizer):
+    """Least squares of rows whose noise has a known covariance up to a factor, with standard errors.
+
+    Parameters
+    ----------
+    covariance_factor : (band, row) array of float, optional
+        Cholesky factor of the covariance of the rows' noise, lower banded as `scipy.linalg` stores it. The
+        rows are taken for white where it is left out.
+    correlation_lags : int, default 0
+        Lags over which the errors allow for correlation where the residuals of the whitened rows have one
+        (Newey and West 1987); 0 takes them for white.
+
+    Attributes
+    ----------
+    coef_ : (target, feature) array of float
+    covariance_ : (target, feature, feature) array of float
+        Covariance of the coefficients.
+    noise_ : (target,) array of float
+        RMS residual of the whitened rows.
+    lags_ : (target,) array of int
+        Lags over which the errors allow for correlation.
+    """
+
+    def __init__(self, covariance_factor: Array | None = None, correlation_lags: int = 0) -> None:
+        super().__init__(unbias=False)
+        self.covariance_factor = covariance_factor
+        self.correlation_lags = correlation_lags
+
+    def fit(self, x_: Any, y: Any, sample_weight: Any = None, **reduce_kws: Any) -> "WhitenedLeastSquares":
+        """Whiten the rows and solve them, once.
+
+        Parameters
+        ----------
+        x_ : (row, feature) array of float
+        y : (row,) or (row, target) array of float
+        sample_weight : (row,) array of float, optional
+            Of white rows.
+        **reduce_kws
+            Not used.
+
+        Returns
+        -------
+        WhitenedLeastSquares
+            Itself.
+        """
+        # The checks and the first guess of BaseOptimizer.fit would take ten times as long as the solution.
+        x, y = (np.asarray(part, dtype=float).reshape(len(part), -1) for part in (x_, y))
+        if self.covariance_factor is not None:
+            x, y = (whiten(self.covariance_factor, part) for part in (x, y))
+        else:
+            weights = np.sqrt(np.broadcast_to(1.0 if sample_weight is None else sample_weight, len(x)))
+            finite = np.isfinite(x).all(axis=1) & np.isfinite(y).all(axis=1)
+            x, y = ((weights[:, None] * part)[finite] for part in (x, y))
+        self._reduce(x, y)
+        self.Theta_, self.ind_, self.history_, self.intercept_ = x, self.coef_ != 0.0, [self.coef_], 0.0
+        return self
+
+    def _reduce(self, x: Array, y: Array) -> None:
+        self.coef_ = np.linalg.lstsq(x, y, rcond=None)[0].T
+        residuals = (y - x @ self.coef_.T).T
+        self.noise_ = np.sqrt(np.sum(residuals**2, axis=1) / max(1, x.shape[0] - x.shape[1]))
+        self.lags_ = np.array([self.correlation_lags if _correlated(r) else 0 for r in residuals])
+        inverse: Array = np.asarray(np.linalg.pinv(x.T @ x), dtype=float)
+        self.covariance_ = np.stack(
+            [
+                _sandwich(x, inverse, residual, lags) if lags else noise**2 * inverse
+                for residual, lags, noise in zip(residuals, self.lags_.tolist(), self.noise_, strict=True)
+            ]
+        )
+
+
+class SignificanceSelection(BaseOptimizer):
+    """The features that the rows demand, by a family-wise level of significance; the others are zero.
+
+    Parameters
+    ----------
+    level : float, default 0.01
+        Probability of keeping any feature that is not there (Bonferroni over the features offered).
+    removed_columns : int, default 0
+        Columns that have been projected out of the rows before, which the residual has fewer degrees of
+        freedom by.
+
+    Attributes
+    ----------
+    coef_ : (target, feature) array of float
+        Least squares on the kept features.
+
+    Notes
+    -----
+    The kept set minimises ``RSS/sigma^2 + t^2 * size``, t^2 the chi-square of one feature at the level: none
+    can be dropped, added or exchanged. Correlated features make one-way elimination drop true ones for
+    combinations of others; exchanges, from the empty and from the full set, do not stop there (Miller, Subset
+    Selection in Regression, 2002, Sec. 3.4).
+    """
+
+    def __init__(self, level: float = 0.01, removed_columns: int = 0) -> None:
+        super().__init__(unbias=False)
+        self.level = level
+        self.removed_columns = removed_columns
+
+    def _reduce(self, x: Array, y: Array) -> None:
+        coefficients = np.zeros((y.shape[1], x.shape[1]))
+        for i, target in enumerate(np.asarray(y).T):
+            kept = _significant(x, target, self.level, self.removed_columns)
+            coefficients[i, kept] = np.linalg.lstsq(x[:, kept], target, rcond=None)[0]
+        self.coef_ = coefficients
+
+
+def _correlated(residual: Array) -> bool:
+    """Whether the residuals of neighbouring rows are correlated (Ljung and Box 1978)."""
+    from statsmodels.tsa.stattools import q_stat
+
+    n, total = len(residual), float(residual @ residual)
+    lags = range(1, min(CORRELATION_TEST_LAGS, n // 2 - 1) + 1)
+    if not lags or total == 0.0:
+        return False
+    # About zero, not about their mean: rows without noise have none.
+    correlations = np.array([residual[lag:] @ residual[:-lag] / total for lag in lags])
+    _, p_values = q_stat(correlations, n)
+    return bool(p_values[-1] < CORRELATION_LEVEL)
+
+
+def _sandwich(x: Array, inverse: Array, residual: Array, lags: int) -> Array:
+    """Covariance of least squares whose residuals are correlated over so many lags (Newey and West 1987)."""
+    from statsmodels.stats.sandwich_covariance import S_hac_simple
+
+    return np.asarray(inverse @ S_hac_simple(x * residual[:, None], nlags=lags) @ inverse)
+
+
+def _significant(columns: Array, target: Array, level: float, removed_columns: int) -> Mask:
+    """Columns of the set with the least penalised deviance."""
+    count = columns.shape[1]
+    triangle: Array = np.asarray(np.linalg.qr(np.column_stack([columns, target]), mode="r"))
+    table, projected = triangle[:count, :count], triangle[:count, count]
+    # Columns may be dependent: the residual of all of them is the noise, by as many as are independent.
+    degrees = max(1, len(target) - removed_columns - int(np.linalg.matrix_rank(table)))
+    outside = float(target @ target - projected @ projected)
+    noise = max((outside + _residual_sum(table, projected, np.ones(count, bool))) / degrees, 1e-300)
+    penalty = noise * float(chi2.isf(level / max(1, count), 1))
+    ends = [_exchanged(table, projected, penalty, np.full(count, full)) for full in (False, True)]
+    return min(ends, key=lambda kept: _deviance(table, projected, penalty, kept))
+
+
+def _exchanged(table: Array, target: Array, penalty: float, kept: Mask) -> Mask:
+    """Take the best of all drops, additions and exchanges until none helps."""
+    lowest = _deviance(table, target, penalty, kept)
+    pairs = [(i, j) for i in range(len(kept)) for j in range(i)]
+    while True:
+        single = [(i,) for i in range(len(kept))]
+        trials = [_flipped(kept, *at) for at in [*single, *((i, j) for i, j in pairs if kept[i] != kept[j])]]
+        deviances = [_deviance(table, target, penalty, trial) for trial in trials]
+        best = int(np.argmin(deviances))
+        if deviances[best] >= lowest - 1e-9 * penalty:
+            return kept
+        kept, lowest = trials[best], deviances[best]
+
+
+def _flipped(kept: Mask, *members: int) -> Mask:
+    other = kept.copy()
+    other[list(members)] ^= True
+    return other
+
+
+def _deviance(table: Array, target: Array, penalty: float, kept: Mask) -> float:
+    return _residual_sum(table, target, kept) + penalty * float(np.sum(kept))
+
+
+def _residual_sum(table: Array, target: Array, kept: Mask) -> float:
+    if not kept.any():
+        return float(target @ target)
+    solution, *_ = np.linalg.lstsq(table[:, kept], target, rcond=1e-12)
+    residual = target - table[:, kept] @ solution
+    return float(residual @ residual)

@@ -1,0 +1,220 @@
+"""What the weak form of a record holds, and the estimate of its forces under way."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from sysid_trib.averaging.identifiability import dependent_columns
+from sysid_trib.errors import DecayError
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.noise.level import nominal_frequency, sensor_noise, swing_frequency
+from sysid_trib.noise.smoothing import smooth
+from sysid_trib.regression.constraint_map import ConstraintMap
+from sysid_trib.regression.weak_form import WeakForm, build_weak_form
+from sysid_trib.simulation.model import rescaling_factors
+
+if TYPE_CHECKING:
+    from sysid_trib.regression.pysindy_features import ForceFeatures
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class WeakFormProblem:
+    """What is held of one record.
+
+    Attributes
+    ----------
+    time, angle : (sample,) array of float, s and rad
+    form : WeakForm
+        On tau = `nominal_frequency` * time.
+    library : ForceLibrary
+        The forces offered.
+    shapes : mapping of str to float
+    nominal_frequency : float, rad/s
+    frequency_free : bool
+        Whether the reference frequency is fitted.
+    noise : float, rad
+        Standard deviation of a sample.
+    """
+
+    time: Array
+    angle: Array
+    form: WeakForm
+    library: ForceLibrary
+    shapes: Mapping[str, float]
+    nominal_frequency: float
+    frequency_free: bool
+    noise: float
+
+    @property
+    def elapsed(self) -> Array:
+        """Time since the first sample, (sample,), s."""
+        return self.time - self.time[0]
+
+    def features(self, frequency: float) -> "ForceFeatures":
+        """The forces as a feature library of pysindy, at a reference frequency (rad/s)."""
+        # Here, since importing pysindy takes as long as twenty identifications.
+        from sysid_trib.regression.pysindy_features import ForceFeatures
+
+        return ForceFeatures(self.library, reference_frequency=frequency, shapes=self.shapes)
+
+
+@dataclass(frozen=True)
+class RunEstimate:
+    """The present estimate of a run; coefficients and frequency are common to all runs.
+
+    Attributes
+    ----------
+    coefficients : (force,) array of float
+    frequency : float, rad/s
+        Reference frequency.
+    offset : float, rad
+        Zero of the sensor.
+    start : (float, float), rad and rad/s
+        Angle and rate of the motion at the first sample.
+    """
+
+    coefficients: Array
+    frequency: float
+    offset: float = 0.0
+    start: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class ReferenceTrajectory:
+    """The motion along which the forces are evaluated.
+
+    Attributes
+    ----------
+    x, v : (sample,) array of float, rad
+        theta and theta'/w.
+    columns : (sample, force) array of float, rad
+    exact : bool
+        Whether it is a motion of the present model, not the smoothed record.
+    """
+
+    x: Array
+    v: Array
+    columns: Array
+    exact: bool
+
+    @property
+    def rms_forces(self) -> Array:
+        """RMS of each force along the motion (force,), rad: a coefficient in units of it is a force."""
+        rms = np.sqrt(np.mean(self.columns**2, axis=0))
+        return np.where(rms > 0, rms, 1.0)
+
+
+@dataclass(frozen=True)
+class RunRegression:
+    """One record, its present estimate and the motion that belongs to it."""
+
+    problem: WeakFormProblem
+    estimate: RunEstimate
+    reference: ReferenceTrajectory
+
+
+def begin(
+    decays: Sequence[xr.Dataset],
+    library: ForceLibrary,
+    constraints: ConstraintMap,
+    *,
+    reference_frequency: float | None,
+    shapes: Mapping[str, float],
+) -> tuple[RunRegression, ...]:
+    """Weak forms of the runs, with the smoothed records as first reference trajectories.
+
+    Parameters
+    ----------
+    decays : sequence of Dataset
+        With `angle(time)`.
+    library : ForceLibrary
+        The forces to identify.
+    constraints : ConstraintMap
+    reference_frequency : float or None, rad/s
+        None has it fitted.
+    shapes : mapping of str to float
+
+    Returns
+    -------
+    tuple of RunRegression
+
+    Raises
+    ------
+    DecayError
+        The records are too short, or some of the forces are the same on them.
+    """
+    # A scale of time: near the motion's frequency, and the same for all runs.
+    median = float(np.median([np.pi / swing_frequency(decay) for decay in decays]))
+    nominal = reference_frequency or nominal_frequency(np.pi / median)
+    free = reference_frequency is None
+    runs = tuple(_first_run(decay, library, shapes, nominal, free) for decay in decays)
+    rows = sum(run.problem.form.rows for run in runs)
+    if rows < len(library) + 3 + len(runs):
+        raise DecayError(f"{rows} rows cannot decide {len(library)} forces; give a longer record.")
+    columns = np.concatenate([run.reference.columns for run in runs]) @ constraints.matrix
+    names = [library.symbols[i] for i in constraints.free]
+    if free:
+        columns = np.column_stack([columns, np.concatenate([run.reference.x for run in runs])])
+        names.append("the frequency")
+    if same := dependent_columns(columns):
+        equal = " and ".join(names[i] for i in same[0])
+        raise DecayError(f"On this record {equal} are the same force; leave one out (--forces).")
+    return runs
+
+
+def _first_run(
+    decay: xr.Dataset, library: ForceLibrary, shapes: Mapping[str, float], nominal: float, free: bool
+) -> RunRegression:
+    time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
+    form = build_weak_form(nominal * (time - time[0]))
+    x, v, acceleration, _ = smooth(form.tau, angle)
+    problem = WeakFormProblem(
+        time, angle, form, library, dict(shapes), nominal, free, noise=sensor_noise(decay)
+    )
+    columns = problem.features(nominal).cell_averages(problem.elapsed, x, v, acceleration)
+    estimate = RunEstimate(np.zeros(len(library)), nominal, 0.0, (float(x[0]), float(v[0] * nominal)))
+    return RunRegression(problem, estimate, ReferenceTrajectory(x, v, columns, exact=False))
+
+
+def update(
+    runs: Sequence[RunRegression], coefficients: Array, steps: Array, constraints: ConstraintMap
+) -> tuple[RunRegression, ...]:
+    """The runs with the next estimate; a fitted stiffness is turned into the reference frequency.
+
+    Parameters
+    ----------
+    runs : sequence of RunRegression
+    coefficients : (force,) array of float
+    steps : (run,) or (run + 1,) array of float
+        Zeros of the sensor (rad), then the stiffness where the frequency is fitted.
+    constraints : ConstraintMap
+
+    Returns
+    -------
+    tuple of RunRegression
+    """
+    problem, frequency = runs[0].problem, runs[0].estimate.frequency
+    if problem.frequency_free:
+        former, frequency = frequency, float(frequency * np.sqrt(max(0.25, 1.0 + steps[-1])))
+        factors = rescaling_factors(problem.library.forces, former, frequency)
+        # A force without a degree in v keeps its size at least: w^2 c stays.
+        coefficients = coefficients * np.where(np.isnan(factors), (former / frequency) ** 2, factors)
+    coefficients = constraints.impose(coefficients)
+    return tuple(
+        replace(
+            run,
+            estimate=replace(
+                run.estimate,
+                coefficients=coefficients,
+                frequency=frequency,
+                offset=run.estimate.offset + float(step),
+            ),
+        )
+        for run, step in zip(runs, steps, strict=False)
+    )
