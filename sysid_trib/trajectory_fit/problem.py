@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from sysid_trib.errors import SimulationError
 from sysid_trib.noise.autoregression import whitened
 from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.simulate import FAST, trajectory
 from sysid_trib.trajectory_fit.parameters import FREQUENCY, Parameters
 
 Array = NDArray[np.float64]
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 OUT_OF_PROPORTION = 10.0
 # Sensitivities are forward differences over a step that moves the phase by about this much (rad).
 PHASE_STEP = 1e-6
-# So few samples are not divided further where a motion cannot be computed to the end.
+# The shortest part of a record that is tried where a motion cannot be computed to the end.
 FEWEST_SAMPLES = 20
 
 
@@ -62,10 +62,11 @@ class WhitenedRecord:
 
         Notes
         -----
-        A motion that cannot be computed, or that is out of all proportion, has a penalty in its place that
-        leads back: it grows with the logarithm of how far the frequency or the start is outside of the
-        allowed region; else the residual is that of the first half, quarter ... of the record that the motion
-        can be computed for; else it grows with the size of the coefficients.
+        A motion that is out of all proportion, or that cannot be computed, has a penalty in its place that
+        leads back. Where the frequency or the start is outside of the allowed region, it grows with the
+        distance from that region. Else the residual is that of the first part of the record that the motion
+        can be computed for. Where there is none, the penalty grows with the coefficients, without which every
+        motion can be computed.
         """
         far = OUT_OF_PROPORTION * float(np.max(np.abs(self.angle)))
         # The highest frequency that samples show. An optimiser astray asks for hours of faster swings.
@@ -73,28 +74,36 @@ class WhitenedRecord:
         angle, rate, offset = per_run.tolist()
         excess = max(model.reference_frequency / highest, abs(angle) / far, abs(rate) / (far * highest))
         if excess > 1.0:
-            return np.full(len(self.time), far * (1.0 + np.log(excess)))
-        count = len(self.time)
-        while count >= FEWEST_SAMPLES:
+            return _penalty(far, excess - 1.0, len(self.time))
+
+        def residual(count: int, engine: str | None) -> Array | None:
             try:
-                motion = trajectory(model, self.time[:count], angle, rate, engine=self.engine)
+                motion = trajectory(model, self.time[:count], angle, rate, engine=engine)
             except SimulationError:
-                count //= 2
-                continue
-            left = np.asarray(motion.angle + offset - self.angle[:count])
-            return left if count == len(self.time) else _padded(left, far, len(self.time))
-        strength = float(np.linalg.norm(list(model.coefficients.values())))
-        return np.full(len(self.time), far * (1.0 + np.log1p(strength)))
+                return None
+            return np.asarray(motion.angle + offset - self.angle[:count])
+
+        if (whole := residual(len(self.time), self.engine)) is not None:
+            return whole
+        count, first = FEWEST_SAMPLES, None
+        while count < len(self.time) and (longer := residual(count, FAST)) is not None:
+            count, first = 2 * count, longer
+        if first is None:
+            return _penalty(far, float(np.linalg.norm(list(model.coefficients.values()))), len(self.time))
+        # Compressed: what diverges is not to count for more than what cannot be computed.
+        size = np.maximum(np.abs(first) / far, 1.0)
+        return np.append(first / size * (1.0 + np.log(size)), np.full(len(self.time) - len(first), far))
 
     def white(self, values: Array) -> Array:
         """Values with noise of one level and no colour."""
         return self.weight * whitened(values, self.filter_)
 
 
-def _padded(left: Array, far: float, count: int) -> Array:
-    """A residual of the first samples: compressed beyond `far`, and `far` for the other samples."""
-    size = np.maximum(np.abs(left) / far, 1.0)
-    return np.append(left / size * (1.0 + np.log(size)), np.full(count - len(left), far))
+def _penalty(far: float, distance: float, count: int) -> Array:
+    """A residual above `far` whose least squares are where the distance is zero."""
+    residual = np.full(count, np.sqrt(2.0) * far)
+    residual[::2] = far * distance
+    return residual
 
 
 @dataclass(frozen=True)

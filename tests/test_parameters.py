@@ -1,0 +1,199 @@
+"""Parameters of a trajectory fit: one vector by names, and fits with fixed, bounded and tied parameters."""
+
+import numpy as np
+import pytest
+from helpers import FIVE, NOISE, SIX, W, paper_run, rms
+
+from sysid_trib import Model, load_library
+from sysid_trib.errors import UsageError
+from sysid_trib.forces.constraints import Constraints
+from sysid_trib.forces.library import parse_library
+from sysid_trib.methods import Trajectory
+from sysid_trib.trajectory_fit.parameters import FREQUENCY, Parameters
+from sysid_trib.trajectory_fit.problem import OUT_OF_PROPORTION, FitProblem, WhitenedRecord
+
+FORCES = load_library()
+EFFECTS = load_library("candidate_effects")
+BASE = FORCES.select(["lambda", "zeta"])
+TIE = {"nu": "-2.356*delta"}
+
+
+def test_a_vector_is_packed_and_read_by_names():
+    parameters = Parameters(BASE, fit_shapes=(), runs=2)
+    own = np.array([[0.3, 0.0, 1e-3], [0.2, 0.1, 2e-3]])
+    values = parameters.pack({"zeta": 5e-3, "lambda": 1e-3, FREQUENCY: W}, own)
+    assert len(values) == len(parameters) == len(parameters.names) == 9
+    assert parameters.model(values).coefficients == {"lambda": 1e-3, "zeta": 5e-3}
+    assert parameters.model(values).reference_frequency == W
+    np.testing.assert_array_equal(parameters.per_run(values), own)
+    np.testing.assert_array_equal(values[parameters.of_run(1)], own[1])
+
+
+def test_a_force_is_inserted_and_removed_with_its_shapes():
+    before = Parameters(BASE, reference_frequency=W)
+    dahl = EFFECTS["dahl"]
+    after = before.insert(dahl)
+    assert after.common == ("lambda", "zeta", "dahl", "dahl.s")
+    assert after.limits[0][after.index("dahl")] == (0.0 if dahl.passive else -np.inf)
+    values = np.arange(5.0)
+    more = after.take(before, values, {"dahl": 7.0, "dahl.s": 8.0})
+    np.testing.assert_array_equal(more, [0.0, 1.0, 7.0, 8.0, 2.0, 3.0, 4.0])
+    assert after.indices(["dahl"]) == [2, 3]
+    np.testing.assert_array_equal(after.remove(["dahl"]).take(after, more), values)
+    table = after.take(before, np.ones((4, 5)), {"dahl": np.arange(4.0), "dahl.s": np.nan})
+    np.testing.assert_array_equal(table[:, 2], np.arange(4.0))
+
+
+def test_part_of_a_covariance_is_zero_for_what_is_no_parameter():
+    parameters = Parameters(BASE, reference_frequency=W)
+    part = parameters.covariance_of(np.diag([1.0, 2.0, 3.0, 4.0, 5.0]), ("zeta", FREQUENCY, "lambda"))
+    np.testing.assert_array_equal(part, np.diag([2.0, 0.0, 1.0]))
+
+
+def test_free_and_full_vector_and_the_chain_rule():
+    constraints = Constraints({"lambda": 1e-3}, {}, {"zeta": "2*delta**2", "delta": "3*nu + lambda"})
+    library = FORCES.select(["lambda", "zeta", "nu", "delta"])
+    parameters = Parameters(library, W, constraints=constraints)
+    assert [parameters.names[i] for i in parameters.free][:1] == ["nu"]
+    free = np.array([0.5, 0.3, 0.0, 0.0])
+    values = parameters.expand(free)
+    delta = 3 * 0.5 + 1e-3
+    np.testing.assert_allclose(values[:4], [1e-3, 2.0 * delta**2, 0.5, delta])
+    step, shift = 1e-7, np.array([1e-7, 0.0, 0.0, 0.0])
+    slope = (parameters.expand(free + shift) - parameters.expand(free - shift)) / 2 / step
+    table = np.eye(len(values))
+    np.testing.assert_allclose(parameters.by_free(table, values)[:, 0], slope, atol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def record():
+    return paper_run(SIX).decay(0)
+
+
+@pytest.fixture(scope="module")
+def plain(record):
+    return Trajectory(W).identify(record, FORCES)
+
+
+def test_a_fixed_coefficient_comes_back_exactly_and_conditions_the_others(record, plain):
+    value = plain.coefficient.sel(force="nu").item()
+    found = Trajectory(W, fix={"nu": value}).identify(record, FORCES)
+    assert found.coefficient.sel(force="nu").item() == value
+    assert found.standard_error.sel(force="nu").item() == 0.0
+    assert found.constraint.sel(force="nu").item() == "fixed"
+    errors = plain.standard_error.values
+    np.testing.assert_allclose(found.coefficient / errors, plain.coefficient / errors, atol=1e-4)
+    others = [s for s in plain.force.values.tolist() if s != "nu"]
+    # The covariance of the others, given that one: the Schur complement.
+    c, at = plain.covariance, {"force": "nu"}
+    given = c.sel(force=others, other_force=others).values - np.outer(
+        c.sel(**at, other_force=others), c.sel(**at, other_force=others)
+    ) / float(c.sel(**at, other_force="nu"))
+    np.testing.assert_allclose(
+        found.covariance.sel(force=others, other_force=others), given, rtol=2e-2, atol=1e-12 * given.max()
+    )
+
+
+def test_a_tie_is_a_reparametrised_library(record):
+    found = Trajectory(W, tie=TIE).identify(record, FORCES)
+    value, error = (found[k].sel(force=["delta", "nu"]).values for k in ("coefficient", "standard_error"))
+    assert value[1] == -2.356 * value[0]
+    assert error[1] == pytest.approx(2.356 * error[0])
+    assert found.constraint.sel(force="nu").item() == "nu=-2.356*delta"
+    formula = f"{FORCES['delta'].formula.text} - 2.356*({FORCES['nu'].formula.text})"
+    others = [s for s in FORCES.symbols if s not in ("nu", "delta")]
+    entries = [{"symbol": s, "formula": FORCES[s].formula.text} for s in others]
+    both = parse_library({"force": [*entries, {"symbol": "both", "formula": formula}]}, "test")
+    same = Trajectory(W).identify(record, both)
+    for symbol, name in [*zip(others, others, strict=True), ("delta", "both")]:
+        expected, scale = (same[k].sel(force=name).item() for k in ("coefficient", "standard_error"))
+        assert found.coefficient.sel(force=symbol).item() == pytest.approx(expected, abs=1e-4 * scale)
+        assert found.standard_error.sel(force=symbol).item() == pytest.approx(scale, rel=1e-4)
+    assert found.noise.item() == pytest.approx(same.noise.item(), rel=1e-9)
+
+
+def test_a_tie_need_not_be_linear(record):
+    found = Trajectory(W, tie={"alpha": "-abs(nu)**1.5"}).identify(record, FORCES)
+    nu, alpha = (found.sel(force=s) for s in ("nu", "alpha"))
+    assert alpha.coefficient.item() == -(abs(nu.coefficient.item()) ** 1.5)
+    slope = 1.5 * abs(nu.coefficient.item()) ** 0.5
+    assert alpha.standard_error.item() == pytest.approx(slope * nu.standard_error.item())
+
+
+def test_a_bound_that_stops_a_coefficient_holds_it(record):
+    found = Trajectory(W, bounds={"zeta": (0.01, np.inf)}).identify(record, FORCES)
+    zeta = found.sel(force="zeta")
+    assert (zeta.coefficient.item(), zeta.standard_error.item()) == (0.01, 0.0)
+    assert zeta.constraint.item() == "at its bound"
+    same = Trajectory(W, fix={"zeta": 0.01}).identify(record, FORCES)
+    np.testing.assert_allclose(found.coefficient, same.coefficient, rtol=1e-6)
+
+
+def test_a_bound_that_stops_nothing_changes_nothing(record, plain):
+    found = Trajectory(W, bounds={"zeta": (0.0, 1.0)}).identify(record, FORCES)
+    np.testing.assert_allclose(found.coefficient, plain.coefficient, rtol=1e-5)
+    assert set(found.constraint.values.tolist()) == {""}
+    assert "constraint" not in plain.coords
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        ({"fix": {"gamma": 1.0}}, "gamma"),
+        ({"tie": {"nu": "gamma"}}, "gamma"),
+        ({"tie": {"nu": "2*nu"}}, "itself"),
+        ({"fix": {"nu": 1.0}, "tie": {"nu": "delta"}}, "choose one"),
+        ({"fix": {"zeta": 2.0}, "bounds": {"zeta": (0.0, 1.0)}}, "outside"),
+        ({"bounds": {"dahl.s": (0.0, 1.0)}}, "held"),
+    ],
+)
+def test_what_cannot_be_constrained_is_refused(record, asked, said):
+    library = parse_library(
+        {"force": [{"symbol": s, "formula": FORCES[s].formula.text} for s in FIVE]}, "test"
+    )
+    if "bounds" in asked and "dahl.s" in asked["bounds"]:
+        library = EFFECTS.select(["dahl"])
+    with pytest.raises(UsageError, match=said):
+        Trajectory(**asked).identify(record, library)
+
+
+def test_a_motion_that_diverges_leads_back(record):
+    """Half of the record that can be computed says where to go; a plateau does not."""
+    library = FORCES.select(["zeta"])
+    whole = WhitenedRecord(record.time.values, record.angle.values)
+    problem = FitProblem(Parameters(library, W), (whole,))
+    start = np.array([0.3, 0.0, 0.0])
+    here = [
+        float(np.linalg.norm(whole.residual(Model(library, {"zeta": c}, W), start)))
+        for c in (-0.06, -0.055, -0.05)
+    ]
+    assert here[0] > here[1] > here[2]
+    values = np.array([-0.05, *start])
+    slope = problem.white_sensitivity(values, problem.residuals(values))[:, 0] @ problem.white_residual(
+        values
+    )
+    assert slope < 0.0
+    assert np.isfinite(slope)
+
+
+def test_a_motion_that_cannot_be_computed_at_all_leads_to_smaller_forces(record, monkeypatch):
+    from sysid_trib.errors import SimulationError
+
+    def refuse(*_, **__):
+        raise SimulationError("It diverges.")
+
+    monkeypatch.setattr("sysid_trib.trajectory_fit.problem.trajectory", refuse)
+    whole = WhitenedRecord(record.time.values, record.angle.values)
+    far, nearer = (
+        whole.residual(Model(BASE, {"lambda": 0.0, "zeta": c}, W), np.array([0.3, 0.0, 0.0]))
+        for c in (-2.0, -1.0)
+    )
+    assert rms(nearer) < rms(far)
+    assert rms(nearer) > OUT_OF_PROPORTION * np.max(np.abs(record.angle.values))
+
+
+def test_a_fit_comes_back_from_a_start_that_diverges(record):
+    """Nothing of this motion can be computed; with a plateau in its place there was no fit."""
+    start = Model(FORCES, dict.fromkeys(SIX, 0.0) | {"epsilon": -30.0}, W)
+    found = Trajectory(W, start=start).identify(record, FORCES)
+    assert found.noise.item() == pytest.approx(NOISE, rel=0.05)
