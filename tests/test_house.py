@@ -26,7 +26,7 @@ LOOSE = 6
 # Rooms that do not keep a rule yet: these lists only shrink.
 NOT_YET_BELOW = {("noise", "regression")}
 NOT_YET_WORDS = {
-    *("decays", "records", "simulation", "results", "noise", "regression", "trajectory_fit"),
+    *("decays", "records", "results", "noise", "regression", "trajectory_fit"),
     *("methods", "validation", "discrepancy", "physics", "printing", "plots", "reporting", "commands"),
     *("docs", "README.md", "CONTRIBUTING.md", "CHANGELOG.md"),
 }

@@ -11,13 +11,12 @@ from scipy.integrate import DOP853
 from scipy.optimize import brentq
 
 from sysid_trib.forces.force import Force
-from sysid_trib.simulation.equations import Functions, Motion, Run, Vector, motion_of
-from sysid_trib.simulation.stick_slip import ahead, departure, settle, standing
+from sysid_trib.simulation.equations import SMOOTHED, Functions, Motion, Progress, Vector, motion_of
+from sysid_trib.simulation.stick_slip import Rule, branches_from_rest, rates_at_rest, settle, signs_ahead
 
 # Where a step is looked at for a switching; close to its start, where the motion just left one.
 LOOKS = np.array([0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0])
-SMALL = 1e-9  # below this, what is infinite at a switching surface is smoothed
-ROUNDING = 1e-14  # a surface just left may seem crossed by this much
+CROSSED = 1e-14  # a surface just left may seem crossed by this much
 TOO_FAR = 1e6  # rad
 MAX_STEP = 10.0  # in tau; only at rest would steps grow beyond, and then over what may push
 
@@ -28,52 +27,55 @@ def _power(base: float, exponent: float) -> float:
     # A step that reaches over the surface meets a negative base: the branch goes on as an odd function.
     if exponent > 0.0:
         return math.copysign(abs(base) ** exponent, base)
-    return base * (base * base + SMALL**2) ** ((exponent - 1.0) / 2.0)
+    return base * (base * base + SMOOTHED**2) ** ((exponent - 1.0) / 2.0)
 
 
-PLAIN: Functions = {
+PYTHON_FUNCTIONS: Functions = {
     "sign": lambda u: float((u > 0) - (u < 0)),
     "abs": abs,
     "min": min,
     "max": max,
     "below": lambda u, then, other: then if u < 0.0 else other,
     "power": lambda base, exponent: _power(float(base), float(exponent)),
-    "log": lambda u: 0.5 * math.log(u * u + SMALL**2),
+    "log": lambda u: 0.5 * math.log(u * u + SMOOTHED**2),
     "sqrt": lambda u: math.copysign(math.sqrt(abs(u)), u),
     **{name: getattr(math, name) for name in ("sin", "cos", "tan", "exp", "tanh")},
 }
 
 
 class Interpreted:
-    """A motion evaluated formula by formula in Python numbers."""
+    """A motion evaluated formula by formula in Python numbers.
+
+    Parameters
+    ----------
+    motion : Motion
+        The equations.
+    tolerance : float
+        Relative tolerance of the integrator.
+    """
 
     def __init__(self, motion: Motion, tolerance: float = 1e-12) -> None:
         self.motion = motion
         self.tolerance = tolerance
         self.lock: AbstractContextManager[None] = nullcontext()
 
-    def ahead(self, y: Vector, p: Vector, tau: float) -> Vector:
-        """Signs of a motion that goes on."""
-        return _numbers(partial(ahead, self.motion), y, p.tolist(), tau, len(self.motion.switches))
+    def apply(self, rule: Rule, y: Vector, p: Vector, tau: float) -> Vector:
+        """Value of a rule; nan where it has none."""
+        motion, branch = self.motion, 1 + len(p) - self.motion.memory_at.start
+        counts: dict[Rule, int] = {
+            signs_ahead: len(motion.switches),
+            branches_from_rest: 2 * branch,
+            rates_at_rest: len(y),
+        }
+        return _numbers(partial(rule, motion), y, p.tolist(), tau, counts[rule])
 
-    def departures(self, y: Vector, p: Vector, tau: float) -> Vector:
-        """Upwards and downwards, (2, 1 + memory + signs)."""
-        rest, count = y.copy(), 1 + len(p) - self.motion.memory_at.start
-        rest[1] = 0.0
-        both = (partial(departure, self.motion, way=way) for way in (1.0, -1.0))
-        return np.stack([_numbers(each, rest, p.tolist(), tau, count) for each in both])
-
-    def standing(self, y: Vector, p: Vector, tau: float) -> Vector:
-        """Accelerations at rest and rates of the states."""
-        return _numbers(partial(standing, self.motion), y, p.tolist(), tau, len(y))
-
-    def glide(self, run: Run, y: Vector, grid: Vector) -> tuple[Vector, Vector, float]:
+    def glide(self, progress: Progress, y: Vector, grid: Vector) -> tuple[Vector, Vector, float]:
         """Move from grid[0] until the motion sticks, fails or the grid ends (see `Compiled.glide`)."""
         rows, done, tau = [], 1, float(grid[0])
         frozen = partial(self.motion.surfaces, frozen=True)
         while tau < grid[-1]:
-            branch = run.p.tolist()
-            signs = run.p[self.motion.signs_at].copy()
+            branch = progress.p.tolist()
+            signs = progress.p[self.motion.signs_at].copy()
 
             def rates(tau: float, y: Vector, p: list[float] = branch) -> Vector:
                 return _numbers(self.motion.rates, y, p, tau, len(y))
@@ -82,14 +84,14 @@ class Interpreted:
                 return signs * _numbers(frozen, y, p, tau, len(signs))
 
             ahead = np.concatenate([[tau], grid[done:]])
-            found, y, tau, crossed = advance(rates, guards, y, ahead, run, self.tolerance)
-            rows.append(found)
-            done += len(found)
-            if run.failure or not crossed:
+            reached, y, tau, crossed = advance(rates, guards, y, ahead, progress, self.tolerance)
+            rows.append(reached)
+            done += len(reached)
+            if progress.failure or not crossed:
                 break
-            moves = run.count() and settle(self, y, run.p, tau)
-            run.stuck = not (moves or run.failure)
-            run.note(tau)
+            moves = progress.count() and settle(self, y, progress.p, tau)
+            progress.stuck = not (moves or progress.failure)
+            progress.note(tau)
             if not moves:
                 break
         return _joined(rows, y), y, tau
@@ -100,7 +102,7 @@ def advance(
     guards: Callable[[float, Vector], Vector],
     y: Vector,
     grid: Vector,
-    run: Run,
+    progress: Progress,
     tolerance: float,
 ) -> tuple[Vector, Vector, float, bool]:
     """Integrate from grid[0] until a guard turns negative or the grid ends.
@@ -111,21 +113,21 @@ def advance(
     rows: list[Vector] = []
     if not np.all(np.isfinite(rates(float(grid[0]), y))):
         # With such a start scipy would never return from choosing its first step.
-        run.failure = "is not finite"
+        progress.failure = "is not finite"
         return _joined(rows, y), y, float(grid[0]), False
     solver = DOP853(rates, grid[0], y, grid[-1], rtol=tolerance, atol=tolerance / 100, max_step=MAX_STEP)
     if not np.isfinite(solver.h_abs):
         solver.h_abs = 1e-6
     done = 1
     while solver.status == "running":
-        run.steps -= 1
+        progress.steps -= 1
         solver.step()
-        if run.steps < 0:
-            run.failure = "needs too many steps"
+        if progress.steps < 0:
+            progress.failure = "needs too many steps"
         elif solver.status == "failed" or not np.all(np.isfinite(solver.y)):
-            run.failure = "is not finite or too steep"
-        if run.failure or not abs(solver.y[0]) < TOO_FAR:
-            run.failure = run.failure or "grows without bound"
+            progress.failure = "is not finite or too steep"
+        if progress.failure or not abs(solver.y[0]) < TOO_FAR:
+            progress.failure = progress.failure or "grows without bound"
             break
         dense = solver.dense_output()
         crossing = _first_crossing(guards, dense, solver.t_old, solver.t)
@@ -142,7 +144,7 @@ def _first_crossing(
 ) -> float | None:
     before, times = start, start + LOOKS * (end - start)
     for tau, y in zip(times.tolist(), dense(times).T, strict=True):
-        crossed = np.flatnonzero(guards(tau, y) < -ROUNDING)
+        crossed = np.flatnonzero(guards(tau, y) < -CROSSED)
         if len(crossed):
             return min(_root(guards, dense, int(i), before, tau) for i in crossed)
         before = tau
@@ -166,9 +168,9 @@ def _numbers(
     function: Callable[..., list[float]], y: Vector, p: list[float], tau: float, count: int
 ) -> Vector:
     try:
-        return np.array(function(y.tolist(), p, tau, functions=PLAIN))
+        return np.array(function(y.tolist(), p, tau, functions=PYTHON_FUNCTIONS))
     except (ArithmeticError, ValueError):
-        # Overflow or a pole: the integrator sees it as such and ends there.
+        # Overflow or a pole, of which Python's math raises: the integrator sees it as such and ends there.
         return np.full(count, np.nan)
 
 

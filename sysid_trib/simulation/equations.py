@@ -6,7 +6,6 @@ signs). `p` holds all that a run may change without changing the equations; the 
 each switching surface the motion is, so that between two switchings every right side is analytic.
 """
 
-import ast
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -16,26 +15,44 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid_trib.forces.force import Force
-from sysid_trib.forces.formulas import Formula, evaluate_tree
+from sysid_trib.forces.formulas import Formula, parse
 from sysid_trib.simulation.model import Model
 
 Functions = Mapping[str, Callable[..., Any]]
 Vector = NDArray[np.float64]
+# Below this distance from a surface (rad), what is infinite there is smoothed.
+SMOOTHED = 1e-9
+RATE = parse("v", frozenset("v"), frozenset(), "v")
 
 
 @dataclass(frozen=True)
 class Switch:
-    """A switching surface; forces share those of x, v and t, and keep those of their own states."""
+    """A switching surface; forces share those of x, v and t, and keep those of their own states.
+
+    Parameters
+    ----------
+    key : str
+        The expression's text, with the force's symbol where it holds a state.
+    surface : Formula
+        The expression.
+    force : int
+        Index of a force whose names it holds.
+    """
 
     key: str
-    tree: ast.expr
-    names: frozenset[str]
+    surface: Formula
     force: int
 
 
 @dataclass(frozen=True)
 class Motion:
-    """The equations of motion under some forces, for any coefficients, shapes and frequency."""
+    """The equations of motion under some forces, for any coefficients, shapes and frequency.
+
+    Parameters
+    ----------
+    forces : tuple of Force
+        The forces, in the order of their coefficients in `p`.
+    """
 
     forces: tuple[Force, ...]
 
@@ -57,25 +74,19 @@ class Motion:
     @cached_property
     def switches(self) -> tuple[Switch, ...]:
         """Switching surfaces; v comes first wherever a reversal matters."""
-        found: dict[str, Switch] = {}
+        switches: dict[str, Switch] = {}
         for i, force in enumerate(self.forces):
             for surface in force.surfaces:
-                names = Formula(surface.text, surface.tree).names
-                key = surface.text if names <= set("xvt") else f"{force.symbol}: {surface.text}"
-                found.setdefault(key, Switch(key, surface.tree, names, i))
-        v = found.pop("v", Switch("v", ast.Name("v"), frozenset("v"), 0))
-        reverses = "v" in {name for f in self.forces for s in f.surfaces for name in _names(s)}
-        return (v, *found.values()) if reverses or self.memory else tuple(found.values())
+                key = surface.text if surface.names <= set("xvt") else f"{force.symbol}: {surface.text}"
+                switches.setdefault(key, Switch(key, surface, i))
+        v = switches.pop("v", Switch("v", RATE, 0))
+        reverses = any("v" in surface.names for f in self.forces for surface in f.surfaces)
+        return (v, *switches.values()) if reverses or self.memory else tuple(switches.values())
 
     @cached_property
     def reverses(self) -> bool:
         """Whether something changes at v = 0; the sign of v is then the first sign."""
         return bool(self.switches) and self.switches[0].key == "v"
-
-    @cached_property
-    def holds_time(self) -> bool:
-        """Whether a formula holds `t`."""
-        return any(force.holds_time for force in self.forces)
 
     @cached_property
     def signs_at(self) -> slice:
@@ -113,30 +124,26 @@ class Motion:
     ) -> list[Any]:
         """Value of each switching surface; `frozen` takes inner branches by the signs in `p`."""
         return [
-            evaluate_tree(
-                s.tree,
-                self._names(s.force, y, p, tau),
-                functions,
-                self._signs(s.force, p) if frozen else None,
+            s.surface.evaluate(
+                self._names(s.force, y, p, tau), functions, self._signs(s.force, p) if frozen else None
             )
             for s in self.switches
         ]
 
     def replaced(self, y: Sequence[Any], p: Sequence[Any], tau: Any, functions: Functions) -> list[Any]:
         """Memory after a reversal, from the old memory."""
-        found = []
-        for i, force in enumerate(self.forces):
-            names = self._names(i, y, p, tau) if force.memory else {}
-            found += [formula.evaluate(names, functions) for formula in force.memory.values()]
-        return found
+        return [
+            formula.evaluate(self._names(i, y, p, tau), functions)
+            for i, force in enumerate(self.forces)
+            for formula in force.memory.values()
+        ]
 
     def start(self, y: Vector, p: Vector) -> tuple[Vector, Vector]:
         """`y` with the states, and `p` with the memory, that the forces start with."""
         y, p = y.copy(), p.copy()
         for i, force in enumerate(self.forces):
             names = {"x": y[0], "v": y[1], "t": 0.0, **{k: p[j] for k, j in self._in_p[i].items()}}
-            for name, formula in force.start.items():
-                value = float(formula.evaluate(names))
+            for name, value in force.start_values(names).items():
                 if name in force.state:
                     y[self._in_y[i][name]] = value
                 else:
@@ -147,11 +154,8 @@ class Motion:
         names = {"x": y[0], "v": y[1]}
         if self._uses_time[i]:
             names["t"] = tau * p[self.memory_at.start - 1]
-        for name, j in self._in_y[i].items():
-            names[name] = y[j]
-        for name, j in self._in_p[i].items():
-            names[name] = p[j]
-        return names
+        names |= {name: y[j] for name, j in self._in_y[i].items()}
+        return names | {name: p[j] for name, j in self._in_p[i].items()}
 
     def _signs(self, i: int, p: Sequence[Any]) -> dict[str, Any]:
         return {text: p[j] for text, j in self._signs_in_p[i].items()}
@@ -175,20 +179,30 @@ class Motion:
 
     @cached_property
     def _signs_in_p(self) -> tuple[dict[str, int], ...]:
-        place = {s.key: self.signs_at.start + j for j, s in enumerate(self.switches)}
+        index = {s.key: self.signs_at.start + j for j, s in enumerate(self.switches)}
         return tuple(
-            {s.text: place.get(s.text, place.get(f"{f.symbol}: {s.text}", -1)) for s in f.surfaces}
+            {s.text: index.get(s.text, index.get(f"{f.symbol}: {s.text}", -1)) for s in f.surfaces}
             for f in self.forces
         )
 
 
-class Run:
-    """One run under way: its parameters, when they changed, and how it ended."""
+class Progress:
+    """A simulation under way: its parameters, when they changed, and how it ended.
+
+    Parameters
+    ----------
+    p : array of float
+        The parameters of the motion, changed in place.
+    budget : int
+        Switchings it may still take.
+    steps : int
+        Steps of the integrator it may still take.
+    """
 
     def __init__(self, p: Vector, *, budget: int, steps: int) -> None:
         self.p = p
-        self.budget = budget  # switchings it may still take
-        self.steps = steps  # steps of the integrator it may still take
+        self.budget = budget
+        self.steps = steps
         self.stuck = False
         self.failure = ""
         self._times: list[float] = []
@@ -205,12 +219,12 @@ class Run:
         return np.frombuffer(b"".join(self._past)).reshape(-1, len(self.p))
 
     def note(self, tau: float) -> None:
-        """Remember the parameters from `tau` on."""
+        """Note the parameters from `tau` on."""
         self._times.append(tau)
         self._past.append(self.p.tobytes())
 
     def count(self) -> bool:
-        """Take one switching from the budget; False if none is left."""
+        """Take one switching from the budget; False if it is spent."""
         self.budget -= 1
         if self.budget < 0:
             self.failure = "switches without end"
@@ -221,7 +235,3 @@ class Run:
 def motion_of(forces: tuple[Force, ...]) -> Motion:
     """The motion under these forces, made once."""
     return Motion(forces)
-
-
-def _names(surface: Any) -> frozenset[str]:
-    return Formula(surface.text, surface.tree).names

@@ -28,11 +28,13 @@ def paper_twin(*, seed: int = 2019) -> xr.Dataset:
 
     Parameters
     ----------
-    seed : of the noise.
+    seed : int
+        Seed of the noise.
 
     Returns
     -------
-    Record with `angle(time)` in rad. It is synthetic, and its attrs say so.
+    Dataset
+        Record with `angle(time)` in rad. It is synthetic, and its attrs say so.
     """
     time = np.arange(round(DURATION * SAMPLING_RATE)) / SAMPLING_RATE
     angle = trajectory(paper_model(), time, ANGLE, 0.0).angle

@@ -16,10 +16,14 @@ class Model:
 
     Parameters
     ----------
-    library : forces to choose from.
-    coefficients : `{symbol: value}`, dimensionless with angles in rad; forces left out are absent.
-    reference_frequency : w in rad/s.
-    shapes : `{"dahl.s": 0.02}`; defaults of the library where left out.
+    library : ForceLibrary
+        Forces to choose from.
+    coefficients : mapping of str to float
+        By symbol, dimensionless with angles in rad; forces left out are absent.
+    reference_frequency : float, rad/s
+        w.
+    shapes : mapping of str to float
+        `{"dahl.s": 0.02}`; defaults of the library where left out.
 
     Raises
     ------

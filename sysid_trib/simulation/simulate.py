@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from sysid_trib.errors import SimulationError, UsageError
 from sysid_trib.forces.force import Force
 from sysid_trib.simulation.equations import Vector
-from sysid_trib.simulation.integrate import DivergenceError, Engine, Path, follow
+from sysid_trib.simulation.integrate import DivergenceError, Engine, NormalisedMotion, integrate
 from sysid_trib.simulation.model import Model
 
 FAST = "fast"
@@ -22,9 +22,20 @@ FAST = "fast"
 class SimulatedMotion:
     """A motion at the times asked for.
 
-    `angle` (rad) is the measured one, `position` (rad) and `rate` (rad/s) the true ones; `hidden` holds the
-    states and the memory of forces as `dahl.z`. `stop_time` (s) is NaN if the motion goes on. `reversals`
-    (s) are the exact times of v = 0, known where a force switches there.
+    Attributes
+    ----------
+    angle : (sample,) array of float, rad
+        As measured, with the sensor terms of the model.
+    position, rate : (sample,) array of float, rad and rad/s
+        The true motion.
+    stop_time : float, s
+        NaN if the motion goes on.
+    reversals : array of float, s
+        Exact times of v = 0, known where a force switches there.
+    hidden : dict of str to (sample,) array of float
+        States and memory of forces, as `dahl.z`.
+    engine : str
+        What integrated it.
     """
 
     angle: Vector
@@ -49,16 +60,22 @@ def simulate(
 
     Parameters
     ----------
-    model : forces, coefficients and reference frequency.
-    time : increasing times in s, not necessarily evenly spaced; `t` in a formula counts from the first.
-    angle, rate : angle (rad) and its derivative (rad/s) at time[0].
-    engine : `heyoka`, `scipy`, or None for the best that is installed, and the other if that fails.
-    tolerance : relative tolerance of scipy; heyoka always goes to 1e-13.
+    model : Model
+        Forces, coefficients and reference frequency.
+    time : (time,) array of float, s
+        Increasing, not necessarily evenly spaced; `t` in a formula counts from the first.
+    angle, rate : float, rad and rad/s
+        Angle and its derivative at time[0].
+    engine : str, optional
+        `heyoka`, `scipy`, or None for the best that is installed, and the other if that fails.
+    tolerance : float
+        Relative tolerance of scipy; heyoka always goes to 1e-13.
 
     Returns
     -------
-    Dataset with `angle(time)` in rad as measured (with the sensor terms of the model), the true `rate(time)`
-    in rad/s, `stop_time` in s (NaN if the motion does not stop), and what forces remember (`dahl.z(time)`).
+    Dataset
+        `angle(time)` in rad as measured (with the sensor terms of the model), the true `rate(time)` in rad/s,
+        `stop_time` in s (NaN if the motion does not stop), and states and memory of forces (`dahl.z(time)`).
 
     Raises
     ------
@@ -68,16 +85,16 @@ def simulate(
     time = np.asarray(time, dtype=float)
     if not all(model.coefficients.values()):
         model = model.with_coefficients({k: c for k, c in model.coefficients.items() if c != 0.0})
-    found = trajectory(model, time, angle, rate, engine=engine, tolerance=tolerance)
+    motion = trajectory(model, time, angle, rate, engine=engine, tolerance=tolerance)
     data: dict[str, Any] = {
-        "angle": ("time", found.angle, {"units": "rad", "long_name": "angle"}),
-        "rate": ("time", found.rate, {"units": "rad/s", "long_name": "angular rate"}),
-        "stop_time": ((), found.stop_time, {"units": "s", "long_name": "time at which the motion stops"}),
+        "angle": ("time", motion.angle, {"units": "rad", "long_name": "angle"}),
+        "rate": ("time", motion.rate, {"units": "rad/s", "long_name": "angular rate"}),
+        "stop_time": ((), motion.stop_time, {"units": "s", "long_name": "time at which the motion stops"}),
     }
-    for name, values in found.hidden.items():
+    for name, values in motion.hidden.items():
         data[name] = ("time", values, {"units": "1", "long_name": f"{name}, state or memory of a force"})
     data["time"] = ("time", time, {"units": "s", "long_name": "time"})
-    return xr.Dataset(data, attrs={"engine": found.engine})
+    return xr.Dataset(data, attrs={"engine": motion.engine})
 
 
 def trajectory(
@@ -91,11 +108,22 @@ def trajectory(
 ) -> SimulatedMotion:
     """Simulate without labels, the fast way for repeated use (see `simulate`).
 
-    `engine` may also be `FAST`: the best that is installed, and no other if that fails, which may take a
-    thousand times longer (a stiff state).
+    Parameters
+    ----------
+    model, time, angle, rate, tolerance
+        See `simulate`.
+    engine : str, optional
+        Also `FAST`: the best that is installed, and no other if that fails, which may take a thousand times
+        longer (a stiff state).
 
+    Returns
+    -------
+    SimulatedMotion
+
+    Notes
+    -----
     The equations are compiled once per set of forces; coefficients, shapes and frequency are free. Forces
-    with coefficient zero stay in, their states and memory carried along.
+    with coefficient zero stay in: their states and memory follow the motion.
     """
     if time.ndim != 1 or not len(time) or not np.all(np.isfinite(time)) or np.any(np.diff(time) <= 0.0):
         raise SimulationError(
@@ -116,19 +144,19 @@ def trajectory(
 
 def _path(
     model: Model, grid: Vector, at: tuple[float, float], engine: str | None, tolerance: float
-) -> tuple[Path, str]:
+) -> tuple[NormalisedMotion, str]:
     choice: tuple[str, ...] = ("heyoka", "scipy") if _has_heyoka() else ("scipy",)
     if engine:
         choice = choice[:1] if engine == FAST else (engine,)
     for name in choice:
-        field = _engine(name, model.forces, tolerance)
-        motion = field.motion
+        compiled = _engine(name, model.forces, tolerance)
+        motion = compiled.motion
         y = np.zeros(len(motion.variables))
         y[:2] = at
         y, p = motion.start(y, motion.parameters(model))
         try:
-            with field.lock:
-                return follow(field, y, p, grid), name
+            with compiled.lock:
+                return integrate(compiled, y, p, grid), name
         except SimulationError as error:
             if isinstance(error, DivergenceError) or name == choice[-1]:
                 raise
