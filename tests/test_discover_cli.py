@@ -208,9 +208,25 @@ def test_figures_are_written(folder, tmp_path):
     names = {path.name for path in (tmp_path / "new" / "figures").iterdir()}
     assert names == {
         f"{name}.{ending}"
-        for name in ("discovery", "disagreement", "ranking", "forecast")
+        for name in ("story", "discovery", "disagreement", "ranking", "forecast")
         for ending in ("pdf", "png")
     }
+
+
+def test_story_in_one_picture(twin):
+    tree = twin[0]
+    record, before, after, explained = plots.story(tree).axes
+    angle = tree["record"].to_dataset().angle.values
+    for panel, model in ((before, "before"), (after, "after")):
+        gap = 1e3 * (angle - tree["record"].simulated_angle.sel(model=model).values)
+        np.testing.assert_allclose(panel.lines[0].get_ydata(), gap)
+    assert [text.get_text() for text in explained.get_yticklabels()] == ["start model", "+ nu", "+ epsilon"]
+    marks = [line.get_xdata()[0] for line in explained.lines if line.get_linestyle() == "None"]
+    expected = [residual_of(tree, "before"), *tree["steps"].residual_after.values]
+    np.testing.assert_allclose(marks, np.array(expected) / noise_of(tree))
+    for text, step in zip(explained.texts[1:], ("nu", "epsilon"), strict=True):
+        assert f"{step} = " in text.get_text()
+    assert {panel.get_ylabel() for panel in (record, before, after)} == {"angle (rad)", "gap (mrad)"}
 
 
 def test_figure_of_the_gap_shows_the_records(twin):

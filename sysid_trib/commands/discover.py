@@ -104,8 +104,10 @@ def _figures(tree: "xr.DataTree") -> "Iterator[tuple[str, Callable[[], Figure]]]
     from sysid_trib import plots
     from sysid_trib.results.per_run import group_names, record_groups
 
-    for run, name in enumerate(group_names("discovery", len(record_groups(tree)))):
-        yield name, partial(plots.discovery, tree, run)
+    runs = len(record_groups(tree))
+    for name, draw_run in (("story", plots.story), ("discovery", plots.discovery)):
+        for run, of_run in enumerate(group_names(name, runs)):
+            yield of_run, partial(draw_run, tree, run)
     for name, draw in (
         ("disagreement", plots.disagreement),
         ("ranking", plots.rankings),

@@ -14,6 +14,7 @@ from sysid_trib.plots.motion_figures import (
 from sysid_trib.plots.paper import averaged_decay, frequency_shift, half_sines, motions, weights
 from sysid_trib.plots.planned import distinction
 from sysid_trib.plots.scored import forecast, forecasts, ranking, rankings
+from sysid_trib.plots.story import story
 from sysid_trib.plots.studied import precision, precisions
 
 __all__ = [
@@ -40,5 +41,6 @@ __all__ = [
     "record",
     "residual",
     "signatures",
+    "story",
     "weights",
 ]

@@ -26,8 +26,8 @@ def identification(tree: xr.DataTree, run: int = 0) -> "Figure":
     figure = new_figure(7.2, 7.6)
     panels = figure.subplot_mosaic("AA;BB;CD", height_ratios=[1.2, 0.8, 1.2])
     drawn = motion_data(tree, run)
-    _record(panels["A"], drawn)
-    _residual(panels["B"], drawn, list(drawn.lines))
+    draw_record(panels["A"], drawn)
+    draw_residual(panels["B"], drawn, list(drawn.lines))
     _envelope(panels["C"], drawn)
     _frequency(panels["D"], drawn)
     panels["B"].sharex(panels["A"])
@@ -48,9 +48,9 @@ def discovery(tree: xr.DataTree, run: int = 0) -> "Figure":
     figure = new_figure(7.2, 8.8)
     panels = figure.subplot_mosaic("AA;BB;CC;DE", height_ratios=[1.2, 0.8, 0.8, 1.2])
     drawn = motion_data(tree, run)
-    _record(panels["A"], drawn)
+    draw_record(panels["A"], drawn)
     for place, model in (("B", "before"), ("C", "after")):
-        _residual(panels[place], drawn, [model])
+        draw_residual(panels[place], drawn, [model])
         panels[place].sharex(panels["A"])
     for place in "AB":
         panels[place].set_xlabel("")
@@ -73,7 +73,7 @@ def record(tree: xr.DataTree, ax: "Axes | None" = None, run: int = 0) -> "Axes":
     run : int
         Which of several runs, from 0.
     """
-    return _record(axes(ax), motion_data(tree, run))
+    return draw_record(axes(ax), motion_data(tree, run))
 
 
 def residual(tree: xr.DataTree, ax: "Axes | None" = None, run: int = 0) -> "Axes":
@@ -89,7 +89,7 @@ def residual(tree: xr.DataTree, ax: "Axes | None" = None, run: int = 0) -> "Axes
         Which of several runs, from 0.
     """
     drawn = motion_data(tree, run)
-    return _residual(axes(ax), drawn, list(drawn.lines))
+    return draw_residual(axes(ax), drawn, list(drawn.lines))
 
 
 def envelope(tree: xr.DataTree, ax: "Axes | None" = None, run: int = 0) -> "Axes":
@@ -122,7 +122,8 @@ def frequency(tree: xr.DataTree, ax: "Axes | None" = None, run: int = 0) -> "Axe
     return _frequency(axes(ax), motion_data(tree, run))
 
 
-def _record(ax: "Axes", drawn: MotionData) -> "Axes":
+def draw_record(ax: "Axes", drawn: MotionData) -> "Axes":
+    """Record and models against time."""
     shown = drawn_samples(drawn.angle)
     ax.plot(drawn.time[shown], drawn.angle[shown], ".", color="0.6", markersize=2.5, label="record")
     for name, style in drawn.lines.items():
@@ -135,7 +136,7 @@ def _record(ax: "Axes", drawn: MotionData) -> "Axes":
     return ax
 
 
-def _residual(ax: "Axes", drawn: MotionData, models: Sequence[str]) -> "Axes":
+def draw_residual(ax: "Axes", drawn: MotionData, models: Sequence[str]) -> "Axes":
     """Residuals of models in one panel; one model alone is named by the axis."""
     for name in models:
         if name in drawn.lines:

@@ -15,6 +15,7 @@ from sysid_trib.plots.style import (
     grid,
     legend_marks,
     letter,
+    logarithmic_ticks,
     name_rows,
     new_figure,
 )
@@ -23,8 +24,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Over so many times the smallest number there is room for powers of ten alone.
-CROWDED = 100.0
 # Height of a panel of rankings, and of detectable coefficients: without rows, and of a row, inch.
 RANKING_HEIGHT, DETECTABLE_HEIGHT, DETECTABLE_ROW = 3.35, 0.8, 0.155
 
@@ -80,9 +79,7 @@ def _ranking(ax: "Axes", data: RankingData) -> "Axes":
     name_rows(ax, candidates.candidate.values.tolist())
     if data.logarithmic:
         ax.set(xscale="log", xlim=(data.low, data.high * (data.high / data.low) ** 0.2))
-        ax.xaxis.set_major_formatter("{x:g}")
-        labelled = "25" if data.high < CROWDED * data.low else ""
-        ax.xaxis.set_minor_formatter(lambda z, _: f"{z:g}" if f"{z:e}"[0] in labelled else "")
+        logarithmic_ticks(ax.xaxis, data.low, data.high)
     else:
         ax.set_xlim(0.0, 1.15 * data.high)
     ax.set_xlabel("score |z|")

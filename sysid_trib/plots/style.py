@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import XAxis
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
@@ -43,6 +44,8 @@ DETECTABLE_MARKS: dict[str, dict[str, Any]] = {
 OPEN_MARKS: dict[str, Any] = {"markerfacecolor": "none", "markersize": 3.5, "markeredgewidth": 0.7}
 BAR_WIDTH = 0.6
 THRESHOLD: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": "--"}
+# Over so many times the smallest number there is room for powers of ten alone.
+CROWDED = 100.0
 LEGEND: dict[str, Any] = {
     "frameon": False,
     "fontsize": 8,
@@ -129,6 +132,13 @@ def legend_marks(styles: Mapping[str, Style]) -> "list[Line2D]":
 
     usual: dict[str, Any] = {"linestyle": "", "markersize": 4}
     return [Line2D([], [], label=label, **usual | dict(style)) for label, style in styles.items()]
+
+
+def logarithmic_ticks(axis: "XAxis", low: float, high: float) -> None:
+    """Plain numbers on a logarithmic axis from `low` to `high`, as many as have room."""
+    axis.set_major_formatter("{x:g}")
+    labelled = "25" if high < CROWDED * low else ""
+    axis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in labelled else "")
 
 
 def logarithmic_amplitude(ax: "Axes") -> None:

@@ -1,0 +1,86 @@
+"""Figure of a discovery in one picture: the record, the gap before and after, and the effects named."""
+
+from typing import TYPE_CHECKING
+
+import xarray as xr
+
+from sysid_trib.plots.motion_data import motion_data
+from sysid_trib.plots.motion_figures import draw_record, draw_residual
+from sysid_trib.plots.style import (
+    CANDIDATE_MARKS,
+    DETECTABLE_MARKS,
+    THRESHOLD,
+    letter,
+    logarithmic_ticks,
+    name_rows,
+    new_figure,
+)
+from sysid_trib.printing.layout import coefficient_text
+from sysid_trib.printing.residual import noise_of, residual_of
+from sysid_trib.results.discoveries import added_effects
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# Heights of the panels, inch: record, gap before, gap after, models without rows; and of a row.
+PANEL_HEIGHTS, MODEL_ROW = (1.75, 1.15, 1.55, 0.85), 0.25
+
+
+def story(tree: xr.DataTree, run: int = 0) -> "Figure":
+    """A discovery in one picture: record, gap before, gap after, and what each named effect explains.
+
+    Parameters
+    ----------
+    tree : xr.DataTree
+        Result of `discover`.
+    run : int
+        Which of several runs, from 0.
+    """
+    *heights, last = PANEL_HEIGHTS
+    heights.append(last + MODEL_ROW * (1 + len(added_effects(tree))))
+    figure = new_figure(8.0, sum(heights))
+    panels = figure.subplots(4, 1, height_ratios=heights)
+    drawn = motion_data(tree, run)
+    draw_record(panels[0], drawn)
+    for panel, model in zip(panels[1:], ("before", "after"), strict=False):
+        draw_residual(panel, drawn, [model])
+        panel.sharex(panels[0])
+        panel.set_ylabel("gap (mrad)")
+    for panel in panels[:2]:
+        panel.set_xlabel("")
+        panel.tick_params(labelbottom=False)
+    figure.align_ylabels(panels[:3])
+    _explained(panels[3], tree)
+    titles = (
+        "record",
+        "gap before: record \N{MINUS SIGN} start model",
+        "gap after: record \N{MINUS SIGN} final model",
+        "effects named",
+    )
+    letter(panels, titles)
+    return figure
+
+
+def _explained(ax: "Axes", tree: xr.DataTree) -> None:
+    """RMS residual of the start model and after each named effect, over the noise."""
+    symbols = added_effects(tree)
+    steps = [tree["steps"].to_dataset().isel(step=at) for at in range(len(symbols))]
+    residuals = [residual_of(tree, "before"), *(step.residual_after.item() for step in steps)]
+    ratios = [residual / noise_of(tree) for residual in residuals]
+    texts = [
+        "",
+        *(f": {step['name'].item()}, {step.symbol.item()} = {coefficient_text(step)}" for step in steps),
+    ]
+    for row, (ratio, text) in enumerate(zip(ratios, texts, strict=True)):
+        style = CANDIDATE_MARKS["named"] if row else DETECTABLE_MARKS["start model"]
+        ax.plot([1.0, ratio], [row, row], color=style["color"], linewidth=0.8)
+        ax.plot([ratio], [row], **{"linestyle": ""} | style)
+        ax.annotate(
+            f"{ratio:.3g}{text}", (ratio, row), (8, 0), textcoords="offset points", va="center", fontsize=8
+        )
+    ax.axvline(1.0, **THRESHOLD)
+    name_rows(ax, ["start model", *(f"+ {symbol}" for symbol in symbols)])
+    low, high = min(1.0, *ratios) / 1.15, max(2.0, *ratios)
+    ax.set(xlabel="RMS of the gap over the noise", xscale="log", xlim=(low, high * (high / low) ** 0.2))
+    logarithmic_ticks(ax.xaxis, low, high)
