@@ -5,6 +5,7 @@ at the reversals until it repeats itself; states are solved as a periodic system
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -16,7 +17,6 @@ from sysid_trib.errors import LibraryError
 from sysid_trib.forces.force import Force
 from sysid_trib.forces.formulas import Formula
 
-Pieces = tuple[Index, Array, Array]
 QUARTER = 0.5 * np.pi
 # On half a cycle: odd, so that the quarter point, where x changes sign, is one of them.
 HALF_CYCLE_POINTS = 97
@@ -58,137 +58,174 @@ def cycle_averages(
     LibraryError
         The force is not finite, too rough, or has no steady cycle.
     """
-    # Rows are half cycles, the first of each amplitude (v < 0) before all the second ones (v > 0).
-    rows: dict[str, Any] = {"a": np.tile(a, 2), "t": np.tile(time, 2)}
-    turns: dict[str, Array] = {}
-    held: dict[str, Array] = {}
-    for _ in range(MAX_CYCLES):
-        before, held = held, _steady_memory(force, a, time, shape_values, turns)
-        pieces = _pieces(force, rows | held, shape_values)
-        if not force.state:
-            sums = _integrals(force, rows | held, pieces, shape_values)
-            break
-        sums, turns = _state_integrals(force, rows | held, pieces, shape_values)
-        if not held or (before and all(_close(held[k], before[k], 1e-13) for k in held)):
-            break
-    else:
-        raise LibraryError(f"Force '{force.symbol}': memory and states settle to no steady cycle.")
-    means = (sums[: a.size] + sums[a.size :]) / (2 * np.pi)
     # What symmetry makes zero is zero, so that nobody takes rounding for a signature.
+    means = _Cycles(force, a, time, shape_values).integrals() / (2 * np.pi)
     means[np.abs(means) < NEGLIGIBLE * means[:, 2:]] = 0.0
     return means[:, 0], means[:, 1]
 
 
-def _close(first: Array, second: Array, tolerance: float) -> bool:
-    return bool(np.allclose(first, second, rtol=tolerance, atol=1e-15))
+def _close(first: Mapping[str, Array], second: Mapping[str, Array], tolerance: float) -> bool:
+    return all(bool(np.allclose(first[k], second[k], rtol=tolerance, atol=1e-15)) for k in first)
 
 
-def _steady_memory(
-    force: Force, a: Array, time: Array, shape_values: Mapping[str, float], turns: Mapping[str, Array]
-) -> dict[str, Array]:
-    """Values that the memory holds in each half of the steady cycle, after x = a and after x = -a.
+@dataclass
+class _Cycles:
+    """Cycles of a force at some amplitudes, whose memory is looked for.
 
-    `turns` holds the states at the beginning of each half, zero if not known yet.
+    Rows are half cycles, the first of each amplitude (v < 0) before all the second ones (v > 0). `held` is
+    the memory in each row.
     """
-    if not force.memory:
-        return {}
-    states = {k: turns.get(k, np.zeros(2 * a.size)) for k in force.state}
-    here: dict[str, Any] = {"v": np.zeros_like(a), "t": time, **shape_values}
-    ends = [here | {"x": x} | {k: z[half] for k, z in states.items()} for x, half in _halves(a)]
-    start = force.start_values(ends[0])
-    held = {k: start[k] * np.ones_like(a) for k in force.memory}
 
-    def replaced(held: Mapping[str, Array], end: Mapping[str, Array]) -> dict[str, Array]:
-        return {k: np.broadcast_to(f.evaluate({**end, **held}), a.shape) for k, f in force.memory.items()}
+    force: Force
+    a: Array
+    time: Array
+    shape_values: Mapping[str, float]
 
-    for _ in range(MAX_CYCLES):
-        first = replaced(held, ends[0])
-        second = replaced(first, ends[1])
-        if all(_close(second[k], held[k], 1e-15) for k in held):
-            return {k: np.concatenate((first[k], second[k])) for k in held}
-        held = second
-    raise LibraryError(
-        f"Force '{force.symbol}': its memory settles to no steady cycle, so it has no signature."
-    )
+    def __post_init__(self) -> None:
+        self.held: dict[str, Array] = {}
 
+    def integrals(self) -> Array:
+        """Integrals of (h sin phi, h cos phi, |h|) over the steady cycle at each amplitude."""
+        states: dict[str, Array] = {}
+        for _ in range(MAX_CYCLES):
+            before, self.held = self.held, self.steady_memory(states)
+            if not self.force.state:
+                sums = self.row_integrals()
+                break
+            sums, states = self.state_integrals()
+            if not self.held or (before and _close(self.held, before, 1e-13)):
+                break
+        else:
+            raise LibraryError(f"Force '{self.force.symbol}': memory and states settle to no steady cycle.")
+        return sums[: self.a.size] + sums[self.a.size :]
 
-def _halves(a: Array) -> tuple[tuple[Array, slice], tuple[Array, slice]]:
-    """The angle at which each half of the cycle begins, and the half's rows."""
-    return (a, slice(a.size)), (-a, slice(a.size, None))
+    def steady_memory(self, states: Mapping[str, Array]) -> dict[str, Array]:
+        """Memory in each row, given the states where each row begins (zero if not known yet)."""
+        force, a = self.force, self.a
+        if not force.memory:
+            return {}
+        zero = np.zeros(2 * a.size)
+        here = {"v": zero, "t": np.tile(self.time, 2), "x": np.append(a, -a)}
+        here |= {k: states.get(k, zero) for k in force.state}
+        # The angle x = a before the first half, and x = -a before the second.
+        first, second = ({k: z[half] for k, z in here.items()} for half in np.split(np.arange(zero.size), 2))
+        start = force.start_values({**first, **self.shape_values})
+        held = {k: start[k] * np.ones_like(a) for k in force.memory}
+        for _ in range(MAX_CYCLES):
+            after_first = self.replaced(held, first)
+            after_second = self.replaced(after_first, second)
+            if _close(after_second, held, 1e-15):
+                return {k: np.append(after_first[k], after_second[k]) for k in held}
+            held = after_second
+        raise LibraryError(
+            f"Force '{force.symbol}': its memory settles to no steady cycle, so it has no signature."
+        )
 
+    def replaced(self, held: Mapping[str, Array], end: Mapping[str, Array]) -> dict[str, Array]:
+        """Memory after a reversal."""
+        names = {**end, **held, **self.shape_values}
+        return {k: np.broadcast_to(f.evaluate(names), self.a.shape) for k, f in self.force.memory.items()}
 
-def _state_integrals(
-    force: Force, rows: Mapping[str, Array], pieces: Pieces, shape_values: Mapping[str, float]
-) -> tuple[Array, dict[str, Array]]:
-    """Integrals over the steady cycle of the states, and the states where each half begins."""
-    half = np.repeat(pieces[0], START_PANELS)
-    edges = np.linspace(pieces[1], pieces[2], START_PANELS + 1, axis=1)
-    low, high = edges[:, :-1].ravel(), edges[:, 1:].ravel()
-    count = rows["a"].size // 2
-    order = np.lexsort((low, half % count))
-    half, low, high = half[order], low[order], high[order]
-    states = solve_states(
-        force, Panels(half % count, half, low, high), lambda half, phi: _names(rows, half, phi, shape_values)
-    )
-    half = states.panels.segment
-    names = _names(rows, half[:, None], states.tau, shape_values) | states.named(force)
-    h = states.weights * force.formula.evaluate(names)
-    terms = _terms(h, states.tau).sum(axis=1)
-    sums = np.stack([np.bincount(half, term, 2 * count) for term in terms.T], axis=-1)
-    begins = np.concatenate(([True], half[1:] != half[:-1]))
-    turns = np.empty((2 * count, len(force.state)))
-    turns[half[begins]] = states.at_low[begins]
-    return np.asarray(sums), dict(zip(force.state, turns.T, strict=True))
+    def state_integrals(self) -> tuple[Array, dict[str, Array]]:
+        """Integrals over each row of the states' steady cycle, and the states where each row begins."""
+        row, low, high = self.pieces()
+        half = np.repeat(row, START_PANELS)
+        edges = np.linspace(low, high, START_PANELS + 1, axis=1)
+        low, high = edges[:, :-1].ravel(), edges[:, 1:].ravel()
+        order = np.lexsort((low, half % self.a.size))
+        half = half[order]
+        solution = solve_states(
+            self.force, Panels(half % self.a.size, half, low[order], high[order]), self.names
+        )
+        half = solution.panels.segment
+        names = self.names(half[:, None], solution.tau) | solution.named(self.force)
+        terms = _terms(solution.weights * self.force.formula.evaluate(names), solution.tau).sum(axis=1)
+        sums = np.stack([np.bincount(half, term, 2 * self.a.size) for term in terms.T], axis=-1)
+        begins = np.concatenate(([True], half[1:] != half[:-1]))
+        states = np.empty((2 * self.a.size, len(self.force.state)))
+        states[half[begins]] = solution.at_low[begins]
+        return np.asarray(sums), dict(zip(self.force.state, states.T, strict=True))
 
+    def names(self, row: Index, phi: Array) -> dict[str, Any]:
+        """Variables of the formulas at the angles `phi` of the rows (same shapes, or broadcast)."""
+        a, time = self.a[row % self.a.size], self.time[row % self.a.size]
+        cosine, sine = np.cos(phi), np.sin(phi)
+        # A surface x or v is crossed exactly at the quarter points: no root has to be sought there.
+        cosine[np.abs(cosine) < 1e-15], sine[np.abs(sine) < 1e-15] = 0.0, 0.0
+        held = {k: m[row] for k, m in self.held.items()}
+        return {"t": time, **held, "x": a * cosine, "v": -a * sine, **self.shape_values}
 
-def _names(
-    rows: Mapping[str, Array], index: Index, phi: Array, shape_values: Mapping[str, float]
-) -> dict[str, Any]:
-    """Variables of the formulas at the angles `phi` of the rows `index` (same shapes, or broadcast)."""
-    names: dict[str, Any] = {k: value[index] for k, value in rows.items()}
-    a = names.pop("a")
-    cosine, sine = np.cos(phi), np.sin(phi)
-    # A surface x or v is crossed exactly at the quarter points: no root has to be sought there.
-    cosine[np.abs(cosine) < 1e-15], sine[np.abs(sine) < 1e-15] = 0.0, 0.0
-    return names | {"x": a * cosine, "v": -a * sine, **shape_values}
+    def pieces(self) -> tuple[Index, Array, Array]:
+        """Rows, cut at the quarter point and where a switching surface is crossed: (row, low, high)."""
+        halves = np.repeat((0.0, np.pi), self.a.size)
+        phi = halves[:, None] + np.linspace(0.0, np.pi, HALF_CYCLE_POINTS)
+        every = np.arange(halves.size)
+        names = self.names(every[:, None], phi)
+        cut_row, cut_at = [every, every, every], [halves, halves + QUARTER, halves + np.pi]
+        for surface in self.force.surfaces:
+            # Where a state switches is not known before it is solved; its panels close in on it.
+            if surface.names & set(self.force.state):
+                continue
+            sides = np.sign(np.broadcast_to(surface.evaluate(names), phi.shape))
+            row, before = np.nonzero(sides[:, :-1] * sides[:, 1:] < 0)
+            if row.size:
+                cut_row.append(row)
+                cut_at.append(self.crossings(surface, row, phi[row, before], phi[row, before + 1]))
+        row, at = np.concatenate(cut_row), np.concatenate(cut_at)
+        order = np.lexsort((at, row))
+        row, at = row[order], at[order]
+        inside = (row[:-1] == row[1:]) & (at[:-1] < at[1:])
+        return row[:-1][inside], at[:-1][inside], at[1:][inside]
 
+    def crossings(self, surface: Formula, row: Index, low: Array, high: Array) -> Array:
+        """Where a surface is crossed in a row between two angles."""
 
-def _pieces(force: Force, rows: Mapping[str, Array], shape_values: Mapping[str, float]) -> Pieces:
-    """Cut each row at its quarter point and where a switching surface is crossed: (row, low, high)."""
-    halves = np.repeat((0.0, np.pi), rows["a"].size // 2)
-    phi = halves[:, None] + np.linspace(0.0, np.pi, HALF_CYCLE_POINTS)
-    every = np.arange(halves.size)
-    names = _names(rows, every[:, None], phi, shape_values)
-    cut_row, cut_at = [every, every, every], [halves, halves + QUARTER, halves + np.pi]
-    for surface in force.surfaces:
-        # Where a state switches is not known before it is solved; its panels close in on it.
-        if surface.names & set(force.state):
-            continue
-        sides = np.sign(np.broadcast_to(surface.evaluate(names), phi.shape))
-        row, before = np.nonzero(sides[:, :-1] * sides[:, 1:] < 0)
-        if row.size:
-            cut_row.append(row)
-            bracket = (phi[row, before], phi[row, before + 1])
-            cut_at.append(_crossings(surface, rows, row, bracket, shape_values))
-    row, at = np.concatenate(cut_row), np.concatenate(cut_at)
-    order = np.lexsort((at, row))
-    row, at = row[order], at[order]
-    inside = (row[:-1] == row[1:]) & (at[:-1] < at[1:])
-    return row[:-1][inside], at[:-1][inside], at[1:][inside]
+        def side(phi: Array, row: Array) -> Array:
+            return np.asarray(surface.evaluate(self.names(row.astype(int), phi)))
 
+        exact = {"xatol": 1e-15, "xrtol": 1e-15}
+        root = elementwise.find_root(side, (low, high), args=(row.astype(float),), tolerances=exact)
+        return np.asarray(root.x)
 
-def _crossings(
-    surface: Formula,
-    rows: Mapping[str, Array],
-    row: Index,
-    bracket: tuple[Array, Array],
-    shape_values: Mapping[str, float],
-) -> Array:
-    def side(phi: Array, row: Array) -> Array:
-        return np.asarray(surface.evaluate(_names(rows, row.astype(int), phi, shape_values)))
+    def row_integrals(self) -> Array:
+        """Integrals of (h sin phi, h cos phi, |h|) over each row; pieces are halved until they are exact."""
+        nodes, weights = _nodes()
+        row, low, high = self.pieces()
+        total = np.zeros((2 * self.a.size, 3))
+        before = np.full(len(total), np.inf)
+        for turn in range(MAX_BISECTIONS):
+            phi = low[:, None] + (high - low)[:, None] * nodes
+            h = self.force.formula.evaluate(self.names(row[:, None], phi))
+            terms = _terms(np.broadcast_to(h, phi.shape) * (weights * (high - low)[:, None]), phi)
+            fine, coarse = terms.sum(axis=1), 2.0 * terms[:, ::2].sum(axis=1)
+            self.check_finite(fine, row)
+            # The size is computed anew at every turn: the first may miss a narrow peak.
+            size = total[:, 2] + np.bincount(row, fine[:, 2], len(total))
+            error = np.abs(fine - coarse)[:, :2].max(axis=1)
+            done = error <= INTEGRAL_TOLERANCE * size[row]
+            remaining = np.bincount(row[~done], error[~done], len(total))
+            # Halving does not lessen the rounding of a formula that cancels, as log(1 + v/s) at small v does.
+            rounding = remaining < ROUNDING_ERROR * size + CANCELLATION * np.tile(self.a, 2)
+            rounding &= (remaining > 0.6 * before) & (turn > 2)
+            done, before = done | rounding[row], remaining
+            np.add.at(total, row[done], fine[done])
+            if done.all():
+                return total
+            if done.size > MAX_PIECES:
+                break
+            row, low, high = (np.repeat(side[~done], 2) for side in (row, low, high))
+            middle = 0.5 * (low + high)
+            low[1::2], high[::2] = middle[1::2], middle[::2]
+        raise LibraryError(f"Force '{self.force.symbol}' is too rough to be averaged over a cycle.")
 
-    exact = {"xatol": 1e-15, "xrtol": 1e-15}
-    return np.asarray(elementwise.find_root(side, bracket, args=(row.astype(float),), tolerances=exact).x)
+    def check_finite(self, integrals: Array, row: Index) -> None:
+        """Refuse an integral that is not finite, with the smallest amplitude at which that is so."""
+        bad = ~np.isfinite(integrals).all(axis=1)
+        if bad.any():
+            worst = self.a[row[bad] % self.a.size].min()
+            raise LibraryError(
+                f"Force '{self.force.symbol}' is not finite on a cycle of amplitude {worst:.6g} rad."
+            )
 
 
 @lru_cache(maxsize=1)
@@ -206,44 +243,3 @@ def _nodes() -> tuple[Array, Array]:
 
 def _terms(h: Array, phi: Array) -> Array:
     return np.stack((h * np.sin(phi), h * np.cos(phi), np.abs(h)), axis=-1)
-
-
-def _integrals(
-    force: Force,
-    rows: Mapping[str, Array],
-    pieces: Pieces,
-    shape_values: Mapping[str, float],
-) -> Array:
-    """Integrals of (h sin phi, h cos phi, |h|) over each row, pieces being halved until they are exact."""
-    nodes, weights = _nodes()
-    row, low, high = pieces
-    total = np.zeros((rows["a"].size, 3))
-    before = np.full(len(total), np.inf)
-    for turn in range(MAX_BISECTIONS):
-        phi = low[:, None] + (high - low)[:, None] * nodes
-        h = force.formula.evaluate(_names(rows, row[:, None], phi, shape_values))
-        terms = _terms(np.broadcast_to(h, phi.shape) * (weights * (high - low)[:, None]), phi)
-        fine, coarse = terms.sum(axis=1), 2.0 * terms[:, ::2].sum(axis=1)
-        if not np.all(np.isfinite(fine)):
-            worst = rows["a"][row[~np.isfinite(fine).all(axis=1)]].min()
-            raise LibraryError(
-                f"Force '{force.symbol}' is not finite on a cycle of amplitude {worst:.6g} rad."
-            )
-        # The size is seen anew at every turn: the first one may miss a narrow peak.
-        size = total[:, 2] + np.bincount(row, fine[:, 2], len(total))
-        error = np.abs(fine - coarse)[:, :2].max(axis=1)
-        done = error <= INTEGRAL_TOLERANCE * size[row]
-        remaining = np.bincount(row[~done], error[~done], len(total))
-        # Halving does not lessen the rounding of a formula that cancels, as log(1 + v/s) at small v does.
-        rounding = remaining < ROUNDING_ERROR * size + CANCELLATION * rows["a"]
-        rounding &= (remaining > 0.6 * before) & (turn > 2)
-        done, before = done | rounding[row], remaining
-        np.add.at(total, row[done], fine[done])
-        if done.all():
-            return total
-        if done.size > MAX_PIECES:
-            break
-        row, low, high = (np.repeat(side[~done], 2) for side in (row, low, high))
-        middle = 0.5 * (low + high)
-        low[1::2], high[::2] = middle[1::2], middle[::2]
-    raise LibraryError(f"Force '{force.symbol}' is too rough to be averaged over a cycle.")
