@@ -20,7 +20,12 @@ from helpers import (
 from sysid_trib import ForceLibrary, Model, cramer_rao_bound, load_library
 from sysid_trib.discrepancy import candidate_fits
 from sysid_trib.discrepancy.baseline import fit, fit_records
-from sysid_trib.discrepancy.candidate_sensitivities import Probe, ReferenceMotion, moved_by, probes_of
+from sysid_trib.discrepancy.candidate_sensitivities import (
+    ReferenceMotion,
+    TrialCandidate,
+    moved_by,
+    trials_of,
+)
 from sysid_trib.discrepancy.competing_models import tie_class
 from sysid_trib.discrepancy.decimation import decimated
 from sysid_trib.discrepancy.frequency_parameters import has_frequency_parameter, is_frequency, is_resonance
@@ -60,17 +65,17 @@ def with_effect(symbol, coefficient, shapes=None):
 @pytest.mark.parametrize("solid", [-2.3e-5, 3e-4])
 def test_responses_are_derivatives_of_the_motion(solid):
     base = FIVE | {"lambda": solid}
-    probes = [Probe(f, {f"{f.symbol}.{k}": v for k, v in f.shape_values().items()}) for f in EFFECTS]
-    moved = moved_by(course(base), probes)
-    for at, probe in enumerate(probes):
-        symbol = probe.force.symbol
+    trials = [TrialCandidate(f, {f"{f.symbol}.{k}": v for k, v in f.shape_values().items()}) for f in EFFECTS]
+    moved = moved_by(course(base), trials)
+    for at, trial in enumerate(trials):
+        symbol = trial.force.symbol
         if symbol in SINGULAR or moved.reasons[at]:
             continue
         found = moved.angle[:, at]
         step = 1e-6 / max(rms(found).item(), 1e-12)
-        library = ForceLibrary("with one", (*CONTACT.forces, probe.force))
+        library = ForceLibrary("with one", (*CONTACT.forces, trial.force))
         ends = [
-            trajectory(Model(library, base | {symbol: s * step}, W, probe.shapes), RUN.time, 0.3, 0.0).angle
+            trajectory(Model(library, base | {symbol: s * step}, W, trial.shapes), RUN.time, 0.3, 0.0).angle
             for s in (1.0, -1.0)
         ]
         true = (ends[0] - ends[1]) / (2.0 * step)
@@ -83,7 +88,7 @@ def test_what_is_not_finite_has_a_reason():
     wild, tame = library_of_formulas(wild="x", tame="x**7")
     # A library with such a formula is not read; where it is finite at first, it may not stay so.
     wild = replace(wild, formula=parse("exp(30*t)*x", frozenset("xvt"), frozenset(), "test"))
-    moved = moved_by(course(), [Probe(force, {}) for force in (wild, tame)])
+    moved = moved_by(course(), [TrialCandidate(force, {}) for force in (wild, tame)])
     assert "not finite" in moved.reasons[0]
     assert moved.reasons[1] == ""
     assert np.all(moved.angle[:, 0] == 0.0)
@@ -93,11 +98,11 @@ def test_a_frequency_is_known_by_its_formula():
     assert is_frequency(EFFECTS["ambient"], "W")
     assert not is_frequency(EFFECTS["ambient"], "p")
     assert not is_frequency(EFFECTS["stribeck"], "s")
-    grid = {p.shapes["ambient.W"] for p in probes_of(EFFECTS.select(["ambient"]), [3.0, 11.0])}
+    grid = {p.shapes["ambient.W"] for p in trials_of(EFFECTS.select(["ambient"]), [3.0, 11.0])}
     assert grid == {3.0, 11.0}
     resonances = [(f.symbol, name) for f in EFFECTS for name in f.shape if is_resonance(f, name)]
     assert resonances == [("resonator", "k")]
-    grid = {p.shapes["resonator.k"] for p in probes_of(EFFECTS.select(["resonator"]), [11.0], 10.0)}
+    grid = {p.shapes["resonator.k"] for p in trials_of(EFFECTS.select(["resonator"]), [11.0], 10.0)}
     assert 1.1 in grid
     assert len(grid) > 1
 

@@ -14,7 +14,7 @@ from sysid_trib import ForceLibrary, Model, load_library
 from sysid_trib.averaging.internal_states import GivenMotion, is_linear_in_state, values_along
 from sysid_trib.discrepancy.baseline import fit
 from sysid_trib.discrepancy.candidate_fits import likeliest, refit
-from sysid_trib.discrepancy.candidate_sensitivities import Probe, probes_of
+from sysid_trib.discrepancy.candidate_sensitivities import TrialCandidate, trials_of
 from sysid_trib.discrepancy.competing_models import tie_class
 from sysid_trib.discrepancy.model_probabilities import CREDIBLE, credible, over_shapes, probabilities
 from sysid_trib.discrepancy.replacement import alone
@@ -53,8 +53,8 @@ def test_shapes_that_must_be_set_cost_the_part_of_their_range_that_fits(width):
     # A coarse grid, finer where it is narrow, as scores make it.
     scales = np.unique([*np.linspace(low, high, 13), *(middle + width * np.linspace(-3.0, 3.0, 7))])
     scales = scales[(scales >= low) & (scales <= high)]
-    probes = [Probe(force, {"dahl.s": float(np.exp(scale))}) for scale in scales]
-    least, price = over_shapes(probes, left(scales))
+    trials = [TrialCandidate(force, {"dahl.s": float(np.exp(scale))}) for scale in scales]
+    least, price = over_shapes(trials, left(scales))
     mean = quad(lambda q: np.exp(-0.5 * (left(q) - 7.0)), low, high, points=[middle])[0] / (high - low)
     assert least == pytest.approx(7.0, abs=0.05)
     assert price == pytest.approx(-2.0 * np.log(mean), abs=0.1)
@@ -72,16 +72,16 @@ def test_what_a_force_remembers_of_a_motion_is_what_it_would_move(symbol):
     if symbol in SIMULATED:
         assert values_along(given_motion(about), force, [force.shape_values()]) is None
         return
-    probes = probes_of(EFFECTS.select([symbol]))
-    found = values_along(given_motion(about), force, [probe.shapes for probe in probes])
+    trials = trials_of(EFFECTS.select([symbol]))
+    found = values_along(given_motion(about), force, [trial.shapes for trial in trials])
     library = ForceLibrary("with one", (*CONTACT.forces, force))
     names = (*force.state, *force.memory)
     followed = []
-    for probe in probes:
-        one = Model(library, {**FIVE, symbol: 1e-9}, W, dict(probe.shapes))
+    for trial in trials:
+        one = Model(library, {**FIVE, symbol: 1e-9}, W, dict(trial.shapes))
         hidden = trajectory(one, about.time, 0.3, 0.0).hidden
         past = {name: hidden[f"{symbol}.{name}"] for name in names}
-        followed.append(force.value(about.x, about.v, about.time, shapes=probe.shapes, hidden=past))
+        followed.append(force.value(about.x, about.v, about.time, shapes=trial.shapes, hidden=past))
     exact = np.stack(followed, axis=1)
     # Slips of 1e-4 rad fall between two points; the motion hardly notices.
     assert np.all(np.linalg.norm(found - exact, axis=0) < 0.02 * np.linalg.norm(exact, axis=0))
@@ -149,4 +149,4 @@ def test_two_effects_do_not_take_each_others_place_without_end():
     (name,) = found.added
     assert set(tie_class(found.final, name, found.ties[name])) == {"dahl", "lugre"}
     # One before the effect, one after it, and no more than one exchange.
-    assert len(found.scans) <= 3
+    assert len(found.selection_steps) <= 3

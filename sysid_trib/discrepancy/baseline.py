@@ -1,4 +1,4 @@
-"""A model fitted to its runs, in units of their noise: what it leaves, and what its unknowns can move."""
+"""A model fitted to its runs, in units of their noise: its residual, and what its parameters can explain."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -27,11 +27,18 @@ class Baseline:
 
     Attributes
     ----------
-    problem, values : the fit; its records whiten to unit noise.
-    noises : of each run.
-    residual : (sample,) record minus motion of all runs, whitened, in units of the noise.
-    table : (sample, unknown) its sensitivities, whitened.
-    noise_bases : of each run, what its noise was estimated beside; empty where the noise was given.
+    problem : FitProblem
+        The fit; its records whiten to unit noise.
+    values : (parameter,) array of float
+        The parameters.
+    noises : tuple of NoiseModel
+        Of each run.
+    residual : (sample,) array of float
+        Record minus motion of all runs, whitened, in units of the noise.
+    table : (sample, parameter) array of float
+        Sensitivities of the motion, whitened.
+    noise_bases : tuple of array
+        Of each run, what its noise was estimated beside; empty where the noise was given.
     """
 
     problem: FitProblem
@@ -43,17 +50,17 @@ class Baseline:
 
     @property
     def chi_square(self) -> float:
-        """Sum of squares of what is left, in units of the noise."""
+        """Sum of squares of the residual, in units of the noise."""
         return float(self.residual @ self.residual)
 
     @cached_property
     def column_space(self) -> Array:
-        """Orthonormal basis of what the unknowns can move, (sample, unknown)."""
+        """Orthonormal basis of what the parameters can explain, (sample, parameter)."""
         return orthonormal_basis(self.table)
 
     @cached_property
     def covariance(self) -> Array:
-        """Covariance of the unknowns."""
+        """Covariance of the parameters."""
         return self.problem.parameters.covariance(self.table, self.values)
 
     @cached_property
@@ -73,9 +80,9 @@ class Baseline:
         counts = [len(r.time) - n.warm_up for r, n in zip(self.problem.records, self.noises, strict=True)]
         return np.split(values, np.cumsum(counts)[:-1])
 
-    def white(self, moved: Sequence[Array]) -> Array:
+    def white(self, sensitivities: Sequence[Array]) -> Array:
         """Derivatives of each run's angle, whitened, one run after the other."""
-        return self.problem.white(moved)
+        return self.problem.white(sensitivities)
 
 
 def project_out(values: Array, space: Array) -> Array:
@@ -102,8 +109,8 @@ def fit(
     weighted = with_noise(problem, noises)
     if far:
         values = grown(weighted, values, tolerance=TOLERANCE)
-    found = fitted(weighted, values, tolerance=TOLERANCE, evaluations=evaluations)
-    return Baseline(weighted, found.values, tuple(noises), -found.residual, found.sensitivity)
+    best = fitted(weighted, values, tolerance=TOLERANCE, evaluations=evaluations)
+    return Baseline(weighted, best.values, tuple(noises), -best.residual, best.sensitivity)
 
 
 def with_noise(problem: FitProblem, noises: Sequence[NoiseModel]) -> FitProblem:
@@ -116,9 +123,9 @@ def with_noise(problem: FitProblem, noises: Sequence[NoiseModel]) -> FitProblem:
 
 
 def refit_in_residual_noise(problem: FitProblem, values: Array, bases: Sequence[Array]) -> Baseline:
-    """A fit with the noise that it leaves beside slowly changing oscillations."""
-    residuals = problem.residuals(values)
-    noises = [estimate_noise(left, basis) for left, basis in zip(residuals, bases, strict=True)]
+    """A fit with the noise of its residual, estimated beside a modulated harmonic basis of each run."""
+    residuals = zip(problem.residuals(values), bases, strict=True)
+    noises = [estimate_noise(residual, basis) for residual, basis in residuals]
     return replace(fit(problem, values, noises), noise_bases=tuple(bases))
 
 

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.stats import chi2
 
 from sysid_trib.discrepancy.baseline import Baseline, fit, with_noise
-from sysid_trib.discrepancy.candidate_sensitivities import Probe
+from sysid_trib.discrepancy.candidate_sensitivities import TrialCandidate
 from sysid_trib.discrepancy.frequency_parameters import has_frequency_parameter
 from sysid_trib.discrepancy.model_probabilities import price_of
 from sysid_trib.discrepancy.score_tests import Scores
@@ -37,7 +37,7 @@ EVALUATIONS = 12
 class Refit:
     """A candidate fitted with the model: problem, unknowns, chi-square (inf if the fit failed)."""
 
-    probe: Probe
+    trial: TrialCandidate
     problem: FitProblem
     values: Array
     chi_square: float
@@ -45,7 +45,7 @@ class Refit:
     @property
     def force(self) -> Force:
         """The candidate."""
-        return self.probe.force
+        return self.trial.force
 
     @property
     def cost(self) -> float:
@@ -55,9 +55,9 @@ class Refit:
 
 @dataclass(frozen=True)
 class Hint:
-    """What the scores say of a candidate: its probe, coefficient, response (sample,), and score."""
+    """What the scores say of a candidate: its trial, coefficient, response (sample,), and score."""
 
-    probe: Probe
+    trial: TrialCandidate
     coefficient: float
     response: Array
     score: float = 0.0
@@ -65,7 +65,7 @@ class Hint:
     @property
     def force(self) -> Force:
         """The candidate."""
-        return self.probe.force
+        return self.trial.force
 
 
 def refit(baseline: Baseline, hint: Hint, hopeless: float) -> Refit:
@@ -77,10 +77,10 @@ def refit(baseline: Baseline, hint: Hint, hopeless: float) -> Refit:
     values = with_values(baseline, hint)
     try:
         values, chi_square, settled = chord(problem, values, _with_column(baseline, hint))
-        begun = Refit(hint.probe, problem, values, chi_square)
+        begun = Refit(hint.trial, problem, values, chi_square)
         return begun if settled or chi_square > hopeless else _ended(baseline, begun)
     except (SysidTribError, np.linalg.LinAlgError, ValueError):
-        return Refit(hint.probe, problem, values, np.inf)
+        return Refit(hint.trial, problem, values, np.inf)
 
 
 def _begun(baseline: Baseline, hint: Hint, runs: Sequence[xr.Dataset], *, refine: bool) -> Refit:
@@ -89,9 +89,9 @@ def _begun(baseline: Baseline, hint: Hint, runs: Sequence[xr.Dataset], *, refine
     problem = with_noise(with_force(baseline.problem, force), baseline.noises)
     starts = [with_values(baseline, hint)]
     if force.kind == "force":
-        starts += _by_regression(problem, hint.probe, runs, refine)
+        starts += _by_regression(problem, hint.trial, runs, refine)
     squares = [_chi_square(problem, start) for start in starts]
-    return Refit(hint.probe, problem, starts[int(np.argmin(squares))], min(squares))
+    return Refit(hint.trial, problem, starts[int(np.argmin(squares))], min(squares))
 
 
 def _chi_square(problem: FitProblem, values: Array) -> float:
@@ -113,7 +113,7 @@ def _ended(baseline: Baseline, begun: Refit) -> Refit:
 def _with_column(baseline: Baseline, hint: Hint) -> Array:
     """The table of sensitivities with the candidate's response, nan for its shapes."""
     before = baseline.problem.parameters
-    new: dict[str, ArrayLike] = dict.fromkeys(hint.probe.shapes, np.nan)
+    new: dict[str, ArrayLike] = dict.fromkeys(hint.trial.shapes, np.nan)
     new[hint.force.symbol] = hint.response
     return before.insert(hint.force).take(before, baseline.table, new)
 
@@ -150,9 +150,9 @@ def best_candidates(baseline: Baseline, found: Scores, runs: Sequence[xr.Dataset
 
 def likeliest(found: Scores) -> list[Hint]:
     """What the scores say of each candidate that can be tested, the one that explains most first."""
-    ranked = sorted(found.best(), key=lambda at: price_of(found.probes[at].force) - found.z[at] ** 2)
+    ranked = sorted(found.best(), key=lambda at: price_of(found.trials[at].force) - found.z[at] ** 2)
     return [
-        Hint(found.probes[at], float(found.z[at] / found.size[at]), found.moved[:, at], float(found.z[at]))
+        Hint(found.trials[at], float(found.z[at] / found.size[at]), found.moved[:, at], float(found.z[at]))
         for at in ranked
     ]
 
@@ -174,7 +174,7 @@ def with_values(baseline: Baseline, hint: Hint) -> Array:
     wanted = baseline.residual - hint.coefficient * hint.response
     steps = np.linalg.lstsq(scaled, wanted, rcond=1e-10)[0] / np.where(size > 0.0, size, 1.0)
     before = baseline.problem.parameters
-    new = {hint.force.symbol: hint.coefficient, **hint.probe.shapes}
+    new = {hint.force.symbol: hint.coefficient, **hint.trial.shapes}
     return before.insert(hint.force).take(before, baseline.values + steps, new)
 
 
@@ -186,19 +186,19 @@ def without_force(baseline: Baseline, symbol: str) -> tuple[FitProblem, Array]:
 
 
 def _by_regression(
-    problem: FitProblem, probe: Probe, runs: Sequence[xr.Dataset], refine: bool
+    problem: FitProblem, trial: TrialCandidate, runs: Sequence[xr.Dataset], refine: bool
 ) -> list[Array]:
     """First guess from direct identification, which no phase slip can trap; none if it fails."""
     parameters = problem.parameters
     forces = ForceLibrary("trial", tuple(f for f in parameters.library if f.kind == "force"))
-    shapes = {**parameters.shapes, **probe.shapes}
+    shapes = {**parameters.shapes, **trial.shapes}
     try:
         method = Direct(parameters.reference_frequency, refine=refine, shapes=shapes)
         found = method.identify(one_or_all(list(runs)), forces)
     except SysidTribError:
         return []
     value = dict(zip(found.force.values.tolist(), found.coefficient.values.tolist(), strict=True))
-    value |= {**probe.shapes, FREQUENCY: found.reference_frequency.item()}
+    value |= {**trial.shapes, FREQUENCY: found.reference_frequency.item()}
     values = parameters.pack(value, np.stack([np.ravel(found[name]) for name in PER_RUN], axis=1))
     return [values] if np.all(np.isfinite(values)) else []
 

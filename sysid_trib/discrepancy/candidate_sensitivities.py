@@ -1,4 +1,4 @@
-"""Candidates as probes: each force, at each value of its shape parameters, and how it moves the motion."""
+"""Candidates as trials: each force, at each value of its shape parameters, and how it moves the motion."""
 
 import itertools
 from collections.abc import Mapping, Sequence
@@ -31,7 +31,7 @@ PARTS = (np.arange(8) + 0.5) / 8.0 - 0.5
 
 
 @dataclass(frozen=True)
-class Probe:
+class TrialCandidate:
     """A candidate with its shape parameters held (`{"dahl.s": 0.02}`)."""
 
     force: Force
@@ -48,7 +48,9 @@ class ReferenceMotion:
     about: Tangent
 
 
-def probes_of(candidates: ForceLibrary, frequencies: Sequence[float] = (), w: float = 1.0) -> list[Probe]:
+def trials_of(
+    candidates: ForceLibrary, frequencies: Sequence[float] = (), w: float = 1.0
+) -> list[TrialCandidate]:
     """Every candidate at a grid of its shape parameters.
 
     `frequencies` : rad/s, at which a force that is periodic in time is tried, and a resonance too; `w` : the
@@ -64,7 +66,7 @@ def probes_of(candidates: ForceLibrary, frequencies: Sequence[float] = (), w: fl
             grids[longest] = grids[longest][::2]
         for values in itertools.product(*grids):
             shapes = {f"{force.symbol}.{k}": float(v) for k, v in zip(force.shape, values, strict=True)}
-            found.append(Probe(force, shapes))
+            found.append(TrialCandidate(force, shapes))
     return found
 
 
@@ -89,13 +91,13 @@ def is_wide(shape: Shape) -> bool:
 
 @dataclass(frozen=True)
 class Moved:
-    """How probes move one run.
+    """How trials move one run.
 
     Attributes
     ----------
-    angle : (sample, probe) derivative of the measured angle by each coefficient, zero if there is a reason.
-    strength : (probe,) RMS of the force (or sensor term) over that of the angle.
-    reasons : why a probe cannot be computed on this motion, else empty.
+    angle : (sample, trial) derivative of the measured angle by each coefficient, zero if there is a reason.
+    strength : (trial,) RMS of the force (or sensor term) over that of the angle.
+    reasons : why a trial cannot be computed on this motion, else empty.
     """
 
     angle: Array
@@ -103,15 +105,15 @@ class Moved:
     reasons: list[str]
 
 
-def moved_by(course: ReferenceMotion, probes: Sequence[Probe]) -> Moved:
-    """How each probe, with a coefficient of 1, moves a run."""
-    moved = np.zeros((len(course.time), len(probes)))
-    forces = np.zeros((len(course.about.x), len(probes)))
-    reasons = [""] * len(probes)
-    known = _with_a_past(course, probes)
-    for at, probe in enumerate(probes):
+def moved_by(course: ReferenceMotion, trials: Sequence[TrialCandidate]) -> Moved:
+    """How each trial, with a coefficient of 1, moves a run."""
+    moved = np.zeros((len(course.time), len(trials)))
+    forces = np.zeros((len(course.about.x), len(trials)))
+    reasons = [""] * len(trials)
+    known = _with_a_past(course, trials)
+    for at, trial in enumerate(trials):
         try:
-            values = known[at] if at in known else _along(course, probe)
+            values = known[at] if at in known else _along(course, trial)
         except SysidTribError as error:
             reasons[at] = str(error)
             continue
@@ -119,9 +121,9 @@ def moved_by(course: ReferenceMotion, probes: Sequence[Probe]) -> Moved:
             reasons[at] = "its formula is not finite on this motion"
             continue
         forces[:, at] = values
-        if probe.force.kind == "sensor":
+        if trial.force.kind == "sensor":
             moved[:, at] = course.about.at_samples(values)
-    dynamic = [at for at, probe in enumerate(probes) if probe.force.kind != "sensor"]
+    dynamic = [at for at, trial in enumerate(trials) if trial.force.kind != "sensor"]
     if dynamic:
         moved[:, dynamic] = responses(course.about, forces[:, dynamic])
     # What overflows on the way is no response.
@@ -135,35 +137,35 @@ def moved_by(course: ReferenceMotion, probes: Sequence[Probe]) -> Moved:
     )
 
 
-def _with_a_past(course: ReferenceMotion, probes: Sequence[Probe]) -> dict[int, Array]:
-    """Values along the motion of the forces with a past, all probes of a force at once where that can be."""
+def _with_a_past(course: ReferenceMotion, trials: Sequence[TrialCandidate]) -> dict[int, Array]:
+    """Values along the motion of the forces with a past, all trials of a force at once where that can be."""
     found: dict[int, Array] = {}
     members: dict[str, list[int]] = {}
-    for at, probe in enumerate(probes):
-        if not probe.force.memoryless:
-            members.setdefault(probe.force.symbol, []).append(at)
+    for at, trial in enumerate(trials):
+        if not trial.force.memoryless:
+            members.setdefault(trial.force.symbol, []).append(at)
     if not members:
         return found
     about = course.about
     motion = GivenMotion(about.tau, about.x, about.v, about.time)
     for rows in members.values():
-        values = values_along(motion, probes[rows[0]].force, [probes[at].shapes for at in rows])
+        values = values_along(motion, trials[rows[0]].force, [trials[at].shapes for at in rows])
         if values is not None:
             found |= dict(zip(rows, values.T, strict=True))
     return found
 
 
-def _along(course: ReferenceMotion, probe: Probe) -> Array:
-    """Values of a probe along the motion, (point,)."""
-    about, force = course.about, probe.force
+def _along(course: ReferenceMotion, trial: TrialCandidate) -> Array:
+    """Values of a trial along the motion, (point,)."""
+    about, force = course.about, trial.force
     if force.memoryless:
         if not force.surfaces or force.kind == "sensor":
-            return force.value(about.x, about.v, about.time, shapes=probe.shapes)
+            return force.value(about.x, about.v, about.time, shapes=trial.shapes)
         # A switching falls between points; x'' = -x is near enough for parts of a cell.
         step = about.tau[1] - about.tau[0]
         parts = [
             force.value(
-                about.x + s * step * about.v, about.v - s * step * about.x, about.time, shapes=probe.shapes
+                about.x + s * step * about.v, about.v - s * step * about.x, about.time, shapes=trial.shapes
             )
             for s in PARTS
         ]
@@ -173,9 +175,9 @@ def _along(course: ReferenceMotion, probe: Probe) -> Array:
         course.model,
         library=library,
         coefficients={**course.model.coefficients, force.symbol: TRACE},
-        shapes={**course.model.shapes, **probe.shapes},
+        shapes={**course.model.shapes, **trial.shapes},
     )
     motion = trajectory(model, about.time + course.time[0], *course.start, engine=FAST)
     names = (*force.state, *force.memory)
     hidden = {name: motion.hidden[f"{force.symbol}.{name}"] for name in names}
-    return force.value(about.x, about.v, about.time, shapes=probe.shapes, hidden=hidden)
+    return force.value(about.x, about.v, about.time, shapes=trial.shapes, hidden=hidden)

@@ -129,7 +129,7 @@ def _slack(place: Place, force: Force) -> float:
 
 
 def _along(place: Place, found: Scores) -> tuple[Array, Array]:
-    """Coefficient of each probe in the place, and the chi-square that it would leave, inf if it cannot be.
+    """Coefficient of each trial in the place, and the chi-square that it would leave, inf if it cannot be.
 
     Of a direction u it leaves |y|^2 - (y.u)^2.
     """
@@ -147,18 +147,18 @@ def _refined(place: Place, found: Scores, fitted: Baseline, references: Sequence
         _, left = _along(place, found)
         best: dict[str, int] = {}
         for at in np.argsort(left).tolist():
-            if found.probes[at].force.shape and left[at] < place.own + REACH + COARSE * place.explained:
-                best.setdefault(found.probes[at].force.symbol, at)
+            if found.trials[at].force.shape and left[at] < place.own + REACH + COARSE * place.explained:
+                best.setdefault(found.trials[at].force.symbol, at)
         found = finer(found, list(best.values()), fitted, references)
     return found
 
 
 def _predicted(place: Place, found: Scores) -> tuple[dict[str, Hint], list[Twin], dict[str, float]]:
-    """Of each force its best probe, its cost by small deviations, and the price of its shapes."""
+    """Of each force its best trial, its cost by small deviations, and the price of its shapes."""
     coefficient, left = _along(place, found)
     members: dict[str, list[int]] = {}
-    for at, probe in enumerate(found.probes):
-        members.setdefault(probe.force.symbol, []).append(at)
+    for at, trial in enumerate(found.trials):
+        members.setdefault(trial.force.symbol, []).append(at)
     hints, near, prices = {}, [], {}
     for symbol, rows in members.items():
         each = left[rows]
@@ -167,7 +167,7 @@ def _predicted(place: Place, found: Scores) -> tuple[dict[str, Hint], list[Twin]
             continue
         # Shapes that cannot be leave all.
         each = np.where(np.isfinite(each), each, float(place.left @ place.left))
-        least, prices[symbol] = over_shapes([found.probes[i] for i in rows], each)
-        hints[symbol] = Hint(found.probes[at], float(coefficient[at]), found.moved[:, at])
-        near.append(Twin(found.probes[at].force, least + prices[symbol]))
+        least, prices[symbol] = over_shapes([found.trials[i] for i in rows], each)
+        hints[symbol] = Hint(found.trials[at], float(coefficient[at]), found.moved[:, at])
+        near.append(Twin(found.trials[at].force, least + prices[symbol]))
     return hints, sorted(near, key=lambda twin: twin.cost), prices

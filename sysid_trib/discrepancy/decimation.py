@@ -21,16 +21,16 @@ def decimated(decay: xr.Dataset) -> xr.Dataset:
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
     halves = usable_half_periods(time, angle, str(decay.attrs.get("source", "decay")))
     steps = np.diff(time)
-    each = int(2.0 * np.median(halves.duration) / np.median(steps) / KEPT)
-    if each < 2:
+    factor = int(2.0 * np.median(halves.duration) / np.median(steps) / KEPT)
+    if factor < 2:
         return decay
-    width = each if each % 2 else each - 1
-    uneven = np.ptp(steps) > EVEN * np.median(steps)
-    if width >= 3 and not uneven:
+    width = factor if factor % 2 else factor - 1
+    smoothed = width >= 3 and np.ptp(steps) <= EVEN * np.median(steps)
+    if smoothed:
         angle = savgol_filter(angle, width, 2)
-    kept = slice(each // 2, None, each)
-    # What is told of the whole decay, such as its equilibrium, stays.
+    kept = slice(factor // 2, None, factor)
+    # What holds for the whole decay, such as its equilibrium, stays.
     fewer = decay.drop_dims("time").assign_coords(time=("time", time[kept], decay.time.attrs))
     fewer = fewer.assign(angle=("time", angle[kept], decay.angle.attrs))
-    told = "parabolas" if width >= 3 and not uneven else "single samples"
-    return fewer.assign_attrs(decimated=f"{len(time)} samples to {fewer.sizes['time']}, by {told}")
+    how = "parabolas" if smoothed else "single samples"
+    return fewer.assign_attrs(decimated=f"{len(time)} samples to {fewer.sizes['time']}, by {how}")

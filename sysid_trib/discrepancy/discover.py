@@ -1,4 +1,4 @@
-"""Find where simulation and measurement disagree, name the missing effect, add it: the gap shrinks."""
+"""Find where model and record differ, name the missing effect, add it: the gap shrinks."""
 
 import json
 from collections.abc import Callable
@@ -8,12 +8,7 @@ import xarray as xr
 
 from sysid_trib.discrepancy.decimation import decimated
 from sysid_trib.discrepancy.model_sequence import model_sequence
-from sysid_trib.discrepancy.stepwise_search import (
-    LEVEL,
-    first_baseline,
-    search,
-    verdict_of,
-)
+from sysid_trib.discrepancy.stepwise_search import LEVEL, first_baseline, search, verdict_of
 from sysid_trib.discrepancy.to_xarray import groups_of
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import Force, ForceLibrary
@@ -38,26 +33,36 @@ def discover(
 
     Parameters
     ----------
-    decay : `angle(time)` as `free_decay` returns it, or a list of runs.
-    model_forces : the forces of the model to start from.
-    candidates : what may be missing; those that the model has are left out, and said.
-    reference_frequency : w in rad/s, held; else it is fitted.
-    max_effects : effects added at most.
-    holdout : runs that take no part in fitting or naming, and are predicted at each stage; without any the
-        last third of each run is predicted by models that are fitted again on the first two.
-    level : family-wise level of error at which an effect is named.
-    seed : of the drawing that counts independent tests.
-    tell : called with a few words as the work goes on.
+    decay : xr.Dataset or sequence of xr.Dataset
+        `angle(time)` as `free_decay` returns it, or a list of runs.
+    model_forces : ForceLibrary
+        The forces of the model to start from.
+    candidates : ForceLibrary
+        What may be missing. Those that the model has are not offered, and named in the result.
+    reference_frequency : float, rad/s, optional
+        w, held; else it is fitted.
+    max_effects : int
+        Effects added at most.
+    holdout : xr.Dataset or sequence of xr.Dataset
+        Runs that take no part in fitting or naming, and are predicted by each model. Without any the last
+        third of each run is predicted by models that are fitted again on the first two.
+    level : float
+        Family-wise significance level at which an effect is named.
+    seed : int
+        Of the drawing that counts independent tests.
+    tell : callable
+        Called with a few words as the work goes on.
 
     Returns
     -------
-    DataTree, of records decimated to some sixty samples a period (attrs `decimated`). attrs: `verdict`
-    (`explained`, `unknown effect`, `nothing missing`), `left_out`, `failed_fits`. Groups:
-    `record` (`record_1`, ... of several runs) with `simulated_angle(model)` before and after;
-    `discrepancy` and `discrepancy_after`, where model and record differ (see `demodulation.disagreement`);
-    `detectability` and `detectability_after`; `ranking` of the candidates at each selection step; `steps`,
-    the effects added; `before` and `after`, the identifications; `omnibus`, the tests that know no candidate;
-    `holdout` over the models; of several runs `homogeneity`, whether they differ.
+    xr.DataTree
+        Of records decimated to some sixty samples a period (attrs `decimated`). attrs: `verdict`
+        (`explained`, `unknown effect`, `nothing missing`), `left_out`, `failed_fits`. Groups: `record`
+        (`record_1`, ... of several runs) with `simulated_angle(model)` before and after; `discrepancy` and
+        `discrepancy_after`, where model and record differ (see `demodulation.demodulate`); `detectability`
+        and `detectability_after`; `ranking` of the candidates at each selection step; `steps`, the effects
+        added; `before` and `after`, the identifications; `omnibus`, the tests that know no candidate;
+        `holdout` over the models; of several runs `homogeneity`, whether they differ.
 
     Raises
     ------
@@ -75,14 +80,14 @@ def discover(
         raise UsageError("No candidate is left beside the forces of the model; offer another library.")
     tell("fit of the start model")
     start = first_baseline(runs, model, reference_frequency)
-    found = search(runs, start, offered, max_effects=max_effects, level=level, seed=seed, told=tell)
+    done = search(runs, start, offered, max_effects=max_effects, level=level, seed=seed, tell=tell)
     tell("hold-out")
     unseen = as_runs(holdout) if isinstance(holdout, xr.Dataset) or len(holdout) else []
     unseen = [decimated(part) for part in unseen]
-    stages = model_sequence(found, runs, unseen)
-    tell("where they disagree")
-    verdict = verdict_of(found, level)
-    tree = xr.DataTree.from_dict(groups_of(runs, found, stages, offered, level))
+    sequence = model_sequence(done, runs, unseen)
+    tell("where model and record differ")
+    verdict = verdict_of(done, level)
+    tree = xr.DataTree.from_dict(groups_of(runs, done, sequence, offered, level))
     third = f"the last third{' of each run' * (len(runs) > 1)}"
     options = {"max_effects": max_effects, "level": level, "seed": seed}
     tree.attrs = {
@@ -93,7 +98,7 @@ def discover(
         "verdict": verdict,
         "max_effects": max_effects,
         "left_out": left_out,
-        "failed_fits": list(found.failed),
+        "failed_fits": list(done.failed),
         "held_out": f"{len(unseen)} run{'s' * (len(unseen) > 1)}" if unseen else third,
         "decimated": [run.attrs["decimated"] for run in runs if "decimated" in run.attrs],
     }
@@ -113,14 +118,14 @@ def _offered(model: ForceLibrary, candidates: ForceLibrary) -> tuple[ForceLibrar
     return replace(candidates, forces=tuple(kept)), left_out
 
 
-def _same(one: Force, other: Force) -> bool:
+def _same(force: Force, other: Force) -> bool:
     """Whether two forces are the same function."""
-    if one.kind != other.kind:
+    if force.kind != other.kind:
         return False
-    if one.memoryless and not one.shape and one.kind == "force":
-        return other.matches(one.formula.text)
+    if force.memoryless and not force.shape and force.kind == "force":
+        return other.matches(force.formula.text)
     texts = [
         (f.formula.text, *(p.text for table in (f.state, f.memory) for p in table.values()))
-        for f in (one, other)
+        for f in (force, other)
     ]
     return texts[0] == texts[1]

@@ -24,14 +24,17 @@ def homogeneity(models: Sequence[Baseline], level: float) -> xr.Dataset:
 
     Parameters
     ----------
-    models : of several runs each; the last is the final one.
-    level : significance level below which the runs differ.
+    models : sequence of Baseline
+        Of several runs each; the last is the final one.
+    level : float
+        Significance level below which the runs differ.
 
     Returns
     -------
-    Dataset. Over `model`: `chi_square` that coefficients, shapes and frequency of each run would explain of
-    what the model leaves, with `degrees_of_freedom`, `p_value` and `differ`; `most`, the parameter that alone
-    explains most of it; and `gain`, the chi-square that the effect added next explains, nan of the last.
+    xr.Dataset
+        Over `model`: `chi_square` that coefficients, shapes and frequency of each run would explain of the
+        residual, with `degrees_of_freedom`, `p_value` and `differ`; `most`, the parameter that explains most
+        of it by itself; and `gain`, the chi-square that the effect added next explains, nan of the last.
 
     Notes
     -----
@@ -40,12 +43,12 @@ def homogeneity(models: Sequence[Baseline], level: float) -> xr.Dataset:
     """
     rows = [_differing(model) for model in models]
     gains = [_gain(before, after) for before, after in pairwise(models)]
-    gain, freedom, most = zip(*rows, strict=True)
-    p_value = chi2.sf(gain, freedom)
+    chi_square, count, most = zip(*rows, strict=True)
+    p_value = chi2.sf(chi_square, count)
     return xr.Dataset(
         {
-            "chi_square": variable("model", list(gain), "chi-square explained by runs that differ", "1"),
-            "degrees_of_freedom": variable("model", list(freedom), "degrees of freedom", "1"),
+            "chi_square": variable("model", list(chi_square), "explained by runs that differ", "1"),
+            "degrees_of_freedom": variable("model", list(count), "degrees of freedom", "1"),
             "p_value": variable("model", p_value, "p-value of runs that do not differ", "1"),
             "differ": variable("model", p_value < level, "whether the p-value is below the level"),
             "most": text_variable("model", most, "parameter that differs most"),
@@ -55,19 +58,19 @@ def homogeneity(models: Sequence[Baseline], level: float) -> xr.Dataset:
 
 
 def _differing(model: Baseline) -> tuple[float, int, str]:
-    """What unknowns of each run explain, how many there are, and the name of the one that explains most."""
+    """What parameters of each run explain, how many there are, and the name of the one that explains most."""
     parameters = model.problem.parameters
     table = parameters.of_common(model.table)
     table = table / np.maximum(np.linalg.norm(table, axis=0), 1e-300)
     ends = np.cumsum([len(part) for part in model.split_by_run(model.residual)])
     columns = []
     for start, end in pairwise(ends):
-        own = np.zeros_like(table)
-        own[start:end] = table[start:end]
-        columns.append(project_out(own, model.column_space))
+        of_run = np.zeros_like(table)
+        of_run[start:end] = table[start:end]
+        columns.append(project_out(of_run, model.column_space))
     names = [name.replace(FREQUENCY, "w") for name in parameters.common]
-    alone = [_explained([own[:, [at]] for own in columns], model.residual)[0] for at in range(len(names))]
-    return *_explained(columns, model.residual), names[int(np.argmax(alone))]
+    single = [_explained([run[:, [at]] for run in columns], model.residual)[0] for at in range(len(names))]
+    return *_explained(columns, model.residual), names[int(np.argmax(single))]
 
 
 def _explained(columns: Sequence[Array], residual: Array) -> tuple[float, int]:
@@ -77,5 +80,5 @@ def _explained(columns: Sequence[Array], residual: Array) -> tuple[float, int]:
 
 def _gain(before: Baseline, after: Baseline) -> float:
     """Fall of chi-square between two models, in the noise of the first."""
-    left = before.problem.white(after.problem.residuals(after.values))
-    return before.chi_square - float(left @ left)
+    residual = before.problem.white(after.problem.residuals(after.values))
+    return before.chi_square - float(residual @ residual)

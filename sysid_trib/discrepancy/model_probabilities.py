@@ -8,7 +8,7 @@ from scipy.integrate import trapezoid
 from scipy.interpolate import Akima1DInterpolator
 
 from sysid_trib.discrepancy.baseline import Baseline
-from sysid_trib.discrepancy.candidate_sensitivities import Probe, is_wide
+from sysid_trib.discrepancy.candidate_sensitivities import TrialCandidate, is_wide
 from sysid_trib.discrepancy.frequency_parameters import has_frequency_parameter, is_frequency_parameter
 from sysid_trib.forces.force import Force
 
@@ -49,26 +49,26 @@ def credible(probability: Array) -> NDArray[np.bool_]:
     return inside
 
 
-def over_shapes(probes: Sequence[Probe], left: Array) -> tuple[float, float]:
+def over_shapes(trials: Sequence[TrialCandidate], left: Array) -> tuple[float, float]:
     """Least chi-square of one force over its shapes, and the price of having to set them.
 
     Parameters
     ----------
-    probes : of one force; left : (probe,) the chi-square that each leaves.
+    trials : of one force; left : (trial,) the chi-square that each leaves.
 
     Notes
     -----
     The price is -2 ln of the mean of exp(-chi^2/2) over all shapes, above the least: the Occam factor of
     MacKay (1992). Shapes are as likely anywhere in their range, or in its logarithm where it spans a decade.
     """
-    force = probes[0].force
+    force = trials[0].force
     if not force.shape or has_frequency_parameter(force):
         return float(left.min()), price_of(force)
-    if len(force.shape) > 1 or len(probes) < 3:
+    if len(force.shape) > 1 or len(trials) < 3:
         least = float(left.min())
         return least, -2.0 * float(np.log(np.mean(np.exp(-0.5 * (left - least)))))
     ((name, shape),) = force.shape.items()
-    values = np.array([probe.shapes[f"{force.symbol}.{name}"] for probe in probes])
+    values = np.array([trial.shapes[f"{force.symbol}.{name}"] for trial in trials])
     scale = np.log(values) if is_wide(shape) else values
     order = np.argsort(scale)
     fine = np.linspace(scale.min(), scale.max(), POINTS)

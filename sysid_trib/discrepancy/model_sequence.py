@@ -19,65 +19,86 @@ from sysid_trib.validation.holdout import TRAINING, counted_from
 
 Array = NDArray[np.float64]
 
-# Steps of a fit between two stages.
+# Evaluations of a fit between two models.
 EVALUATIONS = 20
-# A hold-out gap that grows by more than this part is flagged.
+# A hold-out residual that grows by more than this factor is flagged.
 WORSE = 1.05
 
 
 @dataclass(frozen=True)
 class ModelSequence:
-    """Models of a search: the start, and with each effect more; hold-out RMS (rad) and noise of each."""
+    """Models of a search: the start, and one with each effect more.
+
+    Attributes
+    ----------
+    models : list of Baseline
+        The models.
+    holdout : (model,) array of float, rad
+        RMS residual of each on the hold-out.
+    """
 
     models: list[Baseline]
     holdout: Array
 
 
-def model_sequence(found: Search, runs: Sequence[xr.Dataset], unseen: Sequence[xr.Dataset]) -> ModelSequence:
-    """The start model, and the models with one, two, ... of the effects found.
+def model_sequence(search: Search, runs: Sequence[xr.Dataset], unseen: Sequence[xr.Dataset]) -> ModelSequence:
+    """The start model, and the models with one, two, ... of the effects that were added.
 
-    `unseen` : runs, or other parts of the same records, that took no part; without any the models are fitted
-    again on the first two thirds of each run, and predict the rest. What predicts has its start and the
-    sensor's zero fitted to what it predicts, nothing else.
+    Parameters
+    ----------
+    search : Search
+        The search.
+    runs : sequence of xr.Dataset
+        Its decays.
+    unseen : sequence of xr.Dataset
+        Runs, or other parts of the same records, that took no part. Without any the models are fitted again
+        on the first two thirds of each run, and predict the rest.
+
+    Notes
+    -----
+    A model that predicts has its initial conditions and the sensor's zero fitted to what it predicts, nothing
+    else.
     """
-    models = [found.scans[0].before]
-    for count in range(1, len(found.added)):
-        models.append(_between(found, count, models[-1]))
-    if found.added:
-        models.append(found.final)
+    models = [search.selection_steps[0].before]
+    for count in range(1, len(search.added)):
+        models.append(_between(search, count, models[-1]))
+    if search.added:
+        models.append(search.final)
     return ModelSequence(models, np.array([_held_out(model, runs, unseen) for model in models]))
 
 
-def _between(found: Search, count: int, before: Baseline) -> Baseline:
+def _between(search: Search, count: int, before: Baseline) -> Baseline:
     """The model with the first effects: the best that the search had, else a fit from below or from above."""
-    wanted = {*found.scans[0].before.problem.parameters.library.symbols, *found.added[:count]}
+    wanted = {*search.selection_steps[0].before.problem.parameters.library.symbols, *search.added[:count]}
     models = [
-        scan.before for scan in found.scans if set(scan.before.problem.parameters.library.symbols) == wanted
+        step.before
+        for step in search.selection_steps
+        if set(step.before.problem.parameters.library.symbols) == wanted
     ]
     if models:
-        return min(models, key=lambda one: one.chi_square)
-    problem, values = found.final.problem, found.final.values
-    model = found.final
-    for symbol in found.added[count:]:
+        return min(models, key=lambda model: model.chi_square)
+    problem, values = search.final.problem, search.final.values
+    model = search.final
+    for symbol in search.added[count:]:
         problem, values = without_force(model, symbol)
         model = replace(model, problem=problem, values=values)
-    # From below: the unknowns of the stage before, and those of the new effect as they are in the end.
+    # From below: the parameters of the model before, and those of the new effect as they are in the end.
     first = dict(zip(problem.parameters.common, values.tolist(), strict=False))
     mixed = problem.parameters.take(before.problem.parameters, before.values, first)
-    below = fit(problem, mixed, found.final.noises, evaluations=EVALUATIONS)
+    below = fit(problem, mixed, search.final.noises, evaluations=EVALUATIONS)
     if residual_rms(below) <= residual_rms(before):
         return below
-    above = fit(problem, values, found.final.noises, far=True)
+    above = fit(problem, values, search.final.noises, far=True)
     return min(below, above, key=residual_rms)
 
 
 def residual_rms(model: Baseline) -> float:
-    """RMS of what a model leaves of all runs (rad)."""
+    """RMS residual of a model over all runs (rad)."""
     return rms(np.concatenate(model.problem.residuals(model.values)))
 
 
 def _held_out(model: Baseline, runs: Sequence[xr.Dataset], unseen: Sequence[xr.Dataset]) -> float:
-    """RMS (rad) of what a model leaves of what it has not seen, nan if it has no motion there."""
+    """RMS residual (rad) of a model on the hold-out, nan if it has no motion there."""
     starts = [float(record.time[0]) for record in model.problem.records]
     try:
         if unseen:
@@ -111,18 +132,18 @@ def _split(record: WhitenedRecord, cut: int) -> tuple[WhitenedRecord, WhitenedRe
 
 
 def _predicted(trained: Baseline, parts: Sequence[tuple[tuple[Array, Array], float]]) -> float:
-    """RMS of what the model leaves of parts (times, angles, origin of `t`), their starts fitted."""
+    """RMS residual on parts (times, angles, origin of `t`), their initial conditions fitted."""
     model = trained.problem.parameters.model(trained.values)
-    left = []
+    residuals = []
     for (time, angle), origin in parts:
         later = replace(model, library=counted_from(model.library, float(time[0] - origin)))
         motion = fit_start(later, time, angle, first_guess(time, angle, model.reference_frequency))
-        left.append(angle - motion.offset - motion.x)
-    return rms(np.concatenate(left))
+        residuals.append(angle - motion.offset - motion.x)
+    return rms(np.concatenate(residuals))
 
 
-def labelled(model: Baseline, runs: Sequence[xr.Dataset]) -> xr.Dataset:
-    """A stage as an identification; errors are raised by what the model leaves beyond the noise."""
+def model_identification(model: Baseline, runs: Sequence[xr.Dataset]) -> xr.Dataset:
+    """A model as an identification; where its residual is larger than the noise, its errors are too."""
     from sysid_trib.methods.trajectory import Trajectory
 
     parameters = model.problem.parameters

@@ -1,4 +1,4 @@
-"""Is anything left? Generic forces, whatever their name, and slow oscillations, whatever their cause."""
+"""Omnibus test: forces of any form, and lines in the spectrum, whatever their name or cause."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,53 +25,62 @@ class OmnibusTest:
 
     Attributes
     ----------
-    names : (shape,) such as `r^2 sin 3 phi`; z : (shape,) score of each.
-    chi_square, freedom : of all together; p_value : of the most telling of these and of the strongest line in
-        the spectrum, corrected.
+    names : tuple of str
+        Trial forces, such as `r^2 sin 3 phi`.
+    z : (trial_force,) array of float
+        Score of each.
+    chi_square, degrees_of_freedom : float, int
+        Of all together.
+    p_value : float
+        The smallest of these and of that of the strongest line in the spectrum, corrected for three tests.
     """
 
     names: tuple[str, ...]
     z: Array
     chi_square: float
-    freedom: int
+    degrees_of_freedom: int
     p_value: float
 
 
 def omnibus(baseline: Baseline, references: Sequence[ReferenceMotion]) -> OmnibusTest:
-    """Test what is left against 36 generic forces r^k (1, cos m phi, sin m phi), k = 0..3, m = 1..4."""
+    """Test the residual against 36 trial forces r^k (1, cos m phi, sin m phi), k = 0..3, m = 1..4.
+
+    Parameters
+    ----------
+    baseline : Baseline
+        The model fitted.
+    references : sequence of ReferenceMotion
+        Its motion in each run.
+    """
     space = baseline.column_space
-    names, _ = _shapes(references[0])
-    moved = baseline.white([responses(course.about, _shapes(course)[1]) for course in references])
-    moved = moved / np.linalg.norm(moved, axis=0)
-    outside = project_out(moved, space)
-    size = np.linalg.norm(outside, axis=0)
+    names, _ = _trial_forces(references[0])
+    columns = baseline.white([responses(run.about, _trial_forces(run)[1]) for run in references])
+    columns = project_out(columns / np.linalg.norm(columns, axis=0), space)
+    size = np.linalg.norm(columns, axis=0)
     residual = project_out(baseline.residual, space)
-    z = outside.T @ residual / np.maximum(size, 1e-12)
-    z = np.where(size > RANK, z, 0.0)
-    basis, singular, _ = np.linalg.svd(outside, full_matrices=False)
+    z = np.where(size > RANK, columns.T @ residual / np.maximum(size, 1e-12), 0.0)
+    basis, singular, _ = np.linalg.svd(columns, full_matrices=False)
     basis = basis[:, singular > RANK * singular[0]]
-    total, freedom = float(np.sum((basis.T @ residual) ** 2)), basis.shape[1]
+    total, count = float(np.sum((basis.T @ residual) ** 2)), basis.shape[1]
     largest = len(z) * 2.0 * norm.sf(float(np.max(np.abs(z))))
-    least = min(chi2.sf(total, freedom), largest, _strongest_line(baseline, residual))
-    return OmnibusTest(tuple(names), z, total, freedom, float(min(1.0, 3.0 * least)))
+    least = min(chi2.sf(total, count), largest, _strongest_line(baseline, residual))
+    return OmnibusTest(tuple(names), z, total, count, float(min(1.0, 3.0 * least)))
 
 
 def _strongest_line(baseline: Baseline, residual: Array) -> float:
-    """Chance of as strong a line in the spectrum of noise: no force of the motion makes one of its own.
+    """P-value of the strongest line in the spectrum: no force of the motion makes one of its own.
 
     A line of white noise of unit variance has an exponentially distributed power (Schuster 1898).
     """
-    chance = 1.0
-    for part in baseline.split_by_run(residual):
-        power = np.abs(np.fft.rfft(part)) ** 2 / len(part)
-        chance = min(chance, len(power) * float(np.exp(-np.max(power))))
-    return min(1.0, chance * len(baseline.noises))
+    powers = [np.abs(np.fft.rfft(part)) ** 2 / len(part) for part in baseline.split_by_run(residual)]
+    least = min(len(power) * float(np.exp(-np.max(power))) for power in powers)
+    return min(1.0, least * len(powers))
 
 
-def _shapes(course: ReferenceMotion) -> tuple[list[str], Array]:
-    """Names and values along the motion, (point, shape)."""
-    about = course.about
-    r, phase = about.amplitude / np.max(about.amplitude), about.phase
+def _trial_forces(reference: ReferenceMotion) -> tuple[list[str], Array]:
+    """Names and values along the motion, (point, trial_force)."""
+    motion = reference.about
+    r, phase = motion.amplitude / np.max(motion.amplitude), motion.phase
     names, columns = [], []
     for k in POWERS:
         names.append(f"r^{k}")

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sysid_trib.discrepancy.baseline import Baseline, orthonormal_basis, project_out, with_noise
 from sysid_trib.discrepancy.candidate_fits import likeliest, refit
-from sysid_trib.discrepancy.candidate_sensitivities import Probe
+from sysid_trib.discrepancy.candidate_sensitivities import TrialCandidate
 from sysid_trib.discrepancy.competing_models import SWAP
 from sysid_trib.discrepancy.model_probabilities import price_of
 from sysid_trib.discrepancy.score_tests import Scores
@@ -50,14 +50,14 @@ def simpler(
     own = fitted.chi_square + _price(fitted.problem, added)
     limit = own + SLACK * max(0.0, float(y @ y) - fitted.chi_square)
     trials: list[list[int]] = []
-    for cost, chosen in _ranked(directions, along, float(y @ y), [found.probes[i] for i in at]):
+    for cost, chosen in _ranked(directions, along, float(y @ y), [found.trials[i] for i in at]):
         if cost > limit or len(trials) == TRIALS:
             break
         trials.append([at[j] for j in chosen])
     best: tuple[float, FitProblem, Array, tuple[str, ...]] | None = None
     for members in trials:
         problem, values, chi_square = _replaced(fitted, added, found, members, whole)
-        symbols = tuple(found.probes[i].force.symbol for i in members)
+        symbols = tuple(found.trials[i].force.symbol for i in members)
         cost = chi_square + _price(problem, symbols)
         if best is None or cost < best[0]:
             best = (cost, problem, values, symbols)
@@ -93,7 +93,7 @@ def _price(problem: FitProblem, symbols: Sequence[str]) -> float:
 def _best_of_each(
     fitted: Baseline, added: Sequence[str], found: Scores, space: Array, y: Array
 ) -> tuple[list[int], Array, Array]:
-    """The probe of each force, and of each effect of the model, that goes furthest along y."""
+    """The trial of each force, and of each effect of the model, that goes furthest along y."""
     outside = project_out(found.moved, space)
     size = np.linalg.norm(outside, axis=0)
     directions = outside / np.where(size > 0.0, size, 1.0)
@@ -101,21 +101,21 @@ def _best_of_each(
     best: dict[str, int] = {}
     for i in np.argsort(-np.abs(along)).tolist():
         if found.can_be(i, float(along[i] / max(size[i], 1e-300)), instead=True):
-            best.setdefault(found.probes[i].force.symbol, i)
+            best.setdefault(found.trials[i].force.symbol, i)
     at = list(best.values())
     return at, directions[:, at], along[at]
 
 
 def _ranked(
-    directions: Array, along: Array, total: float, probes: Sequence[Probe]
+    directions: Array, along: Array, total: float, trials: Sequence[TrialCandidate]
 ) -> list[tuple[float, tuple[int, ...]]]:
     """Predicted cost of every candidate and every pair, the least first."""
     cosine = directions.T @ directions
-    price = np.array([PRICE_OF_EFFECT + price_of(probe.force) for probe in probes])
+    price = np.array([PRICE_OF_EFFECT + price_of(trial.force) for trial in trials])
     ranked: list[tuple[float, tuple[int, ...]]] = [
-        (total - float(along[j]) ** 2 + float(price[j]), (j,)) for j in range(len(probes))
+        (total - float(along[j]) ** 2 + float(price[j]), (j,)) for j in range(len(trials))
     ]
-    for i, j in itertools.combinations(range(len(probes)), 2):
+    for i, j in itertools.combinations(range(len(trials)), 2):
         share = 1.0 - float(cosine[i, j]) ** 2
         if share < 1e-6:
             continue
@@ -127,12 +127,12 @@ def _ranked(
 def _replaced(
     fitted: Baseline, added: Sequence[str], found: Scores, members: Sequence[int], whole: Array
 ) -> tuple[FitProblem, Array, float]:
-    """The start model with these probes in place of the effects, fitted nearby."""
+    """The start model with these trials in place of the effects, fitted nearby."""
     before = fitted.problem.parameters
     kept = before.remove(added)
-    parameters, probes = kept, [found.probes[i] for i in members]
-    for probe in probes:
-        parameters = parameters.insert(probe.force)
+    parameters, trials = kept, [found.trials[i] for i in members]
+    for trial in trials:
+        parameters = parameters.insert(trial.force)
     problem = with_noise(replace(fitted.problem, parameters=parameters), fitted.noises)
     values, table = kept.take(before, fitted.values), kept.take(before, fitted.table)
     responses = found.moved[:, list(members)]
@@ -140,8 +140,8 @@ def _replaced(
     size = np.linalg.norm(columns, axis=0)
     size = np.where(size > 0.0, size, 1.0)
     steps = np.linalg.lstsq(columns / size, whole, rcond=1e-10)[0] / size
-    symbols = [probe.force.symbol for probe in probes]
-    shapes = {name: value for probe in probes for name, value in probe.shapes.items()}
+    symbols = [trial.force.symbol for trial in trials]
+    shapes = {name: value for trial in trials for name, value in trial.shapes.items()}
     first = {**dict(zip(symbols, steps, strict=False)), **shapes}
     start = parameters.take(kept, values + steps[len(members) :], first)
     moved = {**dict(zip(symbols, responses.T, strict=True)), **dict.fromkeys(shapes, np.nan)}

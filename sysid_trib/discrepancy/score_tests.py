@@ -10,7 +10,12 @@ from scipy.signal import find_peaks
 from scipy.stats import norm
 
 from sysid_trib.discrepancy.baseline import Baseline, project_out
-from sysid_trib.discrepancy.candidate_sensitivities import Probe, ReferenceMotion, moved_by, probes_of
+from sysid_trib.discrepancy.candidate_sensitivities import (
+    ReferenceMotion,
+    TrialCandidate,
+    moved_by,
+    trials_of,
+)
 from sysid_trib.discrepancy.frequency_parameters import has_frequency_parameter
 from sysid_trib.forces.force import ForceLibrary
 
@@ -33,19 +38,19 @@ LINES = 3
 
 @dataclass(frozen=True)
 class Scores:
-    """Each probe held against what the model leaves.
+    """Each trial held against what the model leaves.
 
     Attributes
     ----------
-    probes : (probe,); reasons : why a probe cannot be tested, else empty.
-    z : (probe,) score; size : (probe,) its response outside of the model's, in units of the noise: the
-        error of its coefficient is 1/size; share : (probe,) the part of its response that is outside.
-    strength : (probe,) its RMS force over the RMS angle, with a coefficient of 1.
-    moved : (sample, probe) whitened responses; directions : those outside of the model's, of unit length.
-    tests : number of independent tests; p_values : (probe,) of a larger score by chance in any of them.
+    trials : (trial,); reasons : why a trial cannot be tested, else empty.
+    z : (trial,) score; size : (trial,) its response outside of the model's, in units of the noise: the
+        error of its coefficient is 1/size; share : (trial,) the part of its response that is outside.
+    strength : (trial,) its RMS force over the RMS angle, with a coefficient of 1.
+    moved : (sample, trial) whitened responses; directions : those outside of the model's, of unit length.
+    tests : number of independent tests; p_values : (trial,) of a larger score by chance in any of them.
     """
 
-    probes: list[Probe]
+    trials: list[TrialCandidate]
     reasons: list[str]
     z: Array
     size: Array
@@ -57,21 +62,21 @@ class Scores:
     p_values: Array
 
     def can_be(self, at: int, coefficient: float, *, instead: bool = False) -> bool:
-        """Whether a probe can be tested, and with this coefficient stays below the restoring force.
+        """Whether a trial can be tested, and with this coefficient stays below the restoring force.
 
         A passive one must not drive the motion.
         `instead` : in place of a force of the model, where beside it it may be the same.
         """
         good = self.reasons[at] in (("", SAME) if instead else ("",))
-        drives = self.probes[at].force.passive and coefficient < 0.0
+        drives = self.trials[at].force.passive and coefficient < 0.0
         return good and not drives and abs(coefficient) * float(self.strength[at]) < STRONGEST
 
     def best(self) -> list[int]:
-        """The probe of each force that scores highest, forces that cannot be tested left out, best first."""
+        """The trial of each force that scores highest, forces that cannot be tested left out, best first."""
         found: dict[str, int] = {}
         for at in np.argsort(-np.abs(self.z)).tolist():
             if self.can_be(at, float(self.z[at] / max(self.size[at], 1e-300))):
-                found.setdefault(self.probes[at].force.symbol, at)
+                found.setdefault(self.trials[at].force.symbol, at)
         return list(found.values())
 
 
@@ -94,7 +99,7 @@ def scores(
     frequencies, looked = _lines(baseline, residual)
     found = _scored(
         baseline,
-        probes_of(candidates, frequencies, references[0].model.reference_frequency),
+        trials_of(candidates, frequencies, references[0].model.reference_frequency),
         references,
         space,
         residual,
@@ -105,7 +110,7 @@ def scores(
         found = finer(found, promising, baseline, references)
     good = np.array([not reason for reason in found.reasons])
     tests = independent_tests(found.directions[:, good], seed)
-    searched = np.array([has_frequency_parameter(probe.force) for probe in found.probes])
+    searched = np.array([has_frequency_parameter(trial.force) for trial in found.trials])
     # A line may lie between two frequencies, with any phase: some 2.5 chances each, of two degrees.
     lines = 2.5 * looked * np.exp(-0.5 * found.z**2)
     chance = 2.0 * norm.sf(np.abs(found.z)) * tests + np.where(searched, lines, 0.0)
@@ -114,44 +119,44 @@ def scores(
 
 def _scored(
     baseline: Baseline,
-    probes: list[Probe],
+    trials: list[TrialCandidate],
     references: Sequence[ReferenceMotion],
     space: Array,
     residual: Array,
 ) -> Scores:
-    each = [moved_by(course, probes) for course in references]
+    each = [moved_by(course, trials) for course in references]
     moved = baseline.white([one.angle for one in each])
     whole = np.linalg.norm(moved, axis=0)
     # Twice: what is left of a response that is nearly all inside is rounding else.
     outside = project_out(project_out(moved, space), space)
     size = np.linalg.norm(outside, axis=0)
     share = np.divide(size, whole, out=np.zeros_like(size), where=whole > 0.0)
-    reasons = [next((r for one in each if (r := one.reasons[at])), "") for at in range(len(probes))]
+    reasons = [next((r for one in each if (r := one.reasons[at])), "") for at in range(len(trials))]
     for at in np.flatnonzero(share < TESTABLE):
         reasons[at] = reasons[at] or SAME
     good = np.array([not reason for reason in reasons])
     directions = np.where(good, outside / np.where(size > 0.0, size, 1.0), 0.0)
     strength = np.max([one.strength for one in each], axis=0)
-    none = np.ones(len(probes))
+    none = np.ones(len(trials))
     return Scores(
-        probes, reasons, directions.T @ residual, size, share, strength, moved, directions, 1.0, none
+        trials, reasons, directions.T @ residual, size, share, strength, moved, directions, 1.0, none
     )
 
 
 def finer(
     found: Scores, chosen: Sequence[int], baseline: Baseline, references: Sequence[ReferenceMotion]
 ) -> Scores:
-    """The scores with probes halfway from the chosen ones to their neighbours on the grid of shapes."""
+    """The scores with trials halfway from the chosen ones to their neighbours on the grid of shapes."""
     more = []
     for at in chosen:
-        probe = found.probes[at]
-        for name, value in probe.shapes.items():
-            tried = sorted({p.shapes[name] for p in found.probes if p.force.symbol == probe.force.symbol})
+        trial = found.trials[at]
+        for name, value in trial.shapes.items():
+            tried = sorted({p.shapes[name] for p in found.trials if p.force.symbol == trial.force.symbol})
             place = tried.index(value)
             for other in (*tried[max(0, place - 1) : place], *tried[place + 1 : place + 2]):
                 both = value * other
                 middle = np.sqrt(both) if value > 0.0 and other > 0.0 else 0.5 * (value + other)
-                more.append(Probe(probe.force, {**probe.shapes, name: float(middle)}))
+                more.append(TrialCandidate(trial.force, {**trial.shapes, name: float(middle)}))
     if not more:
         return found
     space = baseline.column_space
@@ -164,7 +169,7 @@ def _joined(first: Scores, second: Scores) -> Scores:
         one, other = getattr(first, name), getattr(second, name)
         return one + other if isinstance(one, list) else np.concatenate([one, other], axis=-1)
 
-    names = ("probes", "reasons", "z", "size", "share", "strength", "moved", "directions", "p_values")
+    names = ("trials", "reasons", "z", "size", "share", "strength", "moved", "directions", "p_values")
     return replace(first, **{name: both(name) for name in names})
 
 

@@ -47,7 +47,7 @@ DOUBTLESS = 1e-6
 
 
 @dataclass(frozen=True)
-class Scan:
+class SelectionStep:
     """What a model leaves: the candidates' scores and the test that knows none."""
 
     before: Baseline
@@ -62,14 +62,14 @@ class Search:
 
     Attributes
     ----------
-    scans : one before each addition, and the last of the final model.
+    selection_steps : one before each addition, and the last of the final model.
     final : the final model.
     added : its effects, in the order of their addition.
     ties : of each effect, the candidates that explain as much in its place, itself first.
     failed : candidates tried for a step whose fits failed.
     """
 
-    scans: list[Scan]
+    selection_steps: list[SelectionStep]
     final: Baseline
     added: tuple[str, ...]
     ties: dict[str, list[Twin]] = field(default_factory=dict)
@@ -100,7 +100,7 @@ def search(
     max_effects: int = 4,
     level: float = LEVEL,
     seed: int = 0,
-    told: Callable[[str], None] = lambda text: None,
+    tell: Callable[[str], None] = lambda text: None,
 ) -> Search:
     """Add effects to a model until the record asks for none, then see what can be said more simply.
 
@@ -109,37 +109,37 @@ def search(
     after a change the record is scanned again.
     """
     bases = baseline.noise_bases
-    scans: list[Scan] = []
+    selection_steps: list[SelectionStep] = []
     state: State = (baseline, ())
     ties: dict[str, list[Twin]] = {}
     failed: list[str] = []
     for _ in range(ROUNDS):
         while True:
-            told(f"scan {len(scans) + 1}")
-            scans.append(_scanned(*state, candidates, seed))
-            more = _next(scans[-1], runs, level, max_effects - len(state[1]), failed)
+            tell(f"selection step {len(selection_steps) + 1}")
+            selection_steps.append(_scanned(*state, candidates, seed))
+            more = _next(selection_steps[-1], runs, level, max_effects - len(state[1]), failed)
             longer = _stepped(more, bases, state[1])
             if not longer:
                 break
             state = longer
-        told("twins")
+        tell("competing effects")
         ties = {}
-        fewer = simpler(*state, scans[-1].found) if len(state[1]) > 1 else None
+        fewer = simpler(*state, selection_steps[-1].found) if len(state[1]) > 1 else None
         changed = (
             _stepped(fewer, bases)
             or _without_needless(state, bases, level)
-            or _exchanged(scans[-1], state, bases, ties)
-            or _stepped(alone(*state, scans[0].before, scans[0].found), bases)
+            or _exchanged(selection_steps[-1], state, bases, ties)
+            or _stepped(alone(*state, selection_steps[0].before, selection_steps[0].found), bases)
         )
         if not changed:
             break
         state = changed
     baseline, added = state
-    if scans[-1].before is not baseline:
-        scans.append(_scanned(baseline, added, candidates, seed))
-    last = scans[-1]
+    if selection_steps[-1].before is not baseline:
+        selection_steps.append(_scanned(baseline, added, candidates, seed))
+    last = selection_steps[-1]
     ties |= {s: twins(baseline, s, last.found, last.references) for s in added if s not in ties}
-    return Search(scans, baseline, _by_weight(baseline, added), ties, tuple(dict.fromkeys(failed)))
+    return Search(selection_steps, baseline, _by_weight(baseline, added), ties, tuple(dict.fromkeys(failed)))
 
 
 def _stepped(
@@ -160,7 +160,7 @@ def _stepped(
 
 
 def _exchanged(
-    scan: Scan,
+    scan: SelectionStep,
     state: State,
     bases: Sequence[Array],
     ties: dict[str, list[Twin]],
@@ -214,10 +214,10 @@ def _by_weight(baseline: Baseline, added: Sequence[str]) -> tuple[str, ...]:
     return tuple(ordered)
 
 
-def _scanned(baseline: Baseline, added: Sequence[str], candidates: ForceLibrary, seed: int) -> Scan:
+def _scanned(baseline: Baseline, added: Sequence[str], candidates: ForceLibrary, seed: int) -> SelectionStep:
     references = baseline.references
     others = replace(candidates, forces=tuple(f for f in candidates if f.symbol not in added))
-    return Scan(
+    return SelectionStep(
         baseline,
         references,
         scores(baseline, others, references, seed),
@@ -226,7 +226,7 @@ def _scanned(baseline: Baseline, added: Sequence[str], candidates: ForceLibrary,
 
 
 def _next(
-    scan: Scan, runs: Sequence[xr.Dataset], level: float, most: int, failed: list[str]
+    scan: SelectionStep, runs: Sequence[xr.Dataset], level: float, most: int, failed: list[str]
 ) -> tuple[FitProblem, Array, tuple[str, ...]] | None:
     """The model with the effect to add, or two that explain more together, if they are significant.
 
@@ -261,7 +261,7 @@ def _pruned(baseline: Baseline, added: Sequence[str], level: float) -> str | Non
 
 def verdict_of(found: Search, level: float = LEVEL) -> str:
     """`explained`, `unknown effect` or `nothing missing`."""
-    last = found.scans[-1]
+    last = found.selection_steps[-1]
     # Names that lean on each other may imitate one that is not in the library.
     if collinear_effects(found.final, found.added):
         return "unknown effect"

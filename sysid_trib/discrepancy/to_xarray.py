@@ -10,11 +10,11 @@ from scipy.stats import chi2, norm
 
 from sysid_trib.discrepancy.collinearity import collinear_effects
 from sysid_trib.discrepancy.competing_models import cost_of, tie_class
-from sysid_trib.discrepancy.demodulation import disagreement
+from sysid_trib.discrepancy.demodulation import demodulate
 from sysid_trib.discrepancy.detectability import detectability
 from sysid_trib.discrepancy.homogeneity_test import homogeneity
-from sysid_trib.discrepancy.model_sequence import WORSE, ModelSequence, labelled, residual_rms
-from sysid_trib.discrepancy.stepwise_search import Scan, Search
+from sysid_trib.discrepancy.model_sequence import WORSE, ModelSequence, model_identification, residual_rms
+from sysid_trib.discrepancy.stepwise_search import Search, SelectionStep
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.records.runs import root_mean_square
 from sysid_trib.results.per_run import group_names
@@ -28,23 +28,23 @@ STEP_TEXTS = ("symbol", "name", "family", "kind")
 
 
 def groups_of(
-    runs: Sequence[xr.Dataset], found: Search, stages: ModelSequence, offered: ForceLibrary, level: float
+    runs: Sequence[xr.Dataset], search: Search, stages: ModelSequence, offered: ForceLibrary, level: float
 ) -> dict[str, xr.Dataset]:
     """What `discover` returns, group by group; an effect is named at the family-wise `level`."""
-    first, last = found.scans[0], found.scans[-1]
+    first, last = search.selection_steps[0], search.selection_steps[-1]
     ends = (stages.models[0], stages.models[-1])
     groups: dict[str, xr.Dataset] = dict(
         zip(group_names("record", len(runs)), _records(runs, ends), strict=True)
     )
-    groups["discrepancy"] = disagreement(first.before, first.references)
-    groups["discrepancy_after"] = disagreement(last.before, last.references)
+    groups["discrepancy"] = demodulate(first.before, first.references)
+    groups["discrepancy_after"] = demodulate(last.before, last.references)
     groups["detectability"] = detectability(first.found)
     groups["detectability_after"] = detectability(last.found)
-    groups["ranking"] = _ranking(found, offered, level)
-    groups["steps"] = _steps(found, stages, offered)
-    groups["omnibus"] = _omnibus(found, level)
-    groups["before"] = labelled(stages.models[0], runs)
-    groups["after"] = labelled(stages.models[-1], runs)
+    groups["ranking"] = _ranking(search, offered, level)
+    groups["steps"] = _steps(search, stages, offered)
+    groups["omnibus"] = _omnibus(search, level)
+    groups["before"] = model_identification(stages.models[0], runs)
+    groups["after"] = model_identification(stages.models[-1], runs)
     groups["holdout"] = _holdout(stages)
     if len(runs) > 1:
         groups["homogeneity"] = homogeneity(stages.models, level)
@@ -61,25 +61,25 @@ def _records(runs: Sequence[xr.Dataset], ends: Sequence[Any]) -> list[xr.Dataset
     return records
 
 
-def _ranking(found: Search, offered: ForceLibrary, level: float) -> xr.Dataset:
+def _ranking(search: Search, offered: ForceLibrary, level: float) -> xr.Dataset:
     """Score, p-value, coefficient and shapes of every candidate at each selection step and at the end."""
     symbols = list(offered.symbols)
     names = [f"{force.symbol}.{name}" for force in offered for name in force.shape]
-    z, p_value, coefficient = np.full((3, len(found.scans), len(symbols)), np.nan)
-    shapes = np.full((len(found.scans), len(names)), np.nan)
+    z, p_value, coefficient = np.full((3, len(search.selection_steps), len(symbols)), np.nan)
+    shapes = np.full((len(search.selection_steps), len(names)), np.nan)
     reasons = np.full(z.shape, "in the model", dtype=object)
-    for i, scan in enumerate(found.scans):
-        scores = scan.found
-        for symbol, at in _best_probes(scan).items():
+    for i, selection in enumerate(search.selection_steps):
+        scores = selection.found
+        for symbol, at in _best_trials(selection).items():
             j = symbols.index(symbol)
             reasons[i, j] = scores.reasons[at]
-            for name, value in scores.probes[at].shapes.items():
+            for name, value in scores.trials[at].shapes.items():
                 shapes[i, names.index(name)] = value
             if not scores.reasons[at]:
                 z[i, j], p_value[i, j] = scores.z[at], scores.p_values[at]
                 coefficient[i, j] = scores.z[at] / scores.size[at]
     step, both = "selection_step", ("selection_step", "candidate")
-    tests = np.array([scan.found.tests for scan in found.scans])
+    tests = np.array([step.found.tests for step in search.selection_steps])
     data: Variables = {
         "z": variable(both, z, "score", "1"),
         "p_value": variable(both, p_value, "p-value of the score, corrected for the number of tests", "1"),
@@ -105,29 +105,29 @@ def _ranking(found: Search, offered: ForceLibrary, level: float) -> xr.Dataset:
     return xr.Dataset(data, {"candidate": symbols, **labels} | ({"shape_parameter": names} if names else {}))
 
 
-def _best_probes(scan: Scan) -> dict[str, int]:
+def _best_trials(selection: SelectionStep) -> dict[str, int]:
     """Of each candidate the trial that scores highest."""
     best: dict[str, int] = {}
-    for at in np.argsort(-np.abs(scan.found.z)).tolist():
-        best.setdefault(scan.found.probes[at].force.symbol, at)
+    for at in np.argsort(-np.abs(selection.found.z)).tolist():
+        best.setdefault(selection.found.trials[at].force.symbol, at)
     return best
 
 
-def _steps(found: Search, stages: ModelSequence, offered: ForceLibrary) -> xr.Dataset:
+def _steps(search: Search, stages: ModelSequence, offered: ForceLibrary) -> xr.Dataset:
     """The effects added, in order, with their final coefficients and what each explains."""
-    if not found.added:
+    if not search.added:
         # netCDF has no empty axis: without a step there is but the count.
         return xr.Dataset(attrs={"count": 0})
-    parameters = found.final.problem.parameters
-    forces = [parameters.library[symbol] for symbol in found.added]
-    places = [parameters.index(symbol) for symbol in found.added]
-    values, errors = found.final.values, np.sqrt(np.diag(found.final.covariance))
+    parameters = search.final.problem.parameters
+    forces = [parameters.library[symbol] for symbol in search.added]
+    places = [parameters.index(symbol) for symbol in search.added]
+    values, errors = search.final.values, np.sqrt(np.diag(search.final.covariance))
     z = values[places] / errors[places]
-    chosen = np.array([_selected_at(found, symbol) for symbol in found.added])
-    tests = np.array([found.scans[at].found.tests for at in chosen])
+    chosen = np.array([_selected_at(search, symbol) for symbol in search.added])
+    tests = np.array([search.selection_steps[at].found.tests for at in chosen])
     chi_square = np.array([model.chi_square for model in stages.models])
     p_value = tests * chi2.sf(-np.diff(chi_square), [1 + len(force.shape) for force in forces])
-    collinear = collinear_effects(found.final, found.added)
+    collinear = collinear_effects(search.final, search.added)
     residual = [residual_rms(model) for model in stages.models]
     whitened = np.sqrt(chi_square / [len(model.residual) for model in stages.models])
     columns: dict[str, tuple[Any, str, str]] = {
@@ -145,7 +145,11 @@ def _steps(found: Search, stages: ModelSequence, offered: ForceLibrary) -> xr.Da
             "1",
         ),
         "whitened_residual_after": (whitened[1:], "RMS of the whitened residual after, over the noise", "1"),
-        "collinear": ([s in collinear for s in found.added], "whether it is not separately identifiable", ""),
+        "collinear": (
+            [s in collinear for s in search.added],
+            "whether it is not separately identifiable",
+            "",
+        ),
         "worsens_holdout": (
             stages.holdout[1:] > WORSE * stages.holdout[:-1],
             "whether it makes the prediction worse",
@@ -156,27 +160,27 @@ def _steps(found: Search, stages: ModelSequence, offered: ForceLibrary) -> xr.Da
     texts = {name: [getattr(force, name) for force in forces] for name in STEP_TEXTS}
     texts |= {"unit": [force.units for force in forces], "formula": [force.formula.text for force in forces]}
     data |= {name: text_variable("step", text, f"{name} of the effect") for name, text in texts.items()}
-    data |= _competition(found, offered) | _step_shapes(found, errors)
+    data |= _competition(search, offered) | _step_shapes(search, errors)
     shaped = {"shape_parameter": list(parameters.fit_shapes)} if "shape" in data else {}
     return xr.Dataset(data, {"candidate": list(offered.symbols)} | shaped, {"count": len(forces)})
 
 
-def _selected_at(found: Search, symbol: str) -> int:
+def _selected_at(search: Search, symbol: str) -> int:
     """The selection step after which an effect came into the model for good."""
-    before = [symbol not in scan.before.problem.parameters.library.symbols for scan in found.scans]
+    before = [symbol not in step.before.problem.parameters.library.symbols for step in search.selection_steps]
     return max((at for at, absent in enumerate(before[:-1]) if absent), default=0)
 
 
-def _competition(found: Search, offered: ForceLibrary) -> Variables:
+def _competition(search: Search, offered: ForceLibrary) -> Variables:
     """What each candidate explains in the place of each effect."""
     symbols = list(offered.symbols)
-    probability, deviance = np.full((2, len(found.added), len(symbols)), np.nan)
-    for at, symbol in enumerate(found.added):
-        own = cost_of(found.final, symbol)
-        for name, value in tie_class(found.final, symbol, found.ties[symbol]).items():
+    probability, deviance = np.full((2, len(search.added), len(symbols)), np.nan)
+    for at, symbol in enumerate(search.added):
+        effect_deviance = cost_of(search.final, symbol)
+        for name, value in tie_class(search.final, symbol, search.ties[symbol]).items():
             probability[at, symbols.index(name)] = value
-        for competitor in found.ties[symbol]:
-            deviance[at, symbols.index(competitor.force.symbol)] = competitor.cost - own
+        for competitor in search.ties[symbol]:
+            deviance[at, symbols.index(competitor.force.symbol)] = competitor.cost - effect_deviance
         deviance[at, symbols.index(symbol)] = 0.0
     dims = ("step", "candidate")
     likely = "probability in the effect's place if all were as likely before, nan outside of the credible set"
@@ -189,26 +193,26 @@ def _competition(found: Search, offered: ForceLibrary) -> Variables:
     }
 
 
-def _step_shapes(found: Search, errors: Array) -> Variables:
+def _step_shapes(search: Search, errors: Array) -> Variables:
     """Shape parameters of each effect in the final model, nan those of the others."""
-    parameters = found.final.problem.parameters
+    parameters = search.final.problem.parameters
     if not parameters.fit_shapes:
         return {}
     names = parameters.fit_shapes
-    own = np.array([[name.startswith(f"{symbol}.") for name in names] for symbol in found.added])
+    of_effect = np.array([[name.startswith(f"{symbol}.") for name in names] for symbol in search.added])
     places = [parameters.index(name) for name in names]
     dims = ("step", "shape_parameter")
     return {
-        "shape": variable(dims, np.where(own, found.final.values[places], np.nan), "shape parameter"),
+        "shape": variable(dims, np.where(of_effect, search.final.values[places], np.nan), "shape parameter"),
         "shape_standard_error": variable(
-            dims, np.where(own, errors[places], np.nan), "standard error of the shape parameter"
+            dims, np.where(of_effect, errors[places], np.nan), "standard error of the shape parameter"
         ),
     }
 
 
-def _omnibus(found: Search, level: float) -> xr.Dataset:
+def _omnibus(search: Search, level: float) -> xr.Dataset:
     """At each selection step the tests that know no candidate."""
-    tests = [scan.generic for scan in found.scans]
+    tests = [step.generic for step in search.selection_steps]
     p_value = np.array([test.p_value for test in tests])
     return xr.Dataset(
         {
