@@ -186,7 +186,7 @@ def test_runs_that_agree_differ_by_chance_alone():
     for seed in range(8):
         problem = FitProblem(Parameters(BASE, runs=2), fit_records([RUN.decay(seed), RUN.decay(100 + seed)]))
         found = fit(problem, np.append(TRUTH, TRUTH[-3:]), [NoiseModel(NOISE, np.ones(1))] * 2)
-        told = homogeneity([found])
+        told = homogeneity([found], level=0.01)
         assert told.degrees_of_freedom.item() == len(FIVE) + 1
         total, freedom = total + told.chi_square.item(), freedom + told.degrees_of_freedom.item()
     low, high = rms_range(freedom)
@@ -312,6 +312,6 @@ def test_thinning_keeps_the_motion_and_white_noise():
     assert abs(np.corrcoef(gap[1:], gap[:-1])[0, 1]) < 4.0 / np.sqrt(len(gap))
 
 
-def test_a_record_with_few_samples_a_period_is_not_thinned():
+def test_a_record_with_few_samples_a_period_is_not_decimated():
     run = RUN.decay(1)
     assert decimated(run) is run
