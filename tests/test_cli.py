@@ -13,7 +13,7 @@ from sysid_trib.commands.terminal import print_table
 from sysid_trib.printing.identification import identification_table
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.results import files as result_files
-from sysid_trib.simulation.example import COEFFICIENTS, FREQUENCY
+from sysid_trib.simulation.example import PAPER_COEFFICIENTS, PAPER_FREQUENCY
 
 DAHL = """
 [[force]]
@@ -92,17 +92,17 @@ def test_json_follows_the_schema(twin):
     found = twin[1]
     assert set(found["methods"]) == {"averaging", "direct"}
     for method in found["methods"].values():
-        assert set(method["coefficients"]) == set(COEFFICIENTS)
-        for symbol, truth in COEFFICIENTS.items():
+        assert set(method["coefficients"]) == set(PAPER_COEFFICIENTS)
+        for symbol, truth in PAPER_COEFFICIENTS.items():
             one = method["coefficients"][symbol]
             assert abs(one["value"] - truth) < 4.5 * one["standard_error"]
         for key in ("reference_frequency", "asymptotic_frequency", "noise"):
             assert isinstance(method[key], float)
-        assert method["reference_frequency"] == pytest.approx(FREQUENCY, rel=2e-4)
+        assert method["reference_frequency"] == pytest.approx(PAPER_FREQUENCY, rel=2e-4)
     check = found["cross_check"]
     assert check["verdict"] == "agree"
     assert check["p_value"] > 0.01
-    assert {*COEFFICIENTS, "asymptotic frequency"} == set(check["differences"])
+    assert {*PAPER_COEFFICIENTS, "asymptotic frequency"} == set(check["differences"])
     # The twin's models never leave the noise: a time that is not finite is null.
     assert check["models"]["direct"]["departure_time"] is None
     assert "simulation of the PDMS" in found["record"]["source"]
@@ -192,7 +192,7 @@ def test_reference_frequency_is_held_and_makes_alpha_an_unknown(simulated):
     methods = json.loads(ending.out, parse_constant=number)["methods"]
     for method in methods.values():
         assert method["reference_frequency"] == 9.91
-        for symbol, truth in {**COEFFICIENTS, "alpha": 0.0}.items():
+        for symbol, truth in {**PAPER_COEFFICIENTS, "alpha": 0.0}.items():
             one = method["coefficients"][symbol]
             assert abs(one["value"] - truth) < 4.5 * one["standard_error"]
 
@@ -294,7 +294,7 @@ def test_narrow_terminal_cuts_no_number(tree, monkeypatch, capsys, colour):
     assert "…" not in printed
     for method in ("averaging", "direct"):
         result = tree[method].ds
-        for symbol in COEFFICIENTS:
+        for symbol in PAPER_COEFFICIENTS:
             one = result.sel(force=symbol)
             assert value_with_error(one.coefficient.item(), one.standard_error.item()) in printed
     assert run("forces").out.count("4/(3 pi) a^2") == 2

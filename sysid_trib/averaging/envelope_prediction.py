@@ -20,7 +20,7 @@ from sysid_trib.simulation.model import Model
 
 # Below this part of the first amplitude the signatures are continued by a power of the amplitude.
 SMALLEST_PART = 1e-9
-LARGEST_AMPLITUDE = 1e3
+LARGEST_ENVELOPE = 1e3
 ENVELOPE_TOLERANCE = 1e-11
 CHEBYSHEV_NODES = 16
 # Of an octave: a signature with a kink, as where a slip begins, is halved no further.
@@ -64,9 +64,9 @@ def predict_envelope(model: Model, time: ArrayLike, amplitude: float) -> xr.Data
         raise SimulationError(
             "The times of a prediction must be finite and increase; sort them, drop repeats."
         )
-    if not 0 < amplitude <= LARGEST_AMPLITUDE:
+    if not 0 < amplitude <= LARGEST_ENVELOPE:
         raise SimulationError(
-            f"The first amplitude must be an angle from 0 to {LARGEST_AMPLITUDE:g} rad, not {amplitude}."
+            f"The first amplitude must be an angle from 0 to {LARGEST_ENVELOPE:g} rad, not {amplitude}."
         )
     averaged = Averaged(model)
     a, phase, arrest = _decay(averaged, time - time[0], float(amplitude))
@@ -169,7 +169,7 @@ def _decay(averaged: Averaged, time: Array, amplitude: float) -> tuple[Array, Ar
         return float(y[0] - least)
 
     def growing(t: float, y: Array) -> float:
-        return float(LARGEST_AMPLITUDE * 1.01 - y[0])
+        return float(LARGEST_ENVELOPE * 1.01 - y[0])
 
     vanishing.terminal = growing.terminal = True  # type: ignore[attr-defined]
     solution = solve_ivp(

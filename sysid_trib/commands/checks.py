@@ -157,7 +157,7 @@ def settings(
     texts: list[str], library: "ForceLibrary", *, papers: bool
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Coefficients and shape parameters from `lambda=1e-3`, `dahl.s=0.02`; the paper's if none is set."""
-    from sysid_trib.simulation.example import COEFFICIENTS
+    from sysid_trib.simulation.example import PAPER_COEFFICIENTS
     from sysid_trib.simulation.model import check_shapes
 
     coefficients: dict[str, float] = {}
@@ -173,7 +173,7 @@ def settings(
     check_shapes(shapes, library)
     if not coefficients and (texts or not papers):
         raise UsageError("No force is given a coefficient: add one, such as --set zeta=0.01.")
-    return coefficients or COEFFICIENTS, shapes
+    return coefficients or PAPER_COEFFICIENTS, shapes
 
 
 def held_shapes(texts: list[str], library: "ForceLibrary") -> dict[str, float]:

@@ -20,7 +20,7 @@ MAX_DEPTH = 30
 MAX_EXPONENT = 20
 SWITCHING = ("sign", "abs", "min", "max")
 SMOOTH = ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh")
-RESERVED = frozenset(("x", "v", "t", "pi", *SWITCHING, *SMOOTH))
+RESERVED_NAMES = frozenset(("x", "v", "t", "pi", *SWITCHING, *SMOOTH))
 OPERATORS: dict[type, Callable[[Any, Any], Any]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
@@ -198,7 +198,7 @@ def _checked(
                 return _switch(name, [argument], argument)
             if name in SMOOTH and len(args) == 1:
                 return ast.Call(ast.Name(name), [inner(args[0])], [])
-            if name in RESERVED:
+            if name in RESERVED_NAMES:
                 raise LibraryError(
                     f"{where}: '{name}' got {len(args)} arguments; min, max take two, others one."
                 )

@@ -11,7 +11,7 @@ import numpy as np
 
 from sysid_trib.errors import LibraryError, UsageError
 from sysid_trib.forces.force import Force, ForceLibrary, Shape
-from sysid_trib.forces.formulas import RESERVED, Formula, parse
+from sysid_trib.forces.formulas import RESERVED_NAMES, Formula, parse
 
 TEXT_KEYS = ("name", "family", "meaning", "source")
 TABLE_KEYS = ("state", "memory", "start", "shape")
@@ -137,7 +137,7 @@ def _words(text: object, where: str) -> str:
 def _check_names(tables: Mapping[str, Mapping[str, Any]], where: str) -> None:
     names = [*tables["state"], *tables["memory"], *tables["shape"]]
     for name in names:
-        if name in RESERVED or not name.isidentifier() or names.count(name) > 1:
+        if name in RESERVED_NAMES or not name.isidentifier() or names.count(name) > 1:
             raise LibraryError(
                 f"{where}: '{name}' cannot name a state, memory or shape parameter; rename it."
             )

@@ -8,19 +8,19 @@ from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 
 # Le Bot et al. 2019, Sec. 3: PDMS sphere on glass, alpha accounted for in w_inf.
-COEFFICIENTS = {"lambda": -0.000023, "zeta": 0.0097, "delta": 0.037, "nu": -0.40, "epsilon": 0.30}
-FREQUENCY = 9.91
-ANGLE = 0.3
-DURATION = 25.0
-SAMPLING_RATE = 100.0
+PAPER_COEFFICIENTS = {"lambda": -0.000023, "zeta": 0.0097, "delta": 0.037, "nu": -0.40, "epsilon": 0.30}
+PAPER_FREQUENCY = 9.91
+START_ANGLE = 0.3
+PAPER_DURATION = 25.0
+PAPER_SAMPLING_RATE = 100.0
 # The paper gives neither; with this step the signal is coarse at 0.02 rad, where the authors stopped.
-NOISE = 5e-4
-STEP = 1e-3
+SENSOR_NOISE = 5e-4
+SENSOR_STEP = 1e-3
 
 
 def paper_model() -> Model:
     """The paper's five-force model of its PDMS/glass run."""
-    return Model(load_library(), COEFFICIENTS, FREQUENCY)
+    return Model(load_library(), PAPER_COEFFICIENTS, PAPER_FREQUENCY)
 
 
 def paper_twin(*, seed: int = 2019) -> xr.Dataset:
@@ -36,16 +36,16 @@ def paper_twin(*, seed: int = 2019) -> xr.Dataset:
     Dataset
         Record with `angle(time)` in rad. It is synthetic, and its attrs say so.
     """
-    time = np.arange(round(DURATION * SAMPLING_RATE)) / SAMPLING_RATE
-    angle = trajectory(paper_model(), time, ANGLE, 0.0).angle
-    angle = angle + NOISE * np.random.default_rng(seed).standard_normal(len(time))
-    angle = STEP * np.round(angle / STEP)
+    time = np.arange(round(PAPER_DURATION * PAPER_SAMPLING_RATE)) / PAPER_SAMPLING_RATE
+    angle = trajectory(paper_model(), time, START_ANGLE, 0.0).angle
+    angle = angle + SENSOR_NOISE * np.random.default_rng(seed).standard_normal(len(time))
+    angle = SENSOR_STEP * np.round(angle / SENSOR_STEP)
     return xr.Dataset(
         {"angle": ("time", angle, {"units": "rad", "long_name": "angle"})},
         {"time": ("time", time, {"units": "s", "long_name": "time"})},
         {
             "source": "simulation of the PDMS/glass run of Le Bot et al. 2019 (not the measurement)",
             "record_checksum": "",
-            "synthetic": f"noise {NOISE:g} rad, angle step {STEP:g} rad, seed {seed}",
+            "synthetic": f"noise {SENSOR_NOISE:g} rad, angle step {SENSOR_STEP:g} rad, seed {seed}",
         },
     )
