@@ -5,11 +5,13 @@ import time as clock
 import numpy as np
 import pytest
 import xarray as xr
+from helpers import FIVE, paper_run
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.stats import binom
 
+from sysid_trib.decays import equilibrium
 from sysid_trib.decays.free_decay import free_decay
 from sysid_trib.decays.half_sines import _scatter_ratio, envelope, instant_derivatives
 from sysid_trib.errors import DecayError
@@ -278,3 +280,16 @@ def test_quick():
     # Measured 0.005 s and 0.008 s; the bars leave room for a busy machine.
     assert fastest(free_decay) < 0.05
     assert fastest(envelope) < 0.08
+
+
+def test_half_periods_are_found_once_for_the_same_numbers():
+    decay = paper_run(FIVE, duration=6.0).decay(0)
+    time, angle = decay.time.values, decay.angle.values.copy()
+    first = equilibrium.usable_half_periods(time, angle, "one")
+    assert equilibrium.usable_half_periods(time.copy(), angle.copy(), "other") is first
+    # Numbers count, not the array that holds them.
+    angle *= -1.0
+    assert equilibrium.usable_half_periods(time, angle, "one").sign[0] == -first.sign[0]
+    for turn in range(equilibrium.KEPT_DECAYS + 3):
+        equilibrium.usable_half_periods(time + turn, angle, "one")
+    assert len(equilibrium._LAST_HALF_PERIODS) == equilibrium.KEPT_DECAYS

@@ -1,6 +1,8 @@
 """The swing within a record, and the equilibrium it swings about."""
 
 from dataclasses import dataclass
+from hashlib import blake2b
+from threading import Lock
 
 import numpy as np
 
@@ -13,10 +15,14 @@ from sysid_trib.decays.half_periods import (
     regular_run,
     smooth,
 )
+from sysid_trib.errors import DecayError
 
 BINOMIAL = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
 BLOCKS = 8
 FEW = np.array([1.0, 2.0, 1.0]) / 4.0
+KEPT_DECAYS = 64
+_LAST_HALF_PERIODS: dict[bytes, HalfPeriods] = {}
+_LOCK = Lock()
 
 
 @dataclass(frozen=True)
@@ -48,6 +54,43 @@ def find_swing(time: FloatArray, signal: FloatArray, equilibrium: float | None =
         for period in dominant_periods(time, signal)
     ]
     return max(swings, key=lambda swing: float(swing.halves.peak[swing.run].sum()), default=None)
+
+
+def usable_half_periods(time: FloatArray, angle: FloatArray, source: str) -> HalfPeriods:
+    """Whole half periods of a centred decay.
+
+    Parameters
+    ----------
+    time, angle : (sample,) array of float, s and rad
+        The decay. Several parts of the program ask for the half periods of the same one: the last ones are
+        kept, by a digest of these numbers.
+    source : str
+        Name of the record in messages.
+
+    Raises
+    ------
+    DecayError
+        Fewer than three.
+    """
+    key = blake2b(time.tobytes() + angle.tobytes(), digest_size=16).digest()
+    halves = _LAST_HALF_PERIODS.get(key)
+    if halves is None:
+        halves = _whole_half_periods(time, angle, source)
+        with _LOCK:
+            if len(_LAST_HALF_PERIODS) >= KEPT_DECAYS:
+                del _LAST_HALF_PERIODS[next(iter(_LAST_HALF_PERIODS))]
+            _LAST_HALF_PERIODS[key] = halves
+    return halves
+
+
+def _whole_half_periods(time: FloatArray, angle: FloatArray, source: str) -> HalfPeriods:
+    swing = find_swing(time, angle, equilibrium=0.0)
+    if swing is None:
+        raise DecayError(f"{source}: no oscillation stands out of the noise.")
+    count = swing.run.stop - swing.run.start
+    if count < 3:
+        raise DecayError(f"{source}: only {count} whole half periods; at least three are needed.")
+    return swing.halves.select(swing.run)
 
 
 def _settle(

@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from sysid_trib.decays.analytic_signal import analytic_extrema
-from sysid_trib.decays.equilibrium import find_swing
+from sysid_trib.decays.equilibrium import usable_half_periods
 from sysid_trib.decays.half_periods import (
     FloatArray,
     HalfPeriods,
@@ -175,23 +175,6 @@ def envelope(decay: xr.Dataset, curve: Literal["half-sines", "analytic-signal"] 
         result[f"{name}_standard_error"] = ("half_period", error, _error_attrs(result[name].attrs))
     result["noise"] = ((), noise, {"units": "rad", "long_name": "noise of one sample"})
     return _with_instants(result)
-
-
-def usable_half_periods(time: FloatArray, angle: FloatArray, source: str) -> HalfPeriods:
-    """Whole half periods of a centred decay.
-
-    Raises
-    ------
-    DecayError
-        Fewer than three.
-    """
-    swing = find_swing(time, angle, equilibrium=0.0)
-    if swing is None:
-        raise DecayError(f"{source}: no oscillation stands out of the noise.")
-    count = swing.run.stop - swing.run.start
-    if count < 3:
-        raise DecayError(f"{source}: only {count} whole half periods; at least three are needed.")
-    return swing.halves.select(swing.run)
 
 
 def _scatter_ratio(value: FloatArray, error: FloatArray, decay_ratio: float) -> float:

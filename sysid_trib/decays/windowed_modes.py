@@ -8,8 +8,8 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from sysid_trib.decays.equilibrium import usable_half_periods
 from sysid_trib.decays.half_periods import FloatArray, noise_level, quantisation_step
-from sysid_trib.decays.half_sines import usable_half_periods
 from sysid_trib.decays.realisation import ComplexArray, influence_on_root, mode_root, swing
 from sysid_trib.errors import DecayError
 

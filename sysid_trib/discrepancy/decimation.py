@@ -4,7 +4,7 @@ import numpy as np
 import xarray as xr
 from scipy.signal import savgol_filter
 
-from sysid_trib.decays.half_sines import usable_half_periods
+from sysid_trib.decays.equilibrium import usable_half_periods
 
 # Samples a period that are kept; a record is decimated from twice as many on.
 KEPT = 60

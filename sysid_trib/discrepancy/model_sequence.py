@@ -15,7 +15,7 @@ from sysid_trib.trajectory_fit.initial_conditions import first_guess, fit_start
 from sysid_trib.trajectory_fit.least_squares import rms
 from sysid_trib.trajectory_fit.problem import WhitenedRecord
 from sysid_trib.trajectory_fit.result import FitEstimate
-from sysid_trib.validation.holdout import TRAINING, counted_from
+from sysid_trib.validation.holdout import counted_from, first_held_out
 
 Array = NDArray[np.float64]
 
@@ -104,7 +104,7 @@ def _held_out(model: Baseline, runs: Sequence[xr.Dataset], unseen: Sequence[xr.D
         if unseen:
             pairs = [(_times_and_angles(part), _origin(part, runs)) for part in unseen]
             return _predicted(model, pairs)
-        cut = [round(TRAINING * len(record.time)) for record in model.problem.records]
+        cut = [first_held_out(record.time) for record in model.problem.records]
         first, last = zip(*map(_split, model.problem.records, cut), strict=True)
         trained = fit(replace(model.problem, records=first), model.values, model.noises, far=True)
         pairs = [((record.time, record.angle), start) for record, start in zip(last, starts, strict=True)]

@@ -3,7 +3,7 @@
 import numpy as np
 import xarray as xr
 
-from sysid_trib.decays.half_sines import usable_half_periods
+from sysid_trib.decays.equilibrium import usable_half_periods
 from sysid_trib.noise.smoothing import smooth
 
 

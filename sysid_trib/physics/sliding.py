@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 import xarray as xr
 
+from sysid_trib.decays.equilibrium import usable_half_periods
 from sysid_trib.decays.half_periods import HalfPeriods
-from sysid_trib.decays.half_sines import usable_half_periods
 from sysid_trib.errors import DecayError, SysidTribError, UsageError
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.methods.scope import Method
