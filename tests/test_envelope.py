@@ -2,10 +2,10 @@
 
 import time as clock
 
+import helpers
 import numpy as np
 import pytest
 import xarray as xr
-from helpers import FIVE, paper_run
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
@@ -283,7 +283,7 @@ def test_quick():
 
 
 def test_half_periods_are_found_once_for_the_same_numbers():
-    decay = paper_run(FIVE, duration=6.0).decay(0)
+    decay = helpers.paper_run(helpers.FIVE, duration=6.0).decay(0)
     time, angle = decay.time.values, decay.angle.values.copy()
     first = equilibrium.usable_half_periods(time, angle, "one")
     assert equilibrium.usable_half_periods(time.copy(), angle.copy(), "other") is first

@@ -9,7 +9,7 @@ from sysid_trib import load_library, methods
 from sysid_trib.errors import UsageError
 from sysid_trib.methods import METHODS, Averaging, Trajectory, method_of
 from sysid_trib.methods.scope import MethodScope, scope_of
-from sysid_trib.plots.compared import FAMILIES
+from sysid_trib.plots.comparison_data import FAMILY_MARKS
 from sysid_trib.validation.compare import every_method
 
 EVERY = every_method()
@@ -22,7 +22,7 @@ def test_a_method_says_what_it_is(kind):
     assert kind.__name__ in methods.__all__
     for text in (method.scope.label, method.scope.assumes, method.scope.observes, method.scope.identifies):
         assert text
-    assert method.scope.family in FAMILIES
+    assert method.scope.family in FAMILY_MARKS
     assert "scope" not in {option.name for option in fields(kind)}
 
 

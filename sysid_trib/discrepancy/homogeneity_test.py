@@ -7,10 +7,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 from scipy.linalg import orth
-from scipy.stats import chi2
 
 from sysid_trib.discrepancy.baseline import Baseline, project_out
-from sysid_trib.results.variables import text_variable, variable
+from sysid_trib.results.variables import chi_square_test, text_variable, variable
 from sysid_trib.trajectory_fit.parameters import FREQUENCY
 
 Array = NDArray[np.float64]
@@ -44,13 +43,11 @@ def homogeneity(models: Sequence[Baseline], level: float) -> xr.Dataset:
     rows = [_differing(model) for model in models]
     gains = [_gain(before, after) for before, after in pairwise(models)]
     chi_square, count, most = zip(*rows, strict=True)
-    p_value = chi2.sf(chi_square, count)
+    test = chi_square_test("model", list(chi_square), list(count), "chi-square explained by runs that differ")
     return xr.Dataset(
         {
-            "chi_square": variable("model", list(chi_square), "explained by runs that differ", "1"),
-            "degrees_of_freedom": variable("model", list(count), "degrees of freedom", "1"),
-            "p_value": variable("model", p_value, "p-value of runs that do not differ", "1"),
-            "differ": variable("model", p_value < level, "whether the p-value is below the level"),
+            **test,
+            "differ": variable("model", test["p_value"][1] < level, "whether the p-value is below the level"),
             "most": text_variable("model", most, "parameter that differs most"),
             "gain": variable("model", [*gains, np.nan], "chi-square explained by the next effect", "1"),
         }

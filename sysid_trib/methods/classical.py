@@ -80,6 +80,12 @@ class ClassicalMethod:
         """Coefficients and w (rad/s) from the parameters and, last, half a period (s)."""
 
 
+def decrement_scope(label: str, forces: str, *, weak: bool = False) -> MethodScope:
+    """The scope of a method that takes these forces and a linear spring for all there are."""
+    assumes = f"{'weak ' if weak else ''}{forces} and a linear spring, nothing else"
+    return MethodScope(label, assumes, observes="extrema", identifies=forces, several_runs=False)
+
+
 def needed_forces(method: Method, library: ForceLibrary, formulas: Sequence[str]) -> ForceLibrary:
     """The library's forces of these formulas.
 

@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.methods.classical import ClassicalMethod
-from sysid_trib.methods.scope import MethodScope
+from sysid_trib.methods.classical import ClassicalMethod, decrement_scope
 from sysid_trib.regression.relations import Equations
 
 Array = NDArray[np.float64]
@@ -29,13 +28,7 @@ class EnergyDecay(ClassicalMethod):
     """
 
     FORMULAS: ClassVar = ("sign(v)", "2*v")
-    scope: ClassVar = MethodScope(
-        label="energy decay",
-        assumes="weak solid and viscous friction and a linear spring, nothing else",
-        observes="extrema",
-        identifies="solid and viscous friction",
-        several_runs=False,
-    )
+    scope: ClassVar = decrement_scope("energy decay", "solid and viscous friction", weak=True)
 
     def equations(self, library: ForceLibrary) -> Equations:
         """Rate of the energy from one half period before to one after."""

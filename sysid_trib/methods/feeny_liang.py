@@ -8,8 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.methods.classical import ClassicalMethod
-from sysid_trib.methods.scope import MethodScope
+from sysid_trib.methods.classical import ClassicalMethod, decrement_scope
 from sysid_trib.regression.relations import Equations
 
 Array = NDArray[np.float64]
@@ -35,13 +34,7 @@ class FeenyLiang(ClassicalMethod):
     """
 
     FORMULAS: ClassVar = ("sign(v)", "2*v")
-    scope: ClassVar = MethodScope(
-        label="Feeny-Liang decrement",
-        assumes="solid and viscous friction and a linear spring, nothing else",
-        observes="extrema",
-        identifies="solid and viscous friction",
-        several_runs=False,
-    )
+    scope: ClassVar = decrement_scope("Feeny-Liang decrement", "solid and viscous friction")
 
     def equations(self, library: ForceLibrary) -> Equations:
         """Differences of successive extrema against their sums."""

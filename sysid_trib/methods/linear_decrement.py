@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.methods.classical import ClassicalMethod
-from sysid_trib.methods.scope import MethodScope
+from sysid_trib.methods.classical import ClassicalMethod, decrement_scope
 from sysid_trib.regression.relations import Equations
 
 Array = NDArray[np.float64]
@@ -25,13 +24,7 @@ class LinearDecrement(ClassicalMethod):
     """
 
     FORMULAS: ClassVar = ("sign(v)",)
-    scope: ClassVar = MethodScope(
-        label="linear decrement",
-        assumes="solid friction and a linear spring, nothing else",
-        observes="extrema",
-        identifies="solid friction",
-        several_runs=False,
-    )
+    scope: ClassVar = decrement_scope("linear decrement", "solid friction")
 
     def equations(self, library: ForceLibrary) -> Equations:
         """|X_i| - |X_i+1| = 2 lambda."""

@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.methods.classical import ClassicalMethod
-from sysid_trib.methods.scope import MethodScope
+from sysid_trib.methods.classical import ClassicalMethod, decrement_scope
 from sysid_trib.regression.relations import Equations
 
 Array = NDArray[np.float64]
@@ -25,13 +24,7 @@ class LogarithmicDecrement(ClassicalMethod):
     """
 
     FORMULAS: ClassVar = ("2*v",)
-    scope: ClassVar = MethodScope(
-        label="logarithmic decrement",
-        assumes="viscous friction and a linear spring, nothing else",
-        observes="extrema",
-        identifies="viscous friction",
-        several_runs=False,
-    )
+    scope: ClassVar = decrement_scope("logarithmic decrement", "viscous friction")
 
     def equations(self, library: ForceLibrary) -> Equations:
         """ln |X_i/X_i+1| = pi zeta/sqrt(1 - zeta^2)."""

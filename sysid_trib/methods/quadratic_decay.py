@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.methods.classical import ClassicalMethod
-from sysid_trib.methods.scope import MethodScope
+from sysid_trib.methods.classical import ClassicalMethod, decrement_scope
 from sysid_trib.regression.relations import Equations
 
 Array = NDArray[np.float64]
@@ -29,13 +28,7 @@ class QuadraticDecay(ClassicalMethod):
     """
 
     FORMULAS: ClassVar = ("v*abs(v)",)
-    scope: ClassVar = MethodScope(
-        label="quadratic decay",
-        assumes="weak quadratic friction and a linear spring, nothing else",
-        observes="extrema",
-        identifies="quadratic friction",
-        several_runs=False,
-    )
+    scope: ClassVar = decrement_scope("quadratic decay", "quadratic friction", weak=True)
 
     def equations(self, library: ForceLibrary) -> Equations:
         """Growth of 1/a from one half period to the next."""

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from sysid_trib.averaging.signatures import averages
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import Force, ForceLibrary
-from sysid_trib.methods.classical import ClassicalMethod, needed_forces
-from sysid_trib.methods.scope import MethodScope
+from sysid_trib.methods.classical import ClassicalMethod, decrement_scope, needed_forces
 from sysid_trib.regression.relations import Equations
 
 Array = NDArray[np.float64]
@@ -34,13 +33,7 @@ class WuDecrement(ClassicalMethod):
     -2 zeta nu; `frequency_birge_ratio` shows it, the envelope does not.
     """
 
-    scope: ClassVar = MethodScope(
-        label="Wu decrement",
-        assumes="solid friction, powers of the speed and a linear spring, nothing else",
-        observes="extrema",
-        identifies="solid friction and powers of the speed",
-        several_runs=False,
-    )
+    scope: ClassVar = decrement_scope("Wu decrement", "solid friction, powers of the speed")
 
     def forces_of(self, library: ForceLibrary) -> ForceLibrary:
         """The powers of the speed in a library, solid friction among them.

@@ -4,6 +4,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.stats import chi2
 
 Variable: TypeAlias = tuple[tuple[str, ...], Any, dict[str, str]]
 Variables: TypeAlias = dict[str, Variable]
@@ -47,4 +48,21 @@ def with_error(
     return {
         name: variable(dims, values, long_name, units),
         f"{name}_standard_error": variable(dims, errors, f"standard error of the {long_name}", units),
+    }
+
+
+def chi_square_test(
+    dims: str | tuple[str, ...],
+    chi_square: ArrayLike,
+    degrees_of_freedom: ArrayLike,
+    long_name: str,
+    p_value: ArrayLike | None = None,
+) -> Variables:
+    """A chi-square with its degrees of freedom and p-value, computed unless it is given."""
+    if p_value is None:
+        p_value = chi2.sf(chi_square, degrees_of_freedom)
+    return {
+        "chi_square": variable(dims, chi_square, long_name, "1"),
+        "degrees_of_freedom": variable(dims, degrees_of_freedom, "degrees of freedom", "1"),
+        "p_value": variable(dims, p_value, f"p-value of the {long_name}", "1"),
     }

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from math import floor, log10
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -10,11 +9,11 @@ from numpy.typing import NDArray
 
 from sysid_trib.records.runs import root_mean_square
 from sysid_trib.results.common_reference import factors, in_model
+from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, variable, with_error
 from sysid_trib.validation.holdout import diebold_mariano
 from sysid_trib.validation.trial import Trial
 
 Array = NDArray[np.float64]
-Columns = dict[str, tuple[Any, str, str]]
 
 # Name of a column, the attribute of a trial, and what it is of.
 PARTS = (
@@ -22,6 +21,18 @@ PARTS = (
     ("train", "train", "on the first two thirds, from which it is identified"),
     ("holdout", "holdout", "on the last third, held out"),
 )
+# Of several texts or truths of a method: name of the variable, and what it says.
+TEXTS = {
+    "reason": "why numbers are missing, or not to be trusted",
+    "bias": "known bias that is left in",
+    "identifies": "forces identified, and by what",
+    "neglects": "forces offered that are left out",
+    "cannot_tell_apart": "forces that are the same to it",
+    "assumes": "what the method assumes",
+    "family": "kind of method, for figures",
+    "white_noise": "its errors hold in white noise only",
+}
+CONTRAST = "difference from the best method over the errors of both"
 
 
 def method_table(trials: Sequence[Trial], noises: Sequence[float], blocks: Sequence[int]) -> xr.Dataset:
@@ -29,55 +40,49 @@ def method_table(trials: Sequence[Trial], noises: Sequence[float], blocks: Seque
 
     Parameters
     ----------
-    noises : rad, of each run, the same for all methods; blocks : samples of a period of each run.
+    trials : sequence of Trial
+        What came of each method.
+    noises : sequence of float, rad
+        Of each run, the same for all methods.
+    blocks : sequence of int
+        Samples of a period of each run.
     """
     best = best_of(trials)
+    at = [trial.label for trial in trials].index(best.label)
     reference, referred = _common_frequency(trials, best)
     forces = _forces(trials)
     values, errors = _coefficients(trials, list(forces.force.values), reference)
-    at = [trial.label for trial in trials].index(best.label)
-    own = {"units": "see the coordinate unit"}
-    both = ("method", "force")
-    table = forces.assign_coords(method=[trial.label for trial in trials])
-    table = table.assign(
-        coefficient=(both, values, own | {"long_name": "coefficient at the common frequency"}),
-        standard_error=(both, errors, own | {"long_name": "standard error of the coefficient"}),
-        z=(
-            both,
-            _apart(values, errors, at),
-            {"units": "1", "long_name": "difference from the best method over the errors of both"},
-        ),
-        common_frequency=(
-            (),
-            reference,
-            {"units": "rad/s", "long_name": "frequency to which coefficients refer"},
-        ),
-        noise=(
-            (),
-            root_mean_square(noises),
-            {"units": "rad", "long_name": "noise of one sample, the record's"},
-        ),
-    )
-    columns = _frequencies(trials, at) | _residuals(trials, best, blocks) | _texts(trials)
-    for name, (column, units, long_name) in columns.items():
-        attrs = {"long_name": long_name} | ({"units": units} if units else {})
-        table[name] = ("method", column, attrs)
+    dims, noise = ("method", "force"), root_mean_square(noises)
+    variables: Variables = {
+        "coefficient": variable(dims, values, "coefficient at the common frequency", PER_FORCE_UNIT),
+        "standard_error": variable(dims, errors, "standard error of the coefficient", PER_FORCE_UNIT),
+        "z": variable(dims, _contrast(values, errors, at), CONTRAST, "1"),
+        "common_frequency": variable((), reference, "frequency to which coefficients refer", "rad/s"),
+        "noise": variable((), noise, "noise of one sample, the record's", "rad"),
+    }
+    variables |= _frequencies(trials, at) | _residuals(trials, at, blocks)
+    each = [_texts(trial) for trial in trials]
+    variables |= {k: variable("method", [one[k] for one in each], name) for k, name in TEXTS.items()}
     if len(noises) > 1:
-        table = table.assign(_each_run(trials, noises))
-    return table.assign_attrs(
-        best=best.label,
-        common_frequency_of=referred,
-        errors_of_z="taken as independent; the methods saw the same noise, so that z is rather too small",
+        variables |= _each_run(trials, noises)
+    return (
+        forces.assign_coords(method=[trial.label for trial in trials])
+        .assign(variables)
+        .assign_attrs(
+            best=best.label,
+            common_frequency_of=referred,
+            errors_of_z="taken as independent; the methods saw the same noise, so that z is rather too small",
+        )
     )
 
 
 def best_of(trials: Sequence[Trial]) -> Trial:
     """The method with the smallest RMS over the noise on the part held out; if none has any, on the whole."""
-    held_out = [trial for trial in trials if trial.holdout is not None]
+    held_out = [trial for trial in trials if trial.holdout.runs]
     if held_out:
-        return min(held_out, key=lambda trial: trial.holdout.over_noise if trial.holdout else np.inf)
+        return min(held_out, key=lambda trial: trial.holdout.over_noise)
     decided = [trial for trial in trials if trial.result is not None]
-    return min(decided, key=lambda trial: trial.whole.over_noise if trial.whole else np.inf)
+    return min(decided, key=lambda trial: np.nan_to_num(trial.whole.over_noise, nan=np.inf))
 
 
 def column_power(one: xr.Dataset) -> int:
@@ -130,91 +135,65 @@ def _coefficients(trials: Sequence[Trial], forces: Sequence[str], reference: flo
     return values, errors
 
 
-def _apart(values: Array, errors: Array, best: int) -> Array:
+def _contrast(values: Array, errors: Array, best: int) -> Array:
     """Differences from the best method's row over the root of the sum of both variances."""
     both = np.sqrt(errors**2 + errors[best] ** 2)
-    apart = np.divide(values - values[best], both, out=np.full_like(values, np.nan), where=both > 0.0)
-    apart[best, np.isfinite(values[best])] = 0.0
-    return apart
+    z = np.divide(values - values[best], both, out=np.full_like(values, np.nan), where=both > 0.0)
+    z[best, np.isfinite(values[best])] = 0.0
+    return z
 
 
-def _frequencies(trials: Sequence[Trial], best: int) -> Columns:
-    names = ("reference_frequency", "asymptotic_frequency")
-    columns: Columns = {}
-    for name in names:
-        told = name.replace("_", " ")
-        columns[name] = (_scalars(trials, name), "rad/s", told)
-        error = f"{name}_standard_error"
-        columns[error] = (_scalars(trials, error), "rad/s", f"standard error of the {told}")
-    limit, error = columns[names[1]][0], columns[f"{names[1]}_standard_error"][0]
-    apart = _apart(limit[:, None], error[:, None], best)[:, 0]
-    columns[f"{names[1]}_z"] = (apart, "1", "difference from the best method over the errors of both")
-    return columns
+def _frequencies(trials: Sequence[Trial], best: int) -> Variables:
+    """Reference and asymptotic frequencies with errors, and the difference of the latter from the best."""
+
+    def scalars(name: str) -> Array:
+        return np.array([np.nan if t.result is None else t.result[name].item() for t in trials])
+
+    variables: Variables = {}
+    for name in ("reference_frequency", "asymptotic_frequency"):
+        pair = scalars(name), scalars(f"{name}_standard_error")
+        variables |= with_error(name, "method", pair, name.replace("_", " "), "rad/s")
+    limit, error = (column[:, None] for column in pair)
+    z = _contrast(limit, error, best)[:, 0]
+    return variables | {"asymptotic_frequency_z": variable("method", z, CONTRAST, "1")}
 
 
-def _scalars(trials: Sequence[Trial], name: str) -> Array:
-    return np.array([np.nan if t.result is None else t.result[name].item() for t in trials])
-
-
-def _residuals(trials: Sequence[Trial], best: Trial, blocks: Sequence[int]) -> Columns:
+def _residuals(trials: Sequence[Trial], best: int, blocks: Sequence[int]) -> Variables:
     """RMS of the simulated models' residuals, p-value of the prediction's, phase error and time."""
-    columns: Columns = {}
-    for name, attribute, told in PARTS:
-        motions = [getattr(trial, attribute) for trial in trials]
-        rms = [np.nan if motion is None else motion.rms for motion in motions]
-        ratio = [np.nan if motion is None else motion.over_noise for motion in motions]
-        told = f"RMS of record minus model {told}"
-        columns[f"{name}_rms"] = (np.array(rms), "rad", told)
-        columns[f"{name}_over_noise"] = (np.array(ratio), "1", f"{told}, over the noise")
-    nothing = float("nan")
-    each = [None if t.holdout is None else [run.residual for run in t.holdout.runs] for t in trials]
-    least = each[[t.label for t in trials].index(best.label)]
-    p_values = [diebold_mariano(some, least, blocks) if some and least else nothing for some in each]
-    phases = [t.whole.phase_error if t.whole else nothing for t in trials]
-    name = "p-value of the difference from the best on the part held out"
-    columns["holdout_p_value"] = (np.array(p_values), "1", name)
-    columns["phase_error"] = (
-        np.array(phases),
-        "rad",
-        "largest phase between model and record, nan if it stops",
-    )
-    columns["time_taken"] = (np.array([t.seconds for t in trials]), "s", "time of the whole identification")
-    return columns
-
-
-def _each_run(trials: Sequence[Trial], noises: Sequence[float]) -> dict[str, Any]:
-    """RMS of the simulated models' residuals in each of several runs, and its noise."""
-    variables: dict[str, Any] = {
-        "run_noise": ("run", list(noises), {"units": "rad", "long_name": "noise of one sample of the run"})
-    }
-    lost = np.full(len(noises), np.nan)
-    for name, attribute, told in PARTS:
-        motions = [getattr(trial, attribute) for trial in trials]
-        rms = np.stack([lost if motion is None else motion.each_rms for motion in motions])
-        attrs = {"units": "rad", "long_name": f"RMS of record minus model {told}, of each run"}
-        variables[f"run_{name}_rms"] = (("method", "run"), rms, attrs)
+    variables: Variables = {}
+    for name, part, of in PARTS:
+        motions = [getattr(trial, part) for trial in trials]
+        rms, long_name = [motion.rms for motion in motions], f"RMS of record minus model {of}"
+        ratio = [motion.over_noise for motion in motions]
+        variables[f"{name}_rms"] = variable("method", rms, long_name, "rad")
+        variables[f"{name}_over_noise"] = variable("method", ratio, f"{long_name}, over the noise", "1")
+    each = [[run.residual for run in trial.holdout.runs] for trial in trials]
+    p_values = [diebold_mariano(some, each[best], blocks) if some else np.nan for some in each]
+    long_name = "p-value of the difference from the best on the part held out"
+    variables["holdout_p_value"] = variable("method", p_values, long_name, "1")
+    phases, seconds = [trial.whole.phase_error for trial in trials], [trial.seconds for trial in trials]
+    long_name = "largest phase between model and record, nan if it stops"
+    variables["phase_error"] = variable("method", phases, long_name, "rad")
+    variables["time_taken"] = variable("method", seconds, "time of the whole identification", "s")
     return variables
 
 
-def _texts(trials: Sequence[Trial]) -> Columns:
-    return {
-        "reason": ([t.reason for t in trials], "", "why numbers are missing, or not to be trusted"),
-        "bias": ([_bias(t.result) for t in trials], "", "known bias that is left in"),
-        "identifies": ([t.forces.identifies for t in trials], "", "forces identified, and by what"),
-        "neglects": ([t.forces.neglects for t in trials], "", "forces offered that are left out"),
-        "cannot_tell_apart": (
-            [t.forces.cannot_tell_apart for t in trials],
-            "",
-            "forces that are the same to it",
-        ),
-        "assumes": ([t.scope.assumes for t in trials], "", "what the method assumes"),
-        "family": ([t.scope.family for t in trials], "", "kind of method, for figures"),
-        "white_noise": (
-            [t.scope.white_noise for t in trials],
-            "",
-            "its errors hold in white noise only",
-        ),
+def _each_run(trials: Sequence[Trial], noises: Sequence[float]) -> Variables:
+    """RMS of the simulated models' residuals in each of several runs, and its noise."""
+    variables: Variables = {
+        "run_noise": variable("run", list(noises), "noise of one sample of the run", "rad")
     }
+    for name, part, of in PARTS:
+        rms = np.stack([getattr(trial, part).each_rms for trial in trials])
+        long_name = f"RMS of record minus model {of}, of each run"
+        variables[f"run_{name}_rms"] = variable(("method", "run"), rms, long_name, "rad")
+    return variables
+
+
+def _texts(trial: Trial) -> dict[str, str | bool]:
+    """`TEXTS` of a method: those of its scope, what it makes of the forces offered, its own."""
+    own = {"reason": trial.reason, "bias": _bias(trial.result)}
+    return {**vars(trial.scope), **vars(trial.forces), **own}
 
 
 def _bias(result: xr.Dataset | None) -> str:

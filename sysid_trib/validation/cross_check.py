@@ -14,10 +14,9 @@ from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.results.per_run import group_names, noise_of_run
 from sysid_trib.trajectory_fit.initial_conditions import FittedMotion
 from sysid_trib.validation.cross_check_statistics import comparison, ties
+from sysid_trib.validation.homogeneity import verdict_of
 from sysid_trib.validation.residuals import fitted_motion, pooled, residuals
 
-# Below this probability of a larger difference by chance the methods are said to disagree.
-LEVEL = 0.01
 # A gap that white noise leaves less often than this is one; beyond so many noise levels (RMS) it is large.
 CHANCE = 1e-3
 LARGE = 1.5
@@ -110,8 +109,7 @@ def cross_check(
         for at, (run, of_run) in enumerate(zip(runs, moving, strict=True))
     ]
     compared = compared.merge(pooled(each))
-    p_value = compared.p_value.item()
-    verdict = "unknown" if np.isnan(p_value) else "agree" if p_value >= LEVEL else "disagree"
+    verdict = verdict_of(compared.p_value.item())
     compared.attrs = {"first": names[0], "second": names[1], "verdict": verdict, "draws": draws, "seed": seed}
     compared.attrs |= {"explained": _explained(compared)} | ties(runs, second)
     records = [_with_motions(run, names, of_run) for run, of_run in zip(runs, moving, strict=True)]

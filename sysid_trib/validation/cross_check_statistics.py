@@ -17,8 +17,10 @@ from sysid_trib.records.runs import one_or_all
 from sysid_trib.results.common_reference import FREQUENCY, in_model, quantities, stated_covariance
 from sysid_trib.results.per_run import noise_of_run
 from sysid_trib.results.schema import library_of, model_of
+from sysid_trib.results.variables import chi_square_test, variable
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.trajectory_fit.initial_conditions import FittedMotion
+from sysid_trib.validation.homogeneity import MIXED_UNITS
 
 Array = NDArray[np.float64]
 
@@ -61,22 +63,17 @@ def comparison(
     z = np.divide(excess, error, out=np.zeros_like(excess), where=error != 0.0)
     chi_square = float(excess @ np.linalg.pinv(scatter) @ excess) if truth is not None else float("nan")
     # The covariance is itself estimated from `draws` records: Hotelling's T^2, which is F distributed.
-    freedom = max(1, draws - count)
-    p_value = float(f_distribution.sf(chi_square * freedom / (count * max(1, draws - 1)), count, freedom))
-    per = {"units": "1; rad/s for the frequency"}
-    columns = {
-        "difference": (difference, per | {"long_name": "first method minus second"}),
-        "expected_difference": (expected, per | {"long_name": "difference of the methods' biases"}),
-        "standard_error": (error, per | {"long_name": "standard error of the difference"}),
-        "z": (z, {"units": "1", "long_name": "excess over its standard error"}),
+    rest = max(1, draws - count)
+    p_value = float(f_distribution.sf(chi_square * rest / (count * max(1, draws - 1)), count, rest))
+    variables = {
+        "difference": variable("quantity", difference, "first method minus second", MIXED_UNITS),
+        "expected_difference": variable(
+            "quantity", expected, "difference of the methods' biases", MIXED_UNITS
+        ),
+        "standard_error": variable("quantity", error, "standard error of the difference", MIXED_UNITS),
+        "z": variable("quantity", z, "excess over its standard error", "1"),
+        **chi_square_test((), chi_square, count, "chi-square of all differences", p_value),
     }
-    scalars = {
-        "chi_square": (chi_square, "chi-square of all differences"),
-        "degrees_of_freedom": (count, "number of differences"),
-        "p_value": (p_value, "probability of a larger chi-square by chance"),
-    }
-    variables: dict[str, Any] = {k: ("quantity", value, attrs) for k, (value, attrs) in columns.items()}
-    variables |= {k: ((), value, {"units": "1", "long_name": name}) for k, (value, name) in scalars.items()}
     return xr.Dataset(variables, {"quantity": [*kept, FREQUENCY]})
 
 
@@ -86,13 +83,13 @@ def ties(runs: Sequence[xr.Dataset], result: xr.Dataset) -> dict[str, str]:
     shapes = model_of(result).shapes
     size = max(float(np.max(np.abs(run.angle.values))) for run in runs)
 
-    def told(groups: Sequence[Sequence[str]]) -> str:
+    def as_text(groups: Sequence[Sequence[str]]) -> str:
         return "; ".join(" = ".join(group) for group in groups)
 
     return {
-        "averaging_cannot_tell_apart": told(indistinguishable(library, 0.02 * size, size, shapes=shapes)),
+        "averaging_cannot_tell_apart": as_text(indistinguishable(library, 0.02 * size, size, shapes=shapes)),
         "averaging_cannot_see": ", ".join(without_signature(library, 0.02 * size, size, shapes=shapes)),
-        "no_method_can_tell_apart": told(exactly_dependent(library, size, shapes=shapes)),
+        "no_method_can_tell_apart": as_text(exactly_dependent(library, size, shapes=shapes)),
     }
 
 

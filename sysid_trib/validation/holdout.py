@@ -67,7 +67,7 @@ class ModelResiduals:
     Attributes
     ----------
     runs : tuple of ModelResidual
-        Those of each run.
+        Those of each run; none where the model has no motion in one.
     noises : tuple of float, rad
         Noise of one sample of each run.
     """
@@ -77,8 +77,8 @@ class ModelResiduals:
 
     @property
     def each_rms(self) -> Array:
-        """RMS of the residual of each run, rad."""
-        return np.array([run.rms for run in self.runs])
+        """RMS of the residual of each run, rad; nan without a motion."""
+        return np.array([run.rms for run in self.runs] or [np.nan] * len(self.noises))
 
     @property
     def rms(self) -> float:
@@ -92,8 +92,8 @@ class ModelResiduals:
 
     @property
     def phase_error(self) -> float:
-        """The largest of all runs, rad; nan if one stops early."""
-        return float(np.max([run.phase_error for run in self.runs]))
+        """The largest of all runs, rad; nan if one stops early, or without a motion."""
+        return float(np.max([run.phase_error for run in self.runs] or [np.nan]))
 
     @property
     def complaint(self) -> str:

@@ -1,25 +1,28 @@
-"""Whether runs of one experiment agree, and how two identifications differ."""
+"""Homogeneity of the runs of one experiment, and the contrast of two identifications."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
-from scipy.stats import chi2, norm
+from scipy.stats import norm
 
 from sysid_trib.errors import SysidTribError, UsageError
 from sysid_trib.methods import method_of
 from sysid_trib.results.common_reference import FREQUENCY, in_model, quantities, stated_covariance
 from sysid_trib.results.schema import library_of
+from sysid_trib.results.variables import Variables, chi_square_test, variable, with_error
 
 Array = NDArray[np.float64]
 
-# Below this probability of a larger difference by chance runs are said to disagree.
+# Significance level below which runs, or methods, are said to disagree.
 LEVEL = 0.01
-# A force without a degree in v is compared only where the frequencies are as near as this.
-NEAR = 0.01
+# A force without a degree in v is compared only where the frequencies differ by less than this part.
+SAME_FREQUENCY = 0.01
+CHI_SQUARE = "chi-square about the weighted mean"
+MIXED_UNITS = "1; rad/s for the frequency"
+FORCE_UNITS = "see the force's unit"
 
 
 def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Dataset:
@@ -27,8 +30,10 @@ def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Data
 
     Parameters
     ----------
-    decays : the runs.
-    together : the identification of all of them, whose method is run on each alone.
+    decays : sequence of Dataset
+        The runs.
+    together : Dataset
+        The identification of all of them, whose method is run on each alone.
 
     Returns
     -------
@@ -70,49 +75,47 @@ def _tested(names: Sequence[str], values: Array, covariances: Array, reasons: Se
         _homogeneity(values[usable][:, [j]], covariances[usable][:, [j]][:, :, [j]])
         for j in range(len(names))
     ]
-    total = _homogeneity(values[usable], covariances[usable])
-    own = {"units": "1; rad/s for the frequency"}
-    variables: dict[str, Any] = {
-        "value": (("run", "quantity"), values, own | {"long_name": "from this run alone"}),
-        "standard_error": (("run", "quantity"), errors, own | {"long_name": "its standard error"}),
-        "reason": ("run", list(reasons), {"long_name": "why this run alone decides nothing"}),
+    statistics, counts = np.array(each).T
+    total = chi_square_test((), *_homogeneity(values[usable], covariances[usable]), CHI_SQUARE)
+    variables = {
+        **with_error(
+            "value", ("run", "quantity"), (values, errors), "value from this run alone", MIXED_UNITS
+        ),
+        "reason": variable("run", list(reasons), "why this run alone decides nothing"),
+        **chi_square_test("quantity", statistics, counts, CHI_SQUARE),
+        **{f"total_{name}": one for name, one in total.items()},
     }
-    for at, (name, told) in enumerate(
-        (
-            ("chi_square", "chi-square about the weighted mean"),
-            ("degrees_of_freedom", "degrees of freedom"),
-            ("p_value", "probability of a larger chi-square by chance"),
-        )
-    ):
-        attrs = {"units": "1", "long_name": told}
-        variables[name] = ("quantity", [one[at] for one in each], attrs)
-        variables[f"total_{name}"] = ((), total[at], attrs)
-    p_value = total[2]
-    verdict = "unknown" if np.isnan(p_value) else "agree" if p_value >= LEVEL else "disagree"
+    variables["standard_error"] = variables.pop("value_standard_error")
+    verdict = verdict_of(float(total["p_value"][1]))
     return xr.Dataset(variables, {"quantity": list(names)}, {"verdict": verdict})
 
 
-def _homogeneity(values: Array, covariances: Array) -> tuple[float, float, float]:
-    """Chi-square of (run, quantity) about their weighted mean, degrees of freedom, p-value."""
+def verdict_of(p_value: float) -> str:
+    """`disagree` where chance leaves so large a difference less often than `LEVEL`, else `agree`."""
+    return "unknown" if np.isnan(p_value) else "agree" if p_value >= LEVEL else "disagree"
+
+
+def _homogeneity(values: Array, covariances: Array) -> tuple[float, float]:
+    """Chi-square of (run, quantity) about their weighted mean, and degrees of freedom."""
     if len(values) < 2:
-        return np.nan, 0.0, np.nan
+        return np.nan, 0.0
     # Coefficients differ by orders of magnitude: in units of their errors the matrices are well conditioned.
     unit = np.sqrt(np.mean(np.diagonal(covariances, axis1=1, axis2=2), axis=0))
     values, covariances = values / unit, covariances / np.outer(unit, unit)
     weights = np.linalg.pinv(covariances)
     mean = np.linalg.pinv(weights.sum(axis=0)) @ np.einsum("rij,rj->i", weights, values)
-    gap = values - mean
-    statistic = float(np.einsum("ri,rij,rj->", gap, weights, gap))
-    freedom = (len(values) - 1) * values.shape[1]
-    return statistic, float(freedom), float(chi2.sf(statistic, freedom))
+    deviation = values - mean
+    statistic = float(np.einsum("ri,rij,rj->", deviation, weights, deviation))
+    return statistic, float((len(values) - 1) * values.shape[1])
 
 
 def difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
-    """What is in one identification beyond another: a contact run minus a contactless one, say.
+    """Contrast of two identifications: a contact run minus a contactless one, say.
 
     Parameters
     ----------
-    first, second : identifications of different records. A force that one of them lacks is zero there.
+    first, second : Dataset
+        Identifications of different records. A force that one of them lacks is zero there.
 
     Returns
     -------
@@ -141,15 +144,15 @@ def difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
     place = [
         np.array([[s == k for k in kept] for s in symbols], float).reshape(-1, len(kept)) for kept in own
     ]
-    moved = factor * values[1]
-    # By (coefficients, w_inf) of the first, then of the second; w and w_inf move together.
-    slope = moved * power / second.reference_frequency.item()
+    converted = factor * values[1]
+    # By (coefficients, w_inf) of the first, then of the second; w and w_inf change together.
+    slope = converted * power / second.reference_frequency.item()
     jacobian = np.hstack(
         [place[0], (place[1] @ slope)[:, None], -place[1] * factor, -(place[1] @ slope)[:, None]]
     )
     both = block_diag(*(stated_covariance(r, kept) for r, kept in zip((first, second), own, strict=True)))
-    return _labelled(
-        (first, second), symbols, (place[0] @ values[0], place[1] @ moved), jacobian @ both @ jacobian.T
+    return _contrast(
+        (first, second), symbols, (place[0] @ values[0], place[1] @ converted), jacobian @ both @ jacobian.T
     )
 
 
@@ -157,50 +160,47 @@ def _to_reference(result: xr.Dataset, kept: Sequence[str], frequency: float) -> 
     """Factors of coefficients to a reference frequency, powers of the ratio of frequencies."""
     ratio = result.reference_frequency.item() / frequency
     degrees = [f.speed_degree for f in library_of(result).select(kept)]
-    # A force without a degree keeps its size, w^2 c; its shape moves with the frequency, if only a little.
+    # A force without a degree keeps its size, w^2 c; its shape changes with the frequency, if only a little.
     power = np.array([2.0 if q is None else 2.0 - q for q in degrees])
-    lost = np.array([q is None for q in degrees], dtype=bool) & (abs(ratio - 1.0) > NEAR)
-    return np.where(lost, np.nan, ratio**power), power
+    unknown = np.array([q is None for q in degrees], dtype=bool) & (abs(ratio - 1.0) > SAME_FREQUENCY)
+    return np.where(unknown, np.nan, ratio**power), power
 
 
-def _labelled(
-    results: tuple[xr.Dataset, xr.Dataset], symbols: Sequence[str], sides: tuple[Array, Array], spread: Array
+def _contrast(
+    results: tuple[xr.Dataset, xr.Dataset],
+    symbols: Sequence[str],
+    sides: tuple[Array, Array],
+    covariance: Array,
 ) -> xr.Dataset:
-    gap, error = sides[0] - sides[1], np.sqrt(np.diag(spread))
-    known = np.isfinite(gap)
+    """The Dataset of `difference`."""
+    contrast, error = sides[0] - sides[1], np.sqrt(np.diag(covariance))
+    known = np.isfinite(contrast)
     unit = np.where(known & (error > 0.0), error, 1.0)
-    scaled, weights = gap / unit, spread / np.outer(unit, unit)
+    scaled, weights = contrast / unit, covariance / np.outer(unit, unit)
     statistic = float(scaled[known] @ np.linalg.pinv(weights[np.ix_(known, known)]) @ scaled[known])
-    z = np.divide(gap, error, out=np.full_like(gap, np.nan), where=error > 0.0)
+    z = np.divide(contrast, error, out=np.full_like(contrast, np.nan), where=error > 0.0)
     limits = [r.asymptotic_frequency.item() for r in results]
     parts = [r.asymptotic_frequency_standard_error.item() / w for r, w in zip(results, limits, strict=True)]
     ratio = (limits[0] / limits[1]) ** 2
-    own = {"units": "see the force's unit"}
-    columns = {
-        "difference": (gap, own | {"long_name": "first minus second"}),
-        "standard_error": (error, own | {"long_name": "standard error of the difference"}),
-        "z": (z, {"units": "1", "long_name": "difference over its standard error"}),
-        "p_value": (2.0 * norm.sf(np.abs(z)), {"units": "1", "long_name": "chance of a larger difference"}),
-        "first": (sides[0], own | {"long_name": "first"}),
-        "second": (sides[1], own | {"long_name": "second, at the first's reference frequency"}),
-    }
-    scalars = {
-        "stiffness_difference": (ratio - 1.0, "1", "ratio of the squared asymptotic frequencies, less 1"),
-        "stiffness_difference_standard_error": (2.0 * ratio * np.hypot(*parts), "1", "its standard error"),
-        "reference_frequency": (
-            results[0].reference_frequency.item(),
-            "rad/s",
-            "reference of the coefficients",
+    stiffness = ratio - 1.0, 2.0 * ratio * np.hypot(*parts)
+    reference = results[0].reference_frequency.item()
+    test = chi_square_test((), statistic, float(known.sum()), "chi-square of all differences")
+    variables: Variables = {
+        "difference": variable("force", contrast, "first minus second", FORCE_UNITS),
+        "standard_error": variable("force", error, "standard error of the difference", FORCE_UNITS),
+        "z": variable("force", z, "difference over its standard error", "1"),
+        "p_value": variable("force", 2.0 * norm.sf(np.abs(z)), "p-value of no difference", "1"),
+        "first": variable("force", sides[0], "first", FORCE_UNITS),
+        "second": variable("force", sides[1], "second, at the first's reference frequency", FORCE_UNITS),
+        "covariance": variable(("force", "other_force"), covariance, "covariance", FORCE_UNITS),
+        **with_error(
+            "stiffness_difference", (), stiffness, "ratio of squared asymptotic frequencies, less 1"
         ),
-        "chi_square": (statistic, "1", "chi-square of all differences"),
-        "degrees_of_freedom": (float(known.sum()), "1", "number of differences"),
-        "p_value_of_all": (float(chi2.sf(statistic, known.sum())), "1", "chance of a larger chi-square"),
+        "reference_frequency": variable((), reference, "reference of the coefficients", "rad/s"),
+        "chi_square": test["chi_square"],
+        "degrees_of_freedom": test["degrees_of_freedom"],
+        "p_value_of_all": test["p_value"],
     }
-    variables: dict[str, Any] = {name: ("force", values, attrs) for name, (values, attrs) in columns.items()}
-    variables["covariance"] = (("force", "other_force"), spread, own | {"long_name": "covariance"})
-    variables |= {k: ((), value, {"units": u, "long_name": told}) for k, (value, u, told) in scalars.items()}
-    attrs = {
-        f"{name}_record": r.attrs["record_source"]
-        for name, r in zip(("first", "second"), results, strict=True)
-    }
+    sources = [result.attrs["record_source"] for result in results]
+    attrs = dict(zip(("first_record", "second_record"), sources, strict=True))
     return xr.Dataset(variables, {"force": list(symbols), "other_force": list(symbols)}, attrs)

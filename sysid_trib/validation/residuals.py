@@ -1,7 +1,6 @@
 """Residuals of identified models in the record: how large, from when on, and whether they are white noise."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -10,6 +9,7 @@ from scipy.stats import chi2
 
 from sysid_trib.errors import SimulationError
 from sysid_trib.results.schema import model_of
+from sysid_trib.results.variables import variable
 from sysid_trib.trajectory_fit.initial_conditions import FittedMotion, first_guess, fit_start
 
 Array = NDArray[np.float64]
@@ -56,26 +56,16 @@ def residuals(
             continue
         residual = angle - motion.offset - motion.x
         rms = float(np.sqrt(np.mean(residual**2)))
-        rows.append(
-            (
-                rms,
-                rms / noise,
-                _departure(time, residual, noise, motion),
-                _white_noise_p_value(residual, noise, motion),
-            )
-        )
-    columns = {
-        "residual_rms": ("rad", "RMS of record minus model"),
-        "residual_over_noise": ("1", "RMS of record minus model over the noise"),
-        "departure_time": ("s", "first time at which the residual leaves the noise, nan if never"),
-        "residual_p_value": (
-            "1",
-            "p-value of white noise within the band of the motion",
+        departure = _departure(time, residual, noise, motion)
+        rows.append((rms, rms / noise, departure, _white_noise_p_value(residual, noise, motion)))
+    rms, ratio, departure, p_value = np.array(rows).T
+    variables = {
+        "residual_rms": variable("model", rms, "RMS of record minus model", "rad"),
+        "residual_over_noise": variable("model", ratio, "RMS of record minus model over the noise", "1"),
+        "departure_time": variable("model", departure, "first time beyond the noise, nan if never", "s"),
+        "residual_p_value": variable(
+            "model", p_value, "p-value of white noise within the band of the motion", "1"
         ),
-    }
-    variables: dict[str, Any] = {
-        name: ("model", values, {"units": units, "long_name": long_name})
-        for (name, (units, long_name)), values in zip(columns.items(), np.array(rows).T, strict=True)
     }
     return xr.Dataset(variables, {"model": list(names)})
 
@@ -88,12 +78,7 @@ def pooled(each: Sequence[xr.Dataset]) -> xr.Dataset:
     if len(each) == 1:
         return each[0]
     runs = xr.concat(each, "run")
-    whole = xr.Dataset(
-        {
-            name: np.sqrt((runs[name] ** 2).mean("run", skipna=False))
-            for name in ("residual_rms", "residual_over_noise")
-        }
-    )
+    whole = (runs[["residual_rms", "residual_over_noise"]] ** 2).mean("run", skipna=False) ** 0.5
     whole["departure_time"] = runs.departure_time.min("run")
     whole["residual_p_value"] = np.minimum(1.0, len(each) * runs.residual_p_value.min("run"))
     for name in whole.data_vars:

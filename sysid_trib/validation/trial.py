@@ -32,9 +32,9 @@ class Trial:
         Its identification.
     seconds : float, s
         The time that took.
-    whole, train, holdout : ModelResiduals, or None
-        Residuals of its model on the whole record; of the model of the first two thirds on these, and on the
-        last third.
+    whole, train, holdout : ModelResiduals
+        Of its model on the whole record; of the model of the first two thirds on these, and on the last
+        third. Without runs where there is no motion.
     reason : str
         Why there are none, or why they are not to be trusted.
     """
@@ -42,11 +42,11 @@ class Trial:
     label: str
     scope: MethodScope
     forces: ForceScope
-    result: xr.Dataset | None = None
-    seconds: float = float("nan")
-    whole: ModelResiduals | None = None
-    train: ModelResiduals | None = None
-    holdout: ModelResiduals | None = None
+    result: xr.Dataset | None
+    seconds: float
+    whole: ModelResiduals
+    train: ModelResiduals
+    holdout: ModelResiduals
     reason: str = ""
 
 
@@ -63,16 +63,17 @@ def try_method(
     result, reason, seconds = _identified(method, [run.decay for run in runs], library)
     amplitude = max(float(np.max(np.abs(run.decay.angle.values))) for run in runs)
     forces = _force_scope(method, library, result, amplitude)
-    trial = Trial(label, scope_of(method), forces, result, seconds, reason=reason)
+    none = ModelResiduals((), tuple(run.noise for run in runs))
+    trial = Trial(label, scope_of(method), forces, result, seconds, none, none, none, reason)
     if result is None:
         return trial
-    whole = _of_all(residual_of, [(run.decay, result, run.envelope, at) for at, run in enumerate(runs)], runs)
+    whole = _of_all(residual_of, [(run.decay, result, run.envelope, at) for at, run in enumerate(runs)], none)
     reason = _complaint("its model", whole) if forces.damped else "its model has no damping"
     if part is not None:
         train = [(run.train, part, run.envelope, at) for at, run in enumerate(runs)]
         later = [(run.rest, part, run.envelope, float(run.decay.time.values[0])) for run in runs]
-        holdout = _of_all(predicted, later, runs)
-        trial = replace(trial, train=_of_all(residual_of, train, runs), holdout=holdout)
+        holdout = _of_all(predicted, later, none)
+        trial = replace(trial, train=_of_all(residual_of, train, none), holdout=holdout)
         part_reason = _complaint("on the part held out it", holdout)
     else:
         part_reason = f"first two thirds: {part_reason}"
@@ -103,18 +104,16 @@ def _identified(
 
 
 def _of_all(
-    residual: Callable[..., ModelResidual | None],
-    arguments: Sequence[tuple[Any, ...]],
-    runs: Sequence[RunInParts],
-) -> ModelResiduals | None:
-    """Residuals of a model in all runs; None where it diverges in one."""
+    residual: Callable[..., ModelResidual | None], arguments: Sequence[tuple[Any, ...]], none: ModelResiduals
+) -> ModelResiduals:
+    """Residuals of a model in all runs; `none` where it diverges in one."""
     each = [residual(*of_run) for of_run in arguments]
     finite = tuple(one for one in each if one is not None and np.isfinite(one.rms))
-    return ModelResiduals(finite, tuple(run.noise for run in runs)) if len(finite) == len(runs) else None
+    return replace(none, runs=finite) if len(finite) == len(arguments) else none
 
 
-def _complaint(subject: str, residuals: ModelResiduals | None) -> str:
-    complaint = "diverges" if residuals is None else residuals.complaint
+def _complaint(subject: str, residuals: ModelResiduals) -> str:
+    complaint = residuals.complaint if residuals.runs else "diverges"
     return f"{subject} {complaint}" if complaint else ""
 
 
