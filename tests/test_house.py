@@ -27,7 +27,7 @@ LOOSE = 6
 NOT_YET_BELOW = {("noise", "regression")}
 NOT_YET_WORDS = {
     *("decays", "records", "results", "noise", "regression", "trajectory_fit"),
-    *("methods", "validation", "discrepancy", "physics", "printing", "plots", "reporting", "commands"),
+    *("methods", "validation", "discrepancy", "physics", "printing", "commands"),
     *("docs", "README.md", "CONTRIBUTING.md", "CHANGELOG.md"),
 }
 NOT_YET_COMMON_WORDS = NOT_YET_WORDS | {"cli"}

@@ -6,8 +6,8 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.plots.comparison_data import (
+    ASYMPTOTIC,
     FAMILY_MARKS,
-    FREQUENCY,
     OTHER_FAMILY,
     PREDICTION,
     method_families,
@@ -41,7 +41,7 @@ def comparison(tree: xr.DataTree) -> "Figure":
     names, methods = quantities(tree), shown_methods(tree).method.values.tolist()
     across = min((3, 4), key=lambda columns: -(len(names) + 1) % columns)
     height = PANEL_HEIGHT + METHOD_HEIGHT * len(methods)
-    figure, panels = grid(len(names) + 1, across, 7.2, height, share="y")
+    figure, panels = grid(len(names) + 1, across, 7.2, height, sharing="y")
     for name, panel in zip(names, panels, strict=False):
         coefficients(tree, name, panel)
     prediction(tree, panels[-1])
@@ -127,7 +127,7 @@ def _with_methods(ax: "Axes", table: xr.Dataset) -> None:
 
 def _axis_label(tree: xr.DataTree, quantity: str, data: xr.Dataset) -> str:
     """Symbol and unit; a power of ten is in the label, not in the ticks."""
-    if quantity == FREQUENCY:
+    if quantity == ASYMPTOTIC:
         return r"$\omega_\infty$ (rad/s)"
     result = next(node.ds for node in tree.children.values() if quantity in node.ds.get("force", ()))
     symbol = library_of(result, whole=True)[quantity].latex_symbol

@@ -19,7 +19,7 @@ FAMILY_MARKS: dict[str, dict[str, Any]] = {
     "averaging": {"color": ORANGE, "marker": "o"},
     OTHER_FAMILY: {"color": INK, "marker": "^"},
 }
-FREQUENCY = "asymptotic_frequency"
+ASYMPTOTIC = "asymptotic_frequency"
 PREDICTION = {"train_over_noise": "first two thirds", "holdout_over_noise": "held-out third"}
 # A method farther from the best than this many times the usual distance is an arrow at the edge.
 ARROW_BEYOND = 5.0
@@ -28,14 +28,14 @@ ARROW_BEYOND = 5.0
 def shown_methods(tree: xr.DataTree) -> xr.Dataset:
     """The comparison, of methods that have any result."""
     table = tree["comparison"].to_dataset()
-    results = [table[name].notnull() for name in ("coefficient", FREQUENCY, *PREDICTION)]
+    results = [table[name].notnull() for name in ("coefficient", ASYMPTOTIC, *PREDICTION)]
     there = [column.any("force") if "force" in column.dims else column for column in results]
     return table.isel(method=np.flatnonzero(np.any(there, axis=0)))
 
 
 def quantities(tree: xr.DataTree) -> list[str]:
     """What is compared: the forces by symbol, and the asymptotic frequency."""
-    return [*shown_methods(tree).force.values.tolist(), FREQUENCY]
+    return [*shown_methods(tree).force.values.tolist(), ASYMPTOTIC]
 
 
 def quantity_data(tree: xr.DataTree, quantity: str) -> xr.Dataset:
@@ -56,9 +56,9 @@ def quantity_data(tree: xr.DataTree, quantity: str) -> xr.Dataset:
         axis, and the band of the method that predicts best, `band_low` and `band_high` (nan without one).
     """
     table = shown_methods(tree)
-    if quantity == FREQUENCY:
+    if quantity == ASYMPTOTIC:
         power, unit = 0, "rad/s"
-        columns = table[FREQUENCY], table[f"{FREQUENCY}_standard_error"]
+        columns = table[ASYMPTOTIC], table[f"{ASYMPTOTIC}_standard_error"]
     else:
         column = table.sel(force=quantity)
         power, unit = column_power(column), column.unit.item()

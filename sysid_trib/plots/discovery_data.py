@@ -14,7 +14,7 @@ MOST_CANDIDATES = 15
 # A score beyond so many thresholds asks for a logarithmic axis.
 LOGARITHMIC_BEYOND = 5.0
 # A cell of fewer samples has no mean; colours end where so many percent of the cells lie within.
-FEWEST_SAMPLES = 5
+FEWEST_IN_CELL = 5
 COLOUR_PERCENT = 98.0
 
 
@@ -35,11 +35,11 @@ def missing_force(tree: xr.DataTree, *, after: bool) -> tuple[xr.DataArray, xr.D
         colours of both models end.
     """
     first, last = (tree[name].to_dataset() for name in ("discrepancy", "discrepancy_after"))
-    kept = np.abs(first.force.values[first.samples.values >= FEWEST_SAMPLES])
+    kept = np.abs(first.force.values[first.samples.values >= FEWEST_IN_CELL])
     kept = kept[np.isfinite(kept)]
     limit = 1e3 * float(np.percentile(kept, COLOUR_PERCENT)) if kept.size else 1.0
     shown = last if after else first
-    return (1e3 * shown.force).where(shown.samples >= FEWEST_SAMPLES), 1e3 * shown.standard_error, limit
+    return (1e3 * shown.force).where(shown.samples >= FEWEST_IN_CELL), 1e3 * shown.standard_error, limit
 
 
 @dataclass(frozen=True)

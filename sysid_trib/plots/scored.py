@@ -88,7 +88,7 @@ def _ranking(ax: "Axes", data: RankingData) -> "Axes":
 
 
 def forecasts(tree: xr.DataTree) -> "Figure":
-    """Detectable coefficients (see `forecast`), as high as there are candidates.
+    """Detectable coefficients of each candidate, as high as there are candidates.
 
     Parameters
     ----------

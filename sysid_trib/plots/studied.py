@@ -27,7 +27,7 @@ def precisions(study: xr.Dataset) -> "Figure":
         See `precision`.
     """
     forces = study.force.values.tolist()
-    figure, panels = grid(len(forces), STUDY_COLUMNS, 8.0, 2.4, share="x")
+    figure, panels = grid(len(forces), STUDY_COLUMNS, 8.0, 2.4, sharing="x")
     for at, (force, panel) in enumerate(zip(forces, panels, strict=True)):
         _errors(study, force, panel)
         # Panels that stand above none show the levels themselves.

@@ -91,7 +91,7 @@ def axes(ax: "Axes | None") -> "Axes":
 
 
 def grid(
-    count: int, across: int, width: float, row_height: float, *, share: str = ""
+    count: int, across: int, width: float, row_height: float, *, sharing: str = ""
 ) -> "tuple[Figure, list[Axes]]":
     """A figure with `count` panels, `across` in a row, and room above them for a legend.
 
@@ -101,12 +101,14 @@ def grid(
         Panels in all, and in a row.
     width, row_height : float, inch
         Size of the figure, and of a row.
-    share : {"", "x", "y"}
+    sharing : {"", "x", "y"}
         Axis that all panels share.
     """
     rows = -(-count // across)
     figure = new_figure(width, rows * row_height + 0.3)
-    panels = figure.subplots(rows, across, squeeze=False, sharex=share == "x", sharey=share == "y").ravel()
+    panels = figure.subplots(
+        rows, across, squeeze=False, sharex=sharing == "x", sharey=sharing == "y"
+    ).ravel()
     for panel in panels[count:]:
         panel.remove()
     return figure, panels[:count].tolist()
@@ -137,8 +139,8 @@ def legend_marks(styles: Mapping[str, Style]) -> "list[Line2D]":
 def logarithmic_ticks(axis: "XAxis", low: float, high: float) -> None:
     """Plain numbers on a logarithmic axis from `low` to `high`, as many as have room."""
     axis.set_major_formatter("{x:g}")
-    labelled = "25" if high < CROWDED * low else ""
-    axis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in labelled else "")
+    digits = "25" if high < CROWDED * low else ""
+    axis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in digits else "")
 
 
 def logarithmic_amplitude(ax: "Axes") -> None:

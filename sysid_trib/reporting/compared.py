@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.plots.comparison_data import (
-    FREQUENCY,
+    ASYMPTOTIC,
     PREDICTION,
     method_marks,
     quantities,
@@ -78,7 +78,7 @@ def _quantity(tree: xr.DataTree, quantity: str) -> "figure":
 
 
 def _axis_label(quantity: str, data: xr.Dataset) -> str:
-    if quantity == FREQUENCY:
+    if quantity == ASYMPTOTIC:
         return "asymptotic frequency (rad/s)"
     scale = f"1e{data.power:+03d}" if data.power else ""
     inside = " ".join(filter(None, (scale, data.unit if data.unit != "1" else "")))

@@ -116,8 +116,8 @@ def _cross_checked(tree: xr.DataTree) -> list[Section]:
     ]
     if "runs" in tree.children:
         runs = tree["runs"].to_dataset()
-        each = as_table("Each run alone", runs_table(runs))
-        made.append(Section("Do the runs agree", runs_sentences(runs), [each]))
+        table = as_table("Each run alone", runs_table(runs))
+        made.append(Section("Do the runs agree", runs_sentences(runs), [table]))
     return [*made, Section(CONSEQUENCES, consequences(tree, None))]
 
 
@@ -125,9 +125,9 @@ def _compared(tree: xr.DataTree) -> list[Section]:
     tables = [as_table(title, printed) for title, printed in comparison_tables(tree).items()]
     records = [record_panel(tree[group].to_dataset()) for group in record_groups(tree)]
     predicted = Figures(HELD_OUT + _decimated(tree, 0), [*records, prediction_panel(tree)], [])
-    each = Figures(BY_METHOD, quantity_panels(tree), [plots.comparison(tree)])
+    by_method = Figures(BY_METHOD, quantity_panels(tree), [plots.comparison(tree)])
     return [
-        Section("Coefficients by method", figures=[each], tables=tables[:2]),
+        Section("Coefficients by method", figures=[by_method], tables=tables[:2]),
         Section("Prediction of what was held out", figures=[predicted], tables=tables[2:]),
     ]
 

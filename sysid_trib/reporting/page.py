@@ -31,9 +31,11 @@ def report(result: xr.DataTree | xr.Dataset, path: str | os.PathLike[str]) -> No
 
     Parameters
     ----------
-    result : of `cross_check`, `compare`, `discover` or `identify`.
-    path : the page, HTML. It asks the network for nothing; on paper, and without JavaScript, figures that
-        do not move stand in the place of the interactive ones.
+    result : xr.DataTree or xr.Dataset
+        Result of `cross_check`, `compare`, `discover` or `identify`.
+    path : path-like
+        The page, HTML. It asks the network for nothing. On paper, and without JavaScript, figures that do
+        not move stand in the place of the interactive ones.
 
     Raises
     ------
@@ -55,7 +57,7 @@ def page(result: xr.DataTree | xr.Dataset) -> str:
     tree = xr.DataTree(result) if isinstance(result, xr.Dataset) else result
     if not isinstance(tree, xr.DataTree) or not contents.kind_of(tree):
         raise UsageError(
-            f"A report is of a result of identify, cross_check, compare or discover, not of {_told(result)}."
+            f"A report is of a result of identify, cross_check, compare or discover, not of {_named(result)}."
         )
     try:
         return _rendered(tree)
@@ -93,7 +95,7 @@ def _rendered(tree: xr.DataTree) -> str:
         bokeh=Resources(mode="inline", components=["bokeh"]).render_js() if panels else "",
         facts=provenance.facts(tree),
         methods=provenance.method_table(tree),
-        texts=provenance.texts(tree),
+        texts=provenance.libraries(tree),
         command=tree.attrs.get("command", ""),
         python=reproducing.python_text(tree),
     )
@@ -109,7 +111,7 @@ def _png(figure: "Figure") -> str:
     return base64.b64encode(buffer.getvalue()).decode()
 
 
-def _told(result: object) -> str:
+def _named(result: object) -> str:
     if isinstance(result, xr.DataTree | xr.Dataset):
         parts = [*getattr(result, "children", ()), *result.data_vars]
         return f"data with {', '.join(map(str, parts[:6])) or 'nothing in it'}"

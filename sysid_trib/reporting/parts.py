@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Table:
+class PageTable:
     """A table; the columns `numbers` are set to the right."""
 
     title: str
@@ -43,13 +43,13 @@ class Section:
 
     title: str
     sentences: Sequence[str] = ()
-    tables: Sequence[Table] = ()
+    tables: Sequence[PageTable] = ()
     figures: Sequence[Figures] = ()
 
 
-def as_table(title: str, printed: "PrintedTable") -> Table:
+def as_table(title: str, printed: "PrintedTable") -> PageTable:
     """The table that a command prints."""
     cells = [[str(cell) for cell in column.cells] for column in printed.columns]
     heads = [str(column.header) for column in printed.columns]
     right = frozenset(at for at, column in enumerate(printed.columns) if column.justify == "right")
-    return Table(title, heads, list(zip(*cells, strict=True)), right)
+    return PageTable(title, heads, list(zip(*cells, strict=True)), right)

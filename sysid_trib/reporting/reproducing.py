@@ -37,9 +37,9 @@ def _one_decay(data: xr.Dataset) -> str:
     """The record as it was read, and the part of it that was kept, about the equilibrium that was found."""
     attrs = data.attrs
     if not attrs.get("record_checksum"):
-        twin = attrs.get("source") == paper_twin().attrs["source"]
-        # One made in Python is known to its maker alone.
-        read = "st.paper_twin()" if twin else "record"
+        synthetic = attrs.get("source") == paper_twin().attrs["source"]
+        # A record made in Python is known to its maker alone.
+        read = "st.paper_twin()" if synthetic else "record"
     else:
         read = f"st.read_record({_given(_reading(attrs), attrs['source'])})"
     if "free_decay" not in attrs:
@@ -53,15 +53,15 @@ def _one_decay(data: xr.Dataset) -> str:
 
 def _reading(attrs: Mapping[Any, Any]) -> dict[str, Any]:
     timeless = attrs["time_column"].startswith("none, ")
-    found: dict[str, Any] = {} if timeless else {"time": attrs["time_column"]}
-    found |= {"angle": attrs["angle_column"], "units": attrs["angle_unit_in_file"].removesuffix("/s")}
+    options: dict[str, Any] = {} if timeless else {"time": attrs["time_column"]}
+    options |= {"angle": attrs["angle_column"], "units": attrs["angle_unit_in_file"].removesuffix("/s")}
     if attrs["signal"] != "angle":
-        found["signal"] = attrs["signal"]
+        options["signal"] = attrs["signal"]
     if timeless:
-        found["sampling_rate"] = float(attrs["time_column"].removeprefix("none, ").removesuffix(" Hz"))
+        options["sampling_rate"] = float(attrs["time_column"].removeprefix("none, ").removesuffix(" Hz"))
     elif attrs["time_unit_in_file"] != "s":
-        found["time_units"] = attrs["time_unit_in_file"]
-    return found
+        options["time_units"] = attrs["time_unit_in_file"]
+    return options
 
 
 def _library(attrs: Mapping[Any, Any]) -> str:

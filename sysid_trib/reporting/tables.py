@@ -7,10 +7,10 @@ import xarray as xr
 
 from sysid_trib.printing.identification import coefficient_cell
 from sysid_trib.printing.layout import value_with_error
-from sysid_trib.reporting.parts import Table
+from sysid_trib.reporting.parts import PageTable
 
 
-def coefficient_table(results: Mapping[str, xr.Dataset]) -> Table:
+def coefficient_table(results: Mapping[str, xr.Dataset]) -> PageTable:
     """Coefficients of identifications side by side with errors, units, and the frequency they refer to."""
     forces = {symbol: r.sel(force=symbol) for r in results.values() for symbol in r.force.values.tolist()}
     rows = []
@@ -27,7 +27,7 @@ def coefficient_table(results: Mapping[str, xr.Dataset]) -> Table:
     rows.append(["noise", "standard deviation", "", *noises, "rad", ""])
     heads = ["force", "name", "formula", *results, "unit", "refers to (rad/s)"]
     last = len(heads) - 1
-    return Table("Coefficients", heads, rows, frozenset({*range(3, last - 1), last}))
+    return PageTable("Coefficients", heads, rows, frozenset({*range(3, last - 1), last}))
 
 
 def _shape_rows(results: Mapping[str, xr.Dataset]) -> list[list[str]]:
