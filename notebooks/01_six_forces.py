@@ -120,11 +120,11 @@ for symbol, value in decays.items():
     _, motion, averaged = moved({symbol: value})
     found = st.envelope(motion)
     predicted = averaged.amplitude.interp(time=found.extremum_time).values
-    gap = found.extremum.values - predicted
-    worst = np.argmax(np.abs(gap))
-    rows.append((symbol, value, gap[worst], found.extremum_time.values[worst], predicted[worst]))
+    error = found.extremum.values - predicted
+    worst = np.argmax(np.abs(error))
+    rows.append((symbol, value, error[worst], found.extremum_time.values[worst], predicted[worst]))
 pd.DataFrame(
-    rows, columns=["force", "coefficient", "largest gap (rad)", "at time (s)", "averaged amplitude (rad)"]
+    rows, columns=["force", "coefficient", "largest error (rad)", "at time (s)", "averaged amplitude (rad)"]
 ).style.hide()
 
 # %%
@@ -159,10 +159,10 @@ def first_order_error(measured, predicted):
     for label, found in measured.items():
         line = predicted[label].sortby("amplitude")
         expected = np.interp(found.amplitude, line.amplitude, line.frequency)
-        gap = found.frequency.values - expected
-        worst = np.argmax(np.abs(gap))
+        error = found.frequency.values - expected
+        worst = np.argmax(np.abs(error))
         shift = np.abs(expected - 1.0).max()
-        rows.append((label.replace("$", "").lstrip("\\"), shift, gap[worst], found.amplitude.values[worst]))
+        rows.append((label.replace("$", "").lstrip("\\"), shift, error[worst], found.amplitude.values[worst]))
     names = ["force", "largest shift by first order (rad/s)", "largest error of it (rad/s)", "at a (rad)"]
     return pd.DataFrame(rows, columns=names).style.format(precision=4).hide()
 
@@ -176,7 +176,7 @@ ax.figure
 first_order_error(*fig_3)
 
 # %% [markdown]
-# What is left is of second order: with $\delta$ its square grows. A half period that decays is also no
+# The rest is of second order: with $\delta$ its square grows. A half period that decays is also no
 # half-sine, which this way of measuring a frequency turns into a small error of its own; both are in the
 # numbers above.
 #

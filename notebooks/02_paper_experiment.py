@@ -1,10 +1,10 @@
 # %% [markdown]
-# # The paper's experiment, on its twin
+# # The paper's experiment, on a synthetic example
 #
 # Le Bot et al. (Tribology Letters 67:53, 2019, Sec. 3) let a torsional pendulum with a PDMS sphere on a
 # glass plate decay from about 0.3 to 0.02 rad and identify five forces. Their record was never published.
-# The package holds a **simulated twin** of it: the paper's coefficients, 25 s at 100 Hz, with white noise
-# and angle steps that are plausible for it. Nothing below is a measurement; what can be tested on a twin is
+# The package holds a **synthetic example** of it: the paper's coefficients, 25 s at 100 Hz, with white noise
+# and angle steps that are plausible for it. Nothing below is a measurement; what can be tested on it is
 # the way from a record to the forces, as the truth is known.
 
 # %%
@@ -28,9 +28,9 @@ dissipative, elastic = ["lambda", "zeta", "delta"], ["nu", "epsilon"]
 PAPER = {"lambda": -0.000023, "zeta": 0.0097, "delta": 0.037, "nu": -0.40, "epsilon": 0.30}
 W_INF, W_0 = 9.91, 8.87  # rad/s, with and without the contact
 
-twin = st.paper_twin()
-decay = st.free_decay(twin)
-print(twin.attrs["source"], twin.attrs["synthetic"], decay.attrs["free_decay"], sep="\n")
+example = st.paper_twin()
+decay = st.free_decay(example)
+print(example.attrs["source"], example.attrs["synthetic"], decay.attrs["free_decay"], sep="\n")
 
 # %% [markdown]
 # ## Half-sines
@@ -79,7 +79,7 @@ pd.DataFrame(
 # and **no noise** at all: at the last instant the elastic forces still lower the frequency, and a wrong
 # $\omega_\infty$ tilts $M$'s two columns until $\epsilon$ has the wrong sign. With $\omega_\infty$ as one
 # more unknown (a column of ones) most of that is gone. What then remains is the first order itself:
-# averaging the identified model's own motion tells how much, and taking it off leaves next to nothing. The
+# averaging the identified model's own motion shows how much, and next to nothing remains without it. The
 # direct method does without averages.
 
 
@@ -115,7 +115,8 @@ clean = st.free_decay(st.simulate(truth, np.arange(2500) / 100, angle=0.3))
 described({label: st.identify(clean, library, method) for label, method in METHODS.items()})
 
 # %% [markdown]
-# (The errors of a record without noise are what each method leaves of it.) Now the twin with its noise:
+# (The errors of a record without noise come from what each method does not explain.) Now the example with
+# its noise:
 
 # %%
 if not QUICK:
@@ -162,10 +163,9 @@ for name, angle in (("a quarter period", np.pi / 2), ("half a period", np.pi)):
     print(f"three forces are {name} ahead after {time[np.argmax(apart > angle)]:.1f} s")
 print(f"at the end they are {apart[-1] / (2 * np.pi):.2f} periods ahead")
 for label, motion in motions.items():
-    gap = np.sqrt(np.mean((decay.angle - direct.offset - motion.angle) ** 2)).item()
-    print(
-        f"{label}: RMS of record - model {1e3 * gap:.3g} mrad, {gap / found.noise.item():.3g} times the noise"
-    )
+    rms = np.sqrt(np.mean((decay.angle - direct.offset - motion.angle) ** 2)).item()
+    times = rms / found.noise.item()
+    print(f"{label}: RMS of record - model {1e3 * rms:.3g} mrad, {times:.3g} times the noise")
 
 # %% [markdown]
 # ## Figs. 8 and 9: which force weighs how much
@@ -188,8 +188,8 @@ pair[["decay_share", "frequency_share"]].to_dataframe().unstack().style.format("
 # %% [markdown]
 # The viscous force dominates the decay and the quadratic elastic force the frequency, over the whole range,
 # as the paper says. Its $\lambda$ is negative, which a friction cannot be; the paper takes it for zero
-# within an error that it does not state. On the twin the error is known, and the twin was made with that
-# negative value.
+# within an error that it does not state. On the example the error is known, and the example was made
+# with that negative value.
 
 # %%
 value, error = direct.coefficient.sel(force="lambda").item(), direct.standard_error.sel(force="lambda").item()
@@ -242,9 +242,9 @@ print(f"alpha = {with_alpha.coefficient.item():.4f} ± {with_alpha.standard_erro
 for label, k in (("K_c from the motion", by_motion), ("K_c of the sphere", by_size)):
     value, error = k.contact_stiffness.item(), k.contact_stiffness_standard_error.item()
     print(f"{label}: ({1e6 * value:.2f} ± {1e6 * error:.2f})e-6 N m")
-gap = by_motion.contact_stiffness - by_size.contact_stiffness
-spread = np.hypot(by_motion.contact_stiffness_standard_error, by_size.contact_stiffness_standard_error)
-print(f"difference: {gap.item() * 1e6:.2f}e-6 N m, {gap.item() / spread.item():.1f} errors of rounding")
+apart = by_motion.contact_stiffness - by_size.contact_stiffness
+error = np.hypot(by_motion.contact_stiffness_standard_error, by_size.contact_stiffness_standard_error)
+print(f"difference: {apart.item() * 1e6:.2f}e-6 N m, {apart.item() / error.item():.1f} errors of rounding")
 
 # %% [markdown]
 # The paper prints 25.9 (cut, not rounded) and 22.6, and calls that reasonable agreement. Rounding alone
@@ -322,11 +322,11 @@ note("time left at a = lambda/(2 zeta) (s)", f"pi/(4 zeta w0) = {rule:.2f}", com
 # **Signatures that are not unique.** In the Appendix the printed $h(\varphi)$ of
 # $\dot\theta^2\,\mathrm{sgn}\,\dot\theta$ has $\cos^2\varphi$, which belongs to the force
 # $\theta^2\,\mathrm{sgn}\,\dot\theta$; the averages after it are right. The paper uses both forces to show
-# that signatures are not unique: they differ by a factor of two, and averaging cannot tell them apart. The
+# that signatures are not unique: they differ by a factor of two, and averaging cannot separate them. The
 # direct method can.
 
 # %%
-TWIN_FORCES = """
+SAME_SIGNATURE = """
 title = "Two forces with one signature"
 [[force]]
 symbol = "drag"
@@ -336,8 +336,8 @@ symbol = "printed"
 formula = "x**2*sign(v)"
 """
 with tempfile.TemporaryDirectory() as folder:
-    path = Path(folder) / "twins.toml"
-    path.write_text(TWIN_FORCES)
+    path = Path(folder) / "pair.toml"
+    path.write_text(SAME_SIGNATURE)
     pair = st.load_library(path)
 drag, printed = (st.signature(force, 1.0).sine.item() for force in pair)
 note("mean of h sin phi at a = 1", f"-a^2 cos^2 sgn(sin): {printed:.4f}", f"-a^2 sin^2 sgn(sin): {drag:.4f}")

@@ -1,11 +1,11 @@
 # %% [markdown]
 # # Finding a hidden force
 #
-# An oscillator is known to have dry and viscous friction. Something else may act in it, and is not told:
+# An oscillator is known to have dry and viscous friction. Something else may act in it:
 # here a draw hides one effect, none, or something that nobody has thought of. `discover` gets the record
 # alone. It says where the known model and the record disagree, ranks what may be missing, adds what fits
-# best, shows the gap shrink, and says what it cannot tell apart. The envelopes with the truth are opened
-# after the verdicts.
+# best, shows the gap shrink, and says which effects the record cannot separate. The envelopes with
+# the truth are opened after the verdicts.
 #
 # Every record in this notebook is *synthetic*: simulated, with white noise added.
 
@@ -32,7 +32,7 @@ QUICK = os.environ.get("SYSID_TRIB_QUICK") == "1"  # fewer candidates and hidden
 #
 # The model to start from has solid and viscous friction. Candidates are the other contact forces and the
 # effects that come with the package. `alpha`, a linear spring, is not offered: on one record it cannot be
-# told from the frequency, which is fitted.
+# separated from the frequency, which is fitted.
 
 # %%
 contact, effects = st.load_library("contact_forces"), st.load_library("candidate_effects")
@@ -62,18 +62,18 @@ def model_with(hidden: dict[str, float], shapes: dict[str, float] | None = None)
 print(f"{len(candidates)} candidates in {len({force.family for force in candidates})} families")
 
 # %% [markdown]
-# ## Nothing missing, and what would have been seen
+# ## Nothing missing, and what would have been detected
 #
-# First an oscillator in which nothing is hidden. *Nothing missing* means little without the strength from
-# which on an effect would have been seen: that is the forecast, one row a candidate, made from the record's
-# own noise and the motion's sensitivities. What the known forces can imitate on this record is not
-# testable, and is said to be.
+# First an oscillator in which nothing is hidden. *Nothing missing* means little without the strength
+# from which on an effect would have been detected. This detectability has one row a candidate. It is
+# computed from the record's noise and the motion's sensitivities. What the known forces can imitate on
+# this record is not testable, and is said to be.
 
 # %%
 nothing = st.discover(record_of(model_with({})), known, candidates)
 best = nothing["ranking"].z.isel(selection_step=-1).to_series().abs().sort_values(ascending=False)
-chance = nothing["omnibus"].p_value[-1].item()
-print(f"Verdict: {nothing.attrs['verdict']}; chance of larger scores of generic forces: {chance:.2g}")
+p_value = nothing["omnibus"].p_value[-1].item()
+print(f"Verdict: {nothing.attrs['verdict']}; p-value of the omnibus test: {p_value:.2g}")
 print("Highest scores:", ", ".join(f"{symbol} |z| = {z:.2f}" for symbol, z in best.head(3).items()))
 display(st.plots.forecasts(nothing))
 
@@ -81,16 +81,16 @@ display(st.plots.forecasts(nothing))
 # ## A sealed record
 #
 # A draw takes any candidate (or nothing, one time in six), a sign where both make sense, its shape
-# parameters within a factor of two of their defaults, and a strength: the best fit of the known forces is
-# to leave between 0.4 and 8 times the noise. The truth goes into an envelope. Several are drawn; one is
-# looked at closely.
+# parameters within a factor of two of their defaults, and a strength: the RMS residual of the best fit of
+# the known forces is to lie between 0.4 and 8 times the noise. The truth goes into an envelope. Several
+# are drawn; one is looked at closely.
 
 # %%
 LOSING = ("friction", "damping", "hysteresis")
 
 
-def gap_of(record: xr.Dataset) -> float:
-    """RMS (rad) that the best fit of the known forces leaves of a record."""
+def unexplained(record: xr.Dataset) -> float:
+    """RMS (rad) of the residual of the best fit of the known forces."""
     return st.identify(record, known, st.methods.Trajectory()).noise.item()
 
 
@@ -110,16 +110,16 @@ def sealed(number: int) -> tuple[xr.Dataset, st.Model]:
     if draw.random() < 1 / 6:
         return record_of(model_with({}), seed=number), model_with({})
     size = sign * nothing["detectability"].detectable.sel(candidate=force.symbol).item()
-    # The gap is nearly proportional to the coefficient: a few steps settle it.
+    # The residual is nearly proportional to the coefficient: a few steps settle it.
     for _ in range(4):
         motion = record_of(model_with({force.symbol: size}, shapes), noise=0.0)
-        size *= float(np.clip(wanted / gap_of(motion), 0.02, 50.0))
+        size *= float(np.clip(wanted / unexplained(motion), 0.02, 50.0))
     hidden = model_with({force.symbol: size}, shapes)
     return record_of(hidden, seed=number), hidden
 
 
 records = {number: sealed(number) for number in range(1, 4 if QUICK else 13)}
-number = max(records, key=lambda n: gap_of(records[n][0]))
+number = max(records, key=lambda n: unexplained(records[n][0]))
 record, envelope = records[number]
 found = st.discover(record, known, candidates)
 
@@ -134,8 +134,8 @@ display(st.plots.disagreement(found))
 # %% [markdown]
 # What closes the gap? The score of each candidate is how far its own effect on the motion, less what the
 # known forces can imitate, stands out of the residual, in standard errors. The threshold is corrected for
-# the number of candidates and shape parameters that were tried. What may as well be the truth is in the
-# named effect's tie class.
+# the number of candidates and shape parameters that were tried. Effects that may as well be the truth
+# compete with the named one: they are in its 95 % credible set.
 
 # %%
 display(st.plots.rankings(found))
@@ -153,7 +153,7 @@ truth = {symbol: c for symbol, c in envelope.coefficients.items() if symbol not 
 print("Hidden:", *(f"{name} = {value:.4g}" for name, value in (truth | envelope.shapes).items()))
 
 # %% [markdown]
-# ## A tie, and the measurement that breaks it
+# ## Competing effects, and the measurement that separates them
 #
 # At small angles a cubic spring, a pendulum's gravity, a magnet, and an inertia that grows with the angle
 # do much the same. One of them is hidden, at 0.3 rad.
@@ -169,19 +169,19 @@ print(f"One record from 0.3 rad: {one.attrs['verdict']}")
 display(tables.effects_found(one))
 
 # %% [markdown]
-# Which measurement would tell? The forecast knows before it is made: from motions of the *known* model,
-# released from larger and larger angles, it has the coefficient of five standard errors of each candidate,
-# and the cosine between the responses of any two, outside of what the model can imitate. So an effect of
-# the size just found has so many standard errors, and differs from each twin by a part of them. Some 2.4
-# (odds of 19 to 1 between two) tell them apart.
+# Which measurement would separate them? The detectability answers before the measurement is made: from
+# motions of the *known* model, released from larger and larger angles, it has the coefficient of five
+# standard errors of each candidate, and the cosine between the responses of any two, outside of what the
+# model can imitate. So an effect of the size just found has so many standard errors, and differs from each
+# competing effect by a part of them. Some 2.4 (odds of 19 to 1 between two) separate them.
 
 
 # %%
 def difference(angle: float, symbol: str, coefficient: float) -> xr.DataArray:
-    """Standard errors by which an effect of this size differs from its twins, released from `angle` (rad)."""
+    """Standard errors by which an effect of this size differs from others, released from `angle` (rad)."""
     planned = st.discover(record_of(model_with({}), angle=angle, seed=3), known, candidates.select(alike))
-    forecast = planned["detectability"].ds.sel(candidate=symbol)
-    return 5.0 * abs(coefficient) / forecast.detectable * np.sqrt(1.0 - np.minimum(forecast.cosine, 1.0) ** 2)
+    effect = planned["detectability"].ds.sel(candidate=symbol)
+    return 5.0 * abs(coefficient) / effect.detectable * np.sqrt(1.0 - np.minimum(effect.cosine, 1.0) ** 2)
 
 
 step = one["steps"].ds.isel(step=0)
@@ -234,14 +234,14 @@ display(tables.effects_found(unknown))
 
 # %% [markdown]
 # What was named is wrong, and it shows: the gap does not go down to the noise, and on the held-out third a
-# step may even raise it. What is left is told as a gap; generic forces (powers of the amplitude times
-# harmonics of the phase), which know no candidate, tell by their chance that something is left.
+# step may even raise it. The omnibus test knows no candidate: it takes trial forces (powers of the amplitude
+# times harmonics of the phase), and its p-value says whether the residual follows the motion.
 
 # %%
-left = unknown["omnibus"].ds.isel(selection_step=-1)
-strongest = left.z.to_series().sort_values(key=np.abs, ascending=False).head(5)
-print(f"Chance that nothing is left: {left.p_value.item():.2g}")
-display(strongest.to_frame("z of the generic force (amplitude r, phase phi)").round(1))
+omnibus = unknown["omnibus"].ds.isel(selection_step=-1)
+strongest = omnibus.z.to_series().sort_values(key=np.abs, ascending=False).head(5)
+print(f"p-value of the omnibus test: {omnibus.p_value.item():.2g}")
+display(strongest.to_frame("z of the trial force (amplitude r, phase phi)").round(1))
 display(st.plots.discovery(unknown))
 
 # %% [markdown]
@@ -278,32 +278,31 @@ def row_of(tree: xr.DataTree, hidden: st.Model) -> dict[str, object]:
         "hidden": ", ".join(f"{symbol} {c:.3g}" for symbol, c in truth.items()) or "nothing",
         "verdict": tree.attrs["verdict"],
         "named": "; ".join(" ".join(pair) for pair in zip(named, coefficients, strict=True)),
-        "cannot be told from": "; ".join(", ".join(s for s in tied if s not in named) for tied in classes),
+        "competing": "; ".join(", ".join(s for s in tied if s not in named) for tied in classes),
         "gap before": gaps[0],
         "after": gaps[-1],
         "exact": set(named) == set(truth),
-        "in class": len(named) == len(truth) and all(set(truth) & set(tied) for tied in classes),
+        "in the set": len(named) == len(truth) and all(set(truth) & set(tied) for tied in classes),
     }
 
 
 table = pd.DataFrame({n: row_of(verdicts[n], records[n][1]) for n in records}).T.infer_objects()
 display(table.round(2))
 something = table.hidden != "nothing"
-exact, tied = (table[something][column].sum() for column in ("exact", "in class"))
-print(
-    f"Of {something.sum()} hidden effects {exact} were named exactly, {tied} are in the class of the named."
-)
+exact, tied = (table[something][column].sum() for column in ("exact", "in the set"))
+print(f"Of {something.sum()} hidden effects {exact} were named exactly, {tied} are in a credible set.")
 alarms = (table[~something].verdict != "nothing missing").sum()
 print(f"Of {(~something).sum()} records with nothing hidden {alarms} raised an alarm.")
 
 # %% [markdown]
-# The gap can go down to one noise level, not further. A row whose effect is not in the class is a wrong
+# The gap can go down to one noise level, not further. A row whose effect is not in the set is a wrong
 # name given with confidence. It happens, the more easily the weaker the effect and the more candidates
 # resemble it: [What discover finds](../docs/discovery.md) counts some hundred such records.
 #
 # ## What to take home
 #
-# - A name is the best of what was offered. Read the tie class with it, and what was held out.
-# - *Nothing missing* stands with the forecast: weaker effects may be there.
-# - A tie is not a failure of the search but of the record; which other record breaks it can be computed.
+# - A name is the best of what was offered. Read the competing effects with it, and what was held out.
+# - *Nothing missing* goes with the detectability: weaker effects may be there.
+# - Competing effects are not a failure of the search but of the record; which other record separates them
+#   can be computed.
 # - *Unknown effect* is a verdict too. Say what you know about the apparatus in a line of TOML, and ask again.

@@ -3,7 +3,7 @@
 #
 # Three free decays that others measured and published: a steel pendulum on a bearing, a bob on a string
 # that was filmed, and the model of a ship that rolls in a basin. Of each something is known beforehand, and
-# can be held against what is found. None is explained to the last: what the models leave is shown, not
+# can be held against what is found. None is explained to the last: the residuals are shown, not
 # hidden.
 #
 # The records are not part of this repository. They are read from the folder that `SYSID_TRIB_DATA` names;
@@ -56,15 +56,15 @@ if not QUICK:
 
 
 def identified(decay: xr.Dataset, symbols: str) -> xr.DataTree:
-    """Averaging and direct on the same forces, held against each other; what they find and leave is shown."""
+    """Averaging and direct on the same forces, held against each other, with their residuals."""
     library = everything.select(symbols.split())
     first, second = (st.identify(decay, library, method) for method in (m.Averaging(), m.Direct()))
     tree = st.cross_check(decay, first, second, draws=4 if QUICK else 32)
     display(tables.coefficients({"averaging": first, "direct": second}))
     checked = tree["comparison"].ds
-    gaps = ", ".join(f"{gap:.3g}" for gap in checked.residual_over_noise.values)
+    residuals = ", ".join(f"{ratio:.3g}" for ratio in checked.residual_over_noise.values)
     explained, p = checked.attrs["explained"], checked.p_value.item()
-    print(f"Record explained: {explained}; the models leave {gaps} times the noise.")
+    print(f"Record explained: {explained}; the RMS residuals are {residuals} times the noise.")
     print(f"The methods {checked.attrs['verdict']} (p = {p:.2g}).")
     return tree
 
@@ -75,11 +75,11 @@ def searched(decay: xr.Dataset, start: str, effects: int, holdout: xr.Dataset | 
     most = 1 if QUICK else effects
     tree = st.discover(decay, contact.select([start]), candidates, max_effects=most, holdout=unseen)
     display(tables.effects_found(tree))
-    left = tree["holdout"].rms.values / tree["holdout"].noise.item()
+    gaps = tree["holdout"].rms.values / tree["holdout"].noise.item()
     print(
         f"Verdict: {tree.attrs['verdict']}. On what was held out ({tree.attrs['held_out']}) the start model"
     )
-    print(f"leaves {left[0]:.3g} times the noise, the final one {left[-1]:.3g} times.")
+    print(f"has a gap of {gaps[0]:.3g} times the noise, the final one of {gaps[-1]:.3g} times.")
     return tree
 
 

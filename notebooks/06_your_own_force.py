@@ -67,7 +67,7 @@ print(f"{brake.parity}, {brake.character}, unit of the coefficient {brake.units}
 # %% [markdown]
 # `x` is the angle, `v` the angular rate over the reference frequency w, both in rad; `t` would be the time
 # in s. The shape parameter `s` stands inside the formula, the coefficient before it. On the command line
-# `sysid-trib forces` shows a library, and what averaging cannot tell apart in it:
+# `sysid-trib forces` shows a library, and what averaging cannot separate in it:
 
 
 # %%
@@ -102,7 +102,7 @@ display(st.plots.signatures(found))
 
 # %% [markdown]
 # Viscous friction would be a straight line here, dry friction a level one. The drag of a slow disc looks
-# viscous, that of a fast one falls: this is what tells the brake from the usual frictions.
+# viscous, that of a fast one falls: this distinguishes the brake from the usual frictions.
 #
 # ## Its motion
 #
@@ -150,7 +150,7 @@ print("In truth:", TRUTH | model.shapes)
 
 # %% [markdown]
 # Held at the wrong value, direct identification makes dry friction out of what the brake should do. That
-# must not pass unseen: the cross-check simulates both models and says what they leave of the record.
+# must not pass unseen: the cross-check simulates both models and shows their residuals.
 
 # %%
 DRAWS = 8 if QUICK else 32
@@ -165,18 +165,19 @@ checks = {
     ),
 }
 for label, tree in checks.items():
-    gaps = ", ".join(f"{gap:.3g}" for gap in tree["comparison"].residual_over_noise.values)
-    print(f"{label}: explained: {tree['comparison'].attrs['explained']}; models leave {gaps} times the noise")
+    checked = tree["comparison"].ds
+    residuals = ", ".join(f"{ratio:.3g}" for ratio in checked.residual_over_noise.values)
+    print(f"{label}: explained: {checked.attrs['explained']}; RMS residuals {residuals} times the noise")
 display(st.plots.identification(checks["s as found"]))
 
 # %% [markdown]
-# ## Twins
+# ## Forces with the same signature
 #
-# Different formulas may have signatures that are the same but for a factor. No averaging tells them apart,
-# whatever the record; regression of the angle itself may, because it sees the harmonics.
+# Different formulas may have signatures that are the same but for a factor. No averaging separates them,
+# whatever the record; regression of the angle itself may, because it uses the harmonics.
 
 # %%
-TWINS = """
+SAME_SIGNATURE = """
 title = "Three frictions"
 [[force]]
 symbol = "speed_cubed"
@@ -188,8 +189,8 @@ formula = "x**2*v"
 symbol = "viscous"
 formula = "2*v"
 """
-three = library_of(TWINS)
-print("Averaging cannot tell apart:", st.indistinguishable(three, 0.05, 0.6))
+three = library_of(SAME_SIGNATURE)
+print("Averaging cannot separate:", st.indistinguishable(three, 0.05, 0.6))
 truth = {"viscous": 0.006, "speed_cubed": 0.02}
 both = record_of(st.Model(three, truth, FREQUENCY), seed=1)
 try:
@@ -200,7 +201,7 @@ display(tables.coefficients({"direct": st.identify(both, three, m.Direct())}))
 print("In truth:", truth)
 
 # %% [markdown]
-# ## A force with a past
+# ## A history-dependent force
 #
 # An oil film warms as it is sheared, and thins. Its warmth z is a state: dz/d(wt) is its formula, heating
 # by v^2 and cooling with the time constant s/w, here some seconds. The film is cold at the release: z
@@ -233,24 +234,23 @@ s = {"warming.s": found["trajectory, s fitted"]["shape"].item()}
 found["direct, s held at that"] = st.identify(cooling, warm, m.Direct(shapes=s))
 found["averaging, s held at that"] = st.identify(cooling, warm, m.Averaging(shapes=s))
 found["trajectory, warmth without delay"] = st.identify(cooling, instant, m.Trajectory())
-gaps = pd.Series(
-    {label: result.noise.item() / NOISE for label, result in found.items() if "trajectory" in label}
-)
+fits = {label: result for label, result in found.items() if "trajectory" in label}
+residuals = pd.Series({label: fit.noise.item() / NOISE for label, fit in fits.items()})
 display(tables.coefficients(found))
 print("In truth:", truth | {"warming.s": 40.0})
-display(gaps.round(2).to_frame("left by the trajectory, over the noise"))
+display(residuals.round(2).to_frame("RMS residual of the trajectory, over the noise"))
 
 # %% [markdown]
 # A film whose warmth follows the speed at once (`v**3`) does not explain the record; the state does.
-# Averaging takes a force with a past in its steady cycle, which a film that starts cold is not in: it is
-# off by many of its errors, and the simulated models tell:
+# Averaging takes a history-dependent force in its steady cycle, which a film that starts cold is not in: it
+# is off by many of its errors, and the simulated models show it:
 
 # %%
 tree = st.cross_check(
     cooling, found["averaging, s held at that"], found["direct, s held at that"], draws=DRAWS
 )
-gaps = tree["comparison"].residual_over_noise.to_series()
-print("Left by the simulated models, over the noise:", ", ".join(f"{k} {gap:.3g}" for k, gap in gaps.items()))
+ratios = tree["comparison"].residual_over_noise.to_series()
+print("RMS residuals over the noise:", ", ".join(f"{label} {ratio:.3g}" for label, ratio in ratios.items()))
 
 # %% [markdown]
 # ## An error of the sensor

@@ -60,7 +60,7 @@ RECORDS = {
 
 
 def files() -> dict[str, Path]:
-    """The file of each record that there is; what is not there is told."""
+    """The file of each record that there is; what is not there is named."""
     folder, online = (
         Path(os.environ.get("SYSID_TRIB_DATA", FOLDER)),
         os.environ.get("SYSID_TRIB_FETCH") == "1",

@@ -8,7 +8,7 @@ import xarray as xr
 
 
 def effects_found(tree: xr.DataTree) -> pd.DataFrame:
-    """Of a discovery one row an effect: what it is, and what it takes from the gap (in noise levels).
+    """Of a discovery one row an effect: what it is, and the gap before and after it (in noise levels).
 
     `fit` is the gap on what was fitted, `held out` on what was predicted.
     """
@@ -23,7 +23,7 @@ def effects_found(tree: xr.DataTree) -> pd.DataFrame:
                 "effect": f"{step['symbol'].item()}: {step['formula'].item()}",
                 "coefficient": _with_error(step["coefficient"].item(), step["standard_error"].item()),
                 "shapes": ", ".join(_shapes(step)),
-                "tied with": "; ".join(
+                "competing": "; ".join(
                     s for s in step.candidate.values[step.credible.values] if s != step["symbol"].item()
                 ),
                 "fit": " to ".join(f"{gap:.3g}" for gap in fit),

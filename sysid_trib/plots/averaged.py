@@ -2,14 +2,11 @@
 
 from collections.abc import Mapping
 from itertools import cycle
-from typing import TYPE_CHECKING
 
 import xarray as xr
+from matplotlib.figure import Figure
 
 from sysid_trib.plots.style import SERIES, letter, line, new_figure
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 SIGNATURE_LABELS = {
     "sine": r"$\langle h\,\sin\varphi\rangle$ (rad)",
@@ -17,7 +14,7 @@ SIGNATURE_LABELS = {
 }
 
 
-def signatures(averages: Mapping[str, xr.Dataset]) -> "Figure":
+def signatures(averages: Mapping[str, xr.Dataset]) -> Figure:
     """Both averages of forces against amplitude: the first drives the envelope, the second the frequency.
 
     Parameters

@@ -1,9 +1,11 @@
 """Figure of methods side by side: one panel a force, and how well each method predicts."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from sysid_trib.plots.comparison_data import (
     ASYMPTOTIC,
@@ -19,16 +21,12 @@ from sysid_trib.plots.comparison_data import (
 from sysid_trib.plots.style import axes, grid, legend_marks, letter, name_rows
 from sysid_trib.results.schema import library_of
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 FAMILY_LABELS = {OTHER_FAMILY: "decrements and others"}
 # Height of a panel (inch): without methods, and of a method.
 PANEL_HEIGHT, METHOD_HEIGHT = 0.75, 0.16
 
 
-def comparison(tree: xr.DataTree) -> "Figure":
+def comparison(tree: xr.DataTree) -> Figure:
     """Coefficient of each force and asymptotic frequency by method, and the RMS in time and out of it.
 
     A method that does not apply has no row.
@@ -56,7 +54,7 @@ def comparison(tree: xr.DataTree) -> "Figure":
     return figure
 
 
-def coefficients(tree: xr.DataTree, quantity: str, ax: "Axes | None" = None) -> "Axes":
+def coefficients(tree: xr.DataTree, quantity: str, ax: Axes | None = None) -> Axes:
     """One coefficient, or the `asymptotic_frequency`, by method with its standard error.
 
     The band is that of the method that predicts best; an arrow stands for a value beyond the edge.
@@ -91,7 +89,7 @@ def coefficients(tree: xr.DataTree, quantity: str, ax: "Axes | None" = None) -> 
     return ax
 
 
-def prediction(tree: xr.DataTree, ax: "Axes | None" = None) -> "Axes":
+def prediction(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
     """RMS of record minus model over the noise: of the part identified from (open), and held out (full).
 
     Parameters
@@ -116,7 +114,7 @@ def prediction(tree: xr.DataTree, ax: "Axes | None" = None) -> "Axes":
     return ax
 
 
-def _with_methods(ax: "Axes", table: xr.Dataset) -> None:
+def _with_methods(ax: Axes, table: xr.Dataset) -> None:
     """Methods as rows, the first on top."""
     name_rows(ax, table.method.values.tolist())
     ax.tick_params(labelsize=7)

@@ -1,23 +1,22 @@
 """Figures of a discovery: the mean force over angle and rate that a model lacks."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
+from matplotlib.colors import TwoSlopeNorm
+from matplotlib.figure import Figure
 
 from sysid_trib.plots.discovery_data import missing_force
 from sysid_trib.plots.style import LEGEND, axes, letter, new_figure
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.collections import QuadMesh
-    from matplotlib.figure import Figure
 
 # A dot marks cells of more standard errors.
 DOT_BEYOND = 3.0
 
 
-def disagreement(tree: xr.DataTree) -> "Figure":
+def disagreement(tree: xr.DataTree) -> Figure:
     """The map of the missing force before and after, in the same colours.
 
     Dots mark cells beyond three standard errors.
@@ -37,7 +36,7 @@ def disagreement(tree: xr.DataTree) -> "Figure":
     return figure
 
 
-def disagreement_map(tree: xr.DataTree, ax: "Axes | None" = None, *, after: bool = False) -> "Axes":
+def disagreement_map(tree: xr.DataTree, ax: Axes | None = None, *, after: bool = False) -> Axes:
     """Mean force over angle and rate that a model lacks, f in theta'' + w^2 theta = -w^2 f (mrad).
 
     Dots mark cells beyond three standard errors of the noise.
@@ -56,9 +55,7 @@ def disagreement_map(tree: xr.DataTree, ax: "Axes | None" = None, *, after: bool
     return ax
 
 
-def _map(tree: xr.DataTree, ax: "Axes", after: bool) -> "QuadMesh":
-    from matplotlib.colors import TwoSlopeNorm
-
+def _map(tree: xr.DataTree, ax: Axes, after: bool) -> QuadMesh:
     force, error, limit = missing_force(tree, after=after)
     x, v, values = force.x.values, force.v.values, force.values
     colours: dict[str, Any] = {"cmap": "RdBu_r", "norm": TwoSlopeNorm(0.0, -limit, limit)}
@@ -77,6 +74,6 @@ def _map(tree: xr.DataTree, ax: "Axes", after: bool) -> "QuadMesh":
     return mesh
 
 
-def _add_colours(figure: Any, mesh: "QuadMesh", panels: Any) -> None:
+def _add_colours(figure: Any, mesh: QuadMesh, panels: Any) -> None:
     bar = figure.colorbar(mesh, ax=panels, extend="both", shrink=0.9)
     bar.set_label(r"missing $f$ in $\ddot\theta + \omega^2\theta = -\omega^2 f$ (mrad)")

@@ -1,19 +1,16 @@
 """Figures of a record and its models: one function a panel, each taking an optional `ax`."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from sysid_trib.plots.motion_data import MotionData, drawn_samples, motion_data
 from sysid_trib.plots.style import LEGEND, axes, half_periods, letter, logarithmic_amplitude, new_figure
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
-
-def identification(tree: xr.DataTree, run: int = 0) -> "Figure":
+def identification(tree: xr.DataTree, run: int = 0) -> Figure:
     """Record with both models, residuals, envelope, and frequency against amplitude.
 
     Parameters
@@ -35,7 +32,7 @@ def identification(tree: xr.DataTree, run: int = 0) -> "Figure":
     return figure
 
 
-def discovery(tree: xr.DataTree, run: int = 0) -> "Figure":
+def discovery(tree: xr.DataTree, run: int = 0) -> Figure:
     """Record, residuals of the models before and after, envelope, and frequency against amplitude.
 
     Parameters
@@ -61,7 +58,7 @@ def discovery(tree: xr.DataTree, run: int = 0) -> "Figure":
     return figure
 
 
-def record(tree: xr.DataTree, ax: "Axes | None" = None, run: int = 0) -> "Axes":
+def record(tree: xr.DataTree, ax: Axes | None = None, run: int = 0) -> Axes:
     """The record and the angle of each model.
 
     Parameters
@@ -76,7 +73,7 @@ def record(tree: xr.DataTree, ax: "Axes | None" = None, run: int = 0) -> "Axes":
     return draw_record(axes(ax), motion_data(tree, run))
 
 
-def residual(tree: xr.DataTree, ax: "Axes | None" = None, run: int = 0) -> "Axes":
+def residual(tree: xr.DataTree, ax: Axes | None = None, run: int = 0) -> Axes:
     """Record minus each model, with the band of twice the noise.
 
     Parameters
@@ -92,7 +89,7 @@ def residual(tree: xr.DataTree, ax: "Axes | None" = None, run: int = 0) -> "Axes
     return draw_residual(axes(ax), drawn, list(drawn.lines))
 
 
-def envelope(tree: xr.DataTree, ax: "Axes | None" = None, run: int = 0) -> "Axes":
+def envelope(tree: xr.DataTree, ax: Axes | None = None, run: int = 0) -> Axes:
     """Amplitude of the half periods against time, of the record and of each model's motion.
 
     Parameters
@@ -107,7 +104,7 @@ def envelope(tree: xr.DataTree, ax: "Axes | None" = None, run: int = 0) -> "Axes
     return _envelope(axes(ax), motion_data(tree, run))
 
 
-def frequency(tree: xr.DataTree, ax: "Axes | None" = None, run: int = 0) -> "Axes":
+def frequency(tree: xr.DataTree, ax: Axes | None = None, run: int = 0) -> Axes:
     """Frequency of the half periods against their amplitude, of the record and of each model's motion.
 
     Parameters
@@ -122,7 +119,7 @@ def frequency(tree: xr.DataTree, ax: "Axes | None" = None, run: int = 0) -> "Axe
     return _frequency(axes(ax), motion_data(tree, run))
 
 
-def draw_record(ax: "Axes", drawn: MotionData) -> "Axes":
+def draw_record(ax: Axes, drawn: MotionData) -> Axes:
     """Record and models against time."""
     shown = drawn_samples(drawn.angle)
     ax.plot(drawn.time[shown], drawn.angle[shown], ".", color="0.6", markersize=2.5, label="record")
@@ -136,7 +133,7 @@ def draw_record(ax: "Axes", drawn: MotionData) -> "Axes":
     return ax
 
 
-def draw_residual(ax: "Axes", drawn: MotionData, models: Sequence[str]) -> "Axes":
+def draw_residual(ax: Axes, drawn: MotionData, models: Sequence[str]) -> Axes:
     """Residuals of models in one panel; one model alone is named by the axis."""
     for name in models:
         if name in drawn.lines:
@@ -152,7 +149,7 @@ def draw_residual(ax: "Axes", drawn: MotionData, models: Sequence[str]) -> "Axes
     return ax
 
 
-def _envelope(ax: "Axes", drawn: MotionData) -> "Axes":
+def _envelope(ax: Axes, drawn: MotionData) -> Axes:
     for name, fits in drawn.half_periods.items():
         time, amplitude = fits.instant_time.values, fits.amplitude.values
         if name == "record":
@@ -165,7 +162,7 @@ def _envelope(ax: "Axes", drawn: MotionData) -> "Axes":
     return ax
 
 
-def _frequency(ax: "Axes", drawn: MotionData) -> "Axes":
+def _frequency(ax: Axes, drawn: MotionData) -> Axes:
     for name, fits in drawn.half_periods.items():
         amplitude, values = fits.amplitude.values, fits.frequency.values
         if name == "record":

@@ -2,17 +2,15 @@
 
 from collections.abc import Mapping
 from itertools import cycle
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from sysid_trib.plots.motion_data import drawn_samples
 from sysid_trib.plots.style import BAR_WIDTH, LEGEND, SERIES, axes, in_latex, line, mark
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 # Room in a legend above the panel.
 CLOSE_LEGEND: dict[str, Any] = {"columnspacing": 1.2, "handletextpad": 0.5}
@@ -20,7 +18,7 @@ CLOSE_LEGEND: dict[str, Any] = {"columnspacing": 1.2, "handletextpad": 0.5}
 ARC_POINTS = 40
 
 
-def averaged_decay(motion: xr.Dataset, predicted: xr.Dataset, ax: "Axes | None" = None) -> "Axes":
+def averaged_decay(motion: xr.Dataset, predicted: xr.Dataset, ax: Axes | None = None) -> Axes:
     """A motion and its averaged envelope (the paper's Fig. 2).
 
     Parameters
@@ -42,8 +40,8 @@ def averaged_decay(motion: xr.Dataset, predicted: xr.Dataset, ax: "Axes | None" 
 
 
 def frequency_shift(
-    measured: Mapping[str, xr.Dataset], predicted: Mapping[str, xr.Dataset], ax: "Axes | None" = None
-) -> "Axes":
+    measured: Mapping[str, xr.Dataset], predicted: Mapping[str, xr.Dataset], ax: Axes | None = None
+) -> Axes:
     """Frequency against amplitude: half periods as marks, averaged models as lines (Figs. 3, 4, 5 and 10).
 
     Parameters
@@ -70,7 +68,7 @@ def frequency_shift(
     return ax
 
 
-def half_sines(decay: xr.Dataset, half_periods: xr.Dataset, ax: "Axes | None" = None) -> "Axes":
+def half_sines(decay: xr.Dataset, half_periods: xr.Dataset, ax: Axes | None = None) -> Axes:
     """Half-sines on a decay, and what three of them give at t_i (Fig. 6).
 
     Parameters
@@ -105,7 +103,7 @@ def half_sines(decay: xr.Dataset, half_periods: xr.Dataset, ax: "Axes | None" = 
     return ax
 
 
-def motions(record: xr.Dataset, models: Mapping[str, xr.Dataset], ax: "Axes | None" = None) -> "Axes":
+def motions(record: xr.Dataset, models: Mapping[str, xr.Dataset], ax: Axes | None = None) -> Axes:
     """A record and the motions of models (Fig. 7).
 
     Parameters
@@ -130,8 +128,8 @@ def motions(record: xr.Dataset, models: Mapping[str, xr.Dataset], ax: "Axes | No
 def weights(
     weighed: xr.Dataset,
     quantity: Literal["peak_force", "decay", "frequency_shift", "decay_share", "frequency_share"],
-    ax: "Axes | None" = None,
-) -> "Axes":
+    ax: Axes | None = None,
+) -> Axes:
     """How much each force weighs against amplitude, with bands of one standard error (Figs. 8 and 9).
 
     Parameters
@@ -157,7 +155,7 @@ def weights(
     return ax
 
 
-def _construction(ax: "Axes", t: NDArray[np.float64], b: NDArray[np.float64]) -> None:
+def _construction(ax: Axes, t: NDArray[np.float64], b: NDArray[np.float64]) -> None:
     """The chord of two extrema a period apart: its middle is a_i, its slope that of the amplitude."""
     side, middle = np.sign(b[0]), 0.5 * (b[0] + b[2])
     outside = 1.15 * b[1]
@@ -175,7 +173,7 @@ def _construction(ax: "Axes", t: NDArray[np.float64], b: NDArray[np.float64]) ->
     ax.set_ylim(-room, room)
 
 
-def _curve(ax: "Axes", motion: xr.Dataset, style: Mapping[str, Any]) -> None:
+def _curve(ax: Axes, motion: xr.Dataset, style: Mapping[str, Any]) -> None:
     shown = drawn_samples(motion.angle.values)
     ax.plot(motion.time.values[shown], motion.angle.values[shown], **style)
 

@@ -1,19 +1,16 @@
 """Figure for planning: which measurement would separate competing effects."""
 
 from itertools import cycle
-from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
 
 from sysid_trib.discrepancy.model_probabilities import APART
 from sysid_trib.plots.style import LEGEND, SERIES, THRESHOLD, axes
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
-
-def distinction(differences: xr.DataArray, ax: "Axes | None" = None) -> "Axes":
+def distinction(differences: xr.DataArray, ax: Axes | None = None) -> Axes:
     """By how many standard errors an effect differs from competing ones, over measurements to choose from.
 
     Parameters

@@ -1,9 +1,11 @@
 """Figures of a discovery: how each candidate scores, and how weak an effect the record would show."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from sysid_trib.plots.discovery_data import RankingData, detectability_data, ranking_data, rankings_data
 from sysid_trib.plots.style import (
@@ -20,15 +22,11 @@ from sysid_trib.plots.style import (
     new_figure,
 )
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 # Height of a panel of rankings, and of detectable coefficients: without rows, and of a row, inch.
 RANKING_HEIGHT, DETECTABLE_HEIGHT, DETECTABLE_ROW = 3.35, 0.8, 0.155
 
 
-def rankings(tree: xr.DataTree) -> "Figure":
+def rankings(tree: xr.DataTree) -> Figure:
     """The ranking before each step and at the end, side by side.
 
     Parameters
@@ -47,7 +45,7 @@ def rankings(tree: xr.DataTree) -> "Figure":
     return figure
 
 
-def ranking(tree: xr.DataTree, ax: "Axes | None" = None, selection_step: int = 0) -> "Axes":
+def ranking(tree: xr.DataTree, ax: Axes | None = None, selection_step: int = 0) -> Axes:
     """|z| of the best candidates at one selection step, with the threshold.
 
     The effect that was named and the effects that compete with it are marked.
@@ -64,7 +62,7 @@ def ranking(tree: xr.DataTree, ax: "Axes | None" = None, selection_step: int = 0
     return _ranking(axes(ax), ranking_data(tree, selection_step))
 
 
-def _ranking(ax: "Axes", data: RankingData) -> "Axes":
+def _ranking(ax: Axes, data: RankingData) -> Axes:
     candidates = data.candidates
     kinds = candidates.kind.values.tolist()
     for row, (size, kind) in enumerate(zip(candidates["size"].values.tolist(), kinds, strict=True)):
@@ -87,7 +85,7 @@ def _ranking(ax: "Axes", data: RankingData) -> "Axes":
     return ax
 
 
-def forecasts(tree: xr.DataTree) -> "Figure":
+def forecasts(tree: xr.DataTree) -> Figure:
     """Detectable coefficients of each candidate, as high as there are candidates.
 
     Parameters
@@ -101,7 +99,7 @@ def forecasts(tree: xr.DataTree) -> "Figure":
     return figure
 
 
-def forecast(tree: xr.DataTree, ax: "Axes | None" = None) -> "Axes":
+def forecast(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
     """Smallest coefficient of each candidate that the record would show, and effects that were identified.
 
     Parameters
@@ -138,7 +136,7 @@ def forecast(tree: xr.DataTree, ax: "Axes | None" = None) -> "Axes":
     return ax
 
 
-def _families(ax: "Axes", families: list[str]) -> None:
+def _families(ax: Axes, families: list[str]) -> None:
     """A band behind every second family, and its name at the right."""
     for at, family in enumerate(dict.fromkeys(families)):
         rows = [row for row, name in enumerate(families) if name == family]

@@ -1,8 +1,8 @@
 """Figure of a discovery in one picture: the record, the gap before and after, and the effects named."""
 
-from typing import TYPE_CHECKING
-
 import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from sysid_trib.plots.motion_data import motion_data
 from sysid_trib.plots.motion_figures import draw_record, draw_residual
@@ -19,15 +19,11 @@ from sysid_trib.printing.layout import coefficient_text
 from sysid_trib.printing.residual import noise_of, residual_of
 from sysid_trib.results.discoveries import added_effects
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 # Heights of the panels, inch: record, gap before, gap after, models without rows; and of a row.
 PANEL_HEIGHTS, MODEL_ROW = (1.75, 1.15, 1.55, 0.85), 0.25
 
 
-def story(tree: xr.DataTree, run: int = 0) -> "Figure":
+def story(tree: xr.DataTree, run: int = 0) -> Figure:
     """A discovery in one picture: record, gap before, gap after, and what each named effect explains.
 
     Parameters
@@ -62,7 +58,7 @@ def story(tree: xr.DataTree, run: int = 0) -> "Figure":
     return figure
 
 
-def _explained(ax: "Axes", tree: xr.DataTree) -> None:
+def _explained(ax: Axes, tree: xr.DataTree) -> None:
     """RMS residual of the start model and after each named effect, over the noise."""
     symbols = added_effects(tree)
     steps = [tree["steps"].to_dataset().isel(step=at) for at in range(len(symbols))]

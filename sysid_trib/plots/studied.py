@@ -1,24 +1,22 @@
 """Figures of a study: errors of methods against noise, sampling rate and the like, above their floor."""
 
 from itertools import cycle
-from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullFormatter, NullLocator
 from numpy.typing import NDArray
 
 from sysid_trib.plots.style import SERIES, axes, grid, in_latex, line, mark
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 STUDY_COLUMNS = 3
 # Levels below this many times the smallest have no two decades to label.
 FEW_DECADES = 100.0
 
 
-def precisions(study: xr.Dataset) -> "Figure":
+def precisions(study: xr.Dataset) -> Figure:
     """Error of each force by level, one panel a force.
 
     Parameters
@@ -40,7 +38,7 @@ def precisions(study: xr.Dataset) -> "Figure":
     return figure
 
 
-def precision(study: xr.Dataset, force: str, ax: "Axes | None" = None) -> "Axes":
+def precision(study: xr.Dataset, force: str, ax: Axes | None = None) -> Axes:
     """Error of one force by level for each method, and the Cramér-Rao bound, below which no one gets.
 
     Parameters
@@ -58,7 +56,7 @@ def precision(study: xr.Dataset, force: str, ax: "Axes | None" = None) -> "Axes"
     return ax
 
 
-def _errors(study: xr.Dataset, force: str, ax: "Axes") -> "Axes":
+def _errors(study: xr.Dataset, force: str, ax: Axes) -> Axes:
     of_force = study.sel(force=force)
     level, bound = of_force.level.values, of_force.bound.transpose("level").values
     for method, series in zip(of_force.method.values.tolist(), cycle(SERIES), strict=False):
@@ -76,10 +74,8 @@ def _errors(study: xr.Dataset, force: str, ax: "Axes") -> "Axes":
     return ax
 
 
-def _ticks(ax: "Axes", level: NDArray[np.float64]) -> None:
+def _ticks(ax: Axes, level: NDArray[np.float64]) -> None:
     """Labels that do not run into each other: levels that are few, else decades; 1 and 3 of the errors."""
-    from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullFormatter, NullLocator
-
     if level.max() < FEW_DECADES * level.min():
         ax.set_xticks(level, [f"{value:g}" for value in level])
         ax.xaxis.set_minor_locator(NullLocator())

@@ -1,15 +1,14 @@
 """What figures share: colours, marks, legends, grids of panels, and axes where none are given."""
 
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from matplotlib.axes import Axes
+from matplotlib.axis import XAxis
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator, NullLocator
 from numpy.typing import ArrayLike
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.axis import XAxis
-    from matplotlib.figure import Figure
-    from matplotlib.lines import Line2D
 
 Style = Mapping[str, Any]
 
@@ -65,7 +64,7 @@ def mark(series: Style) -> dict[str, Any]:
     return {"color": series["color"], "marker": series["marker"], **OPEN_MARKS}
 
 
-def half_periods(ax: "Axes", x: ArrayLike, y: ArrayLike, error: ArrayLike) -> None:
+def half_periods(ax: Axes, x: ArrayLike, y: ArrayLike, error: ArrayLike) -> None:
     """Half periods of a record with their errors, named above the panel."""
     points = ax.errorbar(x, y, error, fmt="o", color="0.5", linewidth=BAR_WIDTH, **OPEN_MARKS)
     ax.legend([points], ["half periods of the record"], **LEGEND)
@@ -78,21 +77,19 @@ def in_latex(symbol: str) -> str:
     return f"${sympy.latex(sympy.Symbol(symbol))}$"
 
 
-def new_figure(width: float, height: float) -> "Figure":
+def new_figure(width: float, height: float) -> Figure:
     """An empty figure, its size in inches, that keeps labels apart."""
-    from matplotlib.figure import Figure
-
     return Figure(figsize=(width, height), layout="constrained")
 
 
-def axes(ax: "Axes | None") -> "Axes":
+def axes(ax: Axes | None) -> Axes:
     """The axes given, or new ones."""
     return new_figure(5.0, 3.2).subplots() if ax is None else ax
 
 
 def grid(
     count: int, across: int, width: float, row_height: float, *, sharing: str = ""
-) -> "tuple[Figure, list[Axes]]":
+) -> tuple[Figure, list[Axes]]:
     """A figure with `count` panels, `across` in a row, and room above them for a legend.
 
     Parameters
@@ -114,7 +111,7 @@ def grid(
     return figure, panels[:count].tolist()
 
 
-def letter(panels: "Iterable[Axes]", titles: Iterable[str] = (), fontsize: float = 9) -> None:
+def letter(panels: Iterable[Axes], titles: Iterable[str] = (), fontsize: float = 9) -> None:
     """Letters above panels, with a title each where there are titles."""
     texts = list(titles)
     for at, panel in enumerate(panels):
@@ -122,31 +119,27 @@ def letter(panels: "Iterable[Axes]", titles: Iterable[str] = (), fontsize: float
         panel.set_title(title.rstrip(), loc="left", fontsize=fontsize)
 
 
-def name_rows(ax: "Axes", names: list[str]) -> None:
+def name_rows(ax: Axes, names: list[str]) -> None:
     """Names as rows, the first on top."""
     ax.set_yticks(range(len(names)), names)
     ax.set_ylim(max(len(names), 1) - 0.4, -0.6)
 
 
-def legend_marks(styles: Mapping[str, Style]) -> "list[Line2D]":
+def legend_marks(styles: Mapping[str, Style]) -> list[Line2D]:
     """Marks for a legend, by their labels."""
-    from matplotlib.lines import Line2D
-
     usual: dict[str, Any] = {"linestyle": "", "markersize": 4}
     return [Line2D([], [], label=label, **usual | dict(style)) for label, style in styles.items()]
 
 
-def logarithmic_ticks(axis: "XAxis", low: float, high: float) -> None:
+def logarithmic_ticks(axis: XAxis, low: float, high: float) -> None:
     """Plain numbers on a logarithmic axis from `low` to `high`, as many as have room."""
     axis.set_major_formatter("{x:g}")
     digits = "25" if high < CROWDED * low else ""
     axis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in digits else "")
 
 
-def logarithmic_amplitude(ax: "Axes") -> None:
+def logarithmic_amplitude(ax: Axes) -> None:
     """A logarithmic axis of amplitudes, with plain numbers at as many ticks as have room."""
-    from matplotlib.ticker import MaxNLocator, NullLocator
-
     ax.set(ylabel="amplitude (rad)", yscale="log")
     low, high = ax.get_ylim()
     ax.yaxis.set_major_formatter("{x:g}")

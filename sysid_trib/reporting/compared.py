@@ -1,9 +1,8 @@
 """Interactive figures of methods side by side: each quantity by method, and how well each predicts."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import xarray as xr
+from bokeh import plotting
 
 from sysid_trib.plots.comparison_data import (
     ASYMPTOTIC,
@@ -16,9 +15,6 @@ from sysid_trib.plots.comparison_data import (
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.reporting import drawing
 from sysid_trib.reporting.parts import Panel
-
-if TYPE_CHECKING:
-    from bokeh.plotting import figure
 
 
 def quantity_panels(tree: xr.DataTree) -> list[Panel]:
@@ -50,7 +46,7 @@ def _style(tree: xr.DataTree) -> dict[str, list[str]]:
     return columns | {"marker": [drawing.MARKERS[marker] for marker in columns["marker"]]}
 
 
-def _quantity(tree: xr.DataTree, quantity: str) -> "figure":
+def _quantity(tree: xr.DataTree, quantity: str) -> plotting.figure:
     data, style = quantity_data(tree, quantity), _style(tree)
     made = drawing.list_panel(_axis_label(quantity, data), data.method.values.tolist())
     made.x_range.update(start=data.low, end=data.high)

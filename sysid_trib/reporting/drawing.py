@@ -1,17 +1,27 @@
 """What the interactive figures share: axes, lines, marks with errors, tooltips."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from bokeh import plotting
+from bokeh.models import (
+    BasicTickFormatter,
+    BoxAnnotation,
+    ColumnDataSource,
+    DataRange1d,
+    FactorRange,
+    FixedTicker,
+    GlyphRenderer,
+    HoverTool,
+    Legend,
+    Range1d,
+    Span,
+)
 from numpy.typing import ArrayLike
 
 from sysid_trib.plots.motion_data import drawn_samples
 from sysid_trib.plots.style import GREY, INK, Style
-
-if TYPE_CHECKING:
-    from bokeh.models import GlyphRenderer, Legend
-    from bokeh.plotting import figure
 
 FONT = "system-ui, 'Segoe UI', Roboto, 'Helvetica Neue', 'Liberation Sans', sans-serif"
 RECORD_GREY, GRID_GREY, BAND_GREY = "#b3b3b3", "#e6e6e6", "#e4e4e4"
@@ -29,10 +39,10 @@ def panel(
     y_label: str,
     *,
     height: int = PANEL_HEIGHT_PX,
-    share_x: "figure | None" = None,
+    share_x: plotting.figure | None = None,
     rows: Sequence[str] = (),
     log: str = "",
-) -> "figure":
+) -> plotting.figure:
     """Empty axes as wide as their place.
 
     Parameters
@@ -48,10 +58,7 @@ def panel(
     log : str
         The axes with a logarithmic scale, such as "x".
     """
-    from bokeh.models import DataRange1d, FactorRange, Range1d
-    from bokeh.plotting import figure
-
-    made = figure(
+    made = plotting.figure(
         height=height,
         sizing_mode="stretch_width",
         tools="pan,box_zoom,xwheel_zoom,reset,save",
@@ -84,11 +91,9 @@ def panel(
 
 
 def line(
-    on: "figure", curve: tuple[ArrayLike, ArrayLike], style: Style, *, width: float = 1.3
-) -> "GlyphRenderer":
+    on: plotting.figure, curve: tuple[ArrayLike, ArrayLike], style: Style, *, width: float = 1.3
+) -> GlyphRenderer:
     """A curve, decimated."""
-    from bokeh.models import ColumnDataSource
-
     x, y = (np.asarray(values, dtype=float) for values in curve)
     shown = drawn_samples(y)
     source = ColumnDataSource(columns({"x": x[shown], "y": y[shown]}))
@@ -96,14 +101,12 @@ def line(
     return on.line("x", "y", source=source, color=style["color"], line_dash=dash, line_width=width)
 
 
-def marks(on: "figure", data: Mapping[str, Any], style: Style, *, size: float) -> "GlyphRenderer":
+def marks(on: plotting.figure, data: Mapping[str, Any], style: Style, *, size: float) -> GlyphRenderer:
     """Marks at the columns `x` and `y`, with bars over `low` to `high` where there are such columns.
 
     Columns `color`, `marker` and `markerfacecolor` give each mark its own style. Bars are along x where y
     holds names.
     """
-    from bokeh.models import ColumnDataSource, FactorRange
-
     source = ColumnDataSource(columns(data))
     styled = dict(style) | {name: {"field": name} for name in STYLED if name in data}
     color, marker = styled["color"], styled.get("marker", "o")
@@ -116,19 +119,15 @@ def marks(on: "figure", data: Mapping[str, Any], style: Style, *, size: float) -
     return drawn
 
 
-def tell(on: "figure", drawn: "Sequence[GlyphRenderer]", tooltips: Tooltips) -> None:
+def tell(on: plotting.figure, drawn: Sequence[GlyphRenderer], tooltips: Tooltips) -> None:
     """What the pointer shows of marks and curves: names, and columns such as `@x{%.4g} s`."""
-    from bokeh.models import HoverTool
-
     formats = {text.split("{")[0]: "printf" for _, text in tooltips if "{%" in text}
     shown: dict[str, Any] = {"renderers": list(drawn), "tooltips": list(tooltips), "formatters": formats}
     on.add_tools(HoverTool(point_policy="snap_to_data", **shown))
 
 
-def legend(on: "figure", entries: "Sequence[tuple[str, Sequence[GlyphRenderer]]]") -> "Legend":
+def legend(on: plotting.figure, entries: Sequence[tuple[str, Sequence[GlyphRenderer]]]) -> Legend:
     """A legend above the figure; a click on an entry hides what it stands for."""
-    from bokeh.models import Legend
-
     made = Legend(
         items=[(label, list(drawn)) for label, drawn in entries],
         orientation="horizontal",
@@ -148,18 +147,14 @@ def legend(on: "figure", entries: "Sequence[tuple[str, Sequence[GlyphRenderer]]]
     return made
 
 
-def band(on: "figure", low: float, high: float, *, along: str = "x") -> None:
+def band(on: plotting.figure, low: float, high: float, *, along: str = "x") -> None:
     """A grey band from `low` to `high`, over the whole length of the axis `along`."""
-    from bokeh.models import BoxAnnotation
-
     ends = {"bottom": low, "top": high} if along == "x" else {"left": low, "right": high}
     on.add_layout(BoxAnnotation(**ends, fill_color=BAND_GREY, fill_alpha=1.0, line_color=None, level="image"))
 
 
-def log_axis(on: "figure", low: float, high: float) -> None:
+def log_axis(on: plotting.figure, low: float, high: float) -> None:
     """Axis x from `low` to `high`, logarithmic, with as many labels as a narrow screen has room for."""
-    from bokeh.models import BasicTickFormatter, FixedTicker
-
     on.x_range.update(start=low, end=high)
     decades = np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1.0)
     if np.log10(high / low) > 2.5:
@@ -169,16 +164,14 @@ def log_axis(on: "figure", low: float, high: float) -> None:
     on.xaxis.formatter = BasicTickFormatter()
 
 
-def list_panel(x_label: str, rows: Sequence[str], *, log: str = "") -> "figure":
+def list_panel(x_label: str, rows: Sequence[str], *, log: str = "") -> plotting.figure:
     """Empty axes, as high as there are rows."""
     height = LIST_HEIGHT_PX + ROW_HEIGHT_PX * len(rows)
     return panel(x_label, "", rows=rows, log=log, height=height)
 
 
-def threshold(on: "figure", at: float) -> None:
+def threshold(on: plotting.figure, at: float) -> None:
     """A dashed line across the axis x."""
-    from bokeh.models import Span
-
     on.add_layout(Span(location=at, dimension="height", line_color=INK, line_dash="dashed", line_width=1))
 
 

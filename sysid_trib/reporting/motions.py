@@ -1,10 +1,11 @@
 """Interactive figures of a record and the motions of models: angle, residuals, envelope, frequency."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
+from bokeh import plotting
+from bokeh.models import GlyphRenderer, Range1d
 from numpy.typing import ArrayLike
 
 from sysid_trib.plots.motion_data import MOST_POINTS, MotionData
@@ -12,12 +13,8 @@ from sysid_trib.plots.style import GREY
 from sysid_trib.reporting import drawing
 from sysid_trib.reporting.parts import Panel
 
-if TYPE_CHECKING:
-    from bokeh.models import GlyphRenderer
-    from bokeh.plotting import figure
-
 Curve = tuple[ArrayLike, ArrayLike]
-Entries = list[tuple[str, "Sequence[GlyphRenderer]"]]
+Entries = list[tuple[str, Sequence[GlyphRenderer]]]
 
 
 def motion_panels(drawn: MotionData, *, together: bool) -> list[Panel]:
@@ -45,7 +42,7 @@ def record_panel(data: xr.Dataset) -> Panel:
     return Panel(made)
 
 
-def _record(drawn: MotionData) -> "figure":
+def _record(drawn: MotionData) -> plotting.figure:
     made = drawing.panel("time (s)", "angle (rad)")
     # Pale behind models, which must show.
     color = drawing.RECORD_GREY if drawn.lines else GREY
@@ -60,7 +57,7 @@ def _record(drawn: MotionData) -> "figure":
     return made
 
 
-def _residual(drawn: MotionData, models: Sequence[str], record: "figure") -> "figure":
+def _residual(drawn: MotionData, models: Sequence[str], record: plotting.figure) -> plotting.figure:
     label, height = "record \N{MINUS SIGN} model (mrad)", drawing.RESIDUAL_HEIGHT_PX
     made = drawing.panel("time (s)", label, height=height, share_x=record)
     drawing.band(made, -2e3 * drawn.noise, 2e3 * drawn.noise)
@@ -70,9 +67,7 @@ def _residual(drawn: MotionData, models: Sequence[str], record: "figure") -> "fi
     return made
 
 
-def _envelope(drawn: MotionData) -> "figure":
-    from bokeh.models import Range1d
-
+def _envelope(drawn: MotionData) -> plotting.figure:
     made = drawing.panel("time (s)", "amplitude (rad)", log="y")
     low, high = drawn.amplitude_limits()
     made.y_range = Range1d(low, high)
@@ -82,9 +77,7 @@ def _envelope(drawn: MotionData) -> "figure":
     return _half_periods(made, drawn, "instant_time", "amplitude", 0.1 * low, tooltips)
 
 
-def _frequency(drawn: MotionData) -> "figure":
-    from bokeh.models import Range1d
-
+def _frequency(drawn: MotionData) -> plotting.figure:
     made = drawing.panel("amplitude (rad)", "frequency (rad/s)")
     made.y_range = Range1d(*drawn.frequency_limits())
     made.x_range = Range1d(0.0, 1.05 * drawn.half_periods["record"].amplitude.values.max())
@@ -93,8 +86,8 @@ def _frequency(drawn: MotionData) -> "figure":
 
 
 def _half_periods(
-    made: "figure", drawn: MotionData, x: str, y: str, lowest: float, tooltips: drawing.Tooltips
-) -> "figure":
+    made: plotting.figure, drawn: MotionData, x: str, y: str, lowest: float, tooltips: drawing.Tooltips
+) -> plotting.figure:
     """Half periods of the record with bars from `lowest` on, and the lines of the models."""
     measured = drawn.half_periods["record"]
     value, error = measured[y].values, measured[f"{y}_standard_error"].values
@@ -108,8 +101,12 @@ def _half_periods(
 
 
 def _with_models(
-    made: "figure", drawn: MotionData, entries: Entries, curves: Mapping[str, Curve], width: float = 1.3
-) -> "dict[str, GlyphRenderer]":
+    made: plotting.figure,
+    drawn: MotionData,
+    entries: Entries,
+    curves: Mapping[str, Curve],
+    width: float = 1.3,
+) -> dict[str, GlyphRenderer]:
     """Curves of models over what is drawn, and the legend."""
     lines = drawn.lines
     order = sorted(curves, key=lambda name: lines[name]["zorder"])

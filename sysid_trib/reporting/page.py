@@ -4,18 +4,18 @@ import base64
 import io
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import xarray as xr
+from bokeh.embed import components
+from bokeh.resources import Resources
+from jinja2 import Environment, PackageLoader
+from matplotlib.figure import Figure
 
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.reporting import contents, provenance, reproducing
 from sysid_trib.reporting.parts import Section
 from sysid_trib.results.files import write_file
 from sysid_trib.results.per_run import record_groups
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 TITLES = {
     "identify": "Forces of a free decay",
@@ -67,10 +67,6 @@ def page(result: xr.DataTree | xr.Dataset) -> str:
 
 
 def _rendered(tree: xr.DataTree) -> str:
-    from bokeh.embed import components
-    from bokeh.resources import Resources
-    from jinja2 import Environment, PackageLoader
-
     sections = contents.sections(tree)
     panels = {
         f"{at}-{of}-{nth}": panel.figure
@@ -105,7 +101,7 @@ def _on_paper(section: Section) -> list[list[str]]:
     return [[_png(figure) for figure in figures.on_paper] for figures in section.figures]
 
 
-def _png(figure: "Figure") -> str:
+def _png(figure: Figure) -> str:
     buffer = io.BytesIO()
     figure.savefig(buffer, dpi=PAPER_DPI, format="png", pil_kwargs={"optimize": True})
     return base64.b64encode(buffer.getvalue()).decode()

@@ -2,12 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from bokeh.plotting import figure
-    from matplotlib.figure import Figure
-    from rich.table import Table as PrintedTable
+from bokeh import plotting
+from matplotlib.figure import Figure
+from rich.table import Table as PrintedTable
 
 
 @dataclass(frozen=True)
@@ -24,7 +22,7 @@ class PageTable:
 class Panel:
     """An interactive figure, as wide as the page or half of it."""
 
-    figure: "figure"
+    figure: plotting.figure
     wide: bool = True
 
 
@@ -34,7 +32,7 @@ class Figures:
 
     caption: str
     panels: Sequence[Panel]
-    on_paper: "Sequence[Figure]"
+    on_paper: Sequence[Figure]
 
 
 @dataclass(frozen=True)
@@ -47,7 +45,7 @@ class Section:
     figures: Sequence[Figures] = ()
 
 
-def as_table(title: str, printed: "PrintedTable") -> PageTable:
+def as_table(title: str, printed: PrintedTable) -> PageTable:
     """The table that a command prints."""
     cells = [[str(cell) for cell in column.cells] for column in printed.columns]
     heads = [str(column.header) for column in printed.columns]

@@ -1,17 +1,17 @@
 """Interactive figures of a search: the missing force, the scores, and what would have been detected."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
+from bokeh import plotting
+from bokeh.models import ColorBar, LinearColorMapper, Range1d
+from bokeh.palettes import RdBu11, interp_palette
 
 from sysid_trib.plots.discovery_data import RankingData, detectability_data, missing_force, rankings_data
 from sysid_trib.plots.style import CANDIDATE_MARKS, DETECTABLE_MARKS, GREY
 from sysid_trib.reporting import drawing
 from sysid_trib.reporting.parts import Panel
-
-if TYPE_CHECKING:
-    from bokeh.plotting import figure
 
 
 def map_panels(tree: xr.DataTree) -> list[Panel]:
@@ -24,10 +24,7 @@ def ranking_panels(tree: xr.DataTree) -> list[Panel]:
     return [Panel(_ranking(data), wide=False) for data in rankings_data(tree)]
 
 
-def _map(tree: xr.DataTree, after: bool) -> "figure":
-    from bokeh.models import ColorBar, LinearColorMapper, Range1d
-    from bokeh.palettes import RdBu11, interp_palette
-
+def _map(tree: xr.DataTree, after: bool) -> plotting.figure:
     force, error, limit = missing_force(tree, after=after)
     x, v = np.meshgrid(force.x.values, force.v.values, indexing="ij")
     there = np.isfinite(force.values)
@@ -52,7 +49,7 @@ def _map(tree: xr.DataTree, after: bool) -> "figure":
     return made
 
 
-def _ranking(data: RankingData) -> "figure":
+def _ranking(data: RankingData) -> plotting.figure:
     rows, log = data.candidates.candidate.values.tolist(), "x" if data.logarithmic else ""
     made = drawing.list_panel(f"score |z| {data.title}", rows, log=log)
     if data.logarithmic:
