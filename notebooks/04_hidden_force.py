@@ -91,7 +91,7 @@ LOSING = ("friction", "damping", "hysteresis")
 
 def unexplained(record: xr.Dataset) -> float:
     """RMS (rad) of the residual of the best fit of the known forces."""
-    return st.identify(record, known, st.methods.Trajectory()).noise.item()
+    return st.identify(record, known, st.methods.Trajectory()).residual_rms.item()
 
 
 def sealed(number: int) -> tuple[xr.Dataset, st.Model]:
@@ -269,7 +269,7 @@ verdicts = others | {number: found}
 def row_of(tree: xr.DataTree, hidden: st.Model) -> dict[str, object]:
     """Truth against verdict; gaps are those of the held-out third, in noise levels."""
     truth = {symbol: c for symbol, c in hidden.coefficients.items() if symbol not in BASE}
-    steps, gaps = tree["steps"].ds, tree["holdout"].rms.values / tree["holdout"].noise.item()
+    steps, gaps = tree["steps"].ds, tree["holdout"].rms.values / tree["holdout"].residual_noise.item()
     each = [steps.isel(step=at) for at in range(steps.attrs["count"])]
     named = [one["symbol"].item() for one in each]
     classes = [one.candidate.values[one.credible.values].tolist() for one in each]

@@ -75,7 +75,7 @@ def searched(decay: xr.Dataset, start: str, effects: int, holdout: xr.Dataset | 
     most = 1 if QUICK else effects
     tree = st.discover(decay, contact.select([start]), candidates, max_effects=most, holdout=unseen)
     display(tables.effects_found(tree))
-    gaps = tree["holdout"].rms.values / tree["holdout"].noise.item()
+    gaps = tree["holdout"].rms.values / tree["holdout"].residual_noise.item()
     print(
         f"Verdict: {tree.attrs['verdict']}. On what was held out ({tree.attrs['held_out']}) the start model"
     )

@@ -235,7 +235,7 @@ found["direct, s held at that"] = st.identify(cooling, warm, m.Direct(shapes=s))
 found["averaging, s held at that"] = st.identify(cooling, warm, m.Averaging(shapes=s))
 found["trajectory, warmth without delay"] = st.identify(cooling, instant, m.Trajectory())
 fits = {label: result for label, result in found.items() if "trajectory" in label}
-residuals = pd.Series({label: fit.noise.item() / NOISE for label, fit in fits.items()})
+residuals = pd.Series({label: fit.residual_rms.item() / NOISE for label, fit in fits.items()})
 display(tables.coefficients(found))
 print("In truth:", truth | {"warming.s": 40.0})
 display(residuals.round(2).to_frame("RMS residual of the trajectory, over the noise"))
@@ -287,7 +287,8 @@ seen = st.discover(filmed, camera.select(["viscous"]), camera.select(["chord", "
 step, held = seen["steps"].ds.isel(step=0), seen["holdout"].ds
 value, error = step["coefficient"].item(), step["standard_error"].item()
 print(f"{seen.attrs['verdict']}: {step['symbol'].item()} = {value:.4f} ± {error:.1g}; in truth {TILT}")
-print("Gap on the held-out third, over the noise, before and after:", (held.rms / held.noise).values.round(2))
+gaps = (held.rms / held.residual_noise).values.round(2)
+print("Gap on the held-out third, over the noise, before and after:", gaps)
 display(st.plots.rankings(seen))
 
 # %% [markdown]

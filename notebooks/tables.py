@@ -13,7 +13,7 @@ def effects_found(tree: xr.DataTree) -> pd.DataFrame:
     `fit` is the gap on what was fitted, `held out` on what was predicted.
     """
     steps, held = tree["steps"].ds, tree["holdout"].ds
-    noise = held.noise.item()
+    noise = held.residual_noise.item()
     rows = []
     for at in range(steps.attrs["count"]):
         step = steps.isel(step=at)

@@ -11,9 +11,10 @@ from command_line import run
 from helpers import FIVE, NOISE, SIX, Run, W, library_of_formulas, paper_run
 from scipy.stats import chi2
 
-from sysid_trib import Model, compare, envelope, identify, load_library, plots
+from sysid_trib import Model, compare, identify, load_library, plots
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.methods import Averaging, Direct, LinearDecrement, LogarithmicDecrement, WuDecrement
+from sysid_trib.noise.level import sensor_noise
 from sysid_trib.printing.comparison import (
     coefficient_table,
     comparison_sentences,
@@ -402,7 +403,7 @@ def test_several_runs_are_identified_together():
 def test_rms_are_over_the_runs_and_each_ones_noise():
     tree = of_two_runs()
     found = tree["comparison"].to_dataset()
-    noises = [envelope(run).noise.item() for run in two_runs()]
+    noises = [sensor_noise(run) for run in two_runs()]
     assert found.run_noise.values.tolist() == noises == pytest.approx([1e-4, 3e-4], rel=0.1)
     for name in ("residual", "train", "holdout"):
         each = found[f"run_{name}_rms"]
@@ -438,7 +439,7 @@ def test_runs_are_saved_told_and_drawn(tmp_path):
     assert load(tmp_path / "result.nc").identical(tree)
     told = " ".join(comparison_sentences(tree))
     assert "The last third of each run, held out from 16.66 s and 10 s on, is predicted best by" in told
-    assert "The noise is that of each run: 0.097 and 0.3 mrad a sample" in told
+    assert "The noise is that of each run: 0.097 and 0.31 mrad a sample" in told
     assert len(plots.comparison(tree).axes) == len(FIVE) + 2
     # Digits of a frequency stand in full; an offset would run into the label.
     axis = plots.coefficients(tree, "asymptotic_frequency").xaxis

@@ -114,9 +114,9 @@ def test_story_of_the_twin(twin):
     for step in found["steps"]:
         assert f"{step['symbol']}, {step['name']} {step['formula']}" in told
         assert f"z = {step['z']:.3g}" in told
-        pair = (step[f"residual_{when}"] / found["noise"] for when in ("before", "after"))
+        pair = (step[f"residual_{when}"] / found["residual_noise"] for when in ("before", "after"))
         assert "gap from {:.3g} to {:.3g} times the noise".format(*pair) in told
-        pair = (step[f"holdout_{when}"] / found["noise"] for when in ("before", "after"))
+        pair = (step[f"holdout_{when}"] / found["residual_noise"] for when in ("before", "after"))
         assert re.search(r"hold-out.* from {:.3g} to {:.3g} times the noise".format(*pair), told)
         for other in step["indistinguishable_from"]:
             assert f"{other['symbol']} ({other['formula']})" in told

@@ -5,12 +5,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from sysid_trib.discrepancy.baseline import Baseline, fit
 from sysid_trib.discrepancy.candidate_fits import without_force
 from sysid_trib.discrepancy.stepwise_search import Search
 from sysid_trib.errors import SysidTribError
+from sysid_trib.noise.level import sensor_noises
+from sysid_trib.results.birge import birge_ratio
 from sysid_trib.trajectory_fit.initial_conditions import first_guess, fit_start
 from sysid_trib.trajectory_fit.least_squares import rms
 from sysid_trib.trajectory_fit.problem import WhitenedRecord
@@ -147,10 +149,13 @@ def model_identification(model: Baseline, runs: Sequence[xr.Dataset]) -> xr.Data
     from sysid_trib.methods.trajectory import Trajectory
 
     parameters = model.problem.parameters
-    birge_ratio = np.sqrt(model.chi_square / max(1, len(model.residual) - len(parameters)))
-    covariance = model.covariance * max(1.0, birge_ratio) ** 2
-    levels = [noise.innovation for noise in model.noises]
+    ratio = birge_ratio(model.chi_square, len(model.residual) - len(parameters))
+    covariance = model.covariance * max(1.0, ratio) ** 2
+    innovations = [noise.innovation for noise in model.noises]
     method = Trajectory(parameters.reference_frequency, "coloured", parameters.fit_shapes)
-    extra = {"birge_ratio": (birge_ratio, "1", "RMS of the whitened residual over the noise")}
-    estimate = FitEstimate(model.problem, model.values, covariance, levels)
+    extra: dict[str, tuple[ArrayLike, str, str]] = {
+        "birge_ratio": (ratio, "1", "Birge ratio of the whitened residual"),
+        "innovation_noise": (innovations, "rad", "standard deviation of the noise model's innovations"),
+    }
+    estimate = FitEstimate(model.problem, model.values, covariance, sensor_noises(runs))
     return estimate.identification(method, runs, parameters.library, extra)

@@ -57,7 +57,10 @@ def _records(runs: Sequence[xr.Dataset], ends: Sequence[Any]) -> list[xr.Dataset
     for at, run in enumerate(runs):
         simulated = np.stack([run.angle.values + residual[at] for residual in residuals])
         angle = variable(("model", "time"), simulated, "angle of the model", "rad")
-        records.append(run.assign_coords(model=["before", "after"]).assign(simulated_angle=angle))
+        level = ends[-1].noises[at].standard_deviation
+        noise = variable((), level, "what no modulated harmonic of the motion follows, of a sample", "rad")
+        both = run.assign_coords(model=["before", "after"])
+        records.append(both.assign(simulated_angle=angle, residual_noise=noise))
     return records
 
 
@@ -231,7 +234,9 @@ def _holdout(stages: ModelSequence) -> xr.Dataset:
     return xr.Dataset(
         {
             "rms": variable("model", stages.holdout, "RMS residual of the prediction", "rad"),
-            "noise": variable((), noise, "standard deviation of a sample's noise", "rad"),
+            "residual_noise": variable(
+                (), noise, "RMS over the runs of what no modulated harmonic of the motion follows", "rad"
+            ),
             "residual_above_noise": variable(
                 "model", ratio, "squared residual above the noise, over the start model's", "1"
             ),

@@ -19,7 +19,7 @@ from sysid_trib.regression.linearisation import DeviationOperator, linearised
 from sysid_trib.regression.problem import ReferenceTrajectory, RunRegression, begin, update
 from sysid_trib.regression.rows import Rows, stack_rows, strong_rows, weak_rows
 from sysid_trib.regression.solution import Mask, Solution, select, solve, with_errors_of_dropped
-from sysid_trib.results.per_run import run_noise, start_variables
+from sysid_trib.results.per_run import start_variables
 from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.simulation.model import Model
 from sysid_trib.trajectory_fit.initial_conditions import fit_start
@@ -157,14 +157,13 @@ class Direct:
 def _estimate(runs: Runs, solution: Solution) -> Estimate:
     """The estimate of the last regression as results take it."""
     noises = [run.problem.noise for run in runs]
-    noise, estimates = root_mean_square(noises), [run.estimate for run in runs]
+    estimates = [run.estimate for run in runs]
     extra: dict[str, tuple[ArrayLike, str, str]] = {
-        "birge_ratio": (solution.noise / noise, "1", "in-band residual over the noise of the record"),
-        **run_noise(noises),
+        "birge_ratio": (solution.noise / root_mean_square(noises), "1", "Birge ratio of the rows"),
         **start_variables([run.start for run in estimates], [run.offset for run in estimates]),
     }
     common = estimates[0]
-    return Estimate(common.coefficients, solution.covariance, common.frequency, noise, extra)
+    return Estimate(common.coefficients, solution.covariance, common.frequency, noises, extra)
 
 
 def _linearised(runs: Runs) -> list[DeviationOperator]:

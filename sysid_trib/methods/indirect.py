@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.scope import Method, scope_of
-from sysid_trib.records.runs import Decays, root_mean_square
-from sysid_trib.results.per_run import run_noise
+from sysid_trib.noise.level import sensor_noises
+from sysid_trib.records.runs import Decays
+from sysid_trib.results.birge import birge_ratio
 from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
@@ -51,7 +52,7 @@ class AuxiliaryFit:
     def birge_ratio(self, *groups: str) -> float:
         """Root of the reduced chi-square of some groups."""
         total = sum(self.chi_square(group, self.residuals[group]) for group in groups)
-        return float(np.sqrt(total / sum(self.degrees_of_freedom[group] for group in groups)))
+        return birge_ratio(total, sum(self.degrees_of_freedom[group] for group in groups))
 
     def error_factors(self) -> dict[str, float]:
         """The Birge ratio of each group, by which errors are raised; at least 1."""
@@ -88,7 +89,7 @@ class IndirectEstimate:
     covariance : (value, value) array of float
         Scaled by the Birge ratios.
     noises : list of float, rad
-        Of one sample of each run.
+        The sensor's, of each run.
     birge_ratios : Mapping of str to float
         Of each group of equations.
     birge_ratio : float
@@ -138,7 +139,7 @@ def indirect_estimate(
         values,
         first.values - values,
         first.covariance(last.error_factors()),
-        [float(each.noise) for each in measured],
+        sensor_noises(decays),
         {group: last.birge_ratio(group) for group in last.residuals},
         last.birge_ratio(*last.residuals),
         bias_removed,
@@ -217,9 +218,7 @@ def as_identification(
     for group, value in found.birge_ratios.items():
         if group:
             extra[f"{group}_birge_ratio"] = (value, "1", f"Birge ratio of the {group}'s equations alone")
-    extra |= run_noise(found.noises)
-    noise = root_mean_square(found.noises)
-    estimate = Estimate(found.values[:-1], found.covariance, float(found.values[-1]), noise, extra)
+    estimate = Estimate(found.values[:-1], found.covariance, float(found.values[-1]), found.noises, extra)
     result = identification(method, decay, asked, estimate, offered=offered)
     attrs = {"units": "1", "long_name": "first-order bias removed"}
     result["first_order_bias"] = ("force", found.bias[:-1], attrs)

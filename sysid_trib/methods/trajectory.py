@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.constraints import Constraints
@@ -15,7 +15,9 @@ from sysid_trib.forces.to_identify import forces_to_identify
 from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.scope import MethodScope
 from sysid_trib.noise.autoregression import autoregression, whitened
+from sysid_trib.noise.level import sensor_noises
 from sysid_trib.records.runs import Decays, as_runs, root_mean_square
+from sysid_trib.results.birge import birge_ratio
 from sysid_trib.results.schema import model_of
 from sysid_trib.simulation.model import Model
 from sysid_trib.trajectory_fit.initial_conditions import first_guess
@@ -182,11 +184,14 @@ def _labelled(
         )
     parameters = problem.parameters
     freedom = max(1, len(fit.residual) - len(parameters.free))
-    noise = float(np.sqrt(fit.residual @ fit.residual / freedom))
-    covariance = noise**2 * parameters.covariance(fit.sensitivity, fit.values)
-    estimate = FitEstimate(problem, fit.values, covariance, [noise / r.weight for r in problem.records])
-    deviations = [float(np.std(residual)) for residual in residuals]
-    extra = {"noise_of_sample": (deviations, "rad", "standard deviation of the residual")}
+    covariance = fit.residual @ fit.residual / freedom * parameters.covariance(fit.sensitivity, fit.values)
+    noises = sensor_noises(runs)
+    estimate = FitEstimate(problem, fit.values, covariance, noises)
+    extra: dict[str, tuple[ArrayLike, str, str]]
+    extra = {"residual_rms": ([rms(residual) for residual in residuals], "rad", "RMS residual")}
+    if all(noises):
+        chi_square = sum(float(r @ r) / level**2 for r, level in zip(residuals, noises, strict=True))
+        extra["birge_ratio"] = (birge_ratio(chi_square, freedom), "1", "Birge ratio by the sensor's noise")
     result = estimate.identification(method, runs, library, extra)
     constraints = Constraints(method.fix, method.bounds, method.tie)
     if constraints:

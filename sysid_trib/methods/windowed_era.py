@@ -12,6 +12,9 @@ from sysid_trib.decays.windowed_modes import Windows, fit_windows, table
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.classical import needed_forces, one_record
 from sysid_trib.methods.scope import MethodScope
+from sysid_trib.noise.level import sensor_noise
+from sysid_trib.records.runs import root_mean_square
+from sysid_trib.results.birge import birge_ratio
 from sysid_trib.results.schema import Estimate, identification
 
 Array = NDArray[np.float64]
@@ -55,10 +58,10 @@ class WindowedERA:
         windows = fit_windows(decay)
         values, influence, ratios = zip(*(_mean(windows, *part) for part in _linear(windows)), strict=True)
         scaled = np.stack(influence) * np.maximum(1.0, ratios)[:, None]
-        birge_ratio = float(np.sqrt(np.mean(np.square(ratios))))
-        extra = {"birge_ratio": (birge_ratio, "1", "RMS of the windows' differences over their errors")}
+        both = root_mean_square(ratios)
+        extra = {"birge_ratio": (both, "1", "Birge ratio of the windows' damping and frequency")}
         estimate = Estimate(
-            np.array(values[:1]), scaled @ scaled.T, float(values[1]), windows.sample_noise, extra
+            np.array(values[:1]), scaled @ scaled.T, float(values[1]), [sensor_noise(decay)], extra
         )
         result = identification(self, decay, asked, estimate, offered=library).merge(table(windows))
         return result.assign_attrs(first_order_bias_removed="not needed", assumes=self.scope.assumes)
@@ -79,5 +82,5 @@ def _mean(windows: Windows, value: Array, influence: sp.csr_matrix) -> tuple[flo
     variance = windows.noise**2 * np.asarray(influence.multiply(influence).sum(axis=1)).ravel()
     weight = (1.0 / variance) / np.sum(1.0 / variance)
     mean = float(weight @ value)
-    birge_ratio = np.sqrt(np.sum((value - mean) ** 2 / variance) / (len(value) - 1))
-    return mean, windows.noise * (influence.T @ weight), float(birge_ratio)
+    ratio = birge_ratio(float(np.sum((value - mean) ** 2 / variance)), len(value) - 1)
+    return mean, windows.noise * (influence.T @ weight), ratio

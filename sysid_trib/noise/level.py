@@ -1,9 +1,13 @@
 """The noise of the sensor: the one definition of `noise` in every result."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import xarray as xr
 
 from sysid_trib.decays.equilibrium import usable_half_periods
+from sysid_trib.decays.half_periods import noise_level, quantisation_step
+from sysid_trib.errors import DecayError
 from sysid_trib.noise.smoothing import smooth
 
 
@@ -47,13 +51,17 @@ def sensor_noise(decay: xr.Dataset) -> float:
     float
         Of what the least-squares spline with twelve knots a period does not follow: no model is needed, so
         that it is the same for every method. Of coloured noise it is the part above six times the frequency
-        of the swing.
-
-    Raises
-    ------
-    DecayError
-        Fewer than three half periods, or samples that do not determine the spline.
+        of the swing. Where the samples are too few, or have gaps, it is that of sixth differences, or of the
+        quantisation if that is larger.
     """
-    time = decay.time.values.astype(float)
-    tau = nominal_frequency(swing_frequency(decay)) * (time - time[0])
-    return smooth(tau, decay.angle.values.astype(float)).noise
+    time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
+    try:
+        tau = nominal_frequency(swing_frequency(decay)) * (time - time[0])
+        return smooth(tau, angle).noise
+    except DecayError:
+        return max(noise_level(time, angle), quantisation_step(angle) / float(np.sqrt(12.0)))
+
+
+def sensor_noises(decays: Sequence[xr.Dataset]) -> list[float]:
+    """The same of each run (rad)."""
+    return [sensor_noise(decay) for decay in decays]

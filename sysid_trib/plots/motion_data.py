@@ -105,9 +105,8 @@ def motion_data(tree: xr.DataTree, run: int) -> MotionData:
 
 
 def noise_of_sample(tree: xr.DataTree, run: int) -> float:
-    """Noise of one sample of a run, rad: an identification has the noise of its innovations."""
-    after = tree["after"].to_dataset()
-    return float(noise_of_run(after, run) * tree["holdout"].noise.item() / after.noise.item())
+    """Noise of one sample of a run beside which its residual is judged, rad."""
+    return float(tree[record_groups(tree)[run]].residual_noise.item())
 
 
 def drawn_samples(values: Array) -> NDArray[np.intp]:

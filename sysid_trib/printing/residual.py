@@ -26,8 +26,8 @@ def residual_of(tree: xr.DataTree, model: str) -> float:
 
 
 def noise_of(tree: xr.DataTree) -> float:
-    """Noise of one sample, rad."""
-    return float(tree["holdout"].noise.item())
+    """Noise of one sample beside which residuals are judged, rad: coloured noise counts."""
+    return float(tree["holdout"].residual_noise.item())
 
 
 def in_mrad(angle: float) -> str:

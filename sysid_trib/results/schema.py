@@ -13,8 +13,9 @@ from sysid_trib._version import __version__
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import library_of_text
-from sysid_trib.records.runs import Decays, as_runs
+from sysid_trib.records.runs import Decays, as_runs, root_mean_square
 from sysid_trib.results.format import FORMAT_VERSION
+from sysid_trib.results.per_run import run_noise
 from sysid_trib.simulation.model import Model
 
 Array = NDArray[np.float64]
@@ -33,14 +34,14 @@ class Estimate:
     coefficients : (force,); covariance : (force + 1, force + 1), the last row and column belong to the
         reference frequency (zero where it was given).
     reference_frequency : rad/s.
-    noise : rad.
+    noises : standard deviation of the sensor's noise in each run, rad.
     extra : further scalars, or one number a run, with (value, units, long_name).
     """
 
     coefficients: Array
     covariance: Array
     reference_frequency: float
-    noise: float
+    noises: Sequence[float]
     extra: Mapping[str, tuple[ArrayLike, str, str]] = field(default_factory=dict)
 
 
@@ -76,7 +77,12 @@ def identification(
             "rad/s",
             "standard error of the asymptotic frequency",
         ),
-        "noise": (estimate.noise, "rad", "standard deviation of the noise"),
+        "noise": (
+            root_mean_square(estimate.noises),
+            "rad",
+            "standard deviation of the sensor's noise in a sample",
+        ),
+        **run_noise(estimate.noises),
         **estimate.extra,
     }
     result = _per_force(library, estimate, kept)

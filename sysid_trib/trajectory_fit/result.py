@@ -9,8 +9,8 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.records.runs import one_or_all, root_mean_square
-from sysid_trib.results.per_run import run_noise, start_variables
+from sysid_trib.records.runs import one_or_all
+from sysid_trib.results.per_run import start_variables
 from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.trajectory_fit.parameters import FREQUENCY
 from sysid_trib.trajectory_fit.problem import FitProblem
@@ -31,7 +31,7 @@ class FitEstimate:
     covariance : (parameter, parameter) array of float
         Their covariance.
     noises : sequence of float, rad
-        Noise of each run.
+        The sensor's noise in each run.
     """
 
     problem: FitProblem
@@ -65,12 +65,8 @@ class FitEstimate:
             parameters.coefficients(self.values),
             parameters.covariance_of(self.covariance, (*parameters.library.symbols, FREQUENCY)),
             model.reference_frequency,
-            root_mean_square(self.noises),
-            {
-                **start_variables([(angle, rate) for angle, rate, _ in per_run], per_run[:, 2]),
-                **run_noise(self.noises),
-                **extra,
-            },
+            self.noises,
+            {**start_variables([(angle, rate) for angle, rate, _ in per_run], per_run[:, 2]), **extra},
         )
         method = replace(method, shapes=dict(model.shapes))
         result = identification(method, one_or_all(runs), parameters.library, estimate, offered=offered)

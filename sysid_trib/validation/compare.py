@@ -4,10 +4,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import Field, fields, is_dataclass, replace
 from typing import Any
 
-import numpy as np
 import xarray as xr
 
-from sysid_trib.decays.half_periods import quantisation_step
 from sysid_trib.decays.half_sines import envelope
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.force import ForceLibrary
@@ -103,7 +101,7 @@ def compare(
     -----
     Held out is the last third by time: each method identifies the first two thirds again, its model is
     simulated over the last with the start and the sensor's zero fitted there, nothing else. The record's
-    centre was found on the whole. One noise for all: that of the record's envelope (see `envelope`).
+    centre was found on the whole. One noise for all: the sensor's (see `sensor_noise`).
     A method that does not apply keeps its row: nan, and why in `reason`.
 
     Of several runs the last third of each is held out. RMS are over the runs, whatever their lengths; over
@@ -127,7 +125,7 @@ def compare(
         subject = "this record" if len(runs) == 1 else "these runs together"
         raise DecayError(f"No method can identify {subject}. {trials[0].label}: {trials[0].reason}.")
     table = method_table(trials, [run.noise for run in runs], [run.block for run in runs])
-    table.attrs["noise_from"] = " or ".join(dict.fromkeys(_noise_source(run) for run in runs))
+    table.attrs["noise_from"] = "a least-squares spline"
     table.attrs |= _never_told_apart(runs, decided, library)
     groups |= {trial.label: trial.result for trial in decided if trial.result is not None}
     return xr.DataTree.from_dict({**groups, "comparison": table})
@@ -185,9 +183,3 @@ def _never_told_apart(
         "no_method_identifies": ", ".join(unseen),
         "exchangeable_with_the_frequency": stiffness.symbol if alone and stiffness is not None else "",
     }
-
-
-def _noise_source(run: RunInParts) -> str:
-    """Where the noise of an envelope is from (see `envelope`)."""
-    coarse = quantisation_step(run.decay.angle.values.astype(float)) / np.sqrt(12.0)
-    return "its quantisation" if coarse >= run.noise * (1.0 - 1e-9) else "its sixth differences"

@@ -58,7 +58,7 @@ def method_table(trials: Sequence[Trial], noises: Sequence[float], blocks: Seque
         "standard_error": variable(dims, errors, "standard error of the coefficient", PER_FORCE_UNIT),
         "z": variable(dims, _contrast(values, errors, at), CONTRAST, "1"),
         "common_frequency": variable((), reference, "frequency to which coefficients refer", "rad/s"),
-        "noise": variable((), noise, "noise of one sample, the record's", "rad"),
+        "noise": variable((), noise, "standard deviation of the sensor's noise", "rad"),
     }
     variables |= _frequencies(trials, at) | _residuals(trials, at, blocks)
     each = [_texts(trial) for trial in trials]

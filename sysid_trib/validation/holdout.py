@@ -4,6 +4,7 @@ import re
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from scipy.stats import ttest_1samp
 
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import parse_library
+from sysid_trib.noise.level import sensor_noise
 from sysid_trib.records.runs import root_mean_square
 from sysid_trib.results.schema import library_of
 from sysid_trib.trajectory_fit.initial_conditions import FittedMotion
@@ -113,10 +115,10 @@ class RunInParts:
     rest: xr.Dataset
     envelope: xr.Dataset
 
-    @property
+    @cached_property
     def noise(self) -> float:
-        """Noise of one sample, rad."""
-        return float(self.envelope.noise.item())
+        """The sensor's noise, rad."""
+        return sensor_noise(self.decay)
 
     @property
     def block(self) -> int:
