@@ -160,16 +160,12 @@ def settings(
     from sysid_trib.simulation.example import PAPER_COEFFICIENTS
     from sysid_trib.simulation.model import check_shapes
 
-    coefficients: dict[str, float] = {}
-    shapes: dict[str, float] = {}
-    for setting in (part for text in texts for part in text.split(",")):
-        name, equals, text = (part.strip() for part in setting.partition("="))
-        if not equals or not name:
-            raise UsageError(f"--set '{setting}' must be SYMBOL=VALUE, such as lambda=1e-3.")
-        value = parse_number(text, f"--set {name}")
+    values = _assigned(texts, "--set '{}' must be SYMBOL=VALUE, such as lambda=1e-3.")
+    for name, value in values.items():
         if abs(value) > MOST:
-            raise UsageError(f"--set {name}: {text} is larger than {MOST:g}.")
-        (shapes if "." in name else coefficients)[name] = value
+            raise UsageError(f"--set {name}: {value:g} is larger than {MOST:g}.")
+    shapes = {name: value for name, value in values.items() if "." in name}
+    coefficients = {name: value for name, value in values.items() if "." not in name}
     check_shapes(shapes, library)
     if not coefficients and (texts or not papers):
         raise UsageError("No force is given a coefficient: add one, such as --set zeta=0.01.")
@@ -179,14 +175,23 @@ def settings(
 def held_shapes(texts: list[str], library: "ForceLibrary") -> dict[str, float]:
     """Shape parameters of the forces asked for, such as `dahl.s=0.02`."""
     known = [f"{force.symbol}.{name}" for force in library for name in force.shape]
-    shapes: dict[str, float] = {}
-    for text in (part for given in texts for part in given.split(",")):
-        name, equals, value = (part.strip() for part in text.partition("="))
-        if not equals or name not in known:
-            there = ", ".join(known) or "none"
-            raise UsageError(f"--set '{text}': give SHAPE=VALUE; shapes of the forces asked for: {there}.")
-        shapes[name] = parse_number(value, f"--set {name}")
+    refusal = f"--set '{{}}': give SHAPE=VALUE; shapes of the forces asked for: {', '.join(known) or 'none'}."
+    shapes = _assigned(texts, refusal)
+    for name in shapes:
+        if name not in known:
+            raise UsageError(refusal.format(name))
     return shapes
+
+
+def _assigned(texts: list[str], refusal: str) -> dict[str, float]:
+    """Values by name of `NAME=VALUE,...`; the refusal takes what is no such pair."""
+    values: dict[str, float] = {}
+    for setting in (part for text in texts for part in text.split(",")):
+        name, equals, value = (part.strip() for part in setting.partition("="))
+        if not equals or not name:
+            raise UsageError(refusal.format(setting))
+        values[name] = parse_number(value, f"--set {name}")
+    return values
 
 
 def parse_number(text: str, option: str) -> float:

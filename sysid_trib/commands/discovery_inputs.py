@@ -27,21 +27,21 @@ def offered_candidates(library: str, candidates: str | None, start: "ForceLibrar
         A candidate has the symbol of another force of the model: a name would then say nothing.
     """
     if candidates is not None:
-        found = load_library(candidates)
+        offered = load_library(candidates)
     else:
         whole, effects = load_library(library), load_library(EFFECTS)
         others = [force for force in whole if force.symbol not in start.symbols]
         taken = [force.symbol for force in (*start, *others)]
         # One's own force of a symbol goes before the usual effect of the same.
         others += [force for force in effects if force.symbol not in taken]
-        found = replace(effects, forces=tuple(others))
-    for force in found:
+        offered = replace(effects, forces=tuple(others))
+    for force in offered:
         if force.symbol in start.symbols and force.formula.text != start[force.symbol].formula.text:
             raise UsageError(
                 f"Candidate '{force.symbol}' ({force.formula.text}) has the symbol of another force of the "
                 f"start model ({start[force.symbol].formula.text}); rename one of them."
             )
-    return found
+    return offered
 
 
 def held_out(

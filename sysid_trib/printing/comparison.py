@@ -8,6 +8,8 @@ import xarray as xr
 
 from sysid_trib.printing.layers import ALWAYS, Block, Layer
 from sysid_trib.printing.layout import (
+    by_label,
+    identifiability_warnings,
     number,
     numbers,
     quantity,
@@ -49,13 +51,6 @@ TEXTS = {
     "blind_to": "neglects",
     "cannot_tell_apart": "cannot_tell_apart",
     "assumes": "assumes",
-}
-# Attributes of the comparison that warn, and their sentences.
-WARNINGS = {
-    "no_method_identifies": "No method here identifies: {}.",
-    "no_method_can_tell_apart": "No method can separate: {}.",
-    "averaging_cannot_tell_apart": "Methods of the envelope and the frequency cannot separate: {}.",
-    "averaging_cannot_see": "Methods of the envelope and the frequency cannot identify: {}.",
 }
 CAUSES = {
     "neglect": "These methods neglect forces, and the forces that they know take their place (see remarks)",
@@ -105,40 +100,33 @@ def coefficient_table(tree: xr.DataTree) -> "Table":
     A method that does not apply has no row here; `quality_table` says why.
     """
     table = _applied(tree)
-    heads, columns = [], []
-    for symbol in table.force.values.tolist():
-        one = table.sel(force=symbol)
-        power = column_power(one)
+    columns = {}
+    for symbol, row in by_label(table, "force").items():
+        power = column_power(row)
         scale = 10.0**power
-        pairs = zip(one.coefficient.values / scale, one.standard_error.values / scale, strict=True)
-        unit = "" if one.unit.item() == "1" else f" {one.unit.item()}"
-        heads.append(f"{symbol}{f' (1e{power:+03d}{unit})' if power else unit and f' ({unit.strip()})'}")
-        columns.append([value_with_error(float(value), float(error)) for value, error in pairs])
-    columns.append([quantity(one, "asymptotic_frequency") for one in _methods(table).values()])
-    return _method_table(table, [*heads, f"{FREQUENCY} (rad/s)"], columns)
+        pairs = zip(row.coefficient.values / scale, row.standard_error.values / scale, strict=True)
+        unit = [row.unit.item()] if row.unit.item() != "1" else []
+        parts = " ".join([*([f"1e{power:+03d}"] if power else []), *unit])
+        head = f"{symbol} ({parts})" if parts else symbol
+        columns[head] = [value_with_error(float(value), float(error)) for value, error in pairs]
+    frequencies = [quantity(row, "asymptotic_frequency") for row in by_label(table, "method").values()]
+    return _method_table(table, columns | {f"{FREQUENCY} (rad/s)": frequencies})
 
 
 def difference_table(tree: xr.DataTree) -> "Table":
     """Differences from the method that predicts best, over the errors of both."""
     table = _applied(tree)
-    columns = [
-        [
-            _signed(z, label == table.attrs["best"])
-            for z, label in zip(values, table.method.values, strict=True)
-        ]
-        for values in (*table.z.values.T, table.asymptotic_frequency_z.values)
-    ]
-    return _method_table(table, [*table.force.values.tolist(), FREQUENCY], columns)
+    best = table.method.values == table.attrs["best"]
+    values = dict(zip(table.force.values.tolist(), table.z.values.T, strict=True))
+    values[FREQUENCY] = table.asymptotic_frequency_z.values
+    columns = {head: [_signed(*pair) for pair in zip(z, best, strict=True)] for head, z in values.items()}
+    return _method_table(table, columns)
 
 
 def quality_table(tree: xr.DataTree) -> "Table":
     """Residuals of simulated models, on the record and out of it, and what to mind of each method."""
     table = tree["comparison"].ds
-    remarks = []
-    for one in _methods(table).values():
-        neglects = f"neglects {one.neglects.item()}" if one.neglects.item() else ""
-        remarks.append("; ".join(filter(None, (one.reason.item(), one.bias.item(), neglects))))
-    values: dict[str, tuple[xr.DataArray, Callable[[float], str]]] = {
+    numbered: dict[str, tuple[xr.DataArray, Callable[[float], str]]] = {
         "all/noise": (table.residual_over_noise, _ratio),
         "train (mrad)": (1e3 * table.train_rms, _ratio),
         "held out (mrad)": (1e3 * table.holdout_rms, _ratio),
@@ -146,11 +134,15 @@ def quality_table(tree: xr.DataTree) -> "Table":
         "phase (periods)": (table.phase_error / (2.0 * np.pi), "{:.2f}".format),
         "time (s)": (table.time_taken, "{:#.2g}".format),
     }
-    columns = [
-        [as_text(value) if np.isfinite(value) else "-" for value in column.values.tolist()]
-        for column, as_text in values.values()
-    ]
-    return _method_table(table, [*values, "remarks"], [*columns, remarks], words=1)
+    columns = {
+        head: [as_text(value) if np.isfinite(value) else "-" for value in values.values.tolist()]
+        for head, (values, as_text) in numbered.items()
+    }
+    columns["remarks"] = []
+    for row in by_label(table, "method").values():
+        neglects = f"neglects {row.neglects.item()}" if row.neglects.item() else ""
+        columns["remarks"].append("; ".join(filter(None, (row.reason.item(), row.bias.item(), neglects))))
+    return _method_table(table, columns, words=["remarks"])
 
 
 def comparison_sentences(tree: xr.DataTree) -> list[str]:
@@ -170,7 +162,7 @@ def comparison_sentences(tree: xr.DataTree) -> list[str]:
             f"No method can identify {symbol}: in a single record, it cannot be separated from the "
             "frequency. Give --omega0 (frequency without contact) to identify it."
         )
-    return sentences + _warnings(table)
+    return sentences + identifiability_warnings(table.attrs)
 
 
 def _key_sentences(tree: xr.DataTree) -> list[str]:
@@ -181,19 +173,15 @@ def _key_sentences(tree: xr.DataTree) -> list[str]:
         _explanation(table),
         *_by_accident(table),
         *_differences(table, causes=("bias", "form")),
-        *_warnings(table),
+        *identifiability_warnings(table.attrs),
     ]
-
-
-def _warnings(table: xr.Dataset) -> list[str]:
-    return [text.format(table.attrs[key]) for key, text in WARNINGS.items() if table.attrs[key]]
 
 
 def comparison_json(tree: xr.DataTree) -> dict[str, Any]:
     """The comparison as plain data; non-finite numbers are None."""
     table, groups = tree["comparison"].ds, record_groups(tree)
     methods: dict[str, Any] = {}
-    for label, one in _methods(table).items():
+    for label, row in by_label(table, "method").items():
         coefficients = {
             symbol: {
                 **quantity_json(of_force, "coefficient"),
@@ -201,12 +189,12 @@ def comparison_json(tree: xr.DataTree) -> dict[str, Any]:
                 "unit": of_force.unit.item(),
             }
             for symbol in table.force.values.tolist()
-            for of_force in (one.sel(force=symbol),)
+            for of_force in (row.sel(force=symbol),)
         }
-        texts = {key: one[name].item() for key, name in TEXTS.items()}
-        methods[label] = {"coefficients": coefficients, **numbers(one, SCALARS), **texts}
+        texts = {key: row[name].item() for key, name in TEXTS.items()}
+        methods[label] = {"coefficients": coefficients, **numbers(row, SCALARS), **texts}
         if len(groups) > 1:
-            methods[label] |= numbers(one, RUN_RMS)
+            methods[label] |= numbers(row, RUN_RMS)
     starts = [number(tree[group].holdout_start.item()) for group in groups]
     data = {
         **records_json(tree),
@@ -220,11 +208,6 @@ def comparison_json(tree: xr.DataTree) -> dict[str, Any]:
     return data
 
 
-def _methods(table: xr.Dataset) -> dict[str, xr.Dataset]:
-    """The row of each method."""
-    return {label: table.sel({"method": label}) for label in table.method.values.tolist()}
-
-
 def _applied(tree: xr.DataTree) -> xr.Dataset:
     """The comparison, of methods that gave a coefficient or a frequency."""
     table = tree["comparison"].ds
@@ -232,14 +215,11 @@ def _applied(tree: xr.DataTree) -> xr.Dataset:
     return table.isel(method=np.flatnonzero(applied.values))
 
 
-def _method_table(table: xr.Dataset, heads: list[str], columns: list[list[str]], words: int = 0) -> "Table":
-    # As wide as a word of the head: a narrow terminal would break it.
-    widths = [max(len(word) for word in head.split()) for head in heads[: len(heads) - words]]
-    padded = [[cell.rjust(width) for cell in column] for column, width in zip(columns, widths, strict=False)]
-    texts = columns[len(padded) :]
-    rows = [list(row) for row in zip(table.method.values.tolist(), *padded, *texts, strict=True)]
-    right = tuple(range(1, len(heads) + 1 - words))
-    return text_table(["method", *heads], rows, whole=(0,), numbers=right)
+def _method_table(table: xr.Dataset, columns: dict[str, list[str]], words: Sequence[str] = ()) -> "Table":
+    """A row a method; columns of numbers, and of words."""
+    rows = [list(row) for row in zip(table.method.values.tolist(), *columns.values(), strict=True)]
+    right = tuple(at for at, head in enumerate(columns, 1) if head not in words)
+    return text_table(["method", *columns], rows, whole=(0,), numbers=right)
 
 
 def _signed(z: float, best: bool) -> str:
@@ -256,7 +236,7 @@ def _prediction(tree: xr.DataTree) -> str:
     table, groups = tree["comparison"].ds, record_groups(tree)
     starts = " and ".join(f"{tree[group].holdout_start.item():.4g} s" for group in groups)
     third = "The last third" if len(groups) == 1 else "The last third of each run"
-    best = _methods(table)[table.attrs["best"]]
+    best = by_label(table, "method")[table.attrs["best"]]
     if np.isnan(best.holdout_rms.item()):
         return f"No method could be tested on {third.lower()}, held out."
     ratio = best.holdout_over_noise.item()
@@ -268,13 +248,13 @@ def _prediction(tree: xr.DataTree) -> str:
 
 
 def _as_good(table: xr.Dataset) -> list[str]:
-    methods = _methods(table)
+    methods = by_label(table, "method")
     best = methods.pop(table.attrs["best"])
     limit = ALIKE * best.holdout_over_noise.item()
     labels = [
         label
-        for label, one in methods.items()
-        if one.holdout_over_noise.item() <= limit or one.holdout_p_value.item() > LEVEL
+        for label, row in methods.items()
+        if row.holdout_over_noise.item() <= limit or row.holdout_p_value.item() > LEVEL
     ]
     if not labels:
         return []
@@ -296,7 +276,7 @@ def _by_accident(table: xr.Dataset) -> list[str]:
 
 def _explanation(table: xr.Dataset) -> str:
     """What the noise is, and what it means that the forces do not explain the record."""
-    best = _methods(table)[table.attrs["best"]]
+    best = by_label(table, "method")[table.attrs["best"]]
     levels = np.atleast_1d(table.run_noise.values if "run_noise" in table else table.noise.values)
     whose = "the record" if len(levels) == 1 else "each run"
     sizes = " and ".join(f"{1e3 * level:.2g}" for level in levels.tolist())
@@ -306,7 +286,7 @@ def _explanation(table: xr.Dataset) -> str:
         ratio = best.residual_over_noise.item()
     if ratio <= LARGE:
         return noise
-    labels = [label for label, one in _methods(table).items() if one.white_noise.item()]
+    labels = [label for label, row in by_label(table, "method").items() if row.white_noise.item()]
     errors = f" Errors stated by {' and '.join(labels)} are too small: they assume white noise."
     return (
         f"{noise} The residual is {ratio:.3g} times as large: a force is missing or has another form, or the "
@@ -318,12 +298,12 @@ def _differences(table: xr.Dataset, causes: Sequence[str] = tuple(CAUSES)) -> li
     """Methods that differ from the best by more than the errors, by the probable cause."""
     best = table.attrs["best"]
     by_cause: dict[str, list[str]] = {cause: [] for cause in CAUSES}
-    for label, one in _methods(table).items():
-        z = dict(zip(table.force.values.tolist(), one.z.values.tolist(), strict=True))
-        z[FREQUENCY] = one.asymptotic_frequency_z.item()
+    for label, row in by_label(table, "method").items():
+        z = dict(zip(table.force.values.tolist(), row.z.values.tolist(), strict=True))
+        z[FREQUENCY] = row.asymptotic_frequency_z.item()
         far = ", ".join(name for name, value in z.items() if abs(value) > APART)
         if far:
-            cause = "neglect" if one.neglects.item() else "bias" if one.bias.item() else "form"
+            cause = "neglect" if row.neglects.item() else "bias" if row.bias.item() else "form"
             by_cause[cause].append(f"{label} ({far})")
     if not any(by_cause.values()):
         return [f"No coefficient differs from those of {best} by more than {APART:g} standard errors."]

@@ -5,7 +5,7 @@ from typing import Any
 
 import xarray as xr
 
-from sysid_trib.printing.layout import number, numbers, quantity_json, records_json
+from sysid_trib.printing.layout import by_label, number, numbers, quantity_json, records_json
 from sysid_trib.printing.residual import noise_of, residual_of
 from sysid_trib.printing.runs import homogeneity_json
 from sysid_trib.results.discoveries import candidates_of, credible_set, shapes_of
@@ -84,11 +84,11 @@ def _step_json(tree: xr.DataTree, at: int) -> dict[str, Any]:
 
 
 def _model_json(result: xr.Dataset) -> dict[str, Any]:
-    by_force = {s: result.sel(force=s) for s in result.force.values.tolist()}
     names = [n for f in ("reference_frequency", "asymptotic_frequency") for n in (f, f"{f}_standard_error")]
-    shapes = result.shape_parameter.values.tolist() if "shape" in result else []
+    forces = by_label(result, "force")
+    shapes = by_label(result, "shape_parameter") if "shape" in result else {}
     return {
-        "coefficients": {s: quantity_json(of_force, "coefficient") for s, of_force in by_force.items()},
+        "coefficients": {s: quantity_json(force, "coefficient") for s, force in forces.items()},
         **numbers(result, names),
-        "shapes": {name: quantity_json(result.sel(shape_parameter=name), "shape") for name in shapes},
+        "shapes": {name: quantity_json(shape, "shape") for name, shape in shapes.items()},
     }

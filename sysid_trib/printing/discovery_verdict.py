@@ -33,7 +33,7 @@ def verdict_sentences(tree: xr.DataTree, *, details: bool = True) -> list[str]:
     -------
     list of str
     """
-    sentences = _unknown(tree, details) if tree.attrs["verdict"] == "unknown effect" else _closed(tree)
+    sentences = _unknown_effect(tree, details) if tree.attrs["verdict"] == "unknown effect" else _closed(tree)
     return [*sentences, *_outstanding(tree), *heterogeneity_sentences(tree), _model(tree)]
 
 
@@ -77,7 +77,7 @@ def _high_but_not_significant(tree: xr.DataTree) -> list[str]:
     ]
 
 
-def _unknown(tree: xr.DataTree, details: bool) -> list[str]:
+def _unknown_effect(tree: xr.DataTree, details: bool) -> list[str]:
     """What remains was not named, or was named by effects that may imitate another."""
     residual = times_noise(residual_of(tree, "after"), noise_of(tree))
     omnibus = _last(tree, "omnibus")

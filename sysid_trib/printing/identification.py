@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 from sysid_trib.printing.layers import ALWAYS, USUALLY, Block, Layer
 from sysid_trib.printing.layout import (
+    by_label,
+    identifiability_warnings,
     number,
     numbers,
     p_value_text,
@@ -108,7 +110,7 @@ def verdict_sentence(tree: xr.DataTree) -> str:
 def identification_sentences(tree: xr.DataTree) -> list[str]:
     """The cross-check in plain sentences: is the record explained, do the methods agree, what to mind."""
     checked, results = tree["comparison"].ds, _results(tree)
-    agreement, *warnings = _key_sentences(tree)
+    comparison, *warnings = _key_sentences(tree)
     residuals = [_residual_sentence(name, checked.sel(model=name)) for name in results]
     second = results[checked.attrs["second"]]
     stiffness = library_of(second, whole=True).role("x")
@@ -119,26 +121,19 @@ def identification_sentences(tree: xr.DataTree) -> list[str]:
             f"without contact) to identify {symbol}."
         )
     warnings = [sentence for sentence in warnings if sentence not in residuals]
-    return [verdict_sentence(tree), agreement, *residuals, *warnings]
+    return [verdict_sentence(tree), comparison, *residuals, *warnings]
 
 
 def _key_sentences(tree: xr.DataTree) -> list[str]:
     """Whether the methods agree, and all that warns."""
     checked, results = tree["comparison"].ds, _results(tree)
-    sentences = [_agreement(checked)]
+    sentences = [_agreement_sentence(checked)]
     for name, result in results.items():
         if np.isnan(checked.residual_rms.sel(model=name).item()):
             sentences.append(_residual_sentence(name, checked.sel(model=name)))
         sentences += _remarks(name, result)
     sentences += _held_shapes(results[checked.attrs["second"]])
-    for key, sentence in (
-        ("averaging_cannot_tell_apart", "Averaging cannot separate these forces, by principle: {}."),
-        ("averaging_cannot_see", "Averaging cannot identify, by principle: {}."),
-        ("no_method_can_tell_apart", "No method can separate these forces: {}."),
-    ):
-        if checked.attrs[key]:
-            sentences.append(sentence.format(checked.attrs[key]))
-    return sentences
+    return sentences + identifiability_warnings(checked.attrs)
 
 
 def _results(tree: xr.DataTree) -> dict[str, xr.Dataset]:
@@ -152,7 +147,7 @@ def _difference(checked: xr.Dataset, label: str) -> str:
     return f"{z:+.1f}" if np.isfinite(z) else ""
 
 
-def _agreement(checked: xr.Dataset) -> str:
+def _agreement_sentence(checked: xr.Dataset) -> str:
     pair = f"{checked.attrs['first'].capitalize()} and {checked.attrs['second']}"
     if checked.attrs["verdict"] == "unknown":
         return f"{pair} cannot be compared: the error of their difference could not be computed."
@@ -222,13 +217,12 @@ def identification_json(tree: xr.DataTree, inertia: float | None = None) -> dict
 def _method_json(result: xr.Dataset) -> dict[str, Any]:
     coefficients = {
         symbol: {
-            **quantity_json(one, "coefficient"),
-            "active": bool(one.active.item()),
-            "refers_to": number(one.refers_to.item()),
-            "unit": one.unit.item(),
+            **quantity_json(force, "coefficient"),
+            "active": bool(force.active.item()),
+            "refers_to": number(force.refers_to.item()),
+            "unit": force.unit.item(),
         }
-        for symbol in result.force.values.tolist()
-        for one in (result.sel(force=symbol),)
+        for symbol, force in by_label(result, "force").items()
     }
     names = (*SCALARS, "noise", *(f"{name}_standard_error" for name in SCALARS))
     return {
@@ -242,10 +236,10 @@ def coefficient_cell(result: xr.Dataset, symbol: str) -> str:
     """A coefficient with its error, or why there is none."""
     if symbol not in result.force:
         return "-"
-    one = result.sel(force=symbol)
-    if not one.active.item():
-        return f"dropped (± {one.standard_error.item():.2g})"
-    return quantity(one, "coefficient")
+    force = result.sel(force=symbol)
+    if not force.active.item():
+        return f"dropped (± {force.standard_error.item():.2g})"
+    return quantity(force, "coefficient")
 
 
 def _remarks(method: str, result: xr.Dataset) -> list[str]:

@@ -1,6 +1,6 @@
 """Numbers with errors, and tables for a terminal."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from math import floor, log10
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +11,15 @@ from sysid_trib.results.per_run import record_groups
 
 if TYPE_CHECKING:
     from rich.table import Table
+
+# Attributes of a comparison that warn, and their sentences.
+ENVELOPE = "Methods of the envelope and the frequency, such as averaging, cannot"
+UNIDENTIFIABLE = {
+    "no_method_identifies": "No method here identifies: {}.",
+    "no_method_can_tell_apart": "No method can separate: {}.",
+    "averaging_cannot_tell_apart": f"{ENVELOPE} separate: {{}}.",
+    "averaging_cannot_see": f"{ENVELOPE} identify: {{}}.",
+}
 
 
 def value_with_error(value: float, error: float) -> str:
@@ -31,15 +40,20 @@ def value_with_error(value: float, error: float) -> str:
     return text if power == 0 else f"({text})e{power:+03d}"
 
 
+def by_label(data: xr.Dataset, dim: str) -> dict[str, xr.Dataset]:
+    """The part of a dataset at each label of a dimension."""
+    return {label: data.sel({dim: label}) for label in data[dim].values.tolist()}
+
+
 def quantity(result: xr.Dataset, name: str, units: str = "", factor: float = 1.0) -> str:
     """A variable of a result with its standard error, times a factor, with units behind it."""
     value, error = (factor * result[key].item() for key in (name, _error_of(name)))
     return f"{value_with_error(value, error)}{units}"
 
 
-def coefficient_text(one: xr.Dataset) -> str:
+def coefficient_text(force: xr.Dataset) -> str:
     """The coefficient of a force with its standard error, and its unit where it has one."""
-    return quantity(one, "coefficient", "" if one.unit.item() == "1" else f" {one.unit.item()}")
+    return quantity(force, "coefficient", "" if force.unit.item() == "1" else f" {force.unit.item()}")
 
 
 def _error_of(name: str) -> str:
@@ -56,7 +70,7 @@ def p_value_text(p_value: float, equals: str = "= ") -> str:
 def number(value: Any) -> Any:
     """A number, or a list of them, that JSON can hold: in place of one that is not finite stands None."""
     if isinstance(value, list):
-        return [number(each) for each in value]
+        return [number(item) for item in value]
     return value if np.isfinite(value) else None
 
 
@@ -82,6 +96,11 @@ def records_json(tree: xr.DataTree) -> dict[str, Any]:
     return {"record": records[0]} | ({"records": records} if len(records) > 1 else {})
 
 
+def identifiability_warnings(attrs: Mapping[str, Any]) -> list[str]:
+    """What methods cannot identify or separate by principle, from the attributes of a comparison."""
+    return [text.format(attrs[key]) for key, text in UNIDENTIFIABLE.items() if attrs.get(key)]
+
+
 def text_table(
     heads: list[str], rows: list[list[str]], *, whole: tuple[int, ...] = (), numbers: tuple[int, ...] = ()
 ) -> "Table":
@@ -90,7 +109,8 @@ def text_table(
 
     table = Table(box=None, pad_edge=False, header_style="bold")
     for at, head in enumerate(heads):
-        longest = max(len(row[at]) for row in rows)
+        # As wide as a word of the head: a narrow terminal would break it.
+        longest = max(len(text) for text in (*(row[at] for row in rows), *head.split()))
         table.add_column(
             head,
             justify="right" if at in numbers else "left",

@@ -13,7 +13,7 @@ from sysid_trib.physics.error_propagation import amplitude_row
 from sysid_trib.physics.fingerprint import SIGNIFICANT, slip_fingerprint
 from sysid_trib.physics.force_weights import weights
 from sysid_trib.physics.units import physical_units
-from sysid_trib.printing.layout import numbers, quantity, quantity_json
+from sysid_trib.printing.layout import by_label, numbers, quantity, quantity_json
 from sysid_trib.results.schema import library_of
 
 # A share below this is not worth a word.
@@ -132,40 +132,36 @@ def _holds_fingerprint(result: xr.Dataset) -> bool:
     return all(library.role(formula) is not None for formula in ("x*abs(x)", "v*abs(v)"))
 
 
-def _by_force(found: xr.Dataset) -> dict[str, xr.Dataset]:
-    return {symbol: found.sel(force=symbol) for symbol in found.force.values.tolist()}
-
-
-def _pairs(found: xr.Dataset) -> list[xr.Dataset]:
-    return [found.isel(pair=at) for at in range(found.sizes["pair"])]
+def _pairs(values: xr.Dataset) -> list[xr.Dataset]:
+    return [values.isel(pair=at) for at in range(values.sizes["pair"])]
 
 
 def _weights(result: xr.Dataset, amplitude: float) -> list[str]:
-    by_force = _by_force(weights(result, amplitude))
+    by_force = by_label(weights(result, amplitude), "force")
     parts = []
-    for share, what in (("decay_share", "decay"), ("frequency_share", "frequency shift")):
+    for weight, what in (("decay_share", "decay"), ("frequency_share", "frequency shift")):
         # NaN, where no force acts, is not larger than anything.
-        kept = [s for s, one in by_force.items() if abs(one[share].item()) > SMALL]
-        kept.sort(key=lambda s: -abs(by_force[s][share].item()))
+        kept = [s for s, force in by_force.items() if abs(force[weight].item()) > SMALL]
+        kept.sort(key=lambda s: -abs(by_force[s][weight].item()))
         if kept:
-            texts = [f"{s} {quantity(by_force[s], share, ' %', 100.0)}" for s in kept]
+            texts = [f"{s} {quantity(by_force[s], weight, ' %', 100.0)}" for s in kept]
             parts.append(f"the {what} comes from {', '.join(texts)}")
     return [f"At {amplitude:.3g} rad, {'; '.join(parts)}."] if parts else []
 
 
 def _energy(result: xr.Dataset, amplitude: float, inertia: float | None) -> list[str]:
-    found = dissipated_energy(result, amplitude, inertia)
-    if not found.total_energy.item():
+    values = dissipated_energy(result, amplitude, inertia)
+    if not values.total_energy.item():
         return []
-    percent = quantity(found, "lost_fraction", " %", 100.0)
-    joule = "" if inertia is None else f", {quantity(found, 'total_energy', ' J')}"
+    percent = quantity(values, "lost_fraction", " %", 100.0)
+    joule = "" if inertia is None else f", {quantity(values, 'total_energy', ' J')}"
     return [f"A cycle at {amplitude:.3g} rad dissipates {percent} of the energy I w^2 a^2/2{joule}."]
 
 
-def _crossovers(found: xr.Dataset, ends: list[float]) -> list[str]:
+def _crossovers(values: xr.Dataset, ends: list[float]) -> list[str]:
     """Where two forces weigh the same; an amplitude that the motion does not pass is only extrapolated."""
     sentences = []
-    for pair in _pairs(found):
+    for pair in _pairs(values):
         rules = [
             f"{quantity(pair.sel(rule=rule), 'amplitude', ' rad')} {name}"
             for rule, name in (("averaged", "on average"), ("peak force", "by peak force"))
@@ -183,45 +179,46 @@ def _crossovers(found: xr.Dataset, ends: list[float]) -> list[str]:
     return sentences
 
 
-def _arrest(found: xr.Dataset) -> str:
-    start = f"From {found.amplitude.item():.3g} rad, the averaged motion"
-    if not np.isfinite(found.arrest_time.item()):
+def _arrest(values: xr.Dataset) -> str:
+    start = f"From {values.amplitude.item():.3g} rad, the averaged motion"
+    if not np.isfinite(values.arrest_time.item()):
         return f"{start} does not stop in a finite time."
-    exact = found.stop_time.item()
+    exact = values.stop_time.item()
     simulated = f"; the simulated motion stops after {exact:.4g} s" if np.isfinite(exact) else ""
-    return f"{start} stops after {quantity(found, 'arrest_time', ' s')}{simulated}."
+    return f"{start} stops after {quantity(values, 'arrest_time', ' s')}{simulated}."
 
 
-def _fingerprint(found: xr.Dataset) -> str:
-    ratio = f"{found.attrs['numerator']}/{found.attrs['denominator']} = {quantity(found, 'ratio')}"
-    verdict = f"{found.attrs['verdict']}, {abs(found.z.item()):.3g} standard errors apart"
-    if found.significance.item() < SIGNIFICANT:
-        verdict += f"; {found.attrs['denominator']} itself is not significant"
-    return f"{ratio}; partial slip has -3 pi/4 = {found.slip_ratio.item():.3f} within a tenth: {verdict}."
+def _fingerprint(values: xr.Dataset) -> str:
+    ratio = f"{values.attrs['numerator']}/{values.attrs['denominator']} = {quantity(values, 'ratio')}"
+    verdict = f"{values.attrs['verdict']}, {abs(values.z.item()):.3g} standard errors apart"
+    if values.significance.item() < SIGNIFICANT:
+        verdict += f"; {values.attrs['denominator']} itself is not significant"
+    return f"{ratio}; partial slip has -3 pi/4 = {values.slip_ratio.item():.3f} within a tenth: {verdict}."
 
 
-def _si_units(found: xr.Dataset) -> str:
+def _si_units(values: xr.Dataset) -> str:
     texts = [
-        f"{s} {quantity(one, 'coefficient', ' ' + one['unit'].item())}" for s, one in _by_force(found).items()
+        f"{s} {quantity(force, 'coefficient', ' ' + force['unit'].item())}"
+        for s, force in by_label(values, "force").items()
     ]
-    stiffness = quantity(found, "linear_stiffness", " N m rad-1")
+    stiffness = quantity(values, "linear_stiffness", " N m rad-1")
     return f"In SI units: {', '.join(texts)}; linear stiffness {stiffness}."
 
 
 def _weights_json(result: xr.Dataset, amplitude: float) -> dict[str, Any]:
-    by_force = _by_force(weights(result, amplitude))
-    forces = {s: {name: quantity_json(one, name) for name in WEIGHTS} for s, one in by_force.items()}
+    by_force = by_label(weights(result, amplitude), "force")
+    forces = {s: {name: quantity_json(force, name) for name in WEIGHTS} for s, force in by_force.items()}
     return {"amplitude": amplitude, "forces": forces}
 
 
 def _energy_json(result: xr.Dataset, amplitude: float, inertia: float | None) -> dict[str, Any]:
-    found = dissipated_energy(result, amplitude, inertia)
-    forces = {s: quantity_json(one, "energy") for s, one in _by_force(found).items()}
-    whole = {name: quantity_json(found, name) for name in ENERGIES}
-    return {"amplitude": amplitude, "units": found.energy.attrs["units"], "forces": forces, **whole}
+    values = dissipated_energy(result, amplitude, inertia)
+    forces = {s: quantity_json(force, "energy") for s, force in by_label(values, "force").items()}
+    whole = {name: quantity_json(values, name) for name in ENERGIES}
+    return {"amplitude": amplitude, "units": values.energy.attrs["units"], "forces": forces, **whole}
 
 
-def _crossovers_json(found: xr.Dataset) -> list[dict[str, Any]]:
+def _crossovers_json(values: xr.Dataset) -> list[dict[str, Any]]:
     return [
         {
             **{name: pair[name].item() for name in ("first", "second", "acts_on")},
@@ -230,13 +227,13 @@ def _crossovers_json(found: xr.Dataset) -> list[dict[str, Any]]:
                 rule: quantity_json(pair.sel(rule=rule), "amplitude") for rule in pair["rule"].values.tolist()
             },
         }
-        for pair in _pairs(found)
+        for pair in _pairs(values)
     ]
 
 
-def _si_units_json(found: xr.Dataset) -> dict[str, Any]:
+def _si_units_json(values: xr.Dataset) -> dict[str, Any]:
     forces = {
-        s: quantity_json(one, "coefficient") | {name: one[name].item() for name in ("unit", "multiplies")}
-        for s, one in _by_force(found).items()
+        s: quantity_json(force, "coefficient") | {name: force[name].item() for name in ("unit", "multiplies")}
+        for s, force in by_label(values, "force").items()
     }
-    return {"coefficients": forces, **{k: quantity_json(found, k) for k in ("linear_stiffness", "inertia")}}
+    return {"coefficients": forces, **{k: quantity_json(values, k) for k in ("linear_stiffness", "inertia")}}

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from sysid_trib.printing.layout import number, numbers, p_value_text, text_table, value_with_error
+from sysid_trib.printing.layout import by_label, number, numbers, p_value_text, text_table, value_with_error
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -18,10 +18,10 @@ TESTED = ("chi_square", "degrees_of_freedom", "p_value", "most", "gain")
 def runs_table(runs: xr.Dataset) -> "Table":
     """What each run alone gives, and the p-value of the differences (see `run_agreement`)."""
     rows = []
-    for name, one in _quantities(runs).items():
-        pairs = zip(one.value.values.tolist(), one.standard_error.values.tolist(), strict=True)
+    for name, row in by_label(runs, "quantity").items():
+        pairs = zip(row.value.values.tolist(), row.standard_error.values.tolist(), strict=True)
         cells = [value_with_error(value, error) for value, error in pairs]
-        rows.append([name, *cells, p_value_text(one.p_value.item(), "")])
+        rows.append([name, *cells, p_value_text(row.p_value.item(), "")])
     heads = ["quantity", *(f"run {at + 1}" for at in range(runs.sizes["run"])), "p"]
     return text_table(heads, rows, numbers=tuple(range(1, len(heads))))
 
@@ -85,11 +85,11 @@ def runs_json(runs: xr.Dataset) -> dict[str, Any]:
     """The test as plain data; non-finite numbers are None."""
     per_quantity = {
         name: {
-            "values": number(one.value.values.tolist()),
-            "standard_errors": number(one.standard_error.values.tolist()),
-            **numbers(one, ("chi_square", "p_value")),
+            "values": number(row.value.values.tolist()),
+            "standard_errors": number(row.standard_error.values.tolist()),
+            **numbers(row, ("chi_square", "p_value")),
         }
-        for name, one in _quantities(runs).items()
+        for name, row in by_label(runs, "quantity").items()
     }
     total = {name: number(runs[f"total_{name}"].item()) for name in TESTED[:3]}
     return {"verdict": runs.attrs["verdict"], **total, "quantities": per_quantity}
@@ -102,7 +102,3 @@ def homogeneity_json(tree: xr.DataTree) -> dict[str, Any]:
     tests = tree[GROUP].to_dataset()
     data = numbers(tests, (name for name in TESTED if name != "most"))
     return {"run_differences": data | {"most": tests.most.values.tolist()}}
-
-
-def _quantities(runs: xr.Dataset) -> dict[str, xr.Dataset]:
-    return {name: runs.sel(quantity=name) for name in runs.quantity.values.tolist()}
