@@ -102,22 +102,7 @@ def states_along(
             "all of equal length and in order of time."
         )
     motion = GivenMotion(tau, x, v, np.broadcast_to(np.asarray(time, dtype=float), tau.shape))
-    values = force.shape_values(shapes)
-    start = {k: float(z) for k, z in _start(motion, force, values).items()}
-    states = {k: np.full(motion.reversals.size, start[k]) for k in force.state}
-    # A memory may take the value of a state, and a state may depend on the memory: each round settles at
-    # least one more half period.
-    for _ in range(motion.reversals.size + 2):
-        memory = _memory(motion, force, values, start, states)
-        if not all(np.all(np.isfinite(m)) for m in memory.values()):
-            raise LibraryError(f"Force '{force.symbol}': its memory is not finite along the motion.")
-        at_samples, at_reversals = _collocated(motion, force, values, start, memory)
-        before, states = states, at_reversals
-        settled = all(np.allclose(states[k], before[k], rtol=1e-9, atol=1e-12) for k in states)
-        if settled or not (force.state and force.memory):
-            break
-    segment = motion.segment(tau)
-    return at_samples | {k: m[segment] for k, m in memory.items()}
+    return _History(motion, force, force.shape_values(shapes)).settled()
 
 
 def values_along(motion: GivenMotion, force: Force, shapes: Sequence[Mapping[str, float]]) -> Array | None:
@@ -141,12 +126,7 @@ def values_along(motion: GivenMotion, force: Force, shapes: Sequence[Mapping[str
         return None
     values = {k: np.array([column[f"{force.symbol}.{k}"] for column in shapes]) for k in force.shape}
     with np.errstate(all="ignore"):
-        start = {k: np.broadcast_to(z, len(shapes)) for k, z in _start(motion, force, values).items()}
-        segment = motion.segment(motion.tau)
-        hidden = {k: m[segment] for k, m in _memory(motion, force, values, start, {}).items()}
-        for name in force.state:
-            hidden[name] = _stepped(motion, force, values, start[name], hidden)
-        h = force.formula.evaluate(_columns(motion, motion.tau) | values | hidden)
+        h = _History(motion, force, values).stepped_values(len(shapes))
     return np.broadcast_to(h, (motion.tau.size, len(shapes)))
 
 
@@ -166,88 +146,97 @@ def is_linear_in_state(force: Force) -> bool:
     return True
 
 
-def _columns(motion: GivenMotion, tau: Array) -> dict[str, Any]:
-    return {k: value[:, None] for k, value in motion.names(tau).items()}
+class _History:
+    """States and memory of a force along a motion, for one value of each shape parameter or for many."""
 
+    def __init__(self, motion: GivenMotion, force: Force, shapes: dict[str, Any]) -> None:
+        self.motion, self.force, self.shapes = motion, force, shapes
+        here = {k: value[0] for k, value in motion.names(motion.tau[:1]).items()}
+        self.start = force.start_values(here | shapes)
 
-def _start(motion: GivenMotion, force: Force, shapes: dict[str, Any]) -> dict[str, Any]:
-    here = {k: value[0] for k, value in motion.names(motion.tau[:1]).items()}
-    return force.start_values(here | shapes)
+    def settled(self) -> dict[str, Array]:
+        """States and memory at the samples, by collocation."""
+        force, count = self.force, self.motion.reversals.size
+        states = {k: np.full(count, float(self.start[k])) for k in force.state}
+        # A memory may take the value of a state, and a state may depend on the memory: each round settles at
+        # least one more half period.
+        for _ in range(count + 2):
+            memory = self.memory(states)
+            if not all(np.all(np.isfinite(m)) for m in memory.values()):
+                raise LibraryError(f"Force '{force.symbol}': its memory is not finite along the motion.")
+            before, (at_samples, states) = states, self.collocated(memory)
+            settled = all(np.allclose(states[k], before[k], rtol=1e-9, atol=1e-12) for k in states)
+            if settled or not (force.state and force.memory):
+                break
+        segment = self.motion.segment(self.motion.tau)
+        return at_samples | {k: m[segment] for k, m in memory.items()}
 
+    def stepped_values(self, count: int) -> Array:
+        """Values of the force at the samples, for `count` values of its shape parameters."""
+        segment = self.motion.segment(self.motion.tau)
+        self.start = {k: np.broadcast_to(z, count) for k, z in self.start.items()}
+        hidden = {k: m[segment] for k, m in self.memory({}).items()}
+        for name in self.force.state:
+            hidden[name] = self.stepped(name, hidden)
+        return np.asarray(self.force.formula.evaluate(self.columns(self.motion.tau) | hidden))
 
-def _memory(
-    motion: GivenMotion,
-    force: Force,
-    shapes: dict[str, Any],
-    start: Mapping[str, Any],
-    states: Mapping[str, Array],
-) -> dict[str, Array]:
-    """Memory in each segment of the motion, (segment, ...), given the states at the reversals."""
-    given = motion.names(motion.reversals) | {"v": np.zeros(motion.reversals.size)} | dict(states)
-    rows = [{k: start[k] for k in force.memory}]
-    for i in range(motion.reversals.size if force.memory else 0):
-        names = {k: value[i] for k, value in given.items()} | shapes | rows[-1]
-        rows.append({k: formula.evaluate(names) for k, formula in force.memory.items()})
-    return {k: np.stack(np.broadcast_arrays(*(row[k] for row in rows))) for k in force.memory}
+    def columns(self, tau: Array) -> dict[str, Any]:
+        """Variables of the formulas at instants in rows, values of shape parameters in columns."""
+        return {k: value[:, None] for k, value in self.motion.names(tau).items()} | self.shapes
 
+    def memory(self, states: Mapping[str, Array]) -> dict[str, Array]:
+        """Memory in each segment of the motion, (segment, ...), given the states at the reversals."""
+        force, tau = self.force, self.motion.reversals
+        given = self.motion.names(tau) | {"v": np.zeros(tau.size)} | dict(states)
+        rows = [{k: self.start[k] for k in force.memory}]
+        for i in range(tau.size if force.memory else 0):
+            names = {k: value[i] for k, value in given.items()} | self.shapes | rows[-1]
+            rows.append({k: formula.evaluate(names) for k, formula in force.memory.items()})
+        return {k: np.stack(np.broadcast_arrays(*(row[k] for row in rows))) for k in force.memory}
 
-def _collocated(
-    motion: GivenMotion,
-    force: Force,
-    shapes: dict[str, Any],
-    start: Mapping[str, float],
-    memory: Mapping[str, Array],
-) -> tuple[dict[str, Array], dict[str, Array]]:
-    """States at the samples and at the reversals, given the memory of each segment."""
-    if not force.state:
-        return {}, {}
-    edges = np.unique(np.concatenate((motion.tau, motion.reversals)))
-    segment = motion.segment(0.5 * (edges[:-1] + edges[1:]))
-    panels = Panels(np.zeros(segment.size, dtype=np.intp), segment, edges[:-1], edges[1:])
+    def collocated(self, memory: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, Array]]:
+        """States at the samples and at the reversals, given the memory of each segment."""
+        motion, force = self.motion, self.force
+        if not force.state:
+            return {}, {}
+        edges = np.unique(np.concatenate((motion.tau, motion.reversals)))
+        segment = motion.segment(0.5 * (edges[:-1] + edges[1:]))
+        panels = Panels(np.zeros(segment.size, dtype=np.intp), segment, edges[:-1], edges[1:])
 
-    def names_at(segment: Index, tau: Array) -> dict[str, Any]:
-        return motion.names(tau) | shapes | {k: m[segment] for k, m in memory.items()}
+        def names_at(segment: Index, tau: Array) -> dict[str, Any]:
+            return motion.names(tau) | self.shapes | {k: m[segment] for k, m in memory.items()}
 
-    first = np.array([[start[k] for k in force.state]])
-    solution = solve_states(
-        force, panels, names_at, start=first, nodes=COLLOCATION_NODES, tolerance=STATE_TOLERANCE
-    )
-    edges = np.append(solution.panels.low, solution.panels.high[-1])
-    values = np.concatenate((solution.at_low, solution.values[-1:, -1]))
-    sample, reversal = (np.searchsorted(edges, tau) for tau in (motion.tau, motion.reversals))
-    columns = dict(zip(force.state, values.T, strict=True))
-    return {k: z[sample] for k, z in columns.items()}, {k: z[reversal] for k, z in columns.items()}
-
-
-def _stepped(
-    motion: GivenMotion,
-    force: Force,
-    shapes: dict[str, Any],
-    start: Array,
-    memory: Mapping[str, Array],
-) -> Array:
-    """The only state of a force at the samples, (sample, column), by linear steps."""
-    step = np.diff(motion.tau)
-    ((name, rate),) = force.state.items()
-    push, pull = [], []
-    for part in RADAU_STAGES:
-        names = (
-            _columns(motion, motion.tau[:-1] + part * step) | shapes | {k: m[1:] for k, m in memory.items()}
+        start = np.array([[float(self.start[k]) for k in force.state]])
+        solution = solve_states(
+            force, panels, names_at, start=start, nodes=COLLOCATION_NODES, tolerance=STATE_TOLERANCE
         )
-        none, unit = (rate.evaluate(names | {name: value}) for value in (0.0, 1.0))
-        push.append(step[:, None] * none)
-        pull.append(step[:, None] * (unit - none))
-    # The rates of both stages hold both: two equations with two unknowns, of which the second ends the step.
-    (a, b), (c, d) = RADAU_WEIGHTS
-    first, second = a * push[0] + b * push[1], c * push[0] + d * push[1]
-    diagonal, below = 1.0 - a * pull[0], c * pull[0]
-    determinant = diagonal * (1.0 - d * pull[1]) - b * pull[1] * below
-    factor = (diagonal + below) / determinant
-    added = (diagonal * second + below * first) / determinant
-    shape = (len(step), len(start))
-    # Column by column: what is not finite in one leaves the others alone.
-    columns = zip(start, np.broadcast_to(factor, shape).T, np.broadcast_to(added, shape).T, strict=True)
-    return np.column_stack([_recurrence(*column) for column in columns])
+        edges = np.append(solution.panels.low, solution.panels.high[-1])
+        values = np.concatenate((solution.at_low, solution.values[-1:, -1]))
+        sample, reversal = (np.searchsorted(edges, tau) for tau in (motion.tau, motion.reversals))
+        columns = dict(zip(force.state, values.T, strict=True))
+        return {k: z[sample] for k, z in columns.items()}, {k: z[reversal] for k, z in columns.items()}
+
+    def stepped(self, name: str, memory: Mapping[str, Array]) -> Array:
+        """The only state at the samples, (sample, column), by linear steps."""
+        tau, rate, start = self.motion.tau, self.force.state[name], self.start[name]
+        step = np.diff(tau)
+        push, pull = [], []
+        for part in RADAU_STAGES:
+            names = self.columns(tau[:-1] + part * step) | {k: m[1:] for k, m in memory.items()}
+            none, unit = (rate.evaluate(names | {name: value}) for value in (0.0, 1.0))
+            push.append(step[:, None] * none)
+            pull.append(step[:, None] * (unit - none))
+        # The rates of both stages hold both: two equations in two values, of which the second ends the step.
+        (a, b), (c, d) = RADAU_WEIGHTS
+        first, second = a * push[0] + b * push[1], c * push[0] + d * push[1]
+        diagonal, below = 1.0 - a * pull[0], c * pull[0]
+        determinant = diagonal * (1.0 - d * pull[1]) - b * pull[1] * below
+        factor = (diagonal + below) / determinant
+        added = (diagonal * second + below * first) / determinant
+        shape = (len(step), len(start))
+        # Column by column: what is not finite in one leaves the others alone.
+        columns = zip(start, np.broadcast_to(factor, shape).T, np.broadcast_to(added, shape).T, strict=True)
+        return np.column_stack([_recurrence(*column) for column in columns])
 
 
 def _recurrence(start: float, factor: Array, added: Array) -> Array:
