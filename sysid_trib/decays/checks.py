@@ -10,7 +10,7 @@ from sysid_trib.errors import DecayError, RecordError
 
 # Three full periods: five whole half periods and a part of one at either end.
 FEWEST_EXTREMA = 5
-FEWEST_SAMPLES = 3
+FEWEST_PER_HALF_PERIOD = 3
 STEP_TOLERANCE = 0.02
 
 
@@ -33,7 +33,7 @@ def after_the_largest(time: FloatArray, angle: FloatArray, swing: Swing, source:
     """Leave out what comes before the largest extremum, and refuse what does not decay after it."""
     run = swing.run
     per_half_period = 0.5 * swing.oscillation.period * (time.size - 1) / (time[-1] - time[0])
-    if per_half_period < FEWEST_SAMPLES:
+    if per_half_period < FEWEST_PER_HALF_PERIOD:
         raise DecayError(f"{source}: only {per_half_period:.2g} samples in a half period; sample faster.")
     count = run.stop - run.start
     if count < FEWEST_EXTREMA:

@@ -21,11 +21,11 @@ from sysid_trib.decays.half_periods import (
 from sysid_trib.errors import DecayError, UsageError
 
 # The third round moves the frequency by less than 1e-6 of itself.
-ROUNDS = 3
+REFINEMENTS = 3
 # Half periods that differences for the scatter reach over; fewer than a few of these decide nothing.
 REACH, FEWEST = 8, 15
-# White noise scatters by more than 1 + CHANCE/sqrt(differences) in one record of a thousand, short or long.
-CHANCE = 6.5
+# White noise scatters by more than 1 + WHITE_SCATTER/sqrt(differences) in one record of a thousand.
+WHITE_SCATTER = 6.5
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def fit_half_sines(time: FloatArray, angle: FloatArray, halves: HalfPeriods) -> 
     middle = 0.5 * (halves.crossing[1:] + halves.crossing[:-1])
     s, y = time[sample] - middle[half], angle[sample]
     w: FloatArray = np.pi / halves.duration
-    for _ in range(ROUNDS):
+    for _ in range(REFINEMENTS):
         phase = w[half] * s
         normal, right = _normal_equations([np.cos(phase), np.sin(phase)], y, weight, first)
         p, q = np.linalg.solve(normal, right[..., None])[..., 0].T
@@ -190,7 +190,7 @@ def _scatter_ratio(value: FloatArray, error: FloatArray, decay_ratio: float) -> 
     difference = np.convolve(value, weights, "valid")
     expected = np.sqrt(np.convolve(error**2, weights**2, "valid"))
     ratio = float(1.4826 * np.median(np.abs(difference) / np.maximum(expected, 1e-300)))
-    return ratio if ratio > 1.0 + CHANCE / np.sqrt(value.size - REACH) else 1.0
+    return ratio if ratio > 1.0 + WHITE_SCATTER / np.sqrt(value.size - REACH) else 1.0
 
 
 def _error_attrs(attrs: Mapping[str, str]) -> dict[str, str]:

@@ -8,7 +8,7 @@ from sysid_trib.decays.equilibrium import Swing
 HAND_HALF_PERIODS = 8
 # Friction alone stops a swing that, at its last pace, would end within so many half periods.
 NATURAL_HALF_PERIODS = 4.0
-TOLERANCE = 0.03
+STOP_TOLERANCE = 0.03
 
 
 def before_the_hand(swing: Swing) -> slice | None:
@@ -34,11 +34,11 @@ def _disturbed(swing: Swing, half: int) -> bool:
     noise = 4.0 * swing.oscillation.smoothed_noise + swing.oscillation.step
     fall = peak[half - 4] - peak[half - 2]
     expected = peak[half - 2] - fall
-    lost = abs(peak[half] - expected) > TOLERANCE * peak[half - 2] + abs(fall) + noise
+    lost = abs(peak[half] - expected) > STOP_TOLERANCE * peak[half - 2] + abs(fall) + noise
     drift = abs(duration[half - 2] - duration[half - 4])
     shift = noise / peak[half - 2] * duration[half - 2] / np.pi
     longer = abs(duration[half] - duration[half - 2])
-    return bool(lost or longer > TOLERANCE * duration[half - 2] + 2.0 * drift + 2.0 * shift)
+    return bool(lost or longer > STOP_TOLERANCE * duration[half - 2] + 2.0 * drift + 2.0 * shift)
 
 
 def _nearly_stopped(swing: Swing, half: int) -> bool:

@@ -18,7 +18,7 @@ from sysid_trib.trajectory_fit.sensitivities import tangent
 Array = NDArray[np.float64]
 
 # Fits are done when chi-square falls by less than this part: far below what a candidate must gain.
-TOLERANCE = 1e-5
+REFIT_TOLERANCE = 1e-5
 
 
 @dataclass(frozen=True)
@@ -108,8 +108,8 @@ def fit(
     """Fit a model from a first guess, in noise that is known; over a growing window if the guess is far."""
     weighted = with_noise(problem, noises)
     if far:
-        values = grown(weighted, values, tolerance=TOLERANCE)
-    best = fitted(weighted, values, tolerance=TOLERANCE, evaluations=evaluations)
+        values = grown(weighted, values, tolerance=REFIT_TOLERANCE)
+    best = fitted(weighted, values, tolerance=REFIT_TOLERANCE, evaluations=evaluations)
     return Baseline(weighted, best.values, tuple(noises), -best.residual, best.sensitivity)
 
 

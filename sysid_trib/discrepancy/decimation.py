@@ -7,7 +7,7 @@ from scipy.signal import savgol_filter
 from sysid_trib.decays.equilibrium import usable_half_periods
 
 # Samples a period that are kept; a record is decimated from twice as many on.
-KEPT = 60
+KEPT_PER_PERIOD = 60
 # Largest unevenness of the time steps for which local means may be taken.
 EVEN = 1e-3
 
@@ -21,7 +21,7 @@ def decimated(decay: xr.Dataset) -> xr.Dataset:
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
     halves = usable_half_periods(time, angle, str(decay.attrs.get("source", "decay")))
     steps = np.diff(time)
-    factor = int(2.0 * np.median(halves.duration) / np.median(steps) / KEPT)
+    factor = int(2.0 * np.median(halves.duration) / np.median(steps) / KEPT_PER_PERIOD)
     if factor < 2:
         return decay
     width = factor if factor % 2 else factor - 1

@@ -18,12 +18,12 @@ from sysid_trib.results.variables import Variables, variable
 Array = NDArray[np.float64]
 
 # Spans of the record in each of which the residual is demodulated, so many at most, of a period at least.
-SPANS = 24
+MOST_SPANS = 24
 # The residual exceeds the noise where its mean square over half a period is so many times the noise's.
 EXCEEDS = 4.0
 # A part of the residual counts if it is significant at this level.
-LEVEL = 1e-3
-TERMS = {
+DEPARTURE_LEVEL = 1e-3
+DEMODULATED = {
     "offset": "mean of the residual",
     "amplitude_error": "record's amplitude minus the model's",
     "phase_error": "record's phase minus the model's",
@@ -32,10 +32,10 @@ TERMS = {
     "third_cosine": "part of the residual with cos 3 phi",
     "third_sine": "part of the residual with sin 3 phi",
 }
-SLIP = list(TERMS).index("phase_error")
+SLIP = list(DEMODULATED).index("phase_error")
 # Harmonic of the motion whose noise each term takes.
-HARMONICS = np.array([0, 1, 1, 2, 2, 3, 3])
-PARTS = {
+WAVE_HARMONICS = np.array([0, 1, 1, 2, 2, 3, 3])
+RESIDUAL_PARTS = {
     "phase": ("phase_error",),
     "amplitude": ("amplitude_error",),
     "offset": ("offset",),
@@ -99,10 +99,10 @@ def _demodulated(run: int, reference: ReferenceMotion, residual: Array, noise: N
     x, v = motion.at_samples(motion.x)[:moving], motion.at_samples(motion.v)[:moving]
     phase, amplitude = np.unwrap(np.arctan2(-v, x)), np.hypot(x, v)
     periods = np.abs(phase[-1] - phase[0]) / (2.0 * np.pi)
-    spans = np.array_split(np.arange(moving), int(max(1, min(SPANS, periods))))
+    spans = np.array_split(np.arange(moving), int(max(1, min(MOST_SPANS, periods))))
     step = float(np.median(np.diff(reference.time)))
     _, response = freqz(
-        [1.0], noise.filter_, HARMONICS * min(1.0, reference.model.reference_frequency * step)
+        [1.0], noise.filter_, WAVE_HARMONICS * min(1.0, reference.model.reference_frequency * step)
     )
     coloured = noise.innovation * np.abs(response)
     fitted = [_fitted(residual[span], phase[span], amplitude[span], coloured) for span in spans]
@@ -121,9 +121,11 @@ def _demodulated(run: int, reference: ReferenceMotion, residual: Array, noise: N
             "span", rms / noise.standard_deviation, "RMS residual over the noise", "1"
         ),
     }
-    for name, value, error in zip(TERMS, values, errors, strict=True):
-        data[name] = variable("span", value, TERMS[name], "rad")
-        data[f"{name}_standard_error"] = variable("span", error, f"standard error: {TERMS[name]}", "rad")
+    for name, value, error in zip(DEMODULATED, values, errors, strict=True):
+        data[name] = variable("span", value, DEMODULATED[name], "rad")
+        data[f"{name}_standard_error"] = variable(
+            "span", error, f"standard error: {DEMODULATED[name]}", "rad"
+        )
     return xr.Dataset(data)
 
 
@@ -157,10 +159,10 @@ def _with_rates(spans: xr.Dataset, frequency: float) -> tuple[xr.Dataset, dict[s
 def _parts(spans: xr.Dataset) -> list[str]:
     """Parts of the residual that noise would not make, and that are not small beside the largest."""
     size = {}
-    for part, names in PARTS.items():
+    for part, names in RESIDUAL_PARTS.items():
         values = np.stack([spans[name].values for name in names])
         z = values / np.stack([spans[f"{name}_standard_error"].values for name in names])
-        if float(np.sum(z**2)) > chi2.isf(LEVEL, z.size):
+        if float(np.sum(z**2)) > chi2.isf(DEPARTURE_LEVEL, z.size):
             scaled = values * spans.amplitude.values if part == "phase" else values
             size[part] = float(np.sqrt(np.mean(np.sum(scaled**2, axis=0))))
     ordered = sorted(size, key=lambda part: -size[part])

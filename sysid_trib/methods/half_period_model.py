@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sysid_trib.decays.half_sines import envelope
 from sysid_trib.methods.indirect import AuxiliaryFit, AuxiliaryModel
-from sysid_trib.regression.relations import Equations, Solution, solve
+from sysid_trib.regression.relations import Equations, EquationSolution, solve
 from sysid_trib.simulation.model import Model
 
 Array = NDArray[np.float64]
@@ -48,7 +48,7 @@ class HalfPeriodModel:
             lambda ratios: self._covariance(solutions, ratios),
         )
 
-    def _covariance(self, solutions: Mapping[str, Solution], ratios: Mapping[str, float]) -> Array:
+    def _covariance(self, solutions: Mapping[str, EquationSolution], ratios: Mapping[str, float]) -> Array:
         """Covariance of the values: groups share the errors of half periods, each has its own Birge ratio."""
         parameters = np.concatenate([part.unknown for part in solutions.values()])
         influence = np.concatenate([part.influence * ratios[group] for group, part in solutions.items()])

@@ -29,7 +29,7 @@ from sysid_trib.trajectory_fit.result import FitEstimate
 Array = NDArray[np.float64]
 
 # Rounds in which noise and fit of several runs, or of coloured noise, follow each other.
-ROUNDS = 3
+NOISE_ROUNDS = 3
 # A parameter that is nearer to a bound than this part of its standard error is stopped by it.
 NEAR_BOUND = 1e-3
 
@@ -97,7 +97,7 @@ class Trajectory:
         records = [WhitenedRecord(d.time.values.astype(float), d.angle.values.astype(float)) for d in runs]
         problem = FitProblem(parameters, tuple(records))
         fit = fitted(problem, grown(problem, _first_values(self, problem, runs)))
-        for _ in range(ROUNDS if self.noise == "coloured" or len(runs) > 1 else 0):
+        for _ in range(NOISE_ROUNDS if self.noise == "coloured" or len(runs) > 1 else 0):
             problem = _weighted(problem, fit.values, coloured=self.noise == "coloured")
             fit = fitted(problem, fit.values)
         while stopped := _stopped_by_bounds(problem.parameters, fit, self.bounds):

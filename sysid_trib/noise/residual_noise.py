@@ -17,11 +17,11 @@ from sysid_trib.noise.smoothing import clamped_knots, smooth
 Array = NDArray[np.float64]
 
 # Harmonics of the motion that any force may leave, each with an amplitude that changes over so many periods.
-HARMONICS = 6
+NOISE_HARMONICS = 6
 PERIODS_PER_KNOT = 4.0
 ENVELOPE_DEGREE = 3
 # Lines of the spectrum that keep less than this part of the noise are taken from this many neighbours.
-KEPT = 0.3
+KEPT_PART = 0.3
 WIDE = 15
 # A line beside a gap so many times the median of those apart is not noise: one in 250 is that high.
 BESIDE = 8.0
@@ -81,10 +81,10 @@ def modulated_harmonics(decay: xr.Dataset) -> Array:
     phase = np.unwrap(np.arctan2(-v, x))
     knots = max(1, round((tau[-1] - tau[0]) / (2.0 * np.pi * PERIODS_PER_KNOT)))
     # As many columns as the record can bear.
-    knots = min(knots, max(1, len(time) // (8 * (2 * HARMONICS + 1))))
+    knots = min(knots, max(1, len(time) // (8 * (2 * NOISE_HARMONICS + 1))))
     slow = BSpline.design_matrix(tau, clamped_knots(tau, knots, ENVELOPE_DEGREE), ENVELOPE_DEGREE).toarray()
     columns = [slow]
-    for m in range(1, HARMONICS + 1):
+    for m in range(1, NOISE_HARMONICS + 1):
         columns += [slow * np.cos(m * phase)[:, None], slow * np.sin(m * phase)[:, None]]
     basis, _ = np.linalg.qr(np.concatenate(columns, axis=1))
     return np.asarray(basis)
@@ -112,7 +112,7 @@ def estimate_noise(residual: Array, basis: Array, lines: int = LINES) -> NoiseMo
     whole = float(taper @ taper)
     power = np.abs(np.fft.rfft(taper * left)) ** 2 / whole
     kept = 1.0 - np.sum(np.abs(np.fft.rfft(taper[:, None] * basis, axis=0)) ** 2, axis=1) / whole
-    good = kept > KEPT
+    good = kept > KEPT_PART
     good[0] = False
     if not good.any():
         return NoiseModel(float(np.sqrt(left @ left / max(1, n - basis.shape[1]))), np.ones(1))

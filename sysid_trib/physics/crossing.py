@@ -22,7 +22,7 @@ RULES = ("peak force", "averaged")
 # Forces of these characters act on the envelope, and on the frequency.
 ACTS_ON = {"envelope": ("dissipative", "mixed"), "frequency": ("conservative", "mixed")}
 # Of ln a, for the slope of two weights that cross.
-STEP = 1e-4
+RELATIVE_STEP = 1e-4
 
 Weight = Callable[[Array], Array]
 
@@ -139,7 +139,7 @@ def _crossing(
         return np.nan, np.nan, 0, False
     root = min(roots)
     a = float(np.exp(root))
-    slope = (at(root + STEP) - at(root - STEP)) / (2.0 * STEP)
+    slope = (at(root + RELATIVE_STEP) - at(root - RELATIVE_STEP)) / (2.0 * RELATIVE_STEP)
     gradient = np.array([1.0, -1.0]) / c
     error = a * float(np.sqrt(gradient @ covariance @ gradient)) / abs(slope) if slope else np.nan
     signed = [k * weight(np.array([a]))[0] for k, (weight, _) in zip(c, tables, strict=True)]

@@ -14,7 +14,7 @@ SLIP_RATIO = -0.75 * np.pi
 # they give -2.0 to -2.3, because the loops of a decay do not close and epsilon takes its share of nu.
 ALLOWED = 0.1
 # Below this p-value the ratio is another one.
-LEVEL = 0.01
+FINGERPRINT_LEVEL = 0.01
 # A ratio tells something if its quadratic friction is so many errors from zero, and it is known this well.
 SIGNIFICANT = 3.0
 SHARP = 1.0 / 3.0
@@ -66,7 +66,7 @@ def slip_fingerprint(result: xr.Dataset) -> xr.Dataset:
     p_value = 2.0 * norm.sf(abs(z))
     known = abs(significance) >= SIGNIFICANT and error <= SHARP * abs(SLIP_RATIO)
     # Slip takes energy: a quadratic friction that feeds it in is another thing.
-    other = p_value < LEVEL or significance <= -SIGNIFICANT
+    other = p_value < FINGERPRINT_LEVEL or significance <= -SIGNIFICANT
     verdict = "not compatible" if other else "compatible" if known else "undecided"
     numbers = (
         ("slip_ratio", SLIP_RATIO, "ratio of partial slip"),

@@ -25,12 +25,12 @@ from sysid_trib.validation.cross_check import LARGE
 if TYPE_CHECKING:
     from rich.table import Table
 
-FREQUENCY = "w_inf"
+FREQUENCY_SYMBOL = "w_inf"
 # A difference is mentioned if it is larger than so many standard errors of both methods.
 APART = 3.0
 # A prediction is as good if its RMS is larger by less than this, or not significantly at this level.
 ALIKE, LEVEL = 1.01, 0.01
-SCALARS = (
+JSON_SCALARS = (
     *("reference_frequency", "asymptotic_frequency", "reference_frequency_standard_error"),
     *("asymptotic_frequency_standard_error", "asymptotic_frequency_z", "residual_rms"),
     *("residual_over_noise", "train_rms", "train_over_noise", "holdout_rms", "holdout_over_noise"),
@@ -44,7 +44,7 @@ QUALITY = (
     "first two thirds, on these (train) and on the last third (held out)"
 )
 # Keys of the JSON, and the variables of the comparison.
-TEXTS = {
+JSON_TEXTS = {
     "reason": "reason",
     "bias": "bias",
     "sees": "identifies",
@@ -110,7 +110,7 @@ def coefficient_table(tree: xr.DataTree) -> "Table":
         head = f"{symbol} ({parts})" if parts else symbol
         columns[head] = [value_with_error(float(value), float(error)) for value, error in pairs]
     frequencies = [quantity(row, "asymptotic_frequency") for row in by_label(table, "method").values()]
-    return _method_table(table, columns | {f"{FREQUENCY} (rad/s)": frequencies})
+    return _method_table(table, columns | {f"{FREQUENCY_SYMBOL} (rad/s)": frequencies})
 
 
 def difference_table(tree: xr.DataTree) -> "Table":
@@ -118,7 +118,7 @@ def difference_table(tree: xr.DataTree) -> "Table":
     table = _applied(tree)
     best = table.method.values == table.attrs["best"]
     values = dict(zip(table.force.values.tolist(), table.z.values.T, strict=True))
-    values[FREQUENCY] = table.asymptotic_frequency_z.values
+    values[FREQUENCY_SYMBOL] = table.asymptotic_frequency_z.values
     columns = {head: [_signed(*pair) for pair in zip(z, best, strict=True)] for head, z in values.items()}
     return _method_table(table, columns)
 
@@ -191,8 +191,8 @@ def comparison_json(tree: xr.DataTree) -> dict[str, Any]:
             for symbol in table.force.values.tolist()
             for of_force in (row.sel(force=symbol),)
         }
-        texts = {key: row[name].item() for key, name in TEXTS.items()}
-        methods[label] = {"coefficients": coefficients, **numbers(row, SCALARS), **texts}
+        texts = {key: row[name].item() for key, name in JSON_TEXTS.items()}
+        methods[label] = {"coefficients": coefficients, **numbers(row, JSON_SCALARS), **texts}
         if len(groups) > 1:
             methods[label] |= numbers(row, RUN_RMS)
     starts = [number(tree[group].holdout_start.item()) for group in groups]
@@ -300,7 +300,7 @@ def _differences(table: xr.Dataset, causes: Sequence[str] = tuple(CAUSES)) -> li
     by_cause: dict[str, list[str]] = {cause: [] for cause in CAUSES}
     for label, row in by_label(table, "method").items():
         z = dict(zip(table.force.values.tolist(), row.z.values.tolist(), strict=True))
-        z[FREQUENCY] = row.asymptotic_frequency_z.item()
+        z[FREQUENCY_SYMBOL] = row.asymptotic_frequency_z.item()
         far = ", ".join(name for name, value in z.items() if abs(value) > APART)
         if far:
             cause = "neglect" if row.neglects.item() else "bias" if row.bias.item() else "form"

@@ -13,7 +13,7 @@ from sysid_trib.results.discoveries import candidates_of, credible_set, shapes_o
 NUMBERS = ("coefficient", "standard_error", "z", "p_value", "residual_before", "residual_after")
 WORDS = ("symbol", "name", "formula", "family", "kind", "unit")
 # Keys of the JSON where they differ from the names of the variables.
-SPANS = {"residual_over_noise": "gap_over_noise"}
+SPAN_KEYS = {"residual_over_noise": "gap_over_noise"}
 
 
 def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
@@ -53,7 +53,7 @@ def _spans_json(spans: xr.Dataset) -> dict[str, Any]:
         "departure_run": spans.departure_run.item(),
         "parts": ", ".join(spans.attrs["parts"]),
         "where": spans.attrs["where"],
-        "spans": {SPANS.get(name, name): values for name, values in numbers(spans, names).items()},
+        "spans": {SPAN_KEYS.get(name, name): values for name, values in numbers(spans, names).items()},
     }
 
 

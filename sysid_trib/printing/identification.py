@@ -41,7 +41,7 @@ EXPLAINED_BY_RATE = (
     "The residual is not white noise ({}). The integral of a measured rate always has such a residual: it "
     "does not show whether a force is missing."
 )
-SCALARS = ("reference_frequency", "asymptotic_frequency")
+FREQUENCIES = ("reference_frequency", "asymptotic_frequency")
 
 
 def identification_blocks(
@@ -87,7 +87,7 @@ def identification_table(tree: xr.DataTree) -> "Table":
         cells = [coefficient_cell(result, symbol) for result in results.values()]
         difference = _difference(checked, symbol)
         rows.append([f"{symbol:8} {named['name'].item()}", named["formula"].item(), *cells, difference])
-    for name, title in zip(SCALARS, ("w (rad/s)", "w_inf (rad/s)"), strict=True):
+    for name, title in zip(FREQUENCIES, ("w (rad/s)", "w_inf (rad/s)"), strict=True):
         label = name.replace("_", " ")
         cells = [quantity(result, name) for result in results.values()]
         rows.append([title, label, *cells, _difference(checked, label)])
@@ -224,7 +224,7 @@ def _method_json(result: xr.Dataset) -> dict[str, Any]:
         }
         for symbol, force in by_label(result, "force").items()
     }
-    names = (*SCALARS, "noise", *(f"{name}_standard_error" for name in SCALARS))
+    names = (*FREQUENCIES, "noise", *(f"{name}_standard_error" for name in FREQUENCIES))
     return {
         "coefficients": coefficients,
         **numbers(result, names),

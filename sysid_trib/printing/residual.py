@@ -13,7 +13,7 @@ WHERE = {
     "small amplitude": ", mostly at small amplitude",
     "late times": ", growing with time",
 }
-HARMONICS = ("second", "third")
+NAMED_HARMONICS = ("second", "third")
 
 
 def residual_of(tree: xr.DataTree, model: str) -> float:
@@ -83,7 +83,8 @@ def _sizes(spans: xr.Dataset, runs: int) -> str:
     at = int(np.argmax(np.abs(slip)))
     place = f"{spans.time.values[at]:.3g} s{f' of run {spans.run.values[at] + 1}' * (runs > 1)}"
     waves = {
-        name: np.hypot(*(spans[f"{name}_{wave}"].values for wave in ("cosine", "sine"))) for name in HARMONICS
+        name: np.hypot(*(spans[f"{name}_{wave}"].values for wave in ("cosine", "sine")))
+        for name in NAMED_HARMONICS
     }
     harmonics = [f"{name} harmonic {in_mrad(_most(size))}" for name, size in waves.items()]
     return (

@@ -11,14 +11,14 @@ import pandas as pd
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records.text import read_text
 
-Columns = dict[str, Any]
+ColumnValues = dict[str, Any]
 
 
 @dataclass(frozen=True)
 class Table:
     """Columns of a file by name, in its order, with units where the file states them."""
 
-    columns: Columns
+    columns: ColumnValues
     units: dict[str, str] = field(default_factory=dict)
 
 
@@ -88,7 +88,7 @@ def _read_text(path: Path) -> Table:
 
 
 def _from_frame(frame: pd.DataFrame, names: list[str]) -> Table:
-    columns: Columns = {}
+    columns: ColumnValues = {}
     for index, name in zip(range(frame.shape[1]), names, strict=False):
         columns[name if name and name not in columns else f"{name}#{index}"] = frame.iloc[:, index].to_numpy()
     return Table(columns)
@@ -176,7 +176,7 @@ def _read_hdf5(path: Path) -> Table:
 def _read_tdms(path: Path) -> Table:
     from nptdms import TdmsFile
 
-    columns: Columns = {}
+    columns: ColumnValues = {}
     units: dict[str, str] = {}
     for group in TdmsFile.read(path).groups():
         for channel in group.channels():

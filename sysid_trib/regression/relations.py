@@ -21,14 +21,14 @@ equations.
 """
 
 # The covariance depends on the unknowns, weakly.
-ROUNDS = 2
+REWEIGHTINGS = 2
 # Relative to an extremum and to a half period.
-STEP = 1e-5
+DIFFERENCE_STEP = 1e-5
 ROUNDING = 1e-14
 
 
 @dataclass(frozen=True)
-class Solution:
+class EquationSolution:
     """Generalised least squares of equations between half periods.
 
     Attributes
@@ -54,7 +54,7 @@ class Solution:
         return float(residual @ cho_solve_banded((self.factor, True), residual))
 
 
-def solve(equations: Equations, measured: xr.Dataset) -> Solution:
+def solve(equations: Equations, measured: xr.Dataset) -> EquationSolution:
     """Solve equations between the half periods of an envelope.
 
     Raises
@@ -71,13 +71,13 @@ def solve(equations: Equations, measured: xr.Dataset) -> Solution:
     if np.any(size == 0.0) or np.linalg.cond(design / np.where(size, size, 1.0)) > 1e8:
         raise DecayError("The half periods cannot tell these forces apart; offer fewer.")
     unknown = np.linalg.lstsq(design / size, target, rcond=None)[0] / size
-    for _ in range(ROUNDS):
+    for _ in range(REWEIGHTINGS):
         noise = _noise(equations, measured, unknown)
         factor = _factor(noise)
         weighted = cho_solve_banded((factor, True), design / size)
         inverse = np.linalg.inv(weighted.T @ (design / size)) / size[:, None]
         unknown = inverse @ (weighted.T @ target)
-    return Solution(unknown, inverse @ _spread(noise, weighted), target - design @ unknown, factor)
+    return EquationSolution(unknown, inverse @ _spread(noise, weighted), target - design @ unknown, factor)
 
 
 def _noise(equations: Equations, measured: xr.Dataset, unknown: Array) -> Array:
@@ -90,9 +90,9 @@ def _noise(equations: Equations, measured: xr.Dataset, unknown: Array) -> Array:
 
     here = np.arange(len(gap(b, t)))
     count = len(b) - len(here) + 1
-    reaches = np.stack([STEP * b, np.full(len(b), STEP * float(np.mean(np.diff(t))))])
+    reaches = np.stack([DIFFERENCE_STEP * b, np.full(len(b), DIFFERENCE_STEP * float(np.mean(np.diff(t))))])
     told = (measured.extremum_standard_error.values, measured.extremum_time_standard_error.values)
-    errors = np.stack(told) + ROUNDING * reaches / STEP
+    errors = np.stack(told) + ROUNDING * reaches / DIFFERENCE_STEP
     noise = np.empty((2, count, len(here)))
     for at, first in np.ndindex(2, count):
         # Half periods so far apart that no equation holds two of them are moved at once.

@@ -11,7 +11,7 @@ from sysid_trib.reporting.parts import PageTable
 from sysid_trib.results.per_run import record_groups
 
 # Attributes of a record under the words of the page; the others keep their names.
-TERMS = {
+PROVENANCE_TERMS = {
     "source": "record",
     "record_source": "record",
     "record_checksum": "SHA-256 of its file",
@@ -42,7 +42,9 @@ def method_table(tree: xr.DataTree) -> PageTable:
     """Each identification with the options and remarks that it carries."""
     rows = []
     for name, result in identifications(tree).items():
-        remarks = {k: v for k, v in result.attrs.items() if k not in (*ELSEWHERE, *TERMS, *LIBRARY)}
+        remarks = {
+            k: v for k, v in result.attrs.items() if k not in (*ELSEWHERE, *PROVENANCE_TERMS, *LIBRARY)
+        }
         text = "; ".join(f"{term}: {value}" for term, value in _terms(remarks))
         rows.append([name, result.attrs["method"], _options(result.attrs["options"]), text])
     if "options" in tree.attrs and "method" in tree.attrs and "coefficient" not in tree.ds:
@@ -67,7 +69,9 @@ def _options(text: str) -> str:
 def _terms(attrs: Mapping[Any, Any], prefix: str = "") -> list[tuple[str, str]]:
     """Attributes as terms and texts; an empty one says nothing."""
     texts = {str(key): _plain_text(value) for key, value in attrs.items()}
-    return [(prefix + TERMS.get(k, k.replace("_", " ")), text) for k, text in texts.items() if text]
+    return [
+        (prefix + PROVENANCE_TERMS.get(k, k.replace("_", " ")), text) for k, text in texts.items() if text
+    ]
 
 
 def _plain_text(value: Any) -> str:

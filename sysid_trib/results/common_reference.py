@@ -11,7 +11,7 @@ from sysid_trib.simulation.model import rescaling_factors
 
 Array = NDArray[np.float64]
 
-FREQUENCY = "asymptotic frequency"
+ASYMPTOTIC_FREQUENCY = "asymptotic frequency"
 
 
 def in_model(result: xr.Dataset, symbol: str) -> bool:

@@ -19,7 +19,7 @@ OUT_OF_PROPORTION = 10.0
 # Sensitivities are forward differences over a step that moves the phase by about this much (rad).
 PHASE_STEP = 1e-6
 # The shortest part of a record that is tried where a motion cannot be computed to the end.
-FEWEST_SAMPLES = 20
+FIRST_SAMPLES = 20
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class WhitenedRecord:
 
         if (whole := residual(len(self.time), self.engine)) is not None:
             return whole
-        count, first = FEWEST_SAMPLES, None
+        count, first = FIRST_SAMPLES, None
         while count < len(self.time) and (longer := residual(count, FAST)) is not None:
             count, first = 2 * count, longer
         if first is None:

@@ -18,7 +18,7 @@ from sysid_trib.validation.homogeneity import verdict_of
 from sysid_trib.validation.residuals import fitted_motion, pooled, residuals
 
 # A gap that white noise leaves less often than this is one; beyond so many noise levels (RMS) it is large.
-CHANCE = 1e-3
+RESIDUAL_LEVEL = 1e-3
 LARGE = 1.5
 
 
@@ -131,7 +131,7 @@ def _with_motions(
 
 def _explained(compared: xr.Dataset) -> str:
     """`yes` if the better model leaves but white noise, `partly` if a little more, else `no`."""
-    if np.nanmax(compared.residual_p_value.values) >= CHANCE:
+    if np.nanmax(compared.residual_p_value.values) >= RESIDUAL_LEVEL:
         return "yes"
     gaps = compared.residual_over_noise.values
     return "partly" if np.any(gaps <= LARGE) else "no"

@@ -14,7 +14,7 @@ from sysid_trib.averaging.identifiability import exactly_dependent, indistinguis
 from sysid_trib.errors import SysidTribError
 from sysid_trib.methods import method_of
 from sysid_trib.records.runs import one_or_all
-from sysid_trib.results.common_reference import FREQUENCY, in_model, quantities, stated_covariance
+from sysid_trib.results.common_reference import ASYMPTOTIC_FREQUENCY, in_model, quantities, stated_covariance
 from sysid_trib.results.per_run import noise_of_run
 from sysid_trib.results.schema import library_of, model_of
 from sysid_trib.results.variables import chi_square_test, variable
@@ -74,7 +74,7 @@ def comparison(
         "z": variable("quantity", z, "excess over its standard error", "1"),
         **chi_square_test((), chi_square, count, "chi-square of all differences", p_value),
     }
-    return xr.Dataset(variables, {"quantity": [*kept, FREQUENCY]})
+    return xr.Dataset(variables, {"quantity": [*kept, ASYMPTOTIC_FREQUENCY]})
 
 
 def ties(runs: Sequence[xr.Dataset], result: xr.Dataset) -> dict[str, str]:

@@ -10,14 +10,14 @@ from scipy.stats import norm
 
 from sysid_trib.errors import SysidTribError, UsageError
 from sysid_trib.methods import method_of
-from sysid_trib.results.common_reference import FREQUENCY, in_model, quantities, stated_covariance
+from sysid_trib.results.common_reference import ASYMPTOTIC_FREQUENCY, in_model, quantities, stated_covariance
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.variables import Variables, chi_square_test, variable, with_error
 
 Array = NDArray[np.float64]
 
 # Significance level below which runs, or methods, are said to disagree.
-LEVEL = 0.01
+HOMOGENEITY_LEVEL = 0.01
 # A force without a degree in v is compared only where the frequencies differ by less than this part.
 SAME_FREQUENCY = 0.01
 CHI_SQUARE = "chi-square about the weighted mean"
@@ -52,7 +52,7 @@ def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Data
     kept = [s for s in together.force.values.tolist() if in_model(together, s)]
     frequency = together.reference_frequency.item()
     free = together.reference_frequency_standard_error.item() > 0.0
-    names = [*kept, FREQUENCY] if free else kept
+    names = [*kept, ASYMPTOTIC_FREQUENCY] if free else kept
     values = np.full((len(decays), len(names)), np.nan)
     covariances = np.full((len(decays), len(names), len(names)), np.nan)
     reasons = []
@@ -91,8 +91,8 @@ def _tested(names: Sequence[str], values: Array, covariances: Array, reasons: Se
 
 
 def verdict_of(p_value: float) -> str:
-    """`disagree` where chance leaves so large a difference less often than `LEVEL`, else `agree`."""
-    return "unknown" if np.isnan(p_value) else "agree" if p_value >= LEVEL else "disagree"
+    """`disagree` where the p-value is below `HOMOGENEITY_LEVEL`, else `agree`."""
+    return "unknown" if np.isnan(p_value) else "agree" if p_value >= HOMOGENEITY_LEVEL else "disagree"
 
 
 def _homogeneity(values: Array, covariances: Array) -> tuple[float, float]:
