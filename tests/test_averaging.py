@@ -171,3 +171,40 @@ def test_a_force_with_both_signatures_is_one_unknown():
     result = Averaging().identify(run.decay(), library)
     np.testing.assert_allclose(result.coefficient.values, [0.005, 0.05], rtol=2e-3)
     assert result.reference_frequency.item() == pytest.approx(W, rel=1e-5)
+
+
+def test_constraints_are_linear_maps_of_the_columns():
+    record = paper_run(SIX).decay(0)
+    plain = Averaging(reference_frequency=W).identify(record, FORCES)
+    value = plain.coefficient.sel(force="zeta").item()
+    found = Averaging(reference_frequency=W, fix={"zeta": value}).identify(record, FORCES)
+    assert found.coefficient.sel(force="zeta").item() == value
+    assert found.standard_error.sel(force="zeta").item() == 0.0
+    others = found.force != "zeta"
+    gaps = (found.coefficient - plain.coefficient) / plain.standard_error
+    assert float(np.abs(gaps).max()) < 0.01
+    assert np.all((found.standard_error < plain.standard_error * (1.0 + 1e-6))[others])
+
+
+def test_a_tie_agrees_with_a_library_of_the_tied_forces():
+    record = paper_run(SIX).decay(0)
+    found = Averaging(tie={"nu": "-2.356*delta"}).identify(record, FORCES)
+    value, error = (found[k].sel(force=["delta", "nu"]).values for k in ("coefficient", "standard_error"))
+    assert value[1] == pytest.approx(-2.356 * value[0], rel=1e-12)
+    assert error[1] == pytest.approx(2.356 * error[0])
+    assert found.constraint.sel(force="nu").item() == "nu=-2.356*delta"
+    others = {s: FORCES[s].formula.text for s in FORCES.symbols if s not in ("nu", "delta", "alpha")}
+    both = f"{FORCES['delta'].formula.text} - 2.356*({FORCES['nu'].formula.text})"
+    same = Averaging().identify(record, library_of_formulas(**others, both=both))
+    for symbol, name in [*((s, s) for s in others), ("delta", "both")]:
+        expected, scale = (same[k].sel(force=name).item() for k in ("coefficient", "standard_error"))
+        assert found.coefficient.sel(force=symbol).item() == pytest.approx(expected, abs=1e-3 * scale)
+        assert found.standard_error.sel(force=symbol).item() == pytest.approx(scale, rel=1e-3)
+
+
+def test_a_bound_that_stops_a_coefficient_holds_it():
+    record = paper_run(SIX).decay(0)
+    found = Averaging(reference_frequency=W, bounds={"zeta": (0.01, np.inf)}).identify(record, FORCES)
+    zeta = found.sel(force="zeta")
+    assert (zeta.coefficient.item(), zeta.standard_error.item()) == (0.01, 0.0)
+    assert zeta.constraint.item() == "at its bound"

@@ -28,6 +28,9 @@ def compare(
     omega0: options.Omega0 = None,
     reference_frequency: options.Reference = None,
     set_: options.Shapes = [],  # noqa: B006 - typer copies it
+    fix: options.Fix = [],  # noqa: B006 - typer copies it
+    bound: options.Bound = [],  # noqa: B006 - typer copies it
+    tie: options.Tie = [],  # noqa: B006 - typer copies it
     output: options.Output = None,
     as_json: options.Json = False,
     plot: options.Plot = None,
@@ -36,6 +39,8 @@ def compare(
 ) -> None:
     """Identify the forces of a decay by every method, and test each on a part that it has not seen."""
     from sysid_trib.commands import checks
+    from sysid_trib.forces.constraints import Constraints
+    from sysid_trib.forces.to_identify import forces_to_identify
     from sysid_trib.printing.comparison import comparison_blocks, comparison_json
     from sysid_trib.validation import compare as comparison
 
@@ -43,12 +48,16 @@ def compare(
     contactless, alpha = checks.known_frequencies(omega0, reference_frequency)
     offered = checks.offered_forces(library, forces, alpha)
     shapes = checks.held_shapes(set_, offered)
+    constraints = Constraints.from_texts(fix, bound, tie)
+    constraints.check(forces_to_identify(offered, reference_frequency))
     destination.check(records)
     columns = checks.Columns(time, angle, signal, units, sampling_rate, time_units)
     decays, sources = checks.read_decays(records, columns, window, equilibrium, reference_frequency)
     methods = comparison.every_method(reference_frequency, shapes)
     with progress(len(methods)) as tell:
-        tree = comparison.compare(decays, offered, methods, contactless=contactless, tell=tell)
+        tree = comparison.compare(
+            decays, offered, methods, contactless=contactless, constraints=constraints, tell=tell
+        )
     destination.deliver(
         tree,
         lambda: comparison_blocks(tree, record_sentences(tree, sources)),

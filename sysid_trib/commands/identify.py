@@ -28,6 +28,9 @@ def identify(
     reference_frequency: options.Reference = None,
     inertia: options.Inertia = None,
     set_: options.Shapes = [],  # noqa: B006 - typer copies it
+    fix: options.Fix = [],  # noqa: B006 - typer copies it
+    bound: options.Bound = [],  # noqa: B006 - typer copies it
+    tie: options.Tie = [],  # noqa: B006 - typer copies it
     output: options.Output = None,
     as_json: options.Json = False,
     plot: options.Plot = None,
@@ -39,7 +42,10 @@ def identify(
 
     from sysid_trib.commands import checks
     from sysid_trib.commands.terminal import record_sentences
+    from sysid_trib.forces.constraints import Constraints
+    from sysid_trib.forces.to_identify import forces_to_identify
     from sysid_trib.methods import Averaging, Direct
+    from sysid_trib.methods.scope import constrained
     from sysid_trib.printing.identification import identification_blocks, identification_json
     from sysid_trib.records.runs import one_or_all
     from sysid_trib.results import schema
@@ -51,6 +57,8 @@ def identify(
     checks.check_positive(inertia, "--inertia")
     offered = checks.offered_forces(library, forces, alpha)
     shapes = checks.held_shapes(set_, offered)
+    constraints = Constraints.from_texts(fix, bound, tie)
+    constraints.check(forces_to_identify(offered, reference_frequency))
     destination.check(records)
     columns = checks.Columns(time, angle, signal, units, sampling_rate, time_units)
     decays, sources = checks.read_decays(records, columns, window, equilibrium, reference_frequency)
@@ -59,7 +67,7 @@ def identify(
         Direct(reference_frequency=reference_frequency, shapes=shapes),
     )
     decay = one_or_all(decays)
-    tree = cross_check(decay, *(method.identify(decay, offered) for method in methods))
+    tree = cross_check(decay, *(constrained(m, constraints).identify(decay, offered) for m in methods))
     if len(decays) > 1:
         tree["runs"] = xr.DataTree(
             run_agreement(decays, tree[tree["comparison"].attrs["second"]].to_dataset())

@@ -48,6 +48,15 @@ Inertia = Annotated[
 Shapes = Annotated[
     list[str], typer.Option("--set", metavar="SYMBOL.SHAPE=VALUE", help="A shape parameter to hold; repeat.")
 ]
+Fix = Annotated[
+    list[str], typer.Option(metavar="NAME=VALUE", help="A coefficient or shape to hold: lambda=0; repeat.")
+]
+Bound = Annotated[
+    list[str], typer.Option(metavar="NAME=LOW:HIGH", help="Bounds of one; either may be empty: zeta=0:.")
+]
+Tie = Annotated[
+    list[str], typer.Option(metavar="NAME=FORMULA", help='One by others: "nu=-2.356*delta"; repeat.')
+]
 Output = Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Where to write.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, and nothing else.")]
 Plot = Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for the figures (PDF and PNG).")]

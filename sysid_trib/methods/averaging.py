@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 
 from sysid_trib.decays.half_sines import envelope
 from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.to_identify import forces_to_identify
 from sysid_trib.methods.indirect import AuxiliaryFit, AuxiliaryModel, as_identification, indirect_estimate
 from sysid_trib.methods.scope import MethodScope
 from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.regression.averaged import averaged_equations, noise_of_equations
+from sysid_trib.regression.constraint_map import ConstraintMap, constraint_map
 from sysid_trib.regression.weak_form import whiten, whitener
 from sysid_trib.simulation.model import Model
 
@@ -56,6 +58,12 @@ class Averaging:
         Values of shape parameters, which are held.
     curve : {"half-sines", "analytic-signal"}
         What gives the extrema (see `envelope`).
+    fix : mapping of str to float
+        Coefficients and shape parameters that are held, `{"lambda": 0.0}`.
+    bounds : mapping of str to (float, float)
+        Lowest and highest value of coefficients; one that would pass its bound is held there.
+    tie : mapping of str to str
+        Coefficients as linear formulas of others, `{"nu": "-2.356*delta"}`.
 
     Notes
     -----
@@ -69,6 +77,9 @@ class Averaging:
     weighted: bool = True
     shapes: Mapping[str, float] = field(default_factory=dict)
     curve: Literal["half-sines", "analytic-signal"] = "half-sines"
+    fix: Mapping[str, float] = field(default_factory=dict)
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    tie: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.frequency not in ("fit", "last"):
@@ -82,17 +93,35 @@ class Averaging:
         DecayError
             The decay cannot support the request: too short, or forces of the same signature.
         UsageError
-            The paper's rule for several runs: each has its own last frequency.
+            The paper's rule for several runs: each has its own last frequency. A constraint is not linear in
+            the coefficients, or does not fit to the library.
         """
         asked = forces_to_identify(library, self.reference_frequency)
         runs = as_runs(decay)
         if not self.scope.several_runs and len(runs) > 1:
             raise UsageError("frequency='last' is a rule for one record; take 'fit' for several runs.")
-        auxiliary = AuxiliaryModel(
-            self._envelope, partial(_first_order, self, library=asked), partial(self._model, asked)
-        )
-        found = indirect_estimate(auxiliary, runs, correct=self.correct)
-        return as_identification(self, decay, asked, found, library)
+        constraints = Constraints(self.fix, self.bounds, self.tie)
+        shapes = {**self.shapes, **{k: v for k, v in self.fix.items() if k not in asked.symbols}}
+        method = replace(self, shapes=shapes)
+        while True:
+            auxiliary = AuxiliaryModel(
+                self._envelope,
+                partial(_first_order, method, library=asked, free=constraint_map(constraints, asked, shapes)),
+                partial(method._model, asked),
+            )
+            found = indirect_estimate(auxiliary, runs, correct=self.correct)
+            value = dict(zip(asked.symbols, found.values.tolist(), strict=False))
+            passed = {k: float(np.clip(value[k], low, high)) for k, (low, high) in self.bounds.items()}
+            passed = {k: bound for k, bound in passed.items() if bound != value[k]}
+            if not passed:
+                break
+            constraints = replace(constraints, fixed={**constraints.fixed, **passed})
+        result = as_identification(method, decay, asked, found, library)
+        if constraints:
+            at_bound = constraints.fixed.keys() - self.fix.keys()
+            kinds = Constraints(self.fix, self.bounds, self.tie).kinds(asked.symbols, at_bound)
+            result = result.assign_coords(constraint=("force", kinds))
+        return result
 
     @property
     def scope(self) -> MethodScope:
@@ -107,27 +136,32 @@ class Averaging:
         return Model(library, coefficients, float(values[-1]), self.shapes)
 
 
-def _first_order(method: Averaging, runs: Sequence[xr.Dataset], library: ForceLibrary) -> AuxiliaryFit:
-    """The paper's least squares on the half periods of all runs' envelopes."""
+def _first_order(
+    method: Averaging, runs: Sequence[xr.Dataset], library: ForceLibrary, free: ConstraintMap
+) -> AuxiliaryFit:
+    """The paper's least squares on the half periods of all runs' envelopes, of the free coefficients."""
     equations = [averaged_equations(measured, library, method.shapes) for measured in runs]
     design, target = (np.concatenate(part) for part in zip(*equations, strict=True))
+    # Of (w c of each force, w) as linear functions of (w c of each free one, w).
+    expand = np.block([[free.matrix, free.constant[:, None]], [np.zeros(len(free.free)), np.ones(1)]])
+    design = design @ expand
     last = method.frequency == "last" and method.reference_frequency is None
     fixed = float(runs[0].frequency.values[-1]) if last else method.reference_frequency
     if fixed is not None:
         design, target = design[:, :-1], target - fixed * design[:, -1]
-    _check_rank(design, library.symbols, len(target) // 2)
-    parameters: Array = np.asarray(np.linalg.lstsq(design, target, rcond=None)[0], dtype=float)
+    _check_rank(design, tuple(library.symbols[i] for i in free.free), len(target) // 2)
+    plain: Array = np.asarray(np.linalg.lstsq(design, target, rcond=None)[0], dtype=float)
+    by_force = (expand @ (plain if fixed is None else np.append(plain, fixed)))[:-1]
     noise = sp.block_diag(
-        [noise_of_equations(run, library, method.shapes, parameters[: len(library)]) for run in runs],
-        format="csr",
+        [noise_of_equations(run, library, method.shapes, by_force) for run in runs], format="csr"
     )
     factor = whitener(noise)
     rows, y = whiten(factor, design), whiten(factor, target)
     if method.weighted and not last:
-        parameters = np.asarray(np.linalg.lstsq(rows, y, rcond=None)[0], dtype=float)
+        parameters: Array = np.asarray(np.linalg.lstsq(rows, y, rcond=None)[0], dtype=float)
         covariance: Array = np.asarray(np.linalg.inv(rows.T @ rows), dtype=float)
     else:
-        inverse = np.linalg.pinv(design)
+        parameters, inverse = plain, np.linalg.pinv(design)
         influence = inverse @ noise
         if last:
             # The error of the last frequency is in every shift that is taken from it.
@@ -139,8 +173,13 @@ def _first_order(method: Averaging, runs: Sequence[xr.Dataset], library: ForceLi
         covariance = np.pad(covariance, (0, 1))
         if last:
             covariance[-1, -1] = runs[0].frequency_standard_error.values[-1] ** 2
-    values, jacobian = _to_coefficients(library, parameters, given=method.reference_frequency is not None)
-    covariance = jacobian @ covariance @ jacobian.T
+    given = method.reference_frequency is not None
+    values, jacobian = _to_coefficients(library, expand @ parameters, given=given)
+    # Of the frequency that holds here, and not of the one at zero amplitude.
+    values[:-1] = free.matrix @ values[free.free] + free.constant
+    jacobian[:-1] = free.matrix @ jacobian[free.free]
+    slopes = jacobian @ expand
+    covariance = slopes @ covariance @ slopes.T
     ends = np.cumsum([len(part) for _, part in equations])[:-1]
     return AuxiliaryFit(
         values,

@@ -1,7 +1,7 @@
 """What a method says of itself, and what follows from it for the forces of a library."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -9,7 +9,8 @@ import xarray as xr
 
 from sysid_trib.averaging.identifiability import exactly_dependent, indistinguishable
 from sysid_trib.averaging.signatures import averages
-from sysid_trib.errors import SysidTribError
+from sysid_trib.errors import SysidTribError, UsageError
+from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import Force, ForceLibrary
 
 MOTION = "the motion"
@@ -61,6 +62,29 @@ class MethodScope:
     def sentence_label(self) -> str:
         """The label as the first word of a sentence."""
         return self.label[0].upper() + self.label[1:]
+
+
+def constrained(method: Method, constraints: Constraints) -> Method:
+    """The method with constraints on its coefficients and shape parameters.
+
+    Parameters
+    ----------
+    method : Method
+        The method without them.
+    constraints : Constraints
+        What is fixed, bounded and tied.
+
+    Raises
+    ------
+    UsageError
+        The method takes no such constraint.
+    """
+    asked = {"fix": constraints.fixed, "bounds": constraints.bounds, "tie": constraints.ties}
+    given = {option: dict(value) for option, value in asked.items() if value}
+    known: set[str] = {option.name for option in fields(method)} if is_dataclass(method) else set()
+    if not given.keys() <= known:
+        raise UsageError(f"{scope_of(method).sentence_label} takes no fixed, bounded or tied coefficients.")
+    return replace(method, **given) if given else method  # type: ignore[type-var]
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from sysid_trib.printing.layers import ALWAYS, Block, Layer
+from sysid_trib.printing.layers import ALWAYS, USUALLY, Block, Layer
 from sysid_trib.printing.layout import (
     by_label,
+    constraint_sentences,
     identifiability_warnings,
     number,
     numbers,
@@ -80,6 +81,9 @@ def comparison_blocks(tree: xr.DataTree, sources: Sequence[str]) -> list[Block]:
         Block([verdict], ALWAYS),
         Block(sources),
         *(Block(table, layers[title], title) for title, table in comparison_tables(tree).items()),
+        Block(
+            constraint_sentences(tree[label].ds for label in _applied(tree).method.values.tolist()), USUALLY
+        ),
         Block(_key_sentences(tree), Layer.DEFAULT),
         Block(sentences, Layer.EXPLAIN),
     ]

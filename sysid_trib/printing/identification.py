@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from sysid_trib.printing.layers import ALWAYS, USUALLY, Block, Layer
 from sysid_trib.printing.layout import (
     by_label,
+    constraint_sentences,
     identifiability_warnings,
     number,
     numbers,
@@ -132,6 +133,7 @@ def _key_sentences(tree: xr.DataTree) -> list[str]:
         if np.isnan(checked.residual_rms.sel(model=name).item()):
             sentences.append(_residual_sentence(name, checked.sel(model=name)))
         sentences += _remarks(name, result)
+    sentences += constraint_sentences(results.values())
     sentences += _held_shapes(results[checked.attrs["second"]])
     return sentences + identifiability_warnings(checked.attrs)
 
@@ -221,6 +223,7 @@ def _method_json(result: xr.Dataset) -> dict[str, Any]:
             "active": bool(force.active.item()),
             "refers_to": number(force.refers_to.item()),
             "unit": force.unit.item(),
+            **({"constraint": force.constraint.item()} if "constraint" in force.coords else {}),
         }
         for symbol, force in by_label(result, "force").items()
     }
@@ -239,7 +242,9 @@ def coefficient_cell(result: xr.Dataset, symbol: str) -> str:
     force = result.sel(force=symbol)
     if not force.active.item():
         return f"dropped (± {force.standard_error.item():.2g})"
-    return quantity(force, "coefficient")
+    kind = force.constraint.item() if "constraint" in force.coords else ""
+    mark = {"": "", "fixed": " (fixed)", "at its bound": " (bound)"}.get(kind, " (tied)")
+    return f"{quantity(force, 'coefficient')}{mark}"
 
 
 def _remarks(method: str, result: xr.Dataset) -> list[str]:

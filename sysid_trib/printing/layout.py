@@ -56,6 +56,20 @@ def coefficient_text(force: xr.Dataset) -> str:
     return quantity(force, "coefficient", "" if force.unit.item() == "1" else f" {force.unit.item()}")
 
 
+def constraint_sentences(results: Iterable[xr.Dataset]) -> list[str]:
+    """Which coefficients of results are fixed, tied or at a bound, in a sentence; none if none is."""
+    parts = []
+    for result in results:
+        kinds = result.constraint.values.tolist() if "constraint" in result.coords else []
+        for symbol, kind in zip(result.force.values.tolist(), kinds, strict=False):
+            if kind:
+                value = f"{result.coefficient.sel(force=symbol).item():.6g}"
+                parts.append(kind if "=" in kind else f"{symbol} is {kind} ({value})")
+    if not parts:
+        return []
+    return [f"Constraints: {'; '.join(dict.fromkeys(parts))}. Standard errors are given these."]
+
+
 def _error_of(name: str) -> str:
     return "standard_error" if name == "coefficient" else f"{name}_standard_error"
 

@@ -8,6 +8,7 @@ import xarray as xr
 
 from sysid_trib.decays.half_sines import envelope
 from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods import METHODS
 from sysid_trib.methods.scope import Method, scope_of
@@ -58,6 +59,7 @@ def compare(
     methods: Methods,
     *,
     contactless: tuple[float, float] | None = None,
+    constraints: Constraints | None = None,
     tell: Callable[[str], None] | None = None,
 ) -> xr.DataTree:
     """Identify a decay by several methods, side by side, each tested on a part it has not seen.
@@ -72,6 +74,8 @@ def compare(
         Labelled by their scope and options; or by label, as `every_method()` has them.
     contactless : (float, float), rad/s
         Frequency without contact and its standard error, which adds alpha.
+    constraints : Constraints
+        Given to every method; one that takes none keeps its row without numbers.
     tell : callable
         Called with a method's label before it starts.
 
@@ -119,7 +123,7 @@ def compare(
     for label, method in named.items():
         if tell is not None:
             tell(label)
-        trials.append(try_method(label, method, runs, library, contactless))
+        trials.append(try_method(label, method, runs, library, contactless, constraints or Constraints()))
     decided = [trial for trial in trials if trial.result is not None]
     if not decided:
         subject = "this record" if len(runs) == 1 else "these runs together"

@@ -42,7 +42,11 @@ def comparison(
     """
     first, second = results
     shared = [s for s in first.force.values.tolist() if s in second.force.values.tolist()]
-    kept = [s for s in shared if in_model(first, s) and in_model(second, s)]
+    kept = [
+        s
+        for s in shared
+        if in_model(first, s) and in_model(second, s) and not all(_is_constrained(r, s) for r in results)
+    ]
     frequency = first.reference_frequency.item()
     difference = quantities(first, kept, frequency) - quantities(second, kept, frequency)
     count = len(difference)
@@ -75,6 +79,11 @@ def comparison(
         **chi_square_test((), chi_square, count, "chi-square of all differences", p_value),
     }
     return xr.Dataset(variables, {"quantity": [*kept, ASYMPTOTIC_FREQUENCY]})
+
+
+def _is_constrained(result: xr.Dataset, symbol: str) -> bool:
+    """Whether a coefficient is fixed, tied or at a bound: it adds no difference of its own."""
+    return "constraint" in result.coords and bool(result.constraint.sel(force=symbol).item())
 
 
 def ties(runs: Sequence[xr.Dataset], result: xr.Dataset) -> dict[str, str]:

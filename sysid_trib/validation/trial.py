@@ -9,8 +9,16 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.errors import SysidTribError
+from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.methods.scope import ForceScope, Method, MethodScope, force_scope, scope_of
+from sysid_trib.methods.scope import (
+    ForceScope,
+    Method,
+    MethodScope,
+    constrained,
+    force_scope,
+    scope_of,
+)
 from sysid_trib.records.runs import one_or_all
 from sysid_trib.results.schema import with_contactless_frequency
 from sysid_trib.validation.holdout import ModelResidual, ModelResiduals, RunInParts, predicted, residual_of
@@ -56,11 +64,12 @@ def try_method(
     runs: Sequence[RunInParts],
     library: ForceLibrary,
     contactless: tuple[float, float] | None,
+    constraints: Constraints,
 ) -> Trial:
     """A method on the training parts, on the parts held out, and on the whole."""
     # The part first: what is imported or compiled at first use is then not in the time of the whole.
-    part, part_reason, _ = _identified(method, [run.train for run in runs], library)
-    result, reason, seconds = _identified(method, [run.decay for run in runs], library)
+    part, part_reason, _ = _identified(method, [run.train for run in runs], library, constraints)
+    result, reason, seconds = _identified(method, [run.decay for run in runs], library, constraints)
     amplitude = max(float(np.max(np.abs(run.decay.angle.values))) for run in runs)
     forces = _force_scope(method, library, result, amplitude)
     none = ModelResiduals((), tuple(run.noise for run in runs))
@@ -84,7 +93,7 @@ def try_method(
 
 
 def _identified(
-    method: Method, decays: Sequence[xr.Dataset], library: ForceLibrary
+    method: Method, decays: Sequence[xr.Dataset], library: ForceLibrary, constraints: Constraints
 ) -> tuple[xr.Dataset | None, str, float]:
     """Identification, or why there is none; the time it took, s."""
     # The row of a rule for one record is empty for no fault of its own, nor of the records.
@@ -92,7 +101,7 @@ def _identified(
         return None, "takes one record at a time", float("nan")
     began = perf_counter()
     try:
-        result = method.identify(one_or_all(decays), library)
+        result = constrained(method, constraints).identify(one_or_all(decays), library)
     except SysidTribError as error:
         return None, f"does not apply: {str(error).rstrip('.')}", float("nan")
     except np.linalg.LinAlgError as error:
