@@ -7,20 +7,8 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from sysid_trib.plots import style
 from sysid_trib.plots.discovery_data import RankingData, detectability_data, ranking_data, rankings_data
-from sysid_trib.plots.style import (
-    CANDIDATE_MARKS,
-    DETECTABLE_MARKS,
-    LEGEND,
-    THRESHOLD,
-    axes,
-    grid,
-    legend_marks,
-    letter,
-    logarithmic_ticks,
-    name_rows,
-    new_figure,
-)
 
 # Height of a panel of rankings, and of detectable coefficients: without rows, and of a row, inch.
 RANKING_HEIGHT, DETECTABLE_HEIGHT, DETECTABLE_ROW = 3.35, 0.8, 0.155
@@ -36,11 +24,11 @@ def rankings(tree: xr.DataTree) -> Figure:
     """
     drawn = rankings_data(tree)
     across = min(len(drawn), 2)
-    figure, panels = grid(len(drawn), across, 3.6 * across, RANKING_HEIGHT)
+    figure, panels = style.grid(len(drawn), across, 3.6 * across, RANKING_HEIGHT)
     for data, panel in zip(drawn, panels, strict=True):
         _ranking(panel, data)
-    letter(panels, [data.title for data in drawn])
-    handles = legend_marks(CANDIDATE_MARKS | {"threshold": THRESHOLD})
+    style.letter(panels, [data.title for data in drawn])
+    handles = style.legend_marks(style.CANDIDATE_MARKS | {"threshold": style.THRESHOLD})
     figure.legend(handles=handles, ncols=4, loc="outside upper center", frameon=False, fontsize=8)
     return figure
 
@@ -59,25 +47,25 @@ def ranking(tree: xr.DataTree, ax: Axes | None = None, selection_step: int = 0) 
     selection_step : int
         0 before the first step, 1 before the second, ..., -1 at the end.
     """
-    return _ranking(axes(ax), ranking_data(tree, selection_step))
+    return _ranking(style.axes(ax), ranking_data(tree, selection_step))
 
 
 def _ranking(ax: Axes, data: RankingData) -> Axes:
     candidates = data.candidates
     kinds = candidates.kind.values.tolist()
     for row, (size, kind) in enumerate(zip(candidates["size"].values.tolist(), kinds, strict=True)):
-        style = CANDIDATE_MARKS[kind]
-        ax.plot([data.low, size], [row, row], "-", color=style["color"], linewidth=0.8)
-        ax.plot([size], [row], linestyle="", **style)
+        look = style.CANDIDATE_MARKS[kind]
+        ax.plot([data.low, size], [row, row], "-", color=look["color"], linewidth=0.8)
+        ax.plot([size], [row], linestyle="", **look)
         # Three digits, and no power of ten as long as there is room without.
         digits = f"{float(f'{size:.3g}'):g}"
         text = ax.annotate(digits, (size, row), (5, 0), textcoords="offset points", va="center", fontsize=6)
         text.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.4})
-    ax.axvline(data.threshold, **THRESHOLD)
-    name_rows(ax, candidates.candidate.values.tolist())
+    ax.axvline(data.threshold, **style.THRESHOLD)
+    style.name_rows(ax, candidates.candidate.values.tolist())
     if data.logarithmic:
         ax.set(xscale="log", xlim=(data.low, data.high * (data.high / data.low) ** 0.2))
-        logarithmic_ticks(ax.xaxis, data.low, data.high)
+        style.logarithmic_ticks(ax.xaxis, data.low, data.high)
     else:
         ax.set_xlim(0.0, 1.15 * data.high)
     ax.set_xlabel("score |z|")
@@ -94,7 +82,7 @@ def forecasts(tree: xr.DataTree) -> Figure:
         Result of `discover`.
     """
     rows = tree["detectability"].sizes["candidate"]
-    figure = new_figure(7.2, DETECTABLE_HEIGHT + DETECTABLE_ROW * rows)
+    figure = style.new_figure(7.2, DETECTABLE_HEIGHT + DETECTABLE_ROW * rows)
     forecast(tree, figure.subplots())
     return figure
 
@@ -109,7 +97,7 @@ def forecast(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
     ax : matplotlib.axes.Axes, optional
         Axes to draw on.
     """
-    ax = axes(ax)
+    ax = style.axes(ax)
     data = detectability_data(tree)
     note: dict[str, Any] = {"va": "center", "fontsize": 6}
     for row in range(data.sizes["candidate"]):
@@ -121,18 +109,18 @@ def forecast(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
         elif np.isnan(final) and data.in_final.values[row]:
             ax.annotate("start model only", (start, row), (5, 0), textcoords="offset points", **note)
         ax.plot([start, final], [row, row], "-", color="0.6", linewidth=0.7)
-        for value, style in zip((start, final, identified), DETECTABLE_MARKS.values(), strict=True):
-            if style is not DETECTABLE_MARKS["identified"] or np.isfinite(value):
-                ax.plot([value], [row], **{"linestyle": ""} | style)
+        for value, look in zip((start, final, identified), style.DETECTABLE_MARKS.values(), strict=True):
+            if look is not style.DETECTABLE_MARKS["identified"] or np.isfinite(value):
+                ax.plot([value], [row], **{"linestyle": ""} | look)
     _families(ax, data.family.values.tolist())
-    name_rows(ax, data.candidate.values.tolist())
+    style.name_rows(ax, data.candidate.values.tolist())
     ax.set_xlabel("coefficient of five standard errors (in the candidate's unit)")
     if np.isfinite(np.concatenate([data[name].values for name in ("start", "final", "identified")])).any():
         ax.set_xscale("log")
     ax.tick_params(axis="y", labelsize=6)
     ax.grid(axis="x", color="0.9", linewidth=0.5)
     ax.set_axisbelow(True)
-    ax.legend(handles=legend_marks(DETECTABLE_MARKS), ncols=3, **LEGEND)
+    ax.legend(handles=style.legend_marks(style.DETECTABLE_MARKS), ncols=3, **style.LEGEND)
     return ax
 
 

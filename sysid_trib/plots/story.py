@@ -4,17 +4,9 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from sysid_trib.plots import style
 from sysid_trib.plots.motion_data import motion_data
 from sysid_trib.plots.motion_figures import draw_record, draw_residual
-from sysid_trib.plots.style import (
-    CANDIDATE_MARKS,
-    DETECTABLE_MARKS,
-    THRESHOLD,
-    letter,
-    logarithmic_ticks,
-    name_rows,
-    new_figure,
-)
 from sysid_trib.printing.layout import coefficient_text
 from sysid_trib.printing.residual import noise_of, residual_of
 from sysid_trib.results.discoveries import added_effects
@@ -35,7 +27,7 @@ def story(tree: xr.DataTree, run: int = 0) -> Figure:
     """
     *heights, last = PANEL_HEIGHTS
     heights.append(last + MODEL_ROW * (1 + len(added_effects(tree))))
-    figure = new_figure(8.0, sum(heights))
+    figure = style.new_figure(8.0, sum(heights))
     panels = figure.subplots(4, 1, height_ratios=heights)
     drawn = motion_data(tree, run)
     draw_record(panels[0], drawn)
@@ -54,7 +46,7 @@ def story(tree: xr.DataTree, run: int = 0) -> Figure:
         "gap after: record \N{MINUS SIGN} final model",
         "effects named",
     )
-    letter(panels, titles)
+    style.letter(panels, titles)
     return figure
 
 
@@ -69,14 +61,14 @@ def _explained(ax: Axes, tree: xr.DataTree) -> None:
         *(f": {step['name'].item()}, {step.symbol.item()} = {coefficient_text(step)}" for step in steps),
     ]
     for row, (ratio, text) in enumerate(zip(ratios, texts, strict=True)):
-        style = CANDIDATE_MARKS["named"] if row else DETECTABLE_MARKS["start model"]
-        ax.plot([1.0, ratio], [row, row], color=style["color"], linewidth=0.8)
-        ax.plot([ratio], [row], **{"linestyle": ""} | style)
+        look = style.CANDIDATE_MARKS["named"] if row else style.DETECTABLE_MARKS["start model"]
+        ax.plot([1.0, ratio], [row, row], color=look["color"], linewidth=0.8)
+        ax.plot([ratio], [row], **{"linestyle": ""} | look)
         ax.annotate(
             f"{ratio:.3g}{text}", (ratio, row), (8, 0), textcoords="offset points", va="center", fontsize=8
         )
-    ax.axvline(1.0, **THRESHOLD)
-    name_rows(ax, ["start model", *(f"+ {symbol}" for symbol in symbols)])
+    ax.axvline(1.0, **style.THRESHOLD)
+    style.name_rows(ax, ["start model", *(f"+ {symbol}" for symbol in symbols)])
     low, high = min(1.0, *ratios) / 1.15, max(2.0, *ratios)
     ax.set(xlabel="RMS of the gap over the noise", xscale="log", xlim=(low, high * (high / low) ** 0.2))
-    logarithmic_ticks(ax.xaxis, low, high)
+    style.logarithmic_ticks(ax.xaxis, low, high)

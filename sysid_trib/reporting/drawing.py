@@ -4,27 +4,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from bokeh import plotting
-from bokeh.models import (
-    BasicTickFormatter,
-    BoxAnnotation,
-    ColumnDataSource,
-    DataRange1d,
-    FactorRange,
-    FixedTicker,
-    GlyphRenderer,
-    HoverTool,
-    Legend,
-    Range1d,
-    Span,
-)
+from bokeh import models, plotting
 from numpy.typing import ArrayLike
 
 from sysid_trib.plots.motion_data import drawn_samples
-from sysid_trib.plots.style import GREY, INK, Style
+from sysid_trib.plots.style import Style
 
-FONT = "system-ui, 'Segoe UI', Roboto, 'Helvetica Neue', 'Liberation Sans', sans-serif"
-RECORD_GREY, GRID_GREY, BAND_GREY = "#b3b3b3", "#e6e6e6", "#e4e4e4"
+RECORD_GREY, BAND_GREY = "#b3b3b3", "#e4e4e4"
 # Heights of a panel, px: usual, of residuals, and of a list without its rows; and of a row.
 PANEL_HEIGHT_PX, RESIDUAL_HEIGHT_PX, LIST_HEIGHT_PX, ROW_HEIGHT_PX = 300, 220, 70, 19
 DASHES = {"-": "solid", "--": "dashed"}
@@ -58,7 +44,8 @@ def panel(
     log : str
         The axes with a logarithmic scale, such as "x".
     """
-    made = plotting.figure(
+    free = models.DataRange1d
+    return plotting.figure(
         height=height,
         sizing_mode="stretch_width",
         tools="pan,box_zoom,xwheel_zoom,reset,save",
@@ -67,51 +54,35 @@ def panel(
         active_scroll=None,
         x_axis_label=x_label,
         y_axis_label=y_label,
-        x_range=share_x.x_range if share_x is not None else Range1d() if rows else DataRange1d(),
-        y_range=FactorRange(*reversed(rows)) if rows else DataRange1d(),
+        x_range=share_x.x_range if share_x is not None else models.Range1d() if rows else free(),
+        y_range=models.FactorRange(*reversed(rows)) if rows else free(),
         x_axis_type="log" if "x" in log else "linear",
         y_axis_type="log" if "y" in log else "auto",
-        output_backend="canvas",
     )
-    made.toolbar.logo = None
-    made.toolbar.autohide = True
-    made.outline_line_color = None
-    # Axes below each other begin and end at the same place.
-    made.min_border_left, made.min_border_right = 76, 14
-    made.background_fill_alpha = made.border_fill_alpha = 0.0
-    for axis in made.axis:
-        axis.axis_label_text_font = axis.major_label_text_font = FONT
-        axis.axis_label_text_font_style = "normal"
-        axis.axis_label_text_font_size, axis.major_label_text_font_size = "13px", "12px"
-        axis.axis_label_text_color = axis.major_label_text_color = INK
-        axis.axis_line_color = axis.major_tick_line_color = GREY
-        axis.minor_tick_line_color = None
-    made.grid.grid_line_color = GRID_GREY
-    return made
 
 
 def line(
     on: plotting.figure, curve: tuple[ArrayLike, ArrayLike], style: Style, *, width: float = 1.3
-) -> GlyphRenderer:
+) -> models.GlyphRenderer:
     """A curve, decimated."""
     x, y = (np.asarray(values, dtype=float) for values in curve)
     shown = drawn_samples(y)
-    source = ColumnDataSource(columns({"x": x[shown], "y": y[shown]}))
+    source = models.ColumnDataSource(columns({"x": x[shown], "y": y[shown]}))
     dash = DASHES[style.get("linestyle", "-")]
     return on.line("x", "y", source=source, color=style["color"], line_dash=dash, line_width=width)
 
 
-def marks(on: plotting.figure, data: Mapping[str, Any], style: Style, *, size: float) -> GlyphRenderer:
+def marks(on: plotting.figure, data: Mapping[str, Any], style: Style, *, size: float) -> models.GlyphRenderer:
     """Marks at the columns `x` and `y`, with bars over `low` to `high` where there are such columns.
 
     Columns `color`, `marker` and `markerfacecolor` give each mark its own style. Bars are along x where y
     holds names.
     """
-    source = ColumnDataSource(columns(data))
+    source = models.ColumnDataSource(columns(data))
     styled = dict(style) | {name: {"field": name} for name in STYLED if name in data}
     color, marker = styled["color"], styled.get("marker", "o")
     if "low" in data:
-        named = isinstance(on.y_range, FactorRange)
+        named = isinstance(on.y_range, models.FactorRange)
         ends = ("low", "y", "high", "y") if named else ("x", "low", "x", "high")
         on.segment(*ends, source=source, color=color, line_width=1.2).glyph.line_alpha = 0.8
     drawn = on.scatter("x", "y", source=source, size=size, marker=MARKERS.get(str(marker), marker))
@@ -119,38 +90,23 @@ def marks(on: plotting.figure, data: Mapping[str, Any], style: Style, *, size: f
     return drawn
 
 
-def tell(on: plotting.figure, drawn: Sequence[GlyphRenderer], tooltips: Tooltips) -> None:
+def tell(on: plotting.figure, drawn: Sequence[models.GlyphRenderer], tooltips: Tooltips) -> None:
     """What the pointer shows of marks and curves: names, and columns such as `@x{%.4g} s`."""
     formats = {text.split("{")[0]: "printf" for _, text in tooltips if "{%" in text}
     shown: dict[str, Any] = {"renderers": list(drawn), "tooltips": list(tooltips), "formatters": formats}
-    on.add_tools(HoverTool(point_policy="snap_to_data", **shown))
+    on.add_tools(models.HoverTool(point_policy="snap_to_data", **shown))
 
 
-def legend(on: plotting.figure, entries: Sequence[tuple[str, Sequence[GlyphRenderer]]]) -> Legend:
+def legend(on: plotting.figure, entries: Sequence[tuple[str, Sequence[models.GlyphRenderer]]]) -> None:
     """A legend above the figure; a click on an entry hides what it stands for."""
-    made = Legend(
-        items=[(label, list(drawn)) for label, drawn in entries],
-        orientation="horizontal",
-        click_policy="hide",
-        location="left",
-        border_line_color=None,
-        background_fill_alpha=0.0,
-        label_text_font=FONT,
-        label_text_font_size="12px",
-        label_text_color=INK,
-        glyph_width=18,
-        spacing=14,
-        padding=2,
-        margin=0,
-    )
-    on.add_layout(made, "above")
-    return made
+    on.add_layout(models.Legend(items=[(label, list(drawn)) for label, drawn in entries]), "above")
 
 
 def band(on: plotting.figure, low: float, high: float, *, along: str = "x") -> None:
     """A grey band from `low` to `high`, over the whole length of the axis `along`."""
     ends = {"bottom": low, "top": high} if along == "x" else {"left": low, "right": high}
-    on.add_layout(BoxAnnotation(**ends, fill_color=BAND_GREY, fill_alpha=1.0, line_color=None, level="image"))
+    look: dict[str, Any] = {"fill_color": BAND_GREY, "fill_alpha": 1.0, "line_color": None, "level": "image"}
+    on.add_layout(models.BoxAnnotation(**ends, **look))
 
 
 def log_axis(on: plotting.figure, low: float, high: float) -> None:
@@ -158,10 +114,10 @@ def log_axis(on: plotting.figure, low: float, high: float) -> None:
     on.x_range.update(start=low, end=high)
     decades = np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1.0)
     if np.log10(high / low) > 2.5:
-        on.xaxis.ticker = FixedTicker(ticks=10.0 ** decades[:: 1 + decades.size // 6])
+        on.xaxis.ticker = models.FixedTicker(ticks=10.0 ** decades[:: 1 + decades.size // 6])
         return
-    on.xaxis.ticker = FixedTicker(ticks=np.outer(10.0**decades, [1.0, 2.0, 5.0]).ravel())
-    on.xaxis.formatter = BasicTickFormatter()
+    on.xaxis.ticker = models.FixedTicker(ticks=np.outer(10.0**decades, [1.0, 2.0, 5.0]).ravel())
+    on.xaxis.formatter = models.BasicTickFormatter()
 
 
 def list_panel(x_label: str, rows: Sequence[str], *, log: str = "") -> plotting.figure:
@@ -172,7 +128,7 @@ def list_panel(x_label: str, rows: Sequence[str], *, log: str = "") -> plotting.
 
 def threshold(on: plotting.figure, at: float) -> None:
     """A dashed line across the axis x."""
-    on.add_layout(Span(location=at, dimension="height", line_color=INK, line_dash="dashed", line_width=1))
+    on.add_layout(models.Span(location=at, dimension="height"))
 
 
 def columns(data: Mapping[str, Any]) -> dict[str, Any]:

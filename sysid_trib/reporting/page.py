@@ -8,6 +8,7 @@ from pathlib import Path
 import xarray as xr
 from bokeh.embed import components
 from bokeh.resources import Resources
+from bokeh.themes import Theme
 from jinja2 import Environment, PackageLoader
 from matplotlib.figure import Figure
 
@@ -74,7 +75,8 @@ def _rendered(tree: xr.DataTree) -> str:
         for of, figures in enumerate(section.figures)
         for nth, panel in enumerate(figures.panels)
     }
-    script, divs = components(panels) if panels else ("", {})
+    theme = Theme(filename=str(Path(__file__).with_name("theme.yaml")))
+    script, divs = components(panels, theme=theme) if panels else ("", {})
     environment = Environment(
         loader=PackageLoader("sysid_trib", "reporting"), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )

@@ -33,7 +33,6 @@ def _map(tree: xr.DataTree, after: bool) -> plotting.figure:
     edge = 1.1 * max(float(tree[name].x.max()) for name in ("discrepancy", "discrepancy_after"))
     made.x_range, made.y_range = Range1d(-edge, edge), Range1d(-edge, edge)
     made.title.text = f"{'after' if after else 'before'}: missing f in θ″ + w²θ = -w²f (mrad)"
-    made.title.update(text_font_style="normal", text_font_size="13px", text_font=drawing.FONT)
     colors = LinearColorMapper(palette=interp_palette(RdBu11, 101), low=-limit, high=limit)
     width, height = (float(np.diff(axis.values)[0]) for axis in (force.x, force.v))
     columns = {"x": x[there], "y": v[there], "force": force.values[there], "error": error.values[there]}
