@@ -12,11 +12,8 @@ from sysid_trib.plots.comparison_data import (
     FAMILY_MARKS,
     OTHER_FAMILY,
     PREDICTION,
-    method_families,
-    method_marks,
-    quantities,
-    quantity_data,
-    shown_methods,
+    ComparisonData,
+    comparison_data,
 )
 from sysid_trib.plots.style import axes, grid, legend_marks, letter, name_rows
 from sysid_trib.results.schema import library_of
@@ -36,19 +33,19 @@ def comparison(tree: xr.DataTree) -> Figure:
     tree : xr.DataTree
         Result of `compare`.
     """
-    names, methods = quantities(tree), shown_methods(tree).method.values.tolist()
+    data = comparison_data(tree)
+    names = data.quantities
     across = min((3, 4), key=lambda columns: -(len(names) + 1) % columns)
-    height = PANEL_HEIGHT + METHOD_HEIGHT * len(methods)
+    height = PANEL_HEIGHT + METHOD_HEIGHT * len(data.marks)
     figure, panels = grid(len(names) + 1, across, 7.2, height, sharing="y")
     for name, panel in zip(names, panels, strict=False):
-        coefficients(tree, name, panel)
-    prediction(tree, panels[-1])
+        _coefficients(panel, data, name, _symbol(tree, name))
+    _prediction(panels[-1], data)
     letter(panels, fontsize=8)
     for at, panel in enumerate(panels):
         # Names stand once a row; the rows share them.
         panel.tick_params(labelleft=at % across == 0)
-    families = method_families(tree).values()
-    shown = {FAMILY_LABELS.get(k, k): style for k, style in FAMILY_MARKS.items() if k in families}
+    shown = {FAMILY_LABELS.get(k, k): style for k, style in FAMILY_MARKS.items() if k in data.families}
     handles = legend_marks(shown)
     figure.legend(handles=handles, ncols=6, loc="outside upper center", frameon=False, fontsize=7)
     return figure
@@ -68,25 +65,7 @@ def coefficients(tree: xr.DataTree, quantity: str, ax: Axes | None = None) -> Ax
     ax : matplotlib.axes.Axes, optional
         Axes to draw on.
     """
-    ax = axes(ax)
-    data = quantity_data(tree, quantity)
-    if np.isfinite(data.band_low):
-        ax.axvspan(data.band_low, data.band_high, color="0.88", zorder=0)
-    bars: dict[str, Any] = {"markeredgewidth": 0.9, "linewidth": 0.9, "capsize": 1.5, "linestyle": ""}
-    for row, style in enumerate(method_marks(tree).values()):
-        value, error, side = (data[name].values[row] for name in ("value", "error", "side"))
-        if side:
-            edge, arrow = (data.high, ">") if side > 0 else (data.low, "<")
-            ax.plot(edge, row, arrow, color=style["color"], markersize=4, clip_on=False)
-        elif np.isfinite(value):
-            ax.errorbar(value, row, xerr=error, markersize=4, **style, **bars)
-    ax.set(xlabel=_axis_label(tree, quantity, data), xlim=(data.low, data.high))
-    ax.ticklabel_format(axis="x", useOffset=False)
-    ax.locator_params(axis="x", nbins=3)
-    _with_methods(ax, data)
-    # Labels of a coefficient that is well known are long: larger ones run into each other.
-    ax.tick_params(axis="x", labelsize=6)
-    return ax
+    return _coefficients(axes(ax), comparison_data(tree), quantity, _symbol(tree, quantity))
 
 
 def prediction(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
@@ -99,9 +78,33 @@ def prediction(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
     ax : matplotlib.axes.Axes, optional
         Axes to draw on.
     """
-    ax = axes(ax)
-    table = shown_methods(tree)
-    for row, style in enumerate(method_marks(tree).values()):
+    return _prediction(axes(ax), comparison_data(tree))
+
+
+def _coefficients(ax: Axes, compared: ComparisonData, quantity: str, symbol: str) -> Axes:
+    data = compared.quantity(quantity)
+    if np.isfinite(data.band_low):
+        ax.axvspan(data.band_low, data.band_high, color="0.88", zorder=0)
+    bars: dict[str, Any] = {"markeredgewidth": 0.9, "linewidth": 0.9, "capsize": 1.5, "linestyle": ""}
+    for row, style in enumerate(compared.marks.values()):
+        value, error, side = (data[name].values[row] for name in ("value", "error", "side"))
+        if side:
+            edge, arrow = (data.high, ">") if side > 0 else (data.low, "<")
+            ax.plot(edge, row, arrow, color=style["color"], markersize=4, clip_on=False)
+        elif np.isfinite(value):
+            ax.errorbar(value, row, xerr=error, markersize=4, **style, **bars)
+    ax.set(xlabel=_axis_label(symbol, data), xlim=(data.low, data.high))
+    ax.ticklabel_format(axis="x", useOffset=False)
+    ax.locator_params(axis="x", nbins=3)
+    _with_methods(ax, data)
+    # Labels of a coefficient that is well known are long: larger ones run into each other.
+    ax.tick_params(axis="x", labelsize=6)
+    return ax
+
+
+def _prediction(ax: Axes, compared: ComparisonData) -> Axes:
+    table = compared.table
+    for row, style in enumerate(compared.marks.values()):
         pair = [float(table[name].values[row]) for name in PREDICTION]
         mark = {"color": style["color"], "marker": style["marker"], "markersize": 4, "linestyle": ""}
         ax.plot(pair, [row, row], "-", color=style["color"], linewidth=0.7)
@@ -123,12 +126,16 @@ def _with_methods(ax: Axes, table: xr.Dataset) -> None:
     ax.set_axisbelow(True)
 
 
-def _axis_label(tree: xr.DataTree, quantity: str, data: xr.Dataset) -> str:
-    """Symbol and unit; a power of ten is in the label, not in the ticks."""
+def _symbol(tree: xr.DataTree, quantity: str) -> str:
+    """A force or the frequency as LaTeX writes it."""
     if quantity == ASYMPTOTIC:
-        return r"$\omega_\infty$ (rad/s)"
+        return r"\omega_\infty"
     result = next(node.ds for node in tree.children.values() if quantity in node.ds.get("force", ()))
-    symbol = library_of(result, whole=True)[quantity].latex_symbol
+    return library_of(result, whole=True)[quantity].latex_symbol
+
+
+def _axis_label(symbol: str, data: xr.Dataset) -> str:
+    """Symbol and unit; a power of ten is in the label, not in the ticks."""
     scale = f"$10^{{{data.power}}}$" if data.power else ""
     unit = " ".join(filter(None, (scale, data.unit if data.unit != "1" else ""))) or "1"
     return f"${symbol}$ ({unit})"

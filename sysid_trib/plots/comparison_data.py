@@ -1,12 +1,14 @@
 """Methods side by side as numbers to draw, the same on paper and on a page."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from sysid_trib.plots.style import BLUE, GREEN, INK, ORANGE
+from sysid_trib.plots.style import BLUE, GREEN, INK, ORANGE, Style
 from sysid_trib.validation.comparison_table import column_power
 
 Array = NDArray[np.float64]
@@ -25,59 +27,83 @@ PREDICTION = {"train_over_noise": "first two thirds", "holdout_over_noise": "hel
 ARROW_BEYOND = 5.0
 
 
-def shown_methods(tree: xr.DataTree) -> xr.Dataset:
-    """The comparison, of methods that have any result."""
+@dataclass(frozen=True)
+class ComparisonData:
+    """Methods that have any result, with their marks.
+
+    Attributes
+    ----------
+    table : xr.Dataset
+        The group `comparison` of these methods.
+    marks : mapping of str to style
+        Mark of each method: that of its family, open for all but the first of the family.
+    families : frozenset of str
+        Families of the methods, keys of `FAMILY_MARKS`.
+    """
+
+    table: xr.Dataset
+    marks: Mapping[str, Style]
+    families: frozenset[str]
+
+    @property
+    def quantities(self) -> list[str]:
+        """What is compared: the forces by symbol, and the asymptotic frequency."""
+        return [*self.table.force.values.tolist(), ASYMPTOTIC]
+
+    def quantity(self, name: str) -> xr.Dataset:
+        """A coefficient or the `asymptotic_frequency` by method, as an axis shows it.
+
+        Parameters
+        ----------
+        name : str
+            Symbol of a force, or `asymptotic_frequency`.
+
+        Returns
+        -------
+        xr.Dataset
+            `value(method)` and `error(method)` over ten to the attribute `power`, and `side(method)`: -1 or 1
+            for a value beyond the axis, else 0. Attributes: `power`, `unit`, the ends `low` and `high` of the
+            axis, and the band of the method that predicts best, `band_low` and `band_high` (nan without one).
+        """
+        table = self.table
+        if name == ASYMPTOTIC:
+            power, unit = 0, "rad/s"
+            columns = table[ASYMPTOTIC], table[f"{ASYMPTOTIC}_standard_error"]
+        else:
+            column = table.sel(force=name)
+            power, unit = column_power(column), column.unit.item()
+            columns = column.coefficient, column.standard_error
+        value, error = (column.values / 10.0**power for column in columns)
+        at = table.method.values.tolist().index(table.attrs["best"])
+        low, high = _limits(value, error, at)
+        return xr.Dataset(
+            {
+                "value": ("method", value),
+                "error": ("method", error),
+                "side": ("method", np.where(value > high, 1, np.where(value < low, -1, 0))),
+            },
+            {"method": table.method.values},
+            {
+                **{"power": power, "unit": unit, "low": low, "high": high},
+                **{"band_low": value[at] - error[at], "band_high": value[at] + error[at]},
+            },
+        )
+
+
+def comparison_data(tree: xr.DataTree) -> ComparisonData:
+    """A result of `compare` as figures draw it."""
     table = tree["comparison"].to_dataset()
     results = [table[name].notnull() for name in ("coefficient", ASYMPTOTIC, *PREDICTION)]
     there = [column.any("force") if "force" in column.dims else column for column in results]
-    return table.isel(method=np.flatnonzero(np.any(there, axis=0)))
-
-
-def quantities(tree: xr.DataTree) -> list[str]:
-    """What is compared: the forces by symbol, and the asymptotic frequency."""
-    return [*shown_methods(tree).force.values.tolist(), ASYMPTOTIC]
-
-
-def quantity_data(tree: xr.DataTree, quantity: str) -> xr.Dataset:
-    """A coefficient or the `asymptotic_frequency` by method, as an axis shows it.
-
-    Parameters
-    ----------
-    tree : xr.DataTree
-        Result of `compare`.
-    quantity : str
-        Symbol of a force, or `asymptotic_frequency`.
-
-    Returns
-    -------
-    xr.Dataset
-        `value(method)` and `error(method)` over ten to the attribute `power`, and `side(method)`: -1 or 1
-        for a value beyond the axis, else 0. Attributes: `power`, `unit`, the ends `low` and `high` of the
-        axis, and the band of the method that predicts best, `band_low` and `band_high` (nan without one).
-    """
-    table = shown_methods(tree)
-    if quantity == ASYMPTOTIC:
-        power, unit = 0, "rad/s"
-        columns = table[ASYMPTOTIC], table[f"{ASYMPTOTIC}_standard_error"]
-    else:
-        column = table.sel(force=quantity)
-        power, unit = column_power(column), column.unit.item()
-        columns = column.coefficient, column.standard_error
-    value, error = (column.values / 10.0**power for column in columns)
-    at = table.method.values.tolist().index(table.attrs["best"])
-    low, high = _limits(value, error, at)
-    return xr.Dataset(
-        {
-            "value": ("method", value),
-            "error": ("method", error),
-            "side": ("method", np.where(value > high, 1, np.where(value < low, -1, 0))),
-        },
-        {"method": table.method.values},
-        {
-            **{"power": power, "unit": unit, "low": low, "high": high},
-            **{"band_low": value[at] - error[at], "band_high": value[at] + error[at]},
-        },
-    )
+    table = table.isel(method=np.flatnonzero(np.any(there, axis=0)))
+    marks: dict[str, Style] = {}
+    before: set[str] = set()
+    for method, stated in zip(table.method.values.tolist(), table.family.values.tolist(), strict=True):
+        family = stated if stated in FAMILY_MARKS else OTHER_FAMILY
+        face = {"markerfacecolor": "white"} if family in before - {OTHER_FAMILY} else {}
+        marks[method] = FAMILY_MARKS[family] | face
+        before.add(family)
+    return ComparisonData(table, marks, frozenset(before))
 
 
 def _limits(value: Array, error: Array, best: int) -> tuple[float, float]:
@@ -91,21 +117,3 @@ def _limits(value: Array, error: Array, best: int) -> tuple[float, float]:
     high = max(float((value + error)[inside].max(initial=-np.inf)), centre + usual)
     spare = max(0.08 * (high - low), 1e-9 * abs(centre), 1e-300)
     return low - spare, high + spare
-
-
-def method_marks(tree: xr.DataTree) -> dict[str, dict[str, Any]]:
-    """Mark of each method: that of its family, open for all but the first of the family."""
-    marks: dict[str, dict[str, Any]] = {}
-    before: set[str] = set()
-    for method, family in method_families(tree).items():
-        face = {"markerfacecolor": "white"} if family in before - {OTHER_FAMILY} else {}
-        marks[method] = FAMILY_MARKS[family] | face
-        before.add(family)
-    return marks
-
-
-def method_families(tree: xr.DataTree) -> dict[str, str]:
-    """Family of each method, a key of `FAMILY_MARKS`."""
-    table = shown_methods(tree)
-    pairs = zip(table.method.values.tolist(), table.family.values.tolist(), strict=True)
-    return {method: family if family in FAMILY_MARKS else OTHER_FAMILY for method, family in pairs}

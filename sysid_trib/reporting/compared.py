@@ -4,14 +4,7 @@ import numpy as np
 import xarray as xr
 from bokeh import plotting
 
-from sysid_trib.plots.comparison_data import (
-    ASYMPTOTIC,
-    PREDICTION,
-    method_marks,
-    quantities,
-    quantity_data,
-    shown_methods,
-)
+from sysid_trib.plots.comparison_data import ASYMPTOTIC, PREDICTION, ComparisonData, comparison_data
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.reporting import drawing
 from sysid_trib.reporting.parts import Panel
@@ -19,12 +12,14 @@ from sysid_trib.reporting.parts import Panel
 
 def quantity_panels(tree: xr.DataTree) -> list[Panel]:
     """One panel a force, and one for the asymptotic frequency."""
-    return [Panel(_quantity(tree, name), wide=False) for name in quantities(tree)]
+    data = comparison_data(tree)
+    return [Panel(_quantity(data, name), wide=False) for name in data.quantities]
 
 
 def prediction_panel(tree: xr.DataTree) -> Panel:
     """RMS of record minus model over the noise: of the part identified from (open), and held out (full)."""
-    table, style = shown_methods(tree), _style(tree)
+    data = comparison_data(tree)
+    table, style = data.table, _style(data)
     methods = table.method.values.tolist()
     made = drawing.list_panel("RMS over the noise", methods, log="x")
     first, last = (table[name].values for name in PREDICTION)
@@ -39,15 +34,15 @@ def prediction_panel(tree: xr.DataTree) -> Panel:
     return Panel(made)
 
 
-def _style(tree: xr.DataTree) -> dict[str, list[str]]:
+def _style(data: ComparisonData) -> dict[str, list[str]]:
     """Columns of colours and marks, a row for each method."""
-    styles = [{"markerfacecolor": style["color"]} | style for style in method_marks(tree).values()]
+    styles = [{"markerfacecolor": style["color"]} | dict(style) for style in data.marks.values()]
     columns = {name: [style[name] for style in styles] for name in drawing.STYLED}
     return columns | {"marker": [drawing.MARKERS[marker] for marker in columns["marker"]]}
 
 
-def _quantity(tree: xr.DataTree, quantity: str) -> plotting.figure:
-    data, style = quantity_data(tree, quantity), _style(tree)
+def _quantity(compared: ComparisonData, quantity: str) -> plotting.figure:
+    data, style = compared.quantity(quantity), _style(compared)
     made = drawing.list_panel(_axis_label(quantity, data), data.method.values.tolist())
     made.x_range.update(start=data.low, end=data.high)
     made.xaxis.ticker.desired_num_ticks = 4
