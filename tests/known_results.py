@@ -30,8 +30,8 @@ def known(
     """An identification; `covariance` is that of the coefficients and w, zero if left out."""
     offered = library or load_library()
     count = len(coefficients)
-    spread = np.zeros((count + 1, count + 1)) if covariance is None else np.asarray(covariance)
-    estimate = Estimate(np.array(list(coefficients.values())), spread, w, 1e-4)
+    values = np.zeros((count + 1, count + 1)) if covariance is None else np.asarray(covariance)
+    estimate = Estimate(np.array(list(coefficients.values())), values, w, [1e-4])
     decay = xr.Dataset({"angle": ("time", [0.3, 0.2])}, {"time": [0.0, 0.01]})
     return identification(Known(), decay, offered.select(coefficients), estimate, offered=offered)
 
