@@ -141,7 +141,7 @@ def test_features_of_forces_with_a_past_are_carried_along_each_trajectory():
     ],
 )
 def test_what_is_missing_is_said(symbol, given, missing):
-    with pytest.raises(LibraryError, match=f"Force '{symbol}' is carried along in time.*{missing}"):
+    with pytest.raises(LibraryError, match=f"Force '{symbol}' depends on time.*{missing}"):
         ForceFeatures(remembering(symbol), **given).fit(states())
 
 

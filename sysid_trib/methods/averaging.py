@@ -109,14 +109,14 @@ class Averaging:
                 partial(_first_order, method, library=asked, free=constraint_map(constraints, asked, shapes)),
                 partial(method._model, asked),
             )
-            found = indirect_estimate(auxiliary, runs, correct=self.correct)
-            value = dict(zip(asked.symbols, found.values.tolist(), strict=False))
+            estimate = indirect_estimate(auxiliary, runs, correct=self.correct)
+            value = dict(zip(asked.symbols, estimate.values.tolist(), strict=False))
             passed = {k: float(np.clip(value[k], low, high)) for k, (low, high) in self.bounds.items()}
             passed = {k: bound for k, bound in passed.items() if bound != value[k]}
             if not passed:
                 break
             constraints = replace(constraints, fixed={**constraints.fixed, **passed})
-        result = as_identification(method, decay, asked, found, library)
+        result = as_identification(method, decay, asked, estimate, library)
         if constraints:
             at_bound = constraints.fixed.keys() - self.fix.keys()
             kinds = Constraints(self.fix, self.bounds, self.tie).kinds(asked.symbols, at_bound)

@@ -64,8 +64,8 @@ class ClassicalMethod:
 
         groups = {"envelope": self.equations(asked), "frequency": same_half_periods}
         half_periods = HalfPeriodModel(groups, self.values, model)
-        found = indirect_estimate(half_periods.auxiliary(), [decay], correct=self.correct)
-        return as_identification(self, decay, asked, found, library)
+        estimate = indirect_estimate(half_periods.auxiliary(), [decay], correct=self.correct)
+        return as_identification(self, decay, asked, estimate, library)
 
     def forces_of(self, library: ForceLibrary) -> ForceLibrary:
         """The forces of a library that the method identifies."""
@@ -94,13 +94,13 @@ def needed_forces(method: Method, library: ForceLibrary, formulas: Sequence[str]
     DecayError
         One is missing, so that the method does not apply.
     """
-    found = [library.role(formula) for formula in formulas]
-    if None in found:
+    forces = [library.role(formula) for formula in formulas]
+    if None in forces:
         raise DecayError(
-            f"{scope_of(method).sentence_label} wants a force of formula {formulas[found.index(None)]}, and "
+            f"{scope_of(method).sentence_label} wants a force of formula {formulas[forces.index(None)]}, and "
             "the library has none."
         )
-    return library.select(force.symbol for force in found if force is not None)
+    return library.select(force.symbol for force in forces if force is not None)
 
 
 def one_record(method: Method, decay: Any) -> xr.Dataset:

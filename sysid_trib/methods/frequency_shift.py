@@ -86,12 +86,12 @@ class FrequencyShift:
             label = self.scope.sentence_label
             raise DecayError(f"{label} wants a nonlinear conservative force, and the library has none.")
         auxiliary = _damped_model(asked, self.shapes).auxiliary()
-        found = indirect_estimate(auxiliary, [decay], correct=self.correct)
-        limit = _limit(found)
-        found = _without_damping(found, len(asked))
+        estimate = indirect_estimate(auxiliary, [decay], correct=self.correct)
+        limit = _limit(estimate)
+        estimate = _without_damping(estimate, len(asked))
         if self.reference_frequency is not None:
-            asked, found = _referred(found, asked, stiffness, self.reference_frequency)
-        result = as_identification(self, decay, asked, found, library)
+            asked, estimate = _referred(estimate, asked, stiffness, self.reference_frequency)
+        result = as_identification(self, decay, asked, estimate, library)
         for name, value in zip(
             ("asymptotic_frequency", "asymptotic_frequency_standard_error"), limit, strict=True
         ):
@@ -133,44 +133,47 @@ def _damped_model(library: ForceLibrary, shapes: Mapping[str, float]) -> HalfPer
     return HalfPeriodModel(equations, values, model)
 
 
-def _limit(found: IndirectEstimate) -> tuple[float, float]:
+def _limit(estimate: IndirectEstimate) -> tuple[float, float]:
     """Frequency at vanishing amplitude and its standard error, rad/s."""
-    at = len(found.values) - 1 - len(DAMPING) + VISCOUS
-    w, viscous = found.values[-1], found.values[at]
+    at = len(estimate.values) - 1 - len(DAMPING) + VISCOUS
+    w, viscous = estimate.values[-1], estimate.values[at]
     root = np.sqrt(max(1.0 - viscous**2, SMALLEST))
-    gradient = np.zeros(len(found.values))
+    gradient = np.zeros(len(estimate.values))
     gradient[at], gradient[-1] = -w * viscous / root, root
-    return float(w * root), float(np.sqrt(gradient @ found.covariance @ gradient))
+    return float(w * root), float(np.sqrt(gradient @ estimate.covariance @ gradient))
 
 
-def _without_damping(found: IndirectEstimate, count: int) -> IndirectEstimate:
+def _without_damping(estimate: IndirectEstimate, count: int) -> IndirectEstimate:
     """Estimate of the `count` conservative forces and the frequency, with their Birge ratio."""
     keep = np.array([*range(count), -1])
     return replace(
-        found,
-        values=found.values[keep],
-        bias=found.bias[keep],
-        covariance=found.covariance[np.ix_(keep, keep)],
-        birge_ratios={"frequency": found.birge_ratios["frequency"]},
-        birge_ratio=found.birge_ratios["frequency"],
+        estimate,
+        values=estimate.values[keep],
+        bias=estimate.bias[keep],
+        covariance=estimate.covariance[np.ix_(keep, keep)],
+        birge_ratios={"frequency": estimate.birge_ratios["frequency"]},
+        birge_ratio=estimate.birge_ratios["frequency"],
     )
 
 
 def _referred(
-    found: IndirectEstimate, library: ForceLibrary, stiffness: Force | None, reference: float
+    estimate: IndirectEstimate, library: ForceLibrary, stiffness: Force | None, reference: float
 ) -> tuple[ForceLibrary, IndirectEstimate]:
     """Coefficients that refer to a frequency given, and the force of formula `x` if there is one."""
-    fitted = found.values[-1]
+    fitted = estimate.values[-1]
     ratio = (fitted / reference) ** 2
     forces = library.forces if stiffness is None else (stiffness, *library.forces)
     count = len(library)
     jacobian = np.zeros((len(forces) + 1, count + 1))
     jacobian[-1 - count : -1, :-1] = ratio * np.eye(count)
-    jacobian[-1 - count : -1, -1] = 2.0 * ratio * found.values[:-1] / fitted
-    values = np.append(found.values[:-1] * ratio, reference)
-    bias = np.append(found.bias[:-1] * ratio, 0.0)
+    jacobian[-1 - count : -1, -1] = 2.0 * ratio * estimate.values[:-1] / fitted
+    values = np.append(estimate.values[:-1] * ratio, reference)
+    bias = np.append(estimate.bias[:-1] * ratio, 0.0)
     if stiffness is not None:
         jacobian[0, -1] = 2.0 * ratio / fitted
-        values, bias = np.append(ratio - 1.0, values), np.append(2.0 * ratio * found.bias[-1] / fitted, bias)
-    covariance = jacobian @ found.covariance @ jacobian.T
-    return replace(library, forces=forces), replace(found, values=values, bias=bias, covariance=covariance)
+        values, bias = (
+            np.append(ratio - 1.0, values),
+            np.append(2.0 * ratio * estimate.bias[-1] / fitted, bias),
+        )
+    covariance = jacobian @ estimate.covariance @ jacobian.T
+    return replace(library, forces=forces), replace(estimate, values=values, bias=bias, covariance=covariance)

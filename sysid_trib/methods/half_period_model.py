@@ -41,16 +41,16 @@ class HalfPeriodModel:
         """Solve the equations on the envelope of the one decay."""
         solutions = {group: solve(equations, measured[0]) for group, equations in self.equations.items()}
         return AuxiliaryFit(
-            self.values(np.concatenate([part.unknown for part in solutions.values()])),
+            self.values(np.concatenate([part.parameters for part in solutions.values()])),
             {group: [part.residual] for group, part in solutions.items()},
-            {group: part.freedom for group, part in solutions.items()},
+            {group: part.degrees_of_freedom for group, part in solutions.items()},
             lambda group, residuals: solutions[group].chi_square(residuals[0]),
             lambda ratios: self._covariance(solutions, ratios),
         )
 
     def _covariance(self, solutions: Mapping[str, EquationSolution], ratios: Mapping[str, float]) -> Array:
         """Covariance of the values: groups share the errors of half periods, each has its own Birge ratio."""
-        parameters = np.concatenate([part.unknown for part in solutions.values()])
+        parameters = np.concatenate([part.parameters for part in solutions.values()])
         influence = np.concatenate([part.influence * ratios[group] for group, part in solutions.items()])
         steps = 1e-3 * np.linalg.norm(influence, axis=1) + 1e-300
         steps = np.clip(steps, 1e-7 * np.abs(parameters), None)

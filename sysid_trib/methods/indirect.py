@@ -209,18 +209,20 @@ def _as_measured(simulated: xr.Dataset, measured: xr.Dataset) -> xr.Dataset:
 
 
 def as_identification(
-    method: Method, decay: Decays, asked: ForceLibrary, found: IndirectEstimate, offered: ForceLibrary
+    method: Method, decay: Decays, asked: ForceLibrary, indirect: IndirectEstimate, offered: ForceLibrary
 ) -> xr.Dataset:
     """An indirect estimate as an identification, with its bias and what the method assumes."""
     extra: dict[str, tuple[ArrayLike, str, str]] = {
-        "birge_ratio": (found.birge_ratio, "1", "Birge ratio of the equations")
+        "birge_ratio": (indirect.birge_ratio, "1", "Birge ratio of the equations")
     }
-    for group, value in found.birge_ratios.items():
+    for group, value in indirect.birge_ratios.items():
         if group:
             extra[f"{group}_birge_ratio"] = (value, "1", f"Birge ratio of the {group}'s equations alone")
-    estimate = Estimate(found.values[:-1], found.covariance, float(found.values[-1]), found.noises, extra)
+    estimate = Estimate(
+        indirect.values[:-1], indirect.covariance, float(indirect.values[-1]), indirect.noises, extra
+    )
     result = identification(method, decay, asked, estimate, offered=offered)
     attrs = {"units": "1", "long_name": "first-order bias removed"}
-    result["first_order_bias"] = ("force", found.bias[:-1], attrs)
+    result["first_order_bias"] = ("force", indirect.bias[:-1], attrs)
     assumes = scope_of(method).assumes
-    return result.assign_attrs(first_order_bias_removed=found.bias_removed, assumes=assumes)
+    return result.assign_attrs(first_order_bias_removed=indirect.bias_removed, assumes=assumes)

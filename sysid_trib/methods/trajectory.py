@@ -103,7 +103,7 @@ class Trajectory:
         while stopped := _stopped_by_bounds(problem.parameters, fit, self.bounds):
             problem = replace(problem, parameters=problem.parameters.fix(stopped))
             fit = fitted(problem, fit.values)
-        return _labelled(self, problem, runs, library, fit)
+        return _identification(self, problem, runs, library, fit)
 
 
 def _parameters(method: Trajectory, library: ForceLibrary, runs: int) -> Parameters:
@@ -127,9 +127,9 @@ def _first_values(method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dat
     if start is None:
         free = [s for s in parameters.library.symbols if s not in method.fix and s not in method.tie]
         direct = Direct(reference_frequency=method.reference_frequency, shapes=parameters.shapes)
-        found = direct.identify(runs, parameters.library.select(free) if free else parameters.library)
-        start = model_of(found)
-        per_run = np.stack([np.ravel(found[name]) for name in PER_RUN], axis=1)
+        quick = direct.identify(runs, parameters.library.select(free) if free else parameters.library)
+        start = model_of(quick)
+        per_run = np.stack([np.ravel(quick[name]) for name in PER_RUN], axis=1)
     else:
         w = start.reference_frequency
         per_run = np.array([(*first_guess(r.time, r.angle, w), 0.0) for r in problem.records])
@@ -170,7 +170,7 @@ def _stopped_by_bounds(
     return stopped
 
 
-def _labelled(
+def _identification(
     method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset], library: ForceLibrary, fit: Fit
 ) -> xr.Dataset:
     residuals = problem.residuals(fit.values)
@@ -183,15 +183,21 @@ def _labelled(
             "No motion of these forces follows the record; offer other forces or a shorter window."
         )
     parameters = problem.parameters
-    freedom = max(1, len(fit.residual) - len(parameters.free))
-    covariance = fit.residual @ fit.residual / freedom * parameters.covariance(fit.sensitivity, fit.values)
+    degrees_of_freedom = max(1, len(fit.residual) - len(parameters.free))
+    covariance = (
+        fit.residual @ fit.residual / degrees_of_freedom * parameters.covariance(fit.sensitivity, fit.values)
+    )
     noises = sensor_noises(runs)
     estimate = FitEstimate(problem, fit.values, covariance, noises)
     extra: dict[str, tuple[ArrayLike, str, str]]
     extra = {"residual_rms": ([rms(residual) for residual in residuals], "rad", "RMS residual")}
     if all(noises):
         chi_square = sum(float(r @ r) / level**2 for r, level in zip(residuals, noises, strict=True))
-        extra["birge_ratio"] = (birge_ratio(chi_square, freedom), "1", "Birge ratio by the sensor's noise")
+        extra["birge_ratio"] = (
+            birge_ratio(chi_square, degrees_of_freedom),
+            "1",
+            "Birge ratio by the sensor's noise",
+        )
     result = estimate.identification(method, runs, library, extra)
     constraints = Constraints(method.fix, method.bounds, method.tie)
     if constraints:

@@ -106,19 +106,19 @@ def estimate_noise(residual: Array, basis: Array, lines: int = LINES) -> NoiseMo
     The exponent is by the same criterion, with Whittle's likelihood.
     """
     n = len(residual)
-    left = residual - basis @ (basis.T @ residual)
+    remainder = residual - basis @ (basis.T @ residual)
     # Without a taper a strong line that dies away would leak into all others.
     taper = tukey(n, TAPER)
     whole = float(taper @ taper)
-    power = np.abs(np.fft.rfft(taper * left)) ** 2 / whole
+    power = np.abs(np.fft.rfft(taper * remainder)) ** 2 / whole
     kept = 1.0 - np.sum(np.abs(np.fft.rfft(taper[:, None] * basis, axis=0)) ** 2, axis=1) / whole
     good = kept > KEPT_PART
     good[0] = False
     if not good.any():
-        return NoiseModel(float(np.sqrt(left @ left / max(1, n - basis.shape[1]))), np.ones(1))
+        return NoiseModel(float(np.sqrt(remainder @ remainder / max(1, n - basis.shape[1]))), np.ones(1))
     power = np.where(good, power / np.where(good, kept, 1.0), 0.0)
     if lines and (line := _highest(power, good)):
-        return estimate_noise(residual, _with_line(basis, left, line), lines - 1)
+        return estimate_noise(residual, _with_line(basis, remainder, line), lines - 1)
     # What stands out beside a harmonic is no noise but a swing that changes faster than the oscillations.
     apart = good & ~_beside(good)
     if apart.any():
@@ -154,9 +154,9 @@ def _usual(power: Array, good: NDArray[np.bool_]) -> Array:
     return np.interp(lines, lines[good], median_filter(power[good], 2 * WIDE + 1, mode="nearest"))
 
 
-def _with_line(basis: Array, left: Array, line: int) -> Array:
+def _with_line(basis: Array, remainder: Array, line: int) -> Array:
     """The basis with a vibration of constant amplitude, its frequency found within the line."""
-    n = len(left)
+    n = len(remainder)
     turns = 2.0j * np.pi * np.arange(n) / n
 
     def beside(k: float) -> Array:
@@ -164,13 +164,13 @@ def _with_line(basis: Array, left: Array, line: int) -> Array:
         columns = np.stack([wave.real, wave.imag], axis=1)
         return np.linalg.qr(columns - basis @ (basis.T @ columns))[0]
 
-    found = minimize_scalar(
-        lambda k: -float(np.sum((beside(k).T @ left) ** 2)),
+    minimum = minimize_scalar(
+        lambda k: -float(np.sum((beside(k).T @ remainder) ** 2)),
         bounds=(line - 1.0, line + 1.0),
         method="bounded",
         options={"xatol": 1e-4},
     )
-    return np.concatenate([basis, beside(found.x)], axis=1)
+    return np.concatenate([basis, beside(minimum.x)], axis=1)
 
 
 def _fractional_order(power: Array, good: NDArray[np.bool_], n: int) -> float:
@@ -185,9 +185,9 @@ def _fractional_order(power: Array, good: NDArray[np.bool_], n: int) -> float:
     def costs(d: float) -> tuple[float, float]:
         filter_, variance = _autoregression(power, good, n, d)
         density = variance / (_power_law(n, d) * np.abs(np.fft.rfft(filter_, n)) ** 2)
-        each = 2.0 * (np.log(density) + power / density)
+        terms = 2.0 * (np.log(density) + power / density)
         parameters = len(filter_) - 1 + (d > 0.0)
-        return float(np.sum(each[good]) + parameters * np.log(n)), float(np.sum(each[below]))
+        return float(np.sum(terms[good]) + parameters * np.log(n)), float(np.sum(terms[below]))
 
     every = np.array([costs(d) for d in FRACTIONAL_ORDERS])
     best = int(np.argmin(every[:, 0]))

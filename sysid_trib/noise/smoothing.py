@@ -73,5 +73,5 @@ def smooth(tau: Array, angle: Array) -> SmoothedMotion:
             "The samples of this record do not determine a spline; check its sampling."
         ) from None
     x, v, acceleration = (spline(tau, order) for order in range(3))
-    freedom = max(1, len(tau) - len(spline.c))
-    return SmoothedMotion(x, v, acceleration, float(np.sqrt(np.sum((angle - x) ** 2) / freedom)))
+    degrees_of_freedom = max(1, len(tau) - len(spline.c))
+    return SmoothedMotion(x, v, acceleration, float(np.sqrt(np.sum((angle - x) ** 2) / degrees_of_freedom)))

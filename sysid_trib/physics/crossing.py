@@ -67,8 +67,8 @@ def crossovers(result: xr.Dataset) -> xr.Dataset:
             )
     table = np.array(rows, dtype=float).reshape(-1, len(RULES), 4)
     both = ("pair", "rule")
-    told = "amplitude at which two forces weigh the same"
-    data = with_error("amplitude", both, (table[..., 0], table[..., 1]), told, "rad")
+    meaning = "amplitude at which two forces weigh the same"
+    data = with_error("amplitude", both, (table[..., 0], table[..., 1]), meaning, "rad")
     data["crossings"] = variable(both, table[..., 2].astype(int), "number of crossings", "1")
     data["opposed"] = variable("pair", table[:, 1, 3] > 0, "whether they act against each other")
     columns = dict(

@@ -86,12 +86,12 @@ def shares(terms: Array, unit: Array, covariance: Array) -> tuple[Array, Array]:
     """
     total = np.abs(terms).sum(axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        share = terms / total + 0.0
+        weight = terms / total + 0.0
         # d share_i / d c_j = u_j (delta_ij - share_i sgn_j) / total
         sign = np.where(terms < 0, -1.0, 1.0)
-        slope = (np.eye(len(terms))[:, :, None] - share[:, None, :] * sign[None]) * unit[None] / total
+        slope = (np.eye(len(terms))[:, :, None] - weight[:, None, :] * sign[None]) * unit[None] / total
     variance = np.einsum("ija,jk,ika->ia", slope, covariance, slope)
-    return share, np.sqrt(np.maximum(variance, 0.0))
+    return weight, np.sqrt(np.maximum(variance, 0.0))
 
 
 def peak(force: Force, a: Array, shapes: Mapping[str, float], time: float = 0.0) -> Array:

@@ -239,12 +239,12 @@ def _at_rest(model: Model) -> tuple[Array, list[str]]:
     matrix[:2, :2] = [[0.0, 1.0], [-(w**2), 0.0]]
     at = 2
     for force, slopes in kept:
-        own = np.array([0, 1, *range(at, at + len(force.state))])
+        indices = np.array([0, 1, *range(at, at + len(force.state))])
         at += len(force.state)
         # Formulas are in v = theta'/w.
         slopes[:, 1] /= w
-        matrix[1, own] -= w**2 * model.coefficients[force.symbol] * slopes[0]
-        matrix[np.ix_(own[2:], own)] += w * slopes[1:]
+        matrix[1, indices] -= w**2 * model.coefficients[force.symbol] * slopes[0]
+        matrix[np.ix_(indices[2:], indices)] += w * slopes[1:]
     return matrix, names
 
 

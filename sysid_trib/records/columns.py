@@ -26,7 +26,7 @@ ANGLE_UNITS = {
     **dict.fromkeys(("deg", "degree", "degrees", "°", "dps"), _DEGREE),
 }
 LENGTH_UNITS = {"m": 1.0, "metre": 1.0, "meter": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
-# Units that are told of, by option.
+# Units that an error names, by option.
 OFFERED = {"units": "rad, deg, mrad, m or mm", "time_units": "s, ms, us or min"}
 _RATE = re.compile(
     r"(?:^|[\s\[({_/])(dps|(?:m?rad(?:ians?)?|deg(?:rees?)?|°|[cmuµ]?m)"
@@ -67,14 +67,14 @@ def _usual_angle(names: list[str], signal: str, source: str) -> str:
     if not names:
         raise RecordError(f"{source}: there is no column for the {signal} beside the time.")
     usual = RATE_NAMES if signal == "rate" else ANGLE_NAMES
-    found = [name for name in names if split_header(name)[0] in usual]
-    exact = [name for name in found if split_header(name)[0] == signal]
-    if len(found) > 1 and len(exact) != 1:
+    named = [name for name in names if split_header(name)[0] in usual]
+    exact = [name for name in named if split_header(name)[0] == signal]
+    if len(named) > 1 and len(exact) != 1:
         raise UsageError(
-            f"{source}: columns {' and '.join(found)} could each be the {signal}; "
+            f"{source}: columns {' and '.join(named)} could each be the {signal}; "
             "name one, --angle NAME (angle= in Python)."
         )
-    return (exact or found or names)[0]
+    return (exact or named or names)[0]
 
 
 def find_column(table: Table, wanted: str | int, source: str) -> str:
@@ -160,8 +160,8 @@ def unit_factor(
     return known[unit], unit
 
 
-def _same(one: str, other: str, known: dict[str, float]) -> bool:
-    return known[one] == known[other] and (one in LENGTH_UNITS) == (other in LENGTH_UNITS)
+def _same(first: str, other: str, known: dict[str, float]) -> bool:
+    return known[first] == known[other] and (first in LENGTH_UNITS) == (other in LENGTH_UNITS)
 
 
 def numbers(table: Table, name: str, source: str) -> FloatArray:

@@ -115,17 +115,17 @@ def _first_row(lines: list[str], delimiter: str | None, start: int, width: int) 
 
 def _header(before: list[str], delimiter: str | None, width: int) -> list[str] | None:
     """Names from the lines above the numbers, a line of units below them included."""
-    found: list[list[str]] = []
+    header: list[list[str]] = []
     for line in reversed([line for line in before if line.strip()][-2:]):
         text = line.lstrip("#%/! \t") if _is_comment(line) else line
         separator = "," if delimiter is None and "," in text else delimiter
         fields = _fields(text, separator)
         if len(fields) != width and not (len(fields) == 1 and delimiter == ","):
             break
-        found.append(fields)
-    if not found:
+        header.append(fields)
+    if not header:
         return None
-    units_line = all(re.fullmatch(r"[\[(].*[\])]|", item) for item in found[0])
-    if units_line and len(found) == 2:
-        return [f"{name} {unit}".strip() for unit, name in zip(found[0], found[1], strict=True)]
-    return found[0]
+    units_line = all(re.fullmatch(r"[\[(].*[\])]|", item) for item in header[0])
+    if units_line and len(header) == 2:
+        return [f"{name} {unit}".strip() for unit, name in zip(header[0], header[1], strict=True)]
+    return header[0]

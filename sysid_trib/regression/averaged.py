@@ -57,15 +57,15 @@ def _table(force: Force, held: tuple[tuple[str, float], ...], low: float, high: 
 
 
 def noise_of_equations(
-    measured: xr.Dataset, library: ForceLibrary, shapes: Mapping[str, float], unknown: Array
+    measured: xr.Dataset, library: ForceLibrary, shapes: Mapping[str, float], coefficients: Array
 ) -> sp.csr_matrix:
     """How unit errors of the extrema and their times move each equation, (row, extrema then times)."""
     slope = instant_derivatives(measured)
     a = measured.amplitude.values
     step = 1e-4 * a
-    near = [_signature_columns(measured, library, shapes, a + s * step) @ unknown for s in (-1.0, 1.0)]
-    steepness = (near[1] - near[0]) / (2.0 * step)[:, None]
-    rate, frequency = (sp.diags_array(part) @ slope["amplitude_by_extremum"] for part in steepness.T)
+    near = [_signature_columns(measured, library, shapes, a + s * step) @ coefficients for s in (-1.0, 1.0)]
+    slope_by_amplitude = (near[1] - near[0]) / (2.0 * step)[:, None]
+    rate, frequency = (sp.diags_array(part) @ slope["amplitude_by_extremum"] for part in slope_by_amplitude.T)
     rows = sp.block_array(
         [
             [slope["amplitude_rate_by_extremum"] - rate, slope["amplitude_rate_by_time"]],

@@ -99,8 +99,8 @@ class SignificanceSelection(BaseOptimizer):
     level : float, default 0.01
         Probability of keeping any feature that is not there (Bonferroni over the features offered).
     removed_columns : int, default 0
-        Columns that have been projected out of the rows before, which the residual has fewer degrees of
-        freedom by.
+        Columns that have been projected out of the rows before: the residual has as many fewer degrees of
+        freedom.
 
     Attributes
     ----------
@@ -159,11 +159,11 @@ def _significant(columns: Array, target: Array, level: float, removed_columns: i
     outside = float(target @ target - projected @ projected)
     noise = max((outside + _residual_sum(table, projected, np.ones(count, bool))) / degrees, 1e-300)
     penalty = noise * float(chi2.isf(level / max(1, count), 1))
-    ends = [_exchanged(table, projected, penalty, np.full(count, full)) for full in (False, True)]
+    ends = [_with_exchange(table, projected, penalty, np.full(count, full)) for full in (False, True)]
     return min(ends, key=lambda kept: _deviance(table, projected, penalty, kept))
 
 
-def _exchanged(table: Array, target: Array, penalty: float, kept: Mask) -> Mask:
+def _with_exchange(table: Array, target: Array, penalty: float, kept: Mask) -> Mask:
     """Take the best of all drops, additions and exchanges until none helps."""
     lowest = _deviance(table, target, penalty, kept)
     pairs = [(i, j) for i in range(len(kept)) for j in range(i)]

@@ -35,7 +35,7 @@ class ForceFeatures(BaseFeatureLibrary):
     Parameters
     ----------
     library : the forces; sensors act on no equation of motion and are left out.
-    sampling_time : s, needed by forces with states, memory or `t`: they are carried along each trajectory,
+    sampling_time : s, needed by forces with states, memory or `t`: these follow each trajectory,
         which is taken to start at t = 0.
     reference_frequency : w in rad/s, needed by forces with states or memory.
     shapes : shape parameters, `{"dahl.s": 0.02}`; defaults where left out.
@@ -114,7 +114,7 @@ class ForceFeatures(BaseFeatureLibrary):
         for name, (value, needed) in needs.items():
             if needed and not (value is not None and np.isfinite(value) and value > 0):
                 raise LibraryError(
-                    f"Force '{force.symbol}' is carried along in time: give ForceFeatures a positive {name}."
+                    f"Force '{force.symbol}' depends on time: give ForceFeatures a positive {name}."
                 )
 
     def evaluate(
@@ -204,11 +204,11 @@ def _text(tree: ast.AST, names: Mapping[str, str], binding: int) -> str:
             text = f"-{inner}" if isinstance(op, ast.USub) else inner
             return f"({text})" if binding > 1 else text
         case ast.BinOp(left=left, op=op, right=right):
-            own, sign = BINDING[type(op)]
+            binds, sign = BINDING[type(op)]
             # Subtraction and division do not associate to the right, a power not to the left.
-            first = _text(left, names, own + isinstance(op, ast.Pow))
-            text = first + sign + _text(right, names, own + isinstance(op, ast.Sub | ast.Div))
-            return f"({text})" if own < binding else text
+            first = _text(left, names, binds + isinstance(op, ast.Pow))
+            text = first + sign + _text(right, names, binds + isinstance(op, ast.Sub | ast.Div))
+            return f"({text})" if binds < binding else text
         case ast.Call(func=ast.Name(id=name), args=args):
             texts = [_text(arg, names, 0) for arg in args]
             return f"|{texts[0]}|" if name == "abs" else f"{_spoken(name)}({', '.join(texts)})"

@@ -33,21 +33,21 @@ class EquationSolution:
 
     Attributes
     ----------
-    unknown : (unknown,)
-    influence : (unknown, 2 half periods) of unit errors of the extrema, then of their times.
+    parameters : (parameter,)
+    influence : (parameter, 2 half periods) of unit errors of the extrema, then of their times.
     residual : (equation,)
     factor : Cholesky factor of the equations' covariance, lower banded.
     """
 
-    unknown: Array
+    parameters: Array
     influence: Array
     residual: Array
     factor: Array
 
     @property
-    def freedom(self) -> int:
+    def degrees_of_freedom(self) -> int:
         """Degrees of freedom of the residual."""
-        return max(1, len(self.residual) - len(self.unknown))
+        return max(1, len(self.residual) - len(self.parameters))
 
     def chi_square(self, residual: Array) -> float:
         """Squares of a residual over its covariance, summed."""
@@ -70,38 +70,40 @@ def solve(equations: Equations, measured: xr.Dataset) -> EquationSolution:
     size = np.linalg.norm(design, axis=0)
     if np.any(size == 0.0) or np.linalg.cond(design / np.where(size, size, 1.0)) > 1e8:
         raise DecayError("The half periods cannot tell these forces apart; offer fewer.")
-    unknown = np.linalg.lstsq(design / size, target, rcond=None)[0] / size
+    parameters = np.linalg.lstsq(design / size, target, rcond=None)[0] / size
     for _ in range(REWEIGHTINGS):
-        noise = _noise(equations, measured, unknown)
+        noise = _noise(equations, measured, parameters)
         factor = _factor(noise)
         weighted = cho_solve_banded((factor, True), design / size)
         inverse = np.linalg.inv(weighted.T @ (design / size)) / size[:, None]
-        unknown = inverse @ (weighted.T @ target)
-    return EquationSolution(unknown, inverse @ _spread(noise, weighted), target - design @ unknown, factor)
+        parameters = inverse @ (weighted.T @ target)
+    return EquationSolution(
+        parameters, inverse @ _influence(noise, weighted), target - design @ parameters, factor
+    )
 
 
-def _noise(equations: Equations, measured: xr.Dataset, unknown: Array) -> Array:
+def _noise(equations: Equations, measured: xr.Dataset, parameters: Array) -> Array:
     """How unit errors move each equation i, (extremum or time, j, i): those of half period i + j."""
     b, t = measured.extremum.values, measured.extremum_time.values
 
-    def gap(extremum: Array, time: Array) -> Array:
+    def residual(extremum: Array, time: Array) -> Array:
         design, target = equations(extremum, time)
-        return target - design @ unknown
+        return target - design @ parameters
 
-    here = np.arange(len(gap(b, t)))
+    here = np.arange(len(residual(b, t)))
     count = len(b) - len(here) + 1
     reaches = np.stack([DIFFERENCE_STEP * b, np.full(len(b), DIFFERENCE_STEP * float(np.mean(np.diff(t))))])
-    told = (measured.extremum_standard_error.values, measured.extremum_time_standard_error.values)
-    errors = np.stack(told) + ROUNDING * reaches / DIFFERENCE_STEP
+    stated = (measured.extremum_standard_error.values, measured.extremum_time_standard_error.values)
+    errors = np.stack(stated) + ROUNDING * reaches / DIFFERENCE_STEP
     noise = np.empty((2, count, len(here)))
     for at, first in np.ndindex(2, count):
         # Half periods so far apart that no equation holds two of them are moved at once.
-        moved = np.zeros_like(reaches)
-        moved[at, first::count] = reaches[at, first::count]
-        change = gap(b + moved[0], t + moved[1]) - gap(b - moved[0], t - moved[1])
-        beyond = (first - here) % count
-        touched = here + beyond
-        noise[at, beyond, here] = change / (2.0 * reaches[at, touched]) * errors[at, touched]
+        shift = np.zeros_like(reaches)
+        shift[at, first::count] = reaches[at, first::count]
+        change = residual(b + shift[0], t + shift[1]) - residual(b - shift[0], t - shift[1])
+        offset = (first - here) % count
+        touched = here + offset
+        noise[at, offset, here] = change / (2.0 * reaches[at, touched]) * errors[at, touched]
     return noise
 
 
@@ -114,8 +116,8 @@ def _factor(noise: Array) -> Array:
     return np.asarray(cholesky_banded(banded, lower=True))
 
 
-def _spread(noise: Array, weighted: Array) -> Array:
-    """Weights of the equations carried over to unit errors, (unknown, extrema then times)."""
+def _influence(noise: Array, weighted: Array) -> Array:
+    """Weights of the equations carried over to unit errors, (parameter, extrema then times)."""
     _, count, size = noise.shape
     carried = np.zeros((weighted.shape[1], 2, size + count - 1))
     for j in range(count):

@@ -166,5 +166,5 @@ def _bounds_reached(rows: Rows, design: Array, target: Array, constraints: Const
     limits = np.full((2, design.shape[1]), [[-np.inf], [np.inf]])
     count, scale = len(constraints.free), rows.scale[constraints.free]
     limits[:, :count] = constraints.low * scale, constraints.high * scale
-    found = lsq_linear(white[:, :-1], white[:, -1], limits, method="bvls")
-    return np.asarray(found.active_mask[:count])
+    bounded = lsq_linear(white[:, :-1], white[:, -1], limits, method="bvls")
+    return np.asarray(bounded.active_mask[:count])

@@ -51,15 +51,15 @@ def cramer_rao_bound(
         names = [*symbols, "start angle", "start rate", "reference frequency"]
         tied = [name for name, part in zip(names, axes[-1], strict=False) if abs(part) > 1e-3]
         raise UsageError(f"No record can determine {' and '.join(tied)} together; leave one out.")
-    spread = noise**2 * (axes.T / singular**2) @ axes / np.outer(size, size)
+    covariance = noise**2 * (axes.T / singular**2) @ axes / np.outer(size, size)
     count = len(symbols)
-    error = np.sqrt(np.diag(spread))
+    error = np.sqrt(np.diag(covariance))
     bounds = xr.Dataset(
         {
             "standard_error": ("force", error[:count], {"long_name": "Cramér-Rao bound"}),
             "covariance": (
                 ("force", "other_force"),
-                spread[:count, :count],
+                covariance[:count, :count],
                 {"long_name": "smallest covariance"},
             ),
         },
@@ -82,11 +82,11 @@ def _sensitivities(model: Model, time: Array, start: Array, free: bool) -> Array
     at = np.array([*model.coefficients.values(), *start, *([w] if free else [])], dtype=float)
     count = len(model.coefficients)
 
-    def motion(unknown: Array) -> Array:
-        coefficients = dict(zip(model.coefficients, unknown[:count].tolist(), strict=True))
-        frequency = float(unknown[-1]) if free else w
-        moved = replace(model, coefficients=coefficients, reference_frequency=frequency)
-        return trajectory(moved, time, *unknown[count : count + 2]).angle
+    def motion(values: Array) -> Array:
+        coefficients = dict(zip(model.coefficients, values[:count].tolist(), strict=True))
+        frequency = float(values[-1]) if free else w
+        changed = replace(model, coefficients=coefficients, reference_frequency=frequency)
+        return trajectory(changed, time, *values[count : count + 2]).angle
 
     def slope(unit: Array, step: float) -> Array:
         return (motion(at + step * unit) - motion(at - step * unit)) / (2.0 * step)

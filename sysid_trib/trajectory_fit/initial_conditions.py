@@ -74,25 +74,25 @@ def fit_start(
     """
     size = float(np.max(np.abs(angle))) * np.array([1.0, model.reference_frequency])
     begin, zero = np.array(start, dtype=float), offset or 0.0
-    found = trajectory(model, time, *begin)
+    motion = trajectory(model, time, *begin)
     for _ in range(MAX_ROUNDS):
         if sensitivity is None:
-            sensitivity = _sensitivity(model, time, begin, 1e-6 * size, found.angle)
+            sensitivity = _sensitivity(model, time, begin, 1e-6 * size, motion.angle)
         columns = sensitivity if offset is None else np.column_stack([sensitivity, np.ones(len(time))])
-        steps, *_ = np.linalg.lstsq(columns, angle - zero - found.angle, rcond=None)
+        steps, *_ = np.linalg.lstsq(columns, angle - zero - motion.angle, rcond=None)
         longest = np.max(np.abs(steps[:2]) / size)
         # A step as long as the swing itself is a phase slip, not a start.
         begin = begin + steps[:2] * min(1.0, 0.5 / max(longest, 1e-300))
         zero += float(steps[2]) if offset is not None else 0.0
-        found = trajectory(model, time, *begin)
+        motion = trajectory(model, time, *begin)
         if longest < 1e-5:
             break
         if longest > 1e-2:
             sensitivity = None
-    v = found.rate / model.reference_frequency
+    v = motion.rate / model.reference_frequency
     columns = np.empty((len(time), 2)) if sensitivity is None else sensitivity
     return FittedMotion(
-        float(begin[0]), float(begin[1]), zero, found.angle, v, found.stop_time, found.hidden, columns
+        float(begin[0]), float(begin[1]), zero, motion.angle, v, motion.stop_time, motion.hidden, columns
     )
 
 

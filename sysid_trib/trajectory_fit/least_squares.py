@@ -42,7 +42,7 @@ class Fit:
 def grown(problem: FitProblem, values: Array, *, tolerance: float = CONVERGED) -> Array:
     """Extend the fit over the records window by window, unless the start follows them already."""
     pairs = zip(problem.residuals(values), problem.records, strict=True)
-    if all(rms(left) < FOLLOWED * rms(record.angle) for left, record in pairs):
+    if all(rms(residual) < FOLLOWED * rms(record.angle) for residual, record in pairs):
         return values
     for part in WINDOWS:
         values = fitted(problem.first(part), values, tolerance=tolerance).values
@@ -83,7 +83,7 @@ def fitted(
         here = parameters.expand(free)
         return parameters.by_free(problem.white_sensitivity(here, residuals(*free)), here)
 
-    found = least_squares(
+    solution = least_squares(
         lambda free: problem.white(residuals(*free)),
         inside,
         jac=sensitivity,
@@ -95,8 +95,8 @@ def fitted(
         gtol=0.01 * tolerance,
         max_nfev=evaluations,
     )
-    values = parameters.expand(np.asarray(found.x, dtype=float))
-    return Fit(values, np.asarray(found.fun), np.asarray(found.jac))
+    values = parameters.expand(np.asarray(solution.x, dtype=float))
+    return Fit(values, np.asarray(solution.fun), np.asarray(solution.jac))
 
 
 def rms(values: Array) -> float:

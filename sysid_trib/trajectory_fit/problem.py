@@ -133,7 +133,7 @@ class FitProblem:
     def residuals(self, values: Array) -> list[Array]:
         """Motion minus record of each run, (sample,) array of float each, rad."""
         model, per_run = self.parameters.model(values), self.parameters.per_run(values)
-        return [record.residual(model, own) for record, own in zip(self.records, per_run, strict=True)]
+        return [record.residual(model, start) for record, start in zip(self.records, per_run, strict=True)]
 
     def white(self, values: Sequence[Array]) -> Array:
         """Values of each run, (sample, ...), whitened, one after the other."""
@@ -169,19 +169,19 @@ class FitProblem:
 
     def _sensitivity(self, values: Array, run: int, here: Array) -> Array:
         """Derivative of one run's residual (`here`) by the common and its own parameters."""
-        record, own = self.records[run], self.parameters.per_run(values)[run]
+        record, start = self.records[run], self.parameters.per_run(values)[run]
         *common, angle, rate, _ = self._steps(values, record)
         columns = []
         for i, step in enumerate(common):
             if self.parameters.common[i] in self.parameters.constraints.fixed:
                 columns.append(np.zeros_like(here))
                 continue
-            moved = values.copy()
-            moved[i] += step
-            columns.append((record.residual(self.parameters.model(moved), own) - here) / step)
+            changed = values.copy()
+            changed[i] += step
+            columns.append((record.residual(self.parameters.model(changed), start) - here) / step)
         model = self.parameters.model(values)
         for step in (np.array([angle, 0.0, 0.0]), np.array([0.0, rate, 0.0])):
-            columns.append((record.residual(model, own + step) - here) / step.sum())
+            columns.append((record.residual(model, start + step) - here) / step.sum())
         return np.stack([*columns, np.ones_like(here)], axis=1)
 
     def _steps(self, values: Array, record: WhitenedRecord) -> Array:
@@ -202,5 +202,5 @@ class FitProblem:
             steps[force.symbol] = PHASE_STEP * size / (phase * max(float(np.sqrt(np.mean(h**2))), 1e-9))
         if FREQUENCY in steps:
             steps[FREQUENCY] = PHASE_STEP * frequency / phase
-        own = (PHASE_STEP * size, PHASE_STEP * size * frequency, PHASE_STEP * size)
-        return np.array([*steps.values(), *own])
+        start = (PHASE_STEP * size, PHASE_STEP * size * frequency, PHASE_STEP * size)
+        return np.array([*steps.values(), *start])
