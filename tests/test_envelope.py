@@ -129,7 +129,7 @@ def test_standard_errors_are_true(rate, noise):
     levels = []
     for _ in range(200 if rate < 500 else 60):
         result = envelope(decay_of(time, clean + noise * generator.standard_normal(time.size)))
-        levels.append(result["noise"].item())
+        levels.append(result["white_noise"].item())
         for name, into in squares.items():
             into.append(
                 (((result[name] - reference[name]) / result[f"{name}_standard_error"]) ** 2).to_numpy()
@@ -188,7 +188,7 @@ def test_chattering_and_coarse_crossings_make_no_half_periods():
         assert result.sizes["half_period"] in (77, 78)
         assert np.all(np.diff(result["extremum_time"]) > 0.9 * np.pi / OMEGA)
         assert np.all(np.diff(result["sign"]) != 0)
-    assert result["noise"].item() == pytest.approx(0.01 / np.sqrt(12), rel=0.01)
+    assert result["white_noise"].item() == pytest.approx(0.01 / np.sqrt(12), rel=0.01)
 
 
 def test_derivatives_are_those_of_the_instants():

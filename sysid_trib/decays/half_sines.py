@@ -122,7 +122,7 @@ def envelope(decay: xr.Dataset, curve: Literal["half-sines", "analytic-signal"] 
     Dataset. Over ``half_period``: ``extremum`` (b, positive), ``sign``, ``extremum_time`` (t). Over
     ``instant``, the half periods but the first and last: ``instant_time`` = t[i], ``amplitude`` = (b[i+1] +
     b[i-1])/2, ``amplitude_rate`` = (b[i+1] - b[i-1])/(t[i+1] - t[i-1]), ``frequency`` = 2 pi/(t[i+1] -
-    t[i-1]); each with its ``..._standard_error``. And ``noise``, that of one sample.
+    t[i-1]); each with its ``..._standard_error``. And ``white_noise``, that of one sample.
 
     Raises
     ------
@@ -173,7 +173,7 @@ def envelope(decay: xr.Dataset, curve: Literal["half-sines", "analytic-signal"] 
     )
     for name, error in (("extremum", errors[0]), ("extremum_time", errors[1])):
         result[f"{name}_standard_error"] = ("half_period", error, _error_attrs(result[name].attrs))
-    result["noise"] = ((), noise, {"units": "rad", "long_name": "noise of one sample"})
+    result["white_noise"] = ((), noise, {"units": "rad", "long_name": "white noise of one sample"})
     return _with_instants(result)
 
 

@@ -26,7 +26,7 @@ class Windows:
     middle : (window,) s; exponent : (window,) 1/s, complex; amplitude, amplitude_error : (window,) rad, in
         the middle.
     influence : (window, mean) of unit errors of the means of samples on the exponent.
-    noise, sample_noise : rad, of one mean and of one sample.
+    noise : rad, of one mean.
     """
 
     middle: FloatArray
@@ -35,7 +35,6 @@ class Windows:
     amplitude_error: FloatArray
     influence: sp.csr_matrix
     noise: float
-    sample_noise: float
 
 
 def windowed_modes(decay: xr.Dataset) -> xr.Dataset:
@@ -128,4 +127,4 @@ def _windows(
     influence = sp.csr_matrix((np.concatenate(rows), columns.ravel(), pointers), (len(kept), len(y)))
     middle = time[kept] + 0.5 * (length - 1) * step
     less = noise / np.sqrt(block)
-    return Windows(middle, np.log(roots) / step, np.abs(weights), less * errors.real, influence, less, noise)
+    return Windows(middle, np.log(roots) / step, np.abs(weights), less * errors.real, influence, less)
