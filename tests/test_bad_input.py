@@ -99,7 +99,9 @@ def test_truncated(refused, folder, kind):
     os.truncate(path, int(0.6 * path.stat().st_size))
     if kind == "csv":
         # A line cut within its number is still a number: text cannot know.
-        assert checks.read_decays([path], checks.Columns(), ":", "auto", None)[0][0].sizes["time"] > 1000
+        assert (
+            checks.read_decays([path], checks.RecordOptions(), ":", "auto", None)[0][0].sizes["time"] > 1000
+        )
         return
     status, complaint = refused("identify", path.name)
     assert status == 1

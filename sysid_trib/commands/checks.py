@@ -22,7 +22,7 @@ PLUS_MINUS = re.compile(r"\s*(?:±|\+/-|\+-)\s*")
 
 
 @dataclass(frozen=True)
-class Columns:
+class RecordOptions:
     """How a record is to be read: the options of `read_record`, None where not given."""
 
     time: str | None = None
@@ -35,7 +35,7 @@ class Columns:
 
 def read_decays(
     records: Sequence[Path],
-    columns: Columns,
+    columns: RecordOptions,
     window: str,
     equilibrium: str,
     reference_frequency: float | None,
@@ -55,7 +55,7 @@ def read_decays(
 
 
 def _read_decay(
-    record: Path | None, columns: Columns, window: str, equilibrium: str
+    record: Path | None, columns: RecordOptions, window: str, equilibrium: str
 ) -> "tuple[xr.Dataset, str]":
     from sysid_trib.decays.free_decay import free_decay
     from sysid_trib.records.columns import ANGLE_UNITS

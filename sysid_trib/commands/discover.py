@@ -77,7 +77,7 @@ def discover(
     start = checks.offered_forces(library, forces, reference_frequency is not None)
     offered = discovery_inputs.offered_candidates(library, candidates, start)
     destination.check(records)
-    columns = checks.Columns(time, angle, signal, units, sampling_rate, time_units)
+    columns = checks.RecordOptions(time, angle, signal, units, sampling_rate, time_units)
     decays, sources = checks.read_decays(records, columns, window, equilibrium, reference_frequency)
     seen, held = discovery_inputs.held_out(decays, holdout)
     with progress() as tell:

@@ -30,7 +30,7 @@ def identify(
     set_: options.Shapes = [],  # noqa: B006 - typer copies it
     fix: options.Fix = [],  # noqa: B006 - typer copies it
     bound: options.Bound = [],  # noqa: B006 - typer copies it
-    tie: options.Tie = [],  # noqa: B006 - typer copies it
+    tie: options.Ties = [],  # noqa: B006 - typer copies it
     output: options.Output = None,
     as_json: options.Json = False,
     plot: options.Plot = None,
@@ -60,7 +60,7 @@ def identify(
     constraints = Constraints.from_texts(fix, bound, tie)
     constraints.check(forces_to_identify(offered, reference_frequency))
     destination.check(records)
-    columns = checks.Columns(time, angle, signal, units, sampling_rate, time_units)
+    columns = checks.RecordOptions(time, angle, signal, units, sampling_rate, time_units)
     decays, sources = checks.read_decays(records, columns, window, equilibrium, reference_frequency)
     methods = (
         Averaging(reference_frequency=reference_frequency, shapes=shapes),

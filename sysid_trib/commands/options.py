@@ -54,7 +54,7 @@ Fix = Annotated[
 Bound = Annotated[
     list[str], typer.Option(metavar="NAME=LOW:HIGH", help="Bounds of one; either may be empty: zeta=0:.")
 ]
-Tie = Annotated[
+Ties = Annotated[
     list[str], typer.Option(metavar="NAME=FORMULA", help='One by others: "nu=-2.356*delta"; repeat.')
 ]
 Output = Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Where to write.")]

@@ -13,8 +13,8 @@ from sysid_trib.trajectory_fit.sensitivities import responses
 
 Array = NDArray[np.float64]
 
-POWERS = range(4)
-HARMONICS = range(1, 5)
+TRIAL_POWERS = range(4)
+TRIAL_HARMONICS = range(1, 5)
 # Directions whose singular value is below this part of the largest are not tested.
 RANK = 1e-3
 
@@ -82,10 +82,10 @@ def _trial_forces(reference: ReferenceMotion) -> tuple[list[str], Array]:
     motion = reference.about
     r, phase = motion.amplitude / np.max(motion.amplitude), motion.phase
     names, columns = [], []
-    for k in POWERS:
+    for k in TRIAL_POWERS:
         names.append(f"r^{k}")
         columns.append(r**k)
-        for m in HARMONICS:
+        for m in TRIAL_HARMONICS:
             for name, wave in (("cos", np.cos(m * phase)), ("sin", np.sin(m * phase))):
                 names.append(f"r^{k} {name} {m} phi")
                 columns.append(r**k * wave)

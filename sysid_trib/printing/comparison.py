@@ -30,7 +30,7 @@ FREQUENCY_SYMBOL = "w_inf"
 # A difference is mentioned if it is larger than so many standard errors of both methods.
 APART = 3.0
 # A prediction is as good if its RMS is larger by less than this, or not significantly at this level.
-ALIKE, LEVEL = 1.01, 0.01
+ALIKE, ALIKE_LEVEL = 1.01, 0.01
 JSON_SCALARS = (
     *("reference_frequency", "asymptotic_frequency", "reference_frequency_standard_error"),
     *("asymptotic_frequency_standard_error", "asymptotic_frequency_z", "residual_rms"),
@@ -258,11 +258,11 @@ def _as_good(table: xr.Dataset) -> list[str]:
     labels = [
         label
         for label, row in methods.items()
-        if row.holdout_over_noise.item() <= limit or row.holdout_p_value.item() > LEVEL
+        if row.holdout_over_noise.item() <= limit or row.holdout_p_value.item() > ALIKE_LEVEL
     ]
     if not labels:
         return []
-    return [f"These predict as well (at most 1 % worse, or p > {LEVEL:g}): {', '.join(labels)}."]
+    return [f"These predict as well (at most 1 % worse, or p > {ALIKE_LEVEL:g}): {', '.join(labels)}."]
 
 
 def _by_accident(table: xr.Dataset) -> list[str]:

@@ -10,8 +10,8 @@ from sysid_trib.printing.residual import noise_of, residual_of
 from sysid_trib.printing.runs import homogeneity_json
 from sysid_trib.results.discoveries import candidates_of, credible_set, shapes_of
 
-NUMBERS = ("coefficient", "standard_error", "z", "p_value", "residual_before", "residual_after")
-WORDS = ("symbol", "name", "formula", "family", "kind", "unit")
+STEP_NUMBERS = ("coefficient", "standard_error", "z", "p_value", "residual_before", "residual_after")
+STEP_WORDS = ("symbol", "name", "formula", "family", "kind", "unit")
 # Keys of the JSON where they differ from the names of the variables.
 SPAN_KEYS = {"residual_over_noise": "gap_over_noise"}
 
@@ -63,8 +63,8 @@ def _step_json(tree: xr.DataTree, at: int) -> dict[str, Any]:
     probabilities = {s: number(round(probability, 4)) for s, probability in credible_set(step).items()}
     symbol = step.symbol.item()
     return {
-        **{name: step[name].item() for name in WORDS},
-        **numbers(step, NUMBERS),
+        **{name: step[name].item() for name in STEP_WORDS},
+        **numbers(step, STEP_NUMBERS),
         "shapes": {name: number(value) for name, value in shapes_of(step, symbol).items()},
         "probability": probabilities.pop(symbol),
         "indistinguishable_from": [

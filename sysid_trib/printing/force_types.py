@@ -16,7 +16,7 @@ BOTH = {
     frozenset({EVEN, TILTED}): MEANING[EVEN],
 }
 # A second type that scores this part of the first cannot be excluded.
-NEAR = 0.8
+NEARLY_AS_HIGH = 0.8
 
 
 def force_type_sentence(tree: xr.DataTree, selection_step: int) -> str:
@@ -48,7 +48,7 @@ def force_type_sentence(tree: xr.DataTree, selection_step: int) -> str:
         best[kind] = max(best.get(kind, 0.0), z)
     ordered = sorted(best, key=lambda kind: -best[kind])
     scores = ", ".join(f"{kind} {best[kind]:.3g}" for kind in ordered)
-    near = frozenset(kind for kind in ordered if best[kind] > NEAR * best[ordered[0]])
+    near = frozenset(kind for kind in ordered if best[kind] > NEARLY_AS_HIGH * best[ordered[0]])
     meanings = BOTH | {frozenset({kind}): meaning for kind, meaning in MEANING.items()}
     meaning = meanings.get(near, "forces of several types would explain it")
     return f"By the omnibus test (largest |z|: {scores}), {meaning}."
