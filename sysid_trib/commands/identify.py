@@ -28,8 +28,8 @@ def identify(
     reference_frequency: options.Reference = None,
     inertia: options.Inertia = None,
     set_: options.Shapes = [],  # noqa: B006 - typer copies it
-    fix: options.Fix = [],  # noqa: B006 - typer copies it
-    bound: options.Bound = [],  # noqa: B006 - typer copies it
+    fix: options.Fixes = [],  # noqa: B006 - typer copies it
+    bound: options.Bounds = [],  # noqa: B006 - typer copies it
     tie: options.Ties = [],  # noqa: B006 - typer copies it
     output: options.Output = None,
     as_json: options.Json = False,

@@ -48,10 +48,10 @@ Inertia = Annotated[
 Shapes = Annotated[
     list[str], typer.Option("--set", metavar="SYMBOL.SHAPE=VALUE", help="A shape parameter to hold; repeat.")
 ]
-Fix = Annotated[
+Fixes = Annotated[
     list[str], typer.Option(metavar="NAME=VALUE", help="A coefficient or shape to hold: lambda=0; repeat.")
 ]
-Bound = Annotated[
+Bounds = Annotated[
     list[str], typer.Option(metavar="NAME=LOW:HIGH", help="Bounds of one; either may be empty: zeta=0:.")
 ]
 Ties = Annotated[
