@@ -37,7 +37,13 @@ def bound(run, **options):
     return cramer_rao_bound(run.model, run.time, run.start, 0.0, NOISE, **options).standard_error.values
 
 
-@pytest.mark.parametrize("case", ["paper", "strong dry friction", "frequency fitted"])
+@pytest.mark.parametrize(
+    "case",
+    [
+        "paper",
+        *(pytest.param(case, marks=pytest.mark.slow) for case in ("strong dry friction", "frequency fitted")),
+    ],
+)
 def test_errors_reach_the_bound_and_intervals_cover(case):
     truth = {"paper": SIX, "strong dry friction": STRONG, "frequency fitted": FIVE}[case]
     run = paper_run(truth, duration=14.0 if truth is STRONG else 25.0)

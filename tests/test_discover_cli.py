@@ -307,6 +307,7 @@ def test_nothing_is_missing(folder):
 
 
 @pytest.mark.parametrize("candidates", [OFFERED, {"stiff": "x"}])
+@pytest.mark.slow
 def test_nothing_is_missing_or_nothing_testable_is_drawn_too(folder, tmp_path, candidates):
     offered = toml(tmp_path / "offered.toml", candidates)
     found = tmp_path / "found.nc"

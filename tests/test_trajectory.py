@@ -52,6 +52,7 @@ def test_converges_from_zeros(frequency):
     assert found.noise.item() == pytest.approx(NOISE, rel=0.05)
 
 
+@pytest.mark.slow
 def test_converges_from_a_factor_of_three_in_every_coefficient():
     record, random = paper_run().decay(0), np.random.default_rng(3)
     for _ in range(12):

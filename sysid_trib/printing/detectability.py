@@ -75,16 +75,17 @@ def _closest(tree: xr.DataTree) -> list[str]:
 
 
 def _alike(candidates: xr.Dataset) -> list[str]:
-    groups: list[list[str]] = []
-    for symbol in candidates.candidate.values.tolist():
+    symbols = candidates.candidate.values.tolist()
+    pairs = candidates.alike.sel(other=symbols).transpose("candidate", "other").values
+    groups: list[list[int]] = []
+    for at in range(len(symbols)):
         # Each with each: a chain of neighbours may have ends that are far apart.
-        others = candidates.alike.sel(candidate=symbol)
-        home = next((group for group in groups if others.sel(other=group).all()), None)
+        home = next((group for group in groups if pairs[at, group].all()), None)
         if home is None:
-            groups.append([symbol])
+            groups.append([at])
         else:
-            home.append(symbol)
-    alike = "; ".join(", ".join(group) for group in groups if len(group) > 1)
+            home.append(at)
+    alike = "; ".join(", ".join(symbols[at] for at in group) for group in groups if len(group) > 1)
     return [f"On this record, these look alike even at {NAMED:g} standard errors: {alike}."] if alike else []
 
 

@@ -106,7 +106,9 @@ def test_synthetic_record_is_called_so(pages):
     assert "synthetic: noise 0.0005 rad" in pages["cross_check"]
 
 
-@pytest.mark.parametrize("kind", ["cross_check", "runs", "identify"])
+@pytest.mark.parametrize(
+    "kind", ["identify", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("cross_check", "runs"))]
+)
 def test_python_on_the_page_makes_the_result_again(results, folder, kind, monkeypatch, pages):
     monkeypatch.chdir(folder)
     tree = results[kind]
