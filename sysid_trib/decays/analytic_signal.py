@@ -8,7 +8,7 @@ from sysid_trib.decays.half_periods import FloatArray, HalfPeriods, IntArray
 
 # N times the variance of the mean of N demodulated samples over half a period, at unit noise. One half period
 # alone has 1.77; it shares 7 % with either neighbour, and what varies slowly over many of them has 2.
-SPREAD = 2.0
+EXTREMUM_VARIANCE = 2.0
 DEGREE = 5
 
 
@@ -43,8 +43,8 @@ def analytic_extrema(
     log_level, log_slope = _lines(s, log_amplitude, half, count)
     extremum = np.exp(log_level + log_slope * late)
     samples = halves.duration * (time.size - 1) / (time[-1] - time[0])
-    spread: FloatArray = np.sqrt(SPREAD / samples)
-    return np.copysign(extremum, halves.sign), middle + late, slope, spread, spread / (extremum * slope)
+    error: FloatArray = np.sqrt(EXTREMUM_VARIANCE / samples)
+    return np.copysign(extremum, halves.sign), middle + late, slope, error, error / (extremum * slope)
 
 
 def _analytic_signal(
@@ -56,23 +56,23 @@ def _analytic_signal(
     count = max(8 * halves.sign.size, round(span * (time.size - 1) / (time[-1] - time[0])))
     grid = crossing[0] + (np.arange(count) + 0.5) * span / count
     # Steady amplitude first: what a decaying one would leak from the record's start to its end is gone.
-    course = _log_course(halves, grid)
-    steady = CubicSpline(time, angle)(grid) * np.exp(-course) * halves.sign[0]
+    trend = _log_trend(halves, grid)
+    steady = CubicSpline(time, angle)(grid) * np.exp(-trend) * halves.sign[0]
     # Odd about both ends, as the motion itself is about a zero crossing but for its decay.
     signal = hilbert(np.concatenate([steady, -steady[::-1]]))[:count]
     phase = np.unwrap(np.angle(signal))
     # The branch on which the first extremum has the phase zero.
     first = grid < crossing[1]
     phase -= 2.0 * np.pi * np.round(np.mean(phase[first]) / (2.0 * np.pi))
-    return grid, np.log(np.abs(signal)) + course, phase
+    return grid, np.log(np.abs(signal)) + trend, phase
 
 
-def _log_course(halves: HalfPeriods, grid: FloatArray) -> FloatArray:
-    """Smooth course of the logarithm of the amplitude."""
+def _log_trend(halves: HalfPeriods, grid: FloatArray) -> FloatArray:
+    """Smooth trend of the logarithm of the amplitude."""
     middle = 0.5 * (halves.crossing[1:] + halves.crossing[:-1])
     degree = min(DEGREE, halves.sign.size - 2)
-    course = np.polynomial.Polynomial.fit(middle, np.log(halves.peak), degree, w=halves.peak)
-    return np.asarray(course(grid))
+    trend = np.polynomial.Polynomial.fit(middle, np.log(halves.peak), degree, w=halves.peak)
+    return np.asarray(trend(grid))
 
 
 def _lines(s: FloatArray, y: FloatArray, half: IntArray, count: int) -> tuple[FloatArray, FloatArray]:

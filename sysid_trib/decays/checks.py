@@ -1,4 +1,4 @@
-"""Whether a swing is a free decay: long enough, falling, never pushed, not clipped, no wild samples."""
+"""Whether a swing is a free decay: long enough, falling, never pushed, not clipped, without outliers."""
 
 from dataclasses import replace
 
@@ -14,18 +14,18 @@ FEWEST_PER_HALF_PERIOD = 3
 STEP_TOLERANCE = 0.02
 
 
-def refuse_wild_samples(time: FloatArray, angle: FloatArray, source: str) -> None:
+def refuse_outliers(time: FloatArray, angle: FloatArray, source: str) -> None:
     """Refuse single samples that leap out of the swing and back: least squares would follow them."""
     middle = 0.5 * (angle[2:] + angle[:-2])
     swing = float(np.ptp(np.percentile(angle, [1.0, 99.0])))
     leap = np.abs(angle[1:-1] - middle)
     # Off both neighbours alike, by half the swing: no motion that is sampled at all does this.
-    wild = np.flatnonzero((leap > 0.5 * swing) & (leap > 2.0 * np.abs(angle[2:] - angle[:-2])))
-    if wild.size:
-        at = wild[0] + 1
+    outliers = np.flatnonzero((leap > 0.5 * swing) & (leap > 2.0 * np.abs(angle[2:] - angle[:-2])))
+    if outliers.size:
+        at = outliers[0] + 1
         raise DecayError(
-            f"{source}: the sample at {time[at]:.6g} s leaps to {angle[at]:.4g} and back ({wild.size} such "
-            "in all); remove them from the file, or choose a window without them (--window)."
+            f"{source}: the sample at {time[at]:.6g} s leaps to {angle[at]:.4g} and back ({outliers.size} "
+            "such in all); remove them from the file, or choose a window without them (--window)."
         )
 
 
@@ -88,9 +88,11 @@ def refuse_clipping(time: FloatArray, angle: FloatArray, swing: Swing, source: s
         at_limit = np.concatenate(([0], np.cumsum(np.abs(angle - limit) <= 1e-9 * np.ptp(angle))))
         flat = (at_limit[stops] - at_limit[starts])[sign == side]
         height = side * (limit - swing.equilibrium)
-        # A cosine stays within a quantisation step of its top for this share of a half period.
-        share = 2.0 / np.pi * np.arccos(max(0.0, 1.0 - swing.oscillation.step / max(height, 1e-300)))
-        usual = share * np.median(stops - starts)
+        # A cosine stays within a quantisation step of its top for this part_of_half_period of a half period.
+        part_of_half_period = (
+            2.0 / np.pi * np.arccos(max(0.0, 1.0 - swing.oscillation.step / max(height, 1e-300)))
+        )
+        usual = part_of_half_period * np.median(stops - starts)
         if np.count_nonzero(flat > 1.5 * usual + 2) >= 3:
             raise DecayError(
                 f"{source}: {np.count_nonzero(flat)} half periods are clipped at {limit:.6g}; "

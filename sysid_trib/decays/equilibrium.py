@@ -18,8 +18,8 @@ from sysid_trib.decays.half_periods import (
 from sysid_trib.errors import DecayError
 
 BINOMIAL = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
-BLOCKS = 8
-FEW = np.array([1.0, 2.0, 1.0]) / 4.0
+DRIFT_BLOCKS = 8
+SHORT_BINOMIAL = np.array([1.0, 2.0, 1.0]) / 4.0
 KEPT_DECAYS = 64
 _LAST_HALF_PERIODS: dict[bytes, HalfPeriods] = {}
 _LOCK = Lock()
@@ -131,7 +131,7 @@ def signed_extrema(time: FloatArray, signal: FloatArray, halves: HalfPeriods) ->
     What is left of the equilibrium passes with gain one, up to the cosine's curvature.
     """
     duration = halves.duration
-    local = np.convolve(np.pad(duration, 1, mode="edge"), FEW, "valid")
+    local = np.convolve(np.pad(duration, 1, mode="edge"), SHORT_BINOMIAL, "valid")
     middle = 0.5 * (halves.crossing[1:] + halves.crossing[:-1])
     reach = np.maximum(local / 3.0, 1.5 * (time[-1] - time[0]) / (time.size - 1))
     low = np.searchsorted(time, middle - reach)
@@ -158,7 +158,7 @@ def robust_mean(extrema: FloatArray, noise: float) -> tuple[float, float]:
     weights 1 4 6 4 1) and the term counts less by it. Outlying terms count less as well (Huber). The error is
     not less than what ``noise``, that of an extremum, leaves.
     """
-    kernel = BINOMIAL if extrema.size >= 5 else FEW
+    kernel = BINOMIAL if extrema.size >= 5 else SHORT_BINOMIAL
     terms = np.convolve(extrema, kernel, "valid")
     weights = np.ones(terms.size)
     curvature = np.abs(extrema[2:] - extrema[:-2]) / 4.0
@@ -173,12 +173,12 @@ def robust_mean(extrema: FloatArray, noise: float) -> tuple[float, float]:
         total = weights * limit / np.maximum(deviation, limit) if limit > 0.0 else weights
         mean = float(np.average(terms, weights=total))
     # Neighbouring terms share extrema: the error follows from the weight that each extremum has in the end.
-    shares = float(np.sqrt(np.sum(np.convolve(total / total.sum(), kernel) ** 2)))
+    influence = float(np.sqrt(np.sum(np.convolve(total / total.sum(), kernel) ** 2)))
     scatter = np.sqrt(np.average((terms - mean) ** 2, weights=total) * terms.size / max(terms.size - 1, 1))
-    error = float(scatter / np.sqrt(np.sum(kernel**2))) * shares
+    error = float(scatter / np.sqrt(np.sum(kernel**2))) * influence
     # The scatter of a few terms may be small by chance.
     if terms.size < 12:
-        error = max(error, noise * shares)
+        error = max(error, noise * influence)
     if terms.size < 4:
         error = max(error, float(np.mean(curvature)))
     return mean, max(error, _drift_error(terms, total, error))
@@ -186,11 +186,12 @@ def robust_mean(extrema: FloatArray, noise: float) -> tuple[float, float]:
 
 def _drift_error(terms: FloatArray, weights: FloatArray, error: float) -> float:
     """Error of the mean from eight successive blocks, where it is clearly larger: the equilibrium drifts."""
-    if terms.size < 4 * BLOCKS:
+    if terms.size < 4 * DRIFT_BLOCKS:
         return 0.0
-    bounds = np.arange(BLOCKS) * terms.size // BLOCKS
+    bounds = np.arange(DRIFT_BLOCKS) * terms.size // DRIFT_BLOCKS
     mass = np.add.reduceat(weights, bounds)
     blocks = np.add.reduceat(weights * terms, bounds) / mass
-    share = mass / mass.sum()
-    spread = float(np.sqrt(np.sum((share * (blocks - np.sum(share * blocks))) ** 2) * BLOCKS / (BLOCKS - 1)))
-    return spread if spread > 1.7 * error else 0.0
+    weight = mass / mass.sum()
+    scatter = np.sum((weight * (blocks - np.sum(weight * blocks))) ** 2) * DRIFT_BLOCKS / (DRIFT_BLOCKS - 1)
+    drift = float(np.sqrt(scatter))
+    return drift if drift > 1.7 * error else 0.0

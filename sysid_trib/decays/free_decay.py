@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from sysid_trib.decays.checks import after_the_largest, check_sampling, refuse_clipping, refuse_wild_samples
+from sysid_trib.decays.checks import after_the_largest, check_sampling, refuse_clipping, refuse_outliers
 from sysid_trib.decays.equilibrium import Swing, find_swing
 from sysid_trib.decays.half_periods import FloatArray, noise_level
 from sysid_trib.decays.hand_stop import before_the_hand
@@ -77,7 +77,7 @@ def free_decay(
             f"{source}: no oscillation stands out of the noise; check the column and the window."
         )
     swing = after_the_largest(time, angle, swing, source)
-    refuse_wild_samples(time, angle, source)
+    refuse_outliers(time, angle, source)
     refuse_clipping(time, angle, swing, source)
     part = _free_part(time, angle - swing.equilibrium, swing)
     decay = inside.isel(time=slice(part.start, part.stop)).copy()

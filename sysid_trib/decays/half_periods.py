@@ -97,8 +97,8 @@ def noise_level(time: FloatArray, signal: FloatArray) -> float:
         difference = np.abs(np.diff(signal, 6)) / np.sqrt(924.0)
     else:
         near = np.lib.stride_tricks.sliding_window_view(time / steps.mean(), 7)
-        gaps = near[:, :, None] - near[:, None, :] + np.eye(7)
-        weights = 1.0 / gaps.prod(axis=2)
+        spacing = near[:, :, None] - near[:, None, :] + np.eye(7)
+        weights = 1.0 / spacing.prod(axis=2)
         weights /= np.sqrt(np.sum(weights**2, axis=1, keepdims=True))
         difference = np.abs(np.sum(weights * np.lib.stride_tricks.sliding_window_view(signal, 7), axis=1))
     usual = float(np.quantile(difference, 0.7))
@@ -116,6 +116,11 @@ def quantisation_step(signal: FloatArray) -> float:
     spacing = np.diff(values)
     spacing = spacing[spacing > 1e-6 * (values[-1] - values[0])]
     return float(spacing.min()) if spacing.size else 0.0
+
+
+def noise_of_record(time: FloatArray, signal: FloatArray) -> float:
+    """Noise of one sample: white, or that of the quantisation where it is larger."""
+    return max(noise_level(time, signal), quantisation_step(signal) / np.sqrt(12.0))
 
 
 def dominant_periods(time: FloatArray, signal: FloatArray) -> list[float]:

@@ -1,8 +1,8 @@
 """Envelope of a decay: a half-sine through every half period gives amplitude, its rate, and frequency."""
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import scipy.sparse as sp
@@ -15,17 +15,16 @@ from sysid_trib.decays.half_periods import (
     FloatArray,
     HalfPeriods,
     IntArray,
-    noise_level,
-    quantisation_step,
+    noise_of_record,
 )
 from sysid_trib.errors import DecayError, UsageError
 
 # The third round moves the frequency by less than 1e-6 of itself.
-REFINEMENTS = 3
-# Half periods that differences for the scatter reach over; fewer than a few of these decide nothing.
-REACH, FEWEST = 8, 15
-# White noise scatters by more than 1 + WHITE_SCATTER/sqrt(differences) in one record of a thousand.
-WHITE_SCATTER = 6.5
+FREQUENCY_ROUNDS = 3
+# Half periods that differences for the scatter span; fewer than a few of these decide nothing.
+DIFFERENCE_SPAN, FEWEST_FOR_SCATTER = 8, 15
+# White noise scatters by more than 1 + this over sqrt(differences) in one record of a thousand, however long.
+WHITE_NOISE_EXCESS = 6.5
 
 
 @dataclass(frozen=True)
@@ -36,15 +35,15 @@ class HalfSines:
     ----------
     extremum, extremum_time, frequency : (half_period,)
         b (signed), t_b and w of each half period.
-    extremum_spread, time_spread : (half_period,)
+    extremum_error, time_error : (half_period,)
         Standard errors of b and t_b at a noise of 1.
     """
 
     extremum: FloatArray
     extremum_time: FloatArray
     frequency: FloatArray
-    extremum_spread: FloatArray
-    time_spread: FloatArray
+    extremum_error: FloatArray
+    time_error: FloatArray
 
 
 def fit_half_sines(time: FloatArray, angle: FloatArray, halves: HalfPeriods) -> HalfSines:
@@ -58,7 +57,7 @@ def fit_half_sines(time: FloatArray, angle: FloatArray, halves: HalfPeriods) -> 
     middle = 0.5 * (halves.crossing[1:] + halves.crossing[:-1])
     s, y = time[sample] - middle[half], angle[sample]
     w: FloatArray = np.pi / halves.duration
-    for _ in range(REFINEMENTS):
+    for _ in range(FREQUENCY_ROUNDS):
         phase = w[half] * s
         normal, right = _normal_equations([np.cos(phase), np.sin(phase)], y, weight, first)
         p, q = np.linalg.solve(normal, right[..., None])[..., 0].T
@@ -70,12 +69,12 @@ def fit_half_sines(time: FloatArray, angle: FloatArray, halves: HalfPeriods) -> 
     covariance = np.linalg.inv(normal)
     to_b = np.stack([p, q], axis=-1) / extremum[:, None]
     to_t = np.stack([-q, p], axis=-1) / (extremum**2 * used)[:, None]
-    spread = [np.sqrt(np.einsum("hi,hij,hj->h", row, covariance, row)) for row in (to_b, to_t)]
-    return HalfSines(extremum, instant, used, spread[0], spread[1])
+    errors = [np.sqrt(np.einsum("hi,hij,hj->h", row, covariance, row)) for row in (to_b, to_t)]
+    return HalfSines(extremum, instant, used, errors[0], errors[1])
 
 
 def _cells(time: FloatArray, halves: HalfPeriods) -> tuple[IntArray, IntArray, FloatArray, IntArray]:
-    """Samples whose cells touch each half period: number, half period, share inside, first of each."""
+    """Samples whose cells touch each half period: number, half period, part inside, first of each."""
     edge = np.concatenate(([time[0]], 0.5 * (time[1:] + time[:-1]), [time[-1]]))
     edge[0] -= 0.5 * (time[1] - time[0])
     edge[-1] += 0.5 * (time[-1] - time[-2])
@@ -139,7 +138,7 @@ def envelope(decay: xr.Dataset, curve: Literal["half-sines", "analytic-signal"] 
 
     The noise is that of sixth differences, or the quantisation's if that is larger. Where successive extrema
     (their times) scatter about a smooth course by clearly more than this noise explains (waves, a wandering
-    camera), all their standard errors are raised by that ratio, told in the attrs. They do not cover that a
+    camera), all their standard errors are raised by that ratio, as the attrs say. They do not cover that a
     decaying, not quite harmonic half period is no half-sine: b and t then carry an error that varies slowly
     from one half period to the next, of a few 1e-3 b in the paper's run.
     """
@@ -155,26 +154,23 @@ def envelope(decay: xr.Dataset, curve: Literal["half-sines", "analytic-signal"] 
         fit = fit_half_sines(time, angle, halves)
     else:
         fit = HalfSines(*analytic_extrema(time, angle, halves))
-    noise = max(noise_level(time, angle), quantisation_step(angle) / np.sqrt(12.0))
+    noise = noise_of_record(time, angle)
     extremum = np.abs(fit.extremum)
     decay_ratio = float(np.clip(np.median(extremum[2:] / extremum[:-2]), 0.0, 1.0))
-    errors, ratios = [], []
-    for value, spread in ((extremum, fit.extremum_spread), (fit.extremum_time, fit.time_spread)):
-        ratio = _scatter_ratio(value, noise * spread, decay_ratio)
-        errors.append(ratio * noise * spread)
-        ratios.append(ratio)
-    result = xr.Dataset(attrs=decay.attrs | {"scatter_of_extrema": ratios[0], "scatter_of_times": ratios[1]})
-    result["extremum"] = ("half_period", extremum, {"units": "rad", "long_name": "extremum of the half-sine"})
-    result["sign"] = ("half_period", halves.sign, {"units": "1", "long_name": "sign of the half period"})
-    result["extremum_time"] = (
-        "half_period",
-        fit.extremum_time,
-        {"units": "s", "long_name": "time of the extremum"},
+    at_noise = (extremum, noise * fit.extremum_error), (fit.extremum_time, noise * fit.time_error)
+    ratios = [_scatter_ratio(value, error, decay_ratio) for value, error in at_noise]
+    errors = [ratio * error for ratio, (_, error) in zip(ratios, at_noise, strict=True)]
+    over, name, time_name = "half_period", "extremum of the half-sine", "time of the extremum"
+    return xr.Dataset(
+        {
+            **with_standard_error(over, "extremum", extremum, errors[0], "rad", name),
+            "sign": (over, halves.sign, {"units": "1", "long_name": "sign of the half period"}),
+            **with_standard_error(over, "extremum_time", fit.extremum_time, errors[1], "s", time_name),
+            "white_noise": ((), noise, {"units": "rad", "long_name": "white noise of one sample"}),
+            **_instants(extremum, fit.extremum_time, errors),
+        },
+        attrs=decay.attrs | {"scatter_of_extrema": ratios[0], "scatter_of_times": ratios[1]},
     )
-    for name, error in (("extremum", errors[0]), ("extremum_time", errors[1])):
-        result[f"{name}_standard_error"] = ("half_period", error, _error_attrs(result[name].attrs))
-    result["white_noise"] = ((), noise, {"units": "rad", "long_name": "white noise of one sample"})
-    return _with_instants(result)
 
 
 def _scatter_ratio(value: FloatArray, error: FloatArray, decay_ratio: float) -> float:
@@ -184,38 +180,39 @@ def _scatter_ratio(value: FloatArray, error: FloatArray, decay_ratio: float) -> 
     differs between the two sides cancels in every instant, and is no scatter. They leave nothing of a line
     (solid friction), of a geometric decay (viscous friction), nor of their sum.
     """
-    if value.size < FEWEST:
+    if value.size < FEWEST_FOR_SCATTER:
         return 1.0
     weights = np.convolve([1.0, 0.0, -2.0, 0.0, 1.0], [1.0, 0.0, -2.0 * decay_ratio, 0.0, decay_ratio**2])
     difference = np.convolve(value, weights, "valid")
     expected = np.sqrt(np.convolve(error**2, weights**2, "valid"))
     ratio = float(1.4826 * np.median(np.abs(difference) / np.maximum(expected, 1e-300)))
-    return ratio if ratio > 1.0 + WHITE_SCATTER / np.sqrt(value.size - REACH) else 1.0
+    return ratio if ratio > 1.0 + WHITE_NOISE_EXCESS / np.sqrt(value.size - DIFFERENCE_SPAN) else 1.0
 
 
-def _error_attrs(attrs: Mapping[str, str]) -> dict[str, str]:
-    return {"units": attrs["units"], "long_name": f"standard error of the {attrs['long_name']}"}
+def with_standard_error(
+    dim: str, name: str, value: FloatArray, error: FloatArray, units: str, long_name: str
+) -> dict[str, Any]:
+    """A variable of a Dataset and its `..._standard_error`."""
+    attrs = {"units": units, "long_name": long_name}
+    error_attrs = attrs | {"long_name": f"standard error of the {long_name}"}
+    return {name: (dim, value, attrs), f"{name}_standard_error": (dim, error, error_attrs)}
 
 
-def _with_instants(result: xr.Dataset) -> xr.Dataset:
-    b, t = result["extremum"].to_numpy(), result["extremum_time"].to_numpy()
-    variance_b = result["extremum_standard_error"].to_numpy() ** 2
-    variance_t = result["extremum_time_standard_error"].to_numpy() ** 2
+def _instants(b: FloatArray, t: FloatArray, errors: Sequence[FloatArray]) -> dict[str, Any]:
+    """Amplitude, its rate and the frequency at all half periods but the first and last."""
+    variance_b, variance_t = errors[0] ** 2, errors[1] ** 2
     span = t[2:] - t[:-2]
     rate, frequency = (b[2:] - b[:-2]) / span, 2.0 * np.pi / span
     both_b, both_t = variance_b[2:] + variance_b[:-2], variance_t[2:] + variance_t[:-2]
-    added = {}
+    variables: dict[str, Any] = {}
     for name, value, variance, units, long_name in (
         ("instant_time", t[1:-1], variance_t[1:-1], "s", "time"),
         ("amplitude", 0.5 * (b[2:] + b[:-2]), 0.25 * both_b, "rad", "amplitude"),
         ("amplitude_rate", rate, (both_b + rate**2 * both_t) / span**2, "rad/s", "rate of the amplitude"),
         ("frequency", frequency, frequency**2 * both_t / span**2, "rad/s", "angular frequency"),
     ):
-        told = {"units": units, "long_name": long_name}
-        added[name] = ("instant", value, told)
-        added[f"{name}_standard_error"] = ("instant", np.sqrt(variance), _error_attrs(told))
-    # All at once: xarray takes a quarter of a millisecond for each on its own.
-    return result.assign(added)
+        variables |= with_standard_error("instant", name, value, np.sqrt(variance), units, long_name)
+    return variables
 
 
 def instant_derivatives(result: xr.Dataset) -> dict[str, sp.csr_array]:

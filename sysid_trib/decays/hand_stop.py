@@ -8,7 +8,7 @@ from sysid_trib.decays.equilibrium import Swing
 HAND_HALF_PERIODS = 8
 # Friction alone stops a swing that, at its last pace, would end within so many half periods.
 NATURAL_HALF_PERIODS = 4.0
-STOP_TOLERANCE = 0.03
+PACE_TOLERANCE = 0.03
 
 
 def before_the_hand(swing: Swing) -> slice | None:
@@ -34,15 +34,15 @@ def _disturbed(swing: Swing, half: int) -> bool:
     noise = 4.0 * swing.oscillation.smoothed_noise + swing.oscillation.step
     fall = peak[half - 4] - peak[half - 2]
     expected = peak[half - 2] - fall
-    lost = abs(peak[half] - expected) > STOP_TOLERANCE * peak[half - 2] + abs(fall) + noise
+    off_pace = abs(peak[half] - expected) > PACE_TOLERANCE * peak[half - 2] + abs(fall) + noise
     drift = abs(duration[half - 2] - duration[half - 4])
     shift = noise / peak[half - 2] * duration[half - 2] / np.pi
     longer = abs(duration[half] - duration[half - 2])
-    return bool(lost or longer > STOP_TOLERANCE * duration[half - 2] + 2.0 * drift + 2.0 * shift)
+    return bool(off_pace or longer > PACE_TOLERANCE * duration[half - 2] + 2.0 * drift + 2.0 * shift)
 
 
 def _nearly_stopped(swing: Swing, half: int) -> bool:
-    """Whether the amplitude, at its pace, is about to end or to be lost in the noise."""
+    """Whether the amplitude, at its pace, is about to end or to be off_pace in the noise."""
     peak = swing.halves.peak
     pace = (peak[half - 4] - peak[half]) / 4.0
     return bool(peak[half] < NATURAL_HALF_PERIODS * pace + 4.0 * swing.oscillation.floor)

@@ -42,9 +42,9 @@ def influence_on_root(root: complex, weight: complex, length: int) -> ComplexArr
     """
     size = _hankel(length)
     powers = np.power.outer(np.array([root, np.conj(root)]), np.arange(size))
-    left = np.linalg.pinv(powers.T)[0]
+    left_vector = np.linalg.pinv(powers.T)[0]
     first = weight * root ** (-0.5 * (length - 1))
-    both = np.convolve(left, left) / (0.5 * first * root)
+    both = np.convolve(left_vector, left_vector) / (0.5 * first * root)
     influence = np.zeros(length, dtype=complex)
     influence[2 : 2 + len(both)] += both
     influence[1 : 1 + len(both)] -= root * both

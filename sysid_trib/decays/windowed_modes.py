@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from sysid_trib.decays.equilibrium import usable_half_periods
-from sysid_trib.decays.half_periods import FloatArray, noise_level, quantisation_step
+from sysid_trib.decays.half_periods import FloatArray, noise_of_record
+from sysid_trib.decays.half_sines import with_standard_error
 from sysid_trib.decays.realisation import ComplexArray, influence_on_root, mode_root, swing
 from sysid_trib.errors import DecayError
 
@@ -23,10 +24,16 @@ class Windows:
 
     Attributes
     ----------
-    middle : (window,) s; exponent : (window,) 1/s, complex; amplitude, amplitude_error : (window,) rad, in
-        the middle.
-    influence : (window, mean) of unit errors of the means of samples on the exponent.
-    noise : rad, of one mean.
+    middle : (window,) array of float, s
+        Middles of the windows.
+    exponent : (window,) array of complex, 1/s
+        Of each window's mode.
+    amplitude, amplitude_error : (window,) array of float, rad
+        In the middle, with the standard error.
+    influence : (window, mean) sparse matrix
+        Of unit errors of the means of samples on the exponent.
+    noise : float, rad
+        Of one mean.
     """
 
     middle: FloatArray
@@ -42,13 +49,15 @@ def windowed_modes(decay: xr.Dataset) -> xr.Dataset:
 
     Parameters
     ----------
-    decay : `angle(time)` about its equilibrium; motion that is locally that of a damped linear oscillator.
+    decay : Dataset
+        `angle(time)` about its equilibrium; motion that is locally that of a damped linear oscillator.
 
     Returns
     -------
-    Dataset over `era_window`, windows of two periods half a period apart: `window_time` (s, the middle),
-    `window_frequency` (rad/s), `window_decay_rate` (1/s), `window_amplitude` (rad); all but the time with
-    their `..._standard_error`. Neighbouring windows share samples, and so their errors.
+    Dataset
+        Over `era_window`, windows of two periods half a period apart: `window_time` (s, the middle),
+        `window_frequency` (rad/s), `window_decay_rate` (1/s), `window_amplitude` (rad); all but the time with
+        their `..._standard_error`. Neighbouring windows share samples, and so their errors.
 
     Raises
     ------
@@ -60,25 +69,19 @@ def windowed_modes(decay: xr.Dataset) -> xr.Dataset:
 
 def table(windows: Windows) -> xr.Dataset:
     """Windows as `windowed_modes` gives them."""
-    rate, turn = (
+    rate, frequency = (
         windows.noise * np.sqrt(np.asarray(part.multiply(part).sum(axis=1)).ravel())
         for part in (windows.influence.real, windows.influence.imag)
     )
-    result = xr.Dataset()
-    result["window_time"] = (
-        "era_window",
-        windows.middle,
-        {"units": "s", "long_name": "middle of the window"},
-    )
-    for name, value, error, units, told in (
-        ("frequency", windows.exponent.imag, turn, "rad/s", "instantaneous frequency"),
-        ("decay_rate", -windows.exponent.real, rate, "s-1", "instantaneous decay rate"),
-        ("amplitude", windows.amplitude, windows.amplitude_error, "rad", "amplitude"),
+    attrs = {"units": "s", "long_name": "middle of the window"}
+    variables = {"window_time": ("era_window", windows.middle, attrs)}
+    for name, value, error, units, long_name in (
+        ("window_frequency", windows.exponent.imag, frequency, "rad/s", "instantaneous frequency"),
+        ("window_decay_rate", -windows.exponent.real, rate, "s-1", "instantaneous decay rate"),
+        ("window_amplitude", windows.amplitude, windows.amplitude_error, "rad", "amplitude"),
     ):
-        result[f"window_{name}"] = ("era_window", value, {"units": units, "long_name": told})
-        about = {"units": units, "long_name": f"standard error of the {told}"}
-        result[f"window_{name}_standard_error"] = ("era_window", error, about)
-    return result
+        variables |= with_standard_error("era_window", name, value, error, units, long_name)
+    return xr.Dataset(variables)
 
 
 def fit_windows(decay: xr.Dataset) -> Windows:
@@ -90,7 +93,7 @@ def fit_windows(decay: xr.Dataset) -> Windows:
     period = 2.0 * float(np.mean(halves.duration))
     if period < 10.0 * step:
         raise DecayError(f"{source}: fewer than five samples in a half period; sample faster.")
-    noise = max(noise_level(time, angle), quantisation_step(angle) / np.sqrt(12.0))
+    noise = noise_of_record(time, angle)
     if np.ptp(np.diff(time)) > 1e-6 * step:
         even = time[0] + step * np.arange(len(time))
         time, angle = even, CubicSpline(time, angle)(even)
@@ -111,16 +114,16 @@ def _windows(
     time: FloatArray, y: FloatArray, starts: NDArray[np.int64], length: int, block: int, noise: float
 ) -> Windows:
     step = float(time[1] - time[0])
-    kept, found = [], []
+    kept, modes = [], []
     for start in starts:
         part = y[start : start + length]
         root = mode_root(part)
         if root is not None:
             kept.append(start)
-            found.append((root, *swing(part, root, block)))
-    if len(found) < 3:
+            modes.append((root, *swing(part, root, block)))
+    if len(modes) < 3:
         raise DecayError("Fewer than three windows hold an oscillation; the noise is too large.")
-    roots, weights, errors = (np.array(column) for column in zip(*found, strict=True))
+    roots, weights, errors = (np.array(column) for column in zip(*modes, strict=True))
     rows = [influence_on_root(*pair, length) / (pair[0] * step) for pair in zip(roots, weights, strict=True)]
     columns = np.add.outer(kept, np.arange(length))
     pointers = length * np.arange(len(kept) + 1)

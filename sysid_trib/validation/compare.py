@@ -130,14 +130,14 @@ def compare(
         raise DecayError(f"No method can identify {subject}. {trials[0].label}: {trials[0].reason}.")
     table = method_table(trials, [run.noise for run in runs], [run.block for run in runs])
     table.attrs["noise_from"] = "a least-squares spline"
-    table.attrs |= _never_told_apart(runs, decided, library)
+    table.attrs |= _not_separable(runs, decided, library)
     groups |= {trial.label: trial.result for trial in decided if trial.result is not None}
     return xr.DataTree.from_dict({**groups, "comparison": table})
 
 
 def _by_label(methods: Methods) -> dict[str, Method]:
     """Methods by a unique label that may be the name of a group in a netCDF file."""
-    pairs = list(methods.items()) if isinstance(methods, Mapping) else [("", each) for each in methods]
+    pairs = list(methods.items()) if isinstance(methods, Mapping) else [("", method) for method in methods]
     if not pairs:
         raise UsageError("compare wants at least one method, such as methods.Direct().")
     by_label: dict[str, Method] = {}
@@ -174,16 +174,20 @@ def _option(name: str, value: Any) -> str:
     return f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}"
 
 
-def _never_told_apart(
+def _not_separable(
     runs: Sequence[RunInParts], decided: Sequence[Trial], library: ForceLibrary
 ) -> dict[str, str]:
-    """What no method tells apart, or sees, on these runs; as attrs."""
+    """Forces that no method separates, or identifies, on these runs; as attrs."""
     widest = max((t.result for t in decided if t.result is not None), key=lambda r: r.sizes["force"])
-    found = {symbol for t in decided if t.result is not None for symbol in t.result.force.values.tolist()}
+    identified = {
+        symbol for t in decided if t.result is not None for symbol in t.result.force.values.tolist()
+    }
     stiffness = library.role("x") or library_of(widest, whole=True).role("x")
-    unseen = [s for s in library.symbols if s not in found and (stiffness is None or s != stiffness.symbol)]
-    alone = stiffness is not None and stiffness.symbol not in found
+    unseen = [
+        s for s in library.symbols if s not in identified and (stiffness is None or s != stiffness.symbol)
+    ]
+    exchangeable = stiffness is not None and stiffness.symbol not in identified
     return ties([run.decay for run in runs], widest) | {
         "no_method_identifies": ", ".join(unseen),
-        "exchangeable_with_the_frequency": stiffness.symbol if alone and stiffness is not None else "",
+        "exchangeable_with_the_frequency": stiffness.symbol if exchangeable and stiffness is not None else "",
     }

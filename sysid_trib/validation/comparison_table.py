@@ -61,8 +61,8 @@ def method_table(trials: Sequence[Trial], noises: Sequence[float], blocks: Seque
         "noise": variable((), noise, "standard deviation of the sensor's noise", "rad"),
     }
     variables |= _frequencies(trials, at) | _residuals(trials, at, blocks)
-    each = [_texts(trial) for trial in trials]
-    variables |= {k: variable("method", [one[k] for one in each], name) for k, name in TEXTS.items()}
+    texts = [_texts(trial) for trial in trials]
+    variables |= {k: variable("method", [text[k] for text in texts], name) for k, name in TEXTS.items()}
     if len(noises) > 1:
         variables |= _each_run(trials, noises)
     return (
@@ -85,12 +85,12 @@ def best_of(trials: Sequence[Trial]) -> Trial:
     return min(decided, key=lambda trial: np.nan_to_num(trial.whole.over_noise, nan=np.inf))
 
 
-def column_power(one: xr.Dataset) -> int:
+def column_power(column: xr.Dataset) -> int:
     """Power of ten of a column: of the best method's value or error, of all if it has none."""
-    best = one.sel({"method": one.attrs["best"]})
+    best = column.sel({"method": column.attrs["best"]})
     size = max(abs(best.coefficient.item()), best.standard_error.item())
     if not (np.isfinite(size) and size > 0.0):
-        size = float(np.nanmedian(np.abs(one.coefficient.values)))
+        size = float(np.nanmedian(np.abs(column.coefficient.values)))
     power = floor(log10(size)) if np.isfinite(size) and size > 0.0 else 0
     return 0 if -2 < power < 4 else power
 
@@ -110,8 +110,8 @@ def _forces(trials: Sequence[Trial]) -> xr.Dataset:
     labels: dict[str, list[str]] = {}
     for result in results:
         for symbol in result.force.values.tolist():
-            one = result.sel(force=symbol)
-            labels.setdefault(symbol, [one[k].item() for k in ("name", "formula", "unit")])
+            force = result.sel(force=symbol)
+            labels.setdefault(symbol, [force[k].item() for k in ("name", "formula", "unit")])
     named = zip(("name", "formula", "unit"), zip(*labels.values(), strict=True), strict=True)
     return xr.Dataset(coords={"force": list(labels)} | {k: ("force", list(v)) for k, v in named})
 
@@ -127,9 +127,9 @@ def _coefficients(trials: Sequence[Trial], forces: Sequence[str], reference: flo
             continue
         symbols = trial.result.force.values.tolist()
         converted = factors(trial.result, symbols, reference)
-        own = np.array([in_model(trial.result, symbol) for symbol in symbols])
+        in_own_model = np.array([in_model(trial.result, symbol) for symbol in symbols])
         at = [list(forces).index(symbol) for symbol in symbols]
-        converted = np.where(own, converted, 1.0)
+        converted = np.where(in_own_model, converted, 1.0)
         values[row, at] = trial.result.coefficient.values * converted
         errors[row, at] = trial.result.standard_error.values * converted
     return values, errors
@@ -167,8 +167,8 @@ def _residuals(trials: Sequence[Trial], best: int, blocks: Sequence[int]) -> Var
         ratio = [motion.over_noise for motion in motions]
         variables[f"{name}_rms"] = variable("method", rms, long_name, "rad")
         variables[f"{name}_over_noise"] = variable("method", ratio, f"{long_name}, over the noise", "1")
-    each = [[run.residual for run in trial.holdout.runs] for trial in trials]
-    p_values = [diebold_mariano(some, each[best], blocks) if some else np.nan for some in each]
+    residuals = [[run.residual for run in trial.holdout.runs] for trial in trials]
+    p_values = [diebold_mariano(some, residuals[best], blocks) if some else np.nan for some in residuals]
     long_name = "p-value of the difference from the best on the part held out"
     variables["holdout_p_value"] = variable("method", p_values, long_name, "1")
     phases, seconds = [trial.whole.phase_error for trial in trials], [trial.seconds for trial in trials]
@@ -192,8 +192,8 @@ def _each_run(trials: Sequence[Trial], noises: Sequence[float]) -> Variables:
 
 def _texts(trial: Trial) -> dict[str, str | bool]:
     """`TEXTS` of a method: those of its scope, what it makes of the forces offered, its own."""
-    own = {"reason": trial.reason, "bias": _bias(trial.result)}
-    return {**vars(trial.scope), **vars(trial.forces), **own}
+    outcome = {"reason": trial.reason, "bias": _bias(trial.result)}
+    return {**vars(trial.scope), **vars(trial.forces), **outcome}
 
 
 def _bias(result: xr.Dataset | None) -> str:

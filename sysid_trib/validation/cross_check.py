@@ -17,7 +17,7 @@ from sysid_trib.validation.cross_check_statistics import comparison, ties
 from sysid_trib.validation.homogeneity import verdict_of
 from sysid_trib.validation.residuals import fitted_motion, pooled, residuals
 
-# A gap that white noise leaves less often than this is one; beyond so many noise levels (RMS) it is large.
+# Significance level of a residual that is not white noise; beyond so many noise levels (RMS) it is large.
 RESIDUAL_LEVEL = 1e-3
 LARGE = 1.5
 
@@ -86,12 +86,12 @@ def cross_check(
     `degrees_of_freedom`, `p_value`; over `model` the `residual_rms` (rad) of the simulated model,
     `residual_over_noise` and `departure_time` (s). Its attrs say what the methods cannot tell apart by
     principle, the `verdict` (agree, disagree, unknown), and whether the record is `explained`: yes
-    (the better model leaves but white noise), partly (a little more), no.
+    (no departure from white noise is found in the better model's residual), partly (a small one), no.
 
     Notes
     -----
-    Where the errors that the methods state exceed those by the noise alone, because the model leaves more
-    than noise, the methods no longer share their errors: the stated covariances add. A model without a motion
+    Where the errors that the methods state exceed those by the noise alone, because the residual is more than
+    noise, the methods no longer share their errors: the stated covariances add. A model without a motion
     (it diverges) has nan for its angle and residual.
 
     z = (difference - expected_difference)/standard_error; chi-square with the covariance of the scatter, its
@@ -104,11 +104,11 @@ def cross_check(
     motions = [[fitted_motion(run, result, at) for at, run in enumerate(runs)] for result in results]
     compared = comparison(runs, results, motions, draws=draws, seed=seed)
     moving = list(zip(*motions, strict=True))
-    each = [
+    of_runs = [
         residuals(run, names, of_run, noise_of_run(second, at))
         for at, (run, of_run) in enumerate(zip(runs, moving, strict=True))
     ]
-    compared = compared.merge(pooled(each))
+    compared = compared.merge(pooled(of_runs))
     verdict = verdict_of(compared.p_value.item())
     compared.attrs = {"first": names[0], "second": names[1], "verdict": verdict, "draws": draws, "seed": seed}
     compared.attrs |= {"explained": _explained(compared)} | ties(runs, second)
@@ -123,15 +123,14 @@ def _with_motions(
 ) -> xr.Dataset:
     """The record with the angle of each model, nan of one that diverges."""
     record = decay.assign_coords(model=list(names))
-    lost = np.full(decay.sizes["time"], np.nan)
-    simulated = np.stack([lost if motion is None else motion.x + motion.offset for motion in motions])
-    told = {"units": "rad", "long_name": "angle of the model"}
-    return record.assign(simulated_angle=(("model", "time"), simulated, told))
+    no_motion = np.full(decay.sizes["time"], np.nan)
+    simulated = np.stack([no_motion if motion is None else motion.x + motion.offset for motion in motions])
+    attrs = {"units": "rad", "long_name": "angle of the model"}
+    return record.assign(simulated_angle=(("model", "time"), simulated, attrs))
 
 
 def _explained(compared: xr.Dataset) -> str:
-    """`yes` if the better model leaves but white noise, `partly` if a little more, else `no`."""
+    """`yes` if no departure from white noise is found in the better residual, `partly` if a small one."""
     if np.nanmax(compared.residual_p_value.values) >= RESIDUAL_LEVEL:
         return "yes"
-    gaps = compared.residual_over_noise.values
-    return "partly" if np.any(gaps <= LARGE) else "no"
+    return "partly" if np.any(compared.residual_over_noise.values <= LARGE) else "no"

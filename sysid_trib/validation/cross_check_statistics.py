@@ -41,10 +41,10 @@ def comparison(
     `motions` : of each result, in each run.
     """
     first, second = results
-    shared = [s for s in first.force.values.tolist() if s in second.force.values.tolist()]
+    common = [s for s in first.force.values.tolist() if s in second.force.values.tolist()]
     kept = [
         s
-        for s in shared
+        for s in common
         if in_model(first, s) and in_model(second, s) and not all(_is_constrained(r, s) for r in results)
     ]
     frequency = first.reference_frequency.item()
@@ -133,10 +133,10 @@ def _scatter(
     def stacked(pair: Sequence[xr.Dataset]) -> Array:
         return np.stack([quantities(r, kept, frequency) for r in pair])
 
-    def identified(strength: float) -> list[xr.Dataset]:
+    def identified(noise_factor: float) -> list[xr.Dataset]:
         records = [
             xr.Dataset(
-                {"angle": ("time", x + strength * noise * random.standard_normal(len(x)))}, {"time": t}
+                {"angle": ("time", x + noise_factor * noise * random.standard_normal(len(x)))}, {"time": t}
             )
             for x, (t, noise) in zip(exact, noises, strict=True)
         ]
@@ -149,16 +149,16 @@ def _scatter(
     expected = difference(results) - difference([r for _, r in best])
     with suppress(SysidTribError):
         expected = expected + difference(identified(0.0))
-    found = []
+    drawn_values = []
     for _ in range(draws):
         try:
-            found.append(stacked(identified(1.0)))
+            drawn_values.append(stacked(identified(1.0)))
         except SysidTribError:
             continue
-    if len(found) < 3:
+    if len(drawn_values) < 3:
         count = len(kept) + 1
         return np.full(count, np.nan), np.full((count, count), np.nan)
-    both = np.array(found)
+    both = np.array(drawn_values)
     scatter = np.atleast_2d(np.cov(both[:, 0] - both[:, 1], rowvar=False))
     if _beyond_noise(results, kept, both):
         scatter = sum((stated_covariance(result, kept) for result in results), np.zeros_like(scatter))
@@ -181,8 +181,8 @@ def _at_its_best(runs: Sequence[xr.Dataset], result: xr.Dataset) -> tuple[Any, x
 def _beyond_noise(results: Sequence[xr.Dataset], kept: Sequence[str], draws: Array) -> bool:
     """Whether the errors that the methods state exceed those by the noise alone.
 
-    Where a model leaves more than noise, methods weigh what is left differently: they no longer share their
-    errors, which then add. A ratio below 1.5 is chance.
+    Where a residual is more than noise, methods weigh it differently: they no longer share their errors,
+    which then add. A ratio below 1.5 is chance.
     """
     stated = np.stack([np.sqrt(np.diag(stated_covariance(result, kept))) for result in results])
     drawn = draws.std(axis=0, ddof=1)

@@ -218,8 +218,10 @@ def diebold_mariano(first: Sequence[Array], second: Sequence[Array], blocks: Seq
     swings then count as its first. Blocks are taken as independent, so that Student's t-test serves.
     """
     losses = [
-        np.concatenate([_block_losses(run, block) for run, block in zip(each, blocks, strict=True)])
-        for each in (first, second)
+        np.concatenate(
+            [_block_losses(run, block) for run, block in zip(model_residuals, blocks, strict=True)]
+        )
+        for model_residuals in (first, second)
     ]
     difference = losses[0] - losses[1]
     if len(difference) < 3:

@@ -58,12 +58,12 @@ def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Data
     reasons = []
     for at, decay in enumerate(decays):
         try:
-            alone = method.identify(decay, library)
+            result = method.identify(decay, library)
         except SysidTribError as error:
             reasons.append(str(error))
             continue
-        values[at] = quantities(alone, kept, frequency)[: len(names)]
-        covariances[at] = stated_covariance(alone, kept)[: len(names), : len(names)]
+        values[at] = quantities(result, kept, frequency)[: len(names)]
+        covariances[at] = stated_covariance(result, kept)[: len(names), : len(names)]
         reasons.append("")
     return _tested(names, values, covariances, reasons)
 
@@ -71,11 +71,11 @@ def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Data
 def _tested(names: Sequence[str], values: Array, covariances: Array, reasons: Sequence[str]) -> xr.Dataset:
     errors = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
     usable = np.isfinite(values).all(axis=1)
-    each = [
+    of_quantities = [
         _homogeneity(values[usable][:, [j]], covariances[usable][:, [j]][:, :, [j]])
         for j in range(len(names))
     ]
-    statistics, counts = np.array(each).T
+    statistics, counts = np.array(of_quantities).T
     total = chi_square_test((), *_homogeneity(values[usable], covariances[usable]), CHI_SQUARE)
     variables = {
         **with_error(
@@ -83,7 +83,7 @@ def _tested(names: Sequence[str], values: Array, covariances: Array, reasons: Se
         ),
         "reason": variable("run", list(reasons), "why this run alone decides nothing"),
         **chi_square_test("quantity", statistics, counts, CHI_SQUARE),
-        **{f"total_{name}": one for name, one in total.items()},
+        **{f"total_{name}": values_of_test for name, values_of_test in total.items()},
     }
     variables["standard_error"] = variables.pop("value_standard_error")
     verdict = verdict_of(float(total["p_value"][1]))
@@ -137,12 +137,15 @@ def difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
     for result in (first, second):
         if not isinstance(result, xr.Dataset) or "coefficient" not in result:
             raise UsageError("difference wants two identifications, as identify returns them.")
-    own = [[s for s in r.force.values.tolist() if in_model(r, s)] for r in (first, second)]
-    symbols = list(dict.fromkeys([*own[0], *own[1]]))
-    values = [r.coefficient.sel(force=kept).values for r, kept in zip((first, second), own, strict=True)]
-    factor, power = _to_reference(second, own[1], first.reference_frequency.item())
+    symbols_of = [[s for s in r.force.values.tolist() if in_model(r, s)] for r in (first, second)]
+    symbols = list(dict.fromkeys([*symbols_of[0], *symbols_of[1]]))
+    values = [
+        r.coefficient.sel(force=kept).values for r, kept in zip((first, second), symbols_of, strict=True)
+    ]
+    factor, power = _to_reference(second, symbols_of[1], first.reference_frequency.item())
     place = [
-        np.array([[s == k for k in kept] for s in symbols], float).reshape(-1, len(kept)) for kept in own
+        np.array([[s == k for k in kept] for s in symbols], float).reshape(-1, len(kept))
+        for kept in symbols_of
     ]
     converted = factor * values[1]
     # By (coefficients, w_inf) of the first, then of the second; w and w_inf change together.
@@ -150,7 +153,9 @@ def difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
     jacobian = np.hstack(
         [place[0], (place[1] @ slope)[:, None], -place[1] * factor, -(place[1] @ slope)[:, None]]
     )
-    both = block_diag(*(stated_covariance(r, kept) for r, kept in zip((first, second), own, strict=True)))
+    both = block_diag(
+        *(stated_covariance(r, kept) for r, kept in zip((first, second), symbols_of, strict=True))
+    )
     return _contrast(
         (first, second), symbols, (place[0] @ values[0], place[1] @ converted), jacobian @ both @ jacobian.T
     )
@@ -162,8 +167,8 @@ def _to_reference(result: xr.Dataset, kept: Sequence[str], frequency: float) -> 
     degrees = [f.speed_degree for f in library_of(result).select(kept)]
     # A force without a degree keeps its size, w^2 c; its shape changes with the frequency, if only a little.
     power = np.array([2.0 if q is None else 2.0 - q for q in degrees])
-    unknown = np.array([q is None for q in degrees], dtype=bool) & (abs(ratio - 1.0) > SAME_FREQUENCY)
-    return np.where(unknown, np.nan, ratio**power), power
+    not_comparable = np.array([q is None for q in degrees], dtype=bool) & (abs(ratio - 1.0) > SAME_FREQUENCY)
+    return np.where(not_comparable, np.nan, ratio**power), power
 
 
 def _contrast(

@@ -70,19 +70,19 @@ def residuals(
     return xr.Dataset(variables, {"model": list(names)})
 
 
-def pooled(each: Sequence[xr.Dataset]) -> xr.Dataset:
+def pooled(of_runs: Sequence[xr.Dataset]) -> xr.Dataset:
     """`residuals` of several runs as one, those of each run beside it with the dimension `run`.
 
     RMS over the runs, the earliest departure, and the least p-value times the number of runs (Bonferroni).
     """
-    if len(each) == 1:
-        return each[0]
-    runs = xr.concat(each, "run")
+    if len(of_runs) == 1:
+        return of_runs[0]
+    runs = xr.concat(of_runs, "run")
     whole = (runs[["residual_rms", "residual_over_noise"]] ** 2).mean("run", skipna=False) ** 0.5
     whole["departure_time"] = runs.departure_time.min("run")
-    whole["residual_p_value"] = np.minimum(1.0, len(each) * runs.residual_p_value.min("run"))
+    whole["residual_p_value"] = np.minimum(1.0, len(of_runs) * runs.residual_p_value.min("run"))
     for name in whole.data_vars:
-        whole[name].attrs = each[0][name].attrs
+        whole[name].attrs = of_runs[0][name].attrs
     return whole.merge(runs.rename({name: f"run_{name}" for name in runs.data_vars}))
 
 
@@ -91,8 +91,8 @@ def _departure(time: Array, residual: Array, noise: float, motion: FittedMotion)
     width = _half_period(motion)
     total = np.concatenate([[0.0], np.cumsum(residual**2)])
     local = np.sqrt((total[width:] - total[:-width]) / width)
-    beyond = np.flatnonzero(local > DEPARTED * noise)
-    return float(time[beyond[0]]) if len(beyond) else float("nan")
+    departed = np.flatnonzero(local > DEPARTED * noise)
+    return float(time[departed[0]]) if len(departed) else float("nan")
 
 
 def _white_noise_p_value(residual: Array, noise: float, motion: FittedMotion) -> float:

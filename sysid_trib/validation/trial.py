@@ -116,8 +116,8 @@ def _of_all(
     residual: Callable[..., ModelResidual | None], arguments: Sequence[tuple[Any, ...]], none: ModelResiduals
 ) -> ModelResiduals:
     """Residuals of a model in all runs; `none` where it diverges in one."""
-    each = [residual(*of_run) for of_run in arguments]
-    finite = tuple(one for one in each if one is not None and np.isfinite(one.rms))
+    of_runs = [residual(*of_run) for of_run in arguments]
+    finite = tuple(run for run in of_runs if run is not None and np.isfinite(run.rms))
     return replace(none, runs=finite) if len(finite) == len(arguments) else none
 
 
