@@ -11,7 +11,6 @@ from helpers import NOISE, SIX, W, decay, paper_run
 from scipy.interpolate import BSpline
 
 from sysid_trib.forces.constraints import Constraints
-from sysid_trib.methods.direct import _motion
 from sysid_trib.noise.smoothing import (
     KNOTS_PER_PERIOD,
     SAMPLES_PER_KNOT,
@@ -29,6 +28,7 @@ from sysid_trib.regression.weak_form import (
     whiten,
     whitener,
 )
+from sysid_trib.trajectory_fit.refined_columns import simulated
 
 EVEN = np.linspace(0.0, 60.0, 1001)
 # Relative to the integral of the absolute value; at the ends the test functions do not end smoothly.
@@ -119,11 +119,11 @@ def test_whitened_residual_of_a_true_model_is_white():
     free = constraint_map(Constraints(), library, {})
     (begun,) = begin([run.decay(2)], library, free, reference_frequency=W, shapes={})
     true = replace(begun, estimate=RunEstimate(np.array(list(SIX.values())), W, 0.0, (0.3, 0.0)))
-    simulated, _ = _motion(true, np.ones(6, bool), None)
-    rows = weak_rows(simulated, linearised(simulated))
-    coefficients = simulated.estimate.coefficients
+    moving, _ = simulated(true, np.ones(6, bool), None)
+    rows = weak_rows(moving, linearised(moving))
+    coefficients = moving.estimate.coefficients
     residual = whiten(rows.factor, rows.target - rows.columns @ (rows.scale * coefficients)) / NOISE
-    assert simulated.problem.noise == pytest.approx(NOISE, rel=0.06)
+    assert moving.problem.noise == pytest.approx(NOISE, rel=0.06)
     count = len(residual)
     assert np.sum(residual**2) == pytest.approx(count, abs=4.0 * np.sqrt(2.0 * count))
     for lag in range(1, 6):

@@ -1,6 +1,6 @@
 """Direct identification of Eq. 1: weak form, whitened, with refined instrumental variables."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Literal
 
@@ -8,31 +8,25 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from sysid_trib.errors import SimulationError, UsageError
+from sysid_trib.errors import UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.to_identify import forces_to_identify
 from sysid_trib.methods.scope import MethodScope
 from sysid_trib.records.runs import Decays, as_runs, root_mean_square
 from sysid_trib.regression.constraint_map import ConstraintMap, constraint_map
-from sysid_trib.regression.linearisation import DeviationOperator, linearised
-from sysid_trib.regression.problem import ReferenceTrajectory, RunRegression, begin, update
-from sysid_trib.regression.rows import Rows, stack_rows, strong_rows, weak_rows
+from sysid_trib.regression.linearisation import linearised
+from sysid_trib.regression.problem import RunRegression, begin
+from sysid_trib.regression.rows import Rows, stack_rows, strong_rows, weak_regression
 from sysid_trib.regression.solution import Mask, Solution, select, solve, with_errors_of_dropped
 from sysid_trib.results.per_run import start_variables
 from sysid_trib.results.schema import Estimate, identification
-from sysid_trib.simulation.model import Model
-from sysid_trib.trajectory_fit.initial_conditions import fit_start
+from sysid_trib.trajectory_fit.refined_columns import refine_columns
 
 Array = NDArray[np.float64]
 Runs = tuple[RunRegression, ...]
 
-MAX_REFINEMENTS = 25
 MAX_SELECTIONS = 5
-# A simulated motion this far from the record (RMS, of the record's) has slipped out of phase.
-SLIPPED = 0.3
-# Part of the swing by which coefficients of a record without noise may still change.
-SETTLED_WITHOUT_NOISE = 1e-10
 
 
 @dataclass(frozen=True)
@@ -135,15 +129,16 @@ class Direct:
             shapes=shapes,
         )
         every = np.ones(len(offered), bool)
-        runs = _after(runs, solve(_weak_rows(runs, _linearised(runs)), runs[0], every, constraints))
+        rows = weak_regression(runs, [linearised(run) for run in runs])
+        runs = solve(rows, runs[0], every, constraints).applied_to(runs)
         if self.form == "strong":
-            rows, refined = _stacked(runs, [strong_rows(run) for run in runs]), False
+            rows, refined = stack_rows(runs, [strong_rows(run) for run in runs]), False
             active = _selected(self, rows, constraints)
         else:
             runs, rows, active, refined = _weak_form(self, runs, constraints)
         solution = solve(rows, runs[0], active, constraints)
         solution = with_errors_of_dropped(solution, rows, runs[0], active, constraints)
-        estimate = _estimate(_after(runs, solution), solution)
+        estimate = _estimate(solution.applied_to(runs), solution)
         result = identification(
             replace(self, shapes=shapes), decay, offered, estimate, offered=library, active=active
         )
@@ -166,38 +161,22 @@ def _estimate(runs: Runs, solution: Solution) -> Estimate:
     return Estimate(common.coefficients, solution.covariance, common.frequency, noises, extra)
 
 
-def _linearised(runs: Runs) -> list[DeviationOperator]:
-    return [linearised(run) for run in runs]
-
-
-def _weak_rows(runs: Runs, operators: Sequence[DeviationOperator]) -> Rows:
-    """The regression of all runs about their reference trajectories."""
-    return _stacked(runs, [weak_rows(run, near) for run, near in zip(runs, operators, strict=True)])
-
-
-def _stacked(runs: Runs, rows: Sequence[Rows]) -> Rows:
-    return stack_rows(rows, [run.problem.noise for run in runs])
-
-
-def _after(runs: Runs, solution: Solution) -> Runs:
-    """The runs with the solution as their estimate."""
-    return update(runs, solution.coefficients, solution.steps, solution.constraints)
-
-
 def _weak_form(method: Direct, runs: Runs, constraints: ConstraintMap) -> tuple[Runs, Rows, Mask, bool]:
     """Choose forces and refine them in turn, until the choice stands; whether the refinement settled."""
-    operators = _linearised(runs)
-    rows = _weak_rows(runs, operators)
+    operators = [linearised(run) for run in runs]
+    rows = weak_regression(runs, operators)
     chosen = _selected(method, rows, constraints)
     smoothed = [run.reference for run in runs]
     # About the motion of the kept forces alone the choice is better founded than about all of them.
     for _ in range(MAX_SELECTIONS):
         active = chosen
-        runs = _after(runs, solve(rows, runs[0], active, constraints))
+        runs = solve(rows, runs[0], active, constraints).applied_to(runs)
         if not active.all():
             pairs = zip(runs, smoothed, strict=True)
             operators = [linearised(replace(run, reference=path)) for run, path in pairs]
-        runs, rows, refined = _refined(method, runs, rows, operators, active, constraints)
+        refined = False
+        if method.refine:
+            runs, rows, refined = refine_columns(runs, rows, operators, active, constraints)
         chosen = _selected(method, rows, constraints)
         if np.array_equal(chosen, active):
             break
@@ -213,93 +192,3 @@ def _selected(method: Direct, rows: Rows, constraints: ConstraintMap) -> Mask:
         removed = rows.nuisances.shape[1]
         optimizers.append(SignificanceSelection(method.significance, removed_columns=removed))
     return select(rows, optimizers, constraints)
-
-
-def _refined(
-    method: Direct,
-    runs: Runs,
-    rows: Rows,
-    operators: Sequence[DeviationOperator],
-    active: Mask,
-    constraints: ConstraintMap,
-) -> tuple[Runs, Rows, bool]:
-    """Take the columns from the motion of the identified model, and solve again, until nothing changes.
-
-    The last rows are about the last motion, so that they hold the final estimate's covariance.
-    """
-    first, last = (runs, rows), None
-    sensitivities: list[Array | None] = [None] * len(runs)
-    for _ in range(MAX_REFINEMENTS if method.refine else 0):
-        try:
-            motions = [_motion(run, active, near) for run, near in zip(runs, sensitivities, strict=True)]
-        except SimulationError:
-            break
-        runs, sensitivities = tuple(run for run, _ in motions), [near for _, near in motions]
-        if any(_slipped(run) for run in runs):
-            break
-        rows = _weak_rows(runs, operators)
-        solution = solve(rows, runs[0], active, constraints)
-        after = _after(runs, solution)
-        change = _common_values(after) - _common_values(runs)
-        step = change / _still_counts(after, rows, solution)
-        if np.all(np.abs(step) <= 1.0):
-            return runs, rows, True
-        ahead = _extrapolation(step, last)
-        last = None if ahead else step
-        runs = _further(after, ahead * change, constraints)
-    return (*first, False)
-
-
-def _slipped(run: RunRegression) -> bool:
-    residual = run.problem.angle - run.estimate.offset - run.reference.x
-    return bool(np.sqrt(np.mean(residual**2)) > SLIPPED * np.sqrt(np.mean(run.problem.angle**2)))
-
-
-def _common_values(runs: Runs) -> Array:
-    """Coefficients and reference frequency."""
-    return np.append(runs[0].estimate.coefficients, runs[0].estimate.frequency)
-
-
-def _still_counts(runs: Runs, rows: Rows, solution: Solution) -> Array:
-    """Smallest change of coefficients and frequency that still counts."""
-    # Without noise there are no errors to settle within, but rounding, of forces as parts of the swing.
-    swing = root_mean_square([np.sqrt(np.mean(run.reference.x**2)) for run in runs])
-    smallest = SETTLED_WITHOUT_NOISE * np.append(swing / rows.scale, runs[0].estimate.frequency)
-    return 0.02 * np.sqrt(np.diag(solution.covariance)) + smallest
-
-
-def _further(runs: Runs, by: Array, constraints: ConstraintMap) -> Runs:
-    common = _common_values(runs) + by
-    coefficients, frequency = constraints.impose(common[:-1]), float(common[-1])
-    return tuple(
-        replace(run, estimate=replace(run.estimate, coefficients=coefficients, frequency=frequency))
-        for run in runs
-    )
-
-
-def _extrapolation(step: Array, last: Array | None) -> float:
-    """How many times a step is still to come, where steps shrink in one direction (Aitken's delta-squared).
-
-    Jumps at v = 0 are distributed in the operator, so that it converges at a rate: slowly if forces that
-    nearly cancel hold large jumps.
-    """
-    if last is None:
-        return 0.0
-    rate = float(step @ last / (last @ last))
-    parallel = float(np.linalg.norm(step - rate * last)) < 0.3 * float(np.linalg.norm(step))
-    return rate / (1.0 - rate) if parallel and 0.4 < rate < 0.95 else 0.0
-
-
-def _motion(run: RunRegression, active: Mask, sensitivity: Array | None) -> tuple[RunRegression, Array]:
-    """Motion of the present model, its start fitted to the record."""
-    problem, estimate = run.problem, run.estimate
-    pairs = zip(problem.library.symbols, estimate.coefficients.tolist(), active, strict=True)
-    model = Model(problem.library, {s: c for s, c, kept in pairs if kept}, estimate.frequency, problem.shapes)
-    motion = fit_start(
-        model, problem.time, problem.angle, estimate.start, offset=estimate.offset, sensitivity=sensitivity
-    )
-    features = problem.features(estimate.frequency)
-    columns = features.evaluate(problem.elapsed, motion.x, motion.v, motion.hidden)
-    estimate = replace(estimate, start=(motion.angle, motion.rate), offset=motion.offset)
-    reference = ReferenceTrajectory(motion.x, motion.v, columns, exact=True)
-    return RunRegression(problem, estimate, reference), motion.sensitivity

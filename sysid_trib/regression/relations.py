@@ -5,11 +5,13 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
+import scipy.sparse as sp
 import xarray as xr
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.linalg import cho_solve_banded
 
 from sysid_trib.errors import DecayError
+from sysid_trib.regression.weak_form import whiten, whitener
 
 Array = NDArray[np.float64]
 
@@ -73,53 +75,35 @@ def solve(equations: Equations, measured: xr.Dataset) -> EquationSolution:
     parameters = np.linalg.lstsq(design / size, target, rcond=None)[0] / size
     for _ in range(REWEIGHTINGS):
         noise = _noise(equations, measured, parameters)
-        factor = _factor(noise)
-        weighted = cho_solve_banded((factor, True), design / size)
-        inverse = np.linalg.inv(weighted.T @ (design / size)) / size[:, None]
-        parameters = inverse @ (weighted.T @ target)
-    return EquationSolution(
-        parameters, inverse @ _influence(noise, weighted), target - design @ parameters, factor
-    )
+        factor = whitener(noise)
+        white = whiten(factor, design / size)
+        inverse = np.linalg.inv(white.T @ white) / size[:, None]
+        weights = inverse @ cho_solve_banded((factor, True), design / size).T
+        parameters = weights @ target
+    return EquationSolution(parameters, weights @ noise, target - design @ parameters, factor)
 
 
-def _noise(equations: Equations, measured: xr.Dataset, parameters: Array) -> Array:
-    """How unit errors move each equation i, (extremum or time, j, i): those of half period i + j."""
+def _noise(equations: Equations, measured: xr.Dataset, parameters: Array) -> sp.csr_matrix:
+    """How unit errors of the extrema, then of their times, move each equation."""
     b, t = measured.extremum.values, measured.extremum_time.values
 
     def residual(extremum: Array, time: Array) -> Array:
         design, target = equations(extremum, time)
         return target - design @ parameters
 
-    here = np.arange(len(residual(b, t)))
-    count = len(b) - len(here) + 1
-    reaches = np.stack([DIFFERENCE_STEP * b, np.full(len(b), DIFFERENCE_STEP * float(np.mean(np.diff(t))))])
+    rows = np.arange(len(residual(b, t)))
+    count = len(b) - len(rows) + 1
+    steps = np.stack([DIFFERENCE_STEP * b, np.full(len(b), DIFFERENCE_STEP * float(np.mean(np.diff(t))))])
     stated = (measured.extremum_standard_error.values, measured.extremum_time_standard_error.values)
-    errors = np.stack(stated) + ROUNDING * reaches / DIFFERENCE_STEP
-    noise = np.empty((2, count, len(here)))
-    for at, first in np.ndindex(2, count):
+    errors = np.stack(stated) + ROUNDING * steps / DIFFERENCE_STEP
+    entries, columns = [], []
+    for kind, first in np.ndindex(2, count):
         # Half periods so far apart that no equation holds two of them are moved at once.
-        shift = np.zeros_like(reaches)
-        shift[at, first::count] = reaches[at, first::count]
+        shift = np.zeros_like(steps)
+        shift[kind, first::count] = steps[kind, first::count]
         change = residual(b + shift[0], t + shift[1]) - residual(b - shift[0], t - shift[1])
-        offset = (first - here) % count
-        touched = here + offset
-        noise[at, offset, here] = change / (2.0 * reaches[at, touched]) * errors[at, touched]
-    return noise
-
-
-def _factor(noise: Array) -> Array:
-    """Cholesky factor of the equations' covariance, lower banded."""
-    _, count, size = noise.shape
-    banded = np.zeros((count, size))
-    for k in range(count):
-        banded[k, : size - k] = np.sum(noise[:, k:, : size - k] * noise[:, : count - k, k:], axis=(0, 1))
-    return np.asarray(cholesky_banded(banded, lower=True))
-
-
-def _influence(noise: Array, weighted: Array) -> Array:
-    """Weights of the equations carried over to unit errors, (parameter, extrema then times)."""
-    _, count, size = noise.shape
-    carried = np.zeros((weighted.shape[1], 2, size + count - 1))
-    for j in range(count):
-        carried[:, :, j : j + size] += noise[None, :, j] * weighted.T[:, None]
-    return carried.reshape(weighted.shape[1], -1)
+        half = rows + (first - rows) % count
+        entries.append(change / (2.0 * steps[kind, half]) * errors[kind, half])
+        columns.append(kind * len(b) + half)
+    places = np.tile(rows, len(columns)), np.concatenate(columns)
+    return sp.csr_matrix((np.concatenate(entries), places), (len(rows), 2 * len(b)))

@@ -89,15 +89,20 @@ def strong_rows(run: RunRegression) -> Rows:
     return Rows(-(acceleration / k + x), path.columns / scale, np.column_stack(nuisances), scale, lags=lags)
 
 
-def stack_rows(rows: Sequence[Rows], noise: Sequence[float]) -> Rows:
+def weak_regression(runs: Sequence[RunRegression], operators: Sequence[DeviationOperator]) -> Rows:
+    """The weak rows of all runs about their reference trajectories."""
+    return stack_rows(runs, [weak_rows(run, near) for run, near in zip(runs, operators, strict=True)])
+
+
+def stack_rows(runs: Sequence[RunRegression], rows: Sequence[Rows]) -> Rows:
     """Rows of several runs as one regression.
 
     Parameters
     ----------
+    runs : sequence of RunRegression
+        Each counts by its noise, relative to their RMS.
     rows : sequence of Rows
         Of each run.
-    noise : sequence of float, rad
-        Each run counts by its noise, relative to their RMS.
 
     Returns
     -------
@@ -106,7 +111,8 @@ def stack_rows(rows: Sequence[Rows], noise: Sequence[float]) -> Rows:
     """
     if len(rows) == 1:
         return rows[0]
-    weights = np.sqrt(np.mean(np.square(noise))) / np.asarray(noise)
+    noise = np.array([run.problem.noise for run in runs])
+    weights = np.sqrt(np.mean(np.square(noise))) / noise
     samples = np.array([len(run.target) for run in rows])
     scale = np.sqrt(samples @ np.stack([run.scale**2 for run in rows]) / samples.sum())
     pairs = list(zip(rows, weights, strict=True))

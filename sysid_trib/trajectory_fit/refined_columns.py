@@ -1,0 +1,142 @@
+"""Refined instrumental variables: force columns along the motion of the identified model (Young 2011)."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid_trib.errors import SimulationError
+from sysid_trib.records.runs import root_mean_square
+from sysid_trib.regression.constraint_map import ConstraintMap
+from sysid_trib.regression.linearisation import DeviationOperator
+from sysid_trib.regression.problem import ReferenceTrajectory, RunRegression
+from sysid_trib.regression.rows import Rows, weak_regression
+from sysid_trib.regression.solution import Mask, Solution, solve
+from sysid_trib.simulation.model import Model
+from sysid_trib.trajectory_fit.initial_conditions import fit_start
+
+Array = NDArray[np.float64]
+Runs = tuple[RunRegression, ...]
+
+MAX_REFINEMENTS = 25
+# A simulated motion this far from the record (RMS, of the record's) has slipped out of phase.
+SLIPPED = 0.3
+# Part of the swing by which coefficients of a record without noise may still change.
+SETTLED_WITHOUT_NOISE = 1e-10
+
+
+def refine_columns(
+    runs: Runs, rows: Rows, operators: Sequence[DeviationOperator], active: Mask, constraints: ConstraintMap
+) -> tuple[Runs, Rows, bool]:
+    """Take the columns from the motion of the identified model, and solve again, until nothing changes.
+
+    Parameters
+    ----------
+    runs : tuple of RunRegression
+        With a first estimate.
+    rows : Rows
+        That it is from.
+    operators : sequence of DeviationOperator
+        Of each run.
+    active : (force,) array of bool
+        Forces that are in the model.
+    constraints : ConstraintMap
+
+    Returns
+    -------
+    runs : tuple of RunRegression
+    rows : Rows
+        About the last motion, so that they hold the final estimate's covariance.
+    settled : bool
+        Otherwise runs and rows are those given.
+    """
+    first, last = (runs, rows), None
+    sensitivities: list[Array | None] = [None] * len(runs)
+    for _ in range(MAX_REFINEMENTS):
+        try:
+            motions = [simulated(run, active, near) for run, near in zip(runs, sensitivities, strict=True)]
+        except SimulationError:
+            break
+        runs, sensitivities = tuple(run for run, _ in motions), [near for _, near in motions]
+        if any(_slipped(run) for run in runs):
+            break
+        rows = weak_regression(runs, operators)
+        solution = solve(rows, runs[0], active, constraints)
+        after = solution.applied_to(runs)
+        change = _common_values(after) - _common_values(runs)
+        step = change / _still_counts(after, rows, solution)
+        if np.all(np.abs(step) <= 1.0):
+            return runs, rows, True
+        ahead = _extrapolation(step, last)
+        last = None if ahead else step
+        runs = _further(after, ahead * change, constraints)
+    return (*first, False)
+
+
+def _slipped(run: RunRegression) -> bool:
+    residual = run.problem.angle - run.estimate.offset - run.reference.x
+    return bool(np.sqrt(np.mean(residual**2)) > SLIPPED * np.sqrt(np.mean(run.problem.angle**2)))
+
+
+def _common_values(runs: Runs) -> Array:
+    """Coefficients and reference frequency."""
+    return np.append(runs[0].estimate.coefficients, runs[0].estimate.frequency)
+
+
+def _still_counts(runs: Runs, rows: Rows, solution: Solution) -> Array:
+    """Smallest change of coefficients and frequency that still counts."""
+    # Without noise there are no errors to settle within, but rounding, of forces as parts of the swing.
+    swing = root_mean_square([np.sqrt(np.mean(run.reference.x**2)) for run in runs])
+    smallest = SETTLED_WITHOUT_NOISE * np.append(swing / rows.scale, runs[0].estimate.frequency)
+    return 0.02 * np.sqrt(np.diag(solution.covariance)) + smallest
+
+
+def _further(runs: Runs, by: Array, constraints: ConstraintMap) -> Runs:
+    common = _common_values(runs) + by
+    coefficients, frequency = constraints.impose(common[:-1]), float(common[-1])
+    return tuple(
+        replace(run, estimate=replace(run.estimate, coefficients=coefficients, frequency=frequency))
+        for run in runs
+    )
+
+
+def _extrapolation(step: Array, last: Array | None) -> float:
+    """How many times a step is still to come, where steps shrink in one direction (Aitken's delta-squared).
+
+    Jumps at v = 0 are distributed in the operator, so that it converges at a rate: slowly if forces that
+    nearly cancel hold large jumps.
+    """
+    if last is None:
+        return 0.0
+    rate = float(step @ last / (last @ last))
+    parallel = float(np.linalg.norm(step - rate * last)) < 0.3 * float(np.linalg.norm(step))
+    return rate / (1.0 - rate) if parallel and 0.4 < rate < 0.95 else 0.0
+
+
+def simulated(run: RunRegression, active: Mask, sensitivity: Array | None) -> tuple[RunRegression, Array]:
+    """A run with the motion of its present model as reference, the start fitted to the record.
+
+    Parameters
+    ----------
+    run : RunRegression
+    active : (force,) array of bool
+    sensitivity : (sample, 2) array of float or None
+        Of a motion nearby to its start, if it is known (see `fit_start`).
+
+    Returns
+    -------
+    run : RunRegression
+    sensitivity : (sample, 2) array of float
+    """
+    problem, estimate = run.problem, run.estimate
+    pairs = zip(problem.library.symbols, estimate.coefficients.tolist(), active, strict=True)
+    model = Model(problem.library, {s: c for s, c, kept in pairs if kept}, estimate.frequency, problem.shapes)
+    motion = fit_start(
+        model, problem.time, problem.angle, estimate.start, offset=estimate.offset, sensitivity=sensitivity
+    )
+    features = problem.features(estimate.frequency)
+    columns = features.evaluate(problem.elapsed, motion.x, motion.v, motion.hidden)
+    estimate = replace(estimate, start=(motion.angle, motion.rate), offset=motion.offset)
+    reference = ReferenceTrajectory(motion.x, motion.v, columns, exact=True)
+    return RunRegression(problem, estimate, reference), motion.sensitivity
