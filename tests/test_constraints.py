@@ -66,6 +66,8 @@ def test_what_cannot_be_asked_is_refused_in_a_sentence(fix, bound, tie, said):
         ("sqrt(2)*delta", (0.0, {"delta": np.sqrt(2.0)})),
         ("1/delta", None),
         ("delta/0", None),
+        ("abs(delta)", None),
+        ("(delta + 1)**2 - delta**2 - 1", (0.0, {"delta": 2.0})),
     ],
 )
 def test_linear_ties_are_known_by_their_form(text, linear):

@@ -1,6 +1,5 @@
 """A tie: the formula of one parameter in terms of others, read by the whitelist of force formulas."""
 
-import ast
 import cmath
 import re
 from collections.abc import Mapping, Sequence
@@ -8,9 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid_trib.errors import LibraryError, UsageError
-from sysid_trib.forces.formulas import OPERATORS, SMOOTH, SWITCHING, Formula, parse
+from sysid_trib.forces.formulas import SMOOTH, SWITCHING, Formula, parse
 
 # A word, with the shape parameter behind a point: not the exponent of a number such as 1e-3.
 WORD = re.compile(r"(?<![\w.])[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)?", re.ASCII)
@@ -88,10 +88,20 @@ class Tie:
         known : mapping of str to float, optional
             Values of parameters that count as constants.
         """
-        known = known or {}
-        variables = {f"p{i}": name for i, name in enumerate(self.names) if name not in known}
-        values = {f"p{i}": known.get(name, np.nan) for i, name in enumerate(self.names)}
-        return _linear(self.formula.tree, variables, values)
+        variable = [name for name in self.names if name not in (known or {})]
+
+        def value(numbers: NDArray[np.float64]) -> float:
+            return self.value({**(known or {}), **dict(zip(variable, numbers.tolist(), strict=True))})
+
+        constant = value(np.zeros(len(variable)))
+        slopes = np.array([value(unit) - constant for unit in np.eye(len(variable))])
+        random = np.random.default_rng(20190417)
+        points = random.choice((-1.0, 1.0), (16, len(variable))) * random.uniform(
+            1e-3, 30.0, (16, len(variable))
+        )
+        # Known by what it does: a formula of any form may be linear.
+        same = np.isclose([value(point) for point in points], constant + points @ slopes, rtol=1e-9)
+        return (constant, dict(zip(variable, slopes.tolist(), strict=True))) if same.all() else None
 
     def _evaluate(self, values: Mapping[str, complex]) -> complex:
         stand_ins = {f"p{i}": values[name] for i, name in enumerate(self.names)}
@@ -139,39 +149,3 @@ def parse_tie(name: str, text: str, known: Sequence[str]) -> Tie:
             f"{' '.join((*SWITCHING, *SMOOTH))}."
         ) from None
     return Tie(name, text, formula, names)
-
-
-def _linear(
-    tree: ast.AST, variables: Mapping[str, str], values: Mapping[str, float]
-) -> tuple[float, dict[str, float]] | None:
-    """Constant and factors of a checked tree in the variables; None if it is not linear in them."""
-    if not any(isinstance(node, ast.Name) and node.id in variables for node in ast.walk(tree)):
-        return float(Formula("", tree).evaluate(values)), {}  # type: ignore[arg-type]
-    match tree:
-        case ast.Name(id=name):
-            return 0.0, {variables[name]: 1.0}
-        case ast.UnaryOp(op=op, operand=operand):
-            inner = _linear(operand, variables, values)
-            return _scaled(inner, -1.0 if isinstance(op, ast.USub) else 1.0)
-        case ast.BinOp(left=left, op=ast.Add() | ast.Sub() as op, right=right):
-            first, second = _linear(left, variables, values), _linear(right, variables, values)
-            second = _scaled(second, -1.0 if isinstance(op, ast.Sub) else 1.0)
-            if first is None or second is None:
-                return None
-            names = dict.fromkeys((*first[1], *second[1]))
-            return first[0] + second[0], {k: first[1].get(k, 0.0) + second[1].get(k, 0.0) for k in names}
-        case ast.BinOp(left=left, op=ast.Mult() | ast.Div() as op, right=right):
-            first, second = _linear(left, variables, values), _linear(right, variables, values)
-            if second is not None and not second[1] and (second[0] or isinstance(op, ast.Mult)):
-                return _scaled(first, OPERATORS[type(op)](1.0, second[0]))
-            if first is not None and not first[1] and isinstance(op, ast.Mult):
-                return _scaled(second, first[0])
-    return None
-
-
-def _scaled(
-    linear: tuple[float, dict[str, float]] | None, factor: float
-) -> tuple[float, dict[str, float]] | None:
-    if linear is None:
-        return None
-    return factor * linear[0], {name: factor * slope for name, slope in linear[1].items()}

@@ -155,19 +155,9 @@ def _first_order(
     noise = sp.block_diag(
         [noise_of_equations(run, library, method.shapes, by_force) for run in runs], format="csr"
     )
-    factor = whitener(noise)
-    rows, y = whiten(factor, design), whiten(factor, target)
-    if method.weighted and not last:
-        parameters: Array = np.asarray(np.linalg.lstsq(rows, y, rcond=None)[0], dtype=float)
-        covariance: Array = np.asarray(np.linalg.inv(rows.T @ rows), dtype=float)
-    else:
-        parameters, inverse = plain, np.linalg.pinv(design)
-        influence = inverse @ noise
-        if last:
-            # The error of the last frequency is in every shift that is taken from it.
-            influence = influence - np.outer(inverse[:, 1::2].sum(axis=1), noise[[-1]].toarray())
-        covariance = np.asarray(influence @ influence.T, dtype=float)
-    residual, degrees_of_freedom = y - rows @ parameters, max(1, len(y) - len(parameters))
+    weighted = method.weighted and not last
+    parameters, covariance, residual = _solve(design, target, noise, weighted=weighted, last=last)
+    degrees_of_freedom = max(1, len(target) - len(parameters))
     if fixed is not None:
         parameters = np.append(parameters, fixed)
         covariance = np.pad(covariance, (0, 1))
@@ -188,6 +178,26 @@ def _first_order(
         lambda _, residuals: sum(float(part @ part) for part in residuals),
         lambda ratios: covariance * ratios[""] ** 2,
     )
+
+
+def _solve(
+    design: Array, target: Array, noise: sp.csr_matrix, *, weighted: bool, last: bool
+) -> tuple[Array, Array, Array]:
+    """Least squares: parameters, their covariance, whitened residual."""
+    factor = whitener(noise)
+    rows, y = whiten(factor, design), whiten(factor, target)
+    if weighted:
+        parameters: Array = np.asarray(np.linalg.lstsq(rows, y, rcond=None)[0], dtype=float)
+        covariance: Array = np.asarray(np.linalg.inv(rows.T @ rows), dtype=float)
+    else:
+        parameters = np.asarray(np.linalg.lstsq(design, target, rcond=None)[0], dtype=float)
+        inverse = np.linalg.pinv(design)
+        influence = inverse @ noise
+        if last:
+            # The error of the last frequency is in every shift that is taken from it.
+            influence = influence - np.outer(inverse[:, 1::2].sum(axis=1), noise[[-1]].toarray())
+        covariance = np.asarray(influence @ influence.T, dtype=float)
+    return parameters, covariance, y - rows @ parameters
 
 
 def _check_rank(design: Array, symbols: tuple[str, ...], instants: int) -> None:

@@ -40,22 +40,30 @@ class Trajectory:
 
     Parameters
     ----------
-    reference_frequency : w in rad/s, held; the library's force of formula `x` is then an unknown.
-        Without it w is fitted and that force is absent.
-    noise : `white`, or `coloured`: residuals and sensitivities are whitened by an autoregression whose order
-        is chosen by the Bayesian information criterion.
-    fit_shapes : shape parameters to fit (`("dahl.s",)`), between the library's limits; the others are held.
-    bounds : `{"lambda": (0, inf)}` for coefficients and shapes.
-    start : model from which the fit starts; None is the direct identification.
-    shapes : values of shape parameters, held or first guesses.
-    fix : `{"lambda": 0.0}` for coefficients and shapes that are held.
-    tie : `{"nu": "-2.356*delta"}` for coefficients and shapes that are functions of others.
+    reference_frequency : float, rad/s, optional
+        w, held; the library's force of formula `x` is then among those that are identified. Without it w is
+        fitted and that force is absent.
+    noise : {"white", "coloured"}
+        `coloured` whitens residuals and sensitivities by an autoregression, whose order is chosen by the
+        Bayesian information criterion.
+    fit_shapes : tuple of str
+        Shape parameters to fit (`("dahl.s",)`), between the library's limits; the others are held.
+    bounds : mapping of str to (float, float)
+        Lowest and highest value of coefficients and of shape parameters that are fitted.
+    start : Model, optional
+        Model from which the fit starts; the direct identification where left out.
+    shapes : mapping of str to float
+        Values of shape parameters, held or first guesses.
+    fix : mapping of str to float
+        Coefficients and shape parameters that are held, `{"lambda": 0.0}`.
+    tie : mapping of str to str
+        Coefficients and shape parameters as formulas of others, `{"nu": "-2.356*delta"}`.
 
     Notes
     -----
     The window grows over the records unless the start already follows them; sensitivities are differences of
     exact motions, so that switching times and the stop take part. Of several runs each counts by its own
-    noise, which is what it leaves. A fixed parameter has the standard error 0, a tied one that of the chain
+    noise, that of its residual. A fixed parameter has the standard error 0, a tied one that of the chain
     rule; one that a bound stops is held there, and has the standard error 0 too.
     """
 

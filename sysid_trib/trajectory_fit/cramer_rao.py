@@ -1,7 +1,5 @@
 """The errors that no unbiased method can beat (Cramér and Rao), from the sensitivities of the motion."""
 
-from dataclasses import replace
-
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
@@ -9,11 +7,12 @@ from numpy.typing import ArrayLike, NDArray
 from sysid_trib.errors import UsageError
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.trajectory_fit.parameters import FREQUENCY, Parameters
 
 Array = NDArray[np.float64]
 
-# Each unknown is moved until the angle moves by about this part of its own size; central differences.
-REACH = 1e-6
+# Each parameter is moved until the angle moves by about this part of its own size; central differences.
+ANGLE_STEP = 1e-6
 
 
 def cramer_rao_bound(
@@ -23,34 +22,46 @@ def cramer_rao_bound(
 
     Parameters
     ----------
-    model : the truth; unknown are the coefficients it names, also those that are zero. Shapes are known.
-    time : (sample,) s.
-    angle, rate : start, rad and rad/s; unknown as well.
-    noise : standard deviation of one sample, rad.
-    free : whether the reference frequency is unknown too.
+    model : Model
+        The truth. Its coefficients are estimated, also those that are zero; its shapes are known.
+    time : (sample,) array_like of float, s
+        Times of the samples.
+    angle : float, rad
+        Angle at the first sample; estimated as well.
+    rate : float, rad/s
+        Rate at the first sample; estimated as well.
+    noise : float, rad
+        Standard deviation of one sample.
+    free : bool
+        Whether the reference frequency is estimated too.
 
     Returns
     -------
-    Dataset with `standard_error(force)`, `covariance(force, other_force)` and the scalars
-    `start_angle_standard_error` (rad), `start_rate_standard_error` and
-    `reference_frequency_standard_error` (rad/s; 0 where it is held).
+    xarray.Dataset
+        `standard_error(force)`, `covariance(force, other_force)` and the scalars
+        `start_angle_standard_error` (rad), `start_rate_standard_error` and
+        `reference_frequency_standard_error` (rad/s; 0 where it is held).
 
     Raises
     ------
     UsageError
-        Some unknowns are not determined: a force that does not act on this motion, or a force of formula `x`
-        beside the frequency.
+        Some parameters are not determined: a force that does not act on this motion, or a force of formula
+        `x` beside the frequency.
+
+    Notes
+    -----
+    The inverse of Fisher's information, which is J' J / noise^2 with the sensitivities J of the motion.
     """
     time = np.asarray(time, dtype=float)
     symbols = list(model.coefficients)
-    table = _sensitivities(model, time, np.array([angle, rate], dtype=float), free)
-    # Unknowns differ by orders of magnitude: without scaling the matrix is singular to rounding.
-    size = np.linalg.norm(table, axis=0)
-    _, singular, axes = np.linalg.svd(table / size, full_matrices=False)
+    sensitivity = _sensitivities(model, time, np.array([angle, rate], dtype=float), free)
+    # Parameters differ by orders of magnitude: without scaling the matrix is singular to rounding.
+    size = np.linalg.norm(sensitivity, axis=0)
+    _, singular, axes = np.linalg.svd(sensitivity / size, full_matrices=False)
     if singular[-1] < 1e-8 * singular[0]:
         names = [*symbols, "start angle", "start rate", "reference frequency"]
-        tied = [name for name, part in zip(names, axes[-1], strict=False) if abs(part) > 1e-3]
-        raise UsageError(f"No record can determine {' and '.join(tied)} together; leave one out.")
+        dependent = [name for name, part in zip(names, axes[-1], strict=False) if abs(part) > 1e-3]
+        raise UsageError(f"No record can determine {' and '.join(dependent)} together; leave one out.")
     covariance = noise**2 * (axes.T / singular**2) @ axes / np.outer(size, size)
     count = len(symbols)
     error = np.sqrt(np.diag(covariance))
@@ -77,28 +88,27 @@ def cramer_rao_bound(
 
 
 def _sensitivities(model: Model, time: Array, start: Array, free: bool) -> Array:
-    """Derivatives of the angle by coefficients, start and reference frequency, (sample, unknown)."""
-    w = model.reference_frequency
-    at = np.array([*model.coefficients.values(), *start, *([w] if free else [])], dtype=float)
-    count = len(model.coefficients)
+    """Derivatives of the angle by coefficients, start and reference frequency, (sample, parameter)."""
+    library = model.library.select(model.coefficients)
+    parameters = Parameters(library, None if free else model.reference_frequency, shapes=model.shapes)
+    values = parameters.pack({**model.coefficients, FREQUENCY: model.reference_frequency}, [*start, 0.0])
 
     def motion(values: Array) -> Array:
-        coefficients = dict(zip(model.coefficients, values[:count].tolist(), strict=True))
-        frequency = float(values[-1]) if free else w
-        changed = replace(model, coefficients=coefficients, reference_frequency=frequency)
-        return trajectory(changed, time, *values[count : count + 2]).angle
+        angle, rate, _ = parameters.per_run(values)[0].tolist()
+        return trajectory(parameters.model(values), time, angle, rate).angle
 
-    def slope(unit: Array, step: float) -> Array:
-        return (motion(at + step * unit) - motion(at - step * unit)) / (2.0 * step)
+    def slope(i: int, step: float) -> Array:
+        unit = step * np.eye(len(values))[i]
+        return (motion(values + unit) - motion(values - unit)) / (2.0 * step)
 
-    swing = float(np.sqrt(np.mean(motion(at) ** 2)))
+    amplitude = float(np.sqrt(np.mean(motion(values) ** 2)))
     columns = []
-    for j, unit in enumerate(np.eye(len(at))):
-        # An unknown's own scale is not known beforehand: a first small step tells it.
-        first = slope(unit, 1e-2 * REACH * swing)
+    run = parameters.of_run(0)
+    frequency = [parameters.index(FREQUENCY)] if free else []
+    for i in (*range(len(library)), run.start, run.start + 1, *frequency):
+        # A parameter's own scale is not known beforehand: a first small step shows it.
+        first = slope(i, 1e-2 * ANGLE_STEP * amplitude)
         if not first.any():
-            raise UsageError(
-                f"Force {list(model.coefficients)[j]} does not act on this motion; leave it out."
-            )
-        columns.append(slope(unit, REACH * swing / np.sqrt(np.mean(first**2))))
+            raise UsageError(f"Force {parameters.names[i]} does not act on this motion; leave it out.")
+        columns.append(slope(i, ANGLE_STEP * amplitude / np.sqrt(np.mean(first**2))))
     return np.stack(columns, axis=1)

@@ -17,15 +17,26 @@ MAX_ROUNDS = 8
 
 @dataclass(frozen=True)
 class FittedMotion:
-    """A model's motion fitted to a record by its start alone.
+    """A model's motion fitted to a record by its initial conditions alone.
 
     Attributes
     ----------
-    angle, rate : start, rad and rad/s; offset : rad, zero of the sensor.
-    x, v : (sample,) theta (rad) and theta'/w (rad) at the record's times.
-    hidden : (sample,) each, states and memory of forces as `dahl.z`.
-    sensitivity : (sample, 2) of x to the start's angle (1) and rate (s).
-    stop_time : s, nan if the motion does not stop within the record.
+    angle : float, rad
+        Angle at the first sample.
+    rate : float, rad/s
+        Rate at the first sample.
+    offset : float, rad
+        Zero of the sensor.
+    x : (sample,) array of float, rad
+        theta at the record's times.
+    v : (sample,) array of float, rad
+        theta'/w at the record's times.
+    stop_time : float, s
+        When the motion stops; nan if it does not within the record.
+    hidden : mapping of str to (sample,) array of float
+        States and memory of forces as `dahl.z`.
+    sensitivity : (sample, 2) array of float
+        Derivative of x by the angle (1) and the rate (s) at the first sample.
     """
 
     angle: float
@@ -40,8 +51,7 @@ class FittedMotion:
 
 def first_guess(time: Array, angle: Array, frequency: float) -> tuple[float, float]:
     """Angle (rad) and rate (rad/s) at the first sample, of the smoothed record."""
-    tau = frequency * (time - time[0])
-    x, v, _, _ = smooth(tau, angle)
+    x, v, _, _ = smooth(frequency * (time - time[0]), angle)
     return float(x[0]), float(v[0] * frequency)
 
 
@@ -54,14 +64,26 @@ def fit_start(
     offset: float | None = 0.0,
     sensitivity: Array | None = None,
 ) -> FittedMotion:
-    """Least squares of a record on the start of a model's motion.
+    """Least squares of a record on the initial conditions of a model's motion.
 
     Parameters
     ----------
-    time, angle : (sample,) the record, s and rad.
-    start : first guess of angle (rad) and rate (rad/s).
-    offset : first guess of the sensor's zero (rad); None holds it at zero.
-    sensitivity : of a model nearby, if known; else by differences.
+    model : Model
+        The model.
+    time : (sample,) array of float, s
+        Times of the record.
+    angle : (sample,) array of float, rad
+        The record.
+    start : (float, float), rad and rad/s
+        First guess of angle and rate at the first sample.
+    offset : float or None, rad
+        First guess of the sensor's zero; None holds it at zero.
+    sensitivity : (sample, 2) array of float, optional
+        Of a model nearby; by differences where left out.
+
+    Returns
+    -------
+    FittedMotion
 
     Raises
     ------
@@ -70,17 +92,17 @@ def fit_start(
 
     Notes
     -----
-    Gauss-Newton with one set of sensitivities (a chord): the start is nearly linear.
+    Gauss-Newton with one set of sensitivities (a chord): the motion is nearly linear in its start.
     """
-    size = float(np.max(np.abs(angle))) * np.array([1.0, model.reference_frequency])
+    amplitude = float(np.max(np.abs(angle))) * np.array([1.0, model.reference_frequency])
     begin, zero = np.array(start, dtype=float), offset or 0.0
     motion = trajectory(model, time, *begin)
     for _ in range(MAX_ROUNDS):
         if sensitivity is None:
-            sensitivity = _sensitivity(model, time, begin, 1e-6 * size, motion.angle)
+            sensitivity = _sensitivity(model, time, begin, 1e-6 * amplitude, motion.angle)
         columns = sensitivity if offset is None else np.column_stack([sensitivity, np.ones(len(time))])
         steps, *_ = np.linalg.lstsq(columns, angle - zero - motion.angle, rcond=None)
-        longest = np.max(np.abs(steps[:2]) / size)
+        longest = np.max(np.abs(steps[:2]) / amplitude)
         # A step as long as the swing itself is a phase slip, not a start.
         begin = begin + steps[:2] * min(1.0, 0.5 / max(longest, 1e-300))
         zero += float(steps[2]) if offset is not None else 0.0
@@ -96,6 +118,6 @@ def fit_start(
     )
 
 
-def _sensitivity(model: Model, time: Array, begin: Array, reach: Array, x: Array) -> Array:
-    near = [trajectory(model, time, *(begin + reach * unit)).angle for unit in np.eye(2)]
-    return (np.stack(near, axis=1) - x[:, None]) / reach
+def _sensitivity(model: Model, time: Array, begin: Array, steps: Array, x: Array) -> Array:
+    angles = [trajectory(model, time, *(begin + steps * unit)).angle for unit in np.eye(2)]
+    return (np.stack(angles, axis=1) - x[:, None]) / steps

@@ -83,7 +83,7 @@ def fitted(
         here = parameters.expand(free)
         return parameters.by_free(problem.white_sensitivity(here, residuals(*free)), here)
 
-    solution = least_squares(
+    minimum = least_squares(
         lambda free: problem.white(residuals(*free)),
         inside,
         jac=sensitivity,
@@ -95,8 +95,8 @@ def fitted(
         gtol=0.01 * tolerance,
         max_nfev=evaluations,
     )
-    values = parameters.expand(np.asarray(solution.x, dtype=float))
-    return Fit(values, np.asarray(solution.fun), np.asarray(solution.jac))
+    values = parameters.expand(np.asarray(minimum.x, dtype=float))
+    return Fit(values, np.asarray(minimum.fun), np.asarray(minimum.jac))
 
 
 def rms(values: Array) -> float:

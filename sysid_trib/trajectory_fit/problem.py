@@ -176,9 +176,9 @@ class FitProblem:
             if self.parameters.common[i] in self.parameters.constraints.fixed:
                 columns.append(np.zeros_like(here))
                 continue
-            changed = values.copy()
-            changed[i] += step
-            columns.append((record.residual(self.parameters.model(changed), start) - here) / step)
+            stepped = values.copy()
+            stepped[i] += step
+            columns.append((record.residual(self.parameters.model(stepped), start) - here) / step)
         model = self.parameters.model(values)
         for step in (np.array([angle, 0.0, 0.0]), np.array([0.0, rate, 0.0])):
             columns.append((record.residual(model, start + step) - here) / step.sum())
@@ -202,5 +202,5 @@ class FitProblem:
             steps[force.symbol] = PHASE_STEP * size / (phase * max(float(np.sqrt(np.mean(h**2))), 1e-9))
         if FREQUENCY in steps:
             steps[FREQUENCY] = PHASE_STEP * frequency / phase
-        start = (PHASE_STEP * size, PHASE_STEP * size * frequency, PHASE_STEP * size)
-        return np.array([*steps.values(), *start])
+        per_run = (PHASE_STEP * size, PHASE_STEP * size * frequency, PHASE_STEP * size)
+        return np.array([*steps.values(), *per_run])
