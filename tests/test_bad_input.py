@@ -153,7 +153,7 @@ COMMANDS = [
     ([*GOOD, "--angle", "theta"], 2, "no single column 'theta'"),
     ([*GOOD, "--forces", "foo"], 2, "no force 'foo'; it has lambda, zeta"),
     ([*GOOD, "--forces", ""], 2, "names no force"),
-    ([*GOOD, "--forces", "alpha"], 2, "one unknown with the frequency: give --omega0"),
+    ([*GOOD, "--forces", "alpha"], 2, "cannot be separated from the frequency: give --omega0"),
     ([*GOOD, "--library", "foo"], 2, "There is no library 'foo'"),
     ([*GOOD, "--library", "."], 2, "There is no library '.'"),
     ([*GOOD, "--library", "good.csv"], 1, "good.csv: not a readable TOML file"),
@@ -228,7 +228,7 @@ def test_library(refused, folder, formula):
 def test_stiffness_alone(refused, folder):
     write_library(folder / "own.toml", k="x")
     status, complaint = refused(*GOOD, "--library", "own.toml")
-    assert (status, "Force 'k' is one unknown with the frequency" in complaint) == (2, True)
+    assert (status, "Force 'k' cannot be separated from the frequency" in complaint) == (2, True)
 
 
 def test_control_characters_of_a_library(refused, folder):

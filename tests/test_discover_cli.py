@@ -474,7 +474,7 @@ def test_without_a_step_there_is_a_tree_too(folder):
     [
         (("nowhere.csv",), 2, "nowhere.csv"),
         (("--forces", ""), 2, "names no force"),
-        (("--forces", "alpha"), 2, "one unknown with the frequency"),
+        (("--forces", "alpha"), 2, "cannot be separated from the frequency"),
         (("--forces", "mu"), 2, "no force 'mu'"),
         (("--candidates", "nothing_such"), 2, "no library 'nothing_such'"),
         (("--max-effects", "-1"), 2, "max-effects"),

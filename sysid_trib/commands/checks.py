@@ -40,7 +40,26 @@ def read_decays(
     equilibrium: str,
     reference_frequency: float | None,
 ) -> "tuple[list[xr.Dataset], list[str]]":
-    """Free decays of the files, or of the embedded example, and a sentence on each."""
+    """Read free decays of the files, or of the embedded example.
+
+    Parameters
+    ----------
+    records : sequence of Path
+        The files; none for the embedded example.
+    columns : RecordOptions
+        How to read them.
+    window, equilibrium : str
+        The options of these names.
+    reference_frequency : float, rad/s, optional
+        Refused where the record cannot show it.
+
+    Returns
+    -------
+    decays : list of xr.Dataset
+        The decays.
+    sentences : list of str
+        What each of them is.
+    """
     decays, sentences = zip(
         *(_read_decay(record, columns, window, equilibrium) for record in (records or (None,))), strict=True
     )
@@ -94,7 +113,7 @@ def offered_forces(library: str, forces: str | None, alpha: bool) -> "ForceLibra
         symbols.append(stiffness.symbol)
     elif stiffness is not None and set(symbols) == {stiffness.symbol}:
         raise UsageError(
-            f"Force '{stiffness.symbol}' is one unknown with the frequency: give --omega0 or "
+            f"Force '{stiffness.symbol}' cannot be separated from the frequency: give --omega0 or "
             "--reference-frequency, or further forces."
         )
     return whole.select(symbols)

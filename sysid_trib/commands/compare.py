@@ -1,8 +1,6 @@
 """`sysid-trib compare`."""
 
-from collections.abc import Callable, Iterator
-from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from sysid_trib.commands import options
 from sysid_trib.commands.destination import Destination
@@ -10,7 +8,6 @@ from sysid_trib.commands.terminal import progress, record_sentences
 
 if TYPE_CHECKING:
     import xarray as xr
-    from matplotlib.figure import Figure
 
 
 def compare(
@@ -62,11 +59,11 @@ def compare(
         tree,
         lambda: comparison_blocks(tree, record_sentences(tree, sources)),
         lambda: comparison_json(tree),
-        _figures(tree),
+        lambda: _figures(tree),
     )
 
 
-def _figures(tree: "xr.DataTree") -> "Iterator[tuple[str, Callable[[], Figure]]]":
+def _figures(tree: "xr.DataTree") -> list[Any]:
     from sysid_trib import plots
 
-    yield "comparison", partial(plots.comparison, tree)
+    return [("comparison", lambda: plots.comparison(tree))]

@@ -4,6 +4,7 @@ import json
 import os
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-    Figures = Iterable[tuple[str, Callable[[], Figure]]]
+    Figures = Callable[[], Iterable[tuple[str, Callable[[], Figure]]]]
 
 
 @dataclass(frozen=True)
@@ -75,8 +76,8 @@ class Destination:
             What is printed, in layers.
         data : callable
             What is printed as JSON.
-        figures : iterable of (str, callable)
-            Name of each figure, and what draws it.
+        figures : callable
+            Gives name of each figure, and what draws it.
         """
         from sysid_trib.results import files
 
@@ -84,7 +85,7 @@ class Destination:
         if self.output is not None:
             files.save(tree, self.output)
         if self.plot is not None:
-            for name, draw in figures:
+            for name, draw in figures():
                 files.write_figure(draw(), self.plot / name)
         if self.as_json:
             print(json.dumps(data(), indent=2, allow_nan=False))
@@ -94,6 +95,16 @@ class Destination:
         if layer is Layer.DEFAULT:
             print("More: --explain.")
         print_written(self.output, self.plot)
+
+
+def figures_of_runs(
+    tree: "xr.DataTree", name: str, draw: "Callable[[xr.DataTree, int], Figure]"
+) -> "list[tuple[str, Callable[[], Figure]]]":
+    """The figure of each run of a result: its name, and what draws it."""
+    from sysid_trib.results.per_run import group_names, record_groups
+
+    names = group_names(name, len(record_groups(tree)))
+    return [(label, partial(draw, tree, run)) for run, label in enumerate(names)]
 
 
 def check_output(target: Path | None, ending: str, *, reads: Sequence[Path] = ()) -> None:

@@ -1,17 +1,15 @@
 """`sysid-trib discover`."""
 
-from collections.abc import Callable, Iterator
 from functools import partial
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from sysid_trib.commands import options
-from sysid_trib.commands.destination import Destination
+from sysid_trib.commands.destination import Destination, figures_of_runs
 
 if TYPE_CHECKING:
     import xarray as xr
-    from matplotlib.figure import Figure
 
 # What the embedded example starts from: it then has two elastic forces to find.
 DISSIPATIVE = "lambda,zeta,delta"
@@ -96,21 +94,16 @@ def discover(
         tree,
         lambda: discovery_blocks(tree, record_sentences(tree, sources)),
         lambda: discovery_json(tree),
-        _figures(tree),
+        lambda: _figures(tree),
     )
 
 
-def _figures(tree: "xr.DataTree") -> "Iterator[tuple[str, Callable[[], Figure]]]":
+def _figures(tree: "xr.DataTree") -> list[Any]:
     from sysid_trib import plots
-    from sysid_trib.results.per_run import group_names, record_groups
 
-    runs = len(record_groups(tree))
-    for name, draw_run in (("story", plots.story), ("discovery", plots.discovery)):
-        for run, of_run in enumerate(group_names(name, runs)):
-            yield of_run, partial(draw_run, tree, run)
-    for name, draw in (
-        ("disagreement", plots.disagreement),
-        ("ranking", plots.rankings),
-        ("forecast", plots.forecasts),
-    ):
-        yield name, partial(draw, tree)
+    whole = {"disagreement": plots.disagreement, "ranking": plots.rankings, "forecast": plots.forecasts}
+    return [
+        *figures_of_runs(tree, "story", plots.story),
+        *figures_of_runs(tree, "discovery", plots.discovery),
+        *((name, partial(draw, tree)) for name, draw in whole.items()),
+    ]

@@ -1,15 +1,12 @@
 """`sysid-trib identify`."""
 
-from collections.abc import Callable, Iterator
-from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from sysid_trib.commands import options
-from sysid_trib.commands.destination import Destination
+from sysid_trib.commands.destination import Destination, figures_of_runs
 
 if TYPE_CHECKING:
     import xarray as xr
-    from matplotlib.figure import Figure
 
 
 def identify(
@@ -80,13 +77,11 @@ def identify(
         tree,
         lambda: identification_blocks(tree, record_sentences(tree, sources), inertia),
         lambda: identification_json(tree, inertia),
-        _figures(tree),
+        lambda: _figures(tree),
     )
 
 
-def _figures(tree: "xr.DataTree") -> "Iterator[tuple[str, Callable[[], Figure]]]":
+def _figures(tree: "xr.DataTree") -> list[Any]:
     from sysid_trib import plots
-    from sysid_trib.results.per_run import group_names, record_groups
 
-    for run, name in enumerate(group_names("identification", len(record_groups(tree)))):
-        yield name, partial(plots.identification, tree, run)
+    return figures_of_runs(tree, "identification", plots.identification)

@@ -25,7 +25,27 @@ def simulated_record(
     noise: float = 0.0,
     seed: int = 0,
 ) -> xr.Dataset:
-    """Simulate a record: duration (s), sampling rate (Hz), start (rad and rad/s), white noise (rad).
+    """Simulate a record.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    duration : float, s
+        Length of the record.
+    sampling_rate : float, Hz
+        Samples a second.
+    start : (float, float), rad and rad/s
+        Angle and angular rate at the first sample.
+    noise : float, rad
+        Standard deviation of white noise.
+    seed : int
+        Seed of the noise.
+
+    Returns
+    -------
+    xr.Dataset
+        What `simulate` returns, with the noise in `angle`.
 
     Raises
     ------

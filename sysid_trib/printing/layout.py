@@ -24,12 +24,10 @@ UNIDENTIFIABLE = {
 
 def value_with_error(value: float, error: float) -> str:
     """`0.0097 ± 0.0002`: two digits of the error, the value to the same place, one power of ten for both."""
-    if not (np.isfinite(value) and np.isfinite(error)):
-        return (
-            f"{value:.5g} ± {'?' if not np.isfinite(error) else f'{error:.2g}'}"
-            if np.isfinite(value)
-            else "-"
-        )
+    if not np.isfinite(value):
+        return "-"
+    if not np.isfinite(error):
+        return f"{value:.5g} ± ?"
     if error <= 0.0:
         return f"{value:.6g}"
     size = max(abs(value), error)
@@ -95,10 +93,8 @@ def numbers(result: xr.Dataset, names: Iterable[str]) -> dict[str, Any]:
 
 def quantity_json(result: xr.Dataset, name: str) -> dict[str, Any]:
     """A variable of a result with its standard error as JSON holds them."""
-    return {
-        "value": number(result[name].item()),
-        "standard_error": number(result[_error_of(name)].item()),
-    }
+    value, error = (number(result[key].item()) for key in (name, _error_of(name)))
+    return {"value": value, "standard_error": error}
 
 
 def records_json(tree: xr.DataTree) -> dict[str, Any]:
