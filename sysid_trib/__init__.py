@@ -30,8 +30,9 @@ if TYPE_CHECKING:
     from sysid_trib.records.read import read_record, scale_translation
     from sysid_trib.regression.pysindy_features import ForceFeatures
     from sysid_trib.reporting.page import report
+    from sysid_trib.results.contactless import with_contactless_frequency
     from sysid_trib.results.files import load, save
-    from sysid_trib.results.schema import model_of, with_contactless_frequency
+    from sysid_trib.results.schema import model_of
     from sysid_trib.simulation.example import paper_twin
     from sysid_trib.simulation.model import Model
     from sysid_trib.simulation.simulate import simulate
@@ -81,7 +82,7 @@ _HOME = {
     "sphere_stiffness": "physics.contact",
     "to_nonlinear_system": "physics.linear_systems",
     "weights": "physics.force_weights",
-    "with_contactless_frequency": "results.schema",
+    "with_contactless_frequency": "results.contactless",
 }
 
 __all__ = [

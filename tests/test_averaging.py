@@ -21,7 +21,7 @@ from helpers import (
 from sysid_trib import Model, load_library
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.methods import Averaging
-from sysid_trib.results.schema import with_contactless_frequency
+from sysid_trib.results.contactless import with_contactless_frequency
 from sysid_trib.trajectory_fit.cramer_rao import cramer_rao_bound
 
 FORCES = load_library()

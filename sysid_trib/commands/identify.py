@@ -45,7 +45,8 @@ def identify(
     from sysid_trib.methods.scope import constrained
     from sysid_trib.printing.identification import identification_blocks, identification_json
     from sysid_trib.records.runs import one_or_all
-    from sysid_trib.results import schema
+    from sysid_trib.results.contactless import with_contactless_frequency
+    from sysid_trib.results.schema import map_identifications
     from sysid_trib.validation.cross_check import cross_check
     from sysid_trib.validation.homogeneity import run_agreement
 
@@ -70,9 +71,7 @@ def identify(
             run_agreement(decays, tree[tree["comparison"].attrs["second"]].to_dataset())
         )
     if contactless is not None:
-        tree = schema.map_identifications(
-            tree, lambda result: schema.with_contactless_frequency(result, *contactless)
-        )
+        tree = map_identifications(tree, lambda result: with_contactless_frequency(result, *contactless))
     destination.deliver(
         tree,
         lambda: identification_blocks(tree, record_sentences(tree, sources), inertia),

@@ -10,32 +10,37 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from sysid_trib._version import __version__
-from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import library_of_text
 from sysid_trib.records.runs import Decays, as_runs, root_mean_square
 from sysid_trib.results.format import FORMAT_VERSION
 from sysid_trib.results.per_run import run_noise
+from sysid_trib.results.variables import PER_FORCE_UNIT, Variable, Variables, variable, with_error
 from sysid_trib.simulation.model import Model
 
 Array = NDArray[np.float64]
 
 
-# Marks an option that is told but cannot be read back: an optimiser, a start model.
+# Marks an option that is kept as text alone and cannot be read back: an optimiser, a start model.
 NOT_KEPT = "not kept"
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a method found, before it is labelled.
+    """What a method estimates, before it becomes a Dataset.
 
     Attributes
     ----------
-    coefficients : (force,); covariance : (force + 1, force + 1), the last row and column belong to the
-        reference frequency (zero where it was given).
-    reference_frequency : rad/s.
-    noises : standard deviation of the sensor's noise in each run, rad.
-    extra : further scalars, or one number a run, with (value, units, long_name).
+    coefficients : (force,) array of float
+        Coefficients of the forces.
+    covariance : (force + 1, force + 1) array of float
+        Their covariance; the last row and column belong to the reference frequency (zero where it was given).
+    reference_frequency : float, rad/s
+        w.
+    noises : (run,) sequence of float, rad
+        Standard deviation of the sensor's noise in each run.
+    extra : mapping of str to (values, str, str)
+        Further scalars, or one number for each run: values, units, long name.
     """
 
     coefficients: Array
@@ -54,125 +59,105 @@ def identification(
     offered: ForceLibrary,
     active: NDArray[np.bool_] | None = None,
 ) -> xr.Dataset:
-    """Label an estimate: the Dataset that every method returns, provenance in its attrs.
+    """The Dataset that every method returns, provenance in its attrs.
 
     Parameters
     ----------
-    library : the forces that were unknowns, in the order of the estimate; offered : all to choose from.
-    active : which forces were kept; the others have coefficient 0 and the error they would have had.
+    method : dataclass
+        The method, whose fields are its options.
+    decay : Dataset or sequence of Dataset
+        One decay, or several runs.
+    library : ForceLibrary
+        The forces that were identified, in the order of the estimate.
+    estimate : Estimate
+        The numbers.
+    offered : ForceLibrary
+        All forces to choose from.
+    active : (force,) array of bool, optional
+        Which forces were kept; the others have coefficient 0 and the error they would have had.
     """
-    count = len(library)
+    count, covariance = len(library), estimate.covariance
     kept = np.ones(count, bool) if active is None else active
-    limit, gradient = asymptotic_frequency(library, estimate.coefficients, estimate.reference_frequency)
-    scalars: dict[str, tuple[ArrayLike, str, str]] = {
-        "reference_frequency": (estimate.reference_frequency, "rad/s", "reference frequency w"),
-        "reference_frequency_standard_error": (
-            _root(float(estimate.covariance[count, count])),
-            "rad/s",
-            "standard error of the reference frequency, 0 if it was given",
+    w = float(estimate.reference_frequency)
+    limit, gradient = asymptotic_frequency(library, estimate.coefficients, w)
+    w_error, limit_error = _root(covariance[count, count]), _root(gradient @ covariance @ gradient)
+    noise = root_mean_square(estimate.noises)
+    w_error_name = "standard error of the reference frequency, 0 if it was given"
+    errors = np.sqrt(np.diag(covariance[:count, :count]))
+    variables = {
+        "coefficient": variable(
+            "force", np.where(kept, estimate.coefficients, 0.0), "coefficient", PER_FORCE_UNIT
         ),
-        "asymptotic_frequency": (limit, "rad/s", "frequency at vanishing amplitude"),
-        "asymptotic_frequency_standard_error": (
-            _root(float(gradient @ estimate.covariance @ gradient)),
-            "rad/s",
-            "standard error of the asymptotic frequency",
+        "standard_error": variable("force", errors, "standard error of the coefficient", PER_FORCE_UNIT),
+        "covariance": variable(
+            ("force", "other_force"), covariance[:count, :count], "covariance", PER_FORCE_UNIT
         ),
-        "noise": (
-            root_mean_square(estimate.noises),
-            "rad",
-            "standard deviation of the sensor's noise in a sample",
+        "active": variable("force", kept, "kept in the model"),
+        "refers_to": variable(
+            "force", np.full(count, w), "frequency to which the coefficient refers", "rad/s"
         ),
-        **run_noise(estimate.noises),
-        **estimate.extra,
+        "frequency_covariance": variable(
+            "force", (covariance @ gradient)[:count], "covariance with the asymptotic frequency", "rad/s"
+        ),
+        "reference_frequency": variable((), w, "reference frequency w", "rad/s"),
+        "reference_frequency_standard_error": variable((), w_error, w_error_name, "rad/s"),
+        **with_error(
+            "asymptotic_frequency", (), (limit, limit_error), "frequency at vanishing amplitude", "rad/s"
+        ),
+        "noise": variable((), noise, "standard deviation of the sensor's noise in a sample", "rad"),
+        **_shape_variables(method, library),
     }
-    result = _per_force(library, estimate, kept)
-    result["frequency_covariance"] = (
-        "force",
-        (estimate.covariance @ gradient)[:count],
-        {"units": "rad/s", "long_name": "covariance with the asymptotic frequency"},
-    )
-    result = result.merge(_shapes(method, library)).assign_attrs(provenance(method, decay, offered))
-    # All at once: xarray takes a quarter of a millisecond for each on its own.
-    labelled = {
-        name: (*_per_run(value), {"units": units, "long_name": told})
-        for name, (value, units, told) in scalars.items()
-    }
-    return result.assign(labelled)
-
-
-def _per_run(value: ArrayLike) -> tuple[tuple[str, ...], Any]:
-    """Dimensions and values: a scalar, also if there is but one run."""
-    each = np.asarray(value, dtype=float)
-    return ((), float(each.item())) if each.size == 1 else (("run",), each)
-
-
-def _per_force(library: ForceLibrary, estimate: Estimate, kept: NDArray[np.bool_]) -> xr.Dataset:
+    for name, (values, units, long_name) in {**run_noise(estimate.noises), **estimate.extra}.items():
+        dims, numbers = _per_run(values)
+        variables[name] = variable(dims, numbers, long_name, units)
     symbols = list(library.symbols)
-    count = len(symbols)
-    covariance = estimate.covariance[:count, :count]
-    # A coefficient's unit differs from force to force: it is in the coordinate `unit`.
-    own = {"units": "see the coordinate unit"}
-    frequency = np.full(count, float(estimate.reference_frequency))
-    return xr.Dataset(
-        {
-            "coefficient": (
-                "force",
-                np.where(kept, estimate.coefficients, 0.0),
-                own | {"long_name": "coefficient"},
-            ),
-            "standard_error": (
-                "force",
-                np.sqrt(np.diag(covariance)),
-                own | {"long_name": "standard error of the coefficient"},
-            ),
-            "covariance": (("force", "other_force"), covariance, own | {"long_name": "covariance"}),
-            "active": ("force", kept, {"long_name": "kept in the model"}),
-            "refers_to": (
-                "force",
-                frequency,
-                {"units": "rad/s", "long_name": "frequency to which the coefficient refers"},
-            ),
-        },
-        {"force": symbols, "other_force": symbols} | _labels(library.forces),
-    )
+    coords = {"force": symbols, "other_force": symbols} | force_labels(library.forces)
+    # All at once: xarray takes a quarter of a millisecond for each on its own.
+    return xr.Dataset(variables, coords, provenance(method, decay, offered))
 
 
-def _labels(forces: Sequence[Force]) -> dict[str, Any]:
+def _per_run(values: ArrayLike) -> tuple[tuple[str, ...], Any]:
+    """Dimensions and values: a scalar, also if there is but one run."""
+    numbers = np.asarray(values, dtype=float)
+    return ((), float(numbers.item())) if numbers.size == 1 else (("run",), numbers)
+
+
+def force_labels(forces: Sequence[Force]) -> dict[str, Variable]:
+    """What describes each force: coordinates over `force`."""
+    degrees = ((f.degree, f.speed_degree) for f in forces)
+    degree, speed_degree = zip(*([np.nan if q is None else q for q in pair] for pair in degrees), strict=True)
     return {
-        "name": ("force", [f.name for f in forces]),
-        "formula": ("force", [f.formula.text for f in forces]),
-        "unit": ("force", [f.units for f in forces]),
+        "name": variable("force", [f.name for f in forces], "name"),
+        "formula": variable("force", [f.formula.text for f in forces], "formula"),
+        "unit": variable("force", [f.units for f in forces], "unit of the coefficient"),
+        "parity": variable("force", [f.parity for f in forces], "under a change of sign of angle and rate"),
+        "degree": variable("force", list(degree), "degree in angle and rate together, nan if none", "1"),
+        "speed_degree": variable("force", list(speed_degree), "degree in the rate, nan if none", "1"),
     }
 
 
-def _shapes(method: Any, library: ForceLibrary) -> xr.Dataset:
+def _shape_variables(method: Any, library: ForceLibrary) -> Variables:
     """Shape parameters as they were held; nothing where the forces have none (netCDF has no empty axis)."""
     given = dict(getattr(method, "shapes", {}))
     shapes = {f"{f.symbol}.{k}": value for f in library for k, value in f.shape_values(given).items()}
     if not shapes:
-        return xr.Dataset()
+        return {}
     held = np.full(len(shapes), np.nan)
-    return xr.Dataset(
-        {
-            "shape": ("shape_parameter", list(shapes.values()), {"long_name": "shape parameter"}),
-            "shape_standard_error": (
-                "shape_parameter",
-                held,
-                {"long_name": "standard error, nan where the shape was held"},
-            ),
-        },
-        {"shape_parameter": list(shapes)},
-    )
+    dim = "shape_parameter"
+    return {
+        dim: variable(dim, list(shapes), "shape parameter of a force"),
+        "shape": variable(dim, list(shapes.values()), "shape parameter"),
+        "shape_standard_error": variable(dim, held, "standard error, nan where the shape was held"),
+    }
 
 
-def _root(variance: float) -> float:
-    return float(np.sqrt(max(0.0, variance)))
+def _root(variance: Any) -> float:
+    return float(np.sqrt(max(0.0, float(variance))))
 
 
 def provenance(method: Any, decay: Decays, library: ForceLibrary) -> dict[str, Any]:
     """How a result came about: package version, method and options, library text, record(s)."""
     runs = as_runs(decay)
-
     options = (
         {f.name: getattr(method, f.name) for f in fields(method)}
         if hasattr(method, "__dataclass_fields__")
@@ -211,75 +196,6 @@ def asymptotic_frequency(library: ForceLibrary, coefficients: Array, reference: 
     return float(reference * root), gradient
 
 
-def with_contactless_frequency(result: xr.Dataset, omega0: float, standard_error: float = 0.0) -> xr.Dataset:
-    """Add alpha = (w_inf/w0)^2 - 1 to an identification whose frequency was fitted.
-
-    Parameters
-    ----------
-    result : an identification.
-    omega0, standard_error : frequency of the oscillator without contact and its error, rad/s.
-
-    Returns
-    -------
-    The identification with one force more (the library's force of formula `x`), which refers to `omega0`;
-    the others stay referred to the fitted frequency. One that has it already is returned as it is.
-
-    Raises
-    ------
-    UsageError
-        The library has no force of formula `x`.
-
-    Notes
-    -----
-    Le Bot et al. 2019, Sec. 2.3; errors of both frequencies propagated to first order.
-    """
-    library = library_of(result, whole=True)
-    force = library.role("x")
-    if force is None:
-        raise UsageError(
-            f"Library '{library.title}' has no force of formula x, so omega0 has nothing to give."
-        )
-    if force.symbol in result.force:
-        return result
-    limit = result.asymptotic_frequency.item()
-    slope = 2.0 * limit / omega0**2
-    variance = (slope * result.asymptotic_frequency_standard_error.item()) ** 2
-    variance += (slope * limit / omega0 * standard_error) ** 2
-    added = xr.Dataset(
-        {
-            "coefficient": ("force", [(limit / omega0) ** 2 - 1.0]),
-            "standard_error": ("force", [np.sqrt(variance)]),
-            "frequency_covariance": (
-                "force",
-                [slope * result.asymptotic_frequency_standard_error.item() ** 2],
-            ),
-            "active": ("force", [True]),
-            "refers_to": ("force", [omega0]),
-        },
-        {"force": [force.symbol]} | _labels([force]),
-    )
-    count = result.sizes["force"]
-    covariance = np.zeros((count + 1, count + 1))
-    covariance[:count, :count] = result.covariance
-    covariance[count, :count] = covariance[:count, count] = slope * result.frequency_covariance
-    covariance[count, count] = variance
-    per_force = [name for name in result.variables if result[name].dims == ("force",) and name != "force"]
-    longer = xr.concat(
-        [result[per_force], added], "force", combine_attrs="override", data_vars="all", coords="all"
-    )
-    order = [s for s in library.symbols if s in longer.force]
-    rest = result.drop_vars([*per_force, "force", "other_force", "covariance"])
-    whole = rest.assign(longer.data_vars).assign_coords(other_force=longer.force.values)
-    whole["covariance"] = (("force", "other_force"), covariance, result.covariance.attrs)
-    whole["omega0"] = ((), omega0, {"units": "rad/s", "long_name": "frequency without contact"})
-    whole["omega0_standard_error"] = (
-        (),
-        standard_error,
-        {"units": "rad/s", "long_name": "its standard error"},
-    )
-    return whole.sel(force=order, other_force=order)
-
-
 def library_of(result: xr.Dataset, whole: bool = False) -> ForceLibrary:
     """The force library of an identification: the forces it holds, or the whole file it was read from."""
     library = library_of_text(result.attrs["library"], result.attrs["library_source"])
@@ -313,6 +229,14 @@ def shape_values_of(result: xr.Dataset) -> dict[str, float]:
 
 
 def map_identifications(tree: xr.DataTree, change: Callable[[xr.Dataset], xr.Dataset]) -> xr.DataTree:
-    """The tree with `change` applied to each group that is an identification."""
+    """The tree with each group that is an identification changed.
+
+    Parameters
+    ----------
+    tree : DataTree
+        Groups, some of them identifications.
+    change : callable
+        Takes an identification and gives another.
+    """
     groups = {k: node.to_dataset() for k, node in tree.children.items()}
     return xr.DataTree.from_dict({k: change(d) if "coefficient" in d else d for k, d in groups.items()})

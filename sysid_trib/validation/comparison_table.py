@@ -8,7 +8,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from sysid_trib.records.runs import root_mean_square
-from sysid_trib.results.common_reference import factors, in_model
+from sysid_trib.results.common_reference import reference_factors, in_model
 from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, variable, with_error
 from sysid_trib.validation.holdout import diebold_mariano
 from sysid_trib.validation.trial import Trial
@@ -126,7 +126,7 @@ def _coefficients(trials: Sequence[Trial], forces: Sequence[str], reference: flo
         if trial.result is None:
             continue
         symbols = trial.result.force.values.tolist()
-        converted = factors(trial.result, symbols, reference)
+        converted = reference_factors(trial.result, symbols, reference)
         in_own_model = np.array([in_model(trial.result, symbol) for symbol in symbols])
         at = [list(forces).index(symbol) for symbol in symbols]
         converted = np.where(in_own_model, converted, 1.0)

@@ -14,7 +14,7 @@ from sysid_trib.averaging.identifiability import exactly_dependent, indistinguis
 from sysid_trib.errors import SysidTribError
 from sysid_trib.methods import method_of
 from sysid_trib.records.runs import one_or_all
-from sysid_trib.results.common_reference import ASYMPTOTIC_FREQUENCY, in_model, quantities, stated_covariance
+from sysid_trib.results.common_reference import ASYMPTOTIC_FREQUENCY, in_model, comparison_values, stated_covariance
 from sysid_trib.results.per_run import noise_of_run
 from sysid_trib.results.schema import library_of, model_of
 from sysid_trib.results.variables import chi_square_test, variable
@@ -48,7 +48,7 @@ def comparison(
         if in_model(first, s) and in_model(second, s) and not all(_is_constrained(r, s) for r in results)
     ]
     frequency = first.reference_frequency.item()
-    difference = quantities(first, kept, frequency) - quantities(second, kept, frequency)
+    difference = comparison_values(first, kept, frequency) - comparison_values(second, kept, frequency)
     count = len(difference)
     # The second's model is the truth of the simulated records, or the first's if that has no motion.
     # Where a bias could not be removed, what to expect is not known.
@@ -131,7 +131,7 @@ def _scatter(
         return np.asarray(first - second)
 
     def stacked(pair: Sequence[xr.Dataset]) -> Array:
-        return np.stack([quantities(r, kept, frequency) for r in pair])
+        return np.stack([comparison_values(r, kept, frequency) for r in pair])
 
     def identified(noise_factor: float) -> list[xr.Dataset]:
         records = [

@@ -10,7 +10,7 @@ from scipy.stats import norm
 
 from sysid_trib.errors import SysidTribError, UsageError
 from sysid_trib.methods import method_of
-from sysid_trib.results.common_reference import ASYMPTOTIC_FREQUENCY, in_model, quantities, stated_covariance
+from sysid_trib.results.common_reference import ASYMPTOTIC_FREQUENCY, in_model, comparison_values, stated_covariance
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.variables import Variables, chi_square_test, variable, with_error
 
@@ -62,7 +62,7 @@ def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Data
         except SysidTribError as error:
             reasons.append(str(error))
             continue
-        values[at] = quantities(result, kept, frequency)[: len(names)]
+        values[at] = comparison_values(result, kept, frequency)[: len(names)]
         covariances[at] = stated_covariance(result, kept)[: len(names), : len(names)]
         reasons.append("")
     return _tested(names, values, covariances, reasons)
@@ -164,10 +164,10 @@ def difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
 def _to_reference(result: xr.Dataset, kept: Sequence[str], frequency: float) -> tuple[Array, Array]:
     """Factors of coefficients to a reference frequency, powers of the ratio of frequencies."""
     ratio = result.reference_frequency.item() / frequency
-    degrees = [f.speed_degree for f in library_of(result).select(kept)]
+    degrees = result.speed_degree.sel(force=list(kept)).values
     # A force without a degree keeps its size, w^2 c; its shape changes with the frequency, if only a little.
-    power = np.array([2.0 if q is None else 2.0 - q for q in degrees])
-    not_comparable = np.array([q is None for q in degrees], dtype=bool) & (abs(ratio - 1.0) > SAME_FREQUENCY)
+    power = 2.0 - np.nan_to_num(degrees)
+    not_comparable = np.isnan(degrees) & (abs(ratio - 1.0) > SAME_FREQUENCY)
     return np.where(not_comparable, np.nan, ratio**power), power
 
 

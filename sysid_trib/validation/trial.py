@@ -20,7 +20,7 @@ from sysid_trib.methods.scope import (
     scope_of,
 )
 from sysid_trib.records.runs import one_or_all
-from sysid_trib.results.schema import with_contactless_frequency
+from sysid_trib.results.contactless import with_contactless_frequency
 from sysid_trib.validation.holdout import ModelResidual, ModelResiduals, RunInParts, predicted, residual_of
 
 
