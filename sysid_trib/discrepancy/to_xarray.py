@@ -137,7 +137,7 @@ def _steps(search: Search, stages: ModelSequence, offered: ForceLibrary) -> xr.D
         "coefficient": (values[places], "coefficient in the final model", PER_FORCE_UNIT),
         "standard_error": (errors[places], "standard error of the coefficient", PER_FORCE_UNIT),
         "z": (z, "coefficient over its standard error", "1"),
-        "significant": (np.abs(z) >= SIGNIFICANT_Z, "whether the coefficient is significant in the end", ""),
+        "significant": (np.abs(z) >= SIGNIFICANT_Z, "whether it is significant in the end", ""),
         "p_value": (np.minimum(p_value, 1.0), "p-value of what the effect explains, corrected", "1"),
         "selection_step": (chosen, "selection step at which the effect was chosen", "1"),
         "residual_before": (residual[:-1], "RMS residual before", "rad"),

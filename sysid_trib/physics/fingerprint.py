@@ -16,7 +16,7 @@ ALLOWED = 0.1
 # Below this p-value the ratio is another one.
 FINGERPRINT_LEVEL = 0.01
 # A ratio tells something if its quadratic friction is so many errors from zero, and it is known this well.
-SIGNIFICANT = 3.0
+SIGNIFICANT_FRICTION = 3.0
 SHARP = 1.0 / 3.0
 
 
@@ -64,9 +64,9 @@ def slip_fingerprint(result: xr.Dataset) -> xr.Dataset:
         z = (combination @ [nu, delta]) / np.sqrt(variance)
         significance = delta / np.sqrt(covariance[1, 1])
     p_value = 2.0 * norm.sf(abs(z))
-    known = abs(significance) >= SIGNIFICANT and error <= SHARP * abs(SLIP_RATIO)
+    known = abs(significance) >= SIGNIFICANT_FRICTION and error <= SHARP * abs(SLIP_RATIO)
     # Slip takes energy: a quadratic friction that feeds it in is another thing.
-    other = p_value < FINGERPRINT_LEVEL or significance <= -SIGNIFICANT
+    other = p_value < FINGERPRINT_LEVEL or significance <= -SIGNIFICANT_FRICTION
     verdict = "not compatible" if other else "compatible" if known else "undecided"
     numbers = (
         ("slip_ratio", SLIP_RATIO, "ratio of partial slip"),

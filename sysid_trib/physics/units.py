@@ -124,13 +124,13 @@ def _stiffness(estimate: ModelEstimate, values: Array) -> float:
     return float(values[-1] * values[-2] ** 2 * (1.0 + added))
 
 
-def _power_law(force: Force) -> bool:
+def _is_monomial(force: Force) -> bool:
     """Whether the force is a product of a power of |x|, one of |v|, signs and a number."""
     return force.degree is not None and force.speed_degree is not None
 
 
 def _factor(force: Force) -> float:
-    if not _power_law(force):
+    if not _is_monomial(force):
         return 1.0
     corners = np.array([(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)])
     return float(np.abs(force.value(corners[:, 0], corners[:, 1])).max())
@@ -138,16 +138,16 @@ def _factor(force: Force) -> float:
 
 def _unit(force: Force) -> str:
     speed, whole = force.speed_degree or 0.0, 0.0
-    if _power_law(force):
+    if _is_monomial(force):
         whole = force.degree or 0.0
     # A coefficient of a force that drifts has its own unit of time.
     drift = 0.0 if force.units == "1" else -float(force.units[1:])
-    powers = (("s", speed - drift), ("rad", -whole if _power_law(force) else 0.0))
+    powers = (("s", speed - drift), ("rad", -whole if _is_monomial(force) else 0.0))
     return "N m" + "".join(f" {name}{p:g}" if p != 1 else f" {name}" for name, p in powers if p)
 
 
 def _term(force: Force) -> str:
-    if not _power_law(force):
+    if not _is_monomial(force):
         rate = "theta'/w" if force.speed_degree is None else "theta'"
         return f"{force.formula.text}, x = theta, v = {rate}"
     speed = force.speed_degree or 0.0

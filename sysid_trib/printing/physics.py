@@ -10,7 +10,7 @@ from sysid_trib.errors import LibraryError
 from sysid_trib.physics.crossing import crossovers
 from sysid_trib.physics.energy import arrest_time, dissipated_energy
 from sysid_trib.physics.error_propagation import amplitude_row
-from sysid_trib.physics.fingerprint import SIGNIFICANT, slip_fingerprint
+from sysid_trib.physics.fingerprint import SIGNIFICANT_FRICTION, slip_fingerprint
 from sysid_trib.physics.force_weights import weights
 from sysid_trib.physics.units import physical_units
 from sysid_trib.printing.layout import by_label, numbers, quantity, quantity_json
@@ -191,7 +191,7 @@ def _arrest(values: xr.Dataset) -> str:
 def _fingerprint(values: xr.Dataset) -> str:
     ratio = f"{values.attrs['numerator']}/{values.attrs['denominator']} = {quantity(values, 'ratio')}"
     verdict = f"{values.attrs['verdict']}, {abs(values.z.item()):.3g} standard errors apart"
-    if values.significance.item() < SIGNIFICANT:
+    if values.significance.item() < SIGNIFICANT_FRICTION:
         verdict += f"; {values.attrs['denominator']} itself is not significant"
     return f"{ratio}; partial slip has -3 pi/4 = {values.slip_ratio.item():.3f} within a tenth: {verdict}."
 

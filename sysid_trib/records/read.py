@@ -41,25 +41,27 @@ def read_record(
 
     Parameters
     ----------
-    path
+    path : str or path
         Text or CSV, MATLAB, Excel, netCDF, HDF5, Parquet or TDMS; the content decides, not the name.
-    time, angle : column name, or number from 0
-        If not given, found by their usual names, else the first and the second column. The columns of MATLAB
-        and HDF5 files are named like ``data.Y[0]``.
-    signal : "angle" or "rate"
-        What the column ``angle`` holds. The rate of a gyroscope is integrated, without its bias.
-    units : "rad", "deg", "mrad", "m", "mm"
+    time : str or int, optional
+        Name of the time column, or its number from 0. If not given, it is recognised by its usual names, else
+        it is the first column. The columns of MATLAB and HDF5 files are named like `data.Y[0]`.
+    angle : str or int, optional
+        Name or number of the angle column; else recognised, or the second.
+    signal : {"angle", "rate"}
+        What the column `angle` holds. The rate of a gyroscope is integrated, without its bias.
+    units : {"rad", "deg", "mrad", "m", "mm"}, optional
         Unit of that column (of a rate: per second), where the file does not say it; if not given either, rad.
         A position in m is for `scale_translation`.
-    sampling_rate : Hz
+    sampling_rate : float, Hz, optional
         Instead of a time column.
-    time_units : "s", "ms", "us", "min"
+    time_units : {"s", "ms", "us", "min"}, optional
         Where the file does not say it; if not given either, s.
 
     Returns
     -------
-    Dataset with ``angle(time)`` and, for a gyroscope, ``rate(time)`` as measured. Times are those of the
-    file.
+    Dataset
+        `angle(time)` and, for a gyroscope, `rate(time)` as measured. Times are those of the file.
 
     Raises
     ------
@@ -160,6 +162,15 @@ def _record(time: FloatArray, values: FloatArray, unit: str, attrs: dict[str, An
 def check_times(time: FloatArray, source: str, *, samples: int) -> None:
     """Refuse times that are not as many as the samples, or that stand still or run backwards.
 
+    Parameters
+    ----------
+    time : (sample,) array of float, s
+        The times.
+    source : str
+        Name of the file, for messages.
+    samples : int
+        Number of angles.
+
     Raises
     ------
     RecordError
@@ -186,16 +197,19 @@ def scale_translation(record: xr.Dataset, mass: float, natural_frequency: float,
 
     Parameters
     ----------
-    record
-        With ``angle(time)`` in m.
-    mass : kg
-    natural_frequency : rad/s
-    load : N
+    record : Dataset
+        `angle(time)` in m.
+    mass : float, kg
+        m.
+    natural_frequency : float, rad/s
+        w0.
+    load : float, N
+        P.
 
     Returns
     -------
-    Dataset with ``angle(time)`` = m w0^2 x / P; a friction force T then acts as f = -T/P (Le Bot et al. 2019,
-    Sec. 2).
+    Dataset
+        `angle(time)` = m w0^2 x / P; a friction force T then acts as f = -T/P (Le Bot et al. 2019, Sec. 2).
 
     Raises
     ------

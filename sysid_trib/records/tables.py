@@ -15,15 +15,28 @@ ColumnValues = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Table:
-    """Columns of a file by name, in its order, with units where the file states them."""
+class FileTable:
+    """What a file holds.
+
+    Attributes
+    ----------
+    columns : dict of str to array
+        Columns by name, in the order of the file.
+    units : dict of str to str
+        Their units, where the file states them beside the names.
+    """
 
     columns: ColumnValues
     units: dict[str, str] = field(default_factory=dict)
 
 
-def read_table(path: Path) -> Table:
+def read_table(path: Path) -> FileTable:
     """Read every column of a file.
+
+    Parameters
+    ----------
+    path : path
+        The file; its content decides how it is read.
 
     Raises
     ------
@@ -63,7 +76,7 @@ def read_table(path: Path) -> Table:
     return table
 
 
-def _reader(head: bytes, path: Path) -> Callable[[Path], Table]:
+def _reader(head: bytes, path: Path) -> Callable[[Path], FileTable]:
     if head.startswith(b"\x89HDF") or head.startswith(b"MATLAB 7.3") or head[512:516] == b"\x89HDF":
         return _read_netcdf if path.suffix in (".nc", ".nc4", ".cdf") else _read_hdf5
     if head.startswith(b"MATLAB 5.0"):
@@ -81,20 +94,20 @@ def _reader(head: bytes, path: Path) -> Callable[[Path], Table]:
     return _read_text
 
 
-def _read_text(path: Path) -> Table:
+def _read_text(path: Path) -> FileTable:
     frame, names = read_text(path)
     numbered = [str(index) for index in range(frame.shape[1])]
     return _from_frame(frame, names or numbered)
 
 
-def _from_frame(frame: pd.DataFrame, names: list[str]) -> Table:
+def _from_frame(frame: pd.DataFrame, names: list[str]) -> FileTable:
     columns: ColumnValues = {}
     for index, name in zip(range(frame.shape[1]), names, strict=False):
         columns[name if name and name not in columns else f"{name}#{index}"] = frame.iloc[:, index].to_numpy()
-    return Table(columns)
+    return FileTable(columns)
 
 
-def _read_excel(path: Path) -> Table:
+def _read_excel(path: Path) -> FileTable:
     sheet = pd.read_excel(path, header=None, engine="openpyxl").dropna(how="all").dropna(axis=1, how="all")
     numbers = sheet.map(lambda cell: isinstance(cell, (int, float)) and cell == cell)
     full = np.flatnonzero(numbers.all(axis=1))
@@ -110,12 +123,12 @@ def _read_excel(path: Path) -> Table:
     return _from_frame(sheet.iloc[start:], names)
 
 
-def _read_parquet(path: Path) -> Table:
+def _read_parquet(path: Path) -> FileTable:
     frame = pd.read_parquet(path).reset_index(drop=True)
     return _from_frame(frame, [str(name) for name in frame.columns])
 
 
-def _read_netcdf(path: Path) -> Table:
+def _read_netcdf(path: Path) -> FileTable:
     import xarray as xr
 
     with path.open("rb") as file:
@@ -123,18 +136,18 @@ def _read_netcdf(path: Path) -> Table:
     with xr.open_dataset(path, engine=engine, decode_times=False) as dataset:
         columns = {str(name): item.to_numpy() for name, item in dataset.variables.items() if item.ndim == 1}
         units = {name: str(dataset[name].attrs.get("units", "")) for name in columns}
-    return Table(columns, units)
+    return FileTable(columns, units)
 
 
-def _read_matlab(path: Path) -> Table:
+def _read_matlab(path: Path) -> FileTable:
     from scipy.io import loadmat
 
     content = loadmat(path, simplify_cells=True)
-    return Table(dict(_flatten({k: v for k, v in content.items() if not k.startswith("__")})))
+    return FileTable(dict(_flatten({k: v for k, v in content.items() if not k.startswith("__")})))
 
 
 def _flatten(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
-    """Vectors in structs, cells and matrices, named like ``data.Y[0]``; samples run along the longer side."""
+    """Vectors in structs, cells and matrices, named like `data.Y[0]`; samples run along the longer side."""
     if isinstance(value, dict):
         for key, item in value.items():
             yield from _flatten(item, f"{name}.{key}" if name else str(key))
@@ -150,7 +163,7 @@ def _flatten(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
                 yield f"{name}[{index}]", row
 
 
-def _read_hdf5(path: Path) -> Table:
+def _read_hdf5(path: Path) -> FileTable:
     import h5py
 
     units: dict[str, str] = {}
@@ -170,10 +183,10 @@ def _read_hdf5(path: Path) -> Table:
 
     with h5py.File(path, "r") as file:
         columns = dict(_flatten(content(file, file)))
-    return Table(columns, units)
+    return FileTable(columns, units)
 
 
-def _read_tdms(path: Path) -> Table:
+def _read_tdms(path: Path) -> FileTable:
     from nptdms import TdmsFile
 
     columns: ColumnValues = {}
@@ -185,4 +198,4 @@ def _read_tdms(path: Path) -> Table:
                 columns[f"{group.name}/time"] = channel.time_track()
             columns[name] = channel[:]
             units[name] = str(channel.properties.get("unit_string", ""))
-    return Table(columns, units)
+    return FileTable(columns, units)

@@ -43,19 +43,19 @@ def failed_competitors(step: xr.Dataset) -> list[str]:
     return step.candidate.values[np.isposinf(step.penalised_deviance.values)].tolist()
 
 
-def shapes_of(one: xr.Dataset, symbol: str) -> dict[str, float]:
+def shapes_of(step: xr.Dataset, symbol: str) -> dict[str, float]:
     """Shape parameters of one force, by their names in the force.
 
     Parameters
     ----------
-    one : xr.Dataset
+    step : xr.Dataset
         One step of the group `steps`, or one selection step of the group `ranking`.
     symbol : str
         Symbol of the force.
     """
-    if "shape" not in one:
+    if "shape" not in step:
         return {}
-    pairs = zip(one.shape_parameter.values.tolist(), one["shape"].values.tolist(), strict=True)
+    pairs = zip(step.shape_parameter.values.tolist(), step["shape"].values.tolist(), strict=True)
     return {
         name.removeprefix(f"{symbol}."): value
         for name, value in pairs

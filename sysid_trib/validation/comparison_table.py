@@ -8,7 +8,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from sysid_trib.records.runs import root_mean_square
-from sysid_trib.results.common_reference import reference_factors, in_model
+from sysid_trib.results.common_reference import in_model, reference_factors
 from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, variable, with_error
 from sysid_trib.validation.holdout import diebold_mariano
 from sysid_trib.validation.trial import Trial

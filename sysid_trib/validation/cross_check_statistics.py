@@ -14,7 +14,12 @@ from sysid_trib.averaging.identifiability import exactly_dependent, indistinguis
 from sysid_trib.errors import SysidTribError
 from sysid_trib.methods import method_of
 from sysid_trib.records.runs import one_or_all
-from sysid_trib.results.common_reference import ASYMPTOTIC_FREQUENCY, in_model, comparison_values, stated_covariance
+from sysid_trib.results.common_reference import (
+    ASYMPTOTIC_FREQUENCY,
+    comparison_values,
+    in_model,
+    stated_covariance,
+)
 from sysid_trib.results.per_run import noise_of_run
 from sysid_trib.results.schema import library_of, model_of
 from sysid_trib.results.variables import chi_square_test, variable

@@ -10,7 +10,12 @@ from scipy.stats import norm
 
 from sysid_trib.errors import SysidTribError, UsageError
 from sysid_trib.methods import method_of
-from sysid_trib.results.common_reference import ASYMPTOTIC_FREQUENCY, in_model, comparison_values, stated_covariance
+from sysid_trib.results.common_reference import (
+    ASYMPTOTIC_FREQUENCY,
+    comparison_values,
+    in_model,
+    stated_covariance,
+)
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.variables import Variables, chi_square_test, variable, with_error
 
