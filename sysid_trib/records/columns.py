@@ -7,7 +7,7 @@ import numpy as np
 
 from sysid_trib.decays.half_periods import FloatArray
 from sysid_trib.errors import RecordError, UsageError
-from sysid_trib.records.tables import Table
+from sysid_trib.records.tables import FileTable
 
 TIME_NAMES = {"time", "t", "times", "timestamp", "seconds", "elapsed", "elapsed time", "zeit", "temps"}
 ANGLE_NAMES = {"angle", "theta", "phi", "θ", "φ", "ϕ", "roll", "angular position", "rotation", "winkel"}
@@ -35,11 +35,30 @@ _RATE = re.compile(
 
 
 def choose_columns(
-    table: Table, source: str, *, time: str | int | None, angle: str | int | None, signal: str, timeless: bool
+    table: FileTable,
+    source: str,
+    *,
+    time: str | int | None,
+    angle: str | int | None,
+    signal: str,
+    timeless: bool,
 ) -> tuple[str | None, str]:
     """Names of the time and the angle column: given, recognised, or the first and the second.
 
-    With ``timeless`` (a sampling rate is given) the time column is only found to be left aside.
+    Parameters
+    ----------
+    table : FileTable
+        What the file holds.
+    source : str
+        Name of the file, for messages.
+    time : str or int, optional
+        Name or number of the time column.
+    angle : str or int, optional
+        Name or number of the angle column.
+    signal : str
+        `angle` or `rate`.
+    timeless : bool
+        Whether a sampling rate is given: the time column is then only recognised to be ignored.
     """
     names = list(table.columns)
     angle_name = None if angle is None else find_column(table, angle, source)
@@ -51,7 +70,7 @@ def choose_columns(
     return None if timeless else time_name, angle_name
 
 
-def _usual_time(table: Table, names: list[str], timeless: bool) -> str | None:
+def _usual_time(table: FileTable, names: list[str], timeless: bool) -> str | None:
     usual = [name for name in names if split_header(name)[0] in TIME_NAMES]
     if usual:
         return usual[0]
@@ -77,7 +96,7 @@ def _usual_angle(names: list[str], signal: str, source: str) -> str:
     return (exact or named or names)[0]
 
 
-def find_column(table: Table, wanted: str | int, source: str) -> str:
+def find_column(table: FileTable, wanted: str | int, source: str) -> str:
     """The column of that name, or else of that number from 0."""
     names = list(table.columns)
     if isinstance(wanted, str):
@@ -97,7 +116,7 @@ def find_column(table: Table, wanted: str | int, source: str) -> str:
 
 
 def split_header(name: str) -> tuple[str, str]:
-    """Base name and unit of a header such as ``angle (deg)``, ``Time [ms]``, ``t / s`` or ``time_ms``.
+    """Base name and unit of a header such as `angle (deg)`, `Time [ms]`, `t / s` or `time_ms`.
 
     Both in lower case; "per second" of a rate is taken off its unit.
     """
@@ -120,7 +139,7 @@ def plain_unit(unit: str) -> str:
     return re.sub(r"\s*(?:/|_|per|\*|·|\s)\s*(?:s|sec|seconds?)(?:\^?-1|⁻¹)?$", "", unit)
 
 
-def refuse_rate(table: Table, name: str, source: str) -> None:
+def refuse_rate(table: FileTable, name: str, source: str) -> None:
     """Refuse a column in a unit per second where an angle or a position is wanted."""
     for text in (table.units.get(name, ""), name):
         match = _RATE.search(text.strip().lower().replace("μ", "µ"))
@@ -132,7 +151,7 @@ def refuse_rate(table: Table, name: str, source: str) -> None:
 
 
 def unit_factor(
-    table: Table,
+    table: FileTable,
     name: str,
     *,
     wanted: str | None,
@@ -141,7 +160,32 @@ def unit_factor(
     default: str,
     source: str,
 ) -> tuple[float, str]:
-    """Factor to SI and the unit of a column: as wanted by the option, as the file says, or the default."""
+    """Factor to SI and the unit of a column: as the option says, as the file says, or the default.
+
+    Parameters
+    ----------
+    table : FileTable
+        What the file holds.
+    name : str
+        Name of the column.
+    wanted : str, optional
+        The unit that the option gives.
+    option : str
+        Name of the option in Python, for messages.
+    known : dict of str to float
+        Factor to SI of each unit.
+    default : str
+        Unit where neither says one.
+    source : str
+        Name of the file, for messages.
+
+    Raises
+    ------
+    UsageError
+        The option contradicts the header.
+    RecordError
+        The unit is unknown.
+    """
     dated = np.asarray(table.columns[name]).dtype.kind == "M"
     stated = plain_unit(table.units.get(name, "")) or split_header(name)[1]
     if wanted and stated in known and not dated and not _same(stated, wanted, known):
@@ -164,8 +208,17 @@ def _same(first: str, other: str, known: dict[str, float]) -> bool:
     return known[first] == known[other] and (first in LENGTH_UNITS) == (other in LENGTH_UNITS)
 
 
-def numbers(table: Table, name: str, source: str) -> FloatArray:
+def numbers(table: FileTable, name: str, source: str) -> FloatArray:
     """The finite numbers of a column; dates become seconds since the first.
+
+    Parameters
+    ----------
+    table : FileTable
+        What the file holds.
+    name : str
+        Name of the column.
+    source : str
+        Name of the file, for messages.
 
     Raises
     ------

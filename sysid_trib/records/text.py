@@ -15,6 +15,11 @@ DELIMITERS = (";", "\t", ",", None)
 def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None]:
     """Rows of numbers of a text file, and the names of their columns if it states them.
 
+    Parameters
+    ----------
+    path : path
+        The file.
+
     Raises
     ------
     RecordError
