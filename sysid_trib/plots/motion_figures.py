@@ -20,16 +20,8 @@ def identification(tree: xr.DataTree, run: int = 0) -> Figure:
     run : int
         Which of several runs, from 0.
     """
-    figure = new_figure(7.2, 7.6)
-    panels = figure.subplot_mosaic("AA;BB;CD", height_ratios=[1.2, 0.8, 1.2])
     drawn = motion_data(tree, run)
-    draw_record(panels["A"], drawn)
-    draw_residual(panels["B"], drawn, list(drawn.lines))
-    _envelope(panels["C"], drawn)
-    _frequency(panels["D"], drawn)
-    panels["B"].sharex(panels["A"])
-    letter(panels.values())
-    return figure
+    return _motion_figure(drawn, [list(drawn.labels)])
 
 
 def discovery(tree: xr.DataTree, run: int = 0) -> Figure:
@@ -42,20 +34,32 @@ def discovery(tree: xr.DataTree, run: int = 0) -> Figure:
     run : int
         Which of several runs, from 0.
     """
-    figure = new_figure(7.2, 8.8)
-    panels = figure.subplot_mosaic("AA;BB;CC;DE", height_ratios=[1.2, 0.8, 0.8, 1.2])
     drawn = motion_data(tree, run)
-    draw_record(panels["A"], drawn)
-    for place, model in (("B", "before"), ("C", "after")):
-        draw_residual(panels[place], drawn, [model])
-        panels[place].sharex(panels["A"])
-    for place in "AB":
-        panels[place].set_xlabel("")
-        panels[place].tick_params(labelbottom=False)
-    _envelope(panels["D"], drawn)
-    _frequency(panels["E"], drawn)
-    letter(panels.values())
+    return _motion_figure(drawn, [[model] for model in drawn.labels])
+
+
+def _motion_figure(drawn: MotionData, residuals: Sequence[Sequence[str]]) -> Figure:
+    """Record, a panel for each group of models' residuals, and below them envelope and frequency."""
+    figure = new_figure(7.2, 6.4 + 1.2 * len(residuals))
+    rows = ["AA", *("BB", "CC")[: len(residuals)], "DE"]
+    heights = [1.2, *[0.8] * len(residuals), 1.2]
+    panels = list(figure.subplot_mosaic(";".join(rows), height_ratios=heights).values())
+    draw_in_time(panels[:-2], drawn, residuals)
+    _envelope(panels[-2], drawn)
+    _frequency(panels[-1], drawn)
+    letter(panels)
     return figure
+
+
+def draw_in_time(panels: Sequence[Axes], drawn: MotionData, residuals: Sequence[Sequence[str]]) -> None:
+    """Record and, below it, residuals of groups of models, with one axis of time."""
+    _record(panels[0], drawn)
+    for panel, models in zip(panels[1:], residuals, strict=True):
+        _residual(panel, drawn, models)
+        panel.sharex(panels[0])
+    for panel in panels[:-1]:
+        panel.set_xlabel("")
+        panel.tick_params(labelbottom=False)
 
 
 def record(tree: xr.DataTree, ax: Axes | None = None, run: int = 0) -> Axes:
@@ -70,7 +74,7 @@ def record(tree: xr.DataTree, ax: Axes | None = None, run: int = 0) -> Axes:
     run : int
         Which of several runs, from 0.
     """
-    return draw_record(axes(ax), motion_data(tree, run))
+    return _record(axes(ax), motion_data(tree, run))
 
 
 def residual(tree: xr.DataTree, ax: Axes | None = None, run: int = 0) -> Axes:
@@ -86,7 +90,7 @@ def residual(tree: xr.DataTree, ax: Axes | None = None, run: int = 0) -> Axes:
         Which of several runs, from 0.
     """
     drawn = motion_data(tree, run)
-    return draw_residual(axes(ax), drawn, list(drawn.lines))
+    return _residual(axes(ax), drawn, list(drawn.lines))
 
 
 def envelope(tree: xr.DataTree, ax: Axes | None = None, run: int = 0) -> Axes:
@@ -119,8 +123,7 @@ def frequency(tree: xr.DataTree, ax: Axes | None = None, run: int = 0) -> Axes:
     return _frequency(axes(ax), motion_data(tree, run))
 
 
-def draw_record(ax: Axes, drawn: MotionData) -> Axes:
-    """Record and models against time."""
+def _record(ax: Axes, drawn: MotionData) -> Axes:
     shown = drawn_samples(drawn.angle)
     ax.plot(drawn.time[shown], drawn.angle[shown], ".", color="0.6", markersize=2.5, label="record")
     for name, style in drawn.lines.items():
@@ -133,7 +136,7 @@ def draw_record(ax: Axes, drawn: MotionData) -> Axes:
     return ax
 
 
-def draw_residual(ax: Axes, drawn: MotionData, models: Sequence[str]) -> Axes:
+def _residual(ax: Axes, drawn: MotionData, models: Sequence[str]) -> Axes:
     """Residuals of models in one panel; one model alone is named by the axis."""
     for name in models:
         if name in drawn.lines:

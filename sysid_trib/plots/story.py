@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from sysid_trib.plots import style
 from sysid_trib.plots.motion_data import motion_data
-from sysid_trib.plots.motion_figures import draw_record, draw_residual
+from sysid_trib.plots.motion_figures import draw_in_time
 from sysid_trib.printing.layout import coefficient_text
 from sysid_trib.printing.residual import noise_of, residual_of
 from sysid_trib.results.discoveries import added_effects
@@ -30,14 +30,9 @@ def story(tree: xr.DataTree, run: int = 0) -> Figure:
     figure = style.new_figure(8.0, sum(heights))
     panels = figure.subplots(4, 1, height_ratios=heights)
     drawn = motion_data(tree, run)
-    draw_record(panels[0], drawn)
-    for panel, model in zip(panels[1:], ("before", "after"), strict=False):
-        draw_residual(panel, drawn, [model])
-        panel.sharex(panels[0])
+    draw_in_time(panels[:3], drawn, [["before"], ["after"]])
+    for panel in panels[1:3]:
         panel.set_ylabel("gap (mrad)")
-    for panel in panels[:2]:
-        panel.set_xlabel("")
-        panel.tick_params(labelbottom=False)
     figure.align_ylabels(panels[:3])
     _explained(panels[3], tree)
     titles = (

@@ -1,6 +1,7 @@
 """What a page says of each kind of result: the story that the command prints, with figures."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
@@ -68,28 +69,6 @@ def kind_of(tree: xr.DataTree) -> str:
         return ""
     checked = tree["comparison"]
     return "compare" if "best" in checked.attrs else "cross_check" if "first" in checked.attrs else ""
-
-
-def summary(tree: xr.DataTree) -> list[str]:
-    """The result in a few sentences."""
-    made: Mapping[str, Callable[[xr.DataTree], list[str]]] = {
-        "identify": lambda _: [],
-        "cross_check": identification_sentences,
-        "compare": comparison_sentences,
-        "discover": lambda discovery: discovery_story(discovery)["Verdict"],
-    }
-    return made[kind_of(tree)](tree)
-
-
-def sections(tree: xr.DataTree) -> list[Section]:
-    """The sections of a page below its summary."""
-    made: Mapping[str, Callable[[xr.DataTree], list[Section]]] = {
-        "identify": _identified,
-        "cross_check": _cross_checked,
-        "compare": _compared,
-        "discover": _discovered,
-    }
-    return made[kind_of(tree)](tree)
 
 
 def identifications(tree: xr.DataTree) -> dict[str, xr.Dataset]:
@@ -182,3 +161,22 @@ def _decimated(tree: xr.DataTree, run: int) -> str:
         f" The curves are decimated: each is drawn by {MOST_POINTS:,} of {samples:,} samples, the least and "
         "the largest of each stretch, so that none of its peaks is lost."
     )
+
+
+@dataclass(frozen=True)
+class PageKind:
+    """What a page of one kind of result says: its title, the result in a few sentences, and its sections."""
+
+    title: str
+    summary: Callable[[xr.DataTree], list[str]]
+    sections: Callable[[xr.DataTree], list[Section]]
+
+
+TITLE = "Forces of a free decay"
+MISSING_TITLE = "What a model lacks to explain a free decay"
+PAGES = {
+    "identify": PageKind(TITLE, lambda _: [], _identified),
+    "cross_check": PageKind(f"{TITLE}, by two methods", identification_sentences, _cross_checked),
+    "compare": PageKind(f"{TITLE}, method by method", comparison_sentences, _compared),
+    "discover": PageKind(MISSING_TITLE, lambda tree: discovery_story(tree)["Verdict"], _discovered),
+}

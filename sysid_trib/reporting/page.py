@@ -14,16 +14,9 @@ from matplotlib.figure import Figure
 
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.reporting import contents, provenance, reproducing
-from sysid_trib.reporting.parts import Section
 from sysid_trib.results.files import write_file
 from sysid_trib.results.per_run import record_groups
 
-TITLES = {
-    "identify": "Forces of a free decay",
-    "cross_check": "Forces of a free decay, by two methods",
-    "compare": "Forces of a free decay, method by method",
-    "discover": "What a model lacks to explain a free decay",
-}
 PAPER_DPI = 170
 
 
@@ -68,7 +61,8 @@ def page(result: xr.DataTree | xr.Dataset) -> str:
 
 
 def _rendered(tree: xr.DataTree) -> str:
-    sections = contents.sections(tree)
+    kind = contents.PAGES[contents.kind_of(tree)]
+    sections = kind.sections(tree)
     panels = {
         f"{at}-{of}-{nth}": panel.figure
         for at, section in enumerate(sections)
@@ -82,13 +76,15 @@ def _rendered(tree: xr.DataTree) -> str:
     )
     groups = [group for group in record_groups(tree) if group in tree.children]
     return environment.get_template("page.html").render(
-        title=TITLES[contents.kind_of(tree)],
+        title=kind.title,
         records=[tree[group].attrs for group in groups]
         or [{"source": "; ".join(tree.attrs.get("record_source", []))}],
-        summary=contents.summary(tree),
+        summary=kind.summary(tree),
         sections=sections,
         divs=divs,
-        on_paper=[_on_paper(section) for section in sections],
+        on_paper=[
+            [[_png(f) for f in figures.on_paper] for figures in section.figures] for section in sections
+        ],
         script=script,
         bokeh=Resources(mode="inline", components=["bokeh"]).render_js() if panels else "",
         facts=provenance.facts(tree),
@@ -97,10 +93,6 @@ def _rendered(tree: xr.DataTree) -> str:
         command=tree.attrs.get("command", ""),
         python=reproducing.python_text(tree),
     )
-
-
-def _on_paper(section: Section) -> list[list[str]]:
-    return [[_png(figure) for figure in figures.on_paper] for figures in section.figures]
 
 
 def _png(figure: Figure) -> str:

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import MISSING, fields
+from dataclasses import fields
 from typing import Any
 
 import xarray as xr
@@ -130,12 +130,11 @@ def _method(result: xr.Dataset) -> str:
         method = method_of(result)
     except UsageError:
         return "method"  # of the user's own
-    usual = {
-        f.name: f.default_factory() if f.default_factory is not MISSING else f.default for f in fields(method)
-    }
+    kept = {field.name: getattr(method, field.name) for field in fields(method)}
     # Kept as JSON, which knows lists but no tuples.
-    kept = {k: tuple(v) if isinstance(v, list) else v for k, v in ((k, getattr(method, k)) for k in usual)}
-    given = {name: value for name, value in kept.items() if value != usual[name]}
+    options = {name: tuple(v) if isinstance(v, list) else v for name, v in kept.items()}
+    usual = type(method)()
+    given = {name: value for name, value in options.items() if value != getattr(usual, name)}
     return f"st.methods.{type(method).__name__}({_given(given)})"
 
 
