@@ -6,6 +6,7 @@ import xarray as xr
 
 from sysid_trib import load_library, plots, signature
 from sysid_trib.plots import style
+from sysid_trib.plots.motion_data import MOST_POINTS
 
 SIX = load_library()
 
@@ -35,7 +36,7 @@ def test_signatures_are_drawn_as_they_are():
         assert panel.get_ylabel().endswith("(rad)")
 
 
-def test_twins_are_drawn_over_what_is_varied():
+def test_competing_effects_are_drawn_over_what_is_varied():
     varied = xr.Variable("release", [0.2, 0.4, 0.8], {"long_name": "release from", "units": "rad"})
     away = [[0.0, 1.0, 0.2], [0.0, 4.0, 0.5], [0.0, 9.0, 2.0]]
     found = xr.DataArray(away, {"release": varied, "other": ["itself", "near", "far"]}, ("release", "other"))
@@ -44,3 +45,13 @@ def test_twins_are_drawn_over_what_is_varied():
     assert drawn["near"] == pytest.approx([1.0, 4.0, 9.0])
     assert "itself" not in drawn
     assert axes.get_xlabel() == "release from (rad)"
+
+
+def test_a_long_record_keeps_its_peaks_on_paper():
+    time = np.arange(50_000) / 1000
+    angle = 0.1 * np.cos(5.0 * time)
+    angle[12_345], angle[40_001] = 0.3, -0.4
+    record = xr.Dataset({"angle": ("time", angle)}, {"time": time})
+    drawn = plots.motions(record, {}).lines[0].get_ydata()
+    assert drawn.size <= MOST_POINTS
+    assert {0.3, -0.4} <= set(drawn)
