@@ -23,10 +23,6 @@ ROOMS = _split("""
     methods validation discrepancy physics printing plots reporting commands cli
 """)
 LOOSE = 6
-# Rooms that do not keep a rule yet: these lists only shrink.
-NOT_YET_WORDS: set[str] = set()
-NOT_YET_COMMON_WORDS = NOT_YET_WORDS
-NOT_YET_ONCE = set()
 # The engine of `discrepancy` is going to be replaced, words and all.
 ENGINE = {
     *(f"discrepancy/{name}.py" for name in ("score_tests", "candidate_sensitivities", "candidate_fits")),
@@ -56,8 +52,8 @@ EXEMPT = {*st.__all__, *st.methods.__all__, *st.plots.__all__, "degrees_of_freed
 PHRASES = re.compile(
     r"""
     \b(?: (?<!paper_) twins? | lean(?:s|ing)?\b(?=\s(?:on|against|upon)) | forecasts? | misfits? | narrowness
-    | steepness | remembered | (?<!shear.)thinn(?:ed|ing) | wild\ssamples? | blind\sto | holding\sout
-    | no\sbetter\sthan
+    | steepness | remember(?:s|ed|ing) | (?<!shear.)thinn(?:ed|ing) | wild\ssamples? | blind\sto
+    | holding\sout | no\sbetter\sthan
     | chance\s(?:of\serror|that) | with(?:out)?\sa\spast | carr(?:y|ies|ied|ying)\salong | needless(?:ly)?
     | (?:is|are|was|were)\stold | taken\sfor\sone
     | (?<!degrees\sof\s)(?<!of\n[ ]{8})freedom | disagreement(?!_map) | visibility
@@ -66,7 +62,7 @@ PHRASES = re.compile(
     re.VERBOSE | re.IGNORECASE,
 )
 # Names of types that every module may give to the same thing.
-ALIASES = {"Array", "Vector", "Index", "Mask", "__all__"}
+ALIASES = {"Array", "Vector", "Index", "Mask"}
 
 
 @cache
@@ -86,12 +82,6 @@ def modules_of(room):
     return [
         (name, *found) for name, found in modules().items() if room_of(name) == room and name not in ENGINE
     ]
-
-
-def rooms(not_yet):
-    """Every room, those that do not keep a rule yet marked as such."""
-    mark = pytest.mark.skip(reason="this room does not keep the rule yet")
-    return [pytest.param(room, marks=[mark] if room in not_yet else []) for room in ROOMS]
 
 
 def imported(tree):
@@ -166,7 +156,7 @@ def test_every_room_is_in_the_list():
     assert sum("/" not in name for name in modules()) <= LOOSE
 
 
-@pytest.mark.parametrize("room", rooms(NOT_YET_WORDS))
+@pytest.mark.parametrize("room", ROOMS)
 def test_identifiers_are_the_words_of_the_field(room):
     wrong = [
         f"{name}:{line}: {word}"
@@ -177,7 +167,7 @@ def test_identifiers_are_the_words_of_the_field(room):
     assert not wrong
 
 
-@pytest.mark.parametrize("room", rooms(NOT_YET_COMMON_WORDS))
+@pytest.mark.parametrize("room", ROOMS)
 def test_identifiers_name_the_thing(room):
     wrong = [
         f"{name}:{line}: {word}"
@@ -188,7 +178,7 @@ def test_identifiers_name_the_thing(room):
     assert not wrong
 
 
-@pytest.mark.parametrize("room", rooms(NOT_YET_WORDS))
+@pytest.mark.parametrize("room", ROOMS)
 def test_texts_are_in_the_words_of_the_field(room):
     wrong = [
         f"{name}:{at}: {phrase}"
@@ -201,8 +191,8 @@ def test_texts_are_in_the_words_of_the_field(room):
 
 @pytest.mark.parametrize("place", ["docs", "README.md", "CONTRIBUTING.md", "CHANGELOG.md", "libraries"])
 def test_pages_are_in_the_words_of_the_field(place):
-    if place in NOT_YET_WORDS or not (ROOT / place).exists():
-        pytest.skip("this page does not keep the rule yet, or is not in this package")
+    if not (ROOT / place).exists():
+        pytest.skip("not in this package")
     paths = [ROOT / place] if (ROOT / place).is_file() else sorted((ROOT / place).glob("*.*"))
     # Names in backticks are public ones, or keys of JSON.
     texts = {
@@ -213,25 +203,21 @@ def test_pages_are_in_the_words_of_the_field(place):
     assert not [f"{p.name}:{line}: {word}" for p, text in texts.items() for line, word in phrases(text)]
 
 
-@pytest.mark.parametrize("room", rooms(NOT_YET_ONCE))
-def test_a_constant_or_class_means_one_thing(room):
-    homes = Counter()
-    defined = set()
-    for name, (tree, _) in modules().items():
-        if name in ENGINE or (room_of(name) != room and room_of(name) in NOT_YET_ONCE):
-            continue
-        names = {node.name for node in tree.body if isinstance(node, ast.ClassDef)}
-        targets = [
-            n.targets if isinstance(n, ast.Assign) else [n.target] for n in tree.body if is_assignment(n)
-        ]
-        names |= {target.id for some in targets for target in some if isinstance(target, ast.Name)}
-        homes.update(names - ALIASES)
-        defined |= names if room_of(name) == room else set()
-    assert not {name for name in defined if homes[name] > 1}
+def test_a_constant_or_class_means_one_thing():
+    homes = Counter(
+        word for name, (tree, _) in modules().items() if name not in ENGINE for word in set(defined(tree))
+    )
+    assert not {word for word, count in homes.items() if count > 1} - ALIASES
 
 
-def is_assignment(node):
-    return isinstance(node, ast.Assign | ast.AnnAssign)
+def defined(tree):
+    """Constants and classes of a module."""
+    for node in tree.body:
+        if isinstance(node, ast.ClassDef):
+            yield node.name
+        elif isinstance(node, ast.Assign | ast.AnnAssign):
+            names = [n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]
+            yield from (name for name in names if not name.islower())
 
 
 def test_caches_are_bounded():

@@ -12,13 +12,13 @@ if TYPE_CHECKING:
     import xarray as xr
 
 # What the embedded example starts from: it then has two elastic forces to find.
-DISSIPATIVE = "lambda,zeta,delta"
+START_FORCES = "lambda,zeta,delta"
 
 Start = Annotated[
     str | None,
     typer.Option(
         metavar="A,B,...",
-        help=f"Forces of the start model; default: all, for the embedded example {DISSIPATIVE}.",
+        help=f"Forces of the start model; default: all, for the embedded example {START_FORCES}.",
     ),
 ]
 Candidates = Annotated[
@@ -71,7 +71,7 @@ def discover(
     destination = Destination(output, plot, as_json, explain, quiet)
     checks.check_positive(reference_frequency, "--reference-frequency")
     if forces is None and not records:
-        forces = DISSIPATIVE
+        forces = START_FORCES
     start = checks.offered_forces(library, forces, reference_frequency is not None)
     offered = discovery_inputs.offered_candidates(library, candidates, start)
     destination.check(records)

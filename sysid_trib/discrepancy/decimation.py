@@ -9,7 +9,7 @@ from sysid_trib.decays.equilibrium import usable_half_periods
 # Samples a period that are kept; a record is decimated from twice as many on.
 KEPT_PER_PERIOD = 60
 # Largest unevenness of the time steps for which local means may be taken.
-EVEN = 1e-3
+EVEN_STEPS = 1e-3
 
 
 def decimated(decay: xr.Dataset) -> xr.Dataset:
@@ -25,7 +25,7 @@ def decimated(decay: xr.Dataset) -> xr.Dataset:
     if factor < 2:
         return decay
     width = factor if factor % 2 else factor - 1
-    smoothed = width >= 3 and np.ptp(steps) <= EVEN * np.median(steps)
+    smoothed = width >= 3 and np.ptp(steps) <= EVEN_STEPS * np.median(steps)
     if smoothed:
         angle = savgol_filter(angle, width, 2)
     kept = slice(factor // 2, None, factor)

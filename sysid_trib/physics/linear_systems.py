@@ -193,7 +193,7 @@ def _refuse_memory(model: Model) -> None:
     for force in model.forces:
         if force.memory:
             raise UsageError(
-                f"Force '{force.symbol}' remembers its reversals, which python-control cannot hold; leave it "
+                f"Force '{force.symbol}' holds values from its reversals, as python-control cannot; leave it "
                 "out, or linearise at an amplitude."
             )
 

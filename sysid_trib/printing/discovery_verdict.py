@@ -15,7 +15,7 @@ from sysid_trib.printing.runs import heterogeneity_sentences
 from sysid_trib.results.discoveries import added_effects
 
 # Forces of the omnibus test, and candidates, that are named where they stand out.
-MOST = 3
+MOST_NAMED = 3
 UNSEEN = "An effect that is weaker than its detectable coefficient may be present and unseen."
 
 
@@ -93,7 +93,7 @@ def _unknown_effect(tree: xr.DataTree, details: bool) -> list[str]:
     if collinear:
         sentences.append(f"Of the effects that were added, {imitate}")
     if omnibus.significant:
-        order = np.argsort(-np.abs(omnibus.z.values))[:MOST]
+        order = np.argsort(-np.abs(omnibus.z.values))[:MOST_NAMED]
         forces = ", ".join(f"{omnibus.trial_force.values[i]} (z = {omnibus.z.values[i]:.3g})" for i in order)
         sentences.append(
             f"The omnibus test rejects that nothing is missing (p {p_value_text(omnibus.p_value.item())}). "
@@ -116,7 +116,7 @@ def _outstanding(tree: xr.DataTree) -> list[str]:
     strong = last.isel(candidate=last.significant.values)
     if not strong.sizes["candidate"]:
         return []
-    order = np.argsort(-np.abs(strong.z.values))[:MOST]
+    order = np.argsort(-np.abs(strong.z.values))[:MOST_NAMED]
     named = ", ".join(f"{strong.candidate.values[i]} (z = {strong.z.values[i]:.3g})" for i in order)
     most = tree.attrs["max_effects"]
     reason = (

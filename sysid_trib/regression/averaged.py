@@ -50,7 +50,7 @@ def _signature_columns(
 
 @lru_cache(maxsize=64)
 def _table(force: Force, held: tuple[tuple[str, float], ...], low: float, high: float) -> CubicSpline:
-    """Signature against log2 of the amplitude: a force that remembers takes a millisecond an amplitude."""
+    """Signature against log2 of the amplitude: a history-dependent force takes a millisecond an amplitude."""
     nodes = np.linspace(low, high, max(2, round(NODES_PER_OCTAVE * (high - low))) + 1)
     shapes = {f"{force.symbol}.{name}": value for name, value in held}
     return CubicSpline(nodes, np.stack(averages(force, 2.0**nodes, shapes), axis=1))
