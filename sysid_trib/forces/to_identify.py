@@ -1,4 +1,4 @@
-"""Which forces of a library are unknowns of a method."""
+"""Which forces of a library a method identifies."""
 
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import ForceLibrary
@@ -7,10 +7,21 @@ from sysid_trib.forces.force import ForceLibrary
 def forces_to_identify(library: ForceLibrary, reference_frequency: float | None) -> ForceLibrary:
     """The forces to identify: without a given frequency the one of formula `x` is the frequency itself.
 
+    Parameters
+    ----------
+    library : ForceLibrary
+        All forces offered.
+    reference_frequency : float or None, rad/s
+        None where it is fitted.
+
+    Returns
+    -------
+    ForceLibrary
+
     Raises
     ------
     DecayError
-        None is left, or a sensor term is among them: it changes what is measured, not the motion.
+        None remains, or a sensor term is among them: it changes what is measured, not the motion.
     """
     sensors = [force.symbol for force in library if force.kind == "sensor"]
     if sensors:

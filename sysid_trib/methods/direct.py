@@ -16,12 +16,12 @@ from sysid_trib.methods.scope import MethodScope
 from sysid_trib.records.runs import Decays, as_runs, root_mean_square
 from sysid_trib.regression.constraint_map import ConstraintMap, constraint_map
 from sysid_trib.regression.linearisation import linearised
-from sysid_trib.regression.problem import begin
+from sysid_trib.regression.problem import Runs, begin
 from sysid_trib.regression.rows import Rows, stack_rows, strong_rows, weak_regression
 from sysid_trib.regression.solution import Mask, Solution, select, solve, with_errors_of_dropped
 from sysid_trib.results.per_run import start_variables
 from sysid_trib.results.schema import Estimate, identification
-from sysid_trib.trajectory_fit.refined_columns import Runs, refine_columns
+from sysid_trib.trajectory_fit.refined_columns import refine_columns
 
 Array = NDArray[np.float64]
 

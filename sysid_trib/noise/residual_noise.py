@@ -1,4 +1,4 @@
-"""Noise of a record whose model is not known: what no slowly changing oscillation can follow."""
+"""Noise of a record whose model is not known: what slowly modulated harmonics of the motion do not follow."""
 
 from dataclasses import dataclass
 
@@ -42,7 +42,10 @@ class NoiseModel:
 
     Attributes
     ----------
-    innovation : standard deviation of the innovations, rad; `filter_` : (tap,) whitens it, [1] if white.
+    innovation : float, rad
+        Standard deviation of the innovations.
+    filter_ : (tap,) array of float
+        Whitens the noise; [1] if it is white.
     """
 
     innovation: float
@@ -62,7 +65,7 @@ class NoiseModel:
         return self.innovation * float(np.sqrt(np.mean(1.0 / power)))
 
     def draws(self, samples: int, count: int) -> Array:
-        """Drawings of such noise, (count, samples), rad, of mean zero; always the same."""
+        """Realisations of such noise, (count, samples), rad, of mean zero; always the same."""
         lines = np.fft.rfft(np.random.default_rng(0).standard_normal((count, samples)))
         response = np.fft.rfft(self.filter_, samples)
         # A walk has no mean to come back to.
@@ -71,9 +74,16 @@ class NoiseModel:
 
 
 def modulated_harmonics(decay: xr.Dataset) -> Array:
-    """Slowly changing harmonics of the motion, orthonormal, (sample, column).
+    """Orthonormal basis of slowly modulated harmonics of a motion.
 
-    Phase and frequency are the record's own, so that no model is needed.
+    Parameters
+    ----------
+    decay : Dataset
+        With `angle(time)`. Phase and frequency are the record's own, so that no model is needed.
+
+    Returns
+    -------
+    (sample, column) array of float
     """
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
     tau = swing_frequency(decay) * (time - time[0])
@@ -91,15 +101,25 @@ def modulated_harmonics(decay: xr.Dataset) -> Array:
 
 
 def estimate_noise(residual: Array, basis: Array, lines: int = LINES) -> NoiseModel:
-    """Level and colour of what a residual has beside slowly changing oscillations (rad).
+    """Level and colour of the noise in a residual.
 
-    So many lines of the spectrum at most are taken for vibration, which is no noise either.
+    Parameters
+    ----------
+    residual : (sample,) array of float, rad
+    basis : (sample, column) array of float
+        Slowly modulated harmonics, which are no noise (see `modulated_harmonics`).
+    lines : int
+        So many lines of the spectrum at most are taken for vibration, which is no noise either.
 
-    Taking the oscillations out leaves gaps in the spectrum: each line is divided by the part of white noise
-    that it keeps, and where it keeps little its neighbours stand in for it.
+    Returns
+    -------
+    NoiseModel
 
     Notes
     -----
+    Projecting the harmonics out leaves gaps in the spectrum: each line is divided by the part of white noise
+    that it keeps, and where it keeps little its neighbours replace it.
+
     An autoregression, its order by the Bayesian information criterion, of noise of which, where the lines ask
     for it, a power law 1/f^(2 d) is taken first (Granger and Joyeux 1980; Hosking 1981): an autoregression
     cannot follow noise that rises towards frequencies far below the swing's, where slow effects are sought.
@@ -119,7 +139,7 @@ def estimate_noise(residual: Array, basis: Array, lines: int = LINES) -> NoiseMo
     power = np.where(good, power / np.where(good, kept, 1.0), 0.0)
     if lines and (line := _highest(power, good)):
         return estimate_noise(residual, _with_line(basis, remainder, line), lines - 1)
-    # What stands out beside a harmonic is no noise but a swing that changes faster than the oscillations.
+    # What stands out beside a harmonic is no noise but a swing that changes faster than the basis.
     apart = good & ~_beside(good)
     if apart.any():
         # In a short record harmonics are so close that nothing lies apart.

@@ -22,7 +22,21 @@ NODES_PER_OCTAVE = 64
 def averaged_equations(
     measured: xr.Dataset, library: ForceLibrary, shapes: Mapping[str, float]
 ) -> tuple[Array, Array]:
-    """Rows (rate and frequency of each instant, in turn) against (w c of each force, w)."""
+    """The averaged equations of an envelope.
+
+    Parameters
+    ----------
+    measured : Dataset
+        The envelope (see `envelope`), with `first_time` (s) in its attrs.
+    library : ForceLibrary
+    shapes : mapping of str to float
+
+    Returns
+    -------
+    design : (2 instants, force + 1) array of float
+        Against w c of each force, and w; amplitude rate and frequency of each instant, in turn.
+    target : (2 instants,) array of float
+    """
     a, w = measured.amplitude.values, measured.frequency.values
     design = np.zeros((len(a), 2, len(library) + 1))
     design[:, :, :-1] = _signature_columns(measured, library, shapes, a)
@@ -59,7 +73,22 @@ def _table(force: Force, held: tuple[tuple[str, float], ...], low: float, high: 
 def noise_of_equations(
     measured: xr.Dataset, library: ForceLibrary, shapes: Mapping[str, float], coefficients: Array
 ) -> sp.csr_matrix:
-    """How unit errors of the extrema and their times move each equation, (row, extrema then times)."""
+    """How unit errors of the extrema and their times move each averaged equation.
+
+    Parameters
+    ----------
+    measured : Dataset
+        The envelope.
+    library : ForceLibrary
+    shapes : mapping of str to float
+    coefficients : (force,) array of float, rad/s
+        w c of each force.
+
+    Returns
+    -------
+    (2 instants, 2 half periods) sparse array of float
+        Of the extrema, then of their times.
+    """
     slope = instant_derivatives(measured)
     a = measured.amplitude.values
     step = 1e-4 * a

@@ -3,6 +3,8 @@
 They serve in `pysindy.SINDy(optimizer=...)` as well as in `Direct`.
 """
 
+from collections.abc import Callable
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -153,43 +155,32 @@ def _significant(columns: Array, target: Array, level: float, removed_columns: i
     """Columns of the set with the least penalised deviance."""
     count = columns.shape[1]
     triangle: Array = np.asarray(np.linalg.qr(np.column_stack([columns, target]), mode="r"))
-    table, projected = triangle[:count, :count], triangle[:count, count]
+    table, projected = triangle[:, :count], triangle[:, count]
+
+    def residual_sum(kept: Mask) -> float:
+        solution = np.linalg.lstsq(table[:, kept], projected, rcond=1e-12)[0] if kept.any() else np.zeros(0)
+        return float(np.sum((projected - table[:, kept] @ solution) ** 2))
+
     # Columns may be dependent: the residual of all of them is the noise, by as many as are independent.
     degrees = max(1, len(target) - removed_columns - int(np.linalg.matrix_rank(table)))
-    outside = float(target @ target - projected @ projected)
-    noise = max((outside + _residual_sum(table, projected, np.ones(count, bool))) / degrees, 1e-300)
+    noise = max(residual_sum(np.ones(count, bool)) / degrees, 1e-300)
     penalty = noise * float(chi2.isf(level / max(1, count), 1))
-    ends = [_with_exchange(table, projected, penalty, np.full(count, full)) for full in (False, True)]
-    return min(ends, key=lambda kept: _deviance(table, projected, penalty, kept))
+
+    def deviance(kept: Mask) -> float:
+        return residual_sum(kept) / penalty + float(np.sum(kept))
+
+    return min((_exchange(deviance, np.full(count, full)) for full in (False, True)), key=deviance)
 
 
-def _with_exchange(table: Array, target: Array, penalty: float, kept: Mask) -> Mask:
+def _exchange(deviance: Callable[[Mask], float], kept: Mask) -> Mask:
     """Take the best of all drops, additions and exchanges until none helps."""
-    lowest = _deviance(table, target, penalty, kept)
-    pairs = [(i, j) for i in range(len(kept)) for j in range(i)]
+    flips = np.eye(len(kept), dtype=bool)
+    pairs = [first | second for first, second in combinations(flips, 2)]
+    lowest = deviance(kept)
     while True:
-        single = [(i,) for i in range(len(kept))]
-        trials = [_flipped(kept, *at) for at in [*single, *((i, j) for i, j in pairs if kept[i] != kept[j])]]
-        deviances = [_deviance(table, target, penalty, trial) for trial in trials]
+        trials = [kept ^ flip for flip in [*flips, *(pair for pair in pairs if np.sum(pair & kept) == 1)]]
+        deviances = [deviance(trial) for trial in trials]
         best = int(np.argmin(deviances))
-        if deviances[best] >= lowest - 1e-9 * penalty:
+        if deviances[best] >= lowest - 1e-9:
             return kept
         kept, lowest = trials[best], deviances[best]
-
-
-def _flipped(kept: Mask, *members: int) -> Mask:
-    other = kept.copy()
-    other[list(members)] ^= True
-    return other
-
-
-def _deviance(table: Array, target: Array, penalty: float, kept: Mask) -> float:
-    return _residual_sum(table, target, kept) + penalty * float(np.sum(kept))
-
-
-def _residual_sum(table: Array, target: Array, kept: Mask) -> float:
-    if not kept.any():
-        return float(target @ target)
-    solution, *_ = np.linalg.lstsq(table[:, kept], target, rcond=1e-12)
-    residual = target - table[:, kept] @ solution
-    return float(residual @ residual)

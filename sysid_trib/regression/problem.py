@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 import xarray as xr
@@ -119,6 +119,9 @@ class RunRegression:
     reference: ReferenceTrajectory
 
 
+Runs: TypeAlias = tuple[RunRegression, ...]
+
+
 def begin(
     decays: Sequence[xr.Dataset],
     library: ForceLibrary,
@@ -126,7 +129,7 @@ def begin(
     *,
     reference_frequency: float | None,
     shapes: Mapping[str, float],
-) -> tuple[RunRegression, ...]:
+) -> Runs:
     """Weak forms of the runs, with the smoothed records as first reference trajectories.
 
     Parameters
@@ -182,14 +185,12 @@ def _first_run(
     return RunRegression(problem, estimate, ReferenceTrajectory(x, v, columns, exact=False))
 
 
-def update(
-    runs: Sequence[RunRegression], coefficients: Array, steps: Array, constraints: ConstraintMap
-) -> tuple[RunRegression, ...]:
+def update(runs: Runs, coefficients: Array, steps: Array, constraints: ConstraintMap) -> Runs:
     """The runs with the next estimate; a fitted stiffness is turned into the reference frequency.
 
     Parameters
     ----------
-    runs : sequence of RunRegression
+    runs : tuple of RunRegression
     coefficients : (force,) array of float
     steps : (run,) or (run + 1,) array of float
         Zeros of the sensor (rad), then the stiffness where the frequency is fitted.

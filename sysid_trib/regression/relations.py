@@ -16,13 +16,13 @@ from sysid_trib.regression.weak_form import whiten, whitener
 Array = NDArray[np.float64]
 
 Equations: TypeAlias = Callable[[Array, Array], tuple[Array, Array]]
-"""From extrema (rad, positive) and their times (s) to design (equation, unknown) and target (equation,).
+"""From extrema (rad, positive) and their times (s) to design (equation, parameter) and target (equation,).
 
 Equation i holds nothing but half periods i to i + m, where m is the number of half periods beyond that of the
 equations.
 """
 
-# The covariance depends on the unknowns, weakly.
+# The covariance depends on the parameters, weakly.
 REWEIGHTINGS = 2
 # Relative to an extremum and to a half period.
 DIFFERENCE_STEP = 1e-5
@@ -35,10 +35,12 @@ class EquationSolution:
 
     Attributes
     ----------
-    parameters : (parameter,)
-    influence : (parameter, 2 half periods) of unit errors of the extrema, then of their times.
-    residual : (equation,)
-    factor : Cholesky factor of the equations' covariance, lower banded.
+    parameters : (parameter,) array of float
+    influence : (parameter, 2 half periods) array of float
+        Of unit errors of the extrema, then of their times.
+    residual : (equation,) array of float
+    factor : (band, equation) array of float
+        Cholesky factor of the equations' covariance, lower banded.
     """
 
     parameters: Array
@@ -59,10 +61,20 @@ class EquationSolution:
 def solve(equations: Equations, measured: xr.Dataset) -> EquationSolution:
     """Solve equations between the half periods of an envelope.
 
+    Parameters
+    ----------
+    equations : Equations
+    measured : Dataset
+        The envelope (see `envelope`).
+
+    Returns
+    -------
+    EquationSolution
+
     Raises
     ------
     DecayError
-        Too few half periods for the unknowns, or unknowns that they cannot tell apart.
+        Too few half periods for the parameters, or parameters that they cannot separate.
     """
     b, t = measured.extremum.values, measured.extremum_time.values
     design, target = equations(b, t)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from sysid_trib.regression.constraint_map import ConstraintMap
-from sysid_trib.regression.problem import RunRegression, update
+from sysid_trib.regression.problem import RunRegression, Runs, update
 from sysid_trib.regression.rows import Rows, white_without_nuisances
 from sysid_trib.regression.weak_form import whiten
 
@@ -45,7 +45,7 @@ class Solution:
     lags: int
     constraints: ConstraintMap
 
-    def applied_to(self, runs: Sequence[RunRegression]) -> tuple[RunRegression, ...]:
+    def applied_to(self, runs: Runs) -> Runs:
         """The runs with this solution as their estimate."""
         return update(runs, self.coefficients, self.steps, self.constraints)
 

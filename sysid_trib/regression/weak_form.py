@@ -30,9 +30,11 @@ class WeakForm:
 
     Attributes
     ----------
-    value, slope, curvature : (row, sample)
+    tau : (sample,) array of float
+        Time times a frequency.
+    value, slope, curvature : (row, sample) sparse array of float
         ``value @ f`` is int psi f dtau for every test function psi; `slope` and `curvature` the same
-        with psi' and psi''. Time is tau = w t.
+        with psi' and psi''.
     """
 
     tau: Array
@@ -70,8 +72,13 @@ def noise_operator(form: WeakForm, stiffness: Array, damping: Array) -> sp.csr_m
 
     Parameters
     ----------
-    stiffness, damping : (sample,)
+    form : WeakForm
+    stiffness, damping : (sample,) array of float
         1 + sum c dh/dx and sum c dh/dv along the trajectory.
+
+    Returns
+    -------
+    (row, sample) sparse array of float
     """
     turned = form.curvature + form.value @ sp.diags_array(stiffness)
     # int psi d e' = -int (psi d)' e: the derivative is taken of the rows, never of the noise.
