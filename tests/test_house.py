@@ -43,8 +43,9 @@ WORDS = set(
 # Common words, as a whole identifier: there they hide what the thing is.
 COMMON_WORDS = set(
     _split("""
-    about agreement alone basis_of beyond chance cost each exchanged found fractional generic holding_out Law
-    left lost no_better one own Place price scan scans share shared simpler stage stages_of strength unknown
+    about agreement alone basis_of beyond chance cost each exchanged found fractional generic
+    holding_out Guess Law left lost Moved no_better one own Path Place price Problem Record Run scan
+    scans share shared simpler stage stages_of strength unknown
 """)
 )
 # Public names, the words that hold a forbidden one in a right sense, and keys of JSON.
