@@ -1,5 +1,7 @@
 """Figure of a discovery in one picture: the record, the gap before and after, and the effects named."""
 
+from typing import Any
+
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -12,7 +14,7 @@ from sysid_trib.printing.residual import noise_of, residual_of
 from sysid_trib.results.discoveries import added_effects
 
 # Heights of the panels, inch: record, gap before, gap after, models without rows; and of a row.
-PANEL_HEIGHTS, MODEL_ROW = (1.75, 1.15, 1.55, 0.85), 0.25
+PANEL_HEIGHTS, MODEL_ROW = (1.75, 1.15, 1.55, 0.85), 0.34
 
 
 def story(tree: xr.DataTree, run: int = 0) -> Figure:
@@ -53,15 +55,21 @@ def _explained(ax: Axes, tree: xr.DataTree) -> None:
     ratios = [residual / noise_of(tree) for residual in residuals]
     texts = [
         "",
-        *(f": {step['name'].item()}, {step.symbol.item()} = {coefficient_text(step)}" for step in steps),
+        *(f"{step['name'].item()}, {step.symbol.item()} = {coefficient_text(step)}" for step in steps),
     ]
+    note: dict[str, Any] = {
+        "textcoords": "offset points",
+        "va": "center",
+        "fontsize": 8,
+        "annotation_clip": False,
+    }
     for row, (ratio, text) in enumerate(zip(ratios, texts, strict=True)):
         look = style.CANDIDATE_MARKS["named"] if row else style.DETECTABLE_MARKS["start model"]
         ax.plot([1.0, ratio], [row, row], color=look["color"], linewidth=0.8)
         ax.plot([ratio], [row], **{"linestyle": ""} | look)
-        ax.annotate(
-            f"{ratio:.3g}{text}", (ratio, row), (8, 0), textcoords="offset points", va="center", fontsize=8
-        )
+        ax.annotate(f"{ratio:.3g}", (ratio, row), (8, 0), **note)
+        # Above its line: beside a mark a long name may not have room.
+        ax.annotate(text, (1.0, row), (8, 10), **note)
     ax.axvline(1.0, **style.THRESHOLD)
     style.name_rows(ax, ["start model", *(f"+ {symbol}" for symbol in symbols)])
     low, high = min(1.0, *ratios) / 1.15, max(2.0, *ratios)
