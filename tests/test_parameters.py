@@ -8,9 +8,10 @@ from sysid_trib import Model, load_library
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.library import parse_library
-from sysid_trib.methods import Trajectory
+from sysid_trib.methods import Averaging, Direct, Trajectory
 from sysid_trib.trajectory_fit.parameters import FREQUENCY, Parameters
 from sysid_trib.trajectory_fit.problem import OUT_OF_PROPORTION, FitProblem, WhitenedRecord
+from sysid_trib.validation.homogeneity import run_agreement
 
 FORCES = load_library()
 EFFECTS = load_library("candidate_effects")
@@ -38,7 +39,7 @@ def test_a_force_is_inserted_and_removed_with_its_shapes():
     values = np.arange(5.0)
     more = after.take(before, values, {"dahl": 7.0, "dahl.s": 8.0})
     np.testing.assert_array_equal(more, [0.0, 1.0, 7.0, 8.0, 2.0, 3.0, 4.0])
-    assert after.indices(["dahl"]) == [2, 3]
+    assert after.index("dahl.s") == 3
     np.testing.assert_array_equal(after.remove(["dahl"]).take(after, more), values)
     table = after.take(before, np.ones((4, 5)), {"dahl": np.arange(4.0), "dahl.s": np.nan})
     np.testing.assert_array_equal(table[:, 2], np.arange(4.0))
@@ -127,6 +128,15 @@ def test_a_bound_that_stops_a_coefficient_holds_it(record):
     assert zeta.constraint.item() == "at its bound"
     same = Trajectory(W, fix={"zeta": 0.01}).identify(record, FORCES)
     np.testing.assert_allclose(found.coefficient, same.coefficient, rtol=1e-6)
+
+
+@pytest.mark.parametrize("method", [Direct, Averaging])
+def test_runs_are_compared_by_what_is_free(method):
+    runs = [paper_run(SIX, duration=12.0).decay(seed) for seed in range(2)]
+    found = method(fix={"lambda": 0.0}, bounds={"zeta": (0.012, 1.0)}).identify(runs, FORCES)
+    compared = run_agreement(runs, found)
+    assert set(compared.quantity.values.tolist()) == {"delta", "nu", "epsilon", "asymptotic frequency"}
+    assert np.all(np.isfinite(compared.p_value))
 
 
 def test_a_bound_that_stops_nothing_changes_nothing(record, plain):

@@ -16,6 +16,11 @@ def in_model(result: xr.Dataset, symbol: str) -> bool:
     return bool(np.isclose(result.refers_to.sel(force=symbol), result.reference_frequency, rtol=1e-12))
 
 
+def is_constrained(result: xr.Dataset, symbol: str) -> bool:
+    """Whether a coefficient is fixed, tied or at a bound: it adds no difference of its own."""
+    return "constraint" in result.coords and bool(result.constraint.sel(force=symbol).item())
+
+
 def comparison_values(result: xr.Dataset, kept: Sequence[str], frequency: float) -> Array:
     """Coefficients at one reference frequency, and the asymptotic frequency.
 

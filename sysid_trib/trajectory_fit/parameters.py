@@ -65,11 +65,6 @@ class Parameters:
         """Place of a parameter in the vector."""
         return self.names.index(name)
 
-    def indices(self, symbols: Iterable[str]) -> list[int]:
-        """Places of the coefficients and shape parameters of forces."""
-        asked = set(symbols)
-        return [i for i, name in enumerate(self.common) if name.partition(".")[0] in asked]
-
     def of_run(self, run: int) -> slice:
         """Places of a run's own parameters."""
         first = len(self.common) + len(PER_RUN) * run

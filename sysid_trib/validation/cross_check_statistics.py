@@ -18,6 +18,7 @@ from sysid_trib.results.common_reference import (
     ASYMPTOTIC_FREQUENCY,
     comparison_values,
     in_model,
+    is_constrained,
     stated_covariance,
 )
 from sysid_trib.results.per_run import noise_of_run
@@ -50,7 +51,7 @@ def comparison(
     kept = [
         s
         for s in common
-        if in_model(first, s) and in_model(second, s) and not all(_is_constrained(r, s) for r in results)
+        if in_model(first, s) and in_model(second, s) and not all(is_constrained(r, s) for r in results)
     ]
     frequency = first.reference_frequency.item()
     difference = comparison_values(first, kept, frequency) - comparison_values(second, kept, frequency)
@@ -84,11 +85,6 @@ def comparison(
         **chi_square_test((), chi_square, count, "chi-square of all differences", p_value),
     }
     return xr.Dataset(variables, {"quantity": [*kept, ASYMPTOTIC_FREQUENCY]})
-
-
-def _is_constrained(result: xr.Dataset, symbol: str) -> bool:
-    """Whether a coefficient is fixed, tied or at a bound: it adds no difference of its own."""
-    return "constraint" in result.coords and bool(result.constraint.sel(force=symbol).item())
 
 
 def ties(runs: Sequence[xr.Dataset], result: xr.Dataset) -> dict[str, str]:

@@ -14,6 +14,7 @@ from sysid_trib.results.common_reference import (
     ASYMPTOTIC_FREQUENCY,
     comparison_values,
     in_model,
+    is_constrained,
     stated_covariance,
 )
 from sysid_trib.results.schema import library_of
@@ -54,7 +55,11 @@ def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Data
     then it changes with amplitude.
     """
     method, library = method_of(together), library_of(together, whole=True)
-    kept = [s for s in together.force.values.tolist() if in_model(together, s)]
+    kept = [
+        symbol
+        for symbol in together.force.values.tolist()
+        if in_model(together, symbol) and not is_constrained(together, symbol)
+    ]
     frequency = together.reference_frequency.item()
     free = together.reference_frequency_standard_error.item() > 0.0
     names = [*kept, ASYMPTOTIC_FREQUENCY] if free else kept
