@@ -113,49 +113,32 @@ def _scatter(
     seed: int,
 ) -> tuple[Array, Array]:
     """Mean difference without noise, and covariance of the difference over noisy records of a known model."""
-    result, motions = truth
-    model = model_of(result)
-    noises = [_coarse(run, result, at) for at, run in enumerate(runs)]
-    exact = [
-        trajectory(model, time, motion.angle, motion.rate).angle
-        for (time, _), motion in zip(noises, motions, strict=True)
-        if motion is not None
-    ]
+    exact = _exact_motions(runs, *truth)
     random = np.random.default_rng(seed)
-    best = [_at_its_best(runs, r) for r in results]
+    best = [_at_its_best(runs, result) for result in results]
     # Each with what it was offered: forces that one of them neglects are part of its bias.
-    offered = [library_of(r, whole=True) for r in results]
-    frequency = result.reference_frequency.item()
+    offered = [library_of(result, whole=True) for result in results]
+    frequency = truth[0].reference_frequency.item()
 
-    def difference(pair: Sequence[xr.Dataset]) -> Array:
-        first, second = stacked(pair)
-        return np.asarray(first - second)
+    def values(pair: Sequence[xr.Dataset]) -> Array:
+        return np.stack([comparison_values(result, kept, frequency) for result in pair])
 
-    def stacked(pair: Sequence[xr.Dataset]) -> Array:
-        return np.stack([comparison_values(r, kept, frequency) for r in pair])
-
-    def identified(noise_factor: float) -> list[xr.Dataset]:
+    def identified(noise_factor: float) -> Array:
         records = [
-            xr.Dataset(
-                {"angle": ("time", x + noise_factor * noise * random.standard_normal(len(x)))}, {"time": t}
-            )
-            for x, (t, noise) in zip(exact, noises, strict=True)
+            _record(time, angle + noise_factor * noise * random.standard_normal(len(angle)))
+            for time, angle, noise in exact
         ]
-        return [
-            method.identify(one_or_all(records), library)
-            for (method, _), library in zip(best, offered, strict=True)
-        ]
+        pairs = zip(best, offered, strict=True)
+        return values([method.identify(one_or_all(records), library) for (method, _), library in pairs])
 
     # The bias that a method left in is what it would have removed; what remains shows without noise.
-    expected = difference(results) - difference([r for _, r in best])
+    expected = np.subtract(*values(results)) - np.subtract(*values([result for _, result in best]))
     with suppress(SysidTribError):
-        expected = expected + difference(identified(0.0))
+        expected = expected + np.subtract(*identified(0.0))
     drawn_values = []
     for _ in range(draws):
-        try:
-            drawn_values.append(stacked(identified(1.0)))
-        except SysidTribError:
-            continue
+        with suppress(SysidTribError):
+            drawn_values.append(identified(1.0))
     if len(drawn_values) < 3:
         count = len(kept) + 1
         return np.full(count, np.nan), np.full((count, count), np.nan)
@@ -192,11 +175,22 @@ def _beyond_noise(results: Sequence[xr.Dataset], kept: Sequence[str], draws: Arr
     return bool(np.max(ratio) > 1.5)
 
 
-def _coarse(decay: xr.Dataset, result: xr.Dataset, run: int) -> tuple[Array, float]:
-    """Times of a record of the same length with fewer samples, and the noise of their local means."""
-    time, noise = decay.time.values.astype(float), noise_of_run(result, run)
+def _exact_motions(
+    runs: Sequence[xr.Dataset], result: xr.Dataset, motions: Sequence[FittedMotion | None]
+) -> list[tuple[Array, Array, float]]:
+    """Times, angle of the model's motion and noise of each run; with fewer samples, of less noise."""
+    model, exact = model_of(result), []
     period = 2.0 * np.pi / result.asymptotic_frequency.item()
-    most = int(SAMPLES_PER_PERIOD * (time[-1] - time[0]) / period) + 2
-    if len(time) <= most:
-        return time, noise
-    return np.linspace(time[0], time[-1], most), noise * np.sqrt(most / len(time))
+    for at, (run, motion) in enumerate(zip(runs, motions, strict=True)):
+        time, noise = run.time.values.astype(float), noise_of_run(result, at)
+        most = int(SAMPLES_PER_PERIOD * (time[-1] - time[0]) / period) + 2
+        if len(time) > most:
+            noise *= np.sqrt(most / len(time))
+            time = np.linspace(time[0], time[-1], most)
+        if motion is not None:
+            exact.append((time, trajectory(model, time, motion.angle, motion.rate).angle, noise))
+    return exact
+
+
+def _record(time: Array, angle: Array) -> xr.Dataset:
+    return xr.Dataset({"angle": ("time", angle)}, {"time": time})
