@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from helpers import FIVE, NOISE, Run, W, decay, over_seeds, paper_run, rms, rms_range, values
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from sysid_trib import Model, envelope, load_library
 from sysid_trib.errors import UsageError

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import FIVE, SIX, Run, W, decay, library_of_formulas, paper_run, rms, rms_range
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from sysid_trib import Model, load, load_library, save
 from sysid_trib.errors import DecayError, UsageError

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from helpers import FIVE, SIX, Run, W, decay, paper_run, rms, rms_range
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from sysid_trib import Model, load, load_library, save
 from sysid_trib.errors import DecayError, UsageError

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers import FIVE, W, decay, paper_run
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.integrate import quad
 

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 from candidates import CANDIDATES, candidate, force
 from helpers import library_of_formulas
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from sysid_trib import load_library
 from sysid_trib.errors import LibraryError, UsageError

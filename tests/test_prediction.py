@@ -3,8 +3,7 @@ import time
 import numpy as np
 import pytest
 from candidates import CANDIDATES, candidate
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from scipy.special import beta
 
 from sysid_trib import Model, load_library

@@ -9,8 +9,7 @@ import pandas as pd
 import pytest
 import scipy.io
 import xarray as xr
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from sysid_trib.decays.checks import check_sampling
 from sysid_trib.decays.free_decay import free_decay

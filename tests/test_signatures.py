@@ -5,8 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from candidates import CANDIDATES, candidate, force
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from numpy import pi
 from scipy.integrate import quad, solve_ivp
 from scipy.special import beta, dawsn, iv, j1, modstruve

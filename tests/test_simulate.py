@@ -6,8 +6,7 @@ from weakref import ref
 import numpy as np
 import pytest
 from helpers import ENGINES, needs_heyoka
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from reference_motion import reference_motion
 
 from sysid_trib import Model, load_library
