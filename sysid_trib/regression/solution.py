@@ -90,8 +90,8 @@ def solve(rows: Rows, run: RunRegression, active: Mask, constraints: ConstraintM
     if run.problem.frequency_free:
         coefficients = coefficients + shift * steps[-1]
         # From the stiffness to the frequency, w sqrt(1 + stiffness), and to coefficients that refer to it.
-        jacobian[:-1, -1] = shift - _rescaling(run, kept)
-        jacobian[-1, -1] = 0.5 * run.estimate.frequency
+        jacobian[:-1, -1] = -kept.matrix @ _rescaling(run, coefficients)[kept.free]
+        jacobian[-1, -1] = 0.5 * run.estimate.frequency * np.sqrt(max(0.25, 1.0 + steps[-1]))
     covariance = jacobian @ fit.covariance_[0] @ jacobian.T
     return Solution(coefficients, steps, covariance, float(fit.noise_[0]), int(fit.lags_[0]), kept)
 
@@ -141,7 +141,8 @@ def _free_rows(rows: Rows, run: RunRegression, constraints: ConstraintMap) -> tu
     A constraint holds at the reference frequency that is fitted with it: a stiffness changes the coefficients
     that hold it at the present frequency, (force,), by the last.
     """
-    rescaling = _rescaling(run, constraints)
+    in_model = constraints.matrix.any(axis=1) | (constraints.constant != 0.0)
+    rescaling = _rescaling(run, run.estimate.coefficients * in_model)
     shift = rescaling - constraints.matrix @ rescaling[constraints.free]
     target = rows.target - rows.columns @ (rows.scale * constraints.constant)
     nuisances = rows.nuisances
@@ -156,11 +157,10 @@ def _scaled(rows: Rows, constraints: ConstraintMap) -> Array:
     return rows.scale[:, None] * constraints.matrix / rows.scale[constraints.free]
 
 
-def _rescaling(run: RunRegression, constraints: ConstraintMap) -> Array:
+def _rescaling(run: RunRegression, coefficients: Array) -> Array:
     """By how much a unit of stiffness changes the coefficients (force,) that give the same force."""
-    in_model = constraints.matrix.any(axis=1) | (constraints.constant != 0.0)
     degrees = [2.0 if f.speed_degree is None else f.speed_degree for f in run.problem.library]
-    return 0.5 * (2.0 - np.array(degrees)) * run.estimate.coefficients * in_model
+    return 0.5 * (2.0 - np.array(degrees)) * coefficients
 
 
 def _bounds_reached(rows: Rows, design: Array, target: Array, constraints: ConstraintMap) -> Array:
