@@ -21,7 +21,8 @@ from sysid_trib.methods.scope import (
 )
 from sysid_trib.records.runs import one_or_all
 from sysid_trib.results.contactless import with_contactless_frequency
-from sysid_trib.validation.holdout import ModelResidual, ModelResiduals, RunInParts, predicted, residual_of
+from sysid_trib.validation.holdout import RunInParts, predicted
+from sysid_trib.validation.model_residuals import ModelResidual, ModelResiduals, residual_of
 
 
 @dataclass(frozen=True)
