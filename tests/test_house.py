@@ -19,7 +19,7 @@ ROOT = PACKAGE.parent
 # From the ground up; each room imports only from rooms before it.
 _split = re.compile(r"\S+").findall
 ROOMS = _split("""
-    errors _version forces decays records simulation results averaging noise regression trajectory_fit
+    errors _version arrays forces decays records simulation results averaging noise regression trajectory_fit
     methods validation discrepancy physics printing plots reporting commands cli
 """)
 LOOSE = 6

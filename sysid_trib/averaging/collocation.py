@@ -15,10 +15,10 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 from scipy.linalg import solve_banded
 
+from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import LibraryError
 from sysid_trib.forces.force import Force
 
-Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 Names = Mapping[str, Any]
 MAX_NEWTON = 60
@@ -44,7 +44,7 @@ class Panels:
     low: Array
     high: Array
 
-    def halved(self, chosen: NDArray[np.bool_]) -> tuple["Panels", Index, Array]:
+    def halved(self, chosen: Mask) -> tuple["Panels", Index, Array]:
         """Halve the chosen ones; of each new panel its parent, and where in it its nodes begin."""
         parent = np.repeat(np.arange(self.low.size), 1 + chosen)
         second = np.concatenate(([False], parent[1:] == parent[:-1]))

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import elementwise
 
-from sysid_trib.averaging.collocation import Array, Index, Panels, solve_states
+from sysid_trib.arrays import Array
+from sysid_trib.averaging.collocation import Index, Panels, solve_states
 from sysid_trib.errors import LibraryError
 from sysid_trib.forces.force import Force
 from sysid_trib.forces.formulas import Formula

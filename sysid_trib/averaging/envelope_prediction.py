@@ -11,7 +11,7 @@ from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 from scipy.integrate import quad, solve_ivp
 
-from sysid_trib.averaging.collocation import Array
+from sysid_trib.arrays import Array
 from sysid_trib.averaging.cycle_averages import CANCELLATION, ROUNDING_ERROR
 from sysid_trib.averaging.signatures import averages
 from sysid_trib.errors import SimulationError

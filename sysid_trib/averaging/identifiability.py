@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from sysid_trib.averaging.collocation import Array
+from sysid_trib.arrays import Array
 from sysid_trib.averaging.internal_states import states_along
 from sysid_trib.averaging.signatures import averages
 from sysid_trib.errors import UsageError

@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 from scipy.linalg.lapack import dtbtrs
 
-from sysid_trib.averaging.collocation import Array, Index, Panels, solve_states
+from sysid_trib.arrays import Array
+from sysid_trib.averaging.collocation import Index, Panels, solve_states
 from sysid_trib.errors import DecayError, LibraryError
 from sysid_trib.forces.force import Force
 

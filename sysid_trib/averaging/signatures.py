@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from sysid_trib.averaging.collocation import Array
+from sysid_trib.arrays import Array
 from sysid_trib.averaging.cycle_averages import cycle_averages
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import Force

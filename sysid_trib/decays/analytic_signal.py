@@ -4,7 +4,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import hilbert
 
-from sysid_trib.decays.half_periods import FloatArray, HalfPeriods, IntArray
+from sysid_trib.arrays import Array
+from sysid_trib.decays.half_periods import HalfPeriods, IntArray
 
 # N times the variance of the mean of N demodulated samples over half a period, at unit noise. One half period
 # alone has 1.77; it shares 7 % with either neighbour, and what varies slowly over many of them has 2.
@@ -13,8 +14,8 @@ DEGREE = 5
 
 
 def analytic_extrema(
-    time: FloatArray, angle: FloatArray, halves: HalfPeriods
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    time: Array, angle: Array, halves: HalfPeriods
+) -> tuple[Array, Array, Array, Array, Array]:
     """Extrema of the half periods, from lines through the log amplitude and the phase of the analytic signal.
 
     Parameters
@@ -43,13 +44,11 @@ def analytic_extrema(
     log_level, log_slope = _lines(s, log_amplitude, half, count)
     extremum = np.exp(log_level + log_slope * late)
     samples = halves.duration * (time.size - 1) / (time[-1] - time[0])
-    error: FloatArray = np.sqrt(EXTREMUM_VARIANCE / samples)
+    error: Array = np.sqrt(EXTREMUM_VARIANCE / samples)
     return np.copysign(extremum, halves.sign), middle + late, slope, error, error / (extremum * slope)
 
 
-def _analytic_signal(
-    time: FloatArray, angle: FloatArray, halves: HalfPeriods
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _analytic_signal(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Array, Array, Array]:
     """Even times from the first crossing to the last, logarithm of the amplitude, unwrapped phase."""
     crossing = halves.crossing
     span = crossing[-1] - crossing[0]
@@ -67,7 +66,7 @@ def _analytic_signal(
     return grid, np.log(np.abs(signal)) + trend, phase
 
 
-def _log_trend(halves: HalfPeriods, grid: FloatArray) -> FloatArray:
+def _log_trend(halves: HalfPeriods, grid: Array) -> Array:
     """Smooth trend of the logarithm of the amplitude."""
     middle = 0.5 * (halves.crossing[1:] + halves.crossing[:-1])
     degree = min(DEGREE, halves.sign.size - 2)
@@ -75,7 +74,7 @@ def _log_trend(halves: HalfPeriods, grid: FloatArray) -> FloatArray:
     return np.asarray(trend(grid))
 
 
-def _lines(s: FloatArray, y: FloatArray, half: IntArray, count: int) -> tuple[FloatArray, FloatArray]:
+def _lines(s: Array, y: Array, half: IntArray, count: int) -> tuple[Array, Array]:
     """Least-squares line y = level + slope s of each half period."""
     n, sx, sxx, sy, sxy = (
         np.bincount(half, weights, count) for weights in (np.ones_like(s), s, s * s, y, s * y)

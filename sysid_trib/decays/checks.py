@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from sysid_trib.arrays import Array
 from sysid_trib.decays.equilibrium import Swing, signed_extrema
-from sysid_trib.decays.half_periods import FloatArray
 from sysid_trib.errors import DecayError, RecordError
 
 # Three full periods: five whole half periods and a part of one at either end.
@@ -14,7 +14,7 @@ FEWEST_PER_HALF_PERIOD = 3
 STEP_TOLERANCE = 0.02
 
 
-def refuse_outliers(time: FloatArray, angle: FloatArray, source: str) -> None:
+def refuse_outliers(time: Array, angle: Array, source: str) -> None:
     """Refuse single samples that leap out of the swing and back: least squares would follow them."""
     middle = 0.5 * (angle[2:] + angle[:-2])
     swing = float(np.ptp(np.percentile(angle, [1.0, 99.0])))
@@ -29,7 +29,7 @@ def refuse_outliers(time: FloatArray, angle: FloatArray, source: str) -> None:
         )
 
 
-def after_the_largest(time: FloatArray, angle: FloatArray, swing: Swing, source: str) -> Swing:
+def after_the_largest(time: Array, angle: Array, swing: Swing, source: str) -> Swing:
     """Leave out what comes before the largest extremum, and refuse what does not decay after it."""
     run = swing.run
     per_half_period = 0.5 * swing.oscillation.period * (time.size - 1) / (time[-1] - time[0])
@@ -65,7 +65,7 @@ def after_the_largest(time: FloatArray, angle: FloatArray, swing: Swing, source:
     return swing
 
 
-def _refuse_pushes(peak: FloatArray, swing: Swing, source: str) -> None:
+def _refuse_pushes(peak: Array, swing: Swing, source: str) -> None:
     """Refuse an amplitude that rises again, comparing extrema of one sign: a push, or two modes that beat."""
     for side in (0, 1):
         same = peak[side::2]
@@ -79,7 +79,7 @@ def _refuse_pushes(peak: FloatArray, swing: Swing, source: str) -> None:
             )
 
 
-def refuse_clipping(time: FloatArray, angle: FloatArray, swing: Swing, source: str) -> None:
+def refuse_clipping(time: Array, angle: Array, swing: Swing, source: str) -> None:
     """Refuse flat tops at one and the same extreme value in three or more half periods."""
     starts, stops = swing.halves.select(swing.run).samples(time)
     sign = swing.halves.sign[swing.run]
@@ -100,7 +100,7 @@ def refuse_clipping(time: FloatArray, angle: FloatArray, swing: Swing, source: s
             )
 
 
-def check_sampling(time: FloatArray, source: str) -> None:
+def check_sampling(time: Array, source: str) -> None:
     """Refuse time steps more than 2 % from their median: a gap, dropped frames, or a coarse clock.
 
     Raises

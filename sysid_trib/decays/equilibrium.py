@@ -6,8 +6,8 @@ from threading import Lock
 
 import numpy as np
 
+from sysid_trib.arrays import Array
 from sysid_trib.decays.half_periods import (
-    FloatArray,
     HalfPeriods,
     Oscillation,
     dominant_periods,
@@ -44,7 +44,7 @@ class Swing:
     standard_error: float
 
 
-def find_swing(time: FloatArray, signal: FloatArray, equilibrium: float | None = None) -> Swing | None:
+def find_swing(time: Array, signal: Array, equilibrium: float | None = None) -> Swing | None:
     """Find the regular swing of a signal and, unless it is given, its equilibrium.
 
     None if the signal holds no oscillation that stands out of its noise.
@@ -56,7 +56,7 @@ def find_swing(time: FloatArray, signal: FloatArray, equilibrium: float | None =
     return max(swings, key=lambda swing: float(swing.halves.peak[swing.run].sum()), default=None)
 
 
-def usable_half_periods(time: FloatArray, angle: FloatArray, source: str) -> HalfPeriods:
+def usable_half_periods(time: Array, angle: Array, source: str) -> HalfPeriods:
     """Whole half periods of a centred decay.
 
     Parameters
@@ -83,7 +83,7 @@ def usable_half_periods(time: FloatArray, angle: FloatArray, source: str) -> Hal
     return halves
 
 
-def _whole_half_periods(time: FloatArray, angle: FloatArray, source: str) -> HalfPeriods:
+def _whole_half_periods(time: Array, angle: Array, source: str) -> HalfPeriods:
     swing = find_swing(time, angle, equilibrium=0.0)
     if swing is None:
         raise DecayError(f"{source}: no oscillation stands out of the noise.")
@@ -93,9 +93,7 @@ def _whole_half_periods(time: FloatArray, angle: FloatArray, source: str) -> Hal
     return swing.halves.select(swing.run)
 
 
-def _settle(
-    time: FloatArray, signal: FloatArray, oscillation: Oscillation, equilibrium: float | None
-) -> Swing:
+def _settle(time: Array, signal: Array, oscillation: Oscillation, equilibrium: float | None) -> Swing:
     """Split and centre in turn: the split depends on the centre and the centre on the split."""
     centre = _centre_of_travel(oscillation) if equilibrium is None else equilibrium
     error = np.nan
@@ -125,7 +123,7 @@ def _centre_of_travel(oscillation: Oscillation) -> float:
     return float(middle[order][np.searchsorted(travelled, 0.5 * travelled[-1])])
 
 
-def signed_extrema(time: FloatArray, signal: FloatArray, halves: HalfPeriods) -> FloatArray:
+def signed_extrema(time: Array, signal: Array, halves: HalfPeriods) -> Array:
     """Extremum of each half period of a roughly centred signal, from a cosine through its middle two thirds.
 
     What is left of the equilibrium passes with gain one, up to the cosine's curvature.
@@ -150,7 +148,7 @@ def signed_extrema(time: FloatArray, signal: FloatArray, halves: HalfPeriods) ->
     return np.copysign(np.hypot(p, q), p)
 
 
-def robust_mean(extrema: FloatArray, noise: float) -> tuple[float, float]:
+def robust_mean(extrema: Array, noise: float) -> tuple[float, float]:
     """Mean of (b[i-1] + 2 b[i] + b[i+1])/4 over signed extrema, and its standard error.
 
     Where the envelope curves, these terms alternate about the equilibrium by a quarter of its second
@@ -184,7 +182,7 @@ def robust_mean(extrema: FloatArray, noise: float) -> tuple[float, float]:
     return mean, max(error, _drift_error(terms, total, error))
 
 
-def _drift_error(terms: FloatArray, weights: FloatArray, error: float) -> float:
+def _drift_error(terms: Array, weights: Array, error: float) -> float:
     """Error of the mean from eight successive blocks, where it is clearly larger: the equilibrium drifts."""
     if terms.size < 4 * DRIFT_BLOCKS:
         return 0.0

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
+from sysid_trib.arrays import Array
 from sysid_trib.decays.checks import after_the_largest, check_sampling, refuse_clipping, refuse_outliers
 from sysid_trib.decays.equilibrium import Swing, find_swing
-from sysid_trib.decays.half_periods import FloatArray, noise_level
+from sysid_trib.decays.half_periods import noise_level
 from sysid_trib.decays.hand_stop import before_the_hand
 from sysid_trib.errors import DecayError, UsageError
 
@@ -125,7 +126,7 @@ def _in_window(record: xr.Dataset, window: tuple[float | None, float | None], so
     return inside
 
 
-def _check_signal(time: FloatArray, angle: FloatArray, source: str) -> None:
+def _check_signal(time: Array, angle: Array, source: str) -> None:
     bad = np.flatnonzero(~np.isfinite(angle))
     if bad.size:
         raise DecayError(f"{source}: the angle at {time[bad[0]]:.6g} s is not a finite number; cut it out.")
@@ -134,7 +135,7 @@ def _check_signal(time: FloatArray, angle: FloatArray, source: str) -> None:
         raise DecayError(f"{source}: the angle is flat at {angle[0]:.6g}; choose another column or window.")
 
 
-def _free_part(time: FloatArray, angle: FloatArray, swing: Swing) -> Part:
+def _free_part(time: Array, angle: Array, swing: Swing) -> Part:
     halves, run = swing.halves, swing.run
     smoothed, centred = swing.oscillation.time, swing.oscillation.signal - swing.equilibrium
     start, before = 0, ""
@@ -161,7 +162,7 @@ def _free_part(time: FloatArray, angle: FloatArray, swing: Swing) -> Part:
     return Part(start, stop, before, f"the last {time[-1] - time[stop - 1]:.4g} s {reason}")
 
 
-def _mirrors(time: FloatArray, angle: FloatArray, swing: Swing, *, leading: bool) -> bool:
+def _mirrors(time: Array, angle: Array, swing: Swing, *, leading: bool) -> bool:
     """Whether an end of the record is the mirror image, through a zero crossing, of the swing next to it.
 
     Free motion under odd forces is, up to the decay; motion held, pushed or stopped by hand or by friction is
@@ -186,7 +187,7 @@ def _mirrors(time: FloatArray, angle: FloatArray, swing: Swing, *, leading: bool
     return bool(np.all(np.abs(angle[outside] - mirrored) < allowed))
 
 
-def _find_stop(time: FloatArray, angle: FloatArray, swing: Swing) -> tuple[int, float]:
+def _find_stop(time: Array, angle: Array, swing: Swing) -> tuple[int, float]:
     """First sample of the stuck tail, and its time; nan if the motion did not stop but fade or go on."""
     halves, run = swing.halves, swing.run
     end, duration = halves.crossing[run.stop], float(halves.duration[run.stop - 1])
@@ -218,7 +219,7 @@ def _find_stop(time: FloatArray, angle: FloatArray, swing: Swing) -> tuple[int, 
     return (stop, float(time[stop])) if seen else (time.size, np.nan)
 
 
-def _sentence(time: FloatArray, part: Part, swing: Swing, units: str) -> str:
+def _sentence(time: Array, part: Part, swing: Swing, units: str) -> str:
     cut = " and ".join(text for text in (part.before, part.after) if text)
     kept = f"kept {time[part.start]:.6g} s to {time[part.stop - 1]:.6g} s ({part.stop - part.start} samples)"
     error = f" ± {swing.standard_error:.2g}" if np.isfinite(swing.standard_error) else " as given"

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 from scipy.fft import next_fast_len, rfft
 from scipy.ndimage import maximum_filter1d
 
-FloatArray = NDArray[np.float64]
+from sysid_trib.arrays import Array, Mask
+
 IntArray = NDArray[np.int64]
 
 POINTS_PER_PERIOD = 24
@@ -32,8 +33,8 @@ class Oscillation:
         White noise of one averaged point.
     """
 
-    time: FloatArray
-    signal: FloatArray
+    time: Array
+    signal: Array
     period: float
     noise: float
     step: float
@@ -62,13 +63,13 @@ class HalfPeriods:
         Whether both bounds are zero crossings.
     """
 
-    crossing: FloatArray
+    crossing: Array
     sign: IntArray
-    peak: FloatArray
-    complete: NDArray[np.bool_]
+    peak: Array
+    complete: Mask
 
     @property
-    def duration(self) -> FloatArray:
+    def duration(self) -> Array:
         """Time between the crossings of each half period."""
         return np.diff(self.crossing)
 
@@ -78,13 +79,13 @@ class HalfPeriods:
             self.crossing[part.start : part.stop + 1], self.sign[part], self.peak[part], self.complete[part]
         )
 
-    def samples(self, time: FloatArray) -> tuple[IntArray, IntArray]:
+    def samples(self, time: Array) -> tuple[IntArray, IntArray]:
         """First sample of each half period, and one past its last."""
         bounds = np.searchsorted(time, self.crossing)
         return bounds[:-1], bounds[1:]
 
 
-def noise_level(time: FloatArray, signal: FloatArray) -> float:
+def noise_level(time: Array, signal: Array) -> float:
     """White noise of one sample, from sixth differences: a smooth motion leaves next to nothing in them.
 
     Jittered times get divided differences: taken for even, they would turn motion into noise. Single spikes
@@ -107,7 +108,7 @@ def noise_level(time: FloatArray, signal: FloatArray) -> float:
     return float(np.sqrt(np.mean(difference**2)))
 
 
-def quantisation_step(signal: FloatArray) -> float:
+def quantisation_step(signal: Array) -> float:
     """Smallest spacing between values; that of continuous values is negligible by itself.
 
     Spacings below a millionth of the range are rounding of the quantised values, not their step.
@@ -118,12 +119,12 @@ def quantisation_step(signal: FloatArray) -> float:
     return float(spacing.min()) if spacing.size else 0.0
 
 
-def noise_of_record(time: FloatArray, signal: FloatArray) -> float:
+def noise_of_record(time: Array, signal: Array) -> float:
     """Noise of one sample: white, or that of the quantisation where it is larger."""
     return max(noise_level(time, signal), quantisation_step(signal) / np.sqrt(12.0))
 
 
-def dominant_periods(time: FloatArray, signal: FloatArray) -> list[float]:
+def dominant_periods(time: Array, signal: Array) -> list[float]:
     """Periods of the line that is strongest by its rate and, if another one, by the root of its rate.
 
     Holding by hand, lifting and rest are slow: the rate suppresses them, but it lifts mains hum. Empty if no
@@ -140,13 +141,13 @@ def dominant_periods(time: FloatArray, signal: FloatArray) -> list[float]:
     return [first] if 0.8 < first / second < 1.25 else [first, second]
 
 
-def smooth(time: FloatArray, signal: FloatArray, period: float) -> Oscillation:
+def smooth(time: Array, signal: Array, period: float) -> Oscillation:
     """Average over a twelfth of the period."""
     interval = (time[-1] - time[0]) / (time.size - 1)
     width = max(1, round(2 * period / POINTS_PER_PERIOD / interval))
     first = np.arange(0, time.size - width + 1, max(1, width // 2))
 
-    def average(values: FloatArray) -> FloatArray:
+    def average(values: Array) -> Array:
         total = np.concatenate(([0.0], np.cumsum(values - values[0])))
         return (total[first + width] - total[first]) / width + values[0]
 
@@ -178,7 +179,7 @@ def find_half_periods(oscillation: Oscillation, equilibrium: float = 0.0) -> Hal
     return HalfPeriods(crossing, side[np.concatenate(([0], turn + 1))], peak, complete)
 
 
-def _middle_crossing(time: FloatArray, signal: FloatArray, before: IntArray, after: IntArray) -> FloatArray:
+def _middle_crossing(time: Array, signal: Array, before: IntArray, after: IntArray) -> Array:
     """Mean of the first and last zero crossing between the points ``before`` and ``after``."""
     change = np.flatnonzero((signal[:-1] > 0) != (signal[1:] > 0))
     low, high = signal[change], signal[change + 1]

@@ -9,10 +9,10 @@ import scipy.sparse as sp
 import xarray as xr
 from numpy.typing import NDArray
 
+from sysid_trib.arrays import Array
 from sysid_trib.decays.analytic_signal import analytic_extrema
 from sysid_trib.decays.equilibrium import usable_half_periods
 from sysid_trib.decays.half_periods import (
-    FloatArray,
     HalfPeriods,
     IntArray,
     noise_of_record,
@@ -39,14 +39,14 @@ class HalfSines:
         Standard errors of b and t_b at a noise of 1.
     """
 
-    extremum: FloatArray
-    extremum_time: FloatArray
-    frequency: FloatArray
-    extremum_error: FloatArray
-    time_error: FloatArray
+    extremum: Array
+    extremum_time: Array
+    frequency: Array
+    extremum_error: Array
+    time_error: Array
 
 
-def fit_half_sines(time: FloatArray, angle: FloatArray, halves: HalfPeriods) -> HalfSines:
+def fit_half_sines(time: Array, angle: Array, halves: HalfPeriods) -> HalfSines:
     """Fit b cos(w (t - t_b)) to each of three or more half periods, all at once.
 
     w is the frequency between the neighbouring extrema, the paper's w_i, found in a few rounds: a w free in
@@ -56,7 +56,7 @@ def fit_half_sines(time: FloatArray, angle: FloatArray, halves: HalfPeriods) -> 
     sample, half, weight, first = _cells(time, halves)
     middle = 0.5 * (halves.crossing[1:] + halves.crossing[:-1])
     s, y = time[sample] - middle[half], angle[sample]
-    w: FloatArray = np.pi / halves.duration
+    w: Array = np.pi / halves.duration
     for _ in range(FREQUENCY_ROUNDS):
         phase = w[half] * s
         normal, right = _normal_equations([np.cos(phase), np.sin(phase)], y, weight, first)
@@ -73,7 +73,7 @@ def fit_half_sines(time: FloatArray, angle: FloatArray, halves: HalfPeriods) -> 
     return HalfSines(extremum, instant, used, errors[0], errors[1])
 
 
-def _cells(time: FloatArray, halves: HalfPeriods) -> tuple[IntArray, IntArray, FloatArray, IntArray]:
+def _cells(time: Array, halves: HalfPeriods) -> tuple[IntArray, IntArray, Array, IntArray]:
     """Samples whose cells touch each half period: number, half period, part inside, first of each."""
     edge = np.concatenate(([time[0]], 0.5 * (time[1:] + time[:-1]), [time[-1]]))
     edge[0] -= 0.5 * (time[1] - time[0])
@@ -90,9 +90,7 @@ def _cells(time: FloatArray, halves: HalfPeriods) -> tuple[IntArray, IntArray, F
     return sample, half, inside / (edge[sample + 1] - edge[sample]), first
 
 
-def _normal_equations(
-    columns: list[FloatArray], y: FloatArray, weight: FloatArray, first: IntArray
-) -> tuple[FloatArray, FloatArray]:
+def _normal_equations(columns: list[Array], y: Array, weight: Array, first: IntArray) -> tuple[Array, Array]:
     """Weighted normal equations of each half period: matrices and right sides."""
     weighted = [weight * column for column in columns]
     size = len(columns)
@@ -173,7 +171,7 @@ def envelope(decay: xr.Dataset, curve: Literal["half-sines", "analytic-signal"] 
     )
 
 
-def _scatter_ratio(value: FloatArray, error: FloatArray, decay_ratio: float) -> float:
+def _scatter_ratio(value: Array, error: Array, decay_ratio: float) -> float:
     """How much more values scatter than their errors say; 1 where that may be chance.
 
     `decay_ratio` : of extrema a period apart. Differences are between half periods of one sign: whatever
@@ -190,7 +188,7 @@ def _scatter_ratio(value: FloatArray, error: FloatArray, decay_ratio: float) -> 
 
 
 def with_standard_error(
-    dim: str, name: str, value: FloatArray, error: FloatArray, units: str, long_name: str
+    dim: str, name: str, value: Array, error: Array, units: str, long_name: str
 ) -> dict[str, Any]:
     """A variable of a Dataset and its `..._standard_error`."""
     attrs = {"units": units, "long_name": long_name}
@@ -198,7 +196,7 @@ def with_standard_error(
     return {name: (dim, value, attrs), f"{name}_standard_error": (dim, error, error_attrs)}
 
 
-def _instants(b: FloatArray, t: FloatArray, errors: Sequence[FloatArray]) -> dict[str, Any]:
+def _instants(b: Array, t: Array, errors: Sequence[Array]) -> dict[str, Any]:
     """Amplitude, its rate and the frequency at all half periods but the first and last."""
     variance_b, variance_t = errors[0] ** 2, errors[1] ** 2
     span = t[2:] - t[:-2]

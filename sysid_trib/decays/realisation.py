@@ -3,12 +3,12 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid_trib.decays.half_periods import FloatArray
+from sysid_trib.arrays import Array
 
 ComplexArray = NDArray[np.complex128]
 
 
-def mode_root(part: FloatArray) -> complex | None:
+def mode_root(part: Array) -> complex | None:
     """Factor by which the mode of a window goes on from one sample to the next; None if it does not turn."""
     from control import eigensys_realization
 
@@ -22,7 +22,7 @@ def _hankel(length: int) -> int:
     return (length - 2) // 2
 
 
-def swing(part: FloatArray, root: complex, block: int) -> tuple[complex, float]:
+def swing(part: Array, root: complex, block: int) -> tuple[complex, float]:
     """Complex amplitude in the middle of a window, and the standard error of its size at a noise of 1."""
     exponent = np.log(root)
     mode = np.exp(exponent * (np.arange(len(part)) - 0.5 * (len(part) - 1)))

@@ -8,8 +8,9 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from sysid_trib.arrays import Array
 from sysid_trib.decays.equilibrium import usable_half_periods
-from sysid_trib.decays.half_periods import FloatArray, noise_of_record
+from sysid_trib.decays.half_periods import noise_of_record
 from sysid_trib.decays.half_sines import with_standard_error
 from sysid_trib.decays.realisation import ComplexArray, influence_on_root, mode_root, swing
 from sysid_trib.errors import DecayError
@@ -36,10 +37,10 @@ class Windows:
         Of one mean.
     """
 
-    middle: FloatArray
+    middle: Array
     exponent: ComplexArray
-    amplitude: FloatArray
-    amplitude_error: FloatArray
+    amplitude: Array
+    amplitude_error: Array
     influence: sp.csr_matrix
     noise: float
 
@@ -111,7 +112,7 @@ def fit_windows(decay: xr.Dataset) -> Windows:
 
 
 def _windows(
-    time: FloatArray, y: FloatArray, starts: NDArray[np.int64], length: int, block: int, noise: float
+    time: Array, y: Array, starts: NDArray[np.int64], length: int, block: int, noise: float
 ) -> Windows:
     step = float(time[1] - time[0])
     kept, modes = [], []

@@ -6,16 +6,14 @@ from functools import cached_property
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.candidate_sensitivities import ReferenceMotion
 from sysid_trib.noise.residual_noise import NoiseModel, estimate_noise
 from sysid_trib.simulation.simulate import FAST
 from sysid_trib.trajectory_fit.least_squares import fitted, grown
 from sysid_trib.trajectory_fit.problem import FitProblem, WhitenedRecord
 from sysid_trib.trajectory_fit.sensitivities import tangent
-
-Array = NDArray[np.float64]
 
 # Fits are done when chi-square falls by less than this part: far below what a candidate must gain.
 REFIT_TOLERANCE = 1e-5

@@ -5,9 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.stats import chi2
 
+from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.baseline import Baseline, fit, with_noise
 from sysid_trib.discrepancy.candidate_sensitivities import TrialCandidate
 from sysid_trib.discrepancy.frequency_parameters import has_frequency_parameter
@@ -21,8 +22,6 @@ from sysid_trib.trajectory_fit.chord import chord
 from sysid_trib.trajectory_fit.least_squares import rms
 from sysid_trib.trajectory_fit.parameters import FREQUENCY, PER_RUN
 from sysid_trib.trajectory_fit.problem import FitProblem
-
-Array = NDArray[np.float64]
 
 # A gap beyond this part of the swing is too large for a score to say which force is missing, or how strong.
 LARGE = 0.02

@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sysid_trib.arrays import Array
 from sysid_trib.averaging.internal_states import GivenMotion, is_linear_in_state, values_along
 from sysid_trib.discrepancy.frequency_parameters import is_frequency, is_resonance
 from sysid_trib.errors import SysidTribError
@@ -14,8 +14,6 @@ from sysid_trib.forces.force import Force, ForceLibrary, Shape
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import FAST, trajectory
 from sysid_trib.trajectory_fit.sensitivities import Tangent, responses
-
-Array = NDArray[np.float64]
 
 # Values of one shape parameter (fewer where each costs a motion of its own, which is slow); of several, so
 # many combinations at most. Promising ones are looked at more finely.

@@ -4,16 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.baseline import Baseline, orthonormal_basis, project_out
 from sysid_trib.discrepancy.candidate_fits import Hint, Refit, refit, without_force
 from sysid_trib.discrepancy.candidate_sensitivities import ReferenceMotion
 from sysid_trib.discrepancy.model_probabilities import credible, narrowness, over_shapes, probabilities
 from sysid_trib.discrepancy.score_tests import Scores, finer
 from sysid_trib.forces.force import Force
-
-Array = NDArray[np.float64]
 
 # Scores are linear in an effect: off by up to this part of what it explains, more where shapes come from a
 # grid. Below `SURE` that is no matter, and nothing is fitted.

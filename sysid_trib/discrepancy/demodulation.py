@@ -4,18 +4,16 @@ from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.signal import freqz
 from scipy.stats import chi2
 
+from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.baseline import Baseline
 from sysid_trib.discrepancy.candidate_sensitivities import ReferenceMotion
 from sysid_trib.discrepancy.missing_force import mean_missing_force
 from sysid_trib.discrepancy.trends import trend
 from sysid_trib.noise.residual_noise import NoiseModel
 from sysid_trib.results.variables import Variables, variable
-
-Array = NDArray[np.float64]
 
 # Spans of the record in each of which the residual is demodulated, so many at most, of a period at least.
 MOST_SPANS = 24

@@ -5,14 +5,12 @@ from itertools import pairwise
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.linalg import orth
 
+from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.baseline import Baseline, project_out
 from sysid_trib.results.variables import chi_square_test, text_variable, variable
 from sysid_trib.trajectory_fit.parameters import FREQUENCY
-
-Array = NDArray[np.float64]
 
 # Directions so much shorter than the longest are what a run alone cannot tell.
 DISTINCT = 1e-6

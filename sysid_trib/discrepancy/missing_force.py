@@ -4,15 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.stats import binned_statistic_2d
 
+from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.candidate_sensitivities import ReferenceMotion
 from sysid_trib.noise.residual_noise import NoiseModel
 from sysid_trib.noise.smoothing import smooth
 from sysid_trib.results.variables import variable
-
-Array = NDArray[np.float64]
 
 # Cells of the map, each way.
 CELLS = 11

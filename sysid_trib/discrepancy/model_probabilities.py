@@ -3,16 +3,14 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 from scipy.interpolate import Akima1DInterpolator
 
+from sysid_trib.arrays import Array, Mask
 from sysid_trib.discrepancy.baseline import Baseline
 from sysid_trib.discrepancy.candidate_sensitivities import TrialCandidate, is_wide
 from sysid_trib.discrepancy.frequency_parameters import has_frequency_parameter, is_frequency_parameter
 from sysid_trib.forces.force import Force
-
-Array = NDArray[np.float64]
 
 # A tie class holds the truth with this probability, if it is among the candidates and all were as likely.
 CREDIBLE = 0.95
@@ -40,7 +38,7 @@ def probabilities(costs: Sequence[float]) -> Array:
     return np.asarray(weight / weight.sum())
 
 
-def credible(probability: Array) -> NDArray[np.bool_]:
+def credible(probability: Array) -> Mask:
     """Which candidates are in the smallest set that holds the truth with the probability `CREDIBLE`."""
     order = np.argsort(-probability, kind="stable")
     before = np.cumsum(probability[order]) - probability[order]

@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.baseline import Baseline, fit
 from sysid_trib.discrepancy.candidate_fits import without_force
 from sysid_trib.discrepancy.stepwise_search import Search
@@ -18,8 +19,6 @@ from sysid_trib.trajectory_fit.least_squares import rms
 from sysid_trib.trajectory_fit.problem import WhitenedRecord
 from sysid_trib.trajectory_fit.result import FitEstimate
 from sysid_trib.validation.holdout import counted_from, first_held_out
-
-Array = NDArray[np.float64]
 
 # Evaluations of a fit between two models.
 EVALUATIONS = 20

@@ -4,14 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
+from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.baseline import Baseline, project_out
 from sysid_trib.discrepancy.candidate_sensitivities import ReferenceMotion
 from sysid_trib.trajectory_fit.sensitivities import responses
-
-Array = NDArray[np.float64]
 
 TRIAL_POWERS = range(4)
 TRIAL_HARMONICS = range(1, 5)

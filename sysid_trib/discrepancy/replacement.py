@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.baseline import Baseline, orthonormal_basis, project_out, with_noise
 from sysid_trib.discrepancy.candidate_fits import likeliest, refit
 from sysid_trib.discrepancy.candidate_sensitivities import TrialCandidate
@@ -15,8 +15,6 @@ from sysid_trib.discrepancy.model_probabilities import price_of
 from sysid_trib.discrepancy.score_tests import Scores
 from sysid_trib.trajectory_fit.chord import chord
 from sysid_trib.trajectory_fit.problem import FitProblem
-
-Array = NDArray[np.float64]
 
 # What one effect more must gain in chi-square: the best of some sixty gains half of this by chance.
 PRICE_OF_EFFECT = 18.0

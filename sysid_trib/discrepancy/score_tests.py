@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import find_peaks
 from scipy.stats import norm
 
+from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.baseline import Baseline, project_out
 from sysid_trib.discrepancy.candidate_sensitivities import (
     ReferenceMotion,
@@ -18,8 +18,6 @@ from sysid_trib.discrepancy.candidate_sensitivities import (
 )
 from sysid_trib.discrepancy.frequency_parameters import has_frequency_parameter
 from sysid_trib.forces.force import ForceLibrary
-
-Array = NDArray[np.float64]
 
 # A response of which less than this part is outside of what the model's unknowns can move is not testable.
 TESTABLE = 1e-5

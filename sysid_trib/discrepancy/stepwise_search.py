@@ -6,9 +6,9 @@ from typing import TypeAlias
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.baseline import (
     Baseline,
     fit,
@@ -32,8 +32,6 @@ from sysid_trib.noise.residual_noise import NoiseModel, modulated_harmonics
 from sysid_trib.records.runs import one_or_all
 from sysid_trib.trajectory_fit.parameters import FREQUENCY, PER_RUN, Parameters
 from sysid_trib.trajectory_fit.problem import FitProblem
-
-Array = NDArray[np.float64]
 
 # A model and the effects added to it.
 State: TypeAlias = tuple[Baseline, tuple[str, ...]]

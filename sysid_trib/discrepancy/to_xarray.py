@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
+from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.collinearity import collinear_effects
 from sysid_trib.discrepancy.competing_models import cost_of, tie_class
 from sysid_trib.discrepancy.demodulation import demodulate
@@ -19,8 +19,6 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.records.runs import root_mean_square
 from sysid_trib.results.per_run import group_names
 from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, text_variable, variable
-
-Array = NDArray[np.float64]
 
 # An effect of fewer standard errors in the final model is not significant there.
 SIGNIFICANT_Z = 3.0

@@ -5,13 +5,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.ties import Tie, parse_tie
-
-Array = NDArray[np.float64]
 
 PARAMETER = re.compile(r"[A-Za-z]\w*(\.[A-Za-z_]\w*)?", re.ASCII)
 

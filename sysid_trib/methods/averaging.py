@@ -8,8 +8,8 @@ from typing import Literal
 import numpy as np
 import scipy.sparse as sp
 import xarray as xr
-from numpy.typing import NDArray
 
+from sysid_trib.arrays import Array
 from sysid_trib.decays.half_sines import envelope
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.constraints import Constraints
@@ -22,8 +22,6 @@ from sysid_trib.regression.averaged import averaged_equations, noise_of_equation
 from sysid_trib.regression.constraint_map import ConstraintMap, constraint_map
 from sysid_trib.regression.weak_form import whiten, whitener
 from sysid_trib.simulation.model import Model
-
-Array = NDArray[np.float64]
 
 SCOPE = MethodScope(
     label="averaging",

@@ -7,8 +7,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.half_period_model import HalfPeriodModel
@@ -16,8 +16,6 @@ from sysid_trib.methods.indirect import as_identification, indirect_estimate
 from sysid_trib.methods.scope import Method, MethodScope, scope_of
 from sysid_trib.regression.relations import Equations
 from sysid_trib.simulation.model import Model
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

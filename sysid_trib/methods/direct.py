@@ -6,8 +6,9 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sysid_trib.arrays import Mask
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
@@ -18,12 +19,10 @@ from sysid_trib.regression.constraint_map import ConstraintMap, constraint_map
 from sysid_trib.regression.linearisation import linearised
 from sysid_trib.regression.problem import Runs, begin
 from sysid_trib.regression.rows import Rows, stack_rows, strong_rows, weak_regression
-from sysid_trib.regression.solution import Mask, Solution, select, solve, with_errors_of_dropped
+from sysid_trib.regression.solution import Solution, select, solve, with_errors_of_dropped
 from sysid_trib.results.per_run import start_variables
 from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.trajectory_fit.refined_columns import refine_columns
-
-Array = NDArray[np.float64]
 
 MAX_SELECTIONS = 5
 

@@ -4,14 +4,13 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.classical import ClassicalMethod, decrement_scope
 from sysid_trib.regression.relations import Equations
-
-Array = NDArray[np.float64]
 
 # tanh(pi beta/2) of a damping ratio near one, at which nothing swings any more.
 LARGEST = 1.0 - 1e-12

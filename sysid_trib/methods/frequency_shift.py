@@ -6,8 +6,8 @@ from typing import ClassVar
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from sysid_trib.arrays import Array
 from sysid_trib.averaging.signatures import averages
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import Force, ForceLibrary
@@ -19,8 +19,6 @@ from sysid_trib.methods.scope import MethodScope
 from sysid_trib.methods.wu_decrement import energy_balance
 from sysid_trib.regression.relations import Equations
 from sysid_trib.simulation.model import Model
-
-Array = NDArray[np.float64]
 
 # Friction by which the simulated amplitude shrinks as the record's does; it is not reported.
 DAMPING = parse_library(

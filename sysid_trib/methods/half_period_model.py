@@ -5,14 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from sysid_trib.arrays import Array
 from sysid_trib.decays.half_sines import envelope
 from sysid_trib.methods.indirect import AuxiliaryFit, AuxiliaryModel
 from sysid_trib.regression.relations import Equations, EquationSolution, solve
 from sysid_trib.simulation.model import Model
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

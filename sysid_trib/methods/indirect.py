@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.scope import Method, scope_of
@@ -17,8 +18,6 @@ from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.trajectory_fit.initial_conditions import first_guess, fit_start
-
-Array = NDArray[np.float64]
 
 MAX_CORRECTIONS = 20
 # Steps that end the correction: of the standard errors, or of the values where there is next to no noise.

@@ -6,8 +6,9 @@ from typing import Literal
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
@@ -25,8 +26,6 @@ from sysid_trib.trajectory_fit.least_squares import Fit, fitted, grown, rms
 from sysid_trib.trajectory_fit.parameters import FREQUENCY, PER_RUN, Parameters
 from sysid_trib.trajectory_fit.problem import FitProblem, WhitenedRecord
 from sysid_trib.trajectory_fit.result import FitEstimate
-
-Array = NDArray[np.float64]
 
 # Rounds in which noise and fit of several runs, or of coloured noise, follow each other.
 NOISE_ROUNDS = 3

@@ -6,8 +6,8 @@ from typing import ClassVar
 import numpy as np
 import scipy.sparse as sp
 import xarray as xr
-from numpy.typing import NDArray
 
+from sysid_trib.arrays import Array
 from sysid_trib.decays.windowed_modes import Windows, fit_windows, table
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.classical import needed_forces, one_record
@@ -16,8 +16,6 @@ from sysid_trib.noise.level import sensor_noise
 from sysid_trib.records.runs import root_mean_square
 from sysid_trib.results.birge import birge_ratio
 from sysid_trib.results.schema import Estimate, identification
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -4,15 +4,13 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sysid_trib.arrays import Array
 from sysid_trib.averaging.signatures import averages
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.methods.classical import ClassicalMethod, decrement_scope, needed_forces
 from sysid_trib.regression.relations import Equations
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

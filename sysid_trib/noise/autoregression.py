@@ -1,10 +1,9 @@
 """Coloured noise as an autoregression, its order by the Bayesian information criterion."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter, oaconvolve
 
-Array = NDArray[np.float64]
+from sysid_trib.arrays import Array
 
 MAX_ORDER = 20
 

@@ -4,17 +4,15 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.ndimage import binary_dilation, median_filter
 from scipy.optimize import minimize_scalar
 from scipy.signal.windows import tukey
 
+from sysid_trib.arrays import Array, Mask
 from sysid_trib.noise.autoregression import autoregression_of, fractional_difference, warm_up_samples
 from sysid_trib.noise.level import swing_frequency
 from sysid_trib.noise.smoothing import clamped_knots, smooth
-
-Array = NDArray[np.float64]
 
 # Harmonics of the motion that any force may leave, each with an amplitude that changes over so many periods.
 NOISE_HARMONICS = 6
@@ -153,7 +151,7 @@ def estimate_noise(residual: Array, basis: Array, lines: int = LINES) -> NoiseMo
     return NoiseModel(float(np.sqrt(variance)), filter_)
 
 
-def _highest(power: Array, good: NDArray[np.bool_]) -> int:
+def _highest(power: Array, good: Mask) -> int:
     """The line that stands out most of its neighbours, 0 if none does."""
     usual = _usual(power, good)
     apart = good & ~binary_dilation(~good, iterations=WIDE // 2)
@@ -161,14 +159,14 @@ def _highest(power: Array, good: NDArray[np.bool_]) -> int:
     return int(np.argmax(over)) if over.max() > LINE else 0
 
 
-def _beside(good: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _beside(good: Mask) -> Mask:
     """Lines in and beside the gaps of the harmonics; not beside the first gap, that of slow changes."""
     gaps = ~good
     gaps[: np.argmax(good)] = False
     return np.asarray(binary_dilation(gaps, iterations=WIDE // 2))
 
 
-def _usual(power: Array, good: NDArray[np.bool_]) -> Array:
+def _usual(power: Array, good: Mask) -> Array:
     """Median of the lines around each, of the good ones."""
     lines = np.arange(len(power))
     return np.interp(lines, lines[good], median_filter(power[good], 2 * WIDE + 1, mode="nearest"))
@@ -193,7 +191,7 @@ def _with_line(basis: Array, remainder: Array, line: int) -> Array:
     return np.concatenate([basis, beside(minimum.x)], axis=1)
 
 
-def _fractional_order(power: Array, good: NDArray[np.bool_], n: int) -> float:
+def _fractional_order(power: Array, good: Mask, n: int) -> float:
     """The d of noise whose spectrum rises as 1/f^(2 d) beside an autoregression, 0 if it need not.
 
     The lines below the swing must not speak against it: what rises towards the swing is no power law.
@@ -222,7 +220,7 @@ def _power_law(n: int, d: float) -> Array:
     return np.asarray((2.0 * np.sin(np.pi * np.maximum(lines, 1) / n)) ** (2.0 * d))
 
 
-def _autoregression(power: Array, good: NDArray[np.bool_], n: int, d: float) -> tuple[Array, float]:
+def _autoregression(power: Array, good: Mask, n: int, d: float) -> tuple[Array, float]:
     """Autoregression of noise after its power law, and the variance of its innovations."""
     flat = power * _power_law(n, d)
     # Neighbours on both sides, averaged: a single line scatters as much as it is high.

@@ -3,12 +3,10 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import make_lsq_spline
 
+from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError
-
-Array = NDArray[np.float64]
 
 SPLINE_DEGREE = 5
 KNOTS_PER_PERIOD = 12

@@ -4,7 +4,7 @@ import numpy as np
 import xarray as xr
 from scipy.stats import chi2, norm
 
-from sysid_trib.physics.error_propagation import Array
+from sysid_trib.arrays import Array
 from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, variable, with_error
 
 

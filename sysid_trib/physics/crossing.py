@@ -8,10 +8,10 @@ import numpy as np
 import xarray as xr
 from scipy.optimize import bisect, brentq
 
+from sysid_trib.arrays import Array
 from sysid_trib.averaging.signatures import averages
 from sysid_trib.errors import LibraryError
 from sysid_trib.forces.force import Force
-from sysid_trib.physics.error_propagation import Array
 from sysid_trib.physics.force_weights import peak
 from sysid_trib.physics.model_estimate import ModelEstimate, model_estimate
 from sysid_trib.results.variables import text_variable, variable, with_error

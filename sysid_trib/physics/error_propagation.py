@@ -3,11 +3,10 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
-
-Array = NDArray[np.float64]
 
 # Of a standard error, and of the value itself: the step of a numerical derivative.
 STEP_OF_ERROR = 1e-3

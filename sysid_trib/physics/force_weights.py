@@ -8,11 +8,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
+from sysid_trib.arrays import Array
 from sysid_trib.averaging.collocation import Index, Panels, solve_states
 from sysid_trib.averaging.internal_states import states_along
 from sysid_trib.averaging.signatures import averages
 from sysid_trib.forces.force import Force
-from sysid_trib.physics.error_propagation import Array, amplitude_row
+from sysid_trib.physics.error_propagation import amplitude_row
 from sysid_trib.physics.model_estimate import model_estimate
 from sysid_trib.results.variables import with_error
 

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from sysid_trib.arrays import Array
 from sysid_trib.averaging.signatures import averages
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import Force
@@ -19,7 +19,6 @@ from sysid_trib.simulation.model import Model
 if TYPE_CHECKING:
     import control
 
-Array = NDArray[np.float64]
 # Distances from rest (rad) at which a force's slopes are compared: where they differ it has none.
 OUTER_STEP, INNER_STEP = 1e-7, 1e-8
 SLOPE_TOLERANCE = 1e-3

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import Force, ForceLibrary
-from sysid_trib.physics.error_propagation import Array
 from sysid_trib.results.schema import asymptotic_frequency, library_of, shape_values_of
 from sysid_trib.results.variables import Variables, variable
 from sysid_trib.simulation.model import Model, rescaling_factors
@@ -40,7 +40,7 @@ class ModelEstimate:
     library: ForceLibrary
     values: Array
     covariance: Array
-    in_model: NDArray[np.bool_]
+    in_model: Mask
     shapes: Mapping[str, float]
     provenance: Mapping[str, str]
 
@@ -137,7 +137,7 @@ def model_estimate(result: xr.Dataset) -> ModelEstimate:
     return ModelEstimate(library, values, covariance, in_model, shape_values_of(result), provenance)
 
 
-def _stated_covariance(result: xr.Dataset, library: ForceLibrary, in_model: NDArray[np.bool_]) -> Array:
+def _stated_covariance(result: xr.Dataset, library: ForceLibrary, in_model: Mask) -> Array:
     """Covariance of (coefficients as stated, w, omega0), (force + 2, force + 2)."""
     count = len(in_model)
     c, of_coefficients = result.coefficient.values.astype(float), result.covariance.values

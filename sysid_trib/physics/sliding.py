@@ -5,13 +5,14 @@ from collections.abc import Iterator
 import numpy as np
 import xarray as xr
 
+from sysid_trib.arrays import Array
 from sysid_trib.decays.equilibrium import usable_half_periods
 from sysid_trib.decays.half_periods import HalfPeriods
 from sysid_trib.errors import DecayError, SysidTribError, UsageError
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.methods.scope import Method
 from sysid_trib.physics.constant import constancy, separate_windows
-from sysid_trib.physics.error_propagation import Array, propagate
+from sysid_trib.physics.error_propagation import propagate
 from sysid_trib.physics.model_estimate import model_estimate
 from sysid_trib.results.variables import PER_FORCE_UNIT, text_variable, variable, with_error
 from sysid_trib.simulation.model import rescaling_factors

@@ -3,8 +3,9 @@
 import numpy as np
 import xarray as xr
 
+from sysid_trib.arrays import Array
 from sysid_trib.forces.force import Force
-from sysid_trib.physics.error_propagation import Array, check_quantity, propagate, propagate_measured
+from sysid_trib.physics.error_propagation import check_quantity, propagate, propagate_measured
 from sysid_trib.physics.model_estimate import ModelEstimate, model_estimate
 from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, variable, with_error
 

@@ -6,12 +6,10 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from sysid_trib.arrays import Array
 from sysid_trib.plots.style import BLUE, GREEN, INK, ORANGE, Style
 from sysid_trib.validation.comparison_table import column_power
-
-Array = NDArray[np.float64]
 
 # Marks of the families that methods state (see `MethodScope`).
 OTHER_FAMILY = "other"

@@ -9,12 +9,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from sysid_trib.arrays import Array
 from sysid_trib.decays.half_sines import envelope as half_sine_envelope
 from sysid_trib.errors import SysidTribError
 from sysid_trib.plots.style import MODEL_LINES, Style
 from sysid_trib.results.per_run import noise_of_run, record_groups
-
-Array = NDArray[np.float64]
 
 # Points of a curve: as many as a wide screen has, for each the least and the largest of its stretch.
 MOST_POINTS = 6000

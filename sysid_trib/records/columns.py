@@ -5,7 +5,7 @@ from datetime import datetime
 
 import numpy as np
 
-from sysid_trib.decays.half_periods import FloatArray
+from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records.tables import FileTable
 
@@ -208,7 +208,7 @@ def _same(first: str, other: str, known: dict[str, float]) -> bool:
     return known[first] == known[other] and (first in LENGTH_UNITS) == (other in LENGTH_UNITS)
 
 
-def numbers(table: FileTable, name: str, source: str) -> FloatArray:
+def numbers(table: FileTable, name: str, source: str) -> Array:
     """The finite numbers of a column; dates become seconds since the first.
 
     Parameters

@@ -9,8 +9,8 @@ import numpy as np
 import xarray as xr
 from scipy.interpolate import CubicSpline
 
+from sysid_trib.arrays import Array
 from sysid_trib.decays.equilibrium import find_swing
-from sysid_trib.decays.half_periods import FloatArray
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records.columns import (
     ANGLE_UNITS,
@@ -119,7 +119,7 @@ def read_record(
     return _record(instants, values, "m" if unit in LENGTH_UNITS else "rad", attrs)
 
 
-def _scaled(values: FloatArray, factor: float) -> FloatArray:
+def _scaled(values: Array, factor: float) -> Array:
     return values if factor == 1.0 else values * factor
 
 
@@ -136,7 +136,7 @@ def _check_options(
         raise UsageError(f"sampling rate {sampling_rate:g}: give a positive number of samples a second.")
 
 
-def _record(time: FloatArray, values: FloatArray, unit: str, attrs: dict[str, Any]) -> xr.Dataset:
+def _record(time: Array, values: Array, unit: str, attrs: dict[str, Any]) -> xr.Dataset:
     record = xr.Dataset(coords={"time": ("time", time, {"units": "s", "long_name": "time"})}, attrs=attrs)
     if attrs["signal"] == "rate":
         record["rate"] = ("time", values, {"units": f"{unit}/s", "long_name": "rate as measured"})
@@ -159,7 +159,7 @@ def _record(time: FloatArray, values: FloatArray, unit: str, attrs: dict[str, An
     return record
 
 
-def check_times(time: FloatArray, source: str, *, samples: int) -> None:
+def check_times(time: Array, source: str, *, samples: int) -> None:
     """Refuse times that are not as many as the samples, or that stand still or run backwards.
 
     Parameters

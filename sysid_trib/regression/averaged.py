@@ -6,14 +6,12 @@ from functools import lru_cache
 import numpy as np
 import scipy.sparse as sp
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from sysid_trib.arrays import Array
 from sysid_trib.averaging.signatures import averages
 from sysid_trib.decays.half_sines import instant_derivatives
 from sysid_trib.forces.force import Force, ForceLibrary
-
-Array = NDArray[np.float64]
 
 # A cubic spline through these is exact to 1e-10 rad, at a kink (Jenkins) to 1e-5.
 NODES_PER_OCTAVE = 64

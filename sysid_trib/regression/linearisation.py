@@ -4,13 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from sysid_trib.arrays import Array
 from sysid_trib.forces.force import Force
 from sysid_trib.regression.problem import RunRegression
 from sysid_trib.regression.weak_form import noise_operator, whitener
-
-Array = NDArray[np.float64]
 
 # Width, in units of the local amplitude, over which the noise feels a jump of a force at zero.
 JUMP_WIDTH = 0.8

@@ -8,14 +8,11 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pysindy.optimizers import BaseOptimizer
 from scipy.stats import chi2
 
+from sysid_trib.arrays import Array, Mask
 from sysid_trib.regression.weak_form import whiten
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 # Level and lags of Ljung and Box's test (1978) of rows that should be white.
 CORRELATION_LEVEL = 1e-4

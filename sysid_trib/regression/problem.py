@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from sysid_trib.arrays import Array
 from sysid_trib.averaging.identifiability import dependent_columns
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import ForceLibrary
@@ -19,8 +19,6 @@ from sysid_trib.simulation.model import rescaling_factors
 
 if TYPE_CHECKING:
     from sysid_trib.regression.pysindy_features import ForceFeatures
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,13 +7,11 @@ from typing import TypeAlias
 import numpy as np
 import scipy.sparse as sp
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded
 
+from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError
 from sysid_trib.regression.weak_form import whiten, whitener
-
-Array = NDArray[np.float64]
 
 Equations: TypeAlias = Callable[[Array, Array], tuple[Array, Array]]
 """From extrema (rad, positive) and their times (s) to design (equation, parameter) and target (equation,).

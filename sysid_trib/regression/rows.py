@@ -5,14 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from sysid_trib.arrays import Array
 from sysid_trib.noise.smoothing import KNOTS_PER_PERIOD, smooth
 from sysid_trib.regression.linearisation import DeviationOperator
 from sysid_trib.regression.problem import RunRegression
 from sysid_trib.regression.weak_form import whiten
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

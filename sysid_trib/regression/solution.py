@@ -6,16 +6,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
+from sysid_trib.arrays import Array, Mask
 from sysid_trib.regression.constraint_map import ConstraintMap
 from sysid_trib.regression.problem import RunRegression, Runs, update
 from sysid_trib.regression.rows import Rows, white_without_nuisances
 from sysid_trib.regression.weak_form import whiten
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

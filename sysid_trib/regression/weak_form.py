@@ -12,13 +12,11 @@ from functools import lru_cache
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
+from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError
 from sysid_trib.noise.smoothing import SPLINE_DEGREE, knot_sequence
-
-Array = NDArray[np.float64]
 
 # Samples up to which a weak form is kept for the next record on the same grid: some 40 MB.
 MOST_KEPT = 100_000

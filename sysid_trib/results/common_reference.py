@@ -4,9 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from sysid_trib.arrays import Array
 
 ASYMPTOTIC_FREQUENCY = "asymptotic frequency"
 

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sysid_trib._version import __version__
+from sysid_trib.arrays import Array, Mask
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import library_of_text
 from sysid_trib.records.runs import Decays, as_runs, root_mean_square
@@ -17,9 +18,6 @@ from sysid_trib.results.format import FORMAT_VERSION
 from sysid_trib.results.per_run import run_noise
 from sysid_trib.results.variables import PER_FORCE_UNIT, Variable, Variables, variable, with_error
 from sysid_trib.simulation.model import Model
-
-Array = NDArray[np.float64]
-
 
 # Marks an option that is kept as text alone and cannot be read back: an optimiser, a start model.
 NOT_KEPT = "not kept"
@@ -57,7 +55,7 @@ def identification(
     estimate: Estimate,
     *,
     offered: ForceLibrary,
-    active: NDArray[np.bool_] | None = None,
+    active: Mask | None = None,
 ) -> xr.Dataset:
     """The Dataset that every method returns, provenance in its attrs.
 

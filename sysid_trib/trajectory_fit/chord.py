@@ -1,12 +1,10 @@
 """Fits near their end: Gauss-Newton with one table of sensitivities, each step the price of one motion."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError
 from sysid_trib.trajectory_fit.problem import FitProblem
-
-Array = NDArray[np.float64]
 
 STEPS = 6
 # A step that takes less than this from chi-square is the last.

@@ -2,14 +2,13 @@
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.trajectory_fit.parameters import FREQUENCY, Parameters
-
-Array = NDArray[np.float64]
 
 # Each parameter is moved until the angle moves by about this part of its own size; central differences.
 ANGLE_STEP = 1e-6

@@ -4,13 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sysid_trib.arrays import Array
 from sysid_trib.noise.smoothing import smooth
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
-
-Array = NDArray[np.float64]
 
 MAX_ROUNDS = 8
 

@@ -4,12 +4,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from sysid_trib.arrays import Array
 from sysid_trib.trajectory_fit.problem import FitProblem
-
-Array = NDArray[np.float64]
 
 # Parts of the record to which the fit is extended in turn, so that a phase slip cannot trap it.
 WINDOWS = (0.06, 0.12, 0.22, 0.4, 0.65)

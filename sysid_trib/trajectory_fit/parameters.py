@@ -7,12 +7,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sysid_trib.arrays import Array
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.ties import Tie
 from sysid_trib.simulation.model import Model
-
-Array = NDArray[np.float64]
 
 # Names with a space, which no force has.
 FREQUENCY = "reference frequency"

@@ -4,15 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sysid_trib.arrays import Array
 from sysid_trib.errors import SimulationError
 from sysid_trib.noise.autoregression import whitened
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import FAST, trajectory
 from sysid_trib.trajectory_fit.parameters import FREQUENCY, Parameters
-
-Array = NDArray[np.float64]
 
 # A motion is out of all proportion beyond so many swings of the record.
 OUT_OF_PROPORTION = 10.0

@@ -4,19 +4,17 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import SimulationError
 from sysid_trib.records.runs import root_mean_square
 from sysid_trib.regression.constraint_map import ConstraintMap
 from sysid_trib.regression.linearisation import DeviationOperator
 from sysid_trib.regression.problem import ReferenceTrajectory, RunRegression, Runs
 from sysid_trib.regression.rows import Rows, weak_regression
-from sysid_trib.regression.solution import Mask, Solution, solve
+from sysid_trib.regression.solution import Solution, solve
 from sysid_trib.simulation.model import Model
 from sysid_trib.trajectory_fit.initial_conditions import fit_start
-
-Array = NDArray[np.float64]
 
 MAX_REFINEMENTS = 25
 # A simulated motion this far from the record (RMS, of the record's) has slipped out of phase.

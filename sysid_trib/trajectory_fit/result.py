@@ -6,16 +6,15 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sysid_trib.arrays import Array
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.records.runs import one_or_all
 from sysid_trib.results.per_run import start_variables
 from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.trajectory_fit.parameters import FREQUENCY
 from sysid_trib.trajectory_fit.problem import FitProblem
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,14 +7,12 @@ With the fundamental matrix Phi of small deviations, a force -h of unit strength
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
+from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import FAST, trajectory
-
-Array = NDArray[np.float64]
 
 # The motion is followed at so many points a period: sums over them are exact to 1e-4 for smooth forces, and
 # to one in so many for forces that switch.

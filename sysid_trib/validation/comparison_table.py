@@ -5,15 +5,13 @@ from math import floor, log10
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from sysid_trib.arrays import Array
 from sysid_trib.records.runs import root_mean_square
 from sysid_trib.results.common_reference import in_model, reference_factors
 from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, variable, with_error
 from sysid_trib.validation.holdout import diebold_mariano
 from sysid_trib.validation.trial import Trial
-
-Array = NDArray[np.float64]
 
 # Name of a column, the attribute of a trial, and what it is of.
 PARTS = (

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.stats import f as f_distribution
 
+from sysid_trib.arrays import Array
 from sysid_trib.averaging.identifiability import exactly_dependent, indistinguishable, without_signature
 from sysid_trib.errors import SysidTribError
 from sysid_trib.methods import method_of
@@ -27,8 +27,6 @@ from sysid_trib.results.variables import chi_square_test, variable
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.trajectory_fit.initial_conditions import FittedMotion
 from sysid_trib.validation.homogeneity import MIXED_UNITS
-
-Array = NDArray[np.float64]
 
 # Samples a period for the statistics of the difference: more would cost time and change nothing.
 SAMPLES_PER_PERIOD = 60

@@ -9,16 +9,14 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.stats import ttest_1samp
 
+from sysid_trib.arrays import Array
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import parse_library
 from sysid_trib.noise.level import sensor_noise
 from sysid_trib.results.schema import library_of
 from sysid_trib.validation.model_residuals import ModelResidual, residual_of
-
-Array = NDArray[np.float64]
 
 # The part of a decay's time from which a model is identified where the rest is to be predicted.
 TRAINING = 2.0 / 3.0

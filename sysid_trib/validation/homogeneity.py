@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.stats import norm
 
+from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError, UsageError
 from sysid_trib.methods import method_of
 from sysid_trib.results.common_reference import (
@@ -19,8 +19,6 @@ from sysid_trib.results.common_reference import (
 )
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.variables import Variables, chi_square_test, variable, with_error
-
-Array = NDArray[np.float64]
 
 # Significance level below which runs, or methods, are said to disagree.
 HOMOGENEITY_LEVEL = 0.01

@@ -4,13 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from sysid_trib.arrays import Array
 from sysid_trib.records.runs import root_mean_square
 from sysid_trib.trajectory_fit.initial_conditions import FittedMotion
 from sysid_trib.validation.residuals import fitted_motion
-
-Array = NDArray[np.float64]
 
 # In antiphase (rad) the residual says nothing more of the forces.
 ANTIPHASE = np.pi

@@ -4,15 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from sysid_trib.arrays import Array
 from sysid_trib.errors import SimulationError
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.variables import variable
 from sysid_trib.trajectory_fit.initial_conditions import FittedMotion, first_guess, fit_start
-
-Array = NDArray[np.float64]
 
 # A model departs from the record where the RMS over half a period is beyond this many noise levels.
 DEPARTED = 2.0
