@@ -80,9 +80,13 @@ def progress(steps: int | None = None) -> "Iterator[Callable[[str], None]]":
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
     console = Console(stderr=True, markup=False)
+    if not console.is_terminal:
+        # A Progress that is disabled ends with an empty line in older releases.
+        yield lambda text: None
+        return
     spinner = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
     columns = Progress.get_default_columns() if steps else spinner
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as shown:
+    with Progress(*columns, console=console, transient=True) as shown:
         task, done = shown.add_task("", total=steps), count()
         yield lambda text: shown.update(task, completed=next(done), description=text)
 
