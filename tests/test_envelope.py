@@ -291,4 +291,4 @@ def test_half_periods_are_found_once_for_the_same_numbers():
     assert equilibrium.usable_half_periods(time, angle, "one").sign[0] == -first.sign[0]
     for turn in range(equilibrium.KEPT_DECAYS + 3):
         equilibrium.usable_half_periods(time + turn, angle, "one")
-    assert len(equilibrium._LAST_HALF_PERIODS) == equilibrium.KEPT_DECAYS
+    assert equilibrium._whole_half_periods.cache_info().currsize == equilibrium.KEPT_DECAYS

@@ -13,9 +13,7 @@ EXTREMUM_VARIANCE = 2.0
 DEGREE = 5
 
 
-def analytic_extrema(
-    time: Array, angle: Array, halves: HalfPeriods
-) -> tuple[Array, Array, Array, Array, Array]:
+def analytic_extrema(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Array, Array, Array, Array]:
     """Extrema of the half periods, from lines through the log amplitude and the phase of the analytic signal.
 
     Parameters
@@ -25,8 +23,8 @@ def analytic_extrema(
 
     Returns
     -------
-    The fields of `HalfSines`, (half_period,) each: extremum (rad, signed), its time (s), frequency (rad/s),
-    and the standard errors of extremum and time at a noise of 1.
+    (half_period,) each: extremum (rad, signed), its time (s), and the standard errors of both at a noise
+    of 1.
 
     Notes
     -----
@@ -45,7 +43,7 @@ def analytic_extrema(
     extremum = np.exp(log_level + log_slope * late)
     samples = halves.duration * (time.size - 1) / (time[-1] - time[0])
     error: Array = np.sqrt(EXTREMUM_VARIANCE / samples)
-    return np.copysign(extremum, halves.sign), middle + late, slope, error, error / (extremum * slope)
+    return np.copysign(extremum, halves.sign), middle + late, error, error / (extremum * slope)
 
 
 def _analytic_signal(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Array, Array, Array]:

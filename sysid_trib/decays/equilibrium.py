@@ -1,14 +1,14 @@
 """The swing within a record, and the equilibrium it swings about."""
 
 from dataclasses import dataclass
-from hashlib import blake2b
-from threading import Lock
+from functools import lru_cache
 
 import numpy as np
 
 from sysid_trib.arrays import Array
 from sysid_trib.decays.half_periods import (
     HalfPeriods,
+    IntArray,
     Oscillation,
     dominant_periods,
     find_half_periods,
@@ -21,8 +21,6 @@ BINOMIAL = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
 DRIFT_BLOCKS = 8
 SHORT_BINOMIAL = np.array([1.0, 2.0, 1.0]) / 4.0
 KEPT_DECAYS = 64
-_LAST_HALF_PERIODS: dict[bytes, HalfPeriods] = {}
-_LOCK = Lock()
 
 
 @dataclass(frozen=True)
@@ -63,7 +61,7 @@ def usable_half_periods(time: Array, angle: Array, source: str) -> HalfPeriods:
     ----------
     time, angle : (sample,) array of float, s and rad
         The decay. Several parts of the program ask for the half periods of the same one: the last ones are
-        kept, by a digest of these numbers.
+        kept.
     source : str
         Name of the record in messages.
 
@@ -72,25 +70,18 @@ def usable_half_periods(time: Array, angle: Array, source: str) -> HalfPeriods:
     DecayError
         Fewer than three.
     """
-    key = blake2b(time.tobytes() + angle.tobytes(), digest_size=16).digest()
-    halves = _LAST_HALF_PERIODS.get(key)
+    halves = _whole_half_periods(time.tobytes(), angle.tobytes())
     if halves is None:
-        halves = _whole_half_periods(time, angle, source)
-        with _LOCK:
-            if len(_LAST_HALF_PERIODS) >= KEPT_DECAYS:
-                del _LAST_HALF_PERIODS[next(iter(_LAST_HALF_PERIODS))]
-            _LAST_HALF_PERIODS[key] = halves
+        raise DecayError(f"{source}: no oscillation stands out of the noise.")
+    if halves.sign.size < 3:
+        raise DecayError(f"{source}: only {halves.sign.size} whole half periods; at least three are needed.")
     return halves
 
 
-def _whole_half_periods(time: Array, angle: Array, source: str) -> HalfPeriods:
-    swing = find_swing(time, angle, equilibrium=0.0)
-    if swing is None:
-        raise DecayError(f"{source}: no oscillation stands out of the noise.")
-    count = swing.run.stop - swing.run.start
-    if count < 3:
-        raise DecayError(f"{source}: only {count} whole half periods; at least three are needed.")
-    return swing.halves.select(swing.run)
+@lru_cache(maxsize=KEPT_DECAYS)
+def _whole_half_periods(time: bytes, angle: bytes) -> HalfPeriods | None:
+    swing = find_swing(np.frombuffer(time), np.frombuffer(angle), equilibrium=0.0)
+    return None if swing is None else swing.halves.select(swing.run)
 
 
 def _settle(time: Array, signal: Array, oscillation: Oscillation, equilibrium: float | None) -> Swing:
@@ -140,12 +131,18 @@ def signed_extrema(time: Array, signal: Array, halves: HalfPeriods) -> Array:
     index, half = index[inside], half[inside]
     phase = np.pi * (time[index] - middle[half]) / local[half]
     first = np.searchsorted(half, np.arange(low.size))
-    cosine, sine, value = np.cos(phase), np.sin(phase), signal[index]
-    terms = np.array([cosine * cosine, cosine * sine, sine * sine, cosine * value, sine * value])
-    cc, cs, ss, cy, sy = np.add.reduceat(terms, first, axis=1)
+    cc, cs, ss, cy, sy = harmonic_sums(phase, signal[index], np.ones(half.size), first)
     determinant = np.maximum(cc * ss - cs * cs, 1e-12 * cc * cc)
     p, q = (ss * cy - cs * sy) / determinant, (cc * sy - cs * cy) / determinant
     return np.copysign(np.hypot(p, q), p)
+
+
+def harmonic_sums(phase: Array, value: Array, weight: Array, first: IntArray) -> Array:
+    """Sums of cos cos, cos sin, sin sin, cos y and sin y over each half period, which starts at `first`."""
+    cosine, sine = np.cos(phase), np.sin(phase)
+    c, s = weight * cosine, weight * sine
+    terms = np.array([c * cosine, c * sine, s * sine, c * value, s * value])
+    return np.asarray(np.add.reduceat(terms, first, axis=1))
 
 
 def robust_mean(extrema: Array, noise: float) -> tuple[float, float]:

@@ -9,6 +9,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.decays.checks import after_the_largest, check_sampling, refuse_clipping, refuse_outliers
 from sysid_trib.decays.equilibrium import Swing, find_swing
 from sysid_trib.decays.half_periods import noise_level
+from sysid_trib.decays.half_sines import with_standard_error
 from sysid_trib.decays.hand_stop import before_the_hand
 from sysid_trib.errors import DecayError, UsageError
 
@@ -85,15 +86,11 @@ def free_decay(
     attrs = decay["angle"].attrs
     decay["angle"] = (decay["angle"] - swing.equilibrium).assign_attrs(attrs)
     units = str(attrs.get("units", "rad"))
-    decay["equilibrium"] = ((), swing.equilibrium, {"units": units, "long_name": "equilibrium"})
-    error = {"units": units, "long_name": "standard error of the equilibrium"}
-    decay["equilibrium_standard_error"] = ((), swing.standard_error, error)
+    equilibrium_of = swing.equilibrium, swing.standard_error
+    decay = decay.assign(with_standard_error((), "equilibrium", *equilibrium_of, units, "equilibrium"))
     if np.isfinite(part.stop_time):
-        decay["stop_time"] = (
-            (),
-            part.stop_time,
-            {"units": "s", "long_name": "time at which it stopped for good"},
-        )
+        stop_attrs = {"units": "s", "long_name": "time at which it stopped for good"}
+        decay["stop_time"] = ((), part.stop_time, stop_attrs)
     decay.attrs["free_decay"] = _sentence(time, part, swing, units)
     return decay
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.fft import next_fast_len, rfft
 from scipy.ndimage import maximum_filter1d
 
-from sysid_trib.arrays import Array, Mask
+from sysid_trib.arrays import Array
 
 IntArray = NDArray[np.int64]
 
@@ -59,14 +59,11 @@ class HalfPeriods:
         +1 or -1.
     peak : (half_period,)
         Largest absolute value of the averaged signal.
-    complete : (half_period,)
-        Whether both bounds are zero crossings.
     """
 
     crossing: Array
     sign: IntArray
     peak: Array
-    complete: Mask
 
     @property
     def duration(self) -> Array:
@@ -75,9 +72,7 @@ class HalfPeriods:
 
     def select(self, part: slice) -> "HalfPeriods":
         """The half periods ``part.start`` to ``part.stop - 1``."""
-        return HalfPeriods(
-            self.crossing[part.start : part.stop + 1], self.sign[part], self.peak[part], self.complete[part]
-        )
+        return HalfPeriods(self.crossing[part.start : part.stop + 1], self.sign[part], self.peak[part])
 
     def samples(self, time: Array) -> tuple[IntArray, IntArray]:
         """First sample of each half period, and one past its last."""
@@ -170,13 +165,12 @@ def find_half_periods(oscillation: Oscillation, equilibrium: float = 0.0) -> Hal
     turn = np.flatnonzero(np.diff(side))
     if where.size == 0:
         empty = np.zeros(0)
-        return HalfPeriods(empty, empty.astype(np.int64), empty, empty.astype(bool))
+        return HalfPeriods(empty, empty.astype(np.int64), empty)
     crossing = _middle_crossing(time, signal, where[turn], where[turn + 1])
     crossing = np.concatenate(([time[0]], crossing, [time[-1]]))
-    peak = np.maximum.reduceat(magnitude[where], np.concatenate(([0], turn + 1)))
-    complete = np.ones(peak.size, dtype=bool)
-    complete[[0, -1]] = False
-    return HalfPeriods(crossing, side[np.concatenate(([0], turn + 1))], peak, complete)
+    first = np.concatenate(([0], turn + 1))
+    peak = np.maximum.reduceat(magnitude[where], first)
+    return HalfPeriods(crossing, side[first], peak)
 
 
 def _middle_crossing(time: Array, signal: Array, before: IntArray, after: IntArray) -> Array:
@@ -190,12 +184,14 @@ def _middle_crossing(time: Array, signal: Array, before: IntArray, after: IntArr
 
 
 def regular_run(halves: HalfPeriods, period: float) -> slice:
-    """The run of complete half periods with steady durations that covers the most travel.
+    """The run of whole half periods with steady durations that covers the most travel, of all of a record.
 
     Rest, lifting and holding last too long or too short to belong to it, as does a stuck tail.
     """
     half = halves.duration / (0.5 * period)
-    fits = halves.complete & (half > 0.4) & (half < 2.5)
+    fits = (half > 0.4) & (half < 2.5)
+    # The first and the last half period are cut off by the ends of the record.
+    fits[:1] = fits[-1:] = False
     steady = np.abs(np.log(half[1:] / half[:-1])) < np.log(1.67)
     best, travel, start = slice(0, 0), 0.0, 0
     for index in range(fits.size):

@@ -1,22 +1,17 @@
 """Envelope of a decay: a half-sine through every half period gives amplitude, its rate, and frequency."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 import scipy.sparse as sp
 import xarray as xr
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from sysid_trib.arrays import Array
 from sysid_trib.decays.analytic_signal import analytic_extrema
-from sysid_trib.decays.equilibrium import usable_half_periods
-from sysid_trib.decays.half_periods import (
-    HalfPeriods,
-    IntArray,
-    noise_of_record,
-)
+from sysid_trib.decays.equilibrium import harmonic_sums, usable_half_periods
+from sysid_trib.decays.half_periods import HalfPeriods, IntArray, noise_of_record
 from sysid_trib.errors import DecayError, UsageError
 
 # The third round moves the frequency by less than 1e-6 of itself.
@@ -27,31 +22,13 @@ DIFFERENCE_SPAN, FEWEST_FOR_SCATTER = 8, 15
 WHITE_NOISE_EXCESS = 6.5
 
 
-@dataclass(frozen=True)
-class HalfSines:
-    """The curves b cos(w (t - t_b)), one for each half period.
+def half_sine_extrema(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Array, Array, Array, Array]:
+    """Extrema of the half periods, from half-sines b cos(w (t - t_b)) through three or more, all at once.
 
-    Attributes
-    ----------
-    extremum, extremum_time, frequency : (half_period,)
-        b (signed), t_b and w of each half period.
-    extremum_error, time_error : (half_period,)
-        Standard errors of b and t_b at a noise of 1.
-    """
-
-    extremum: Array
-    extremum_time: Array
-    frequency: Array
-    extremum_error: Array
-    time_error: Array
-
-
-def fit_half_sines(time: Array, angle: Array, halves: HalfPeriods) -> HalfSines:
-    """Fit b cos(w (t - t_b)) to each of three or more half periods, all at once.
-
-    w is the frequency between the neighbouring extrema, the paper's w_i, found in a few rounds: a w free in
-    each half period would cost precision of b and gain nothing. A sample next to a zero crossing counts by
-    the fraction of its cell inside, so that the fit does not depend on where samples fall.
+    The results are those of `analytic_extrema`. w is the frequency between the neighbouring extrema, the
+    paper's w_i, found in a few rounds: a w free in each half period would cost precision of b and gain
+    nothing. A sample next to a zero crossing counts by the fraction of its cell inside, so that the fit does
+    not depend on where samples fall.
     """
     sample, half, weight, first = _cells(time, halves)
     middle = 0.5 * (halves.crossing[1:] + halves.crossing[:-1])
@@ -59,7 +36,9 @@ def fit_half_sines(time: Array, angle: Array, halves: HalfPeriods) -> HalfSines:
     w: Array = np.pi / halves.duration
     for _ in range(FREQUENCY_ROUNDS):
         phase = w[half] * s
-        normal, right = _normal_equations([np.cos(phase), np.sin(phase)], y, weight, first)
+        cc, cs, ss, cy, sy = harmonic_sums(phase, y, weight, first)
+        normal = np.stack([cc, cs, cs, ss], axis=1).reshape(-1, 2, 2)
+        right = np.stack([cy, sy], axis=1)
         p, q = np.linalg.solve(normal, right[..., None])[..., 0].T
         instant = middle + np.arctan(q / p) / w
         used, inner = w, 2.0 * np.pi / (instant[2:] - instant[:-2])
@@ -70,7 +49,7 @@ def fit_half_sines(time: Array, angle: Array, halves: HalfPeriods) -> HalfSines:
     to_b = np.stack([p, q], axis=-1) / extremum[:, None]
     to_t = np.stack([-q, p], axis=-1) / (extremum**2 * used)[:, None]
     errors = [np.sqrt(np.einsum("hi,hij,hj->h", row, covariance, row)) for row in (to_b, to_t)]
-    return HalfSines(extremum, instant, used, errors[0], errors[1])
+    return extremum, instant, errors[0], errors[1]
 
 
 def _cells(time: Array, halves: HalfPeriods) -> tuple[IntArray, IntArray, Array, IntArray]:
@@ -88,19 +67,6 @@ def _cells(time: Array, halves: HalfPeriods) -> tuple[IntArray, IntArray, Array,
         edge[sample], halves.crossing[half]
     )
     return sample, half, inside / (edge[sample + 1] - edge[sample]), first
-
-
-def _normal_equations(columns: list[Array], y: Array, weight: Array, first: IntArray) -> tuple[Array, Array]:
-    """Weighted normal equations of each half period: matrices and right sides."""
-    weighted = [weight * column for column in columns]
-    size = len(columns)
-    normal = np.empty((first.size, size, size))
-    right = np.empty((first.size, size))
-    for i in range(size):
-        right[:, i] = np.add.reduceat(weighted[i] * y, first)
-        for j in range(i, size):
-            normal[:, i, j] = normal[:, j, i] = np.add.reduceat(weighted[i] * columns[j], first)
-    return normal, right
 
 
 def envelope(decay: xr.Dataset, curve: Literal["half-sines", "analytic-signal"] = "half-sines") -> xr.Dataset:
@@ -148,14 +114,11 @@ def envelope(decay: xr.Dataset, curve: Literal["half-sines", "analytic-signal"] 
     halves = usable_half_periods(time, angle, source)
     if np.diff(halves.samples(time)[0]).min() < 5:
         raise DecayError(f"{source}: fewer than five samples in a half period; sample faster.")
-    if curve == "half-sines":
-        fit = fit_half_sines(time, angle, halves)
-    else:
-        fit = HalfSines(*analytic_extrema(time, angle, halves))
-    noise = noise_of_record(time, angle)
-    extremum = np.abs(fit.extremum)
+    extrema_of = half_sine_extrema if curve == "half-sines" else analytic_extrema
+    signed, extremum_time, extremum_error, time_error = extrema_of(time, angle, halves)
+    noise, extremum = noise_of_record(time, angle), np.abs(signed)
     decay_ratio = float(np.clip(np.median(extremum[2:] / extremum[:-2]), 0.0, 1.0))
-    at_noise = (extremum, noise * fit.extremum_error), (fit.extremum_time, noise * fit.time_error)
+    at_noise = (extremum, noise * extremum_error), (extremum_time, noise * time_error)
     ratios = [_scatter_ratio(value, error, decay_ratio) for value, error in at_noise]
     errors = [ratio * error for ratio, (_, error) in zip(ratios, at_noise, strict=True)]
     over, name, time_name = "half_period", "extremum of the half-sine", "time of the extremum"
@@ -163,9 +126,9 @@ def envelope(decay: xr.Dataset, curve: Literal["half-sines", "analytic-signal"] 
         {
             **with_standard_error(over, "extremum", extremum, errors[0], "rad", name),
             "sign": (over, halves.sign, {"units": "1", "long_name": "sign of the half period"}),
-            **with_standard_error(over, "extremum_time", fit.extremum_time, errors[1], "s", time_name),
+            **with_standard_error(over, "extremum_time", extremum_time, errors[1], "s", time_name),
             "white_noise": ((), noise, {"units": "rad", "long_name": "white noise of one sample"}),
-            **_instants(extremum, fit.extremum_time, errors),
+            **_instants(extremum, extremum_time, errors),
         },
         attrs=decay.attrs | {"scatter_of_extrema": ratios[0], "scatter_of_times": ratios[1]},
     )
@@ -188,7 +151,7 @@ def _scatter_ratio(value: Array, error: Array, decay_ratio: float) -> float:
 
 
 def with_standard_error(
-    dim: str, name: str, value: Array, error: Array, units: str, long_name: str
+    dim: str | tuple[()], name: str, value: ArrayLike, error: ArrayLike, units: str, long_name: str
 ) -> dict[str, Any]:
     """A variable of a Dataset and its `..._standard_error`."""
     attrs = {"units": units, "long_name": long_name}
