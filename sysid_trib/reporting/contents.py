@@ -1,7 +1,9 @@
 """What a page says of each kind of result: the story that the command prints, with figures."""
 
+import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import xarray as xr
@@ -22,39 +24,7 @@ from sysid_trib.reporting.tables import coefficient_table, reference_sentence
 from sysid_trib.results.per_run import record_groups
 
 CONSEQUENCES = "What follows from the model"
-MOTIONS = "The record and the motion of each model, its start and the sensor's zero fitted."
-RESIDUALS_TOGETHER = "Below, the residuals of the models; the band is twice the noise to either side."
-RESIDUALS_APART = (
-    "Below, the residuals of the models before and after, each to its own scale; the band is twice the noise "
-    "to either side."
-)
-HALF_SINES = (
-    "Amplitude and frequency of the half periods, of record and models by the same half-sine fits; bars are "
-    "standard errors."
-)
-HELD_OUT = (
-    "The record, its last third on grey: it was held out. RMS of record minus simulated model over the "
-    "noise, of the part identified from (open) and of what was held out (full); 1 is the noise alone."
-)
-BY_METHOD = (
-    "Each quantity by method with its standard error; the band is that of the method that predicts best. An "
-    "arrow stands for a value beyond the edge. Open marks: variants of the method above. Green: trajectory, "
-    "blue: direct, orange: averaging, dark: decrements and others."
-)
-FORCE_MAP = (
-    "Mean force f that the model lacks over angle and rate, in θ″ + w²θ = -w²f, before (left, or first) and "
-    "after; blank where samples are few. Its standard error, by the noise, is under the pointer; in print, "
-    "dots mark cells beyond three standard errors."
-)
-SCORES = (
-    "Candidates by score. Orange diamond: the effect that is named; blue squares: effects that compete with "
-    "it; open: others. The dashed line is the threshold, corrected for the number of candidates."
-)
-DETECTABLE = (
-    "Coefficient from which each candidate would be detected (five standard errors), beside the start model "
-    "(open) and beside the final one (full); orange diamonds: effects that were identified, at their "
-    "coefficient. Without a mark: not testable on this record."
-)
+CAPTIONS = tomllib.loads(Path(__file__).with_name("captions.toml").read_text(encoding="utf-8"))
 
 
 def kind_of(tree: xr.DataTree) -> str:
@@ -103,8 +73,8 @@ def _cross_checked(tree: xr.DataTree) -> list[Section]:
 def _compared(tree: xr.DataTree) -> list[Section]:
     tables = [as_table(title, printed) for title, printed in comparison_tables(tree).items()]
     records = [record_panel(tree[group].to_dataset()) for group in record_groups(tree)]
-    predicted = Figures(HELD_OUT + _decimated(tree, 0), [*records, prediction_panel(tree)], [])
-    by_method = Figures(BY_METHOD, quantity_panels(tree), [plots.comparison(tree)])
+    predicted = Figures(CAPTIONS["held_out"] + _decimated(tree, 0), [*records, prediction_panel(tree)], [])
+    by_method = Figures(CAPTIONS["by_method"], quantity_panels(tree), [plots.comparison(tree)])
     return [
         Section("Coefficients by method", figures=[by_method], tables=tables[:2]),
         Section("Prediction of what was held out", figures=[predicted], tables=tables[2:]),
@@ -116,11 +86,11 @@ def _discovered(tree: xr.DataTree) -> list[Section]:
     figures = {
         "Where model and record disagree": [
             *_motions(tree, together=False),
-            Figures(FORCE_MAP, map_panels(tree), [plots.disagreement(tree)]),
+            Figures(CAPTIONS["force_map"], map_panels(tree), [plots.disagreement(tree)]),
         ],
-        "What is missing": [Figures(SCORES, ranking_panels(tree), [plots.rankings(tree)])],
+        "What is missing": [Figures(CAPTIONS["scores"], ranking_panels(tree), [plots.rankings(tree)])],
         "What this record can show": [
-            Figures(DETECTABLE, [detectability_panel(tree)], [plots.forecasts(tree)])
+            Figures(CAPTIONS["detectable"], [detectability_panel(tree)], [plots.forecasts(tree)])
         ],
     }
     models = coefficient_table({name: tree[name].to_dataset() for name in ("before", "after")})
@@ -136,7 +106,7 @@ def _discovered(tree: xr.DataTree) -> list[Section]:
 def _motions(tree: xr.DataTree, *, together: bool) -> list[Figures]:
     """The record of each run with its models; residuals `together` in a panel or apart."""
     draw = plots.identification if together else plots.discovery
-    caption = f"{MOTIONS} {RESIDUALS_TOGETHER if together else RESIDUALS_APART} {HALF_SINES}"
+    caption = CAPTIONS["motions_together" if together else "motions_apart"]
     return [
         Figures(
             f"{_of_run(tree, run)}{caption}{_decimated(tree, run)}",
@@ -157,10 +127,7 @@ def _decimated(tree: xr.DataTree, run: int) -> str:
     samples = tree[record_groups(tree)[run]].sizes["time"]
     if samples <= MOST_POINTS:
         return ""
-    return (
-        f" The curves are decimated: each is drawn by {MOST_POINTS:,} of {samples:,} samples, the least and "
-        "the largest of each stretch, so that none of its peaks is lost."
-    )
+    return CAPTIONS["decimated"].format(points=MOST_POINTS, samples=samples)
 
 
 @dataclass(frozen=True)
