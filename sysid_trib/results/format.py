@@ -45,7 +45,7 @@ def current_format(tree: xr.DataTree, path: Path) -> xr.DataTree:
                 f"{path.name}: a result in format {version}, and this version of sysid_trib reads format "
                 f"{FORMAT_VERSION}; make the result again."
             )
-        # A record's own source is one text.
-        lists = [name for name in LISTS if name in node.attrs and "angle" not in node.variables]
+        # A record and its envelope have one source, as one text.
+        lists = [name for name in LISTS if name in node.attrs and "source" not in node.attrs]
         node.attrs |= {name: as_list(node.attrs[name]) for name in lists}
     return tree
