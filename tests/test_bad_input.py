@@ -13,6 +13,7 @@ import xarray as xr
 from command_line import TIME, linear, run, write_csv
 
 from sysid_trib.commands import checks
+from sysid_trib.commands.options import DecayOptions
 
 NOISE = np.random.default_rng(7).standard_normal(TIME.size)
 GAPPED = (TIME < 3.0) | (TIME > 4.0)
@@ -99,9 +100,7 @@ def test_truncated(refused, folder, kind):
     os.truncate(path, int(0.6 * path.stat().st_size))
     if kind == "csv":
         # A line cut within its number is still a number: text cannot know.
-        assert (
-            checks.read_decays([path], checks.RecordOptions(), ":", "auto", None)[0][0].sizes["time"] > 1000
-        )
+        assert checks.read_decays(DecayOptions(records=[path]))[0][0].sizes["time"] > 1000
         return
     status, complaint = refused("identify", path.name)
     assert status == 1

@@ -1,19 +1,19 @@
 """What the command line reads: records, libraries, values with errors, settings of a model."""
 
 import re
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sysid_trib.commands.options import ConstraintOptions, DecayOptions, ModelOptions
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.library import load_library
 
 if TYPE_CHECKING:
     import xarray as xr
 
+    from sysid_trib.forces.constraints import Constraints
     from sysid_trib.forces.force import ForceLibrary
 
 # No oscillator is outside of this range in rad/s, Hz or s; far beyond it arithmetic overflows.
@@ -21,35 +21,19 @@ LEAST, MOST = 1e-9, 1e9
 PLUS_MINUS = re.compile(r"\s*(?:±|\+/-|\+-)\s*")
 
 
-@dataclass(frozen=True)
-class RecordOptions:
-    """How a record is to be read: the options of `read_record`, None where not given."""
-
-    time: str | None = None
-    angle: str | None = None
-    signal: str = "angle"
-    units: str | None = None
-    sampling_rate: float | None = None
-    time_units: str | None = None
+# Options that say how a record is to be read.
+COLUMNS = ("time", "angle", "signal", "units", "sampling_rate", "time_units")
 
 
 def read_decays(
-    records: Sequence[Path],
-    columns: RecordOptions,
-    window: str,
-    equilibrium: str,
-    reference_frequency: float | None,
+    given: DecayOptions, reference_frequency: float | None = None
 ) -> "tuple[list[xr.Dataset], list[str]]":
     """Read free decays of the files, or of the embedded example.
 
     Parameters
     ----------
-    records : sequence of Path
-        The files; none for the embedded example.
-    columns : RecordOptions
-        How to read them.
-    window, equilibrium : str
-        The options of these names.
+    given : DecayOptions
+        The files, none for the embedded example, and how to read them.
     reference_frequency : float, rad/s, optional
         Refused where the record cannot show it.
 
@@ -60,11 +44,9 @@ def read_decays(
     sentences : list of str
         What each of them is.
     """
-    decays, sentences = zip(
-        *(_read_decay(record, columns, window, equilibrium) for record in (records or (None,))), strict=True
-    )
+    decays, sentences = zip(*(_read_decay(given, record) for record in given.records or (None,)), strict=True)
     sums = [decay.attrs.get("record_checksum") for decay in decays]
-    for at, record in enumerate(records):
+    for at, record in enumerate(given.records):
         # Its noise would count as if it were another's.
         if sums[at] in sums[:at]:
             raise UsageError(f"{record} is given twice; runs of one experiment are different records.")
@@ -73,26 +55,27 @@ def read_decays(
     return list(decays), list(sentences)
 
 
-def _read_decay(
-    record: Path | None, columns: RecordOptions, window: str, equilibrium: str
-) -> "tuple[xr.Dataset, str]":
+def _read_decay(given: DecayOptions, record: Path | None) -> "tuple[xr.Dataset, str]":
     from sysid_trib.decays.free_decay import free_decay
     from sysid_trib.records.columns import ANGLE_UNITS
     from sysid_trib.records.read import read_record
     from sysid_trib.simulation.example import paper_twin
 
-    limits = parse_window(window, "--window")
-    centre: float | str = equilibrium if equilibrium == "auto" else parse_number(equilibrium, "--equilibrium")
+    limits = parse_window(given.window, "--window")
+    centre: float | str = given.equilibrium
+    if centre != "auto":
+        centre = parse_number(given.equilibrium, "--equilibrium")
+    columns = {name: getattr(given, name) for name in COLUMNS}
     if record is None:
-        given = [k for k, v in asdict(columns).items() if v is not None and (k, v) != ("signal", "angle")]
-        if given:
-            raise UsageError(f"--{given[0].replace('_', '-')} is for a RECORD, and none is given.")
+        idle = [k for k, v in columns.items() if v is not None and (k, v) != ("signal", "angle")]
+        if idle:
+            raise UsageError(f"--{idle[0].replace('_', '-')} is for a RECORD, and none is given.")
         read = paper_twin()
         sentence = f"Embedded example: {read.attrs['source']}; {read.attrs['synthetic']}."
     else:
-        read = read_record(record, **asdict(columns))
+        read = read_record(record, **columns)
         unit = read.attrs["angle_unit_in_file"]
-        sentence = f"Record: {record}, {columns.signal} in {unit} from column {read.attrs['angle_column']}."
+        sentence = f"Record: {record}, {given.signal} in {unit} from column {read.attrs['angle_column']}."
         if not isinstance(centre, str):
             centre *= ANGLE_UNITS.get(unit.removesuffix("/s"), 1.0)
     if read.angle.attrs.get("units") != "rad":
@@ -125,15 +108,34 @@ def check_positive(value: float | None, option: str) -> None:
         raise UsageError(f"{option} '{value:g}' must be a number from {LEAST:g} to {MOST:g}.")
 
 
-def known_frequencies(
-    omega0: str | None, reference_frequency: float | None
-) -> tuple[tuple[float, float] | None, bool]:
-    """Frequency without contact with its error, if given, and whether alpha is asked for."""
-    contactless = parse_value_with_error(omega0, "--omega0")
-    check_positive(reference_frequency, "--reference-frequency")
-    if contactless and reference_frequency:
+def asked_model(
+    model: ModelOptions, given: ConstraintOptions
+) -> "tuple[ForceLibrary, dict[str, float], Constraints, tuple[float, float] | None]":
+    """What is to be identified, as the options have it.
+
+    Returns
+    -------
+    offered : ForceLibrary
+        The forces.
+    shapes : dict of str to float
+        Shape parameters that are held.
+    constraints : Constraints
+        Checked against the forces.
+    contactless : (float, float) or None, rad/s
+        Frequency without contact and its error.
+    """
+    from sysid_trib.forces.constraints import Constraints
+    from sysid_trib.forces.to_identify import forces_to_identify
+
+    contactless = parse_value_with_error(model.omega0, "--omega0")
+    check_positive(model.reference_frequency, "--reference-frequency")
+    if contactless and model.reference_frequency:
         raise UsageError("--omega0 and --reference-frequency each give alpha a meaning: choose one.")
-    return contactless, bool(contactless or reference_frequency)
+    offered = offered_forces(model.library, model.forces, bool(contactless or model.reference_frequency))
+    shapes = held_shapes(given.set_, offered)
+    constraints = Constraints.from_texts(given.fix, given.bound, given.tie)
+    constraints.check(forces_to_identify(offered, model.reference_frequency))
+    return offered, shapes, constraints, contactless
 
 
 def _check_reference(frequency: float | None, decay: "xr.Dataset") -> None:

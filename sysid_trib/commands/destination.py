@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sysid_trib.commands.options import option
 from sysid_trib.commands.terminal import command_line, print_blocks, print_written
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.printing.layers import Block, Layer
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-    Figures = Callable[[], Iterable[tuple[str, Callable[[], Figure]]]]
+    Figures = Callable[[Any], Iterable[tuple[str, Callable[[], Figure]]]]
 
 
 @dataclass(frozen=True)
@@ -33,11 +34,11 @@ class Destination:
         What standard output shows.
     """
 
-    output: Path | None
-    plot: Path | None
-    as_json: bool
-    explain: bool
-    quiet: bool
+    output: Path | None = option("FILE", "Where to write.", flags=("-o", "--output"))
+    as_json: bool = option(None, "Print the result as JSON, and nothing else.", False, flags=("--json",))
+    plot: Path | None = option("DIR", "Folder for the figures (PDF and PNG).")
+    explain: bool = option(None, "Print all that was tested, and what follows.", False, flags=("--explain",))
+    quiet: bool = option(None, "Print the verdict and the table alone.", False, flags=("--quiet",))
 
     def check(self, records: Sequence[Path]) -> None:
         """Refuse, before the work is done, options that exclude each other and places that cannot be written.
@@ -77,7 +78,7 @@ class Destination:
         data : callable
             What is printed as JSON.
         figures : callable
-            Gives name of each figure, and what draws it.
+            Takes the room of the figures, and gives the name of each figure and what draws it.
         """
         from sysid_trib.results import files
 
@@ -85,7 +86,9 @@ class Destination:
         if self.output is not None:
             files.save(tree, self.output)
         if self.plot is not None:
-            for name, draw in figures():
+            from sysid_trib import plots
+
+            for name, draw in figures(plots):
                 files.write_figure(draw(), self.plot / name)
         if self.as_json:
             print(json.dumps(data(), indent=2, allow_nan=False))

@@ -1,64 +1,121 @@
-"""Options that commands share."""
+"""Options that commands share, in groups: dataclasses whose fields are options."""
 
+import inspect
+from collections.abc import Callable
+from copy import copy
+from dataclasses import dataclass, field, fields, is_dataclass
+from functools import wraps
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, get_type_hints
 
 import typer
 
-Records = Annotated[
-    list[Path],
-    typer.Argument(
-        metavar="[RECORD]...",
-        help="Files with decays, runs of one experiment; without any the embedded example runs.",
-        show_default=False,
-        readable=False,
-    ),
-]
-Time = Annotated[str | None, typer.Option(metavar="COLUMN", help="Time column, by name or number from 0.")]
-Angle = Annotated[
-    str | None, typer.Option(metavar="COLUMN", help="Angle (or rate) column, by name or number.")
-]
-Signal = Annotated[str, typer.Option(metavar="angle|rate", help="What was measured.")]
-Units = Annotated[
-    str | None, typer.Option(metavar="rad|deg", help="Unit of the angle; default: the header's, or rad.")
-]
-Rate = Annotated[
-    float | None, typer.Option(metavar="HZ", help="Sampling rate, where there is no time column.")
-]
-TimeUnits = Annotated[
-    str | None, typer.Option(metavar="s|ms|us|min", help="Unit of time; default: the header's, or s.")
-]
-Window = Annotated[
-    str, typer.Option(metavar="START:STOP", help="Part of the record in s; either side may be empty.")
-]
-Equilibrium = Annotated[
-    str, typer.Option(metavar="VALUE|auto", help="Equilibrium angle, in the unit of the record's column.")
-]
-Library = Annotated[str, typer.Option(metavar="NAME|FILE", help="Force library.")]
-Forces = Annotated[str | None, typer.Option(metavar="A,B,...", help="Symbols of the forces to identify.")]
-Omega0 = Annotated[
-    str | None, typer.Option(metavar="VALUE[±ERROR]", help="Frequency without contact (rad/s): adds alpha.")
-]
-Reference = Annotated[
-    float | None, typer.Option(metavar="RAD/S", help="Reference frequency, held; default: fitted.")
-]
-Inertia = Annotated[
-    float | None, typer.Option(metavar="KG*M^2", help="Moment of inertia: coefficients in SI units too.")
-]
-Shapes = Annotated[
-    list[str], typer.Option("--set", metavar="SYMBOL.SHAPE=VALUE", help="A shape parameter to hold; repeat.")
-]
-Fixes = Annotated[
-    list[str], typer.Option(metavar="NAME=VALUE", help="A coefficient or shape to hold: lambda=0; repeat.")
-]
-Bounds = Annotated[
-    list[str], typer.Option(metavar="NAME=LOW:HIGH", help="Bounds of one; either may be empty: zeta=0:.")
-]
-Ties = Annotated[
-    list[str], typer.Option(metavar="NAME=FORMULA", help='One by others: "nu=-2.356*delta"; repeat.')
-]
-Output = Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Where to write.")]
-Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, and nothing else.")]
-Plot = Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for the figures (PDF and PNG).")]
-Explain = Annotated[bool, typer.Option("--explain", help="Print all that was tested, and what follows.")]
-Quiet = Annotated[bool, typer.Option("--quiet", help="Print the verdict and the table alone.")]
+DEFAULT_LIBRARY = "contact_forces"
+
+
+def option(
+    metavar: str | None,
+    text: str,
+    default: Any = None,
+    *,
+    flags: tuple[str, ...] = (),
+    least: int | None = None,
+) -> Any:
+    """A field of a dataclass that typer reads as an option.
+
+    Parameters
+    ----------
+    metavar : str, optional
+        What stands for its value in the help; none of a switch.
+    text : str
+        Its help.
+    default : object
+        Its default.
+    flags : tuple of str
+        How it is written, where not as the field's name.
+    least : int, optional
+        Smallest value.
+    """
+    given = typer.Option(*flags, metavar=metavar, help=text, min=least)
+    return field(default_factory=lambda: copy(default), metadata={"typer": given})
+
+
+@dataclass(frozen=True)
+class DecayOptions:
+    """Which records are read, how, and what of them is the decay."""
+
+    records: list[Path] = field(
+        default_factory=list,
+        metadata={
+            "typer": typer.Argument(
+                metavar="[RECORD]...",
+                help="Files with decays, runs of one experiment; without any the embedded example runs.",
+                show_default=False,
+                readable=False,
+            )
+        },
+    )
+    time: str | None = option("COLUMN", "Time column, by name or number from 0.")
+    angle: str | None = option("COLUMN", "Angle (or rate) column, by name or number.")
+    signal: str = option("angle|rate", "What was measured.", "angle")
+    units: str | None = option("rad|deg", "Unit of the angle; default: the header's, or rad.")
+    sampling_rate: float | None = option("HZ", "Sampling rate, where there is no time column.")
+    time_units: str | None = option("s|ms|us|min", "Unit of time; default: the header's, or s.")
+    window: str = option("START:STOP", "Part of the record in s; either side may be empty.", ":")
+    equilibrium: str = option("VALUE|auto", "Equilibrium angle, in the unit of the record's column.", "auto")
+
+
+@dataclass(frozen=True)
+class ModelOptions:
+    """Which forces are identified."""
+
+    library: str = option("NAME|FILE", "Force library.", DEFAULT_LIBRARY)
+    forces: str | None = option("A,B,...", "Symbols of the forces to identify.")
+    omega0: str | None = option("VALUE[±ERROR]", "Frequency without contact (rad/s): adds alpha.")
+    reference_frequency: float | None = option("RAD/S", "Reference frequency, held; default: fitted.")
+
+
+@dataclass(frozen=True)
+class ConstraintOptions:
+    """What is held, bounded or tied."""
+
+    set_: list[str] = option("SYMBOL.SHAPE=VALUE", "A shape parameter to hold; repeat.", [], flags=("--set",))
+    fix: list[str] = option("NAME=VALUE", "A coefficient or shape to hold: lambda=0; repeat.", [])
+    bound: list[str] = option("NAME=LOW:HIGH", "Bounds of one; either may be empty: zeta=0:.", [])
+    tie: list[str] = option("NAME=FORMULA", 'One by others: "nu=-2.356*delta"; repeat.', [])
+
+
+def with_options(command: Callable[..., None]) -> Callable[..., None]:
+    """The command as typer takes it: an argument that is a group becomes the options of the group.
+
+    Parameters
+    ----------
+    command : callable
+        Has keyword arguments only.
+    """
+    hints = get_type_hints(command, include_extras=True)
+    groups: dict[str, Any] = {name: kind for name, kind in hints.items() if is_dataclass(kind)}
+    parameters: list[inspect.Parameter] = []
+    for name, parameter in inspect.signature(command).parameters.items():
+        parameters += _options(groups[name]) if name in groups else [parameter]
+
+    @wraps(command)
+    def run(**values: Any) -> None:
+        for name, group in groups.items():
+            values[name] = group(**{part.name: values.pop(part.name) for part in fields(group)})
+        command(**values)
+
+    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    return run
+
+
+def _options(group: Any) -> list[inspect.Parameter]:
+    """The fields of a group as arguments of a function."""
+    keyword = inspect.Parameter.KEYWORD_ONLY
+    return [
+        inspect.Parameter(
+            part.name, keyword, default=default(), annotation=Annotated[part.type, part.metadata["typer"]]
+        )
+        for part in fields(group)
+        if callable(default := part.default_factory)
+    ]

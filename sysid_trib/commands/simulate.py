@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from sysid_trib.commands import options
+from sysid_trib.commands.options import DEFAULT_LIBRARY
 
 
 def simulate(
@@ -14,7 +14,7 @@ def simulate(
         list[str],
         typer.Option("--set", metavar="SYMBOL=VALUE", help="A coefficient or shape (dahl.s=0.02); repeat."),
     ] = [],  # noqa: B006 - typer copies it
-    library: options.Library = "contact_forces",
+    library: Annotated[str, typer.Option(metavar="NAME|FILE", help="Force library.")] = DEFAULT_LIBRARY,
     reference_frequency: Annotated[float, typer.Option(metavar="RAD/S", help="Reference frequency.")] = 9.91,
     duration: Annotated[float, typer.Option(metavar="S", help="Length of the record.")] = 25.0,
     sampling_rate: Annotated[float, typer.Option(metavar="HZ", help="Samples a second.")] = 100.0,
@@ -32,7 +32,7 @@ def simulate(
 
     check_output(output, ".csv .nc")
     offered = load_library(library)
-    coefficients, shapes = checks.settings(set_, offered, papers=library == "contact_forces")
+    coefficients, shapes = checks.settings(set_, offered, papers=library == DEFAULT_LIBRARY)
     checks.check_positive(reference_frequency, "--reference-frequency")
     checks.check_positive(duration, "--duration")
     checks.check_positive(sampling_rate, "--sampling-rate")
