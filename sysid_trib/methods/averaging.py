@@ -21,7 +21,6 @@ from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.regression.averaged import averaged_equations, noise_of_equations
 from sysid_trib.regression.constraint_map import ConstraintMap, constraint_map
 from sysid_trib.regression.weak_form import whiten, whitener
-from sysid_trib.simulation.model import Model
 
 SCOPE = MethodScope(
     label="averaging",
@@ -105,7 +104,8 @@ class Averaging:
             auxiliary = AuxiliaryModel(
                 self._envelope,
                 partial(_first_order, method, library=asked, free=constraint_map(constraints, asked, shapes)),
-                partial(method._model, asked),
+                asked,
+                shapes,
             )
             estimate = indirect_estimate(auxiliary, runs, correct=self.correct)
             value = dict(zip(asked.symbols, estimate.values.tolist(), strict=False))
@@ -128,10 +128,6 @@ class Averaging:
 
     def _envelope(self, decay: xr.Dataset) -> xr.Dataset:
         return envelope(decay, self.curve).assign_attrs(first_time=float(decay.time.values[0]))
-
-    def _model(self, library: ForceLibrary, values: Array) -> Model:
-        coefficients = dict(zip(library.symbols, values[:-1].tolist(), strict=True))
-        return Model(library, coefficients, float(values[-1]), self.shapes)
 
 
 def _first_order(

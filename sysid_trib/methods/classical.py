@@ -11,11 +11,10 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.methods.half_period_model import HalfPeriodModel
+from sysid_trib.methods.half_period_model import half_period_model
 from sysid_trib.methods.indirect import as_identification, indirect_estimate
 from sysid_trib.methods.scope import Method, MethodScope, scope_of
 from sysid_trib.regression.relations import Equations
-from sysid_trib.simulation.model import Model
 
 
 @dataclass(frozen=True)
@@ -55,14 +54,9 @@ class ClassicalMethod:
         """
         decay = one_record(self, decay)
         asked = self.forces_of(library)
-
-        def model(values: Array) -> Model:
-            coefficients = dict(zip(asked.symbols, values[:-1].tolist(), strict=True))
-            return Model(asked, coefficients, float(values[-1]))
-
         groups = {"envelope": self.equations(asked), "frequency": same_half_periods}
-        half_periods = HalfPeriodModel(groups, self.values, model)
-        estimate = indirect_estimate(half_periods.auxiliary(), [decay], correct=self.correct)
+        auxiliary = half_period_model(groups, self.values, asked)
+        estimate = indirect_estimate(auxiliary, [decay], correct=self.correct)
         return as_identification(self, decay, asked, estimate, library)
 
     def forces_of(self, library: ForceLibrary) -> ForceLibrary:

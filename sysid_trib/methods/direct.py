@@ -120,11 +120,7 @@ class Direct:
         shapes = {**self.shapes, **{k: v for k, v in self.fix.items() if k not in offered.symbols}}
         constraints = constraint_map(asked, offered, shapes)
         runs = begin(
-            as_runs(decay),
-            offered,
-            constraints,
-            reference_frequency=self.reference_frequency,
-            shapes=shapes,
+            as_runs(decay), offered, constraints, reference_frequency=self.reference_frequency, shapes=shapes
         )
         every = np.ones(len(offered), bool)
         rows = weak_regression(runs, [linearised(run) for run in runs])

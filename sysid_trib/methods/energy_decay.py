@@ -1,8 +1,5 @@
 """Solid and viscous friction from the decay of the energy (Rigaud et al. 2010)."""
 
-from dataclasses import dataclass
-from typing import ClassVar
-
 import numpy as np
 
 from sysid_trib.arrays import Array
@@ -11,7 +8,6 @@ from sysid_trib.methods.classical import ClassicalMethod, decrement_scope
 from sysid_trib.regression.relations import Equations
 
 
-@dataclass(frozen=True)
 class EnergyDecay(ClassicalMethod):
     """Solid friction lambda (rad) and damping ratio zeta from dE/dt, E = a^2/2, and the frequency.
 
@@ -25,8 +21,8 @@ class EnergyDecay(ClassicalMethod):
     dE/dt = -(2/pi) w lambda sqrt(2 E) - 2 w zeta E.
     """
 
-    FORMULAS: ClassVar = ("sign(v)", "2*v")
-    scope: ClassVar = decrement_scope("energy decay", "solid and viscous friction", weak=True)
+    FORMULAS = ("sign(v)", "2*v")
+    scope = decrement_scope("energy decay", "solid and viscous friction", weak=True)
 
     def equations(self, library: ForceLibrary) -> Equations:
         """Rate of the energy from one half period before to one after."""

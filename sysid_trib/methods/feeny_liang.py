@@ -1,8 +1,5 @@
 """Simultaneous decrement of solid and viscous friction (Feeny & Liang 1996, Liang & Feeny 1998)."""
 
-from dataclasses import dataclass
-from typing import ClassVar
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -16,7 +13,6 @@ from sysid_trib.regression.relations import Equations
 LARGEST = 1.0 - 1e-12
 
 
-@dataclass(frozen=True)
 class FeenyLiang(ClassicalMethod):
     """Solid friction lambda (rad) and damping ratio zeta from turning points, and the frequency.
 
@@ -32,8 +28,8 @@ class FeenyLiang(ClassicalMethod):
     has nothing in common with that of the sum.
     """
 
-    FORMULAS: ClassVar = ("sign(v)", "2*v")
-    scope: ClassVar = decrement_scope("Feeny-Liang decrement", "solid and viscous friction")
+    FORMULAS = ("sign(v)", "2*v")
+    scope = decrement_scope("Feeny-Liang decrement", "solid and viscous friction")
 
     def equations(self, library: ForceLibrary) -> Equations:
         """Differences of successive extrema against their sums."""

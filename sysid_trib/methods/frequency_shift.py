@@ -13,21 +13,16 @@ from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import parse_library
 from sysid_trib.methods.classical import one_record
-from sysid_trib.methods.half_period_model import HalfPeriodModel
-from sysid_trib.methods.indirect import IndirectEstimate, as_identification, indirect_estimate
+from sysid_trib.methods.half_period_model import half_period_model
+from sysid_trib.methods.indirect import AuxiliaryModel, IndirectEstimate, as_identification, indirect_estimate
 from sysid_trib.methods.scope import MethodScope
 from sysid_trib.methods.wu_decrement import energy_balance
 from sysid_trib.regression.relations import Equations
-from sysid_trib.simulation.model import Model
 
 # Friction by which the simulated amplitude shrinks as the record's does; it is not reported.
+FORMULAS = {f"damping_beside_{p}": formula for p, formula in enumerate(("sign(v)", "2*v", "v*abs(v)"))}
 DAMPING = parse_library(
-    {
-        "force": [
-            {"symbol": f"damping_beside_{p}", "formula": formula}
-            for p, formula in enumerate(("sign(v)", "2*v", "v*abs(v)"))
-        ]
-    },
+    {"force": [{"symbol": symbol, "formula": formula} for symbol, formula in FORMULAS.items()]},
     "damping of frequency_shift",
 )
 VISCOUS = 1
@@ -83,16 +78,15 @@ class FrequencyShift:
         if not len(asked):
             label = self.scope.sentence_label
             raise DecayError(f"{label} wants a nonlinear conservative force, and the library has none.")
-        auxiliary = _damped_model(asked, self.shapes).auxiliary()
+        auxiliary = _damped_model(asked, self.shapes)
         estimate = indirect_estimate(auxiliary, [decay], correct=self.correct)
         limit = _limit(estimate)
         estimate = _without_damping(estimate, len(asked))
         if self.reference_frequency is not None:
             asked, estimate = _referred(estimate, asked, stiffness, self.reference_frequency)
         result = as_identification(self, decay, asked, estimate, library)
-        for name, value in zip(
-            ("asymptotic_frequency", "asymptotic_frequency_standard_error"), limit, strict=True
-        ):
+        names = ("asymptotic_frequency", "asymptotic_frequency_standard_error")
+        for name, value in zip(names, limit, strict=True):
             result[name] = result[name].copy(data=value)
         return result
 
@@ -112,7 +106,7 @@ def _shifts(library: ForceLibrary, shapes: Mapping[str, float]) -> Equations:
     return frequencies
 
 
-def _damped_model(library: ForceLibrary, shapes: Mapping[str, float]) -> HalfPeriodModel:
+def _damped_model(library: ForceLibrary, shapes: Mapping[str, float]) -> AuxiliaryModel:
     """Shift of the frequency, and friction that the simulated amplitude shrinks by as the record's."""
     whole = ForceLibrary("conservative forces, damped", (*library.forces, *DAMPING.forces))
     count = len(library)
@@ -123,12 +117,8 @@ def _damped_model(library: ForceLibrary, shapes: Mapping[str, float]) -> HalfPer
         w = parameters[count] / np.sqrt(max(1.0 - damping[VISCOUS] ** 2, SMALLEST))
         return np.concatenate([parameters[:count] * parameters[count] / w**2, damping, [w]])
 
-    def model(values: Array) -> Model:
-        coefficients = dict(zip(whole.symbols, values[:-1].tolist(), strict=True))
-        return Model(whole, coefficients, float(values[-1]), shapes)
-
     equations = {"frequency": _shifts(library, shapes), "envelope": energy_balance(DAMPING)}
-    return HalfPeriodModel(equations, values, model)
+    return half_period_model(equations, values, whole, shapes)
 
 
 def _limit(estimate: IndirectEstimate) -> tuple[float, float]:
@@ -159,19 +149,16 @@ def _referred(
 ) -> tuple[ForceLibrary, IndirectEstimate]:
     """Coefficients that refer to a frequency given, and the force of formula `x` if there is one."""
     fitted = estimate.values[-1]
-    ratio = (fitted / reference) ** 2
-    forces = library.forces if stiffness is None else (stiffness, *library.forces)
-    count = len(library)
-    jacobian = np.zeros((len(forces) + 1, count + 1))
-    jacobian[-1 - count : -1, :-1] = ratio * np.eye(count)
-    jacobian[-1 - count : -1, -1] = 2.0 * ratio * estimate.values[:-1] / fitted
-    values = np.append(estimate.values[:-1] * ratio, reference)
-    bias = np.append(estimate.bias[:-1] * ratio, 0.0)
-    if stiffness is not None:
-        jacobian[0, -1] = 2.0 * ratio / fitted
-        values, bias = (
-            np.append(ratio - 1.0, values),
-            np.append(2.0 * ratio * estimate.bias[-1] / fitted, bias),
-        )
+    ratio, count = (fitted / reference) ** 2, len(library)
+    # Of the force of formula `x`, of the others, and of the frequency.
+    jacobian = np.zeros((count + 2, count + 1))
+    jacobian[1:-1, :-1] = ratio * np.eye(count)
+    jacobian[:-1, -1] = 2.0 * ratio * np.append(1.0, estimate.values[:-1]) / fitted
+    values = np.concatenate([[ratio - 1.0], estimate.values[:-1] * ratio, [reference]])
+    bias = np.concatenate([[jacobian[0, -1] * estimate.bias[-1]], estimate.bias[:-1] * ratio, [0.0]])
     covariance = jacobian @ estimate.covariance @ jacobian.T
-    return replace(library, forces=forces), replace(estimate, values=values, bias=bias, covariance=covariance)
+    known = slice(1, None) if stiffness is None else slice(None)
+    forces = library.forces if stiffness is None else (stiffness, *library.forces)
+    return replace(library, forces=forces), replace(
+        estimate, values=values[known], bias=bias[known], covariance=covariance[known, known]
+    )

@@ -1,7 +1,7 @@
 """Indirect inference: the bias of a simplified model is what it gets wrong on motions of its own."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import xarray as xr
@@ -68,13 +68,21 @@ class AuxiliaryModel:
         Envelope of a decay (see `envelope`).
     fit : callable
         `AuxiliaryFit` of the envelopes of all runs.
-    model : callable
-        The model of values of that fit, to be simulated.
+    library : ForceLibrary
+        The forces of the coefficients, for motions of its own.
+    shapes : Mapping of str to float
+        Shape parameters of these forces.
     """
 
     measure: Callable[[xr.Dataset], xr.Dataset]
     fit: Callable[[Sequence[xr.Dataset]], AuxiliaryFit]
-    model: Callable[[Array], Model]
+    library: ForceLibrary
+    shapes: Mapping[str, float] = field(default_factory=dict)
+
+    def model(self, values: Array) -> Model:
+        """The model of coefficients and, last, the frequency (rad/s)."""
+        coefficients = dict(zip(self.library.symbols, values[:-1].tolist(), strict=True))
+        return Model(self.library, coefficients, float(values[-1]), self.shapes)
 
 
 @dataclass(frozen=True)

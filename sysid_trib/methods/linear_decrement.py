@@ -1,8 +1,5 @@
 """Linear decrement (Lorenz 1924, Kimball 1929): solid friction from the difference of successive extrema."""
 
-from dataclasses import dataclass
-from typing import ClassVar
-
 import numpy as np
 
 from sysid_trib.arrays import Array
@@ -11,7 +8,6 @@ from sysid_trib.methods.classical import ClassicalMethod, decrement_scope
 from sysid_trib.regression.relations import Equations
 
 
-@dataclass(frozen=True)
 class LinearDecrement(ClassicalMethod):
     """Solid friction lambda (rad) from |X_i| - |X_i+1| = 2 lambda, and the frequency.
 
@@ -21,8 +17,8 @@ class LinearDecrement(ClassicalMethod):
         Whether the bias of the half-sines is removed by indirect inference.
     """
 
-    FORMULAS: ClassVar = ("sign(v)",)
-    scope: ClassVar = decrement_scope("linear decrement", "solid friction")
+    FORMULAS = ("sign(v)",)
+    scope = decrement_scope("linear decrement", "solid friction")
 
     def equations(self, library: ForceLibrary) -> Equations:
         """|X_i| - |X_i+1| = 2 lambda."""

@@ -1,8 +1,5 @@
 """Logarithmic decrement (Rayleigh 1877, art. 46): viscous friction from the ratio of successive extrema."""
 
-from dataclasses import dataclass
-from typing import ClassVar
-
 import numpy as np
 
 from sysid_trib.arrays import Array
@@ -11,7 +8,6 @@ from sysid_trib.methods.classical import ClassicalMethod, decrement_scope
 from sysid_trib.regression.relations import Equations
 
 
-@dataclass(frozen=True)
 class LogarithmicDecrement(ClassicalMethod):
     """Damping ratio zeta from ln |X_i/X_i+1| = pi zeta/sqrt(1 - zeta^2), and the frequency.
 
@@ -21,8 +17,8 @@ class LogarithmicDecrement(ClassicalMethod):
         Whether the bias of the half-sines is removed by indirect inference.
     """
 
-    FORMULAS: ClassVar = ("2*v",)
-    scope: ClassVar = decrement_scope("logarithmic decrement", "viscous friction")
+    FORMULAS = ("2*v",)
+    scope = decrement_scope("logarithmic decrement", "viscous friction")
 
     def equations(self, library: ForceLibrary) -> Equations:
         """ln |X_i/X_i+1| = pi zeta/sqrt(1 - zeta^2)."""

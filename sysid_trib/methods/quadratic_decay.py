@@ -1,8 +1,5 @@
 """Quadratic friction from the hyperbolic decay (Majdoub et al. 2015)."""
 
-from dataclasses import dataclass
-from typing import ClassVar
-
 import numpy as np
 
 from sysid_trib.arrays import Array
@@ -11,7 +8,6 @@ from sysid_trib.methods.classical import ClassicalMethod, decrement_scope
 from sysid_trib.regression.relations import Equations
 
 
-@dataclass(frozen=True)
 class QuadraticDecay(ClassicalMethod):
     """Quadratic friction delta from the linear growth of 1/a, and the frequency.
 
@@ -25,8 +21,8 @@ class QuadraticDecay(ClassicalMethod):
     d(1/a)/dt = (4/(3 pi)) w delta.
     """
 
-    FORMULAS: ClassVar = ("v*abs(v)",)
-    scope: ClassVar = decrement_scope("quadratic decay", "quadratic friction", weak=True)
+    FORMULAS = ("v*abs(v)",)
+    scope = decrement_scope("quadratic decay", "quadratic friction", weak=True)
 
     def equations(self, library: ForceLibrary) -> Equations:
         """Growth of 1/a from one half period to the next."""

@@ -200,11 +200,8 @@ def _identification(
     extra = {"residual_rms": ([rms(residual) for residual in residuals], "rad", "RMS residual")}
     if all(noises):
         chi_square = sum(float(r @ r) / level**2 for r, level in zip(residuals, noises, strict=True))
-        extra["birge_ratio"] = (
-            birge_ratio(chi_square, degrees_of_freedom),
-            "1",
-            "Birge ratio by the sensor's noise",
-        )
+        ratio = birge_ratio(chi_square, degrees_of_freedom)
+        extra["birge_ratio"] = (ratio, "1", "Birge ratio by the sensor's noise")
     result = estimate.identification(method, runs, library, extra)
     constraints = Constraints(method.fix, method.bounds, method.tie)
     if constraints:

@@ -1,8 +1,5 @@
 """Decrement of solid friction beside powers of the speed (Wu et al. 2007)."""
 
-from dataclasses import dataclass
-from typing import ClassVar
-
 import numpy as np
 
 from sysid_trib.arrays import Array
@@ -13,7 +10,6 @@ from sysid_trib.methods.classical import ClassicalMethod, decrement_scope, neede
 from sysid_trib.regression.relations import Equations
 
 
-@dataclass(frozen=True)
 class WuDecrement(ClassicalMethod):
     """Solid friction and all powers of the speed in a library from the decrement, and the frequency.
 
@@ -31,7 +27,7 @@ class WuDecrement(ClassicalMethod):
     -2 zeta nu; `frequency_birge_ratio` shows it, the envelope does not.
     """
 
-    scope: ClassVar = decrement_scope("Wu decrement", "solid friction, powers of the speed")
+    scope = decrement_scope("Wu decrement", "solid friction, powers of the speed")
 
     def forces_of(self, library: ForceLibrary) -> ForceLibrary:
         """The powers of the speed in a library, solid friction among them.

@@ -11,14 +11,7 @@ import xarray as xr
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.methods.scope import (
-    ForceScope,
-    Method,
-    MethodScope,
-    constrained,
-    force_scope,
-    scope_of,
-)
+from sysid_trib.methods.scope import ForceScope, Method, MethodScope, constrained, force_scope, scope_of
 from sysid_trib.records.runs import one_or_all
 from sysid_trib.results.contactless import with_contactless_frequency
 from sysid_trib.validation.holdout import RunInParts, predicted
