@@ -15,6 +15,7 @@ from sysid_trib.noise.level import sensor_noises
 from sysid_trib.records.runs import Decays
 from sysid_trib.results.birge import birge_ratio
 from sysid_trib.results.schema import Estimate, identification
+from sysid_trib.results.variables import variable
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.trajectory_fit.initial_conditions import first_guess, fit_start
@@ -229,7 +230,6 @@ def as_identification(
         indirect.values[:-1], indirect.covariance, float(indirect.values[-1]), indirect.noises, extra
     )
     result = identification(method, decay, asked, estimate, offered=offered)
-    attrs = {"units": "1", "long_name": "first-order bias removed"}
-    result["first_order_bias"] = ("force", indirect.bias[:-1], attrs)
+    result["first_order_bias"] = variable("force", indirect.bias[:-1], "first-order bias removed", "1")
     assumes = scope_of(method).assumes
     return result.assign_attrs(first_order_bias_removed=indirect.bias_removed, assumes=assumes)

@@ -20,6 +20,19 @@ def is_constrained(result: xr.Dataset, symbol: str) -> bool:
     return "constraint" in result.coords and bool(result.constraint.sel(force=symbol).item())
 
 
+def comparable(*results: xr.Dataset) -> list[str]:
+    """Symbols of the forces in which identifications are compared, in the first's order.
+
+    Each has them in its model, and one at least leaves them free.
+    """
+    return [
+        symbol
+        for symbol in results[0].force.values.tolist()
+        if all(symbol in r.force and in_model(r, symbol) for r in results)
+        and not all(is_constrained(r, symbol) for r in results)
+    ]
+
+
 def comparison_values(result: xr.Dataset, kept: Sequence[str], frequency: float) -> Array:
     """Coefficients at one reference frequency, and the asymptotic frequency.
 

@@ -19,7 +19,7 @@ from sysid_trib.validation.comparison_table import method_table
 from sysid_trib.validation.cross_check import check_method
 from sysid_trib.validation.cross_check_statistics import ties
 from sysid_trib.validation.holdout import RunInParts, split
-from sysid_trib.validation.trial import Trial, try_method
+from sysid_trib.validation.trial import try_method
 
 RESERVED = ("", ".", "..", "record", "envelope", "comparison")
 Methods = Sequence[Method] | Mapping[str, Method]
@@ -124,15 +124,14 @@ def compare(
         if tell is not None:
             tell(label)
         trials.append(try_method(label, method, runs, library, contactless, constraints or Constraints()))
-    decided = [trial for trial in trials if trial.result is not None]
-    if not decided:
+    results = {trial.label: trial.result for trial in trials if trial.result is not None}
+    if not results:
         subject = "this record" if len(runs) == 1 else "these runs together"
         raise DecayError(f"No method can identify {subject}. {trials[0].label}: {trials[0].reason}.")
     table = method_table(trials, [run.noise for run in runs], [run.block for run in runs])
     table.attrs["noise_from"] = "a least-squares spline"
-    table.attrs |= _not_separable(runs, decided, library)
-    groups |= {trial.label: trial.result for trial in decided if trial.result is not None}
-    return xr.DataTree.from_dict({**groups, "comparison": table})
+    table.attrs |= _not_separable(runs, list(results.values()), library)
+    return xr.DataTree.from_dict({**groups, **results, "comparison": table})
 
 
 def _by_label(methods: Methods) -> dict[str, Method]:
@@ -175,19 +174,15 @@ def _option(name: str, value: Any) -> str:
 
 
 def _not_separable(
-    runs: Sequence[RunInParts], decided: Sequence[Trial], library: ForceLibrary
+    runs: Sequence[RunInParts], results: Sequence[xr.Dataset], library: ForceLibrary
 ) -> dict[str, str]:
     """Forces that no method separates, or identifies, on these runs; as attrs."""
-    widest = max((t.result for t in decided if t.result is not None), key=lambda r: r.sizes["force"])
-    identified = {
-        symbol for t in decided if t.result is not None for symbol in t.result.force.values.tolist()
-    }
-    stiffness = library.role("x") or library_of(widest, whole=True).role("x")
-    unseen = [
-        s for s in library.symbols if s not in identified and (stiffness is None or s != stiffness.symbol)
-    ]
-    exchangeable = stiffness is not None and stiffness.symbol not in identified
+    widest = max(results, key=lambda result: result.sizes["force"])
+    identified = {symbol for result in results for symbol in result.force.values.tolist()}
+    force = library.role("x") or library_of(widest, whole=True).role("x")
+    stiffness = "" if force is None else force.symbol
+    unseen = [s for s in library.symbols if s not in identified and s != stiffness]
     return ties([run.decay for run in runs], widest) | {
         "no_method_identifies": ", ".join(unseen),
-        "exchangeable_with_the_frequency": stiffness.symbol if exchangeable and stiffness is not None else "",
+        "exchangeable_with_the_frequency": "" if stiffness in identified else stiffness,
     }

@@ -12,6 +12,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.scope import Method
 from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.results.per_run import group_names, noise_of_run
+from sysid_trib.results.variables import variable
 from sysid_trib.trajectory_fit.initial_conditions import FittedMotion
 from sysid_trib.validation.cross_check_statistics import comparison, ties
 from sysid_trib.validation.homogeneity import verdict_of
@@ -125,8 +126,8 @@ def _with_motions(
     record = decay.assign_coords(model=list(names))
     no_motion = np.full(decay.sizes["time"], np.nan)
     simulated = np.stack([no_motion if motion is None else motion.x + motion.offset for motion in motions])
-    attrs = {"units": "rad", "long_name": "angle of the model"}
-    return record.assign(simulated_angle=(("model", "time"), simulated, attrs))
+    angle = variable(("model", "time"), simulated, "angle of the model", "rad")
+    return record.assign(simulated_angle=angle)
 
 
 def _explained(compared: xr.Dataset) -> str:

@@ -16,9 +16,8 @@ from sysid_trib.methods import method_of
 from sysid_trib.records.runs import one_or_all
 from sysid_trib.results.common_reference import (
     ASYMPTOTIC_FREQUENCY,
+    comparable,
     comparison_values,
-    in_model,
-    is_constrained,
     stated_covariance,
 )
 from sysid_trib.results.per_run import noise_of_run
@@ -45,23 +44,15 @@ def comparison(
     `motions` : of each result, in each run.
     """
     first, second = results
-    common = [s for s in first.force.values.tolist() if s in second.force.values.tolist()]
-    kept = [
-        s
-        for s in common
-        if in_model(first, s) and in_model(second, s) and not all(is_constrained(r, s) for r in results)
-    ]
+    kept = comparable(*results)
     frequency = first.reference_frequency.item()
     difference = comparison_values(first, kept, frequency) - comparison_values(second, kept, frequency)
     count = len(difference)
     # The second's model is the truth of the simulated records, or the first's if that has no motion.
     # Where a bias could not be removed, what to expect is not known.
     failed = any(str(r.attrs.get("first_order_bias_removed", "")).startswith("no:") for r in results)
-    truth = (
-        None
-        if failed
-        else next(((r, m) for r, m in zip(results[::-1], motions[::-1], strict=True) if None not in m), None)
-    )
+    moving = [(r, m) for r, m in zip(results[::-1], motions[::-1], strict=True) if None not in m]
+    truth = None if failed or not moving else moving[0]
     expected, scatter = np.full(count, np.nan), np.full((count, count), np.nan)
     if truth is not None:
         expected, scatter = _scatter(runs, results, truth, kept, draws=draws, seed=seed)

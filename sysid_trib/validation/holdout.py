@@ -16,6 +16,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import parse_library
 from sysid_trib.noise.level import sensor_noise
 from sysid_trib.results.schema import library_of
+from sysid_trib.results.variables import variable
 from sysid_trib.validation.model_residuals import ModelResidual, residual_of
 
 # The part of a decay's time from which a model is identified where the rest is to be predicted.
@@ -46,8 +47,8 @@ class RunInParts:
     @property
     def record(self) -> xr.Dataset:
         """The record with the time at which the part held out starts."""
-        attrs = {"units": "s", "long_name": "start of the part held out"}
-        return self.decay.assign(holdout_start=((), float(self.rest.time.values[0]), attrs))
+        start = float(self.rest.time.values[0])
+        return self.decay.assign(holdout_start=variable((), start, "start of the part held out", "s"))
 
 
 def first_held_out(time: Array) -> int:
@@ -84,7 +85,8 @@ def predicted(
         Of the decay's first sample, from which `t` in a formula counts. Internal states of history-dependent
         forces begin anew, as after a release.
     """
-    later = _counted_from(result, float(part.time.values[0] - first_time))
+    library = counted_from(library_of(result, whole=True), float(part.time.values[0] - first_time))
+    later = result.assign_attrs(library=library.to_toml())
     return residual_of(part, later.drop_vars(["start_angle", "start_rate"], errors="ignore"), envelope)
 
 
@@ -108,13 +110,11 @@ def diebold_mariano(first: Sequence[Array], second: Sequence[Array], blocks: Seq
     Diebold & Mariano 1995, with the logarithm of the mean square over a block as the loss: a decay's last
     swings then count as its first. Blocks are taken as independent, so that Student's t-test serves.
     """
+    of_runs = zip(first, second, blocks, strict=True)
     losses = [
-        np.concatenate(
-            [_block_losses(run, block) for run, block in zip(model_residuals, blocks, strict=True)]
-        )
-        for model_residuals in (first, second)
+        _block_losses(one_run, block) - _block_losses(other, block) for one_run, other, block in of_runs
     ]
-    difference = losses[0] - losses[1]
+    difference = np.concatenate(losses)
     if len(difference) < 3:
         return float("nan")
     if np.ptp(difference) == 0.0:
@@ -127,14 +127,6 @@ def _block_losses(residual: Array, block: int) -> Array:
     count = len(residual) // block
     squares = np.mean(residual[: count * block].reshape(count, block) ** 2, axis=1)
     return np.asarray(np.log(np.maximum(squares, 1e-300)))
-
-
-def _counted_from(result: xr.Dataset, seconds: float) -> xr.Dataset:
-    """The identification with `t` of its formulas moved, for a motion that starts so much later."""
-    if not any(force.holds_time for force in library_of(result)):
-        return result
-    library = counted_from(library_of(result, whole=True), seconds)
-    return result.assign_attrs(library=library.to_toml())
 
 
 def counted_from(library: ForceLibrary, seconds: float) -> ForceLibrary:

@@ -12,9 +12,9 @@ from sysid_trib.errors import SysidTribError, UsageError
 from sysid_trib.methods import method_of
 from sysid_trib.results.common_reference import (
     ASYMPTOTIC_FREQUENCY,
+    comparable,
     comparison_values,
     in_model,
-    is_constrained,
     stated_covariance,
 )
 from sysid_trib.results.schema import library_of
@@ -53,11 +53,7 @@ def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Data
     then it changes with amplitude.
     """
     method, library = method_of(together), library_of(together, whole=True)
-    kept = [
-        symbol
-        for symbol in together.force.values.tolist()
-        if in_model(together, symbol) and not is_constrained(together, symbol)
-    ]
+    kept = comparable(together)
     frequency = together.reference_frequency.item()
     free = together.reference_frequency_standard_error.item() > 0.0
     names = [*kept, ASYMPTOTIC_FREQUENCY] if free else kept
@@ -79,12 +75,10 @@ def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Data
 def _tested(names: Sequence[str], values: Array, covariances: Array, reasons: Sequence[str]) -> xr.Dataset:
     errors = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
     usable = np.isfinite(values).all(axis=1)
-    of_quantities = [
-        _homogeneity(values[usable][:, [j]], covariances[usable][:, [j]][:, :, [j]])
-        for j in range(len(names))
-    ]
+    v, c = values[usable], covariances[usable]
+    of_quantities = [_homogeneity(v[:, [j]], c[:, [j]][:, :, [j]]) for j in range(len(names))]
     statistics, counts = np.array(of_quantities).T
-    total = chi_square_test((), *_homogeneity(values[usable], covariances[usable]), CHI_SQUARE)
+    total = chi_square_test((), *_homogeneity(v, c), CHI_SQUARE)
     variables = {
         **with_error(
             "value", ("run", "quantity"), (values, errors), "value from this run alone", MIXED_UNITS
@@ -147,26 +141,17 @@ def difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
             raise UsageError("difference wants two identifications, as identify returns them.")
     symbols_of = [[s for s in r.force.values.tolist() if in_model(r, s)] for r in (first, second)]
     symbols = list(dict.fromkeys([*symbols_of[0], *symbols_of[1]]))
-    values = [
-        r.coefficient.sel(force=kept).values for r, kept in zip((first, second), symbols_of, strict=True)
-    ]
+    pairs = list(zip((first, second), symbols_of, strict=True))
+    values = [result.coefficient.sel(force=kept).values for result, kept in pairs]
     factor, power = _to_reference(second, symbols_of[1], first.reference_frequency.item())
-    place = [
-        np.array([[s == k for k in kept] for s in symbols], float).reshape(-1, len(kept))
-        for kept in symbols_of
-    ]
+    place = [np.eye(len(symbols))[:, [symbols.index(s) for s in kept]] for kept in symbols_of]
     converted = factor * values[1]
     # By (coefficients, w_inf) of the first, then of the second; w and w_inf change together.
-    slope = converted * power / second.reference_frequency.item()
-    jacobian = np.hstack(
-        [place[0], (place[1] @ slope)[:, None], -place[1] * factor, -(place[1] @ slope)[:, None]]
-    )
-    both = block_diag(
-        *(stated_covariance(r, kept) for r, kept in zip((first, second), symbols_of, strict=True))
-    )
-    return _contrast(
-        (first, second), symbols, (place[0] @ values[0], place[1] @ converted), jacobian @ both @ jacobian.T
-    )
+    slope = (place[1] @ (converted * power / second.reference_frequency.item()))[:, None]
+    jacobian = np.hstack([place[0], slope, -place[1] * factor, -slope])
+    both = block_diag(*(stated_covariance(result, kept) for result, kept in pairs))
+    sides = place[0] @ values[0], place[1] @ converted
+    return _contrast((first, second), symbols, sides, jacobian @ both @ jacobian.T)
 
 
 def _to_reference(result: xr.Dataset, kept: Sequence[str], frequency: float) -> tuple[Array, Array]:
@@ -198,6 +183,7 @@ def _contrast(
     stiffness = ratio - 1.0, 2.0 * ratio * np.hypot(*parts)
     reference = results[0].reference_frequency.item()
     test = chi_square_test((), statistic, float(known.sum()), "chi-square of all differences")
+    test["p_value_of_all"] = test.pop("p_value")
     variables: Variables = {
         "difference": variable("force", contrast, "first minus second", FORCE_UNITS),
         "standard_error": variable("force", error, "standard error of the difference", FORCE_UNITS),
@@ -210,9 +196,7 @@ def _contrast(
             "stiffness_difference", (), stiffness, "ratio of squared asymptotic frequencies, less 1"
         ),
         "reference_frequency": variable((), reference, "reference of the coefficients", "rad/s"),
-        "chi_square": test["chi_square"],
-        "degrees_of_freedom": test["degrees_of_freedom"],
-        "p_value_of_all": test["p_value"],
+        **test,
     }
     sources = [result.attrs["record_source"] for result in results]
     attrs = dict(zip(("first_record", "second_record"), sources, strict=True))
