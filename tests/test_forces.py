@@ -253,11 +253,9 @@ def test_latex(symbol):
 @pytest.mark.parametrize("symbol", CANDIDATES)
 def test_following_a_branch_gives_the_value(symbol):
     # The simulator follows one analytic branch; on its side of every surface it is the formula itself.
-    from sysid_trib.forces.formulas import evaluate_tree
-
     found = candidate(symbol)
     for formula in found.formulas:
-        signs = {s.text: np.sign(evaluate_tree(s.tree, found.test_points)) for s in formula.surfaces}
+        signs = {s.text: np.sign(s.evaluate(found.test_points)) for s in formula.surfaces}
         np.testing.assert_allclose(
             formula.evaluate(found.test_points, signs=signs),
             formula.evaluate(found.test_points),

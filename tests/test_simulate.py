@@ -411,7 +411,7 @@ def test_scipy_takes_over_without_heyoka(monkeypatch):
 def test_a_sample_on_the_wrong_branch_hands_the_run_to_scipy(monkeypatch):
     from sysid_trib.simulation import engine_heyoka
 
-    compiled = engine_heyoka.Compiled(engine_heyoka.motion_of(six(lam=0.01).forces))
+    compiled = engine_heyoka.Compiled(engine_heyoka.Motion(six(lam=0.01).forces))
     glide = compiled.glide
 
     def wrong(run, y, grid):

@@ -9,11 +9,13 @@ import ast
 import operator
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from sysid_trib.errors import LibraryError
+
+Functions: TypeAlias = Mapping[str, Callable[..., Any]]
 
 MAX_LENGTH = 500
 MAX_DEPTH = 30
@@ -27,7 +29,7 @@ OPERATORS: dict[type, Callable[[Any, Any], Any]] = {
     ast.Mult: operator.mul,
     ast.Div: operator.truediv,
 }
-NUMPY: dict[str, Callable[..., Any]] = {
+NUMPY: Functions = {
     "sign": np.sign,
     "abs": np.abs,
     "min": np.minimum,
@@ -67,7 +69,7 @@ class Formula:
     def evaluate(
         self,
         names: Mapping[str, Any],
-        functions: Mapping[str, Callable[..., Any]] = NUMPY,
+        functions: Functions = NUMPY,
         signs: Mapping[str, Any] | None = None,
     ) -> Any:
         """Value of the formula.
@@ -87,14 +89,11 @@ class Formula:
         number
             Of the kind of `names`.
         """
-        return evaluate_tree(self.tree, names, functions, signs)
+        return _value(self.tree, names, functions, signs)
 
 
-def evaluate_tree(
-    tree: ast.AST,
-    names: Mapping[str, Any],
-    functions: Mapping[str, Callable[..., Any]] = NUMPY,
-    signs: Mapping[str, Any] | None = None,
+def _value(
+    tree: ast.AST, names: Mapping[str, Any], functions: Functions, signs: Mapping[str, Any] | None
 ) -> Any:
     """Value of a checked tree (see `Formula.evaluate`)."""
     match tree:
@@ -103,16 +102,14 @@ def evaluate_tree(
         case ast.Name(id=name):
             return np.pi if name == "pi" else names[name]
         case ast.UnaryOp(op=op, operand=operand):
-            value = evaluate_tree(operand, names, functions, signs)
+            value = _value(operand, names, functions, signs)
             return -value if isinstance(op, ast.USub) else value
-        case ast.BinOp(left=left, op=ast.Pow(), right=right):
-            base = evaluate_tree(left, names, functions, signs)
-            return functions["power"](base, evaluate_tree(right, names, functions, signs))
         case ast.BinOp(left=left, op=op, right=right):
-            first = evaluate_tree(left, names, functions, signs)
-            return OPERATORS[type(op)](first, evaluate_tree(right, names, functions, signs))
+            operate = functions["power"] if isinstance(op, ast.Pow) else OPERATORS[type(op)]
+            first = _value(left, names, functions, signs)
+            return operate(first, _value(right, names, functions, signs))
         case ast.Call(func=ast.Name(id=name), args=args):
-            values = [evaluate_tree(arg, names, functions, signs) for arg in args]
+            values = [_value(arg, names, functions, signs) for arg in args]
             if signs is None or name not in SWITCHING:
                 return functions[name](*values)
             return _branch(name, values, signs[tree.surface.text])  # type: ignore[attr-defined]
@@ -179,13 +176,11 @@ def _checked(
             raise LibraryError(f"{where} holds the unknown name '{_short(name)}'; known are {known}, pi.")
         case ast.UnaryOp(op=ast.USub() | ast.UAdd() as op, operand=operand):
             return ast.UnaryOp(op, inner(operand))
-        case ast.BinOp(left=left, op=ast.Pow(), right=right):
-            if not _is_exponent(right, exponents):
-                raise LibraryError(
-                    f"{where}: an exponent must be a number up to {MAX_EXPONENT} or a shape parameter."
-                )
-            return ast.BinOp(inner(left), ast.Pow(), inner(right))
-        case ast.BinOp(left=left, op=op, right=right) if type(op) in OPERATORS:
+        case ast.BinOp(op=ast.Pow(), right=right) if not _is_exponent(right, exponents):
+            raise LibraryError(
+                f"{where}: an exponent must be a number up to {MAX_EXPONENT} or a shape parameter."
+            )
+        case ast.BinOp(left=left, op=op, right=right) if type(op) in OPERATORS or isinstance(op, ast.Pow):
             return ast.BinOp(inner(left), op, inner(right))
         case ast.Call(func=ast.Name(id=name), args=args, keywords=[]):
             if name in ("min", "max") and len(args) >= 2:

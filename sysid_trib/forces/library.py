@@ -3,6 +3,7 @@
 import re
 import tomllib
 from collections.abc import Mapping
+from dataclasses import fields
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -15,8 +16,7 @@ from sysid_trib.forces.formulas import RESERVED_NAMES, Formula, parse
 
 TEXT_KEYS = ("name", "family", "meaning", "source")
 TABLE_KEYS = ("state", "memory", "start", "shape")
-FORCE_KEYS = {"symbol", "formula", "kind", "passive", *TEXT_KEYS, *TABLE_KEYS}
-SHAPE_KEYS = {"default", "low", "high", "meaning"}
+FORCE_KEYS = {key.name for key in fields(Force)}
 MAX_BYTES = 1_000_000
 
 
@@ -147,7 +147,9 @@ def _check_names(tables: Mapping[str, Mapping[str, Any]], where: str) -> None:
 
 
 def _shape(table: object, where: str) -> Shape:
-    if not isinstance(table, dict) or not {"default", "low", "high"} <= set(table) <= SHAPE_KEYS:
+    if not isinstance(table, dict) or not {"default", "low", "high"} <= set(table) <= {
+        key.name for key in fields(Shape)
+    }:
         raise LibraryError(f'{where}: write {{ default = ..., low = ..., high = ..., meaning = "..." }}.')
     numbers = [table[k] for k in ("default", "low", "high")]
     if not all(isinstance(n, int | float) and not isinstance(n, bool) and np.isfinite(n) for n in numbers):

@@ -11,7 +11,8 @@ import heyoka as hy
 import numpy as np
 
 from sysid_trib.forces.force import Force
-from sysid_trib.simulation.equations import SMOOTHED, Functions, Motion, Progress, Vector, motion_of
+from sysid_trib.forces.formulas import Functions
+from sysid_trib.simulation.equations import SMOOTHED, Motion, Progress, Vector
 from sysid_trib.simulation.stick_slip import Rule, settle
 
 Callback = Callable[[Any, int], bool]
@@ -78,7 +79,7 @@ class Compiled:
         self.motion = motion
         self.lock: AbstractContextManager[Any] = RLock()
         self.progress = Progress(np.zeros(motion.signs_at.stop), budget=0, steps=0)
-        self._rules: dict[Rule, _Compiled] = {}
+        self._rules: dict[Rule, Callable[[Vector, Vector, float], Vector]] = {}
         y = [_expr(name) for name in motion.variables]
         p = [hy.par[i] for i in range(motion.signs_at.stop)]
         rates = [_expr(rate) for rate in motion.rates(y, p, hy.time, BRANCH_FUNCTIONS)]
@@ -104,7 +105,7 @@ class Compiled:
     def apply(self, rule: Rule, y: Vector, p: Vector, tau: float) -> Vector:
         """Value of a rule, compiled when it is first needed; the next call overwrites it."""
         if rule not in self._rules:
-            self._rules[rule] = _Compiled(self.motion, rule)
+            self._rules[rule] = _compiled_rule(self.motion, rule)
         return self._rules[rule](y, p, tau)
 
     def glide(self, progress: Progress, y: Vector, grid: Vector) -> tuple[Vector, Vector, float]:
@@ -157,26 +158,21 @@ def _callback_at_zero(compiled: Compiled) -> Callback:
     return switch
 
 
-class _Compiled:
+def _compiled_rule(motion: Motion, rule: Rule) -> Callable[[Vector, Vector, float], Vector]:
     """A rule as a function on numbers; a call overwrites what the last returned."""
+    names = [*motion.variables, *(f"p{i}" for i in range(motion.signs_at.stop)), "tau"]
+    inputs, count = [_expr(name) for name in names], len(motion.variables)
+    rates = rule(motion, inputs[:count], inputs[count:-1], inputs[-1], TAYLOR_FUNCTIONS)
+    # heyoka takes one vector three times as fast as variables, parameters and time.
+    function = hy.cfunc([_expr(value) for value in rates], inputs)
+    given, values = np.empty(len(inputs)), np.empty(len(rates))
 
-    def __init__(self, motion: Motion, rule: Rule) -> None:
-        y = [_expr(name) for name in motion.variables]
-        p = [_expr(f"p{i}") for i in range(motion.signs_at.stop)]
-        tau = _expr("tau")
-        outputs = [_expr(value) for value in rule(motion, y, p, tau, TAYLOR_FUNCTIONS)]
-        # heyoka takes one vector three times as fast as variables, parameters and time.
-        self._call = hy.cfunc(outputs, [*y, *p, tau])
-        self._given, self._values = np.empty(len(y) + len(p) + 1), np.empty(len(outputs))
-        self._p_at = slice(len(y), len(y) + len(p))
+    def value(y: Vector, p: Vector, tau: float) -> Vector:
+        given[:count], given[count:-1], given[-1] = y, p, tau
+        function(given, values)
+        return values
 
-    def __call__(self, y: Vector, p: Vector, tau: float) -> Vector:
-        given = self._given
-        given[: len(y)] = y
-        given[self._p_at] = p
-        given[-1] = tau
-        self._call(given, self._values)
-        return self._values
+    return value
 
 
 @contextmanager
@@ -192,4 +188,4 @@ def _quiet() -> Iterator[None]:
 @lru_cache(maxsize=128)
 def compiled(forces: tuple[Force, ...]) -> Compiled:
     """The compiled motion under these forces; compiling takes 0.1 s, once in a process."""
-    return Compiled(motion_of(forces))
+    return Compiled(Motion(forces))

@@ -11,7 +11,8 @@ from scipy.integrate import DOP853
 from scipy.optimize import brentq
 
 from sysid_trib.forces.force import Force
-from sysid_trib.simulation.equations import SMOOTHED, Functions, Motion, Progress, Vector, motion_of
+from sysid_trib.forces.formulas import Functions
+from sysid_trib.simulation.equations import SMOOTHED, Motion, Progress, Vector
 from sysid_trib.simulation.stick_slip import Rule, branches_from_rest, rates_at_rest, settle, signs_ahead
 
 # Where a step is looked at for a switching; close to its start, where the motion just left one.
@@ -177,4 +178,4 @@ def _numbers(
 @lru_cache(maxsize=128)
 def interpreted(forces: tuple[Force, ...], tolerance: float = 1e-12) -> Interpreted:
     """The motion under these forces for scipy."""
-    return Interpreted(motion_of(forces), tolerance)
+    return Interpreted(Motion(forces), tolerance)

@@ -6,19 +6,19 @@ signs). `p` holds all that a run may change without changing the equations; the 
 each switching surface the motion is, so that between two switchings every right side is analytic.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
-from typing import Any
+from functools import cached_property
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sysid_trib.forces.force import Force
-from sysid_trib.forces.formulas import Formula, parse
+from sysid_trib.forces.formulas import Formula, Functions, parse
 from sysid_trib.simulation.model import Model
 
-Functions = Mapping[str, Callable[..., Any]]
+Values: TypeAlias = Sequence[Any]
 Vector = NDArray[np.float64]
 # Below this distance from a surface (rad), what is infinite there is smoothed.
 SMOOTHED = 1e-9
@@ -108,7 +108,7 @@ class Motion:
         p[self.memory_at.start - 1] = 1.0 / model.reference_frequency
         return p
 
-    def rates(self, y: Sequence[Any], p: Sequence[Any], tau: Any, functions: Functions) -> list[Any]:
+    def rates(self, y: Values, p: Values, tau: Any, functions: Functions) -> list[Any]:
         """Derivative of `y` on the branch that the signs in `p` select."""
         acceleration, states = -y[0], []
         for i, force in enumerate(self.forces):
@@ -120,17 +120,16 @@ class Motion:
         return [y[1], acceleration, *states]
 
     def surfaces(
-        self, y: Sequence[Any], p: Sequence[Any], tau: Any, functions: Functions, *, frozen: bool = False
+        self, y: Values, p: Values, tau: Any, functions: Functions, *, frozen: bool = False
     ) -> list[Any]:
         """Value of each switching surface; `frozen` takes inner branches by the signs in `p`."""
-        return [
-            s.surface.evaluate(
-                self._names(s.force, y, p, tau), functions, self._signs(s.force, p) if frozen else None
-            )
-            for s in self.switches
-        ]
+        values = []
+        for s in self.switches:
+            signs = self._signs(s.force, p) if frozen else None
+            values.append(s.surface.evaluate(self._names(s.force, y, p, tau), functions, signs))
+        return values
 
-    def replaced(self, y: Sequence[Any], p: Sequence[Any], tau: Any, functions: Functions) -> list[Any]:
+    def replaced(self, y: Values, p: Values, tau: Any, functions: Functions) -> list[Any]:
         """Memory after a reversal, from the old memory."""
         return [
             formula.evaluate(self._names(i, y, p, tau), functions)
@@ -150,14 +149,14 @@ class Motion:
                     p[self._in_p[i][name]] = value
         return y, p
 
-    def _names(self, i: int, y: Sequence[Any], p: Sequence[Any], tau: Any) -> dict[str, Any]:
+    def _names(self, i: int, y: Values, p: Values, tau: Any) -> dict[str, Any]:
         names = {"x": y[0], "v": y[1]}
         if self._uses_time[i]:
             names["t"] = tau * p[self.memory_at.start - 1]
         names |= {name: y[j] for name, j in self._in_y[i].items()}
         return names | {name: p[j] for name, j in self._in_p[i].items()}
 
-    def _signs(self, i: int, p: Sequence[Any]) -> dict[str, Any]:
+    def _signs(self, i: int, p: Values) -> dict[str, Any]:
         return {text: p[j] for text, j in self._signs_in_p[i].items()}
 
     @cached_property
@@ -229,9 +228,3 @@ class Progress:
         if self.budget < 0:
             self.failure = "switches without end"
         return self.budget >= 0
-
-
-@lru_cache(maxsize=256)
-def motion_of(forces: tuple[Force, ...]) -> Motion:
-    """The motion under these forces, made once."""
-    return Motion(forces)

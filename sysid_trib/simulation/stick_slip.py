@@ -4,17 +4,18 @@ The rules `signs_ahead`, `branches_from_rest` and `rates_at_rest` are written fo
 alike: each engine evaluates them in its own way, one of them compiled.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, Protocol
 
-from sysid_trib.simulation.equations import Functions, Motion, Vector
+from sysid_trib.forces.formulas import Functions
+from sysid_trib.simulation.equations import Motion, Values, Vector
 
 NEAR_SURFACE = 1e-9  # nearer than this to a surface, its sign is decided by where the motion is going
 LOOKAHEAD = 1e-5  # how far ahead in tau that is
 SLOW = 1e-5  # rad; below this speed a motion may come to rest other than by v = 0
 CREEP = 1e-11  # rad; what a motion taken as at rest may still have had to go
 
-Rule = Callable[[Motion, Sequence[Any], Sequence[Any], Any, Functions], list[Any]]
+Rule = Callable[[Motion, Values, Values, Any, Functions], list[Any]]
 
 
 class RuleEngine(Protocol):
@@ -54,9 +55,7 @@ def _rises(up: float, down: float, x: float) -> bool:
     return up > 0.0 and (down >= 0.0 or x < 0.0)
 
 
-def signs_ahead(
-    motion: Motion, y: Sequence[Any], p: Sequence[Any], tau: Any, functions: Functions
-) -> list[Any]:
+def signs_ahead(motion: Motion, y: Values, p: Values, tau: Any, functions: Functions) -> list[Any]:
     """Signs of a motion that goes on: near a surface, those where it will be a little later."""
     fixed = p[: motion.signs_at.start]
     values = motion.surfaces(y, p, tau, functions)
@@ -67,25 +66,19 @@ def signs_ahead(
     return _by_nearness(values, _signs(motion, later, p, tau + LOOKAHEAD, functions), signs, functions)
 
 
-def branches_from_rest(
-    motion: Motion, y: Sequence[Any], p: Sequence[Any], tau: Any, functions: Functions
-) -> list[Any]:
+def branches_from_rest(motion: Motion, y: Values, p: Values, tau: Any, functions: Functions) -> list[Any]:
     """Upwards, then downwards from rest: acceleration, then memory and signs of that branch."""
     return [*_branch(motion, y, p, tau, functions, 1.0), *_branch(motion, y, p, tau, functions, -1.0)]
 
 
-def rates_at_rest(
-    motion: Motion, y: Sequence[Any], p: Sequence[Any], tau: Any, functions: Functions
-) -> list[Any]:
+def rates_at_rest(motion: Motion, y: Values, p: Values, tau: Any, functions: Functions) -> list[Any]:
     """Accelerations upwards and downwards of a motion at rest, then the rates of its states."""
     up, down = (_branch(motion, y, p, tau, functions, way)[0] for way in (1.0, -1.0))
     here = [*p[: motion.signs_at.start], *_signs(motion, y, p, tau, functions)]
     return [up, down, *motion.rates(y, here, tau, functions)[2:]]
 
 
-def _branch(
-    motion: Motion, y: Sequence[Any], p: Sequence[Any], tau: Any, functions: Functions, way: float
-) -> list[Any]:
+def _branch(motion: Motion, y: Values, p: Values, tau: Any, functions: Functions, way: float) -> list[Any]:
     """Acceleration at rest of a motion about to go `way` (+1, -1), then memory and signs of that branch."""
     fixed, memory = p[: motion.memory_at.start], p[motion.memory_at]
     if len(memory):
@@ -105,13 +98,11 @@ def _branch(
     return [motion.rates(y, [*fixed, *memory, *signs], tau, functions)[1], *memory, *signs]
 
 
-def _signs(motion: Motion, y: Sequence[Any], p: Sequence[Any], tau: Any, functions: Functions) -> list[Any]:
+def _signs(motion: Motion, y: Values, p: Values, tau: Any, functions: Functions) -> list[Any]:
     return [functions["sign"](u) for u in motion.surfaces(y, p, tau, functions)]
 
 
-def _by_nearness(
-    values: Sequence[Any], near: Sequence[Any], far: Sequence[Any], functions: Functions
-) -> list[Any]:
+def _by_nearness(values: Values, near: Values, far: Values, functions: Functions) -> list[Any]:
     """Of each surface the first sign if it is near, else the second."""
     distances = [functions["abs"](u) - NEAR_SURFACE for u in values]
     return [functions["below"](*choice) for choice in zip(distances, near, far, strict=True)]
