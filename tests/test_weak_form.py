@@ -20,7 +20,7 @@ from sysid_trib.noise.smoothing import (
 )
 from sysid_trib.regression.constraint_map import constraint_map
 from sysid_trib.regression.linearisation import linearised
-from sysid_trib.regression.problem import RunEstimate, begin
+from sysid_trib.regression.problem import begin
 from sysid_trib.regression.rows import weak_rows
 from sysid_trib.regression.weak_form import (
     build_weak_form,
@@ -118,10 +118,12 @@ def test_whitened_residual_of_a_true_model_is_white():
     library = run.model.library
     free = constraint_map(Constraints(), library, {})
     (begun,) = begin([run.decay(2)], library, free, reference_frequency=W, shapes={})
-    true = replace(begun, estimate=RunEstimate(np.array(list(SIX.values())), W, 0.0, (0.3, 0.0)))
+    true = replace(
+        begun, coefficients=np.array(list(SIX.values())), frequency=W, offset=0.0, start=(0.3, 0.0)
+    )
     moving, _ = simulated(true, np.ones(6, bool), None)
     rows = weak_rows(moving, linearised(moving))
-    coefficients = moving.estimate.coefficients
+    coefficients = moving.coefficients
     residual = whiten(rows.factor, rows.target - rows.columns @ (rows.scale * coefficients)) / NOISE
     assert moving.problem.noise == pytest.approx(NOISE, rel=0.06)
     count = len(residual)

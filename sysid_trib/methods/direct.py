@@ -146,13 +146,11 @@ class Direct:
 def _estimate(runs: Runs, solution: Solution) -> Estimate:
     """The estimate of the last regression as results take it."""
     noises = [run.problem.noise for run in runs]
-    estimates = [run.estimate for run in runs]
     extra: dict[str, tuple[ArrayLike, str, str]] = {
         "birge_ratio": (solution.noise / root_mean_square(noises), "1", "Birge ratio of the rows"),
-        **start_variables([run.start for run in estimates], [run.offset for run in estimates]),
+        **start_variables([run.start for run in runs], [run.offset for run in runs]),
     }
-    common = estimates[0]
-    return Estimate(common.coefficients, solution.covariance, common.frequency, noises, extra)
+    return Estimate(runs[0].coefficients, solution.covariance, runs[0].frequency, noises, extra)
 
 
 def _weak_form(method: Direct, runs: Runs, constraints: ConstraintMap) -> tuple[Runs, Rows, Mask, bool]:

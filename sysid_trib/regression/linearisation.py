@@ -31,7 +31,7 @@ class DeviationOperator:
 
 def linearised(run: RunRegression) -> DeviationOperator:
     """The operator of small deviations about a run's reference trajectory, with what whitens its rows."""
-    k = (run.estimate.frequency / run.problem.nominal_frequency) ** 2
+    k = (run.frequency / run.problem.nominal_frequency) ** 2
     stiffness, damping = partial_derivatives(run)
     matrix = noise_operator(run.problem.form, k * stiffness, np.sqrt(k) * damping)
     return DeviationOperator(matrix, whitener(matrix))
@@ -53,7 +53,7 @@ def partial_derivatives(run: RunRegression) -> tuple[Array, Array]:
     problem, path = run.problem, run.reference
     amplitude = np.hypot(path.x, path.v) + 1e-12
     derivatives = [np.ones_like(path.x), np.zeros_like(path.x)]
-    for force, coefficient in zip(problem.library, run.estimate.coefficients, strict=True):
+    for force, coefficient in zip(problem.library, run.coefficients, strict=True):
         if not force.memoryless or coefficient == 0.0:
             continue
         for i, (name, along) in enumerate((("x", path.x), ("v", path.v))):

@@ -63,27 +63,6 @@ class WeakFormProblem:
 
 
 @dataclass(frozen=True)
-class RunEstimate:
-    """The present estimate of a run; coefficients and frequency are common to all runs.
-
-    Attributes
-    ----------
-    coefficients : (force,) array of float
-    frequency : float, rad/s
-        Reference frequency.
-    offset : float, rad
-        Zero of the sensor.
-    start : (float, float), rad and rad/s
-        Angle and rate of the motion at the first sample.
-    """
-
-    coefficients: Array
-    frequency: float
-    offset: float = 0.0
-    start: tuple[float, float] = (0.0, 0.0)
-
-
-@dataclass(frozen=True)
 class ReferenceTrajectory:
     """The motion along which the forces are evaluated.
 
@@ -110,11 +89,30 @@ class ReferenceTrajectory:
 
 @dataclass(frozen=True)
 class RunRegression:
-    """One record, its present estimate and the motion that belongs to it."""
+    """One record, its present estimate and the motion that belongs to it.
+
+    Attributes
+    ----------
+    problem : WeakFormProblem
+        What is held.
+    reference : ReferenceTrajectory
+        The motion.
+    coefficients : (force,) array of float
+        Common to all runs.
+    frequency : float, rad/s
+        Reference frequency, common to all runs.
+    offset : float, rad
+        Zero of the sensor.
+    start : (float, float), rad and rad/s
+        Angle and rate of the motion at the first sample.
+    """
 
     problem: WeakFormProblem
-    estimate: RunEstimate
     reference: ReferenceTrajectory
+    coefficients: Array
+    frequency: float
+    offset: float
+    start: tuple[float, float]
 
 
 Runs: TypeAlias = tuple[RunRegression, ...]
@@ -179,8 +177,9 @@ def _first_run(
         time, angle, form, library, dict(shapes), nominal, free, noise=sensor_noise(decay)
     )
     columns = problem.features(nominal).cell_averages(problem.elapsed, x, v, acceleration)
-    estimate = RunEstimate(np.zeros(len(library)), nominal, 0.0, (float(x[0]), float(v[0] * nominal)))
-    return RunRegression(problem, estimate, ReferenceTrajectory(x, v, columns, exact=False))
+    reference = ReferenceTrajectory(x, v, columns, exact=False)
+    start = float(x[0]), float(v[0] * nominal)
+    return RunRegression(problem, reference, np.zeros(len(library)), nominal, 0.0, start)
 
 
 def update(runs: Runs, coefficients: Array, steps: Array, constraints: ConstraintMap) -> Runs:
@@ -198,7 +197,7 @@ def update(runs: Runs, coefficients: Array, steps: Array, constraints: Constrain
     -------
     tuple of RunRegression
     """
-    problem, frequency = runs[0].problem, runs[0].estimate.frequency
+    problem, frequency = runs[0].problem, runs[0].frequency
     if problem.frequency_free:
         former, frequency = frequency, float(frequency * np.sqrt(max(0.25, 1.0 + steps[-1])))
         factors = rescaling_factors(problem.library.forces, former, frequency)
@@ -206,14 +205,6 @@ def update(runs: Runs, coefficients: Array, steps: Array, constraints: Constrain
         coefficients = coefficients * np.where(np.isnan(factors), (former / frequency) ** 2, factors)
     coefficients = constraints.impose(coefficients)
     return tuple(
-        replace(
-            run,
-            estimate=replace(
-                run.estimate,
-                coefficients=coefficients,
-                frequency=frequency,
-                offset=run.estimate.offset + float(step),
-            ),
-        )
+        replace(run, coefficients=coefficients, frequency=frequency, offset=run.offset + float(step))
         for run, step in zip(runs, steps, strict=False)
     )

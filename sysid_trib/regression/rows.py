@@ -59,12 +59,12 @@ def weak_rows(run: RunRegression, operator: DeviationOperator) -> Rows:
     k = (frequency/nominal)^2. Along an exact solution the first part vanishes, so that errors of quadrature
     cannot bias the result.
     """
-    problem, estimate, path = run.problem, run.estimate, run.reference
-    form, k = problem.form, (estimate.frequency / problem.nominal_frequency) ** 2
-    target = -(operator.matrix @ (problem.angle - estimate.offset - path.x))
+    problem, path, form = run.problem, run.reference, run.problem.form
+    k = (run.frequency / problem.nominal_frequency) ** 2
+    target = -(operator.matrix @ (problem.angle - run.offset - path.x))
     columns, stiffness = k * (form.value @ path.columns), k * (form.value @ path.x)
     if path.exact:
-        target = target + columns @ estimate.coefficients
+        target = target + columns @ run.coefficients
     else:
         target = target - form.curvature @ path.x - stiffness
     nuisances = [-(operator.matrix @ np.ones_like(path.x))] + [stiffness] * problem.frequency_free
@@ -80,7 +80,7 @@ def strong_rows(run: RunRegression) -> Rows:
     """
     problem, path = run.problem, run.reference
     x, _, acceleration, _ = smooth(problem.form.tau, problem.angle)
-    k = (run.estimate.frequency / problem.nominal_frequency) ** 2
+    k = (run.frequency / problem.nominal_frequency) ** 2
     scale = path.rms_forces
     nuisances = [-np.ones_like(x)] + [x] * problem.frequency_free
     lags = 2 * round(2.0 * np.pi / float(np.median(np.diff(problem.form.tau))))

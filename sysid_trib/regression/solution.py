@@ -88,7 +88,7 @@ def solve(rows: Rows, run: RunRegression, active: Mask, constraints: ConstraintM
         coefficients = coefficients + shift * steps[-1]
         # From the stiffness to the frequency, w sqrt(1 + stiffness), and to coefficients that refer to it.
         jacobian[:-1, -1] = -kept.matrix @ _rescaling(run, coefficients)[kept.free]
-        jacobian[-1, -1] = 0.5 * run.estimate.frequency * np.sqrt(max(0.25, 1.0 + steps[-1]))
+        jacobian[-1, -1] = 0.5 * run.frequency * np.sqrt(max(0.25, 1.0 + steps[-1]))
     covariance = jacobian @ fit.covariance_[0] @ jacobian.T
     return Solution(coefficients, steps, covariance, float(fit.noise_[0]), int(fit.lags_[0]), kept)
 
@@ -139,7 +139,7 @@ def _free_rows(rows: Rows, run: RunRegression, constraints: ConstraintMap) -> tu
     that hold it at the present frequency, (force,), by the last.
     """
     in_model = constraints.matrix.any(axis=1) | (constraints.constant != 0.0)
-    rescaling = _rescaling(run, run.estimate.coefficients * in_model)
+    rescaling = _rescaling(run, run.coefficients * in_model)
     shift = rescaling - constraints.matrix @ rescaling[constraints.free]
     target = rows.target - rows.columns @ (rows.scale * constraints.constant)
     nuisances = rows.nuisances

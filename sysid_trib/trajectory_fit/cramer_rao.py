@@ -6,6 +6,7 @@ from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
+from sysid_trib.results.variables import variable
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.trajectory_fit.parameters import FREQUENCY, Parameters
@@ -62,27 +63,19 @@ def cramer_rao_bound(
         dependent = [name for name, part in zip(names, axes[-1], strict=False) if abs(part) > 1e-3]
         raise UsageError(f"No record can determine {' and '.join(dependent)} together; leave one out.")
     covariance = noise**2 * (axes.T / singular**2) @ axes / np.outer(size, size)
-    count = len(symbols)
+    count, both = len(symbols), ("force", "other_force")
     error = np.sqrt(np.diag(covariance))
     bounds = xr.Dataset(
         {
-            "standard_error": ("force", error[:count], {"long_name": "Cramér-Rao bound"}),
-            "covariance": (
-                ("force", "other_force"),
-                covariance[:count, :count],
-                {"long_name": "smallest covariance"},
-            ),
+            "standard_error": variable("force", error[:count], "Cramér-Rao bound"),
+            "covariance": variable(both, covariance[:count, :count], "smallest covariance"),
         },
         {"force": symbols, "other_force": symbols},
     )
-    scalars = {
-        "start_angle": (error[count], "rad"),
-        "start_rate": (error[count + 1], "rad/s"),
-        "reference_frequency": (error[count + 2] if free else 0.0, "rad/s"),
-    }
-    for name, (value, units) in scalars.items():
+    scalars = {"start_angle": "rad", "start_rate": "rad/s", "reference_frequency": "rad/s"}
+    for (name, units), value in zip(scalars.items(), [*error[count:], 0.0], strict=False):
         long_name = f"Cramér-Rao bound of the {name.replace('_', ' ')}"
-        bounds[f"{name}_standard_error"] = ((), float(value), {"units": units, "long_name": long_name})
+        bounds[f"{name}_standard_error"] = variable((), float(value), long_name, units)
     return bounds
 
 

@@ -109,10 +109,11 @@ def fit_start(
             break
         if longest > 1e-2:
             sensitivity = None
+    if sensitivity is None:
+        sensitivity = _sensitivity(model, time, begin, 1e-6 * amplitude, motion.angle)
     v = motion.rate / model.reference_frequency
-    columns = np.empty((len(time), 2)) if sensitivity is None else sensitivity
     return FittedMotion(
-        float(begin[0]), float(begin[1]), zero, motion.angle, v, motion.stop_time, motion.hidden, columns
+        begin.item(0), begin.item(1), zero, motion.angle, v, motion.stop_time, motion.hidden, sensitivity
     )
 
 

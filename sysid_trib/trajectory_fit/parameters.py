@@ -167,11 +167,9 @@ class Parameters:
     @cached_property
     def limits(self) -> tuple[Array, Array]:
         """Lowest and highest value of each parameter, from the bounds and the shapes' ranges."""
-        low, high = np.full(len(self), -np.inf), np.full(len(self), np.inf)
         ranges = {f"{f.symbol}.{k}": (s.low, s.high) for f in self.library for k, s in f.shape.items()}
         ranges |= self.constraints.bounds
-        for i, name in enumerate(self.common):
-            low[i], high[i] = ranges.get(name, (-np.inf, np.inf))
+        low, high = np.array([ranges.get(name, (-np.inf, np.inf)) for name in self.names], dtype=float).T
         return low, high
 
     @cached_property
@@ -222,9 +220,7 @@ class Parameters:
         size = np.linalg.norm(sensitivity, axis=0)
         size = np.where(size > 0.0, size, 1.0)
         scaled = sensitivity / size
-        free = np.asarray(np.linalg.pinv(scaled.T @ scaled) / np.outer(size, size))
-        if len(self.free) == len(self):
-            return free
+        free = np.linalg.pinv(scaled.T @ scaled) / np.outer(size, size)
         jacobian = self._jacobian(values)
         return np.asarray(jacobian @ free @ jacobian.T)
 

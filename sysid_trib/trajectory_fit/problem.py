@@ -155,35 +155,24 @@ class FitProblem:
         -------
         (sample, parameter) array of float; 0 for parameters that are fixed.
         """
-        blocks = []
-        for run, (record, here) in enumerate(zip(self.records, residuals, strict=True)):
-            columns = record.white(self._sensitivity(values, run, here))
-            block = np.zeros((len(columns), len(values)))
-            common = len(self.parameters.common)
-            block[:, :common] = columns[:, :common]
-            block[:, self.parameters.of_run(run)] = columns[:, common:]
-            blocks.append(block)
-        return np.concatenate(blocks)
+        return self.white([self._sensitivity(values, run, here) for run, here in enumerate(residuals)])
 
     def _sensitivity(self, values: Array, run: int, here: Array) -> Array:
-        """Derivative of one run's residual (`here`) by the common and its own parameters."""
-        record, start = self.records[run], self.parameters.per_run(values)[run]
-        *common, angle, rate, _ = self._steps(values, record)
-        columns = []
-        for i, step in enumerate(common):
-            if self.parameters.common[i] in self.parameters.constraints.fixed:
-                columns.append(np.zeros_like(here))
-                continue
-            stepped = values.copy()
-            stepped[i] += step
-            columns.append((record.residual(self.parameters.model(stepped), start) - here) / step)
-        model = self.parameters.model(values)
-        for step in (np.array([angle, 0.0, 0.0]), np.array([0.0, rate, 0.0])):
-            columns.append((record.residual(model, start + step) - here) / step.sum())
-        return np.stack([*columns, np.ones_like(here)], axis=1)
+        """Derivative of one run's residual (`here`) by all parameters."""
+        parameters, record = self.parameters, self.records[run]
+        table = np.zeros((len(here), len(values)))
+        *places, offset = [*range(len(parameters.common)), *range(len(values))[parameters.of_run(run)]]
+        table[:, offset] = 1.0
+        for i, step in zip(places, self._steps(values, record), strict=True):
+            if parameters.names[i] not in parameters.constraints.fixed:
+                stepped = values.copy()
+                stepped[i] += step
+                start = parameters.per_run(stepped)[run]
+                table[:, i] = (record.residual(parameters.model(stepped), start) - here) / step
+        return table
 
-    def _steps(self, values: Array, record: WhitenedRecord) -> Array:
-        """Steps of the common and a run's own parameters: each moves the phase at the end as much."""
+    def _steps(self, values: Array, record: WhitenedRecord) -> list[float]:
+        """Steps of the common parameters, and of a run's start: each moves the phase at the end as much."""
         parameters = self.parameters
         size = float(np.max(np.abs(record.angle)))
         frequency = parameters.model(values).reference_frequency
@@ -200,5 +189,4 @@ class FitProblem:
             steps[force.symbol] = PHASE_STEP * size / (phase * max(float(np.sqrt(np.mean(h**2))), 1e-9))
         if FREQUENCY in steps:
             steps[FREQUENCY] = PHASE_STEP * frequency / phase
-        per_run = (PHASE_STEP * size, PHASE_STEP * size * frequency, PHASE_STEP * size)
-        return np.array([*steps.values(), *per_run])
+        return [*steps.values(), PHASE_STEP * size, PHASE_STEP * size * frequency]

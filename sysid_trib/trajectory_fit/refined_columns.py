@@ -72,30 +72,27 @@ def refine_columns(
 
 
 def _slipped(run: RunRegression) -> bool:
-    residual = run.problem.angle - run.estimate.offset - run.reference.x
+    residual = run.problem.angle - run.offset - run.reference.x
     return bool(np.sqrt(np.mean(residual**2)) > SLIPPED * np.sqrt(np.mean(run.problem.angle**2)))
 
 
 def _common_values(runs: Runs) -> Array:
     """Coefficients and reference frequency."""
-    return np.append(runs[0].estimate.coefficients, runs[0].estimate.frequency)
+    return np.append(runs[0].coefficients, runs[0].frequency)
 
 
 def _still_counts(runs: Runs, rows: Rows, solution: Solution) -> Array:
     """Smallest change of coefficients and frequency that still counts."""
     # Without noise there are no errors to settle within, but rounding, of forces as parts of the swing.
     swing = root_mean_square([np.sqrt(np.mean(run.reference.x**2)) for run in runs])
-    smallest = SETTLED_WITHOUT_NOISE * np.append(swing / rows.scale, runs[0].estimate.frequency)
+    smallest = SETTLED_WITHOUT_NOISE * np.append(swing / rows.scale, runs[0].frequency)
     return 0.02 * np.sqrt(np.diag(solution.covariance)) + smallest
 
 
 def _further(runs: Runs, by: Array, constraints: ConstraintMap) -> Runs:
     common = _common_values(runs) + by
     coefficients, frequency = constraints.impose(common[:-1]), float(common[-1])
-    return tuple(
-        replace(run, estimate=replace(run.estimate, coefficients=coefficients, frequency=frequency))
-        for run in runs
-    )
+    return tuple(replace(run, coefficients=coefficients, frequency=frequency) for run in runs)
 
 
 def _extrapolation(step: Array, last: Array | None) -> float:
@@ -126,14 +123,14 @@ def simulated(run: RunRegression, active: Mask, sensitivity: Array | None) -> tu
     run : RunRegression
     sensitivity : (sample, 2) array of float
     """
-    problem, estimate = run.problem, run.estimate
-    pairs = zip(problem.library.symbols, estimate.coefficients.tolist(), active, strict=True)
-    model = Model(problem.library, {s: c for s, c, kept in pairs if kept}, estimate.frequency, problem.shapes)
+    problem = run.problem
+    pairs = zip(problem.library.symbols, run.coefficients.tolist(), active, strict=True)
+    model = Model(problem.library, {s: c for s, c, kept in pairs if kept}, run.frequency, problem.shapes)
     motion = fit_start(
-        model, problem.time, problem.angle, estimate.start, offset=estimate.offset, sensitivity=sensitivity
+        model, problem.time, problem.angle, run.start, offset=run.offset, sensitivity=sensitivity
     )
-    features = problem.features(estimate.frequency)
+    features = problem.features(run.frequency)
     columns = features.evaluate(problem.elapsed, motion.x, motion.v, motion.hidden)
-    estimate = replace(estimate, start=(motion.angle, motion.rate), offset=motion.offset)
     reference = ReferenceTrajectory(motion.x, motion.v, columns, exact=True)
-    return RunRegression(problem, estimate, reference), motion.sensitivity
+    start = motion.angle, motion.rate
+    return replace(run, reference=reference, start=start, offset=motion.offset), motion.sensitivity
