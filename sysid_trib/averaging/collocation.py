@@ -5,10 +5,9 @@ banded system, so a stiff state (Dahl with a short presliding length) costs no m
 steady cycle is the same system closed on itself.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -18,9 +17,9 @@ from scipy.linalg import solve_banded
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import LibraryError
 from sysid_trib.forces.force import Force
+from sysid_trib.forces.formulas import Names
 
 Index = NDArray[np.intp]
-Names = Mapping[str, Any]
 MAX_NEWTON = 60
 MAX_HALVINGS = 45
 
@@ -75,10 +74,6 @@ class States:
     weights: Array
     values: Array
     at_low: Array
-
-    def named(self, force: Force) -> dict[str, Array]:
-        """States at the nodes by name."""
-        return _named(force, self.values)
 
 
 @lru_cache(maxsize=8)
@@ -142,7 +137,7 @@ def solve_states(
         except np.linalg.LinAlgError:
             raise _not_finite(force) from None
         # The force is watched too: it is integrated, and may switch where its states do not.
-        h = force.formula.evaluate({**names, **_named(force, values)})
+        h = force.formula.evaluate({**names, **named_states(force, values)})
         h = np.broadcast_to(h, tau.shape)[..., None] * width[:, None, None]
         error = _error(inverse, np.concatenate((values, h), axis=-1))
         rough = (error > tolerance * max(np.abs(values).max(), 1e-300)) & (width > 1e-10)
@@ -171,13 +166,14 @@ def _error(inverse: Array, watched: Array) -> Array:
     return np.asarray((last * ratio ** (len(inverse) // 2 - 1)).max(axis=-1))
 
 
-def _named(force: Force, values: Array) -> dict[str, Array]:
+def named_states(force: Force, values: Array) -> dict[str, Array]:
+    """States by name, from an array with the states along its last axis."""
     return {k: values[..., i] for i, k in enumerate(force.state)}
 
 
 def _slopes(force: Force, names: Names, values: Array) -> Array:
     """Right sides of the states' equations at the nodes, (panel, node, state)."""
-    full = {**names, **_named(force, values)}
+    full = {**names, **named_states(force, values)}
     sides = [np.broadcast_to(f.evaluate(full), values.shape[:-1]) for f in force.state.values()]
     return np.stack(sides, axis=-1)
 
@@ -215,10 +211,8 @@ def _newton(
 def _jacobian(force: Force, names: Names, values: Array) -> Array:
     """Derivatives of the slopes by the states, (panel, node, slope, state), by central differences."""
     step = 1e-5 * max(float(np.abs(values).max()), 1e-3)
-    columns = []
-    for i in range(values.shape[-1]):
-        shift = step * np.eye(values.shape[-1])[i]
-        columns.append(_slopes(force, names, values + shift) - _slopes(force, names, values - shift))
+    shifts = step * np.eye(values.shape[-1])
+    columns = [_slopes(force, names, values + s) - _slopes(force, names, values - s) for s in shifts]
     return np.stack(columns, axis=-1) / (2.0 * step)
 
 
@@ -233,9 +227,8 @@ def _chained(force: Force, gain: Array, offset: Array, row: Index, start: Array 
     bands = np.zeros((2 * states, count * states))
     bands[0] = 1.0
     linked = np.flatnonzero(~first)
-    for i in range(states):
-        for j in range(states):
-            bands[states + i - j, (linked - 1) * states + j] = -gain[linked, i, j]
+    i, j = np.indices((states, states))
+    bands[states + i - j, (linked[:, None, None] - 1) * states + j] = -gain[linked]
     right = np.concatenate((offset[..., None], np.where(first[:, None, None], gain, 0.0)), axis=-1)
     ends = solve_banded((2 * states - 1, 0), bands, right.reshape(count * states, -1), check_finite=False)
     ends = ends.reshape(right.shape)

@@ -5,7 +5,7 @@ at the reversals until it repeats itself; states are solved as a periodic system
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import elementwise
 
 from sysid_trib.arrays import Array
-from sysid_trib.averaging.collocation import Index, Panels, solve_states
+from sysid_trib.averaging.collocation import Index, Panels, named_states, solve_states
 from sysid_trib.errors import LibraryError
 from sysid_trib.forces.force import Force
 from sysid_trib.forces.formulas import Formula
@@ -81,9 +81,7 @@ class _Cycles:
     a: Array
     time: Array
     shape_values: Mapping[str, float]
-
-    def __post_init__(self) -> None:
-        self.held: dict[str, Array] = {}
+    held: dict[str, Array] = field(default_factory=dict)
 
     def integrals(self) -> Array:
         """Integrals of (h sin phi, h cos phi, |h|) over the steady cycle at each amplitude."""
@@ -139,7 +137,7 @@ class _Cycles:
             self.force, Panels(half % self.a.size, half, low[order], high[order]), self.names
         )
         half = solution.panels.segment
-        names = self.names(half[:, None], solution.tau) | solution.named(self.force)
+        names = self.names(half[:, None], solution.tau) | named_states(self.force, solution.values)
         terms = _terms(solution.weights * self.force.formula.evaluate(names), solution.tau).sum(axis=1)
         sums = np.stack([np.bincount(half, term, 2 * self.a.size) for term in terms.T], axis=-1)
         begins = np.concatenate(([True], half[1:] != half[:-1]))

@@ -8,7 +8,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.averaging.internal_states import states_along
 from sysid_trib.averaging.signatures import averages
 from sysid_trib.errors import UsageError
-from sysid_trib.forces.force import Force, ForceLibrary
+from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues
 
 AMPLITUDES = 96
 COMPARED_POINTS = 2000
@@ -19,11 +19,7 @@ LATEST_TIME = 20.0
 
 
 def indistinguishable(
-    library: ForceLibrary,
-    amplitude_low: float,
-    amplitude_high: float,
-    *,
-    shapes: Mapping[str, float] | None = None,
+    library: ForceLibrary, amplitude_low: float, amplitude_high: float, *, shapes: ShapeValues | None = None
 ) -> list[tuple[str, ...]]:
     """Groups of forces whose signatures are linearly dependent: no averaging method can separate them.
 
@@ -53,11 +49,7 @@ def indistinguishable(
 
 
 def without_signature(
-    library: ForceLibrary,
-    amplitude_low: float,
-    amplitude_high: float,
-    *,
-    shapes: Mapping[str, float] | None = None,
+    library: ForceLibrary, amplitude_low: float, amplitude_high: float, *, shapes: ShapeValues | None = None
 ) -> tuple[str, ...]:
     """Forces that averaging neglects, even ones for instance (see `indistinguishable`)."""
     forces, table = _signature_table(library, amplitude_low, amplitude_high, shapes)
@@ -65,7 +57,7 @@ def without_signature(
 
 
 def exactly_dependent(
-    library: ForceLibrary, amplitude: float, *, shapes: Mapping[str, float] | None = None
+    library: ForceLibrary, amplitude: float, *, shapes: ShapeValues | None = None
 ) -> list[tuple[str, ...]]:
     """Groups of forces that no method can separate: linearly dependent in whatever motion there is.
 
@@ -160,7 +152,7 @@ def _residual_norm(column: Array, others: list[Array]) -> float:
 
 
 def _signature_table(
-    library: ForceLibrary, low: float, high: float, shapes: Mapping[str, float] | None
+    library: ForceLibrary, low: float, high: float, shapes: ShapeValues | None
 ) -> tuple[list[Force], Array]:
     """Forces, and a matrix with their signatures (sine above cosine) as columns."""
     if not 0.0 <= low < high < np.inf:

@@ -4,7 +4,6 @@ The first drives the envelope, the second the frequency (Le Bot et al. 2019, App
 describing function of the force (Krylov-Bogoliubov averages).
 """
 
-from collections.abc import Mapping
 from functools import lru_cache
 
 import numpy as np
@@ -14,18 +13,14 @@ from numpy.typing import ArrayLike
 from sysid_trib.arrays import Array
 from sysid_trib.averaging.cycle_averages import cycle_averages
 from sysid_trib.errors import UsageError
-from sysid_trib.forces.force import Force
+from sysid_trib.forces.force import Force, ShapeValues
 
 # Amplitudes averaged at once, to bound the memory used.
 CHUNK = 128
 
 
 def signature(
-    force: Force,
-    amplitude: ArrayLike,
-    shapes: Mapping[str, float] | None = None,
-    *,
-    time: ArrayLike = 0.0,
+    force: Force, amplitude: ArrayLike, shapes: ShapeValues | None = None, *, time: ArrayLike = 0.0
 ) -> xr.Dataset:
     """Averages of a force over a cycle, by which it acts on envelope and frequency.
 
@@ -69,10 +64,7 @@ def signature(
 
 
 def averages(
-    force: Force,
-    amplitude: Array,
-    shapes: Mapping[str, float] | None = None,
-    time: ArrayLike = 0.0,
+    force: Force, amplitude: Array, shapes: ShapeValues | None = None, time: ArrayLike = 0.0
 ) -> tuple[Array, Array]:
     """`signature` on plain arrays: (sine, cosine), each as long as `amplitude` (rad)."""
     a = np.asarray(amplitude, dtype=float)
@@ -98,11 +90,7 @@ def averages(
 
 
 def dissipated_power(
-    force: Force,
-    amplitude: ArrayLike,
-    shapes: Mapping[str, float] | None = None,
-    *,
-    time: ArrayLike = 0.0,
+    force: Force, amplitude: ArrayLike, shapes: ShapeValues | None = None, *, time: ArrayLike = 0.0
 ) -> Array:
     """Mean power <h v> = -a <h sin phi> (rad^2) taken from the cycle by a unit coefficient; >0 is a loss."""
     a = np.atleast_1d(np.asarray(amplitude, dtype=float))

@@ -195,7 +195,7 @@ def settings(
 
 def held_shapes(texts: list[str], library: "ForceLibrary") -> dict[str, float]:
     """Shape parameters of the forces asked for, such as `dahl.s=0.02`."""
-    known = [f"{force.symbol}.{name}" for force in library for name in force.shape]
+    known = list(library.shape_values())
     refusal = f"--set '{{}}': give SHAPE=VALUE; shapes of the forces asked for: {', '.join(known) or 'none'}."
     shapes = _assigned(texts, refusal)
     for name in shapes:

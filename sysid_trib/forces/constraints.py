@@ -8,7 +8,7 @@ import numpy as np
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
-from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.force import ForceLibrary, ShapeValues
 from sysid_trib.forces.ties import Tie, parse_tie
 
 PARAMETER = re.compile(r"[A-Za-z]\w*(\.[A-Za-z_]\w*)?", re.ASCII)
@@ -144,7 +144,7 @@ class Constraints:
         return ordered
 
     def linear_map(
-        self, library: ForceLibrary, shapes: Mapping[str, float] | None = None
+        self, library: ForceLibrary, shapes: ShapeValues | None = None
     ) -> tuple[tuple[str, ...], Array, Array]:
         """Coefficients as a linear map of the free ones; all shape parameters are held.
 
@@ -173,7 +173,7 @@ class Constraints:
         free = tuple(s for s in symbols if s not in self.fixed and s not in self.ties)
         rows: dict[str, Array] = dict(zip(free, np.eye(len(free), len(free) + 1), strict=True))
         rows |= {s: np.append(np.zeros(len(free)), self.fixed[s]) for s in symbols if s in self.fixed}
-        held = {f"{f.symbol}.{k}": v for f in library for k, v in f.shape_values(shapes).items()}
+        held = library.shape_values(shapes)
         held |= {name: value for name, value in self.fixed.items() if name in held}
         for name, tie in self.formulas(library).items():
             if name in held:
@@ -192,7 +192,7 @@ class Constraints:
 
 def parameters_of(library: ForceLibrary) -> tuple[str, ...]:
     """Names of the coefficients of a library, then of its shape parameters."""
-    return (*library.symbols, *(f"{force.symbol}.{name}" for force in library for name in force.shape))
+    return (*library.symbols, *library.shape_values())
 
 
 def _pairs(texts: Iterable[str], option: str, example: str) -> dict[str, str]:

@@ -5,7 +5,7 @@ import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from sysid_trib.errors import UsageError
 from sysid_trib.forces import written
 from sysid_trib.forces.formulas import Formula, parse
+
+# By name with the force's symbol, `dahl.s`.
+ShapeValues: TypeAlias = Mapping[str, float]
 
 
 @dataclass(frozen=True)
@@ -103,7 +106,7 @@ class Force:
         """Whether any of its formulas holds `t`."""
         return any("t" in f.names for f in self.formulas)
 
-    def shape_values(self, shapes: Mapping[str, float] | None = None) -> dict[str, float]:
+    def shape_values(self, shapes: ShapeValues | None = None) -> dict[str, float]:
         """Value of each shape parameter: from `shapes` (`{"dahl.s": 0.02}`), else the default."""
         given = shapes or {}
         return {k: float(given.get(f"{self.symbol}.{k}", s.default)) for k, s in self.shape.items()}
@@ -119,7 +122,7 @@ class Force:
         v: ArrayLike,
         t: ArrayLike = 0.0,
         *,
-        shapes: Mapping[str, float] | None = None,
+        shapes: ShapeValues | None = None,
         hidden: Mapping[str, ArrayLike] | None = None,
     ) -> NDArray[np.float64]:
         """Value of h at the given points.
@@ -238,7 +241,7 @@ class Force:
         with np.errstate(all="ignore"):
             return np.broadcast_to(self.formula.evaluate(names), (64,))
 
-    def _degree_in(self, *variables: str, shapes: Mapping[str, float] | None = None) -> float | None:
+    def _degree_in(self, *variables: str, shapes: ShapeValues | None = None) -> float | None:
         points = self.test_points | dict(shapes or {})
         here = self._at(points)
         # Over many scales: tanh(v/s) is as good as sign(v) on one of them.
@@ -291,6 +294,10 @@ class ForceLibrary:
     def symbols(self) -> tuple[str, ...]:
         """Symbols in the library's order."""
         return tuple(force.symbol for force in self.forces)
+
+    def shape_values(self, shapes: ShapeValues | None = None) -> dict[str, float]:
+        """Value of each shape parameter by name, `dahl.s`: from `shapes`, else the default."""
+        return {f"{f.symbol}.{k}": value for f in self for k, value in f.shape_values(shapes).items()}
 
     def select(self, symbols: Iterable[str]) -> "ForceLibrary":
         """The library of these forces alone, in the order given; UsageError for an unknown one."""

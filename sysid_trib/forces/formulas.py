@@ -15,6 +15,7 @@ import numpy as np
 
 from sysid_trib.errors import LibraryError
 
+Names: TypeAlias = Mapping[str, Any]
 Functions: TypeAlias = Mapping[str, Callable[..., Any]]
 
 MAX_LENGTH = 500
@@ -66,12 +67,7 @@ class Formula:
         calls = [n for n in _bottom_up(self.tree) if isinstance(n, ast.Call)]
         return tuple(dict.fromkeys(call.surface for call in calls if hasattr(call, "surface")))
 
-    def evaluate(
-        self,
-        names: Mapping[str, Any],
-        functions: Functions = NUMPY,
-        signs: Mapping[str, Any] | None = None,
-    ) -> Any:
+    def evaluate(self, names: Names, functions: Functions = NUMPY, signs: Names | None = None) -> Any:
         """Value of the formula.
 
         Parameters
@@ -92,9 +88,7 @@ class Formula:
         return _value(self.tree, names, functions, signs)
 
 
-def _value(
-    tree: ast.AST, names: Mapping[str, Any], functions: Functions, signs: Mapping[str, Any] | None
-) -> Any:
+def _value(tree: ast.AST, names: Names, functions: Functions, signs: Names | None) -> Any:
     """Value of a checked tree (see `Formula.evaluate`)."""
     match tree:
         case ast.Constant(value=value):

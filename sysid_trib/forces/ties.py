@@ -96,9 +96,8 @@ class Tie:
         constant = value(np.zeros(len(variable)))
         slopes = np.array([value(unit) - constant for unit in np.eye(len(variable))])
         random = np.random.default_rng(20190417)
-        points = random.choice((-1.0, 1.0), (16, len(variable))) * random.uniform(
-            1e-3, 30.0, (16, len(variable))
-        )
+        shape = (16, len(variable))
+        points = random.choice((-1.0, 1.0), shape) * random.uniform(1e-3, 30.0, shape)
         # Known by what it does: a formula of any form may be linear.
         same = np.isclose([value(point) for point in points], constant + points @ slopes, rtol=1e-9)
         return (constant, dict(zip(variable, slopes.tolist(), strict=True))) if same.all() else None

@@ -116,7 +116,7 @@ class Trajectory:
 def _parameters(method: Trajectory, library: ForceLibrary, runs: int) -> Parameters:
     constraints = Constraints(method.fix, method.bounds, method.tie)
     constraints.check(library)
-    shapes = {f"{force.symbol}.{name}" for force in library for name in force.shape}
+    shapes = library.shape_values()
     fit_shapes = tuple(dict.fromkeys((*method.fit_shapes, *(k for k in method.tie if k in shapes))))
     for name in fit_shapes:
         if name not in shapes:
@@ -140,11 +140,7 @@ def _first_values(method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dat
     else:
         w = start.reference_frequency
         per_run = np.array([(*first_guess(r.time, r.angle, w), 0.0) for r in problem.records])
-    values = {
-        f"{force.symbol}.{name}": value
-        for force in parameters.library
-        for name, value in force.shape_values(method.shapes).items()
-    }
+    values = parameters.library.shape_values(method.shapes)
     values |= {**start.coefficients, **start.shapes, FREQUENCY: start.reference_frequency}
     return parameters.expand(parameters.pack(values, per_run)[parameters.free])
 

@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
-from sysid_trib.averaging.collocation import Index, Panels, solve_states
+from sysid_trib.averaging.collocation import Index, Panels, named_states, solve_states
 from sysid_trib.averaging.internal_states import states_along
 from sysid_trib.averaging.signatures import averages
 from sysid_trib.forces.force import Force
@@ -140,7 +140,7 @@ def _steady_peaks(force: Force, a: Array, shapes: Mapping[str, float], time: flo
 
     cycles = solve_states(force, Panels(row, row, low, high), names)
     at = cycles.panels.row[:, None]
-    h = force.formula.evaluate(names(at, cycles.tau) | cycles.named(force))
+    h = force.formula.evaluate(names(at, cycles.tau) | named_states(force, cycles.values))
     peaks = np.zeros(a.size)
     np.maximum.at(peaks, np.broadcast_to(at, cycles.tau.shape), np.abs(h))
     return peaks

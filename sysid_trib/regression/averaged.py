@@ -1,6 +1,5 @@
 """The averaged equations of one decay: amplitude rate and frequency of each instant, by the signatures."""
 
-from collections.abc import Mapping
 from functools import lru_cache
 
 import numpy as np
@@ -11,14 +10,14 @@ from scipy.interpolate import CubicSpline
 from sysid_trib.arrays import Array
 from sysid_trib.averaging.signatures import averages
 from sysid_trib.decays.half_sines import instant_derivatives
-from sysid_trib.forces.force import Force, ForceLibrary
+from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues
 
 # A cubic spline through these is exact to 1e-10 rad, at a kink (Jenkins) to 1e-5.
 NODES_PER_OCTAVE = 64
 
 
 def averaged_equations(
-    measured: xr.Dataset, library: ForceLibrary, shapes: Mapping[str, float]
+    measured: xr.Dataset, library: ForceLibrary, shapes: ShapeValues
 ) -> tuple[Array, Array]:
     """The averaged equations of an envelope.
 
@@ -44,7 +43,7 @@ def averaged_equations(
 
 
 def _signature_columns(
-    measured: xr.Dataset, library: ForceLibrary, shapes: Mapping[str, float], amplitude: Array
+    measured: xr.Dataset, library: ForceLibrary, shapes: ShapeValues, amplitude: Array
 ) -> Array:
     """L and M: <h sin phi> and <h cos phi>/a, (instant, 2, force)."""
     t = measured.instant_time.values - measured.attrs["first_time"]
@@ -69,7 +68,7 @@ def _table(force: Force, held: tuple[tuple[str, float], ...], low: float, high: 
 
 
 def noise_of_equations(
-    measured: xr.Dataset, library: ForceLibrary, shapes: Mapping[str, float], coefficients: Array
+    measured: xr.Dataset, library: ForceLibrary, shapes: ShapeValues, coefficients: Array
 ) -> sp.csr_matrix:
     """How unit errors of the extrema and their times move each averaged equation.
 

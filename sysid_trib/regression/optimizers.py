@@ -82,12 +82,9 @@ class WhitenedLeastSquares(BaseOptimizer):
         self.noise_ = np.sqrt(np.sum(residuals**2, axis=1) / max(1, x.shape[0] - x.shape[1]))
         self.lags_ = np.array([self.correlation_lags if _correlated(r) else 0 for r in residuals])
         inverse: Array = np.asarray(np.linalg.pinv(x.T @ x), dtype=float)
-        self.covariance_ = np.stack(
-            [
-                _sandwich(x, inverse, residual, lags) if lags else noise**2 * inverse
-                for residual, lags, noise in zip(residuals, self.lags_.tolist(), self.noise_, strict=True)
-            ]
-        )
+        targets = zip(residuals, self.lags_.tolist(), self.noise_, strict=True)
+        covariances = [_sandwich(x, inverse, r, lags) if lags else s**2 * inverse for r, lags, s in targets]
+        self.covariance_ = np.stack(covariances)
 
 
 class SignificanceSelection(BaseOptimizer):

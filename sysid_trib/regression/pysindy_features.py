@@ -12,9 +12,7 @@ from sklearn.utils.validation import check_is_fitted
 from sysid_trib.arrays import Array
 from sysid_trib.averaging.internal_states import states_along
 from sysid_trib.errors import DecayError, LibraryError
-from sysid_trib.forces.force import Force, ForceLibrary
-
-__all__ = ["ForceFeatures", "readable", "states_along"]
+from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues
 
 # What pysindy calls its inputs when nobody has named them.
 UNNAMED = ["x0", "x1"]
@@ -57,7 +55,7 @@ class ForceFeatures(BaseFeatureLibrary):
         library: ForceLibrary,
         sampling_time: float | None = None,
         reference_frequency: float | None = None,
-        shapes: Mapping[str, float] | None = None,
+        shapes: ShapeValues | None = None,
     ) -> None:
         self.library = library
         self.sampling_time = sampling_time
@@ -182,7 +180,7 @@ class ForceFeatures(BaseFeatureLibrary):
 
 
 def readable(
-    force: Force, angle: str = "theta", rate: str = "theta'", shapes: Mapping[str, float] | None = None
+    force: Force, angle: str = "theta", rate: str = "theta'", shapes: ShapeValues | None = None
 ) -> str:
     """Formula of a force for people, e.g. `theta' |theta'|`; a sum in brackets, states with the symbol."""
     names = {"x": angle, "v": rate} | {k: f"{force.symbol}.{k}" for k in (*force.state, *force.memory)}
@@ -209,12 +207,9 @@ def _text(tree: ast.AST, names: Mapping[str, str], binding: int) -> str:
             return f"({text})" if binds < binding else text
         case ast.Call(func=ast.Name(id=name), args=args):
             texts = [_text(arg, names, 0) for arg in args]
-            return f"|{texts[0]}|" if name == "abs" else f"{_spoken(name)}({', '.join(texts)})"
+            spoken = "sgn" if name == "sign" else name
+            return f"|{texts[0]}|" if name == "abs" else f"{spoken}({', '.join(texts)})"
     raise AssertionError(f"unchecked tree: {ast.dump(tree)}")
-
-
-def _spoken(function: str) -> str:
-    return "sgn" if function == "sign" else function
 
 
 def _check_columns(x: Any) -> None:

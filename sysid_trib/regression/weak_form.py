@@ -88,10 +88,7 @@ def whitener(operator: sp.csr_matrix) -> Array:
     """Banded Cholesky factor (lower, as scipy.linalg stores it) of the covariance of the rows' noise."""
     covariance = (operator @ operator.T).todia()
     width = int(covariance.offsets.max())
-    band = np.zeros((width + 1, covariance.shape[0]))
-    for offset in range(width + 1):
-        diagonal = covariance.diagonal(-offset)
-        band[offset, : len(diagonal)] = diagonal
+    band = np.stack([np.pad(covariance.diagonal(-offset), (0, offset)) for offset in range(width + 1)])
     try:
         return scipy.linalg.cholesky_banded(band, lower=True, check_finite=False)
     except np.linalg.LinAlgError:

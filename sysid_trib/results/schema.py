@@ -137,7 +137,7 @@ def force_labels(forces: Sequence[Force]) -> dict[str, Variable]:
 def _shape_variables(method: Any, library: ForceLibrary) -> Variables:
     """Shape parameters as they were held; nothing where the forces have none (netCDF has no empty axis)."""
     given = dict(getattr(method, "shapes", {}))
-    shapes = {f"{f.symbol}.{k}": value for f in library for k, value in f.shape_values(given).items()}
+    shapes = library.shape_values(given)
     if not shapes:
         return {}
     held = np.full(len(shapes), np.nan)

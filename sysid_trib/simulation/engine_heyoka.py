@@ -93,10 +93,8 @@ class Compiled:
         if complete and [s.key for s in motion.switches] in (["x"], ["v", "x"]):
             callbacks[-1] = _callback_at_zero(mine)
         # The automatic cooldown drops real crossings.
-        events = [
-            hy.t_event(g, callback=callback, cooldown=1e-6)
-            for g, callback in zip(frozen, callbacks, strict=True)
-        ]
+        pairs = zip(frozen, callbacks, strict=True)
+        events = [hy.t_event(g, callback=callback, cooldown=1e-6) for g, callback in pairs]
         self.integrator = hy.taylor_adaptive(
             list(zip(y, rates, strict=True)), t_events=events, tol=TAYLOR_TOLERANCE
         )

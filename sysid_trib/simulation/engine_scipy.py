@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from functools import lru_cache, partial
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from scipy.integrate import DOP853
@@ -15,6 +15,8 @@ from sysid_trib.forces.formulas import Functions
 from sysid_trib.simulation.equations import SMOOTHED, Motion, Progress, Vector
 from sysid_trib.simulation.stick_slip import Rule, branches_from_rest, rates_at_rest, settle, signs_ahead
 
+# Of tau and y: their rates, or what is negative where a step ends.
+Field: TypeAlias = Callable[[float, Vector], Vector]
 # Where a step is looked at for a switching; close to its start, where the motion just left one.
 LOOKS = np.array([0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0])
 CROSSED = 1e-14  # a surface just left may seem crossed by this much
@@ -99,12 +101,7 @@ class Interpreted:
 
 
 def advance(
-    rates: Callable[[float, Vector], Vector],
-    guards: Callable[[float, Vector], Vector],
-    y: Vector,
-    grid: Vector,
-    progress: Progress,
-    tolerance: float,
+    rates: Field, guards: Field, y: Vector, grid: Vector, progress: Progress, tolerance: float
 ) -> tuple[Vector, Vector, float, bool]:
     """Integrate from grid[0] until a guard turns negative or the grid ends.
 
@@ -140,9 +137,7 @@ def advance(
     return _joined(rows, y), solver.y, float(solver.t), False
 
 
-def _first_crossing(
-    guards: Callable[[float, Vector], Vector], dense: Any, start: float, end: float
-) -> float | None:
+def _first_crossing(guards: Field, dense: Any, start: float, end: float) -> float | None:
     before, times = start, start + LOOKS * (end - start)
     for tau, y in zip(times.tolist(), dense(times).T, strict=True):
         crossed = np.flatnonzero(guards(tau, y) < -CROSSED)
@@ -152,9 +147,7 @@ def _first_crossing(
     return None
 
 
-def _root(
-    guards: Callable[[float, Vector], Vector], dense: Any, i: int, before: float, after: float
-) -> float:
+def _root(guards: Field, dense: Any, i: int, before: float, after: float) -> float:
     def guard(tau: float) -> float:
         return float(guards(tau, dense(tau))[i])
 

@@ -78,7 +78,9 @@ def integrate(engine: Engine, y: Vector, p: Vector, grid: Vector) -> NormalisedM
         It diverges, switches without end, or fails the check of its samples.
     """
     motion, tau, stop = engine.motion, 0.0, np.nan
-    progress = _new_progress(motion, p, float(grid[-1]))
+    periods = float(grid[-1]) / (2.0 * np.pi)
+    switchings = 1000 + int(periods * (50 + 10 * len(motion.switches)))
+    progress = Progress(p, budget=switchings, steps=5000 + int(500 * periods))
     rows, done = np.empty((len(grid), len(y))), 1
     rows[0] = y
     progress.stuck = not settle(engine, y, progress.p, tau)
@@ -103,12 +105,6 @@ def integrate(engine: Engine, y: Vector, p: Vector, grid: Vector) -> NormalisedM
     return NormalisedMotion(
         rows, _hidden(motion, progress, rows, grid), float(stop), _reversals(motion, progress)
     )
-
-
-def _new_progress(motion: Motion, p: Vector, end: float) -> Progress:
-    periods = end / (2.0 * np.pi)
-    switchings = 1000 + int(periods * (50 + 10 * len(motion.switches)))
-    return Progress(p, budget=switchings, steps=5000 + int(500 * periods))
 
 
 def _rest(engine: Engine, progress: Progress, y: Vector, grid: Vector) -> tuple[Vector, Vector, float]:

@@ -48,11 +48,7 @@ def grown(problem: FitProblem, values: Array, *, tolerance: float = CONVERGED) -
 
 
 def fitted(
-    problem: FitProblem,
-    values: Array,
-    *,
-    tolerance: float = CONVERGED,
-    evaluations: int = MAX_EVALUATIONS,
+    problem: FitProblem, values: Array, *, tolerance: float = CONVERGED, evaluations: int = MAX_EVALUATIONS
 ) -> Fit:
     """Parameters of least whitened residual.
 

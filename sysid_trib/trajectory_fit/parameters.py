@@ -139,14 +139,8 @@ class Parameters:
         new : mapping of str to array_like, optional
             Values, or columns, of the parameters that `source` has not.
         """
-        place = {name: i for i, name in enumerate(source.names)}
-        columns = [
-            values[..., place[name]]
-            if name in place
-            else np.broadcast_to((new or {})[name], values.shape[:-1])
-            for name in self.names
-        ]
-        return np.stack(columns, axis=-1)
+        known = {**(new or {}), **dict(zip(source.names, np.moveaxis(values, -1, 0), strict=True))}
+        return np.stack([np.broadcast_to(known[name], values.shape[:-1]) for name in self.names], axis=-1)
 
     def covariance_of(self, covariance: Array, names: Sequence[str]) -> Array:
         """Part of a covariance for these names; zero for those that are no parameters, as a held frequency.
@@ -240,5 +234,5 @@ class Parameters:
 
     def _known(self, values: Array) -> dict[str, float]:
         """Values by name, of held shapes too."""
-        held = {f"{f.symbol}.{k}": v for f in self.library for k, v in f.shape_values(self.shapes).items()}
+        held = self.library.shape_values(self.shapes)
         return held | dict(zip(self.common, values.tolist(), strict=False))

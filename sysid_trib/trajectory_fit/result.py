@@ -71,9 +71,7 @@ class FitEstimate:
         result = identification(method, one_or_all(runs), parameters.library, estimate, offered=offered)
         if "shape" in result:
             errors = dict(zip(parameters.names, np.sqrt(np.diag(self.covariance)), strict=True))
-            fitted = [
-                errors[name] if name in parameters.fit_shapes else np.nan
-                for name in result.shape_parameter.values.tolist()
-            ]
+            errors = {name: errors[name] for name in parameters.fit_shapes}
+            fitted = [errors.get(name, np.nan) for name in result.shape_parameter.values.tolist()]
             result["shape_standard_error"] = result.shape_standard_error.copy(data=fitted)
         return result
