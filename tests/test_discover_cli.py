@@ -455,9 +455,9 @@ def test_trend_finds_where_a_rate_differs():
     for where, rate in rates.items():
         steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(tau)
         value = np.concatenate([[0.0], np.cumsum(steps)])
-        found = trend(value, error, run_of, tau, amplitude)
-        assert found.where == where
-        np.testing.assert_allclose(found.rate, rate, rtol=1e-6, atol=1e-12)
+        found, place = trend(value, error, run_of, tau, amplitude)
+        assert place == where
+        np.testing.assert_allclose(found, rate, rtol=1e-6, atol=1e-12)
 
 
 def test_without_a_step_there_is_a_tree_too(folder):

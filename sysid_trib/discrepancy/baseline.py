@@ -78,10 +78,6 @@ class Baseline:
         counts = [len(r.time) - n.warm_up for r, n in zip(self.problem.records, self.noises, strict=True)]
         return np.split(values, np.cumsum(counts)[:-1])
 
-    def white(self, sensitivities: Sequence[Array]) -> Array:
-        """Derivatives of each run's angle, whitened, one run after the other."""
-        return self.problem.white(sensitivities)
-
 
 def project_out(values: Array, space: Array) -> Array:
     """The part of values (sample, ...) outside of an orthonormal basis (sample, column)."""

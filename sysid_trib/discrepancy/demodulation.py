@@ -13,7 +13,7 @@ from sysid_trib.discrepancy.candidate_sensitivities import ReferenceMotion
 from sysid_trib.discrepancy.missing_force import mean_missing_force
 from sysid_trib.discrepancy.trends import trend
 from sysid_trib.noise.residual_noise import NoiseModel
-from sysid_trib.results.variables import Variables, variable
+from sysid_trib.results.variables import Variables, variable, with_error
 
 # Spans of the record in each of which the residual is demodulated, so many at most, of a period at least.
 MOST_SPANS = 24
@@ -99,31 +99,25 @@ def _demodulated(run: int, reference: ReferenceMotion, residual: Array, noise: N
     periods = np.abs(phase[-1] - phase[0]) / (2.0 * np.pi)
     spans = np.array_split(np.arange(moving), int(max(1, min(MOST_SPANS, periods))))
     step = float(np.median(np.diff(reference.time)))
-    _, response = freqz(
-        [1.0], noise.filter_, WAVE_HARMONICS * min(1.0, reference.model.reference_frequency * step)
-    )
+    per_sample = min(1.0, reference.model.reference_frequency * step)
+    _, response = freqz([1.0], noise.filter_, WAVE_HARMONICS * per_sample)
     coloured = noise.innovation * np.abs(response)
     fitted = [_fitted(residual[span], phase[span], amplitude[span], coloured) for span in spans]
     values, errors = np.array(fitted).transpose(1, 2, 0)
     values[SLIP] = np.unwrap(values[SLIP])
-    time, mean = (
-        np.array([np.mean(of_sample[span]) for span in spans]) for of_sample in (reference.time, amplitude)
-    )
+    time = [np.mean(reference.time[span]) for span in spans]
+    mean = [np.mean(amplitude[span]) for span in spans]
     rms = np.array([np.sqrt(np.mean(residual[span] ** 2)) for span in spans])
+    ratio = rms / noise.standard_deviation
     data: Variables = {
         "run": variable("span", np.full(len(spans), run), "run, from 0"),
         "time": variable("span", time, "time", "s"),
         "amplitude": variable("span", mean, "amplitude of the model", "rad"),
         "rms": variable("span", rms, "RMS residual", "rad"),
-        "residual_over_noise": variable(
-            "span", rms / noise.standard_deviation, "RMS residual over the noise", "1"
-        ),
+        "residual_over_noise": variable("span", ratio, "RMS residual over the noise", "1"),
     }
     for name, value, error in zip(DEMODULATED, values, errors, strict=True):
-        data[name] = variable("span", value, DEMODULATED[name], "rad")
-        data[f"{name}_standard_error"] = variable(
-            "span", error, f"standard error: {DEMODULATED[name]}", "rad"
-        )
+        data |= with_error(name, "span", (value, error), DEMODULATED[name], "rad")
     return xr.Dataset(data)
 
 
@@ -144,14 +138,15 @@ def _fitted(residual: Array, phase: Array, amplitude: Array, noise: Array) -> tu
 def _with_rates(spans: xr.Dataset, frequency: float) -> tuple[xr.Dataset, dict[str, str]]:
     """Errors of frequency and decay as trends through those of phase and amplitude, and where they act."""
     a, tau, run = spans.amplitude.values, frequency * spans.time.values, spans.run.values
-    slip = trend(spans.phase_error.values, spans.phase_error_standard_error.values, run, tau, a)
+    slip, slip_error = spans.phase_error.values, spans.phase_error_standard_error.values
+    slipping, where_phase = trend(slip, slip_error, run, tau, a)
     relative, error = (spans[f"amplitude_error{of}"].values / a for of in ("", "_standard_error"))
-    decay = trend(-relative, error, run, tau, a)
+    decaying, where_amplitude = trend(-relative, error, run, tau, a)
     rates = {
-        "frequency_error": variable("span", slip.rate, "frequency of record minus model, over w", "1"),
-        "decay_error": variable("span", decay.rate, "decay of record minus model, over w", "1"),
+        "frequency_error": variable("span", slipping, "frequency of record minus model, over w", "1"),
+        "decay_error": variable("span", decaying, "decay of record minus model, over w", "1"),
     }
-    return spans.assign(rates), {"phase": slip.where, "amplitude": decay.where}
+    return spans.assign(rates), {"phase": where_phase, "amplitude": where_amplitude}
 
 
 def _parts(spans: xr.Dataset) -> list[str]:

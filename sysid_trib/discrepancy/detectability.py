@@ -1,10 +1,14 @@
 """What a record could show: the weakest effect it would detect, and effects that it could not tell apart."""
 
+from collections.abc import Iterable
+from operator import attrgetter
+
 import numpy as np
 import xarray as xr
 
 from sysid_trib.discrepancy.model_probabilities import APART
 from sysid_trib.discrepancy.score_tests import Scores
+from sysid_trib.forces.force import Force
 from sysid_trib.results.variables import PER_FORCE_UNIT, text_variable, variable
 
 # An effect of this many standard errors is detected; of this many, its name is asked for.
@@ -42,11 +46,8 @@ def detectability(scores: Scores) -> xr.Dataset:
     single, both = "candidate", ("candidate", "other")
     reasons = [scores.reasons[i] for i in at]
     fraction = "part of its sensitivities that the model's cannot make"
-    labels = {
-        label: ("candidate", [getattr(force, label) for force in forces]) for label in ("name", "family")
-    }
-    labels["formula"] = ("candidate", [force.formula.text for force in forces])
-    labels["unit"] = ("candidate", [force.units for force in forces])
+    texts = texts_of(forces, ("name", "family", "formula", "unit"))
+    labels = {name: ("candidate", values) for name, values in texts.items()}
     return xr.Dataset(
         {
             "detectable": variable(single, detectable, "coefficient of five standard errors", PER_FORCE_UNIT),
@@ -58,6 +59,12 @@ def detectability(scores: Scores) -> xr.Dataset:
         },
         {"candidate": symbols, "other": symbols, **labels},
     )
+
+
+def texts_of(forces: Iterable[Force], names: Iterable[str]) -> dict[str, list[str]]:
+    """Texts of forces by the names that results give them."""
+    paths = {"unit": "units", "formula": "formula.text"}
+    return {name: list(map(attrgetter(paths.get(name, name)), forces)) for name in names}
 
 
 def _best(scores: Scores, symbol: str) -> int:

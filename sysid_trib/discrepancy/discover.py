@@ -84,10 +84,9 @@ def discover(
     tell("hold-out")
     unseen = as_runs(holdout) if isinstance(holdout, xr.Dataset) or len(holdout) else []
     unseen = [decimated(part) for part in unseen]
-    sequence = model_sequence(done, runs, unseen)
+    models, errors = model_sequence(done, runs, unseen)
     tell("where model and record differ")
-    verdict = verdict_of(done, level)
-    tree = xr.DataTree.from_dict(groups_of(runs, done, sequence, offered, level))
+    tree = xr.DataTree.from_dict(groups_of(runs, done, models, errors, offered, level))
     third = f"the last third{' of each run' * (len(runs) > 1)}"
     options = {"max_effects": max_effects, "level": level, "seed": seed}
     tree.attrs = {
@@ -95,7 +94,7 @@ def discover(
         "method": "discover",
         "options": json.dumps(options | {"reference_frequency": reference_frequency}),
         "candidates": offered.to_toml(),
-        "verdict": verdict,
+        "verdict": verdict_of(done, level),
         "max_effects": max_effects,
         "left_out": left_out,
         "failed_fits": list(done.failed),

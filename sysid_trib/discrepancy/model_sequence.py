@@ -1,14 +1,14 @@
 """The models on the way from the start to the end of a search, and how each predicts what it has not seen."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
-from sysid_trib.discrepancy.baseline import Baseline, fit
+from sysid_trib.discrepancy.baseline import Baseline, fit, fit_records
 from sysid_trib.discrepancy.candidate_fits import without_force
 from sysid_trib.discrepancy.stepwise_search import Search
 from sysid_trib.errors import SysidTribError
@@ -26,23 +26,9 @@ EVALUATIONS = 20
 WORSE = 1.05
 
 
-@dataclass(frozen=True)
-class ModelSequence:
-    """Models of a search: the start, and one with each effect more.
-
-    Attributes
-    ----------
-    models : list of Baseline
-        The models.
-    holdout : (model,) array of float, rad
-        RMS residual of each on the hold-out.
-    """
-
-    models: list[Baseline]
-    holdout: Array
-
-
-def model_sequence(search: Search, runs: Sequence[xr.Dataset], unseen: Sequence[xr.Dataset]) -> ModelSequence:
+def model_sequence(
+    search: Search, runs: Sequence[xr.Dataset], unseen: Sequence[xr.Dataset]
+) -> tuple[list[Baseline], Array]:
     """The start model, and the models with one, two, ... of the effects that were added.
 
     Parameters
@@ -55,6 +41,13 @@ def model_sequence(search: Search, runs: Sequence[xr.Dataset], unseen: Sequence[
         Runs, or other parts of the same records, that took no part. Without any the models are fitted again
         on the first two thirds of each run, and predict the rest.
 
+    Returns
+    -------
+    models : list of Baseline
+        The start model, and one with each effect more.
+    holdout : (model,) array of float, rad
+        RMS residual of each on the hold-out.
+
     Notes
     -----
     A model that predicts has its initial conditions and the sensor's zero fitted to what it predicts, nothing
@@ -65,7 +58,7 @@ def model_sequence(search: Search, runs: Sequence[xr.Dataset], unseen: Sequence[
         models.append(_between(search, count, models[-1]))
     if search.added:
         models.append(search.final)
-    return ModelSequence(models, np.array([_held_out(model, runs, unseen) for model in models]))
+    return models, np.array([_held_out(model, runs, unseen) for model in models])
 
 
 def _between(search: Search, count: int, before: Baseline) -> Baseline:
@@ -103,19 +96,13 @@ def _held_out(model: Baseline, runs: Sequence[xr.Dataset], unseen: Sequence[xr.D
     starts = [float(record.time[0]) for record in model.problem.records]
     try:
         if unseen:
-            pairs = [(_times_and_angles(part), _origin(part, runs)) for part in unseen]
-            return _predicted(model, pairs)
+            return _predicted(model, fit_records(unseen), [_origin(part, runs) for part in unseen])
         cut = [first_held_out(record.time) for record in model.problem.records]
         first, last = zip(*map(_split, model.problem.records, cut), strict=True)
         trained = fit(replace(model.problem, records=first), model.values, model.noises, far=True)
-        pairs = [((record.time, record.angle), start) for record, start in zip(last, starts, strict=True)]
-        return _predicted(trained, pairs)
+        return _predicted(trained, last, starts)
     except SysidTribError:
         return float("nan")
-
-
-def _times_and_angles(part: xr.Dataset) -> tuple[Array, Array]:
-    return part.time.values.astype(float), part.angle.values.astype(float)
 
 
 def _origin(part: xr.Dataset, runs: Sequence[xr.Dataset]) -> float:
@@ -132,11 +119,12 @@ def _split(record: WhitenedRecord, cut: int) -> tuple[WhitenedRecord, WhitenedRe
     )
 
 
-def _predicted(trained: Baseline, parts: Sequence[tuple[tuple[Array, Array], float]]) -> float:
-    """RMS residual on parts (times, angles, origin of `t`), their initial conditions fitted."""
+def _predicted(trained: Baseline, records: Sequence[WhitenedRecord], origins: Sequence[float]) -> float:
+    """RMS residual on records, their initial conditions fitted; `t` counts from an origin of each."""
     model = trained.problem.parameters.model(trained.values)
     residuals = []
-    for (time, angle), origin in parts:
+    for record, origin in zip(records, origins, strict=True):
+        time, angle = record.time, record.angle
         later = replace(model, library=counted_from(model.library, float(time[0] - origin)))
         motion = fit_start(later, time, angle, first_guess(time, angle, model.reference_frequency))
         residuals.append(angle - motion.offset - motion.x)

@@ -27,16 +27,13 @@ class OmnibusTest:
         Trial forces, such as `r^2 sin 3 phi`.
     z : (trial_force,) array of float
         Score of each.
-    chi_square, degrees_of_freedom : float, int
-        Of all together.
     p_value : float
-        The smallest of these and of that of the strongest line in the spectrum, corrected for three tests.
+        The smallest of those of all together, of the highest score and of the strongest line in the spectrum,
+        corrected for three tests.
     """
 
     names: tuple[str, ...]
     z: Array
-    chi_square: float
-    degrees_of_freedom: int
     p_value: float
 
 
@@ -52,7 +49,7 @@ def omnibus(baseline: Baseline, references: Sequence[ReferenceMotion]) -> Omnibu
     """
     space = baseline.column_space
     names, _ = _trial_forces(references[0])
-    columns = baseline.white([responses(run.about, _trial_forces(run)[1]) for run in references])
+    columns = baseline.problem.white([responses(run.about, _trial_forces(run)[1]) for run in references])
     columns = project_out(columns / np.linalg.norm(columns, axis=0), space)
     size = np.linalg.norm(columns, axis=0)
     residual = project_out(baseline.residual, space)
@@ -62,7 +59,7 @@ def omnibus(baseline: Baseline, references: Sequence[ReferenceMotion]) -> Omnibu
     total, count = float(np.sum((basis.T @ residual) ** 2)), basis.shape[1]
     largest = len(z) * 2.0 * norm.sf(float(np.max(np.abs(z))))
     least = min(chi2.sf(total, count), largest, _strongest_line(baseline, residual))
-    return OmnibusTest(tuple(names), z, total, count, float(min(1.0, 3.0 * least)))
+    return OmnibusTest(tuple(names), z, float(min(1.0, 3.0 * least)))
 
 
 def _strongest_line(baseline: Baseline, residual: Array) -> float:
@@ -79,12 +76,8 @@ def _trial_forces(reference: ReferenceMotion) -> tuple[list[str], Array]:
     """Names and values along the motion, (point, trial_force)."""
     motion = reference.about
     r, phase = motion.amplitude / np.max(motion.amplitude), motion.phase
-    names, columns = [], []
-    for k in TRIAL_POWERS:
-        names.append(f"r^{k}")
-        columns.append(r**k)
-        for m in TRIAL_HARMONICS:
-            for name, wave in (("cos", np.cos(m * phase)), ("sin", np.sin(m * phase))):
-                names.append(f"r^{k} {name} {m} phi")
-                columns.append(r**k * wave)
-    return names, np.stack(columns, axis=1)
+    waves = {"": np.ones_like(phase)}
+    for m in TRIAL_HARMONICS:
+        waves |= {f" cos {m} phi": np.cos(m * phase), f" sin {m} phi": np.sin(m * phase)}
+    trials = {f"r^{k}{name}": r**k * wave for k in TRIAL_POWERS for name, wave in waves.items()}
+    return list(trials), np.stack(list(trials.values()), axis=1)

@@ -123,7 +123,7 @@ def _scored(
     residual: Array,
 ) -> Scores:
     each = [moved_by(course, trials) for course in references]
-    moved = baseline.white([one.angle for one in each])
+    moved = baseline.problem.white([one.angle for one in each])
     whole = np.linalg.norm(moved, axis=0)
     # Twice: what is left of a response that is nearly all inside is rounding else.
     outside = project_out(project_out(moved, space), space)

@@ -1,55 +1,61 @@
 """A search as datasets: records, ranking of the candidates, steps, omnibus tests, hold-out."""
 
 from collections.abc import Sequence
-from typing import Any
+from functools import partial
 
 import numpy as np
 import xarray as xr
 from scipy.stats import chi2, norm
 
 from sysid_trib.arrays import Array
+from sysid_trib.discrepancy.baseline import Baseline
 from sysid_trib.discrepancy.collinearity import collinear_effects
 from sysid_trib.discrepancy.competing_models import cost_of, tie_class
 from sysid_trib.discrepancy.demodulation import demodulate
-from sysid_trib.discrepancy.detectability import detectability
+from sysid_trib.discrepancy.detectability import detectability, texts_of
 from sysid_trib.discrepancy.homogeneity_test import homogeneity
-from sysid_trib.discrepancy.model_sequence import WORSE, ModelSequence, model_identification, residual_rms
+from sysid_trib.discrepancy.model_sequence import WORSE, model_identification, residual_rms
 from sysid_trib.discrepancy.stepwise_search import Search, SelectionStep
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.records.runs import root_mean_square
 from sysid_trib.results.per_run import group_names
-from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, text_variable, variable
+from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, text_variable, variable, with_error
 
 # An effect of fewer standard errors in the final model is not significant there.
 SIGNIFICANT_Z = 3.0
-STEP_TEXTS = ("symbol", "name", "family", "kind")
+STEP_TEXTS = ("symbol", "name", "family", "kind", "unit", "formula")
 
 
 def groups_of(
-    runs: Sequence[xr.Dataset], search: Search, stages: ModelSequence, offered: ForceLibrary, level: float
+    runs: Sequence[xr.Dataset],
+    search: Search,
+    models: Sequence[Baseline],
+    holdout: Array,
+    offered: ForceLibrary,
+    level: float,
 ) -> dict[str, xr.Dataset]:
     """What `discover` returns, group by group; an effect is named at the family-wise `level`."""
-    first, last = search.selection_steps[0], search.selection_steps[-1]
-    ends = (stages.models[0], stages.models[-1])
-    groups: dict[str, xr.Dataset] = dict(
-        zip(group_names("record", len(runs)), _records(runs, ends), strict=True)
-    )
-    groups["discrepancy"] = demodulate(first.before, first.references)
-    groups["discrepancy_after"] = demodulate(last.before, last.references)
-    groups["detectability"] = detectability(first.found)
-    groups["detectability_after"] = detectability(last.found)
+    records = zip(group_names("record", len(runs)), _records(runs, models), strict=True)
+    groups: dict[str, xr.Dataset] = dict(records)
+    ends = ("", search.selection_steps[0]), ("_after", search.selection_steps[-1])
+    for when, step in ends:
+        groups[f"discrepancy{when}"] = demodulate(step.before, step.references)
+    for when, step in ends:
+        groups[f"detectability{when}"] = detectability(step.found)
     groups["ranking"] = _ranking(search, offered, level)
-    groups["steps"] = _steps(search, stages, offered)
+    groups["steps"] = _steps(search, models, holdout, offered)
     groups["omnibus"] = _omnibus(search, level)
-    groups["before"] = model_identification(stages.models[0], runs)
-    groups["after"] = model_identification(stages.models[-1], runs)
-    groups["holdout"] = _holdout(stages)
+    groups["before"] = model_identification(models[0], runs)
+    groups["after"] = model_identification(models[-1], runs)
+    groups["holdout"] = _holdout(models[-1], holdout)
     if len(runs) > 1:
-        groups["homogeneity"] = homogeneity(stages.models, level)
+        groups["homogeneity"] = homogeneity(models, level)
     return groups
 
 
-def _records(runs: Sequence[xr.Dataset], ends: Sequence[Any]) -> list[xr.Dataset]:
+def _records(runs: Sequence[xr.Dataset], models: Sequence[Baseline]) -> list[xr.Dataset]:
+    """The records, with the angle of the first and the last model."""
+    ends = (models[0], models[-1])
     residuals = [model.problem.residuals(model.values) for model in ends]
     records = []
     for at, run in enumerate(runs):
@@ -81,6 +87,8 @@ def _ranking(search: Search, offered: ForceLibrary, level: float) -> xr.Dataset:
                 coefficient[i, j] = scores.z[at] / scores.size[at]
     step, both = "selection_step", ("selection_step", "candidate")
     tests = np.array([step.found.tests for step in search.selection_steps])
+    limit = norm.isf(level / (2.0 * tests))
+    family_wise = "family-wise significance level at which an effect is named"
     data: Variables = {
         "z": variable(both, z, "score", "1"),
         "p_value": variable(both, p_value, "p-value of the score, corrected for the number of tests", "1"),
@@ -89,20 +97,14 @@ def _ranking(search: Search, offered: ForceLibrary, level: float) -> xr.Dataset:
         "testable": variable(both, reasons == "", "whether the record can test it"),
         "reason": text_variable(both, reasons, "why it is not tested"),
         "independent_tests": variable(step, tests, "number of independent tests", "1"),
-        "threshold": variable(
-            step, norm.isf(level / (2.0 * tests)), "|z| of the level, corrected for the number of tests", "1"
-        ),
-        "significance_level": variable(
-            (), level, "family-wise significance level at which an effect is named", "1"
-        ),
+        "threshold": variable(step, limit, "|z| of the level, corrected for the number of tests", "1"),
+        "significance_level": variable((), level, family_wise, "1"),
     }
     if names:
         # netCDF has no empty axis.
         data["shape"] = variable((step, "shape_parameter"), shapes, "shape parameter of the highest score")
-    labels = {
-        label: ("candidate", [getattr(force, label) for force in offered]) for label in ("name", "family")
-    }
-    labels["unit"] = ("candidate", [force.units for force in offered])
+    texts = texts_of(offered, ("name", "family", "unit"))
+    labels = {name: ("candidate", values) for name, values in texts.items()}
     return xr.Dataset(data, {"candidate": symbols, **labels} | ({"shape_parameter": names} if names else {}))
 
 
@@ -114,7 +116,7 @@ def _best_trials(selection: SelectionStep) -> dict[str, int]:
     return best
 
 
-def _steps(search: Search, stages: ModelSequence, offered: ForceLibrary) -> xr.Dataset:
+def _steps(search: Search, models: Sequence[Baseline], holdout: Array, offered: ForceLibrary) -> xr.Dataset:
     """The effects added, in order, with their final coefficients and what each explains."""
     if not search.added:
         # netCDF has no empty axis: without a step there is but the count.
@@ -126,40 +128,29 @@ def _steps(search: Search, stages: ModelSequence, offered: ForceLibrary) -> xr.D
     z = values[places] / errors[places]
     chosen = np.array([_selected_at(search, symbol) for symbol in search.added])
     tests = np.array([search.selection_steps[at].found.tests for at in chosen])
-    chi_square = np.array([model.chi_square for model in stages.models])
+    chi_square = np.array([model.chi_square for model in models])
     p_value = tests * chi2.sf(-np.diff(chi_square), [1 + len(force.shape) for force in forces])
-    collinear = collinear_effects(search.final, search.added)
-    residual = [residual_rms(model) for model in stages.models]
-    whitened = np.sqrt(chi_square / [len(model.residual) for model in stages.models])
-    columns: dict[str, tuple[Any, str, str]] = {
-        "coefficient": (values[places], "coefficient in the final model", PER_FORCE_UNIT),
-        "standard_error": (errors[places], "standard error of the coefficient", PER_FORCE_UNIT),
-        "z": (z, "coefficient over its standard error", "1"),
-        "significant": (np.abs(z) >= SIGNIFICANT_Z, "whether it is significant in the end", ""),
-        "p_value": (np.minimum(p_value, 1.0), "p-value of what the effect explains, corrected", "1"),
-        "selection_step": (chosen, "selection step at which the effect was chosen", "1"),
-        "residual_before": (residual[:-1], "RMS residual before", "rad"),
-        "residual_after": (residual[1:], "RMS residual after", "rad"),
-        "whitened_residual_before": (
-            whitened[:-1],
-            "RMS of the whitened residual before, over the noise",
-            "1",
-        ),
-        "whitened_residual_after": (whitened[1:], "RMS of the whitened residual after, over the noise", "1"),
-        "collinear": (
-            [s in collinear for s in search.added],
-            "whether it is not separately identifiable",
-            "",
-        ),
-        "worsens_holdout": (
-            stages.holdout[1:] > WORSE * stages.holdout[:-1],
-            "whether it makes the prediction worse",
-            "",
-        ),
+    collinear = np.isin(search.added, collinear_effects(search.final, search.added))
+    residual = [residual_rms(model) for model in models]
+    whitened = np.sqrt(chi_square / [len(model.residual) for model in models])
+    worse = holdout[1:] > WORSE * holdout[:-1]
+    of_whitened = "RMS of the whitened residual {}, over the noise"
+    column = partial(variable, "step")
+    data = {
+        "coefficient": column(values[places], "coefficient in the final model", PER_FORCE_UNIT),
+        "standard_error": column(errors[places], "standard error of the coefficient", PER_FORCE_UNIT),
+        "z": column(z, "coefficient over its standard error", "1"),
+        "significant": column(np.abs(z) >= SIGNIFICANT_Z, "whether it is significant in the end"),
+        "p_value": column(np.minimum(p_value, 1.0), "p-value of what the effect explains, corrected", "1"),
+        "selection_step": column(chosen, "selection step at which the effect was chosen", "1"),
+        "residual_before": column(residual[:-1], "RMS residual before", "rad"),
+        "residual_after": column(residual[1:], "RMS residual after", "rad"),
+        "whitened_residual_before": column(whitened[:-1], of_whitened.format("before"), "1"),
+        "whitened_residual_after": column(whitened[1:], of_whitened.format("after"), "1"),
+        "collinear": column(collinear, "whether it is not separately identifiable"),
+        "worsens_holdout": column(worse, "whether it makes the prediction worse"),
     }
-    data = {name: variable("step", *column) for name, column in columns.items()}
-    texts = {name: [getattr(force, name) for force in forces] for name in STEP_TEXTS}
-    texts |= {"unit": [force.units for force in forces], "formula": [force.formula.text for force in forces]}
+    texts = texts_of(forces, STEP_TEXTS)
     data |= {name: text_variable("step", text, f"{name} of the effect") for name, text in texts.items()}
     data |= _competition(search, offered) | _step_shapes(search, errors)
     shaped = {"shape_parameter": list(parameters.fit_shapes)} if "shape" in data else {}
@@ -184,13 +175,12 @@ def _competition(search: Search, offered: ForceLibrary) -> Variables:
             deviance[at, symbols.index(competitor.force.symbol)] = competitor.cost - effect_deviance
         deviance[at, symbols.index(symbol)] = 0.0
     dims = ("step", "candidate")
+    odds = "-2 ln of the odds against the effect, inf of a fit that failed, nan untried"
     likely = "probability in the effect's place if all were as likely before, nan outside of the credible set"
     return {
         "tie_probability": variable(dims, probability, likely, "1"),
         "credible": variable(dims, np.isfinite(probability), "whether it is in the 95 % credible set"),
-        "penalised_deviance": variable(
-            dims, deviance, "-2 ln of the odds against the effect, inf of a fit that failed, nan untried", "1"
-        ),
+        "penalised_deviance": variable(dims, deviance, odds, "1"),
     }
 
 
@@ -202,13 +192,8 @@ def _step_shapes(search: Search, errors: Array) -> Variables:
     names = parameters.fit_shapes
     of_effect = np.array([[name.startswith(f"{symbol}.") for name in names] for symbol in search.added])
     places = [parameters.index(name) for name in names]
-    dims = ("step", "shape_parameter")
-    return {
-        "shape": variable(dims, np.where(of_effect, search.final.values[places], np.nan), "shape parameter"),
-        "shape_standard_error": variable(
-            dims, np.where(of_effect, errors[places], np.nan), "standard error of the shape parameter"
-        ),
-    }
+    pair = [np.where(of_effect, values[places], np.nan) for values in (search.final.values, errors)]
+    return with_error("shape", ("step", "shape_parameter"), (pair[0], pair[1]), "shape parameter", "")
 
 
 def _omnibus(search: Search, level: float) -> xr.Dataset:
@@ -225,18 +210,16 @@ def _omnibus(search: Search, level: float) -> xr.Dataset:
     )
 
 
-def _holdout(stages: ModelSequence) -> xr.Dataset:
-    noise = root_mean_square([n.standard_deviation for n in stages.models[-1].noises])
-    above = stages.holdout**2 - noise**2
+def _holdout(final: Baseline, rms: Array) -> xr.Dataset:
+    noise = root_mean_square([n.standard_deviation for n in final.noises])
+    above = rms**2 - noise**2
     ratio = above / above[0] if above[0] > 0.0 else np.full(len(above), np.nan)
+    unexplained = "RMS over the runs of what no modulated harmonic of the motion follows"
+    excess = "squared residual above the noise, over the start model's"
     return xr.Dataset(
         {
-            "rms": variable("model", stages.holdout, "RMS residual of the prediction", "rad"),
-            "residual_noise": variable(
-                (), noise, "RMS over the runs of what no modulated harmonic of the motion follows", "rad"
-            ),
-            "residual_above_noise": variable(
-                "model", ratio, "squared residual above the noise, over the start model's", "1"
-            ),
+            "rms": variable("model", rms, "RMS residual of the prediction", "rad"),
+            "residual_noise": variable((), noise, unexplained, "rad"),
+            "residual_above_noise": variable("model", ratio, excess, "1"),
         }
     )

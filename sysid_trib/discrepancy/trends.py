@@ -1,7 +1,5 @@
 """How a residual grows along a motion: the error of frequency or decay that it means, and where that acts."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.stats import chi2
 
@@ -13,23 +11,7 @@ SHAPES = {"small amplitude": -1.0, "large amplitude": 1.0, "larger amplitude": 2
 EXPLAINED_PART, LEVEL = 0.5, 1e-3
 
 
-@dataclass(frozen=True)
-class Trend:
-    """Rate of change of a quantity over tau.
-
-    Attributes
-    ----------
-    rate : (span,) array of float
-        The rate.
-    where : str
-        Where it differs most.
-    """
-
-    rate: Array
-    where: str
-
-
-def trend(value: Array, error: Array, run: Array, tau: Array, amplitude: Array) -> Trend:
+def trend(value: Array, error: Array, run: Array, tau: Array, amplitude: Array) -> tuple[Array, str]:
     """Rate at which a quantity grows, as a constant and one further term that fits best.
 
     Parameters
@@ -39,6 +21,13 @@ def trend(value: Array, error: Array, run: Array, tau: Array, amplitude: Array) 
     run, tau, amplitude : (span,) array
         Of each span; tau = w t.
 
+    Returns
+    -------
+    rate : (span,) array of float
+        The rate, over tau.
+    where : str
+        Where it differs most.
+
     Notes
     -----
     A conservative force a^(p+1) makes the phase slip at a rate a^p; what the model can adjust itself, its
@@ -47,7 +36,7 @@ def trend(value: Array, error: Array, run: Array, tau: Array, amplitude: Array) 
     offsets = (run[:, None] == np.unique(run)).astype(float)
     plain = np.column_stack([offsets, tau])
     steady, chi_square = _fitted(plain, value, error)
-    constant = best = Trend(np.full(len(value), steady[-1]), "all amplitudes")
+    constant = best = np.full(len(value), steady[-1]), "all amplitudes"
     if len(value) <= plain.shape[1] + 1:
         return constant
     least = chi_square
@@ -56,7 +45,7 @@ def trend(value: Array, error: Array, run: Array, tau: Array, amplitude: Array) 
         values, remaining = _fitted(np.column_stack([plain, _integral(rate, tau, run)]), value, error)
         if remaining < least:
             least = remaining
-            best = Trend(values[-2] + values[-1] * rate, name.replace("larger", "large"))
+            best = values[-2] + values[-1] * rate, name.replace("larger", "large")
     counts = chi_square - least > max(EXPLAINED_PART * chi_square, float(chi2.isf(LEVEL, 1)))
     return best if counts else constant
 

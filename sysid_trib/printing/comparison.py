@@ -44,15 +44,9 @@ QUALITY = (
     "RMS residual (record minus simulated model) of the whole record (all); of a model identified from the "
     "first two thirds, on these (train) and on the last third (held out)"
 )
-# Keys of the JSON, and the variables of the comparison.
-JSON_TEXTS = {
-    "reason": "reason",
-    "bias": "bias",
-    "sees": "identifies",
-    "blind_to": "neglects",
-    "cannot_tell_apart": "cannot_tell_apart",
-    "assumes": "assumes",
-}
+JSON_TEXTS = ("reason", "bias", "identifies", "neglects", "cannot_tell_apart", "assumes")
+# Keys of the JSON where they differ from the names of the variables.
+SCOPE_KEYS = {"identifies": "sees", "neglects": "blind_to"}
 CAUSES = {
     "neglect": "These methods neglect forces, and the forces that they know take their place (see remarks)",
     "bias": "The probable cause is a bias that these methods leave in (see remarks)",
@@ -75,16 +69,17 @@ def comparison_blocks(tree: xr.DataTree, sources: Sequence[str]) -> list[Block]:
     -------
     list of Block
     """
+    table = tree["comparison"].ds
     layers = {COEFFICIENTS: ALWAYS, DIFFERENCES: Layer.EXPLAIN, QUALITY: Layer.DEFAULT | Layer.EXPLAIN}
     verdict, *sentences = comparison_sentences(tree)
     return [
         Block([verdict], ALWAYS),
         Block(sources),
-        *(Block(table, layers[title], title) for title, table in comparison_tables(tree).items()),
+        *(Block(content, layers[title], title) for title, content in comparison_tables(tree).items()),
         Block(
             constraint_sentences(tree[label].ds for label in _applied(tree).method.values.tolist()), USUALLY
         ),
-        Block(_key_sentences(tree), Layer.DEFAULT),
+        Block([*_explained(table, ("bias", "form")), *identifiability_warnings(table.attrs)], Layer.DEFAULT),
         Block(sentences, Layer.EXPLAIN),
     ]
 
@@ -142,18 +137,16 @@ def quality_table(tree: xr.DataTree) -> "Table":
         head: [as_text(value) if np.isfinite(value) else "-" for value in values.values.tolist()]
         for head, (values, as_text) in numbered.items()
     }
-    columns["remarks"] = []
-    for row in by_label(table, "method").values():
-        neglects = f"neglects {row.neglects.item()}" if row.neglects.item() else ""
-        columns["remarks"].append("; ".join(filter(None, (row.reason.item(), row.bias.item(), neglects))))
+    neglected = [f"neglects {text}" if text else "" for text in table.neglects.values.tolist()]
+    remarks = zip(table.reason.values.tolist(), table.bias.values.tolist(), neglected, strict=True)
+    columns["remarks"] = ["; ".join(filter(None, texts)) for texts in remarks]
     return _method_table(table, columns, words=["remarks"])
 
 
 def comparison_sentences(tree: xr.DataTree) -> list[str]:
     """The comparison in plain sentences: which method predicts best, which differ and probably why."""
     table = tree["comparison"].ds
-    sentences = [_prediction(tree), *_as_good(table), _explanation(table), *_by_accident(table)]
-    sentences += _differences(table)
+    sentences = [_prediction(tree), *_explained(table, tuple(CAUSES))]
     owner = table.attrs["common_frequency_of"]
     origin = "given" if owner == "given" else f"w of {owner}"
     sentences.append(
@@ -169,15 +162,13 @@ def comparison_sentences(tree: xr.DataTree) -> list[str]:
     return sentences + identifiability_warnings(table.attrs)
 
 
-def _key_sentences(tree: xr.DataTree) -> list[str]:
-    """What the verdict and the tables do not say and a reader must know."""
-    table = tree["comparison"].ds
+def _explained(table: xr.Dataset, causes: Sequence[str]) -> list[str]:
+    """What the verdict and the tables do not say: what predicts as well, the noise, what differs and why."""
     return [
         *_as_good(table),
         _explanation(table),
         *_by_accident(table),
-        *_differences(table, causes=("bias", "form")),
-        *identifiability_warnings(table.attrs),
+        *_differences(table, causes),
     ]
 
 
@@ -187,15 +178,10 @@ def comparison_json(tree: xr.DataTree) -> dict[str, Any]:
     methods: dict[str, Any] = {}
     for label, row in by_label(table, "method").items():
         coefficients = {
-            symbol: {
-                **quantity_json(of_force, "coefficient"),
-                **numbers(of_force, ["z"]),
-                "unit": of_force.unit.item(),
-            }
-            for symbol in table.force.values.tolist()
-            for of_force in (row.sel(force=symbol),)
+            symbol: quantity_json(force, "coefficient") | numbers(force, ["z"]) | {"unit": force.unit.item()}
+            for symbol, force in by_label(row, "force").items()
         }
-        texts = {key: row[name].item() for key, name in JSON_TEXTS.items()}
+        texts = {SCOPE_KEYS.get(name, name): row[name].item() for name in JSON_TEXTS}
         methods[label] = {"coefficients": coefficients, **numbers(row, JSON_SCALARS), **texts}
         if len(groups) > 1:
             methods[label] |= numbers(row, RUN_RMS)
@@ -298,7 +284,7 @@ def _explanation(table: xr.Dataset) -> str:
     )
 
 
-def _differences(table: xr.Dataset, causes: Sequence[str] = tuple(CAUSES)) -> list[str]:
+def _differences(table: xr.Dataset, causes: Sequence[str]) -> list[str]:
     """Methods that differ from the best by more than the errors, by the probable cause."""
     best = table.attrs["best"]
     by_cause: dict[str, list[str]] = {cause: [] for cause in CAUSES}

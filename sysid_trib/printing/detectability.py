@@ -14,17 +14,17 @@ CLOSEST = 6
 
 def remedy(tied: Sequence[Force]) -> str:
     """The measurement that would separate forces, by how they differ."""
-    if _mixed([force.kind == "sensor" for force in tied]):
+    if len({force.kind == "sensor" for force in tied}) > 1:
         return (
             "Another inertia, or a second sensor, would separate them: an error of the sensor stays the "
             "same, a force changes."
         )
-    if _mixed([force.holds_time for force in tied]):
+    if len({force.holds_time for force in tied}) > 1:
         return (
             "A second release at 0.6 of the amplitude would separate them: a drift depends on time, the "
             "others depend on amplitude."
         )
-    if _mixed([force.memoryless for force in tied]):
+    if len({force.memoryless for force in tied}) > 1:
         return (
             "A low release at 0.2 of the amplitude, or another inertia, would separate them: a "
             "history-dependent force changes in another way."
@@ -32,10 +32,6 @@ def remedy(tied: Sequence[Force]) -> str:
     if any(force.shape or force.character != "conservative" for force in tied):
         return "A low release at 0.2 of the amplitude would separate them: there they differ most."
     return "A release at a larger amplitude would separate them: there they differ most."
-
-
-def _mixed(flags: Sequence[bool]) -> bool:
-    return any(flags) and not all(flags)
 
 
 def detectability_sentences(tree: xr.DataTree) -> list[str]:

@@ -99,16 +99,14 @@ def quantity_json(result: xr.Dataset, name: str) -> dict[str, Any]:
 
 # Keys of the JSON where they differ from the attributes.
 JSON_KEYS = {"decimated": "thinned"}
+# Attributes that JSON holds as they are.
+PLAIN = (str, int, float)
 
 
 def records_json(tree: xr.DataTree) -> dict[str, Any]:
     """What is known of the record, and of all if there are several."""
     records = [
-        {
-            JSON_KEYS.get(str(k), k): v
-            for k, v in tree[group].attrs.items()
-            if isinstance(v, str | int | float)
-        }
+        {JSON_KEYS.get(str(k), k): v for k, v in tree[group].attrs.items() if isinstance(v, PLAIN)}
         for group in record_groups(tree)
     ]
     return {"record": records[0]} | ({"records": records} if len(records) > 1 else {})
