@@ -88,11 +88,9 @@ def refuse_clipping(time: Array, angle: Array, swing: Swing, source: str) -> Non
         at_limit = np.concatenate(([0], np.cumsum(np.abs(angle - limit) <= 1e-9 * np.ptp(angle))))
         flat = (at_limit[stops] - at_limit[starts])[sign == side]
         height = side * (limit - swing.equilibrium)
-        # A cosine stays within a quantisation step of its top for this part_of_half_period of a half period.
-        part_of_half_period = (
-            2.0 / np.pi * np.arccos(max(0.0, 1.0 - swing.oscillation.step / max(height, 1e-300)))
-        )
-        usual = part_of_half_period * np.median(stops - starts)
+        # A cosine stays within a quantisation step of its top for this part of a half period.
+        within = max(0.0, 1.0 - swing.oscillation.step / max(height, 1e-300))
+        usual = 2.0 / np.pi * np.arccos(within) * np.median(stops - starts)
         if np.count_nonzero(flat > 1.5 * usual + 2) >= 3:
             raise DecayError(
                 f"{source}: {np.count_nonzero(flat)} half periods are clipped at {limit:.6g}; "

@@ -111,9 +111,8 @@ def _in_window(record: xr.Dataset, window: tuple[float | None, float | None], so
     if not start < stop:
         raise UsageError(f"window {window[0]}:{window[1]}: its start must come before its end.")
     time = record["time"].to_numpy()
-    inside = record.isel(
-        time=slice(int(np.searchsorted(time, start)), int(np.searchsorted(time, stop, "right")))
-    )
+    first, last = int(np.searchsorted(time, start)), int(np.searchsorted(time, stop, "right"))
+    inside = record.isel(time=slice(first, last))
     if inside.sizes["time"] < 20:
         raise DecayError(
             f"{source}: only {inside.sizes['time']} samples between {max(start, time[0]):g} s and "
@@ -150,9 +149,8 @@ def _free_part(time: Array, angle: Array, swing: Swing) -> Part:
         return Part(start, stop, before, f"{cut} stops it")
     stop, stop_time = _find_stop(time, angle, swing)
     if np.isfinite(stop_time):
-        return Part(
-            start, stop, before, f"the {time[-1] - stop_time:.4g} s after it stopped for good", stop_time
-        )
+        after = f"the {time[-1] - stop_time:.4g} s after it stopped for good"
+        return Part(start, stop, before, after, stop_time)
     stop = int(np.searchsorted(time, halves.crossing[run.stop]))
     small = halves.peak[run.stop - 1] < 4.0 * swing.oscillation.floor
     reason = "in which it is lost in the noise" if small else "in which it does not swing freely"
@@ -199,9 +197,8 @@ def _find_stop(time: Array, angle: Array, swing: Swing) -> tuple[int, float]:
     stop = int(away[-1]) + 1 if away.size else 0
     # Motion that a single sample's noise hides may still show in the averages.
     oscillation = swing.oscillation
-    hidden = np.abs(oscillation.signal - swing.equilibrium - rest) > max(
-        oscillation.floor, oscillation.step, 1e-9
-    )
+    least = max(oscillation.floor, oscillation.step, 1e-9)
+    hidden = np.abs(oscillation.signal - swing.equilibrium - rest) > least
     hidden &= oscillation.time < time[last - 1]
     stop = max(stop, int(np.searchsorted(time, oscillation.time[hidden].max(initial=time[0]))))
     if stop >= last or time[stop] > end + 5.0 * duration or time[last - 1] - time[stop] < duration:

@@ -25,8 +25,6 @@ class Oscillation:
         The averaged signal; a twentyfourth of a period apart where the sampling allows.
     period : s
         Dominant period.
-    noise : float
-        White noise of one sample of the original signal.
     step : float
         Quantisation step of the original signal (tiny if there is none).
     smoothed_noise : float
@@ -36,7 +34,6 @@ class Oscillation:
     time: Array
     signal: Array
     period: float
-    noise: float
     step: float
     smoothed_noise: float
 
@@ -146,8 +143,8 @@ def smooth(time: Array, signal: Array, period: float) -> Oscillation:
         total = np.concatenate(([0.0], np.cumsum(values - values[0])))
         return (total[first + width] - total[first]) / width + values[0]
 
-    noise, step = noise_level(time, signal), quantisation_step(signal)
-    return Oscillation(average(time), average(signal), period, noise, step, float(noise / np.sqrt(width)))
+    noise = float(noise_level(time, signal) / np.sqrt(width))
+    return Oscillation(average(time), average(signal), period, quantisation_step(signal), noise)
 
 
 def find_half_periods(oscillation: Oscillation, equilibrium: float = 0.0) -> HalfPeriods:
@@ -193,13 +190,8 @@ def regular_run(halves: HalfPeriods, period: float) -> slice:
     # The first and the last half period are cut off by the ends of the record.
     fits[:1] = fits[-1:] = False
     steady = np.abs(np.log(half[1:] / half[:-1])) < np.log(1.67)
-    best, travel, start = slice(0, 0), 0.0, 0
-    for index in range(fits.size):
-        if not fits[index]:
-            start = index + 1
-        elif index > start and not steady[index - 1]:
-            start = index
-        distance = float(halves.peak[start : index + 1].sum())
-        if fits[index] and distance > travel:
-            best, travel = slice(start, index + 1), distance
-    return best
+    goes_on = steady & fits[1:] & fits[:-1]
+    run = np.concatenate(([0], np.cumsum(~goes_on)))[: fits.size]
+    travel = np.bincount(run, halves.peak * fits, minlength=1)
+    best = np.flatnonzero(fits & (run == np.argmax(travel)))
+    return slice(int(best[0]), int(best[-1]) + 1) if best.size else slice(0, 0)

@@ -63,9 +63,8 @@ def _cells(time: Array, halves: HalfPeriods) -> tuple[IntArray, IntArray, Array,
     half = np.repeat(np.arange(count.size), count)
     first = np.concatenate(([0], np.cumsum(count)[:-1]))
     sample = np.arange(half.size) - first[half] + low[half]
-    inside = np.minimum(edge[sample + 1], halves.crossing[half + 1]) - np.maximum(
-        edge[sample], halves.crossing[half]
-    )
+    start = np.maximum(edge[sample], halves.crossing[half])
+    inside = np.minimum(edge[sample + 1], halves.crossing[half + 1]) - start
     return sample, half, inside / (edge[sample + 1] - edge[sample]), first
 
 

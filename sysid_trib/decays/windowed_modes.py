@@ -12,8 +12,9 @@ from sysid_trib.arrays import Array
 from sysid_trib.decays.equilibrium import usable_half_periods
 from sysid_trib.decays.half_periods import noise_of_record
 from sysid_trib.decays.half_sines import with_standard_error
-from sysid_trib.decays.realisation import ComplexArray, influence_on_root, mode_root, swing
 from sysid_trib.errors import DecayError
+
+ComplexArray = NDArray[np.complex128]
 
 # The Hankel matrix of a window has about 60 rows and columns: two periods of at least so many samples.
 SAMPLES = 122
@@ -118,17 +119,60 @@ def _windows(
     kept, modes = [], []
     for start in starts:
         part = y[start : start + length]
-        root = mode_root(part)
+        root = _mode_root(part)
         if root is not None:
             kept.append(start)
-            modes.append((root, *swing(part, root, block)))
+            modes.append((root, *_swing(part, root, block)))
     if len(modes) < 3:
         raise DecayError("Fewer than three windows hold an oscillation; the noise is too large.")
     roots, weights, errors = (np.array(column) for column in zip(*modes, strict=True))
-    rows = [influence_on_root(*pair, length) / (pair[0] * step) for pair in zip(roots, weights, strict=True)]
+    rows = [_influence_on_root(*pair, length) / (pair[0] * step) for pair in zip(roots, weights, strict=True)]
     columns = np.add.outer(kept, np.arange(length))
     pointers = length * np.arange(len(kept) + 1)
     influence = sp.csr_matrix((np.concatenate(rows), columns.ravel(), pointers), (len(kept), len(y)))
     middle = time[kept] + 0.5 * (length - 1) * step
     less = noise / np.sqrt(block)
     return Windows(middle, np.log(roots) / step, np.abs(weights), less * errors.real, influence, less)
+
+
+def _mode_root(part: Array) -> complex | None:
+    """Factor by which the mode of a window goes on from one sample to the next; None if it does not turn."""
+    from control import eigensys_realization
+
+    size = _hankel(len(part))
+    system, _ = eigensys_realization(part, r=2, m=size, n=size)
+    roots = np.linalg.eigvals(system.A)
+    return complex(roots[np.argmax(roots.imag)]) if np.any(roots.imag > 0.0) else None
+
+
+def _hankel(length: int) -> int:
+    return (length - 2) // 2
+
+
+def _swing(part: Array, root: complex, block: int) -> tuple[complex, float]:
+    """Complex amplitude in the middle of a window, and the standard error of its size at a noise of 1."""
+    exponent = np.log(root)
+    mode = np.exp(exponent * (np.arange(len(part)) - 0.5 * (len(part) - 1)))
+    # A mean over a block of samples is less than the motion in its middle.
+    mode *= np.mean(np.exp(exponent * (np.arange(block) - 0.5 * (block - 1)) / block)).real
+    design = np.stack([mode.real, -mode.imag], axis=1)
+    inverse = np.linalg.inv(design.T @ design)
+    size = inverse @ (design.T @ part)
+    return complex(*size), float(np.sqrt(size @ inverse @ size) / np.hypot(*size))
+
+
+def _influence_on_root(root: complex, weight: complex, length: int) -> ComplexArray:
+    """Of unit errors of the samples on the root, to first order in the noise: (sample,).
+
+    The samples are the real part of weight root^l, l counted from the middle. Errors of the Hankel matrices
+    act on an eigenvalue by its left and right vectors, columns of pseudo-inverse Vandermonde matrices.
+    """
+    size = _hankel(length)
+    powers = np.power.outer(np.array([root, np.conj(root)]), np.arange(size))
+    left_vector = np.linalg.pinv(powers.T)[0]
+    first = weight * root ** (-0.5 * (length - 1))
+    both = np.convolve(left_vector, left_vector) / (0.5 * first * root)
+    influence = np.zeros(length, dtype=complex)
+    influence[2 : 2 + len(both)] += both
+    influence[1 : 1 + len(both)] -= root * both
+    return influence

@@ -12,8 +12,7 @@ from sysid_trib.averaging.signatures import averages
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import parse_library
-from sysid_trib.methods.classical import one_record
-from sysid_trib.methods.half_period_model import half_period_model
+from sysid_trib.methods.classical import half_period_model, one_record
 from sysid_trib.methods.indirect import AuxiliaryModel, IndirectEstimate, as_identification, indirect_estimate
 from sysid_trib.methods.scope import MethodScope
 from sysid_trib.methods.wu_decrement import energy_balance

@@ -187,9 +187,8 @@ def _identification(
         )
     parameters = problem.parameters
     degrees_of_freedom = max(1, len(fit.residual) - len(parameters.free))
-    covariance = (
-        fit.residual @ fit.residual / degrees_of_freedom * parameters.covariance(fit.sensitivity, fit.values)
-    )
+    reduced = fit.residual @ fit.residual / degrees_of_freedom
+    covariance = reduced * parameters.covariance(fit.sensitivity, fit.values)
     noises = sensor_noises(runs)
     estimate = FitEstimate(problem, fit.values, covariance, noises)
     extra: dict[str, tuple[ArrayLike, str, str]]

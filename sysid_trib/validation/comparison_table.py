@@ -63,15 +63,9 @@ def method_table(trials: Sequence[Trial], noises: Sequence[float], blocks: Seque
     variables |= {k: variable("method", [text[k] for text in texts], name) for k, name in TEXTS.items()}
     if len(noises) > 1:
         variables |= _each_run(trials, noises)
-    return (
-        forces.assign_coords(method=[trial.label for trial in trials])
-        .assign(variables)
-        .assign_attrs(
-            best=best.label,
-            common_frequency_of=referred,
-            errors_of_z="taken as independent; the methods saw the same noise, so that z is rather too small",
-        )
-    )
+    table = forces.assign_coords(method=[trial.label for trial in trials]).assign(variables)
+    errors_of_z = "taken as independent; the methods saw the same noise, so that z is rather too small"
+    return table.assign_attrs(best=best.label, common_frequency_of=referred, errors_of_z=errors_of_z)
 
 
 def best_of(trials: Sequence[Trial]) -> Trial:
@@ -178,9 +172,8 @@ def _residuals(trials: Sequence[Trial], best: int, blocks: Sequence[int]) -> Var
 
 def _each_run(trials: Sequence[Trial], noises: Sequence[float]) -> Variables:
     """RMS of the simulated models' residuals in each of several runs, and its noise."""
-    variables: Variables = {
-        "run_noise": variable("run", list(noises), "noise of one sample of the run", "rad")
-    }
+    noise = variable("run", list(noises), "noise of one sample of the run", "rad")
+    variables: Variables = {"run_noise": noise}
     for name, part, of in PARTS:
         rms = np.stack([getattr(trial, part).each_rms for trial in trials])
         long_name = f"RMS of record minus model {of}, of each run"

@@ -17,7 +17,7 @@ from sysid_trib.forces.library import parse_library
 from sysid_trib.noise.level import sensor_noise
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.variables import variable
-from sysid_trib.validation.model_residuals import ModelResidual, residual_of
+from sysid_trib.validation.residuals import ModelResidual, residual_of
 
 # The part of a decay's time from which a model is identified where the rest is to be predicted.
 TRAINING = 2.0 / 3.0

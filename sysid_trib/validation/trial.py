@@ -15,7 +15,7 @@ from sysid_trib.methods.scope import ForceScope, Method, MethodScope, constraine
 from sysid_trib.records.runs import one_or_all
 from sysid_trib.results.contactless import with_contactless_frequency
 from sysid_trib.validation.holdout import RunInParts, predicted
-from sysid_trib.validation.model_residuals import ModelResidual, ModelResiduals, residual_of
+from sysid_trib.validation.residuals import ModelResidual, ModelResiduals, residual_of
 
 
 @dataclass(frozen=True)
