@@ -1,7 +1,5 @@
 """A discovery as numbers to draw, the same on paper and on a page."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import xarray as xr
 
@@ -42,35 +40,7 @@ def missing_force(tree: xr.DataTree, *, after: bool) -> tuple[xr.DataArray, xr.D
     return (1e3 * shown.force).where(shown.samples >= FEWEST_IN_CELL), 1e3 * shown.standard_error, limit
 
 
-@dataclass(frozen=True)
-class RankingData:
-    """Candidates by score at one selection step.
-
-    Attributes
-    ----------
-    candidates : xr.Dataset
-        Columns of `ranking` at the step for the candidates shown, the highest score first, with
-        `size(candidate)`, which is |z|, `kind(candidate)`, a key of `CANDIDATE_MARKS`, and
-        `shapes(candidate)`, the shape parameters as text.
-    title : str
-        When the step was.
-    threshold : float
-        |z| beyond which a candidate is named.
-    logarithmic : bool
-        Whether scores ask for a logarithmic axis.
-    low, high : float
-        The least that the axis shows, and the largest |z| or the threshold.
-    """
-
-    candidates: xr.Dataset
-    title: str
-    threshold: float
-    logarithmic: bool
-    low: float
-    high: float
-
-
-def ranking_data(tree: xr.DataTree, selection_step: int) -> RankingData:
+def ranking_data(tree: xr.DataTree, selection_step: int) -> xr.Dataset:
     """The candidates of the highest scores at a selection step; those named or competing always.
 
     Parameters
@@ -79,6 +49,15 @@ def ranking_data(tree: xr.DataTree, selection_step: int) -> RankingData:
         Result of `discover`.
     selection_step : int
         0 before the first step, 1 before the second, ..., -1 at the end.
+
+    Returns
+    -------
+    xr.Dataset
+        Columns of `ranking` at the step for the candidates shown, the highest score first, with
+        `size(candidate)`, which is |z|, `kind(candidate)`, a key of `CANDIDATE_MARKS`, and
+        `shapes(candidate)`, the shape parameters as text; `threshold`, the |z| beyond which a candidate is
+        named. Attributes: `title`, when the step was; `logarithmic`, whether scores ask for a logarithmic
+        axis; `low`, the least that the axis shows, and `high`, the largest |z| or the threshold.
     """
     scores = tree["ranking"].to_dataset().isel(selection_step=selection_step)
     named, competing = _named(tree, selection_step)
@@ -89,16 +68,20 @@ def ranking_data(tree: xr.DataTree, selection_step: int) -> RankingData:
     kind = [kinds[0] if s in named else kinds[1] if s in competing else kinds[2] for s in chosen]
     shown = scores.sel(candidate=chosen)
     size, threshold = np.abs(shown.z.values), scores.threshold.item()
-    texts = {"kind": kind, "shapes": [_shapes_text(scores, symbol) for symbol in chosen]}
-    shown = shown.assign({name: ("candidate", np.array(text, dtype=str)) for name, text in texts.items()})
+    shapes = [
+        ", ".join(f"{symbol}.{name} = {value:.4g}" for name, value in shapes_of(scores, symbol).items())
+        for symbol in chosen
+    ]
+    columns = {"size": size, "kind": np.array(kind, dtype=str), "shapes": np.array(shapes, dtype=str)}
+    shown = shown.assign({name: ("candidate", column) for name, column in columns.items()})
     logarithmic = bool(np.max(size, initial=0.0) > LOGARITHMIC_BEYOND * threshold)
     # Scores in their hundreds and a threshold of four need a logarithm, else it hides the differences.
     low = min([0.5 * threshold, *(0.7 * size)]) if logarithmic else 0.0
-    shown, high = shown.assign(size=("candidate", size)), max([threshold, *size])
-    return RankingData(shown, _title(tree, selection_step), threshold, logarithmic, low, high)
+    title, high = _title(tree, selection_step), max([threshold, *size])
+    return shown.assign_attrs(title=title, logarithmic=logarithmic, low=low, high=high)
 
 
-def rankings_data(tree: xr.DataTree) -> list[RankingData]:
+def rankings_data(tree: xr.DataTree) -> list[xr.Dataset]:
     """The ranking at the selection steps at which an effect of the final model was chosen, and at the end."""
     chosen = tree["steps"].selection_step.values.tolist() if tree["steps"].attrs["count"] else []
     return [ranking_data(tree, step) for step in (*sorted(set(chosen)), -1)]
@@ -123,10 +106,6 @@ def _named(tree: xr.DataTree, selection_step: int) -> tuple[list[str], list[str]
     ]
     named = [credible[0] for credible in sets]
     return named, [symbol for credible in sets for symbol in credible[1:] if symbol not in named]
-
-
-def _shapes_text(scores: xr.Dataset, symbol: str) -> str:
-    return ", ".join(f"{symbol}.{name} = {value:.4g}" for name, value in shapes_of(scores, symbol).items())
 
 
 def detectability_data(tree: xr.DataTree) -> xr.Dataset:

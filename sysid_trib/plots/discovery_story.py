@@ -1,7 +1,5 @@
 """Figure of a discovery in one picture: the record, the gap before and after, and the effects named."""
 
-from typing import Any
-
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -53,17 +51,9 @@ def _explained(ax: Axes, tree: xr.DataTree) -> None:
     steps = [tree["steps"].to_dataset().isel(step=at) for at in range(len(symbols))]
     residuals = [residual_of(tree, "before"), *(step.residual_after.item() for step in steps)]
     ratios = [residual / noise_of(tree) for residual in residuals]
-    texts = [
-        "",
-        *(f"{step['name'].item()}, {step.symbol.item()} = {coefficient_text(step)}" for step in steps),
-    ]
-    note: dict[str, Any] = {
-        "textcoords": "offset points",
-        "va": "center",
-        "fontsize": 8,
-        "annotation_clip": False,
-    }
-    for row, (ratio, text) in enumerate(zip(ratios, texts, strict=True)):
+    texts = [f"{step['name'].item()}, {step.symbol.item()} = {coefficient_text(step)}" for step in steps]
+    note = style.BESIDE | {"fontsize": 8, "annotation_clip": False}
+    for row, (ratio, text) in enumerate(zip(ratios, ["", *texts], strict=True)):
         look = style.CANDIDATE_MARKS["named"] if row else style.DETECTABLE_MARKS["start model"]
         ax.plot([1.0, ratio], [row, row], color=look["color"], linewidth=0.8)
         ax.plot([ratio], [row], **{"linestyle": ""} | look)

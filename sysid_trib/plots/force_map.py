@@ -61,14 +61,8 @@ def _map(tree: xr.DataTree, ax: Axes, after: bool) -> QuadMesh:
     colours: dict[str, Any] = {"cmap": "RdBu_r", "norm": TwoSlopeNorm(0.0, -limit, limit)}
     mesh = ax.pcolormesh(x, v, values.T, shading="nearest", rasterized=True, **colours)
     at_x, at_v = np.nonzero(np.abs(values) > DOT_BEYOND * error.values)
-    ax.plot(
-        x[at_x],
-        v[at_v],
-        ".",
-        color="black",
-        markersize=2.5,
-        label=f"beyond {DOT_BEYOND:g} standard errors",
-    )
+    label = f"beyond {DOT_BEYOND:g} standard errors"
+    ax.plot(x[at_x], v[at_v], ".", color="black", markersize=2.5, label=label)
     ax.legend(**LEGEND)
     ax.set(xlabel=r"angle $\theta$ (rad)", ylabel=r"$\dot\theta/\omega$ (rad)", aspect="equal")
     return mesh

@@ -90,7 +90,7 @@ def motion_data(tree: xr.DataTree, run: int) -> MotionData:
     """The record of a run with the models of a cross-check, or those before and after of a discovery."""
     data = tree[record_groups(tree)[run]].to_dataset()
     if "steps" in tree.children:
-        names, label, noise = ("before", "after"), "model {}", noise_of_sample(tree, run)
+        names, label, noise = ("before", "after"), "model {}", data.residual_noise.item()
     else:
         checked = tree["comparison"].attrs
         names, label = (checked["first"], checked["second"]), "{}"
@@ -101,11 +101,6 @@ def motion_data(tree: xr.DataTree, run: int) -> MotionData:
         if np.isfinite(data.simulated_angle.sel(model=name).values).all()
     }
     return MotionData(data, noise, lines, {name: label.format(name) for name in names})
-
-
-def noise_of_sample(tree: xr.DataTree, run: int) -> float:
-    """Noise of one sample of a run beside which its residual is judged, rad."""
-    return float(tree[record_groups(tree)[run]].residual_noise.item())
 
 
 def drawn_samples(values: Array) -> NDArray[np.intp]:

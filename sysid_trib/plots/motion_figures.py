@@ -6,8 +6,20 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from sysid_trib.arrays import Array
 from sysid_trib.plots.motion_data import MotionData, drawn_samples, motion_data
-from sysid_trib.plots.style import LEGEND, axes, half_periods, letter, logarithmic_amplitude, new_figure
+from sysid_trib.plots.style import (
+    BAR_WIDTH,
+    LEGEND,
+    OPEN_MARKS,
+    Style,
+    axes,
+    letter,
+    logarithmic_amplitude,
+    new_figure,
+)
+
+RECORD_POINTS: Style = {"label": "record", "marker": ".", "linestyle": "", "color": "0.6", "markersize": 2.5}
 
 
 def identification(tree: xr.DataTree, run: int = 0) -> Figure:
@@ -36,6 +48,12 @@ def discovery(tree: xr.DataTree, run: int = 0) -> Figure:
     """
     drawn = motion_data(tree, run)
     return _motion_figure(drawn, [[model] for model in drawn.labels])
+
+
+def curve(ax: Axes, time: Array, values: Array, style: Style) -> None:
+    """A curve over time, decimated."""
+    shown = drawn_samples(values)
+    ax.plot(time[shown], values[shown], **style)
 
 
 def _motion_figure(drawn: MotionData, residuals: Sequence[Sequence[str]]) -> Figure:
@@ -124,12 +142,9 @@ def frequency(tree: xr.DataTree, ax: Axes | None = None, run: int = 0) -> Axes:
 
 
 def _record(ax: Axes, drawn: MotionData) -> Axes:
-    shown = drawn_samples(drawn.angle)
-    ax.plot(drawn.time[shown], drawn.angle[shown], ".", color="0.6", markersize=2.5, label="record")
+    curve(ax, drawn.time, drawn.angle, RECORD_POINTS)
     for name, style in drawn.lines.items():
-        angle = drawn.motion(name)
-        shown = drawn_samples(angle)
-        ax.plot(drawn.time[shown], angle[shown], linewidth=0.8, label=drawn.labels[name], **style)
+        curve(ax, drawn.time, drawn.motion(name), {"linewidth": 0.8, "label": drawn.labels[name], **style})
     ax.set(xlabel="time (s)", ylabel="angle (rad)", xlim=(drawn.time[0], drawn.time[-1]))
     # Above the panel: inside there is no room that the oscillation leaves free.
     ax.legend(ncols=3, **LEGEND)
@@ -140,10 +155,9 @@ def _residual(ax: Axes, drawn: MotionData, models: Sequence[str]) -> Axes:
     """Residuals of models in one panel; one model alone is named by the axis."""
     for name in models:
         if name in drawn.lines:
-            residuals = drawn.residual(name)
-            shown = drawn_samples(residuals)
             style = dict(drawn.lines[name]) | ({"linestyle": "-"} if len(models) == 1 else {})
-            ax.plot(drawn.time[shown], residuals[shown], linewidth=0.6, label=drawn.labels[name], **style)
+            look = {"linewidth": 0.6, "label": drawn.labels[name], **style}
+            curve(ax, drawn.time, drawn.residual(name), look)
     band = ax.axhspan(-2e3 * drawn.noise, 2e3 * drawn.noise, color="0.85", zorder=0)
     ax.legend([band], ["± 2 noise levels"], **LEGEND)
     model = f"model\n{models[0]}" if len(models) == 1 else "model"
@@ -153,25 +167,30 @@ def _residual(ax: Axes, drawn: MotionData, models: Sequence[str]) -> Axes:
 
 
 def _envelope(ax: Axes, drawn: MotionData) -> Axes:
-    for name, fits in drawn.half_periods.items():
-        time, amplitude = fits.instant_time.values, fits.amplitude.values
-        if name == "record":
-            half_periods(ax, time, amplitude, fits.amplitude_standard_error.values)
-            ax.set_ylim(drawn.amplitude_limits())
-        else:
-            ax.plot(time, amplitude, linewidth=1.0, label=drawn.labels[name], **drawn.lines[name])
+    _half_periods(ax, drawn, "instant_time", "amplitude")
+    if "record" in drawn.half_periods:
+        ax.set_ylim(drawn.amplitude_limits())
     ax.set(xlabel="time (s)")
     logarithmic_amplitude(ax)
     return ax
 
 
 def _frequency(ax: Axes, drawn: MotionData) -> Axes:
-    for name, fits in drawn.half_periods.items():
-        amplitude, values = fits.amplitude.values, fits.frequency.values
-        if name == "record":
-            half_periods(ax, amplitude, values, fits.frequency_standard_error.values)
-            ax.set(xlim=(0.0, 1.05 * amplitude.max()), ylim=drawn.frequency_limits())
-        else:
-            ax.plot(amplitude, values, linewidth=1.0, label=drawn.labels[name], **drawn.lines[name])
+    _half_periods(ax, drawn, "amplitude", "frequency")
+    if "record" in drawn.half_periods:
+        highest = drawn.half_periods["record"].amplitude.values.max()
+        ax.set(xlim=(0.0, 1.05 * highest), ylim=drawn.frequency_limits())
     ax.set(xlabel="amplitude (rad)", ylabel="frequency (rad/s)")
     return ax
+
+
+def _half_periods(ax: Axes, drawn: MotionData, x: str, y: str) -> None:
+    """Half periods of the record with their errors, named above the panel, and lines of the models."""
+    for name, fits in drawn.half_periods.items():
+        at, value = fits[x].values, fits[y].values
+        if name == "record":
+            error = fits[f"{y}_standard_error"].values
+            points = ax.errorbar(at, value, error, fmt="o", color="0.5", linewidth=BAR_WIDTH, **OPEN_MARKS)
+            ax.legend([points], ["half periods of the record"], **LEGEND)
+        else:
+            ax.plot(at, value, linewidth=1.0, label=drawn.labels[name], **drawn.lines[name])

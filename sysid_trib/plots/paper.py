@@ -9,7 +9,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from sysid_trib.plots.motion_data import drawn_samples
+from sysid_trib.plots.motion_figures import RECORD_POINTS, curve
 from sysid_trib.plots.style import BAR_WIDTH, LEGEND, SERIES, axes, in_latex, line, mark
 
 # Room in a legend above the panel.
@@ -31,7 +31,8 @@ def averaged_decay(motion: xr.Dataset, predicted: xr.Dataset, ax: Axes | None = 
         Axes to draw on.
     """
     ax = axes(ax)
-    _curve(ax, motion, {"color": "0.4", "linewidth": 0.8, "label": "motion"})
+    look = {"color": "0.4", "linewidth": 0.8, "label": "motion"}
+    curve(ax, motion.time.values, motion.angle.values, look)
     for sign, label in ((1.0, "averaged envelope"), (-1.0, "")):
         ax.plot(predicted.time.values, sign * predicted.amplitude.values, label=label, **line(SERIES[0]))
     ax.set(xlabel="time (s)", ylabel=r"angle $\theta$ (rad)", xlim=_ends(motion))
@@ -116,10 +117,10 @@ def motions(record: xr.Dataset, models: Mapping[str, xr.Dataset], ax: Axes | Non
         Axes to draw on.
     """
     ax = axes(ax)
-    points: dict[str, Any] = {"marker": ".", "linestyle": "", "color": "0.6", "markersize": 2.5}
-    _curve(ax, record, points | {"label": "record"})
+    curve(ax, record.time.values, record.angle.values, RECORD_POINTS)
     for (label, motion), series in zip(models.items(), cycle(SERIES)):
-        _curve(ax, motion, line(series) | {"label": label, "linewidth": 0.9})
+        look = line(series) | {"label": label, "linewidth": 0.9}
+        curve(ax, motion.time.values, motion.angle.values, look)
     ax.set(xlabel="time (s)", ylabel=r"angle $\theta$ (rad)", xlim=_ends(record))
     ax.legend(ncols=4, **LEGEND, **CLOSE_LEGEND)
     return ax
@@ -171,11 +172,6 @@ def _construction(ax: Axes, t: NDArray[np.float64], b: NDArray[np.float64]) -> N
     ax.annotate(r"$2\pi/\omega_i$", (t[1], outside), (0, -4 * side), va=vertical[1], **text)
     room = 1.4 * np.abs(b).max()
     ax.set_ylim(-room, room)
-
-
-def _curve(ax: Axes, motion: xr.Dataset, style: Mapping[str, Any]) -> None:
-    shown = drawn_samples(motion.angle.values)
-    ax.plot(motion.time.values[shown], motion.angle.values[shown], **style)
 
 
 def _ends(record: xr.Dataset) -> tuple[float, float]:

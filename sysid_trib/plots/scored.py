@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sysid_trib.plots import style
-from sysid_trib.plots.discovery_data import RankingData, detectability_data, ranking_data, rankings_data
+from sysid_trib.plots.discovery_data import detectability_data, ranking_data, rankings_data
 
 # Height of a panel of rankings, and of detectable coefficients: without rows, and of a row, inch.
 RANKING_HEIGHT, DETECTABLE_HEIGHT, DETECTABLE_ROW = 3.35, 0.8, 0.155
@@ -50,19 +50,18 @@ def ranking(tree: xr.DataTree, ax: Axes | None = None, selection_step: int = 0) 
     return _ranking(style.axes(ax), ranking_data(tree, selection_step))
 
 
-def _ranking(ax: Axes, data: RankingData) -> Axes:
-    candidates = data.candidates
-    kinds = candidates.kind.values.tolist()
-    for row, (size, kind) in enumerate(zip(candidates["size"].values.tolist(), kinds, strict=True)):
+def _ranking(ax: Axes, data: xr.Dataset) -> Axes:
+    sizes, kinds = data["size"].values.tolist(), data.kind.values.tolist()
+    for row, (size, kind) in enumerate(zip(sizes, kinds, strict=True)):
         look = style.CANDIDATE_MARKS[kind]
         ax.plot([data.low, size], [row, row], "-", color=look["color"], linewidth=0.8)
         ax.plot([size], [row], linestyle="", **look)
         # Three digits, and no power of ten as long as there is room without.
         digits = f"{float(f'{size:.3g}'):g}"
-        text = ax.annotate(digits, (size, row), (5, 0), textcoords="offset points", va="center", fontsize=6)
+        text = ax.annotate(digits, (size, row), (5, 0), fontsize=6, **style.BESIDE)
         text.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.4})
-    ax.axvline(data.threshold, **style.THRESHOLD)
-    style.name_rows(ax, candidates.candidate.values.tolist())
+    ax.axvline(data.threshold.item(), **style.THRESHOLD)
+    style.name_rows(ax, data.candidate.values.tolist())
     if data.logarithmic:
         ax.set(xscale="log", xlim=(data.low, data.high * (data.high / data.low) ** 0.2))
         style.logarithmic_ticks(ax.xaxis, data.low, data.high)
@@ -99,15 +98,12 @@ def forecast(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
     """
     ax = style.axes(ax)
     data = detectability_data(tree)
-    note: dict[str, Any] = {"va": "center", "fontsize": 6}
-    for row in range(data.sizes["candidate"]):
-        start, final, identified = (
-            data[name].values[row].item() for name in ("start", "final", "identified")
-        )
+    sizes = data[["start", "final", "identified"]].to_dataarray().values
+    for row, (start, final, identified) in enumerate(sizes.T.tolist()):
         if not np.any(np.isfinite([start, final])):
-            ax.text(0.01, row, "not testable", transform=ax.get_yaxis_transform(), **note)
+            ax.text(0.01, row, "not testable", transform=ax.get_yaxis_transform(), va="center", fontsize=6)
         elif np.isnan(final) and data.in_final.values[row]:
-            ax.annotate("start model only", (start, row), (5, 0), textcoords="offset points", **note)
+            ax.annotate("start model only", (start, row), (5, 0), fontsize=6, **style.BESIDE)
         ax.plot([start, final], [row, row], "-", color="0.6", linewidth=0.7)
         for value, look in zip((start, final, identified), style.DETECTABLE_MARKS.values(), strict=True):
             if look is not style.DETECTABLE_MARKS["identified"] or np.isfinite(value):
@@ -115,7 +111,7 @@ def forecast(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
     _families(ax, data.family.values.tolist())
     style.name_rows(ax, data.candidate.values.tolist())
     ax.set_xlabel("coefficient of five standard errors (in the candidate's unit)")
-    if np.isfinite(np.concatenate([data[name].values for name in ("start", "final", "identified")])).any():
+    if np.isfinite(sizes).any():
         ax.set_xscale("log")
     ax.tick_params(axis="y", labelsize=6)
     ax.grid(axis="x", color="0.9", linewidth=0.5)
@@ -130,6 +126,6 @@ def _families(ax: Axes, families: list[str]) -> None:
         rows = [row for row, name in enumerate(families) if name == family]
         if at % 2 == 0:
             ax.axhspan(rows[0] - 0.5, rows[-1] + 0.5, color="0.96", zorder=0)
-        place = 1.01, 0.5 * (rows[0] + rows[-1])
-        beside: dict[str, Any] = {"transform": ax.get_yaxis_transform(), "va": "center"}
-        ax.text(*place, family or "other", color="0.3", fontsize=7, **beside)
+        look: dict[str, Any] = {"color": "0.3", "fontsize": 7, "va": "center"}
+        middle = 0.5 * (rows[0] + rows[-1])
+        ax.text(1.01, middle, family or "other", transform=ax.get_yaxis_transform(), **look)

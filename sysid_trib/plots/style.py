@@ -8,7 +8,6 @@ from matplotlib.axis import XAxis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator, NullLocator
-from numpy.typing import ArrayLike
 
 Style = Mapping[str, Any]
 
@@ -42,6 +41,8 @@ DETECTABLE_MARKS: dict[str, dict[str, Any]] = {
 }
 OPEN_MARKS: dict[str, Any] = {"markerfacecolor": "none", "markersize": 3.5, "markeredgewidth": 0.7}
 BAR_WIDTH = 0.6
+# A text beside the point that it annotates.
+BESIDE: dict[str, Any] = {"textcoords": "offset points", "va": "center"}
 THRESHOLD: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": "--"}
 # Over so many times the smallest number there is room for powers of ten alone.
 CROWDED = 100.0
@@ -62,12 +63,6 @@ def line(series: Style) -> dict[str, Any]:
 def mark(series: Style) -> dict[str, Any]:
     """Open marks of a series."""
     return {"color": series["color"], "marker": series["marker"], **OPEN_MARKS}
-
-
-def half_periods(ax: Axes, x: ArrayLike, y: ArrayLike, error: ArrayLike) -> None:
-    """Half periods of a record with their errors, named above the panel."""
-    points = ax.errorbar(x, y, error, fmt="o", color="0.5", linewidth=BAR_WIDTH, **OPEN_MARKS)
-    ax.legend([points], ["half periods of the record"], **LEGEND)
 
 
 def in_latex(symbol: str) -> str:

@@ -26,8 +26,11 @@ ANGLE_UNITS = {
     **dict.fromkeys(("deg", "degree", "degrees", "°", "dps"), _DEGREE),
 }
 LENGTH_UNITS = {"m": 1.0, "metre": 1.0, "meter": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
-# Units that an error names, by option.
-OFFERED = {"units": "rad, deg, mrad, m or mm", "time_units": "s, ms, us or min"}
+# By option: factor to SI of each unit, the unit where none is stated, and those that errors name.
+UNITS = {
+    "units": (ANGLE_UNITS | LENGTH_UNITS, "rad", "rad, deg, mrad, m or mm"),
+    "time_units": (TIME_UNITS, "s", "s, ms, us or min"),
+}
 _RATE = re.compile(
     r"(?:^|[\s\[({_/])(dps|(?:m?rad(?:ians?)?|deg(?:rees?)?|°|[cmuµ]?m)"
     r"(?:\s*[/*·]\s*|[\s_]+|[\s_]*per[\s_]*)s(?:ec|econds?)?(?:\^?-1|⁻¹)?)\s*[\])}]?$"
@@ -150,17 +153,12 @@ def refuse_rate(table: FileTable, name: str, source: str) -> None:
             )
 
 
-def unit_factor(
-    table: FileTable,
-    name: str,
-    *,
-    wanted: str | None,
-    option: str,
-    known: dict[str, float],
-    default: str,
-    source: str,
-) -> tuple[float, str]:
-    """Factor to SI and the unit of a column: as the option says, as the file says, or the default.
+def si_numbers(
+    table: FileTable, name: str, source: str, *, option: str, wanted: str | None
+) -> tuple[Array, str]:
+    """The finite numbers of a column in SI units, and the unit that they have in the file.
+
+    The unit is as the option says, as the file says, or the default. Dates become seconds since the first.
 
     Parameters
     ----------
@@ -168,63 +166,46 @@ def unit_factor(
         What the file holds.
     name : str
         Name of the column.
-    wanted : str, optional
-        The unit that the option gives.
-    option : str
-        Name of the option in Python, for messages.
-    known : dict of str to float
-        Factor to SI of each unit.
-    default : str
-        Unit where neither says one.
     source : str
         Name of the file, for messages.
+    option : {"units", "time_units"}
+        Name of the option that gives the unit, in Python.
+    wanted : str, optional
+        The unit that it gives.
 
     Raises
     ------
     UsageError
         The option contradicts the header.
     RecordError
-        The unit is unknown.
+        The unit is unknown. Text, a missing or an infinite value; the message says in which row (from 1,
+        below the header).
     """
+    known, default, offered = UNITS[option]
+    flag = f"--{option.replace('_', '-')}"
     dated = np.asarray(table.columns[name]).dtype.kind == "M"
     stated = plain_unit(table.units.get(name, "")) or split_header(name)[1]
     if wanted and stated in known and not dated and not _same(stated, wanted, known):
         raise UsageError(
-            f"{source}: the header of column {name} says {stated}, but --{option.replace('_', '-')} says "
-            f"{wanted} ({option}= in Python); leave the option out or correct the header."
+            f"{source}: the header of column {name} says {stated}, but {flag} says {wanted} ({option}= in "
+            "Python); leave the option out or correct the header."
         )
     unit = wanted or stated
     if unit in ("", "1", "none", "-") or (not wanted and dated):
         unit = default
     if unit not in known:
         raise RecordError(
-            f"{source}: the unit {unit!r} of column {name} is unknown; "
-            f"give --{option.replace('_', '-')} ({option}= in Python): {OFFERED[option]}."
+            f"{source}: the unit {unit!r} of column {name} is unknown; give {flag} ({option}= in Python): "
+            f"{offered}."
         )
-    return known[unit], unit
+    return _numbers(table, name, source) * known[unit], unit
 
 
 def _same(first: str, other: str, known: dict[str, float]) -> bool:
     return known[first] == known[other] and (first in LENGTH_UNITS) == (other in LENGTH_UNITS)
 
 
-def numbers(table: FileTable, name: str, source: str) -> Array:
-    """The finite numbers of a column; dates become seconds since the first.
-
-    Parameters
-    ----------
-    table : FileTable
-        What the file holds.
-    name : str
-        Name of the column.
-    source : str
-        Name of the file, for messages.
-
-    Raises
-    ------
-    RecordError
-        Text, a missing or an infinite value; the message says in which row (from 1, below the header).
-    """
+def _numbers(table: FileTable, name: str, source: str) -> Array:
     values = np.asarray(table.columns[name])
     if values.dtype == object and all(isinstance(value, datetime) for value in values):
         values = values.astype("datetime64[us]")

@@ -12,16 +12,7 @@ from scipy.interpolate import CubicSpline
 from sysid_trib.arrays import Array
 from sysid_trib.decays.equilibrium import find_swing
 from sysid_trib.errors import RecordError, UsageError
-from sysid_trib.records.columns import (
-    ANGLE_UNITS,
-    LENGTH_UNITS,
-    OFFERED,
-    TIME_UNITS,
-    choose_columns,
-    numbers,
-    refuse_rate,
-    unit_factor,
-)
+from sysid_trib.records.columns import LENGTH_UNITS, UNITS, choose_columns, refuse_rate, si_numbers
 from sysid_trib.records.tables import read_table
 
 LARGEST_AMPLITUDE = 4.0 * np.pi
@@ -80,28 +71,10 @@ def read_record(
     )
     if signal == "angle":
         refuse_rate(table, angle_name, source)
-    factor, unit = unit_factor(
-        table,
-        angle_name,
-        wanted=units,
-        option="units",
-        known=ANGLE_UNITS | LENGTH_UNITS,
-        default="rad",
-        source=source,
-    )
-    values = _scaled(numbers(table, angle_name, source), factor)
+    values, unit = si_numbers(table, angle_name, source, option="units", wanted=units)
     time_unit = "s"
     if time_name is not None:
-        second, time_unit = unit_factor(
-            table,
-            time_name,
-            wanted=time_units,
-            option="time_units",
-            known=TIME_UNITS,
-            default="s",
-            source=source,
-        )
-        instants = _scaled(numbers(table, time_name, source), second)
+        instants, time_unit = si_numbers(table, time_name, source, option="time_units", wanted=time_units)
     elif sampling_rate is not None:
         instants = np.arange(values.size) / sampling_rate
     else:
@@ -119,19 +92,15 @@ def read_record(
     return _record(instants, values, "m" if unit in LENGTH_UNITS else "rad", attrs)
 
 
-def _scaled(values: Array, factor: float) -> Array:
-    return values if factor == 1.0 else values * factor
-
-
 def _check_options(
     signal: str, units: str | None, sampling_rate: float | None, time_units: str | None
 ) -> None:
     if signal not in ("angle", "rate"):
         raise UsageError(f"signal {signal!r} is unknown: give angle or rate.")
-    if units is not None and units not in ANGLE_UNITS | LENGTH_UNITS:
-        raise UsageError(f"units {units!r} are unknown: give {OFFERED['units']}.")
-    if time_units is not None and time_units not in TIME_UNITS:
-        raise UsageError(f"time units {time_units!r} are unknown: give {OFFERED['time_units']}.")
+    for option, wanted in (("units", units), ("time_units", time_units)):
+        known, _, offered = UNITS[option]
+        if wanted is not None and wanted not in known:
+            raise UsageError(f"{option.replace('_', ' ')} {wanted!r} are unknown: give {offered}.")
     if sampling_rate is not None and not 1e-9 <= sampling_rate <= 1e9:
         raise UsageError(f"sampling rate {sampling_rate:g}: give a positive number of samples a second.")
 

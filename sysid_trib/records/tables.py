@@ -79,30 +79,29 @@ def read_table(path: Path) -> FileTable:
 def _reader(head: bytes, path: Path) -> Callable[[Path], FileTable]:
     if head.startswith(b"\x89HDF") or head.startswith(b"MATLAB 7.3") or head[512:516] == b"\x89HDF":
         return _read_netcdf if path.suffix in (".nc", ".nc4", ".cdf") else _read_hdf5
-    if head.startswith(b"MATLAB 5.0"):
-        return _read_matlab
-    if head.startswith(b"CDF"):
-        return _read_netcdf
-    if head.startswith(b"PK"):
-        return _read_excel
-    if head.startswith(b"PAR1"):
-        return _read_parquet
-    if head.startswith(b"TDSm"):
-        return _read_tdms
+    readers = {
+        b"MATLAB 5.0": _read_matlab,
+        b"CDF": _read_netcdf,
+        b"PK": _read_excel,
+        b"PAR1": _read_parquet,
+        b"TDSm": _read_tdms,
+    }
+    for start, reader in readers.items():
+        if head.startswith(start):
+            return reader
     if path.suffix == ".mat" and b"\0" in head:
         return _read_matlab
     return _read_text
 
 
 def _read_text(path: Path) -> FileTable:
-    frame, names = read_text(path)
-    numbered = [str(index) for index in range(frame.shape[1])]
-    return _from_frame(frame, names or numbered)
+    return _from_frame(*read_text(path))
 
 
-def _from_frame(frame: pd.DataFrame, names: list[str]) -> FileTable:
+def _from_frame(frame: pd.DataFrame, names: list[str] | None) -> FileTable:
+    """Columns by their names, or else by number from 0."""
     columns: ColumnValues = {}
-    for index, name in zip(range(frame.shape[1]), names, strict=False):
+    for index, name in zip(range(frame.shape[1]), names or map(str, range(frame.shape[1])), strict=False):
         columns[name if name and name not in columns else f"{name}#{index}"] = frame.iloc[:, index].to_numpy()
     return FileTable(columns)
 
@@ -117,15 +116,13 @@ def _read_excel(path: Path) -> FileTable:
     start = int(full[0] if full.size else some[0])
     while start > 0 and numbers.iloc[start - 1].any():
         start -= 1
-    names = (
-        [str(cell) for cell in sheet.iloc[start - 1]] if start else [str(i) for i in range(sheet.shape[1])]
-    )
+    names = [str(cell) for cell in sheet.iloc[start - 1]] if start else None
     return _from_frame(sheet.iloc[start:], names)
 
 
 def _read_parquet(path: Path) -> FileTable:
     frame = pd.read_parquet(path).reset_index(drop=True)
-    return _from_frame(frame, [str(name) for name in frame.columns])
+    return _from_frame(frame, list(map(str, frame.columns)))
 
 
 def _read_netcdf(path: Path) -> FileTable:

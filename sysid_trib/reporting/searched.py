@@ -8,7 +8,7 @@ from bokeh import plotting
 from bokeh.models import ColorBar, LinearColorMapper, Range1d
 from bokeh.palettes import RdBu11, interp_palette
 
-from sysid_trib.plots.discovery_data import RankingData, detectability_data, missing_force, rankings_data
+from sysid_trib.plots.discovery_data import detectability_data, missing_force, rankings_data
 from sysid_trib.plots.style import CANDIDATE_MARKS, DETECTABLE_MARKS, GREY
 from sysid_trib.reporting import drawing
 from sysid_trib.reporting.parts import Panel
@@ -48,8 +48,8 @@ def _map(tree: xr.DataTree, after: bool) -> plotting.figure:
     return made
 
 
-def _ranking(data: RankingData) -> plotting.figure:
-    rows, log = data.candidates.candidate.values.tolist(), "x" if data.logarithmic else ""
+def _ranking(data: xr.Dataset) -> plotting.figure:
+    rows, log = data.candidate.values.tolist(), "x" if data.logarithmic else ""
     made = drawing.list_panel(f"score |z| {data.title}", rows, log=log)
     if data.logarithmic:
         drawing.log_axis(made, data.low, 1.2 * data.high)
@@ -57,14 +57,14 @@ def _ranking(data: RankingData) -> plotting.figure:
         made.x_range.update(start=0.0, end=1.2 * data.high)
     tooltips = [("@y", "@name"), ("z", "@z{%.4g}"), ("corrected p", "@p{%.2g}"), ("shapes", "@shapes")]
     for kind, style in CANDIDATE_MARKS.items():
-        shown = data.candidates.isel(candidate=data.candidates.kind.values == kind)
+        shown = data.isel(candidate=data.kind.values == kind)
         if shown.sizes["candidate"]:
             symbols, size = shown.candidate.values.tolist(), shown["size"].values
             made.segment([data.low] * len(size), symbols, size, symbols, color=style["color"])
             columns = {"x": size, "y": symbols, "z": shown.z.values, "p": shown.p_value.values}
             columns |= {"name": shown["name"].values, "shapes": shown.shapes.values}
             drawing.tell(made, [drawing.marks(made, columns, style, size=8)], tooltips)
-    drawing.threshold(made, data.threshold)
+    drawing.threshold(made, data.threshold.item())
     return made
 
 
@@ -84,7 +84,7 @@ def detectability_panel(tree: xr.DataTree) -> Panel:
         columns |= {text: shown[text].values for text in ("name", "family", "formula")}
         drawn = drawing.marks(made, columns, DETECTABLE_MARKS[label], size=size)
         drawing.tell(made, [drawn], [("@y", "@x{%.4g}")] if name == "identified" else detectable)
-    sizes = np.concatenate([data[name].values for name in ("start", "final", "identified")])
+    sizes = data[["start", "final", "identified"]].to_dataarray().values
     if np.isfinite(sizes).any():
         drawing.log_axis(made, 0.5 * np.nanmin(sizes), 2.0 * np.nanmax(sizes))
     return Panel(made)
