@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cache, partial
 
 import numpy as np
 import xarray as xr
@@ -11,7 +12,6 @@ from scipy.optimize import bisect, brentq
 from sysid_trib.arrays import Array
 from sysid_trib.averaging.signatures import averages
 from sysid_trib.errors import LibraryError
-from sysid_trib.forces.force import Force
 from sysid_trib.physics.force_weights import peak
 from sysid_trib.physics.model_estimate import ModelEstimate, model_estimate
 from sysid_trib.results.variables import text_variable, variable, with_error
@@ -57,14 +57,16 @@ def crossovers(result: xr.Dataset) -> xr.Dataset:
     2 lambda/(pi zeta), by peak force the last is nu/epsilon.
     """
     estimate = model_estimate(result)
-    tables, pairs, rows = _WeightTables(estimate), [], []
+    tabulated = cache(partial(_weight, estimate))
+    pairs, rows = [], []
     for acts_on, characters in ACTS_ON.items():
         group = [i for i, force in enumerate(estimate.forces) if force.character in characters]
         for pair in itertools.combinations(group, 2):
             pairs.append((*(estimate.symbols[i] for i in pair), acts_on))
-            rows.append(
-                [_crossing(estimate, pair, [tables(i, acts_on, rule) for i in pair]) for rule in RULES]
-            )
+            for rule in RULES:
+                # The peak force is the same in both groups.
+                tables = [tabulated(i, acts_on if rule == "averaged" else "", rule) for i in pair]
+                rows.append(_crossing(estimate, pair, tables))
     table = np.array(rows, dtype=float).reshape(-1, len(RULES), 4)
     both = ("pair", "rule")
     meaning = "amplitude at which two forces weigh the same"
@@ -79,39 +81,27 @@ def crossovers(result: xr.Dataset) -> xr.Dataset:
     return xr.Dataset(data, coords | {"rule": list(RULES)}, estimate.provenance)
 
 
-class _WeightTables:
-    """Weight of each force with coefficient 1 as a function of amplitude, tabulated once."""
+def _weight(estimate: ModelEstimate, i: int, acts_on: str, rule: str) -> tuple[Weight, Array]:
+    """Weight of a force with coefficient 1 as a function of amplitude, and on the grid."""
+    force, shapes = estimate.forces[i], estimate.shapes
 
-    def __init__(self, estimate: ModelEstimate) -> None:
-        self.estimate = estimate
-        self.grid = np.geomspace(LOWEST, HIGHEST, GRID)
-        self.tables: dict[tuple[int, str, str], tuple[Weight, Array]] = {}
+    def weight(a: Array) -> Array:
+        if rule == "peak force":
+            return peak(force, a, shapes)
+        return averages(force, a, shapes)[0 if acts_on == "envelope" else 1]
 
-    def __call__(self, i: int, acts_on: str, rule: str) -> tuple[Weight, Array]:
-        key = (i, acts_on if rule == "averaged" else "", rule)
-        if key not in self.tables:
-            weight = self._weight(self.estimate.forces[i], acts_on, rule)
-            self.tables[key] = weight, weight(self.grid)
-        return self.tables[key]
+    def where_finite(a: Array) -> Array:
+        try:
+            return weight(a)
+        except LibraryError:
+            finite = np.full(a.size, np.nan)
+        # A limit of a formula: larger amplitudes are none of this force.
+        with suppress(LibraryError):
+            for at in range(a.size if a.size > 1 else 0):
+                finite[at] = weight(a[at : at + 1])[0]
+        return finite
 
-    def _weight(self, force: Force, acts_on: str, rule: str) -> Weight:
-        def weight(a: Array) -> Array:
-            if rule == "peak force":
-                return peak(force, a, self.estimate.shapes)
-            return averages(force, a, self.estimate.shapes)[0 if acts_on == "envelope" else 1]
-
-        def where_finite(a: Array) -> Array:
-            try:
-                return weight(a)
-            except LibraryError:
-                finite = np.full(a.size, np.nan)
-            # A limit of a formula: larger amplitudes are none of this force.
-            with suppress(LibraryError):
-                for i in range(a.size if a.size > 1 else 0):
-                    finite[i] = weight(a[i : i + 1])[0]
-            return finite
-
-        return where_finite
+    return where_finite, where_finite(np.geomspace(LOWEST, HIGHEST, GRID))
 
 
 def _crossing(

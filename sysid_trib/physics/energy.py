@@ -111,7 +111,10 @@ def arrest_time(result: xr.Dataset, amplitude: float) -> xr.Dataset:
     start = float(amplitude_row(amplitude)[0])
 
     def arrest(values: Array) -> float:
-        return _averaged_arrest(estimate, values, start)
+        try:
+            return float(predict_envelope(estimate.model(values), [0.0], start).arrest_time)
+        except SimulationError:
+            return np.nan
 
     end, error = arrest(estimate.values), np.nan
     if np.isfinite(end):
@@ -121,13 +124,6 @@ def arrest_time(result: xr.Dataset, amplitude: float) -> xr.Dataset:
     data["stop_time"] = variable((), stop, "stop of the exact motion", "s")
     at = variable((), start, "amplitude at the start", "rad")
     return xr.Dataset(data, {"amplitude": at}, estimate.provenance)
-
-
-def _averaged_arrest(estimate: ModelEstimate, values: Array, start: float) -> float:
-    try:
-        return float(predict_envelope(estimate.model(values), [0.0], start).arrest_time)
-    except SimulationError:
-        return np.nan
 
 
 def _exact_stop(estimate: ModelEstimate, start: float, averaged: float) -> float:

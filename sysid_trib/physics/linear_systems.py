@@ -69,8 +69,7 @@ def to_nonlinear_system(
     gain = _gain(inertia)
 
     def update(t: float, state: Any, inputs: Any, params: Mapping[str, float]) -> Array:
-        coefficients = {f.symbol: params[f.symbol] for f in forces}
-        rates = _field(given, coefficients, state, t)
+        rates = _field(given, params, state, t)
         rates[1] += gain * np.atleast_1d(inputs)[0]
         return rates
 

@@ -7,18 +7,10 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sysid_trib.plots.comparison_data import (
-    ASYMPTOTIC,
-    FAMILY_MARKS,
-    OTHER_FAMILY,
-    PREDICTION,
-    ComparisonData,
-    comparison_data,
-)
+from sysid_trib.plots.comparison_data import ASYMPTOTIC, PREDICTION, ComparisonData, comparison_data
 from sysid_trib.plots.style import axes, grid, legend_marks, letter, name_rows
 from sysid_trib.results.schema import library_of
 
-FAMILY_LABELS = {OTHER_FAMILY: "decrements and others"}
 # Height of a panel (inch): without methods, and of a method.
 PANEL_HEIGHT, METHOD_HEIGHT = 0.75, 0.16
 
@@ -45,9 +37,9 @@ def comparison(tree: xr.DataTree) -> Figure:
     for at, panel in enumerate(panels):
         # Names stand once a row; the rows share them.
         panel.tick_params(labelleft=at % across == 0)
-    shown = {FAMILY_LABELS.get(k, k): style for k, style in FAMILY_MARKS.items() if k in data.families}
-    handles = legend_marks(shown)
-    figure.legend(handles=handles, ncols=6, loc="outside upper center", frameon=False, fontsize=7)
+    figure.legend(
+        handles=legend_marks(data.legend), ncols=6, loc="outside upper center", frameon=False, fontsize=7
+    )
     return figure
 
 

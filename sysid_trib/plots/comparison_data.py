@@ -19,6 +19,7 @@ FAMILY_MARKS: dict[str, dict[str, Any]] = {
     "averaging": {"color": ORANGE, "marker": "o"},
     OTHER_FAMILY: {"color": INK, "marker": "^"},
 }
+FAMILY_LABELS = {OTHER_FAMILY: "decrements and others"}
 ASYMPTOTIC = "asymptotic_frequency"
 PREDICTION = {"train_over_noise": "first two thirds", "holdout_over_noise": "held-out third"}
 # A method farther from the best than this many times the usual distance is an arrow at the edge.
@@ -35,13 +36,13 @@ class ComparisonData:
         The group `comparison` of these methods.
     marks : mapping of str to style
         Mark of each method: that of its family, open for all but the first of the family.
-    families : frozenset of str
-        Families of the methods, keys of `FAMILY_MARKS`.
+    legend : mapping of str to style
+        Mark of each of their families, by its name in a legend.
     """
 
     table: xr.Dataset
     marks: Mapping[str, Style]
-    families: frozenset[str]
+    legend: Mapping[str, Style]
 
     @property
     def quantities(self) -> list[str]:
@@ -101,7 +102,8 @@ def comparison_data(tree: xr.DataTree) -> ComparisonData:
         face = {"markerfacecolor": "white"} if family in before - {OTHER_FAMILY} else {}
         marks[method] = FAMILY_MARKS[family] | face
         before.add(family)
-    return ComparisonData(table, marks, frozenset(before))
+    legend = {FAMILY_LABELS.get(k, k): style for k, style in FAMILY_MARKS.items() if k in before}
+    return ComparisonData(table, marks, legend)
 
 
 def _limits(value: Array, error: Array, best: int) -> tuple[float, float]:

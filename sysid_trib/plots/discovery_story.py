@@ -52,7 +52,7 @@ def _explained(ax: Axes, tree: xr.DataTree) -> None:
     residuals = [residual_of(tree, "before"), *(step.residual_after.item() for step in steps)]
     ratios = [residual / noise_of(tree) for residual in residuals]
     texts = [f"{step['name'].item()}, {step.symbol.item()} = {coefficient_text(step)}" for step in steps]
-    note = style.BESIDE | {"fontsize": 8, "annotation_clip": False}
+    note = style.BESIDE_POINT | {"fontsize": 8, "annotation_clip": False}
     for row, (ratio, text) in enumerate(zip(ratios, ["", *texts], strict=True)):
         look = style.CANDIDATE_MARKS["named"] if row else style.DETECTABLE_MARKS["start model"]
         ax.plot([1.0, ratio], [row, row], color=look["color"], linewidth=0.8)

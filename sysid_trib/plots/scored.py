@@ -58,7 +58,7 @@ def _ranking(ax: Axes, data: xr.Dataset) -> Axes:
         ax.plot([size], [row], linestyle="", **look)
         # Three digits, and no power of ten as long as there is room without.
         digits = f"{float(f'{size:.3g}'):g}"
-        text = ax.annotate(digits, (size, row), (5, 0), fontsize=6, **style.BESIDE)
+        text = ax.annotate(digits, (size, row), (5, 0), fontsize=6, **style.BESIDE_POINT)
         text.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.4})
     ax.axvline(data.threshold.item(), **style.THRESHOLD)
     style.name_rows(ax, data.candidate.values.tolist())
@@ -103,7 +103,7 @@ def forecast(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
         if not np.any(np.isfinite([start, final])):
             ax.text(0.01, row, "not testable", transform=ax.get_yaxis_transform(), va="center", fontsize=6)
         elif np.isnan(final) and data.in_final.values[row]:
-            ax.annotate("start model only", (start, row), (5, 0), fontsize=6, **style.BESIDE)
+            ax.annotate("start model only", (start, row), (5, 0), fontsize=6, **style.BESIDE_POINT)
         ax.plot([start, final], [row, row], "-", color="0.6", linewidth=0.7)
         for value, look in zip((start, final, identified), style.DETECTABLE_MARKS.values(), strict=True):
             if look is not style.DETECTABLE_MARKS["identified"] or np.isfinite(value):

@@ -42,7 +42,7 @@ DETECTABLE_MARKS: dict[str, dict[str, Any]] = {
 OPEN_MARKS: dict[str, Any] = {"markerfacecolor": "none", "markersize": 3.5, "markeredgewidth": 0.7}
 BAR_WIDTH = 0.6
 # A text beside the point that it annotates.
-BESIDE: dict[str, Any] = {"textcoords": "offset points", "va": "center"}
+BESIDE_POINT: dict[str, Any] = {"textcoords": "offset points", "va": "center"}
 THRESHOLD: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": "--"}
 # Over so many times the smallest number there is room for powers of ten alone.
 CROWDED = 100.0

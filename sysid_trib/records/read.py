@@ -193,11 +193,10 @@ def scale_translation(record: xr.Dataset, mass: float, natural_frequency: float,
             raise UsageError(f"{name} of {value}: give a positive number.")
     factor = mass * natural_frequency**2 / load
     scaled = record.copy()
-    scaled["angle"] = (record["angle"] * factor).assign_attrs(units="rad", long_name="scaled position")
-    if "rate" in record:
-        scaled["rate"] = (record["rate"] * factor).assign_attrs(
-            units="rad/s", long_name="scaled rate as measured"
-        )
+    meanings = {"angle": ("rad", "scaled position"), "rate": ("rad/s", "scaled rate as measured")}
+    for name, (unit, meaning) in meanings.items():
+        if name in record:
+            scaled[name] = (record[name] * factor).assign_attrs(units=unit, long_name=meaning)
     scaled.attrs = record.attrs | {
         "translation": f"angle = m w0^2 x / P with m = {mass:g} kg, w0 = {natural_frequency:g} rad/s, "
         f"P = {load:g} N",

@@ -15,7 +15,6 @@ from matplotlib.figure import Figure
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.reporting import contents, provenance, reproducing
 from sysid_trib.results.files import write_file
-from sysid_trib.results.per_run import record_groups
 
 PAPER_DPI = 170
 
@@ -74,11 +73,9 @@ def _rendered(tree: xr.DataTree) -> str:
     environment = Environment(
         loader=PackageLoader("sysid_trib", "reporting"), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
-    groups = [group for group in record_groups(tree) if group in tree.children]
     return environment.get_template("page.html").render(
         title=kind.title,
-        records=[tree[group].attrs for group in groups]
-        or [{"source": "; ".join(tree.attrs.get("record_source", []))}],
+        records=provenance.kept_records(tree) or [{"source": "; ".join(tree.attrs.get("record_source", []))}],
         summary=kind.summary(tree),
         sections=sections,
         divs=divs,

@@ -24,11 +24,16 @@ LIBRARY = ("library_title", "library_source")
 ELSEWHERE = ("method", "options", "library", "candidates", "command", "verdict")
 
 
+def kept_records(tree: xr.DataTree) -> list[Mapping[Any, Any]]:
+    """Attributes of the records that a result keeps, in the order of the runs."""
+    return [tree[group].attrs for group in record_groups(tree) if group in tree.children]
+
+
 def facts(tree: xr.DataTree) -> list[tuple[str, str]]:
     """What is known of the result and its records, as terms and texts."""
     first = next(iter(identifications(tree).values())).attrs
     general: dict[Any, Any] = {key: first[key] for key in ("sysid_trib_version", *LIBRARY)}
-    records = [tree[group].attrs for group in record_groups(tree) if group in tree.children]
+    records = kept_records(tree)
     # A result that keeps no record still names it.
     kept = ("record_source", "record_checksum") if records else ()
     general |= {k: v for k, v in tree.attrs.items() if k not in (*general, *kept, *ELSEWHERE)}

@@ -98,10 +98,15 @@ def _cross_check(tree: xr.DataTree) -> list[str]:
 
 
 def _alpha(result: xr.Dataset, name: str) -> list[str]:
+    numbers = _contactless(result)
+    return [f"{name} = st.with_contactless_frequency({name}, {numbers})"] if numbers else []
+
+
+def _contactless(result: xr.Dataset) -> str:
+    """The frequency without contact and its error as arguments; empty where it is unknown."""
     if "omega0" not in result:
-        return []
-    numbers = f"{result.omega0.item()!r}, {result.omega0_standard_error.item()!r}"
-    return [f"{name} = st.with_contactless_frequency({name}, {numbers})"]
+        return ""
+    return f"{result.omega0.item()!r}, {result.omega0_standard_error.item()!r}"
 
 
 def _compare(tree: xr.DataTree) -> list[str]:
@@ -109,9 +114,7 @@ def _compare(tree: xr.DataTree) -> list[str]:
     first = next(iter(named.values()))
     lines = [_library(first.attrs), "methods = {"]
     lines += [f"    {json.dumps(name)}: {_method(result)}," for name, result in named.items()]
-    contactless = ""
-    if "omega0" in first:
-        contactless = f", contactless=({first.omega0.item()!r}, {first.omega0_standard_error.item()!r})"
+    contactless = f", contactless=({numbers})" if (numbers := _contactless(first)) else ""
     return [*lines, "}", f"tree = st.compare(decay, library, methods{contactless})"]
 
 

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any
 
 import numpy as np
@@ -106,18 +106,13 @@ def identification(
         **_shape_variables(method, library),
     }
     for name, (values, units, long_name) in {**run_noise(estimate.noises), **estimate.extra}.items():
-        dims, numbers = _per_run(values)
-        variables[name] = variable(dims, numbers, long_name, units)
+        # A scalar, also if there is but one run.
+        numbers = np.squeeze(np.asarray(values, dtype=float))
+        variables[name] = variable(("run",) * numbers.ndim, numbers, long_name, units)
     symbols = list(library.symbols)
     coords = {"force": symbols, "other_force": symbols} | force_labels(library.forces)
     # All at once: xarray takes a quarter of a millisecond for each on its own.
     return xr.Dataset(variables, coords, provenance(method, decay, offered))
-
-
-def _per_run(values: ArrayLike) -> tuple[tuple[str, ...], Any]:
-    """Dimensions and values: a scalar, also if there is but one run."""
-    numbers = np.asarray(values, dtype=float)
-    return ((), float(numbers.item())) if numbers.size == 1 else (("run",), numbers)
 
 
 def force_labels(forces: Sequence[Force]) -> dict[str, Variable]:
@@ -156,11 +151,8 @@ def _root(variance: Any) -> float:
 def provenance(method: Any, decay: Decays, library: ForceLibrary) -> dict[str, Any]:
     """How a result came about: package version, method and options, library text, record(s)."""
     runs = as_runs(decay)
-    options = (
-        {f.name: getattr(method, f.name) for f in fields(method)}
-        if hasattr(method, "__dataclass_fields__")
-        else {}
-    )
+    names = [f.name for f in fields(method)] if is_dataclass(method) else []
+    options = {name: getattr(method, name) for name in names}
     return {
         "method": type(method).__name__.lower(),
         "options": json.dumps(options, default=lambda value: {NOT_KEPT: str(value)}),
