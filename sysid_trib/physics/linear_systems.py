@@ -163,16 +163,15 @@ def damp(model: Model | xr.Dataset, amplitude: float | None = None) -> xr.Datase
         order = np.lexsort((poles.imag, np.round(natural / of.reference_frequency, 9)))
         return np.stack([natural, ratio, poles.real, poles.imag])[:, order]
 
-    values, errors = modes(_model(model)), None
-    if isinstance(model, xr.Dataset):
-        estimate = model_estimate(model)
-        values, errors = propagate(lambda z: modes(estimate.model(z)), estimate.values, estimate.covariance)
+    if isinstance(model, Model):
+        return xr.Dataset(
+            {name: variable("pole", v, *POLE[name]) for name, v in zip(POLE, modes(model), strict=True)}
+        )
+    estimate = model_estimate(model)
+    values, errors = propagate(lambda z: modes(estimate.model(z)), estimate.values, estimate.covariance)
     data: Variables = {}
-    for i, (name, (long_name, units)) in enumerate(POLE.items()):
-        if errors is None:
-            data[name] = variable("pole", values[i], long_name, units)
-        else:
-            data |= with_error(name, "pole", (values[i], errors[i]), long_name, units)
+    for value, error, (name, meaning) in zip(values, errors, POLE.items(), strict=True):
+        data |= with_error(name, "pole", (value, error), *meaning)
     return xr.Dataset(data)
 
 

@@ -138,12 +138,11 @@ def _factor(force: Force) -> float:
 
 
 def _unit(force: Force) -> str:
-    speed, whole = force.speed_degree or 0.0, 0.0
-    if _is_monomial(force):
-        whole = force.degree or 0.0
+    speed = force.speed_degree or 0.0
+    whole = (force.degree or 0.0) if _is_monomial(force) else 0.0
     # A coefficient of a force that drifts has its own unit of time.
     drift = 0.0 if force.units == "1" else -float(force.units[1:])
-    powers = (("s", speed - drift), ("rad", -whole if _is_monomial(force) else 0.0))
+    powers = (("s", speed - drift), ("rad", -whole))
     return "N m" + "".join(f" {name}{p:g}" if p != 1 else f" {name}" for name, p in powers if p)
 
 

@@ -1,6 +1,7 @@
 """A record and the motions of its models as numbers to draw, the same on paper and on a page."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -68,10 +69,8 @@ class MotionData:
         motions = {"record": self.angle} | {name: self.motion(name) for name in self.lines}
         envelopes = {}
         for name, angle in motions.items():
-            try:
+            with suppress(SysidTribError):
                 envelopes[name] = half_sine_envelope(self.data[["angle"]].assign(angle=("time", angle)))
-            except SysidTribError:
-                continue
         return envelopes
 
     def amplitude_limits(self) -> tuple[float, float]:

@@ -2,7 +2,6 @@
 
 import tomllib
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -130,20 +129,12 @@ def _decimated(tree: xr.DataTree, run: int) -> str:
     return CAPTIONS["decimated"].format(points=MOST_POINTS, samples=samples)
 
 
-@dataclass(frozen=True)
-class PageKind:
-    """What a page of one kind of result says: its title, the result in a few sentences, and its sections."""
-
-    title: str
-    summary: Callable[[xr.DataTree], list[str]]
-    sections: Callable[[xr.DataTree], list[Section]]
-
-
 TITLE = "Forces of a free decay"
 MISSING_TITLE = "What a model lacks to explain a free decay"
-PAGES = {
-    "identify": PageKind(TITLE, lambda _: [], _identified),
-    "cross_check": PageKind(f"{TITLE}, by two methods", identification_sentences, _cross_checked),
-    "compare": PageKind(f"{TITLE}, method by method", comparison_sentences, _compared),
-    "discover": PageKind(MISSING_TITLE, lambda tree: discovery_story(tree)["Verdict"], _discovered),
+# By kind of result: title of its page, the result in a few sentences, and its sections.
+PAGES: dict[str, tuple[str, Callable[[xr.DataTree], list[str]], Callable[[xr.DataTree], list[Section]]]] = {
+    "identify": (TITLE, lambda _: [], _identified),
+    "cross_check": (f"{TITLE}, by two methods", identification_sentences, _cross_checked),
+    "compare": (f"{TITLE}, method by method", comparison_sentences, _compared),
+    "discover": (MISSING_TITLE, lambda tree: discovery_story(tree)["Verdict"], _discovered),
 }

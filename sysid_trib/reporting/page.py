@@ -60,8 +60,8 @@ def page(result: xr.DataTree | xr.Dataset) -> str:
 
 
 def _rendered(tree: xr.DataTree) -> str:
-    kind = contents.PAGES[contents.kind_of(tree)]
-    sections = kind.sections(tree)
+    title, summary, sections_of = contents.PAGES[contents.kind_of(tree)]
+    sections = sections_of(tree)
     panels = {
         f"{at}-{of}-{nth}": panel.figure
         for at, section in enumerate(sections)
@@ -74,9 +74,9 @@ def _rendered(tree: xr.DataTree) -> str:
         loader=PackageLoader("sysid_trib", "reporting"), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
     return environment.get_template("page.html").render(
-        title=kind.title,
+        title=title,
         records=provenance.kept_records(tree) or [{"source": "; ".join(tree.attrs.get("record_source", []))}],
-        summary=kind.summary(tree),
+        summary=summary(tree),
         sections=sections,
         divs=divs,
         on_paper=[
