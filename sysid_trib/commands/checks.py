@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 # No oscillator is outside of this range in rad/s, Hz or s; far beyond it arithmetic overflows.
 LEAST, MOST = 1e-9, 1e9
 PLUS_MINUS = re.compile(r"\s*(?:±|\+/-|\+-)\s*")
-
-
 # Options that say how a record is to be read.
 COLUMNS = ("time", "angle", "signal", "units", "sampling_rate", "time_units")
 

@@ -9,11 +9,7 @@ from sysid_trib.commands.terminal import progress, record_sentences
 
 @with_options
 def compare(
-    *,
-    given: DecayOptions,
-    model: ModelOptions,
-    constraint: ConstraintOptions,
-    destination: Destination,
+    *, given: DecayOptions, model: ModelOptions, constraint: ConstraintOptions, destination: Destination
 ) -> None:
     """Identify the forces of a decay by every method, and test each on a part that it has not seen."""
     from sysid_trib.commands import checks

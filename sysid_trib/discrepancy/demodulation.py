@@ -21,25 +21,17 @@ MOST_SPANS = 24
 EXCEEDS = 4.0
 # A part of the residual counts if it is significant at this level.
 DEPARTURE_LEVEL = 1e-3
+# Terms of the residual: what they are, the harmonic of the motion whose noise they take, and their part.
 DEMODULATED = {
-    "offset": "mean of the residual",
-    "amplitude_error": "record's amplitude minus the model's",
-    "phase_error": "record's phase minus the model's",
-    "second_cosine": "part of the residual with cos 2 phi",
-    "second_sine": "part of the residual with sin 2 phi",
-    "third_cosine": "part of the residual with cos 3 phi",
-    "third_sine": "part of the residual with sin 3 phi",
+    "offset": ("mean of the residual", 0, "offset"),
+    "amplitude_error": ("record's amplitude minus the model's", 1, "amplitude"),
+    "phase_error": ("record's phase minus the model's", 1, "phase"),
+    "second_cosine": ("part of the residual with cos 2 phi", 2, "second harmonic"),
+    "second_sine": ("part of the residual with sin 2 phi", 2, "second harmonic"),
+    "third_cosine": ("part of the residual with cos 3 phi", 3, "third harmonic"),
+    "third_sine": ("part of the residual with sin 3 phi", 3, "third harmonic"),
 }
 SLIP = list(DEMODULATED).index("phase_error")
-# Harmonic of the motion whose noise each term takes.
-WAVE_HARMONICS = np.array([0, 1, 1, 2, 2, 3, 3])
-RESIDUAL_PARTS = {
-    "phase": ("phase_error",),
-    "amplitude": ("amplitude_error",),
-    "offset": ("offset",),
-    "second harmonic": ("second_cosine", "second_sine"),
-    "third harmonic": ("third_cosine", "third_sine"),
-}
 
 
 def demodulate(baseline: Baseline, references: Sequence[ReferenceMotion]) -> xr.Dataset:
@@ -99,8 +91,9 @@ def _demodulated(run: int, reference: ReferenceMotion, residual: Array, noise: N
     periods = np.abs(phase[-1] - phase[0]) / (2.0 * np.pi)
     spans = np.array_split(np.arange(moving), int(max(1, min(MOST_SPANS, periods))))
     step = float(np.median(np.diff(reference.time)))
+    harmonics = np.array([harmonic for _, harmonic, _ in DEMODULATED.values()])
     per_sample = min(1.0, reference.model.reference_frequency * step)
-    _, response = freqz([1.0], noise.filter_, WAVE_HARMONICS * per_sample)
+    _, response = freqz([1.0], noise.filter_, harmonics * per_sample)
     coloured = noise.innovation * np.abs(response)
     fitted = [_fitted(residual[span], phase[span], amplitude[span], coloured) for span in spans]
     values, errors = np.array(fitted).transpose(1, 2, 0)
@@ -116,8 +109,8 @@ def _demodulated(run: int, reference: ReferenceMotion, residual: Array, noise: N
         "rms": variable("span", rms, "RMS residual", "rad"),
         "residual_over_noise": variable("span", ratio, "RMS residual over the noise", "1"),
     }
-    for name, value, error in zip(DEMODULATED, values, errors, strict=True):
-        data |= with_error(name, "span", (value, error), DEMODULATED[name], "rad")
+    for (name, (what, *_)), value, error in zip(DEMODULATED.items(), values, errors, strict=True):
+        data |= with_error(name, "span", (value, error), what, "rad")
     return xr.Dataset(data)
 
 
@@ -152,7 +145,8 @@ def _with_rates(spans: xr.Dataset, frequency: float) -> tuple[xr.Dataset, dict[s
 def _parts(spans: xr.Dataset) -> list[str]:
     """Parts of the residual that noise would not make, and that are not small beside the largest."""
     size = {}
-    for part, names in RESIDUAL_PARTS.items():
+    for part in dict.fromkeys(part for *_, part in DEMODULATED.values()):
+        names = [name for name, (*_, other) in DEMODULATED.items() if other == part]
         values = np.stack([spans[name].values for name in names])
         z = values / np.stack([spans[f"{name}_standard_error"].values for name in names])
         if float(np.sum(z**2)) > chi2.isf(DEPARTURE_LEVEL, z.size):

@@ -164,12 +164,7 @@ def comparison_sentences(tree: xr.DataTree) -> list[str]:
 
 def _explained(table: xr.Dataset, causes: Sequence[str]) -> list[str]:
     """What the verdict and the tables do not say: what predicts as well, the noise, what differs and why."""
-    return [
-        *_as_good(table),
-        _explanation(table),
-        *_by_accident(table),
-        *_differences(table, causes),
-    ]
+    return [*_as_good(table), _explanation(table), *_by_accident(table), *_differences(table, causes)]
 
 
 def comparison_json(tree: xr.DataTree) -> dict[str, Any]:

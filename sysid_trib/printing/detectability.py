@@ -54,14 +54,11 @@ def _errors(tree: xr.DataTree) -> str:
 
 def _closest(tree: xr.DataTree) -> list[str]:
     """Candidates that can be tested beside the final model, by |z|, with their detectable coefficients."""
-    z = tree["ranking"].z.isel(selection_step=-1)
-    detectable = tree["detectability_after"].detectable
-    tested = [s for s in z.candidate.values[np.isfinite(z.values)].tolist() if s in detectable.candidate]
-    tested = [tested[at] for at in np.argsort(-np.abs(z.sel(candidate=tested).values))[:CLOSEST]]
-    columns = (values.sel(candidate=tested).values.tolist() for values in (detectable, z))
-    named = ", ".join(
-        f"{s} {size:.2g} (z = {score:.2g})" for s, size, score in zip(tested, *columns, strict=True)
-    )
+    z = tree["ranking"].z.isel(selection_step=-1).to_series()
+    detectable = tree["detectability_after"].detectable.to_series()
+    order = z[np.isfinite(z)].sort_values(key=np.abs, ascending=False).index
+    tested = [symbol for symbol in order if symbol in detectable.index][:CLOSEST]
+    named = ", ".join(f"{symbol} {detectable[symbol]:.2g} (z = {z[symbol]:.2g})" for symbol in tested)
     if not named:
         return []
     return [
@@ -87,8 +84,7 @@ def _alike(candidates: xr.Dataset) -> list[str]:
 
 def _untestable(candidates: xr.Dataset) -> list[str]:
     by_reason: dict[str, list[str]] = {}
-    pairs = zip(candidates.candidate.values.tolist(), candidates.reason.values.tolist(), strict=True)
-    for symbol, reason in pairs:
+    for symbol, reason in candidates.reason.to_series().items():
         if reason:
             # The reason may name the record already.
             text = reason.removeprefix("not testable on this record: ").rstrip(".")

@@ -19,8 +19,6 @@ SPAN_KEYS = {"residual_over_noise": "gap_over_noise"}
 def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
     """The result as plain data; residuals are RMS in rad, non-finite numbers are None."""
     held, candidates = tree["holdout"].to_dataset(), tree["detectability_after"].to_dataset()
-    symbols = candidates.candidate.values.tolist()
-    reasons = zip(symbols, candidates.reason.values.tolist(), strict=True)
     return {
         **records_json(tree),
         "disagreement": _spans_json(tree["discrepancy"].to_dataset()),
@@ -38,8 +36,8 @@ def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
             "gap_above_noise": number(held.residual_above_noise.values.tolist()),
         },
         "generic_p_value": number(tree["omnibus"].p_value.values[-1].item()),
-        "detectable": dict(zip(symbols, number(candidates.detectable.values.tolist()), strict=True)),
-        "not_testable": {symbol: reason for symbol, reason in reasons if reason},
+        "detectable": {s: number(value) for s, value in candidates.detectable.to_series().items()},
+        "not_testable": {s: reason for s, reason in candidates.reason.to_series().items() if reason},
         **{key: list(tree.attrs[key]) for key in ("left_out", "failed_fits")},
         "options": json.loads(tree.attrs["options"]),
         **homogeneity_json(tree),

@@ -56,11 +56,7 @@ def _closed(tree: xr.DataTree) -> list[str]:
         tests.insert(0, "the other candidates" if effects else "the candidates")
     level = tree["ranking"].significance_level.item()
     absent = f"No further departure was found by {' or by '.join(tests)} (significance level {level:.2g})."
-    return [
-        f"{headline} {absent}",
-        UNSEEN,
-        *_high_but_not_significant(tree),
-    ]
+    return [f"{headline} {absent}", UNSEEN, *_high_but_not_significant(tree)]
 
 
 def _high_but_not_significant(tree: xr.DataTree) -> list[str]:
@@ -70,8 +66,7 @@ def _high_but_not_significant(tree: xr.DataTree) -> list[str]:
     high = last.isel(candidate=(abs(last.z.values) > limit) & ~last.significant.values)
     if not high.sizes["candidate"]:
         return []
-    pairs = zip(high.candidate.values.tolist(), abs(high.z.values).tolist(), strict=True)
-    named = ", ".join(f"{symbol} ({z:.3g})" for symbol, z in pairs)
+    named = ", ".join(f"{symbol} ({abs(z):.3g})" for symbol, z in high.z.to_series().items())
     return [
         f"Above the threshold of {limit:.3g}, but not significant for so many frequencies tried: {named}."
     ]
@@ -93,11 +88,9 @@ def _unknown_effect(tree: xr.DataTree, details: bool) -> list[str]:
     if collinear:
         sentences.append(f"Of the effects that were added, {imitate}")
     if omnibus.significant:
-        order = np.argsort(-np.abs(omnibus.z.values))[:MOST_NAMED]
-        forces = ", ".join(f"{omnibus.trial_force.values[i]} (z = {omnibus.z.values[i]:.3g})" for i in order)
         sentences.append(
             f"The omnibus test rejects that nothing is missing (p {p_value_text(omnibus.p_value.item())}). "
-            f"Its highest scores, by amplitude r and phase phi: {forces}."
+            f"Its highest scores, by amplitude r and phase phi: {_highest(omnibus.z)}."
         )
     return sentences
 
@@ -110,21 +103,25 @@ def _collinear(tree: xr.DataTree) -> list[str]:
     return [str(symbol) for symbol in steps.symbol.values[steps.collinear.values]]
 
 
+def _highest(z: xr.DataArray) -> str:
+    """The largest scores, and what they are of."""
+    highest = z.to_series().sort_values(key=np.abs, ascending=False)[:MOST_NAMED]
+    return ", ".join(f"{name} (z = {score:.3g})" for name, score in highest.items())
+
+
 def _outstanding(tree: xr.DataTree) -> list[str]:
     """Candidates whose scores stand out at the end, and why none was added."""
     last = _last(tree, "ranking")
     strong = last.isel(candidate=last.significant.values)
     if not strong.sizes["candidate"]:
         return []
-    order = np.argsort(-np.abs(strong.z.values))[:MOST_NAMED]
-    named = ", ".join(f"{strong.candidate.values[i]} (z = {strong.z.values[i]:.3g})" for i in order)
     most = tree.attrs["max_effects"]
     reason = (
         f"no more than {most} effects were asked for (--max-effects)"
         if tree["steps"].attrs["count"] >= most
         else "fitted in full, none reduces the gap as its score promises"
     )
-    return [f"By their scores, these candidates stand out: {named}; {reason}."]
+    return [f"By their scores, these candidates stand out: {_highest(strong.z)}; {reason}."]
 
 
 def _model(tree: xr.DataTree) -> str:

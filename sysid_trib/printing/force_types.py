@@ -1,6 +1,5 @@
 """Which type of force a gap asks for, by the omnibus test that knows no candidate."""
 
-import numpy as np
 import xarray as xr
 
 CONSERVATIVE, DISSIPATIVE = "conservative", "dissipative"
@@ -42,13 +41,9 @@ def force_type_sentence(tree: xr.DataTree, selection_step: int) -> str:
     omnibus = tree["omnibus"].to_dataset().isel(selection_step=selection_step)
     if not omnibus.significant:
         return ""
-    best: dict[str, float] = {}
-    for name, z in zip(omnibus.trial_force.values.tolist(), np.abs(omnibus.z.values).tolist(), strict=True):
-        kind = _kind_of(name)
-        best[kind] = max(best.get(kind, 0.0), z)
-    ordered = sorted(best, key=lambda kind: -best[kind])
-    scores = ", ".join(f"{kind} {best[kind]:.3g}" for kind in ordered)
-    near = frozenset(kind for kind in ordered if best[kind] > NEARLY_AS_HIGH * best[ordered[0]])
+    best = abs(omnibus.z).to_series().groupby(_kind_of).max().sort_values(ascending=False)
+    scores = ", ".join(f"{kind} {z:.3g}" for kind, z in best.items())
+    near = frozenset(best.index[best > NEARLY_AS_HIGH * best.max()])
     meanings = BOTH | {frozenset({kind}): meaning for kind, meaning in MEANING.items()}
     meaning = meanings.get(near, "forces of several types would explain it")
     return f"By the omnibus test (largest |z|: {scores}), {meaning}."

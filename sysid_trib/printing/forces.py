@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sysid_trib.arrays import Array
 from sysid_trib.averaging.signatures import averages, dissipated_power
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.printing.layout import text_table
@@ -29,16 +30,15 @@ def force_table(library: ForceLibrary) -> "Table":
 
 def signature_text(force: Force) -> tuple[str, str]:
     """The signature as a closed form where it is one term, else its values at two amplitudes."""
-    if force.degree is not None:
-        parts = [float(part[0]) for part in averages(force, np.ones(1))]
-        return tuple(_term(p, force.degree) if abs(p) > 1e-13 else "0" for p in parts)  # type: ignore[return-value]
-    amplitudes = np.array([0.1, 1.0])
-    time = 1.0 if force.holds_time else 0.0
-    sine, cosine = averages(force, amplitudes, None, time)
-    return tuple(  # type: ignore[return-value]
-        "0" if np.max(np.abs(part)) < 1e-13 else f"{part[0]:.3g}, {part[1]:.3g} (a = 0.1, 1)"
-        for part in (sine, cosine)
-    )
+    sine, cosine = averages(force, np.array([0.1, 1.0]), None, 1.0 if force.holds_time else 0.0)
+    return _average_text(sine, force.degree), _average_text(cosine, force.degree)
+
+
+def _average_text(average: Array, degree: float | None) -> str:
+    small, unit = average.tolist()
+    if np.max(np.abs(average)) < 1e-13:
+        return "0"
+    return f"{small:.3g}, {unit:.3g} (a = 0.1, 1)" if degree is None else _term(unit, degree)
 
 
 def _term(value: float, degree: float) -> str:

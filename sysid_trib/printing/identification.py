@@ -178,8 +178,7 @@ def _residual_sentence(name: str, checked: xr.Dataset) -> str:
 def _held_shapes(result: xr.Dataset) -> list[str]:
     if "shape" not in result:
         return []
-    pairs = zip(result.shape_parameter.values.tolist(), result.shape.values.tolist(), strict=True)
-    held = ", ".join(f"{name} = {value:g}" for name, value in pairs)
+    held = ", ".join(f"{name} = {value:g}" for name, value in result["shape"].to_series().items())
     return [f"Held, not fitted: {held} (--set to change)."]
 
 

@@ -2,7 +2,6 @@
 
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import xarray as xr
 
 from sysid_trib.printing.layout import by_label, number, numbers, p_value_text, text_table, value_with_error
@@ -35,10 +34,8 @@ def runs_sentences(runs: xr.Dataset) -> list[str]:
     ]
     if runs.attrs["verdict"] == "unknown":
         return [*sentences, "Whether the runs differ cannot be tested."]
-    p_values = runs.p_value.fillna(1.0)
-    worst = (
-        f"{runs.quantity.values[int(np.argmin(p_values.values))]} (p {p_value_text(p_values.min().item())})"
-    )
+    p_values = runs.p_value.fillna(1.0).to_series()
+    worst = f"{p_values.idxmin()} (p {p_value_text(p_values.min())})"
     total = {name: runs[f"total_{name}"].item() for name in TESTED[:3]}
     return [*sentences, _sentence(total, worst if runs.attrs["verdict"] == "disagree" else "")]
 
