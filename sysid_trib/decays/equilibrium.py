@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+import xarray as xr
 
 from sysid_trib.arrays import Array
 from sysid_trib.decays.half_periods import (
@@ -76,6 +77,12 @@ def usable_half_periods(time: Array, angle: Array, source: str) -> HalfPeriods:
     if halves.sign.size < 3:
         raise DecayError(f"{source}: only {halves.sign.size} whole half periods; at least three are needed.")
     return halves
+
+
+def with_half_periods(decay: xr.Dataset) -> tuple[Array, Array, HalfPeriods]:
+    """Times (s), angles (rad) and whole half periods of a centred decay (see `usable_half_periods`)."""
+    time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
+    return time, angle, usable_half_periods(time, angle, str(decay.attrs.get("source", "decay")))
 
 
 @lru_cache(maxsize=KEPT_DECAYS)

@@ -6,11 +6,10 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
-from sysid_trib.decays.checks import after_the_largest, check_sampling, refuse_clipping, refuse_outliers
+from sysid_trib.decays import checks
 from sysid_trib.decays.equilibrium import Swing, find_swing
 from sysid_trib.decays.half_periods import noise_level
 from sysid_trib.decays.half_sines import with_standard_error
-from sysid_trib.decays.hand_stop import before_the_hand
 from sysid_trib.errors import DecayError, UsageError
 
 # rad or m, far below any measurement; the squares of still smaller numbers underflow.
@@ -78,9 +77,9 @@ def free_decay(
         raise DecayError(
             f"{source}: no oscillation stands out of the noise; check the column and the window."
         )
-    swing = after_the_largest(time, angle, swing, source)
-    refuse_outliers(time, angle, source)
-    refuse_clipping(time, angle, swing, source)
+    swing = checks.after_the_largest(time, angle, swing, source)
+    checks.refuse_outliers(time, angle, source)
+    checks.refuse_clipping(time, angle, swing, source)
     part = _free_part(time, angle - swing.equilibrium, swing)
     decay = inside.isel(time=slice(part.start, part.stop)).copy()
     attrs = decay["angle"].attrs
@@ -126,7 +125,7 @@ def _check_signal(time: Array, angle: Array, source: str) -> None:
     bad = np.flatnonzero(~np.isfinite(angle))
     if bad.size:
         raise DecayError(f"{source}: the angle at {time[bad[0]]:.6g} s is not a finite number; cut it out.")
-    check_sampling(time, source)
+    checks.check_sampling(time, source)
     if np.ptp(angle) <= max(1e-12 * np.max(np.abs(angle)), SMALLEST_SWING):
         raise DecayError(f"{source}: the angle is flat at {angle[0]:.6g}; choose another column or window.")
 
@@ -142,7 +141,7 @@ def _free_part(time: Array, angle: Array, swing: Swing) -> Part:
         before = f"the {time[start] - time[0]:.4g} s before the first free extremum"
     if run.stop == halves.sign.size - 1 and _mirrors(smoothed, centred, swing, leading=False):
         return Part(start, time.size, before, "")
-    free = before_the_hand(swing)
+    free = checks.before_the_hand(swing)
     if free is not None:
         stop = int(np.searchsorted(time, halves.crossing[free.stop]))
         cut = f"the last {time[-1] - time[stop - 1]:.4g} s, in which not friction but a hand, it seems,"

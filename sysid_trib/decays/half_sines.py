@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sysid_trib.arrays import Array
 from sysid_trib.decays.analytic_signal import analytic_extrema
-from sysid_trib.decays.equilibrium import harmonic_sums, usable_half_periods
+from sysid_trib.decays.equilibrium import harmonic_sums, with_half_periods
 from sysid_trib.decays.half_periods import HalfPeriods, IntArray, noise_of_record
 from sysid_trib.errors import DecayError, UsageError
 
@@ -107,11 +107,9 @@ def envelope(decay: xr.Dataset, curve: Literal["half-sines", "analytic-signal"] 
     """
     if curve not in ("half-sines", "analytic-signal"):
         raise UsageError(f"curve='{curve}' is neither 'half-sines' nor 'analytic-signal'.")
-    source = str(decay.attrs.get("source", "decay"))
-    time = decay["time"].to_numpy().astype(float)
-    angle = decay["angle"].to_numpy().astype(float)
-    halves = usable_half_periods(time, angle, source)
+    time, angle, halves = with_half_periods(decay)
     if np.diff(halves.samples(time)[0]).min() < 5:
+        source = decay.attrs.get("source", "decay")
         raise DecayError(f"{source}: fewer than five samples in a half period; sample faster.")
     extrema_of = half_sine_extrema if curve == "half-sines" else analytic_extrema
     signed, extremum_time, extremum_error, time_error = extrema_of(time, angle, halves)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from sysid_trib.arrays import Array
-from sysid_trib.decays.equilibrium import usable_half_periods
+from sysid_trib.decays.equilibrium import with_half_periods
 from sysid_trib.decays.half_periods import noise_of_record
 from sysid_trib.decays.half_sines import with_standard_error
 from sysid_trib.errors import DecayError
@@ -89,8 +89,7 @@ def table(windows: Windows) -> xr.Dataset:
 def fit_windows(decay: xr.Dataset) -> Windows:
     """The mode of every window of a decay (see `windowed_modes`)."""
     source = str(decay.attrs.get("source", "decay"))
-    time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
-    halves = usable_half_periods(time, angle, source)
+    time, angle, halves = with_half_periods(decay)
     step = (time[-1] - time[0]) / (len(time) - 1)
     period = 2.0 * float(np.mean(halves.duration))
     if period < 10.0 * step:

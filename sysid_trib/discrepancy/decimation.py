@@ -4,7 +4,7 @@ import numpy as np
 import xarray as xr
 from scipy.signal import savgol_filter
 
-from sysid_trib.decays.equilibrium import usable_half_periods
+from sysid_trib.decays.equilibrium import with_half_periods
 
 # Samples a period that are kept; a record is decimated from twice as many on.
 KEPT_PER_PERIOD = 60
@@ -18,8 +18,7 @@ def decimated(decay: xr.Dataset) -> xr.Dataset:
     A parabola over a sixtieth of a period follows the swing to a part in a million (Savitzky and Golay 1964),
     and no sample enters two of them: noise stays white, and its level falls. attrs: `decimated`.
     """
-    time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
-    halves = usable_half_periods(time, angle, str(decay.attrs.get("source", "decay")))
+    time, angle, halves = with_half_periods(decay)
     steps = np.diff(time)
     factor = int(2.0 * np.median(halves.duration) / np.median(steps) / KEPT_PER_PERIOD)
     if factor < 2:

@@ -63,9 +63,13 @@ class ClassicalMethod:
         """The forces of a library that the method identifies."""
         return needed_forces(self, library, self.FORMULAS)
 
-    @abstractmethod
     def equations(self, library: ForceLibrary) -> Equations:
-        """Equations between the extrema of neighbouring half periods, for the forces of `forces_of`."""
+        """The method's `relation`; one whose equations depend on its forces makes them here."""
+        return self.relation
+
+    def relation(self, extremum: Array, time: Array) -> tuple[Array, Array]:
+        """Design and target of equations between the extrema of neighbouring half periods."""
+        raise NotImplementedError
 
     @abstractmethod
     def values(self, parameters: Array) -> Array:

@@ -3,9 +3,7 @@
 import numpy as np
 
 from sysid_trib.arrays import Array
-from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.classical import ClassicalMethod, decrement_scope
-from sysid_trib.regression.relations import Equations
 
 
 class EnergyDecay(ClassicalMethod):
@@ -24,18 +22,14 @@ class EnergyDecay(ClassicalMethod):
     FORMULAS = ("sign(v)", "2*v")
     scope = decrement_scope("energy decay", "solid and viscous friction", weak=True)
 
-    def equations(self, library: ForceLibrary) -> Equations:
+    def relation(self, extremum: Array, time: Array) -> tuple[Array, Array]:
         """Rate of the energy from one half period before to one after."""
-        return _energy_rates
+        before, after = extremum[:-2], extremum[2:]
+        twice = 0.25 * (before + after) ** 2
+        rate = 0.5 * (after**2 - before**2) / (time[2:] - time[:-2])
+        return np.stack([-2.0 / np.pi * np.sqrt(twice), -twice], axis=1), rate
 
     def values(self, parameters: Array) -> Array:
         """From w lambda, w zeta and half a period (s) to lambda, zeta, w."""
         w = float(np.hypot(np.pi / parameters[2], parameters[1]))
         return np.array([parameters[0] / w, parameters[1] / w, w])
-
-
-def _energy_rates(extremum: Array, time: Array) -> tuple[Array, Array]:
-    before, after = extremum[:-2], extremum[2:]
-    twice = 0.25 * (before + after) ** 2
-    rate = 0.5 * (after**2 - before**2) / (time[2:] - time[:-2])
-    return np.stack([-2.0 / np.pi * np.sqrt(twice), -twice], axis=1), rate

@@ -5,9 +5,7 @@ from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError
-from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.classical import ClassicalMethod, decrement_scope
-from sysid_trib.regression.relations import Equations
 
 # tanh(pi beta/2) of a damping ratio near one, at which nothing swings any more.
 LARGEST = 1.0 - 1e-12
@@ -31,9 +29,10 @@ class FeenyLiang(ClassicalMethod):
     FORMULAS = ("sign(v)", "2*v")
     scope = decrement_scope("Feeny-Liang decrement", "solid and viscous friction")
 
-    def equations(self, library: ForceLibrary) -> Equations:
+    def relation(self, extremum: Array, time: Array) -> tuple[Array, Array]:
         """Differences of successive extrema against their sums."""
-        return _decrements
+        both = extremum[:-1] + extremum[1:]
+        return np.column_stack([np.full(len(both), 2.0), both]), -np.diff(extremum)
 
     def values(self, parameters: Array) -> Array:
         """From lambda, tanh(pi beta/2) and half a period (s) to lambda, zeta, w."""
@@ -65,13 +64,9 @@ def feeny_liang_decrement(turning_points: ArrayLike) -> tuple[float, float]:
     extremum = np.abs(np.asarray(turning_points, dtype=float))
     if len(extremum) < 3:
         raise DecayError(f"{len(extremum)} turning points cannot decide two forces; give at least three.")
-    parameters = np.linalg.lstsq(*_decrements(extremum, np.arange(len(extremum), dtype=float)), rcond=None)[0]
+    method = FeenyLiang()
+    parameters = np.linalg.lstsq(*method.relation(extremum, np.arange(float(len(extremum)))), rcond=None)[0]
     if not abs(parameters[1]) < LARGEST:
         raise DecayError("The turning points do not decay as solid and viscous friction have it.")
-    solid, viscous, _ = FeenyLiang().values(np.append(parameters, 1.0))
+    solid, viscous, _ = method.values(np.append(parameters, 1.0))
     return float(solid), float(viscous)
-
-
-def _decrements(extremum: Array, time: Array) -> tuple[Array, Array]:
-    both = extremum[:-1] + extremum[1:]
-    return np.column_stack([np.full(len(both), 2.0), both]), -np.diff(extremum)

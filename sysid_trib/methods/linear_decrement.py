@@ -3,9 +3,7 @@
 import numpy as np
 
 from sysid_trib.arrays import Array
-from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.classical import ClassicalMethod, decrement_scope
-from sysid_trib.regression.relations import Equations
 
 
 class LinearDecrement(ClassicalMethod):
@@ -20,14 +18,10 @@ class LinearDecrement(ClassicalMethod):
     FORMULAS = ("sign(v)",)
     scope = decrement_scope("linear decrement", "solid friction")
 
-    def equations(self, library: ForceLibrary) -> Equations:
+    def relation(self, extremum: Array, time: Array) -> tuple[Array, Array]:
         """|X_i| - |X_i+1| = 2 lambda."""
-        return _decrements
+        return np.full((len(time) - 1, 1), 2.0), -np.diff(extremum)
 
     def values(self, parameters: Array) -> Array:
         """From lambda and half a period (s) to lambda and w, which solid friction does not change."""
         return np.array([parameters[0], np.pi / parameters[1]])
-
-
-def _decrements(extremum: Array, time: Array) -> tuple[Array, Array]:
-    return np.full((len(time) - 1, 1), 2.0), -np.diff(extremum)

@@ -3,9 +3,7 @@
 import numpy as np
 
 from sysid_trib.arrays import Array
-from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.classical import ClassicalMethod, decrement_scope
-from sysid_trib.regression.relations import Equations
 
 
 class LogarithmicDecrement(ClassicalMethod):
@@ -20,15 +18,11 @@ class LogarithmicDecrement(ClassicalMethod):
     FORMULAS = ("2*v",)
     scope = decrement_scope("logarithmic decrement", "viscous friction")
 
-    def equations(self, library: ForceLibrary) -> Equations:
+    def relation(self, extremum: Array, time: Array) -> tuple[Array, Array]:
         """ln |X_i/X_i+1| = pi zeta/sqrt(1 - zeta^2)."""
-        return _decrements
+        return np.full((len(time) - 1, 1), np.pi), -np.diff(np.log(extremum))
 
     def values(self, parameters: Array) -> Array:
         """From zeta/sqrt(1 - zeta^2) and half a period (s) to zeta and w."""
         stretch = np.hypot(1.0, parameters[0])
         return np.array([parameters[0] / stretch, np.pi / parameters[1] * stretch])
-
-
-def _decrements(extremum: Array, time: Array) -> tuple[Array, Array]:
-    return np.full((len(time) - 1, 1), np.pi), -np.diff(np.log(extremum))

@@ -3,9 +3,7 @@
 import numpy as np
 
 from sysid_trib.arrays import Array
-from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.classical import ClassicalMethod, decrement_scope
-from sysid_trib.regression.relations import Equations
 
 
 class QuadraticDecay(ClassicalMethod):
@@ -24,15 +22,11 @@ class QuadraticDecay(ClassicalMethod):
     FORMULAS = ("v*abs(v)",)
     scope = decrement_scope("quadratic decay", "quadratic friction", weak=True)
 
-    def equations(self, library: ForceLibrary) -> Equations:
+    def relation(self, extremum: Array, time: Array) -> tuple[Array, Array]:
         """Growth of 1/a from one half period to the next."""
-        return _growth
+        return 4.0 / (3.0 * np.pi) * np.diff(time)[:, None], np.diff(1.0 / extremum)
 
     def values(self, parameters: Array) -> Array:
         """From w delta and half a period (s) to delta and w."""
         w = np.pi / parameters[1]
         return np.array([parameters[0] / w, w])
-
-
-def _growth(extremum: Array, time: Array) -> tuple[Array, Array]:
-    return 4.0 / (3.0 * np.pi) * np.diff(time)[:, None], np.diff(1.0 / extremum)

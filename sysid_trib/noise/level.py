@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from sysid_trib.decays.equilibrium import usable_half_periods
+from sysid_trib.decays.equilibrium import with_half_periods
 from sysid_trib.decays.half_periods import noise_level, quantisation_step
 from sysid_trib.errors import DecayError
 from sysid_trib.noise.smoothing import smooth
@@ -28,8 +28,7 @@ def swing_frequency(decay: xr.Dataset) -> float:
     DecayError
         Fewer than three half periods.
     """
-    time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
-    halves = usable_half_periods(time, angle, str(decay.attrs.get("source", "decay")))
+    _, _, halves = with_half_periods(decay)
     return float(np.pi / np.median(halves.duration))
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
-from sysid_trib.decays.equilibrium import usable_half_periods
+from sysid_trib.decays.equilibrium import with_half_periods
 from sysid_trib.decays.half_periods import HalfPeriods
 from sysid_trib.errors import DecayError, SysidTribError, UsageError
 from sysid_trib.forces.force import Force, ForceLibrary
@@ -75,10 +75,7 @@ def sliding_coefficients(
             f"window_periods={window_periods} must be at least {SHORTEST:g}, overlap={overlap} from 0 to "
             "less than 1."
         )
-    time = decay.time.values.astype(float)
-    halves = usable_half_periods(
-        time, decay.angle.values.astype(float), str(decay.attrs.get("source", "decay"))
-    )
+    time, _, halves = with_half_periods(decay)
     length = 2.0 * window_periods * float(np.median(halves.duration))
     starts = time[0] + np.arange(0.0, time[-1] - time[0] - length + 1e-9, length * (1.0 - overlap))
     if starts.size < 2 or starts[-1] - starts[0] < 0.999 * length:

@@ -18,6 +18,13 @@ from sysid_trib.trajectory_fit.initial_conditions import FittedMotion, first_gue
 DEPARTED = 2.0
 # In antiphase (rad) the residual says nothing more of the forces.
 ANTIPHASE = np.pi
+# Of each model: name of the variable, what it is, and its unit.
+RESIDUALS = {
+    "residual_rms": ("RMS of record minus model", "rad"),
+    "residual_over_noise": ("RMS of record minus model over the noise", "1"),
+    "departure_time": ("first time beyond the noise, nan if never", "s"),
+    "residual_p_value": ("p-value of white noise within the band of the motion", "1"),
+}
 
 
 @dataclass(frozen=True)
@@ -137,15 +144,8 @@ def residuals(
         rms = float(np.sqrt(np.mean(residual**2)))
         departure = _departure(time, residual, noise, motion)
         rows.append((rms, rms / noise, departure, _white_noise_p_value(residual, noise, motion)))
-    rms, ratio, departure, p_value = np.array(rows).T
-    variables = {
-        "residual_rms": variable("model", rms, "RMS of record minus model", "rad"),
-        "residual_over_noise": variable("model", ratio, "RMS of record minus model over the noise", "1"),
-        "departure_time": variable("model", departure, "first time beyond the noise, nan if never", "s"),
-        "residual_p_value": variable(
-            "model", p_value, "p-value of white noise within the band of the motion", "1"
-        ),
-    }
+    columns = zip(RESIDUALS.items(), np.array(rows).T, strict=True)
+    variables = {name: variable("model", column, *texts) for (name, texts), column in columns}
     return xr.Dataset(variables, {"model": list(names)})
 
 
