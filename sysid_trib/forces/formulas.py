@@ -31,12 +31,9 @@ OPERATORS: dict[type, Callable[[Any, Any], Any]] = {
     ast.Div: operator.truediv,
 }
 NUMPY: Functions = {
-    "sign": np.sign,
-    "abs": np.abs,
     "min": np.minimum,
     "max": np.maximum,
-    "power": np.power,
-    **{name: getattr(np, name) for name in SMOOTH},
+    **{name: getattr(np, name) for name in ("sign", "abs", "power", *SMOOTH)},
 }
 
 

@@ -185,7 +185,6 @@ def _with_line(basis: Array, remainder: Array, line: int) -> Array:
     minimum = minimize_scalar(
         lambda k: -float(np.sum((beside(k).T @ remainder) ** 2)),
         bounds=(line - 1.0, line + 1.0),
-        method="bounded",
         options={"xatol": 1e-4},
     )
     return np.concatenate([basis, beside(minimum.x)], axis=1)

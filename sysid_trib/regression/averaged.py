@@ -101,7 +101,5 @@ def noise_of_equations(
     )
     # Rate and frequency of each instant in turn.
     in_turn = np.arange(2 * len(a)).reshape(2, -1).T.ravel()
-    errors = np.concatenate(
-        [measured.extremum_standard_error.values, measured.extremum_time_standard_error.values]
-    )
-    return sp.csr_matrix(rows[in_turn] @ sp.diags_array(errors))
+    errors = [measured.extremum_standard_error.values, measured.extremum_time_standard_error.values]
+    return sp.csr_matrix(rows[in_turn] @ sp.diags_array(np.concatenate(errors)))

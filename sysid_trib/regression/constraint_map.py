@@ -1,7 +1,7 @@
 """Fixed, bounded and tied coefficients as a linear map of the free ones."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,14 +38,8 @@ class ConstraintMap:
 
     def hold(self, held: Mask, values: Array) -> "ConstraintMap":
         """The map with some free coefficients (mask over `free`) held at values, (held,)."""
-        return replace(
-            self,
-            free=self.free[~held],
-            matrix=self.matrix[:, ~held],
-            constant=self.constant + self.matrix[:, held] @ values,
-            low=self.low[~held],
-            high=self.high[~held],
-        )
+        kept, constant = ~held, self.constant + self.matrix[:, held] @ values
+        return ConstraintMap(self.free[kept], self.matrix[:, kept], constant, self.low[kept], self.high[kept])
 
     def keep(self, active: Mask) -> "ConstraintMap":
         """The map in which the free coefficients that are not active (force,) are zero."""

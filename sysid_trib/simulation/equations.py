@@ -84,11 +84,6 @@ class Motion:
         return (v, *switches.values()) if reverses or self.memory else tuple(switches.values())
 
     @cached_property
-    def reverses(self) -> bool:
-        """Whether something changes at v = 0; the sign of v is then the first sign."""
-        return bool(self.switches) and self.switches[0].key == "v"
-
-    @cached_property
     def signs_at(self) -> slice:
         """Where the signs stand in `p`."""
         return slice(self.memory_at.stop, self.memory_at.stop + len(self.switches))
@@ -137,9 +132,10 @@ class Motion:
             for formula in force.memory.values()
         ]
 
-    def start(self, y: Vector, p: Vector) -> tuple[Vector, Vector]:
-        """`y` with the states, and `p` with the memory, that the forces start with."""
-        y, p = y.copy(), p.copy()
+    def start(self, model: Model, x: float, v: float) -> tuple[Vector, Vector]:
+        """`y` with the states, and `p` with the memory, that the forces of a model start with."""
+        y, p = np.zeros(len(self.variables)), self.parameters(model)
+        y[:2] = x, v
         for i, force in enumerate(self.forces):
             names = {"x": y[0], "v": y[1], "t": 0.0, **{k: p[j] for k, j in self._in_p[i].items()}}
             for name, value in force.start_values(names).items():

@@ -181,7 +181,8 @@ def _hidden(motion: Motion, progress: Progress, rows: Vector, grid: Vector) -> d
 
 
 def _reversals(motion: Motion, progress: Progress) -> Vector:
-    if not motion.reverses:
+    # Where something changes at v = 0, the sign of v is the first sign.
+    if not motion.switches or motion.switches[0].key != "v":
         return np.empty(0)
     sign = progress.past[:, motion.signs_at.start]
     return progress.times[1:][sign[1:] != sign[:-1]]

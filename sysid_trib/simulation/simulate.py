@@ -150,10 +150,7 @@ def _path(
         choice = choice[:1] if engine == FAST else (engine,)
     for name in choice:
         compiled = _engine(name, model.forces, tolerance)
-        motion = compiled.motion
-        y = np.zeros(len(motion.variables))
-        y[:2] = at
-        y, p = motion.start(y, motion.parameters(model))
+        y, p = compiled.motion.start(model, *at)
         try:
             with compiled.lock:
                 return integrate(compiled, y, p, grid), name
