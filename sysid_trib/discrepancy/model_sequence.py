@@ -12,7 +12,7 @@ from sysid_trib.discrepancy.baseline import Baseline, fit, fit_records
 from sysid_trib.discrepancy.candidate_fits import without_force
 from sysid_trib.discrepancy.stepwise_search import Search
 from sysid_trib.errors import SysidTribError
-from sysid_trib.noise.level import sensor_noises
+from sysid_trib.noise.level import sensor_noise
 from sysid_trib.results.birge import birge_ratio
 from sysid_trib.trajectory_fit.initial_conditions import first_guess, fit_start
 from sysid_trib.trajectory_fit.least_squares import rms
@@ -144,5 +144,5 @@ def model_identification(model: Baseline, runs: Sequence[xr.Dataset]) -> xr.Data
         "birge_ratio": (ratio, "1", "Birge ratio of the whitened residual"),
         "innovation_noise": (innovations, "rad", "standard deviation of the noise model's innovations"),
     }
-    estimate = FitEstimate(model.problem, model.values, covariance, sensor_noises(runs))
+    estimate = FitEstimate(model.problem, model.values, covariance, [sensor_noise(run) for run in runs])
     return estimate.identification(method, runs, parameters.library, extra)

@@ -33,14 +33,12 @@ def formula_latex(force: "Force") -> str:
 
     names = {k: sympy.Symbol(k, real=True) for f in force.formulas for k in f.names}
     names |= {"x": sympy.Symbol(r"\theta", real=True), "v": sympy.Symbol(r"\theta'", real=True)}
+
+    def power(base: Any, exponent: Any) -> Any:
+        return base ** sympy.nsimplify(exponent)
+
     functions = {n: getattr(sympy, n) for n in ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh")}
-    functions |= {"abs": sympy.Abs, "min": sympy.Min, "max": sympy.Max, "power": _sympy_power}
+    functions |= {"abs": sympy.Abs, "min": sympy.Min, "max": sympy.Max, "power": power}
     functions["sign"] = sympy.Function(r"\operatorname{sgn}")
     expression = sympy.nsimplify(force.formula.evaluate(names, functions), rational=True)
     return str(sympy.latex(expression, mul_symbol=r"\,"))
-
-
-def _sympy_power(base: Any, exponent: Any) -> Any:
-    import sympy
-
-    return base ** sympy.nsimplify(exponent)

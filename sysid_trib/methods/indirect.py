@@ -11,7 +11,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.scope import Method, scope_of
-from sysid_trib.noise.level import sensor_noises
+from sysid_trib.noise.level import sensor_noise
 from sysid_trib.records.runs import Decays
 from sysid_trib.results.birge import birge_ratio
 from sysid_trib.results.schema import Estimate, identification
@@ -147,7 +147,7 @@ def indirect_estimate(
         values,
         first.values - values,
         first.covariance(last.error_factors()),
-        sensor_noises(decays),
+        [sensor_noise(decay) for decay in decays],
         {group: last.birge_ratio(group) for group in last.residuals},
         last.birge_ratio(*last.residuals),
         bias_removed,

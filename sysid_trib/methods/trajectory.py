@@ -16,7 +16,7 @@ from sysid_trib.forces.to_identify import forces_to_identify
 from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.scope import MethodScope
 from sysid_trib.noise.autoregression import autoregression, whitened
-from sysid_trib.noise.level import sensor_noises
+from sysid_trib.noise.level import sensor_noise
 from sysid_trib.records.runs import Decays, as_runs, root_mean_square
 from sysid_trib.results.birge import birge_ratio
 from sysid_trib.results.schema import model_of
@@ -189,7 +189,7 @@ def _identification(
     degrees_of_freedom = max(1, len(fit.residual) - len(parameters.free))
     reduced = fit.residual @ fit.residual / degrees_of_freedom
     covariance = reduced * parameters.covariance(fit.sensitivity, fit.values)
-    noises = sensor_noises(runs)
+    noises = [sensor_noise(run) for run in runs]
     estimate = FitEstimate(problem, fit.values, covariance, noises)
     extra: dict[str, tuple[ArrayLike, str, str]]
     extra = {"residual_rms": ([rms(residual) for residual in residuals], "rad", "RMS residual")}

@@ -1,7 +1,5 @@
 """The noise of the sensor: the one definition of `noise` in every result."""
 
-from collections.abc import Sequence
-
 import numpy as np
 import xarray as xr
 
@@ -59,8 +57,3 @@ def sensor_noise(decay: xr.Dataset) -> float:
         return smooth(tau, angle).noise
     except DecayError:
         return max(noise_level(time, angle), quantisation_step(angle) / float(np.sqrt(12.0)))
-
-
-def sensor_noises(decays: Sequence[xr.Dataset]) -> list[float]:
-    """The same of each run (rad)."""
-    return [sensor_noise(decay) for decay in decays]

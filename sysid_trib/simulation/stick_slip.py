@@ -40,19 +40,13 @@ def settle(engine: RuleEngine, y: Vector, p: Vector, tau: float) -> bool:
         # Detent and friction make ever shorter swings without end: they end where less than CREEP remains.
         if speed <= 1e-12 or (sticks and speed**2 < 2.0 * CREEP * min(-up, down)):
             if not sticks:
-                p[motion.memory_at.start :] = branches[0 if _rises(up, down, y.item(0)) else 1, 1:]
+                # Where both push away (negative friction) it goes towards x = 0.
+                rises = up > 0.0 and (down >= 0.0 or y.item(0) < 0.0)
+                p[motion.memory_at.start :] = branches[0 if rises else 1, 1:]
             return not sticks
     if motion.switches:
         p[motion.signs_at] = engine.apply(signs_ahead, y, p, tau)
     return True
-
-
-def _rises(up: float, down: float, x: float) -> bool:
-    """Whether a motion that does not stick leaves upwards, from the accelerations for v -> 0+ and 0-.
-
-    Where both push away (negative friction) it goes towards x = 0.
-    """
-    return up > 0.0 and (down >= 0.0 or x < 0.0)
 
 
 def signs_ahead(motion: Motion, y: Values, p: Values, tau: Any, functions: Functions) -> list[Any]:
