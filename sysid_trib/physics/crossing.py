@@ -73,10 +73,9 @@ def crossovers(result: xr.Dataset) -> xr.Dataset:
     data = with_error("amplitude", both, (table[..., 0], table[..., 1]), meaning, "rad")
     data["crossings"] = variable(both, table[..., 2].astype(int), "number of crossings", "1")
     data["opposed"] = variable("pair", table[:, 1, 3] > 0, "whether they act against each other")
-    columns = dict(
-        zip(("first", "second", "acts_on"), np.array(pairs, dtype=str).reshape(-1, 3).T, strict=True)
-    )
-    coords = {name: text_variable("pair", texts, name.replace("_", " ")) for name, texts in columns.items()}
+    texts = np.array(pairs, dtype=str).reshape(-1, 3).T
+    columns = dict(zip(("first", "second", "acts_on"), texts, strict=True))
+    coords = {name: text_variable("pair", column, name.replace("_", " ")) for name, column in columns.items()}
     coords["pair"] = text_variable("pair", [" ".join(pair) for pair in pairs], "the two and what they act on")
     return xr.Dataset(data, coords | {"rule": list(RULES)}, estimate.provenance)
 

@@ -75,18 +75,11 @@ class ComparisonData:
         value, error = (column.values / 10.0**power for column in columns)
         at = table.method.values.tolist().index(table.attrs["best"])
         low, high = _limits(value, error, at)
-        return xr.Dataset(
-            {
-                "value": ("method", value),
-                "error": ("method", error),
-                "side": ("method", np.where(value > high, 1, np.where(value < low, -1, 0))),
-            },
-            {"method": table.method.values},
-            {
-                **{"power": power, "unit": unit, "low": low, "high": high},
-                **{"band_low": value[at] - error[at], "band_high": value[at] + error[at]},
-            },
-        )
+        side = np.where(value > high, 1, np.where(value < low, -1, 0))
+        shown = {name: ("method", c) for name, c in (("value", value), ("error", error), ("side", side))}
+        band = {"band_low": value[at] - error[at], "band_high": value[at] + error[at]}
+        attrs = {"power": power, "unit": unit, "low": low, "high": high} | band
+        return xr.Dataset(shown, {"method": table.method.values}, attrs)
 
 
 def comparison_data(tree: xr.DataTree) -> ComparisonData:

@@ -93,9 +93,8 @@ def half_sines(decay: xr.Dataset, half_periods: xr.Dataset, ax: Axes | None = No
     # Arcs do not join: each is a fit of its own.
     broken = [np.pad(arc, ((0, 0), (0, 1)), constant_values=np.nan).ravel() for arc in arcs]
     ax.plot(*broken, label="half-sines", **line(SERIES[1]))
-    ax.plot(
-        t[whole], b[whole], label=r"$\pm b_i$ at $t_i$", linestyle="", **mark(SERIES[0] | {"marker": "o"})
-    )
+    points = mark(SERIES[0] | {"marker": "o"})
+    ax.plot(t[whole], b[whole], label=r"$\pm b_i$ at $t_i$", linestyle="", **points)
     if len(whole) >= 3:
         _construction(ax, t[whole[:3]], b[whole[:3]])
     ax.axhline(0.0, color="0.8", linewidth=0.6, zorder=0)

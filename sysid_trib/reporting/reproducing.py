@@ -44,10 +44,8 @@ def _one_decay(data: xr.Dataset) -> str:
         read = f"st.read_record({_given(_reading(attrs), attrs['source'])})"
     if "free_decay" not in attrs:
         return read
-    cut = {
-        "window": (float(data.time.values[0]), float(data.time.values[-1])),
-        "equilibrium": data.equilibrium.item(),
-    }
+    window = tuple(data.time.values[[0, -1]].tolist())
+    cut = {"window": window, "equilibrium": data.equilibrium.item()}
     return f"st.free_decay({read}, {_given(cut)})"
 
 
