@@ -164,7 +164,7 @@ for name, angle in (("a quarter period", np.pi / 2), ("half a period", np.pi)):
 print(f"at the end they are {apart[-1] / (2 * np.pi):.2f} periods ahead")
 for label, motion in motions.items():
     rms = np.sqrt(np.mean((decay.angle - direct.offset - motion.angle) ** 2)).item()
-    times = rms / found.noise.item()
+    times = rms / direct.noise.item()
     print(f"{label}: RMS of record - model {1e3 * rms:.3g} mrad, {times:.3g} times the noise")
 
 # %% [markdown]
