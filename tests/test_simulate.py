@@ -381,11 +381,11 @@ def test_the_dataset_says_what_it_holds():
 )
 @pytest.mark.parametrize("engine", [None, "scipy"])
 def test_motions_without_a_future_are_refused_in_one_line(coefficients, message, engine, capfd):
-    began = clock.monotonic()
+    began = clock.process_time()
     with pytest.raises(SimulationError, match=message) as caught:
         simulate(odd(**coefficients), TIME, engine=engine)
     assert "\n" not in str(caught.value)
-    assert clock.monotonic() - began < 30
+    assert clock.process_time() - began < 30
     assert capfd.readouterr() == ("", "")
 
 
