@@ -19,8 +19,8 @@ ROOT = PACKAGE.parent
 # From the ground up; each room imports only from rooms before it.
 _split = re.compile(r"\S+").findall
 ROOMS = _split("""
-    errors _version arrays forces decays records simulation results averaging noise regression trajectory_fit
-    methods validation discrepancy physics printing plots reporting commands cli
+    errors _version arrays forces decays records simulation results averaging noise regression state_space
+    trajectory_fit methods validation discrepancy physics printing plots reporting commands cli
 """)
 LOOSE = 6
 # The engine of `discrepancy` is going to be replaced, words and all.

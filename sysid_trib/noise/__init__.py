@@ -1,1 +1,1 @@
-"""The one home of the noise: level, colour, steps of the sensor."""
+"""The one home of the noise: the sensor's level, colour and steps; a random force in the motion."""

@@ -1,0 +1,1 @@
+"""A motion that is pushed at random, as a state-space model: exact steps, Kalman filter, innovations."""
