@@ -1,0 +1,158 @@
+"""How much of the noise is a random force: restricted likelihood in the ratio of two variances.
+
+Rows of noise with the covariance variance * (A + ratio * B), A of the sensor's noise and B of a random force of
+unit size. Restricted likelihood (Patterson and Thompson 1971) allows for the coefficients that are estimated.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.optimize import minimize_scalar
+from scipy.stats import chi2
+
+from sysid_trib.arrays import Array
+
+# Distance of the first values tried, in the logarithm of the ratio; a maximum of the likelihood is wider.
+FIRST_GRID = 2.0
+LOG_TOLERANCE = 0.02
+# Differences for the curvature, in units of the logarithm.
+CURVATURE_STEP = 0.3
+
+
+@dataclass(frozen=True)
+class WhiteRows:
+    """Rows in which noise of the given ratio is white.
+
+    Attributes
+    ----------
+    target : (row,) array of float
+    design : (row, column) array of float
+    log_determinant : float
+        Of the covariance in units of the variance.
+    """
+
+    target: Array
+    design: Array
+    log_determinant: float
+
+    def restricted_deviance(self) -> tuple[float, float]:
+        """Minus twice the logarithm of the restricted likelihood, its variance profiled; and the variance."""
+        # The triangular factor of the design and the target holds all that is needed.
+        size = np.linalg.norm(self.design, axis=0)
+        size = np.where(size > 0.0, size, 1.0)
+        factor: Array = np.asarray(
+            np.linalg.qr(np.column_stack([self.design / size, self.target]), mode="r"), dtype=float
+        )
+        count = self.design.shape[1]
+        degrees_of_freedom = max(1, len(self.target) - count)
+        variance = max(float(factor[count, count] ** 2) / degrees_of_freedom, 1e-300)
+        information = 2.0 * float(np.sum(np.log(np.abs(np.diag(factor)[:count]) * size + 1e-300)))
+        return degrees_of_freedom * np.log(variance) + self.log_determinant + information, variance
+
+    def solution(self) -> tuple[Array, Array]:
+        """Least squares of the rows: coefficients, and their covariance in units of the variance."""
+        size = np.linalg.norm(self.design, axis=0)
+        size = np.where(size > 0.0, size, 1.0)
+        q, r = np.linalg.qr(self.design / size)
+        # Columns that nothing tells apart have the least solution.
+        inverse = np.linalg.pinv(r) if np.linalg.cond(r) > 1e13 else solve_triangular(r, np.eye(len(r)))
+        scaled = inverse / size[:, None]
+        return np.asarray(scaled @ (q.T @ self.target)), np.asarray(scaled @ scaled.T)
+
+
+@dataclass(frozen=True)
+class VarianceRatio:
+    """The ratio of two variances of most restricted likelihood.
+
+    Attributes
+    ----------
+    ratio : float
+        0 where the likelihood is greatest there.
+    variance : float
+        Of the sensor's noise.
+    relative_error : float
+        Standard error of ratio * variance over itself; where that is 0, nan.
+    upper : float
+        Where the ratio is 0: the ratio at which the deviance has risen by one, one standard error as it were.
+    gain : float
+        By how much the deviance is lower than without the second part.
+    """
+
+    ratio: float
+    variance: float
+    relative_error: float
+    upper: float
+    gain: float
+
+    @property
+    def p_value(self) -> float:
+        """Of a ratio of zero: half a chi-square with one degree of freedom (Chernoff 1954)."""
+        return 0.5 * float(chi2.sf(self.gain, 1)) if self.gain > 0.0 else 1.0
+
+
+def variance_ratio(
+    rows: Callable[[float], WhiteRows], low: float, high: float, start: float | None = None
+) -> VarianceRatio:
+    """Ratio of most restricted likelihood.
+
+    Parameters
+    ----------
+    rows : callable
+        The white rows of a ratio.
+    low, high : float
+        Between which it is sought, besides zero.
+    start : float, optional
+        Where it was last: nothing far from there is tried.
+
+    Returns
+    -------
+    VarianceRatio
+    """
+    known: dict[float, tuple[float, float]] = {}
+
+    def deviance(log_ratio: float) -> float:
+        if log_ratio not in known:
+            known[log_ratio] = rows(float(np.exp(log_ratio))).restricted_deviance()
+        return known[log_ratio][0]
+
+    none = rows(0.0).restricted_deviance()
+    first, last = np.log(low), np.log(high)
+    if start is None or start == 0.0:
+        grid = np.linspace(first, last, max(3, round((last - first) / FIRST_GRID)))
+    else:
+        grid = np.clip(np.log(start) + np.array([-1.0, 0.0, 1.0]), first, last)
+    best = float(min(grid, key=deviance))
+    reach = float(np.max(np.diff(grid))) if len(grid) > 1 else FIRST_GRID
+    found = minimize_scalar(
+        deviance,
+        bounds=(max(first, best - reach), min(last, best + reach)),
+        method="bounded",
+        options={"xatol": LOG_TOLERANCE},
+    )
+    best = min((float(found.x), best), key=deviance)
+    gain = none[0] - deviance(best)
+    if gain <= 0.0:
+        risen = [at for at in sorted(known) if known[at][0] > none[0] + 1.0]
+        upper = float(np.exp(risen[0])) if risen else float("nan")
+        return VarianceRatio(0.0, none[1], float("nan"), upper, 0.0)
+    error = _relative_error(deviance, known, best, len(rows(0.0).target) - rows(0.0).design.shape[1])
+    return VarianceRatio(float(np.exp(best)), known[best][1], error, float("nan"), gain)
+
+
+def _relative_error(
+    deviance: Callable[[float], float],
+    known: dict[float, tuple[float, float]],
+    best: float,
+    degrees_of_freedom: int,
+) -> float:
+    """Standard error of log(ratio * variance), from the curvature in both logarithms."""
+    step = CURVATURE_STEP
+    low, here, high = (deviance(best + side * step) for side in (-1.0, 0.0, 1.0))
+    profile = max((low + high - 2.0 * here) / step**2, 1e-12)
+    slope = (np.log(known[best + step][1]) - np.log(known[best - step][1])) / (2.0 * step)
+    # With the variance profiled, log(variance) moves by `slope` with log(ratio); a unit of it has
+    # `degrees_of_freedom` of curvature.
+    variance_of_log_ratio = 2.0 / profile
+    return float(np.sqrt((1.0 + slope) ** 2 * variance_of_log_ratio + 2.0 / max(1, degrees_of_freedom)))

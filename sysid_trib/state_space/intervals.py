@@ -1,0 +1,330 @@
+"""The motion from each sample to the next, exact and with its derivatives, over all intervals at once.
+
+Each interval starts at a state that is given (multiple shooting, Bock 1981), so that none waits for another. An
+explicit Runge-Kutta step advances state, derivatives and diffusion together; where it passes a switching
+surface it is cut there, and the derivatives jump by the saltation matrix (Leine and Nijmeijer 2004).
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.integrate import RK45
+
+from sysid_trib.arrays import Array, Mask
+from sysid_trib.errors import SimulationError
+from sysid_trib.simulation.model import Model
+from sysid_trib.simulation.stick_slip import branches_from_rest, rates_at_rest, signs_ahead
+from sysid_trib.state_space.steps import Steps
+from sysid_trib.state_space.vector_field import FUNCTIONS, Instants, VectorField
+
+# Longest substep in tau: its error of phase is then 1e-9 rad a radian.
+SUBSTEP = 0.12
+# On the wrong side of a surface by less than this (rad), a motion has not passed it.
+PASSED = 1e-13
+SECANTS = 40
+MOST_SWITCHINGS = 60
+AT_REST = 1e-12
+
+
+@dataclass(frozen=True)
+class Front:
+    """How far the intervals have come.
+
+    Attributes
+    ----------
+    here : Instants
+    derivative : (state, state + parameter, interval) array of float
+        Of the state by the state at the beginning and by the parameters.
+    diffusion : (state, state, interval) array of float
+    """
+
+    here: Instants
+    derivative: Array
+    diffusion: Array
+
+    def at(self, chosen: Array) -> "Front":
+        """Some of the intervals."""
+        return Front(self.here.at(chosen), self.derivative[..., chosen], self.diffusion[..., chosen])
+
+
+def steps_between(
+    model: Model, time: Array, states: Array, names: tuple[str, ...] = (), *, frequency: bool = False
+) -> Steps:
+    """Exact motion over each interval between samples.
+
+    Parameters
+    ----------
+    model : Model
+        Forces with coefficient zero are followed too.
+    time : (sample,) array of float, s
+        Increasing, with steps of any length.
+    states : (sample, state) array of float
+        x, v (rad), internal states and memory at each sample, from which the motion starts anew.
+    names : tuple of str
+        Coefficients and shape parameters by which the end is derived.
+    frequency : bool
+        Whether it is derived by the reference frequency too, which comes last.
+
+    Returns
+    -------
+    Steps
+
+    Raises
+    ------
+    SimulationError
+        The motion diverges between two samples, or switches without end.
+    """
+    field = VectorField(model, names, frequency)
+    w = model.reference_frequency
+    tau, length = w * (time[:-1] - time[0]), w * np.diff(time)
+    size, count = field.size, len(tau)
+    front = _begin(field, states[:-1].T.astype(float), tau)
+    remaining = length.copy()
+    substep = length / np.ceil(np.maximum(1.0 / SUBSTEP, _stiffness(field, states)) * length)
+    switchings = np.zeros(count, int)
+    moving = np.arange(count)
+    whole = front
+    while len(moving):
+        step = np.minimum(substep[moving], remaining[moving])
+        part = whole.at(moving) if len(moving) < count else whole
+        ahead = _step(field, part, step)
+        passed = _passed(field, ahead.here)
+        if passed.any():
+            at = np.flatnonzero(passed)
+            step[at] = _first_crossing(field, part.at(at), step[at])
+            crossed = _crossed(field, _step(field, part.at(at), step[at]))
+            ahead = _with(ahead, at, crossed)
+            switchings[moving[at]] += 1
+        whole = _with(whole, moving, ahead) if len(moving) < count else ahead
+        remaining[moving] -= step
+        if not np.all(np.isfinite(ahead.here.y)) or switchings.max(initial=0) > MOST_SWITCHINGS:
+            raise SimulationError(
+                "The motion between two samples diverges or switches without end; mind negative damping and "
+                "forces that are singular where it goes."
+            )
+        moving = moving[remaining[moving] > 1e-14]
+    return Steps(
+        whole.here.y.T,
+        np.moveaxis(whole.derivative[:, :size], -1, 0),
+        np.moveaxis(whole.derivative[:, size:], -1, 0),
+        np.moveaxis(whole.diffusion, -1, 0),
+    )
+
+
+def _stiffness(field: VectorField, states: Array) -> Array:
+    """Fastest rate at which internal states relax in each interval, per unit of tau."""
+    memory = slice(2, len(field.motion.variables))
+    if memory.stop == 2:
+        return np.zeros(len(states) - 1)
+    at_samples = Instants(states.T.astype(float), np.zeros(len(states)), *_no_side(field, len(states)))
+    _, by_state, _ = field.derivatives(_settled(field, at_samples, np.ones(len(states), bool)))
+    rates = np.max(np.abs(by_state[memory, memory]), axis=(0, 1))
+    return np.maximum(rates[1:], rates[:-1])
+
+
+def _no_side(field: VectorField, count: int) -> tuple[Array, Mask]:
+    """Signs and sticking of instants of which nothing is known yet."""
+    return np.zeros((len(field.motion.switches), count)), np.zeros(count, bool)
+
+
+def _begin(field: VectorField, y: Array, tau: Array) -> Front:
+    size, count = field.size, len(tau)
+    here = _settled(field, Instants(y, tau, *_no_side(field, count)), np.ones(count, bool))
+    derivative = np.zeros((size, size + len(field.names) + field.frequency, count))
+    derivative[range(size), range(size)] = 1.0
+    # What friction holds has no speed, whatever it had.
+    derivative[1, 1, here.stuck] = 0.0
+    return Front(here, derivative, np.zeros((size, size, count)))
+
+
+def _apply(field: VectorField, rule: Any, here: Instants) -> list[Array]:
+    """Value of a rule of stick and slip at the instants."""
+    count = len(field.motion.variables)
+    values = rule(field.motion, list(here.y[:count]), field.parameters(here), here.tau, FUNCTIONS)
+    return [np.broadcast_to(np.asarray(value, dtype=float), here.tau.shape) for value in values]
+
+
+def _settled(field: VectorField, here: Instants, first: Mask) -> Instants:
+    """Signs, and at rest the branch or the sticking, of motions that go on from here (Filippov 1988)."""
+    motion = field.motion
+    if not motion.switches:
+        return here
+    y, signs, stuck = here.y.copy(), here.signs.copy(), here.stuck.copy()
+    if first.any():
+        # Of the first instants no side is known yet: that of the surfaces themselves.
+        for _ in range(2):
+            values = field.surfaces(replace(here, signs=signs))
+            signs[:, first] = np.sign(values[:, first])
+    rest = np.abs(y[1]) <= AT_REST
+    going = np.flatnonzero(~rest)
+    if len(going):
+        part = replace(here, signs=signs).at(going)
+        signs[:, going] = np.stack(_apply(field, signs_ahead, part))
+        stuck[going] = False
+    still = np.flatnonzero(rest)
+    if len(still):
+        y[1, still] = 0.0
+        part = Instants(y[:, still], here.tau[still], signs[:, still], stuck[still])
+        branches = np.stack(_apply(field, branches_from_rest, part)).reshape(2, -1, len(still))
+        up, down = branches[:, 0]
+        rises = (up > 0.0) & ((down >= 0.0) | (y[0, still] < 0.0))
+        taken = np.where(rises, branches[0, 1:], branches[1, 1:])
+        held = (up <= 0.0) & (down >= 0.0)
+        memory = len(motion.memory)
+        stuck[still] = held
+        signs[:, still] = np.where(held, signs[:, still], taken[memory:])
+        if memory:
+            places = np.ix_(range(len(motion.variables), field.size), still)
+            y[places] = np.where(held, y[places], taken[:memory])
+    return Instants(y, here.tau, signs, stuck)
+
+
+def _step(field: VectorField, front: Front, step: Array) -> Front:
+    """One Runge-Kutta step of state, derivatives and diffusion together."""
+    slopes: list[tuple[Array, Array, Array]] = []
+    for row, part in zip([(), *RK45.A[1:]], RK45.C, strict=True):
+        at = _advanced(front, slopes, row, step, part)
+        slopes.append(_slopes(field, at))
+    return _advanced(front, slopes, RK45.B, step, 1.0)
+
+
+def _slopes(field: VectorField, front: Front) -> tuple[Array, Array, Array]:
+    size = field.size
+    rates, by_state, by_parameter = field.derivatives(front.here)
+    derivative = np.einsum("abn,bcn->acn", by_state, front.derivative)
+    derivative[:, size:] += by_parameter
+    half = np.einsum("abn,bcn->acn", by_state, front.diffusion)
+    diffusion = half + half.swapaxes(0, 1)
+    diffusion[1, 1] += ~front.here.stuck
+    return rates, derivative, diffusion
+
+
+def _advanced(front: Front, slopes: list[Any], weights: Any, step: Array, part: float) -> Front:
+    here = front.here
+    values = [here.y, front.derivative, front.diffusion]
+    for i in range(3):
+        for weight, slope in zip(weights, slopes, strict=False):
+            if weight:
+                values[i] = values[i] + weight * step * slope[i]
+    return Front(replace(here, y=values[0], tau=here.tau + part * step), values[1], values[2])
+
+
+def _moved(field: VectorField, here: Instants, step: Array) -> Instants:
+    """The state alone, by the same step."""
+    slopes: list[Array] = []
+    for row in [*RK45.A[1:], RK45.B]:
+        slopes.append(field.rates(_along(here, slopes, RK45.A[len(slopes)] if slopes else (), step)))
+    return _along(here, slopes, RK45.B, step, 1.0)
+
+
+def _along(
+    here: Instants, slopes: list[Array], weights: Any, step: Array, part: float | None = None
+) -> Instants:
+    y = here.y
+    for weight, slope in zip(weights, slopes, strict=False):
+        if weight:
+            y = y + weight * step * slope
+    moved = part if part is not None else float(RK45.C[len(slopes)])
+    return replace(here, y=y, tau=here.tau + moved * step)
+
+
+def _sides(field: VectorField, here: Instants) -> Array:
+    """What stays positive on a branch: the surfaces by their signs; at rest, what still holds."""
+    sides = here.signs * field.surfaces(here)
+    # Of a surface without a sign the motion is on both sides.
+    sides = np.where((here.signs == 0.0) | here.stuck, 1.0, sides)
+    if here.stuck.any():
+        up, down, *_ = _apply(field, rates_at_rest, here)
+        sides = np.concatenate([sides, np.where(here.stuck, np.stack([-up, down]), 1.0)])
+    return sides
+
+
+def _passed(field: VectorField, here: Instants) -> Mask:
+    if not field.motion.switches:
+        return np.zeros(here.tau.shape, bool)
+    return np.asarray(np.any(_sides(field, here) < -PASSED, axis=0))
+
+
+def _first_crossing(field: VectorField, front: Front, step: Array) -> Array:
+    """Length of the step at which the first surface is passed (bisection with secants, Illinois)."""
+    low, high = np.zeros_like(step), step.copy()
+    start = np.min(_sides(field, front.here), axis=0)
+    at_low, at_high = np.maximum(start, 0.0), np.min(_sides(field, _moved(field, front.here, high)), axis=0)
+    for _ in range(SECANTS):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            trial = low + (high - low) * at_low / (at_low - at_high)
+        inside = np.isfinite(trial) & (trial > low) & (trial < high)
+        trial = np.where(inside, trial, 0.5 * (low + high))
+        value = np.min(_sides(field, _moved(field, front.here, trial)), axis=0)
+        beyond = value < 0.0
+        # Illinois: the end that stays has its value halved.
+        at_low = np.where(beyond, 0.5 * at_low, np.maximum(value, 0.0))
+        at_high = np.where(beyond, value, 0.5 * at_high)
+        low, high = np.where(beyond, low, trial), np.where(beyond, trial, high)
+        if np.all((high - low < 1e-15) | (np.abs(value) < 1e-16)):
+            break
+    return high
+
+
+def _crossed(field: VectorField, front: Front) -> Front:
+    """The motions beyond the surface that they have just reached, with the jump of the derivatives."""
+    here, motion, size = front.here, field.motion, field.size
+    nearest = np.argmin(_sides(field, here), axis=0)
+    before = field.rates(here)
+    y = here.y.copy()
+    at_reversal = (motion.switches[0].key == "v") & (nearest == 0) & ~here.stuck
+    y[1, at_reversal] = 0.0
+    released = here.stuck
+    after = _settled(field, replace(here, y=y), np.zeros(len(nearest), bool))
+    # What was passed and is not at rest is on the other side, wherever the look ahead sees it.
+    turn = np.flatnonzero(~at_reversal & ~released)
+    signs = after.signs.copy()
+    signs[nearest[turn], turn] = -here.signs[nearest[turn], turn]
+    stuck = np.where(released, False, after.stuck)
+    after = replace(after, signs=signs, stuck=stuck)
+    beyond = field.rates(after)
+    by_state, by_parameter, by_tau = field.surface_derivatives(here)
+    chosen = np.minimum(nearest, len(by_state) - 1), slice(None), np.arange(len(nearest))
+    normal, explicit = by_state[chosen].T, by_parameter[chosen].T
+    speed = np.sum(normal * before, axis=0) + by_tau[chosen[0], chosen[2]]
+    reset, replaced = _reset(field, here, at_reversal, after.stuck)
+    derivative = np.einsum("abn,bcn->acn", reset, front.derivative)
+    derivative[:, size:] += replaced
+    shift = np.einsum("bn,bcn->cn", normal, front.derivative)
+    shift[size:] += explicit
+    # Where friction lets go, the state does not move yet: there is nothing to shift.
+    turning = np.where(released | (np.abs(speed) < 1e-300), np.inf, speed)
+    jump = (beyond - np.einsum("abn,bn->an", reset, before)) / turning
+    derivative = derivative + jump[:, None] * shift[None]
+    matrix = reset + jump[:, None] * normal[None]
+    diffusion = np.einsum("abn,bcn,dcn->adn", matrix, front.diffusion, matrix)
+    return Front(after, derivative, diffusion)
+
+
+def _reset(field: VectorField, here: Instants, at_reversal: Mask, stuck: Mask) -> tuple[Array, Array]:
+    """Derivative of the state after a switching by that before it, and by the parameters.
+
+    Memory is replaced at a reversal; a speed that sticks is zero.
+    """
+    size, count = field.size, len(here.tau)
+    by_state = np.zeros((size, size, count))
+    by_state[range(size), range(size)] = 1.0
+    by_state[1, 1, stuck] = 0.0
+    by_parameter = np.zeros((size, len(field.names) + field.frequency, count))
+    turned = at_reversal & ~stuck
+    if field.motion.memory and turned.any():
+        memory = slice(len(field.motion.variables), size)
+        for table, replaced in zip((by_state, by_parameter), field.replaced_derivatives(here), strict=True):
+            table[memory, ..., turned] = replaced[..., turned]
+    return by_state, by_parameter
+
+
+def _with(front: Front, at: Array, part: Front) -> Front:
+    """The front with some intervals replaced."""
+    here, new = front.here, part.here
+    y, tau, signs, stuck = here.y.copy(), here.tau.copy(), here.signs.copy(), here.stuck.copy()
+    y[:, at], tau[at], signs[:, at], stuck[at] = new.y, new.tau, new.signs, new.stuck
+    derivative, diffusion = front.derivative.copy(), front.diffusion.copy()
+    derivative[..., at], diffusion[..., at] = part.derivative, part.diffusion
+    return Front(Instants(y, tau, signs, stuck), derivative, diffusion)

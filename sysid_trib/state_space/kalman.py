@@ -1,0 +1,120 @@
+"""The Kalman filter about a given path: innovations of the record and of every column, and the smoothed states.
+
+Deviations z - path obey a linear equation with the derivatives of the exact steps. The gains do not depend on the
+data: they are statsmodels'. With them the filter is linear in what it is given, so that the record and all
+columns (start, sensor's zero, coefficients) go through it in one banded triangular solution (de Jong 1991).
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.linalg.lapack import dtbtrs
+
+from sysid_trib.arrays import Array
+from sysid_trib.noise.variance_ratio import WhiteRows
+from sysid_trib.state_space.steps import Steps
+
+
+@dataclass(frozen=True)
+class LinearModel:
+    """A record about a path, linear in the deviations of states and parameters.
+
+    Attributes
+    ----------
+    steps : Steps
+        From each state of the path.
+    path : (sample, state) array of float
+    record : (sample,) array of float, rad
+        What was measured, minus what the sensor would show on the path.
+    observed : (sample, state) array of float
+        Derivative of what the sensor shows by the state.
+    observed_parameters : (sample, column) array of float
+        And by the columns' parameters.
+    start : (state, column) array of float
+        Derivative of the first state by the columns' parameters.
+    by_column : (step, state, column) array of float
+        Derivative of each end by the columns' parameters.
+    """
+
+    steps: Steps
+    path: Array
+    record: Array
+    observed: Array
+    observed_parameters: Array
+    start: Array
+    by_column: Array
+
+    @cached_property
+    def mismatch(self) -> Array:
+        """Where the exact steps end, from the path's next state, (step, state)."""
+        return self.steps.end - self.path[1:]
+
+    def _statsmodels(self, ratio: float, smoother: bool = False) -> Any:
+        # Here, since importing statsmodels takes longer than an identification.
+        from statsmodels.tsa.statespace.kalman_filter import KalmanFilter
+        from statsmodels.tsa.statespace.kalman_smoother import KalmanSmoother
+
+        samples, size = self.path.shape
+        kind = KalmanSmoother if smoother else KalmanFilter
+        model = kind(k_endog=1, k_states=size, k_posdef=size)
+        model.bind(np.zeros((1, samples)))
+        model["design"] = self.observed.T[None]
+        model["transition"] = _padded(np.moveaxis(self.steps.transition, 0, -1), np.eye(size))
+        model["selection"] = np.eye(size)
+        model["state_cov"] = _padded(ratio * np.moveaxis(self.steps.diffusion, 0, -1), np.zeros((size, size)))
+        model["obs_cov"] = np.ones((1, 1))
+        model.initialize_known(np.zeros(size), np.zeros((size, size)))
+        return model
+
+    def gains(self, ratio: float) -> tuple[Array, Array]:
+        """Gain of the prediction (sample, state) and variance of the innovations (sample,), in units of the
+        variance of the sensor's noise."""
+        filtered = self._statsmodels(ratio).filter()
+        return filtered.kalman_gain[:, 0].T, filtered.forecasts_error_cov[0, 0]
+
+    def rows(self, ratio: float) -> WhiteRows:
+        """Normalised innovations of the record, and of the columns, for a ratio per_tau / variance."""
+        innovations, columns, variance = self.innovations(ratio)
+        size = np.sqrt(variance)
+        return WhiteRows(innovations / size, columns / size[:, None], float(np.sum(np.log(variance))))
+
+    def innovations(self, ratio: float) -> tuple[Array, Array, Array]:
+        """Innovations of the record (sample,) and of the columns (sample, column), rad, and their variance."""
+        gain, variance = self.gains(ratio)
+        predicted = self._predicted(gain)
+        shown = np.einsum("na,nac->nc", self.observed, predicted)
+        return self.record - shown[:, 0], shown[:, 1:] + self.observed_parameters, variance
+
+    def _predicted(self, gain: Array) -> Array:
+        """States predicted from the past, of the record and of each column, (sample, state, 1 + column)."""
+        samples, size = self.path.shape
+        columns = self.start.shape[1]
+        source = np.zeros((samples, size, 1 + columns))
+        source[0, :, 1:] = self.start
+        source[1:, :, 0] = self.mismatch + gain[:-1] * self.record[:-1, None]
+        source[1:, :, 1:] = self.by_column - gain[:-1, :, None] * self.observed_parameters[:-1, None, :]
+        # s[k + 1] - (transition - gain observed) s[k] = source: lower banded.
+        turned = self.steps.transition - gain[:-1, :, None] * self.observed[:-1, None, :]
+        band = np.zeros((2 * size, samples * size))
+        band[0] = 1.0
+        for a in range(size):
+            for b in range(size):
+                band[size + a - b, b : (samples - 1) * size : size] = -turned[:, a, b]
+        solved, _ = dtbtrs(band, source.reshape(samples * size, -1), uplo="L", diag="U")
+        return np.asarray(solved).reshape(samples, size, -1)
+
+    def smoothed(self, ratio: float, parameters: Array) -> Any:
+        """statsmodels' smoother at given deviations of the columns' parameters (column,)."""
+        model = self._statsmodels(ratio, smoother=True)
+        model.bind(np.ascontiguousarray((self.record - self.observed_parameters @ parameters)[None]))
+        intercept = (self.mismatch + self.by_column @ parameters).T
+        model["state_intercept"] = _padded(intercept, np.zeros(len(intercept)))
+        model.initialize_known(self.start @ parameters, np.zeros((self.path.shape[1],) * 2))
+        return model.smooth()
+
+
+def _padded(values: Array, last: Array) -> Array:
+    """Values of each step, and one more that statsmodels wants for the step after the last sample."""
+    return np.concatenate([values, last[..., None]], axis=-1)

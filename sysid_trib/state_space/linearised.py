@@ -1,0 +1,137 @@
+"""A record about a path, linear in the states and in every parameter of its model."""
+
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid_trib.arrays import Array
+from sysid_trib.averaging.internal_states import states_along
+from sysid_trib.forces.force import Force
+from sysid_trib.noise.smoothing import smooth
+from sysid_trib.simulation.equations import Motion
+from sysid_trib.simulation.model import Model
+from sysid_trib.state_space.intervals import steps_between
+from sysid_trib.state_space.kalman import LinearModel
+from sysid_trib.state_space.vector_field import BRANCHING, COMPLEX_STEP
+
+
+@dataclass(frozen=True)
+class Derivatives:
+    """By which parameters a record is linearised; the start and the sensor's zero follow them.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Coefficients and shape parameters.
+    frequency : bool
+        Whether the reference frequency comes next.
+    """
+
+    names: tuple[str, ...]
+    frequency: bool
+
+    @property
+    def count(self) -> int:
+        """Number of columns: names, frequency, angle and rate at the first sample, zero of the sensor."""
+        return len(self.names) + self.frequency + 3
+
+
+def spline_path(model: Model, time: Array, angle: Array) -> Array:
+    """States along the least-squares spline through a record, (sample, state): the first path of all."""
+    tau = model.reference_frequency * (time - time[0])
+    x, v, _, _ = smooth(tau, angle)
+    columns, motion = [x, v], Motion(model.forces)
+    hidden: dict[str, Array] = {}
+    for force in model.forces:
+        found = states_along(force, tau, x, v, _own_shapes(force, model), time=time - time[0])
+        hidden |= {f"{force.symbol}.{name}": values for name, values in found.items()}
+    names = (*motion.variables[2:], *motion.memory)
+    return np.stack([*columns, *(hidden[name] for name in names)], axis=1)
+
+
+def _own_shapes(force: Force, model: Model) -> dict[str, float]:
+    return {name: value for name, value in model.shapes.items() if name.partition(".")[0] == force.symbol}
+
+
+def linearised_about(
+    model: Model, time: Array, angle: Array, path: Array, per_run: Array, by: Derivatives
+) -> LinearModel:
+    """A record about a path.
+
+    Parameters
+    ----------
+    model : Model
+        Forces and sensor terms at the present parameters.
+    time, angle : (sample,) array of float, s and rad
+        The record, with steps of any length.
+    path : (sample, state) array of float
+        x, v (rad), internal states, memory at each sample.
+    per_run : (3,) array of float
+        Angle (rad) and rate (rad/s) at the first sample, zero of the sensor (rad).
+    by : Derivatives
+        The columns.
+
+    Returns
+    -------
+    LinearModel
+
+    Raises
+    ------
+    SimulationError
+        The motion between two samples cannot be computed.
+    """
+    w, size = model.reference_frequency, path.shape[1]
+    started = path.copy()
+    started[0] = _start(model, per_run, size)
+    steps = steps_between(model, time, started, by.names, frequency=by.frequency)
+    by_column = np.zeros((len(time) - 1, size, by.count))
+    by_column[:, :, :-3] = steps.sensitivity
+    start = np.zeros((size, by.count))
+    start[0, -3], start[1, -2] = 1.0, 1.0 / w
+    if by.frequency:
+        # The rate at the first sample is a parameter, v = rate / w is the state.
+        start[1, -4] = -started[0, 1] / w
+    shown, observed, by_sensor = _sensor(model, time - time[0], started, by)
+    observed_parameters = np.zeros((len(time), by.count))
+    observed_parameters[:, : len(by.names)] = by_sensor
+    observed_parameters[:, -1] = 1.0
+    return LinearModel(
+        steps, started, angle - per_run[2] - shown, observed, observed_parameters, start, by_column
+    )
+
+
+def _start(model: Model, per_run: Array, size: int) -> Array:
+    motion = Motion(model.forces)
+    y, p = motion.start(model, float(per_run[0]), float(per_run[1]) / model.reference_frequency)
+    return np.concatenate([y, p[motion.memory_at]])[:size]
+
+
+def _sensor(model: Model, elapsed: Array, path: Array, by: Derivatives) -> tuple[Array, Array, Array]:
+    """What the sensor shows on a path but for its zero (sample,), and its derivatives by state and names."""
+    x, v = path[:, 0], path[:, 1]
+    shown, observed = x.copy(), np.zeros_like(path)
+    observed[:, 0] = 1.0
+    by_sensor = np.zeros((len(path), len(by.names)))
+    for sensor in model.sensors:
+        coefficient, shapes = model.coefficients[sensor.symbol], sensor.shape_values(model.shapes)
+        own = {name.partition(".")[2]: value for name, value in shapes.items()}
+        value = _values(sensor, x, v, elapsed, own)
+        shown = shown + coefficient * value.real
+        if sensor.symbol in by.names:
+            by_sensor[:, by.names.index(sensor.symbol)] = value.real
+        for column, at in ((0, (x + 1j * COMPLEX_STEP, v)), (1, (x, v + 1j * COMPLEX_STEP))):
+            observed[:, column] += coefficient * _values(sensor, *at, elapsed, own).imag / COMPLEX_STEP
+        for name in own:
+            if (full := f"{sensor.symbol}.{name}") in by.names:
+                stepped = own | {name: own[name] + 1j * COMPLEX_STEP}
+                slope = _values(sensor, x, v, elapsed, stepped).imag / COMPLEX_STEP
+                by_sensor[:, by.names.index(full)] = coefficient * slope
+    return shown, observed, by_sensor
+
+
+def _values(sensor: Force, x: Array, v: Array, elapsed: Array, shapes: dict[str, complex]) -> Array:
+    value = sensor.formula.evaluate({"x": x, "v": v, "t": elapsed, **shapes}, BRANCHING)
+    return np.broadcast_to(np.asarray(value, dtype=complex), x.shape)
+
+

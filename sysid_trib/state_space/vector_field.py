@@ -1,0 +1,210 @@
+"""The equations of motion and their derivatives at many instants at once, on the branches that are given.
+
+Derivatives are complex steps (Squire and Trapp 1998): on a branch every formula is analytic, and the imaginary
+part of its value at z + i e is e times the derivative, without a difference of near numbers.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from sysid_trib.arrays import Array, Mask
+from sysid_trib.forces.formulas import NUMPY, Functions
+from sysid_trib.simulation.equations import SMOOTHED, Motion
+from sysid_trib.simulation.model import Model
+
+COMPLEX_STEP = 1e-100
+
+
+def _power(base: Array, exponent: complex) -> Array:
+    """Whole powers; broken ones smoothed where the base is zero, as the compiled engine does."""
+    if isinstance(exponent, int | float) and float(exponent).is_integer():
+        return np.asarray(base ** int(exponent))
+    return np.asarray(base * (base * base + SMOOTHED**2) ** (0.5 * (exponent - 1.0)))
+
+
+FUNCTIONS: Functions = {
+    **NUMPY,
+    "power": _power,
+    "sqrt": lambda u: _power(u, 0.5),
+    "log": lambda u: 0.5 * np.log(u * u + SMOOTHED**2),
+    "below": lambda u, then, other: np.where(np.asarray(u) < 0.0, then, other),
+}
+
+# The same where no sign is given: branches by the real part.
+BRANCHING: Functions = {
+    **FUNCTIONS,
+    "sign": lambda u: np.sign(np.real(u)),
+    "abs": lambda u: np.sign(np.real(u)) * u,
+    "min": lambda a, b: np.where(np.real(a) < np.real(b), a, b),
+    "max": lambda a, b: np.where(np.real(a) > np.real(b), a, b),
+}
+
+
+@dataclass(frozen=True)
+class Instants:
+    """States of a motion at many instants, each on a branch of its own.
+
+    Attributes
+    ----------
+    y : (state, instant) array of float
+        x, v, internal states, memory.
+    tau : (instant,) array of float
+    signs : (switch, instant) array of float
+        On which side of each switching surface it is.
+    stuck : (instant,) array of bool
+        Whether friction holds it.
+    """
+
+    y: Array
+    tau: Array
+    signs: Array
+    stuck: Mask
+
+    def at(self, chosen: Array) -> "Instants":
+        """Some of the instants."""
+        return Instants(self.y[:, chosen], self.tau[chosen], self.signs[:, chosen], self.stuck[chosen])
+
+
+@dataclass(frozen=True)
+class VectorField:
+    """The equations of motion of a model, with derivatives by the state and by some of its parameters.
+
+    Parameters
+    ----------
+    model : Model
+    names : tuple of str
+        Coefficients and shape parameters by which derivatives are taken.
+    frequency : bool
+        Whether the last derivative is by the reference frequency.
+    """
+
+    model: Model
+    names: tuple[str, ...] = ()
+    frequency: bool = False
+
+    @cached_property
+    def motion(self) -> Motion:
+        """The switching system of the forces; sensor terms do not act."""
+        return Motion(self.model.forces)
+
+    @cached_property
+    def size(self) -> int:
+        """Number of states, memory among them."""
+        return len(self.motion.variables) + len(self.motion.memory)
+
+    @cached_property
+    def _fixed(self) -> list[float]:
+        return self.motion.parameters(self.model)[: self.motion.memory_at.start].tolist()
+
+    def parameters(self, here: Instants, signs: Sequence[Array] | None = None) -> list[Array]:
+        """`p` of `Motion` at the instants: what is fixed, the memory, the signs."""
+        memory = here.y[len(self.motion.variables) :]
+        return [*self._fixed, *memory, *(here.signs if signs is None else signs)]
+
+    def rates(self, here: Instants) -> Array:
+        """Derivative of the state by tau, (state, instant); at rest x and v do not change."""
+        rates = self._rates(list(here.y), self._fixed, here)
+        return np.where(here.stuck & (np.arange(self.size) < 2)[:, None], 0.0, rates)
+
+    def _rates(self, y: Sequence[Array], fixed: Sequence[Array | float], here: Instants) -> Array:
+        count = len(self.motion.variables)
+        p = [*fixed, *y[count:], *here.signs]
+        rates = self.motion.rates(y[:count], p, here.tau, FUNCTIONS)
+        kind = np.result_type(*(np.asarray(rate) for rate in rates))
+        table = np.zeros((self.size, here.y.shape[1]), kind)
+        for row, rate in zip(table, rates, strict=False):
+            row[:] = rate
+        return table
+
+    def derivatives(self, here: Instants) -> tuple[Array, Array, Array]:
+        """Rates (state, instant), their derivatives by the state (state, state, instant) and by the parameters
+        (state, parameter, instant).
+
+        Time in formulas is held when the frequency changes: d(rates)/dw = rates/w in tau of a given time.
+        """
+        y, fixed = list(here.y.astype(complex)), list(self._fixed)
+        by_state = np.zeros((self.size, self.size, here.y.shape[1]))
+        rates = np.empty_like(here.y)
+        for j in range(self.size):
+            stepped = [*y[:j], y[j] + 1j * COMPLEX_STEP, *y[j + 1 :]]
+            values = self._rates(stepped, fixed, here)
+            by_state[:, j] = values.imag / COMPLEX_STEP
+            rates = values.real
+        count = len(self.names) + self.frequency
+        by_parameter = np.zeros((self.size, count, here.y.shape[1]))
+        for k, name in enumerate(self.names):
+            if name in self._places:
+                stepped_fixed = list(fixed)
+                stepped_fixed[self._places[name]] += 1j * COMPLEX_STEP  # type: ignore[assignment,operator]
+                by_parameter[:, k] = self._rates(list(here.y), stepped_fixed, here).imag / COMPLEX_STEP
+        if self.frequency:
+            by_parameter[:, -1] = rates / self.model.reference_frequency
+        if here.stuck.any():
+            for table in (rates, by_state, by_parameter):
+                table[:2, ..., here.stuck] = 0.0
+            by_state[:, 1, here.stuck] = 0.0
+        return rates, by_state, by_parameter
+
+    @cached_property
+    def _places(self) -> dict[str, int]:
+        """Where coefficients and shape parameters stand in `p`."""
+        symbols = [force.symbol for force in self.motion.forces]
+        return {name: i for i, name in enumerate((*symbols, *self.motion.shapes))}
+
+    def surfaces(self, here: Instants) -> Array:
+        """Value of each switching surface on the present branch, (switch, instant)."""
+        return self._surfaces(list(here.y), self._fixed, here)
+
+    def _surfaces(self, y: Sequence[Array], fixed: Sequence[Array | float], here: Instants) -> Array:
+        count = len(self.motion.variables)
+        p = [*fixed, *y[count:], *here.signs]
+        values = self.motion.surfaces(y[:count], p, here.tau, FUNCTIONS, frozen=True)
+        if not values:
+            return np.empty((0, here.y.shape[1]))
+        return np.stack([np.broadcast_to(value, here.tau.shape) for value in values])
+
+    def surface_derivatives(self, here: Instants) -> tuple[Array, Array, Array]:
+        """Derivatives of the surfaces by state, by parameter and by tau: (switch, state, instant),
+        (switch, parameter, instant), (switch, instant).
+        """
+        y, fixed, step = list(here.y.astype(complex)), self._fixed, 1j * COMPLEX_STEP
+        by_state = np.stack(
+            [
+                self._surfaces([*y[:j], y[j] + step, *y[j + 1 :]], fixed, here).imag / COMPLEX_STEP
+                for j in range(self.size)
+            ],
+            axis=1,
+        )
+        by_parameter = np.zeros((len(by_state), len(self.names) + self.frequency, here.y.shape[1]))
+        for k, name in enumerate(self.names):
+            if name in self.motion.shapes:
+                stepped = list(fixed)
+                stepped[self._places[name]] += step  # type: ignore[assignment,operator]
+                by_parameter[:, k] = self._surfaces(y, stepped, here).imag / COMPLEX_STEP
+        later = replace(here, tau=here.tau + step)
+        return by_state, by_parameter, self._surfaces(y, fixed, later).imag / COMPLEX_STEP
+
+    def replaced_derivatives(self, here: Instants) -> tuple[Array, Array]:
+        """Derivatives of the memory after a reversal, by state and by parameter: (memory, ..., instant)."""
+        count, fixed, step = len(self.motion.variables), self._fixed, 1j * COMPLEX_STEP
+        y = list(here.y.astype(complex))
+
+        def by(y: Sequence[Array], fixed: Sequence[Array | float]) -> Array:
+            p = [*fixed, *y[count:], *here.signs]
+            memory = self.motion.replaced(y[:count], p, here.tau, BRANCHING)
+            return (
+                np.stack([np.broadcast_to(np.imag(value), here.tau.shape) for value in memory]) / COMPLEX_STEP
+            )
+
+        by_state = [by([*y[:j], y[j] + step, *y[j + 1 :]], fixed) for j in range(self.size)]
+        by_parameter = [np.zeros_like(by_state[0])] * (len(self.names) + self.frequency)
+        for k, name in enumerate(self.names):
+            if name in self.motion.shapes:
+                stepped = list(fixed)
+                stepped[self._places[name]] += step  # type: ignore[assignment,operator]
+                by_parameter[k] = by(y, stepped)
+        empty = np.zeros((len(by_state[0]), 0, len(here.tau)))
+        return np.stack(by_state, axis=1), np.stack(by_parameter, axis=1) if by_parameter else empty
