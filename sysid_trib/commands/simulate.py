@@ -21,7 +21,10 @@ def simulate(
     angle0: Annotated[float, typer.Option(metavar="RAD", help="Angle at the start.")] = 0.3,
     rate0: Annotated[float, typer.Option(metavar="RAD/S", help="Angular rate at the start.")] = 0.0,
     noise: Annotated[float, typer.Option(metavar="RAD", help="Standard deviation of white noise.")] = 0.0,
-    seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
+    random_force: Annotated[
+        float, typer.Option(metavar="DENSITY", help="Of a white acceleration, one-sided, (rad/s^2)^2/Hz.")
+    ] = 0.0,
+    seed: Annotated[int, typer.Option(help="Seed of the noise and of the random force.")] = 0,
 ) -> None:
     """Simulate the decay of a model; without --set, of the paper's PDMS/glass run."""
     from sysid_trib.commands import checks
@@ -37,7 +40,10 @@ def simulate(
     checks.check_positive(duration, "--duration")
     checks.check_positive(sampling_rate, "--sampling-rate")
     model = Model(offered, coefficients, reference_frequency, shapes)
-    record = simulated_record(model, duration, sampling_rate, (angle0, rate0), noise=noise, seed=seed)
+    start = (angle0, rate0)
+    record = simulated_record(
+        model, duration, sampling_rate, start, noise=noise, random_force=random_force, seed=seed
+    )
     write_record(record, output)
     stop = record.stop_time.item()
     ending = f"; it stops at {stop:.4g} s" if stop == stop else ""

@@ -23,6 +23,7 @@ def simulated_record(
     start: tuple[float, float],
     *,
     noise: float = 0.0,
+    random_force: float = 0.0,
     seed: int = 0,
 ) -> xr.Dataset:
     """Simulate a record.
@@ -39,8 +40,10 @@ def simulated_record(
         Angle and angular rate at the first sample.
     noise : float, rad
         Standard deviation of white noise.
+    random_force : float, (rad/s^2)^2/Hz
+        One-sided density of a white acceleration in the motion.
     seed : int
-        Seed of the noise.
+        Seed of the noise and of the random force.
 
     Returns
     -------
@@ -68,10 +71,12 @@ def simulated_record(
             f"Start {start[0]:g} rad, {start[1]:g} rad/s with noise {noise:g} rad, seed {seed}: the start "
             f"must be finite, the noise 0 to {MAX_NOISE:g} rad, the seed not negative."
         )
-    record = simulate(model, np.arange(samples) / sampling_rate, *start)
+    time = np.arange(samples) / sampling_rate
+    record = simulate(model, time, *start, random_force=random_force, seed=seed)
     record["angle"] = record.angle + noise * np.random.default_rng(seed).standard_normal(samples)
     record.angle.attrs = {"units": "rad", "long_name": "angle"}
-    source = f"simulated by sysid_trib, noise {noise:g} rad, seed {seed}"
+    pushed = f", random force {random_force:g} (rad/s^2)^2/Hz" if random_force else ""
+    source = f"simulated by sysid_trib, noise {noise:g} rad{pushed}, seed {seed}"
     return record.assign_attrs(source=source, synthetic="yes")
 
 

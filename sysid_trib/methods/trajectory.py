@@ -17,20 +17,29 @@ from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.scope import MethodScope
 from sysid_trib.noise.autoregression import autoregression, whitened
 from sysid_trib.noise.level import sensor_noise
+from sysid_trib.noise.random_force import (
+    RandomForce,
+    RandomForceOption,
+    check_random_force,
+    random_force_variables,
+)
 from sysid_trib.records.runs import Decays, as_runs, root_mean_square
 from sysid_trib.results.birge import birge_ratio
 from sysid_trib.results.schema import model_of
+from sysid_trib.results.variables import variable
 from sysid_trib.simulation.model import Model
 from sysid_trib.trajectory_fit.initial_conditions import first_guess
 from sysid_trib.trajectory_fit.least_squares import Fit, fitted, grown, rms
 from sysid_trib.trajectory_fit.parameters import FREQUENCY, PER_RUN, Parameters
 from sysid_trib.trajectory_fit.problem import FitProblem, WhitenedRecord
+from sysid_trib.trajectory_fit.random_motion import RandomMotionFit, fit_random_motion
 from sysid_trib.trajectory_fit.result import FitEstimate
 
 # Rounds in which noise and fit of several runs, or of coloured noise, follow each other.
 NOISE_ROUNDS = 3
 # A parameter that is nearer to a bound than this part of its standard error is stopped by it.
 NEAR_BOUND = 1e-3
+INNOVATION_LAGS = 20
 
 
 @dataclass(frozen=True)
@@ -57,9 +66,16 @@ class Trajectory:
         Coefficients and shape parameters that are held, `{"lambda": 0.0}`.
     tie : mapping of str to str
         Coefficients and shape parameters as formulas of others, `{"nu": "-2.356*delta"}`.
+    random_force : "off", "auto" or float, (rad/s^2)^2/Hz
+        `auto` estimates a white random acceleration in each run beside the sensor's noise; a number is its
+        one-sided density, held. The fit is then that of the innovations (see `random_motion`).
 
     Notes
     -----
+    With a random force the result has `random_force_density` with its error and p-value, `innovation_rms`
+    (rad) and `autocorrelation(lag)` of the innovations; `noise` is the sensor's beside it. Where the most
+    likely density is zero the fit is that without.
+
     The window grows over the records unless the start already follows them; sensitivities are differences of
     exact motions, so that switching times and the stop take part. Of several runs each counts by its own
     noise, that of its residual. A fixed parameter has the standard error 0, a tied one that of the chain
@@ -74,8 +90,12 @@ class Trajectory:
     shapes: Mapping[str, float] = field(default_factory=dict)
     fix: Mapping[str, float] = field(default_factory=dict)
     tie: Mapping[str, str] = field(default_factory=dict)
+    random_force: RandomForceOption = "off"
 
     def __post_init__(self) -> None:
+        check_random_force(self.random_force)
+        if self.random_force != "off" and self.noise == "coloured":
+            raise UsageError("A random force beside coloured noise is not estimated; take noise='white'.")
         if self.noise not in ("white", "coloured"):
             raise UsageError(f"noise='{self.noise}' is neither 'white' nor 'coloured'.")
 
@@ -103,7 +123,12 @@ class Trajectory:
         parameters = _parameters(self, forces_to_identify(library, self.reference_frequency), len(runs))
         records = [WhitenedRecord(d.time.values.astype(float), d.angle.values.astype(float)) for d in runs]
         problem = FitProblem(parameters, tuple(records))
-        fit = fitted(problem, grown(problem, _first_values(self, problem, runs)))
+        first = _first_values(self, problem, runs)
+        if self.random_force != "off":
+            pushed = _with_random_force(self, problem, first)
+            if any(run.ratio.ratio > 0.0 for run in pushed.runs):
+                return _pushed_identification(self, problem, runs, library, pushed)
+        fit = fitted(problem, grown(problem, first))
         for _ in range(NOISE_ROUNDS if self.noise == "coloured" or len(runs) > 1 else 0):
             problem = _weighted(problem, fit.values, coloured=self.noise == "coloured")
             fit = fitted(problem, fit.values)
@@ -143,6 +168,53 @@ def _first_values(method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dat
     values = parameters.library.shape_values(method.shapes)
     values |= {**start.coefficients, **start.shapes, FREQUENCY: start.reference_frequency}
     return parameters.expand(parameters.pack(values, per_run)[parameters.free])
+
+
+def _with_random_force(method: Trajectory, problem: FitProblem, values: Array) -> RandomMotionFit:
+    """The fit of the innovations; a parameter that a bound stops is held there."""
+    parameters = problem.parameters
+    records = [(record.time, record.angle) for record in problem.records]
+    while True:
+        pushed = fit_random_motion(parameters, records, values, method.random_force)
+        fit = Fit(pushed.values, pushed.residual, pushed.sensitivity)
+        stopped = _stopped_by_bounds(parameters, fit, method.bounds)
+        if not stopped:
+            return pushed
+        parameters = parameters.fix(stopped)
+        values = parameters.expand(pushed.values[parameters.free])
+
+
+def _pushed_identification(
+    method: Trajectory,
+    problem: FitProblem,
+    runs: Sequence[xr.Dataset],
+    library: ForceLibrary,
+    pushed: RandomMotionFit,
+) -> xr.Dataset:
+    """A fit with a random force as every method returns it."""
+    frequency = problem.parameters.model(pushed.values).reference_frequency
+    noises = [float(np.sqrt(run.ratio.variance)) for run in pushed.runs]
+    estimate = FitEstimate(problem, pushed.values, pushed.covariance, noises)
+    freedoms = len(pushed.residual) - pushed.sensitivity.shape[1]
+    chi_square = float(pushed.residual @ pushed.residual)
+    extra: dict[str, tuple[ArrayLike, str, str]] = {
+        "birge_ratio": (birge_ratio(chi_square, freedoms), "1", "Birge ratio of the innovations"),
+        "innovation_rms": (
+            [rms(run.innovations()) for run in pushed.runs],
+            "rad",
+            "RMS of what one step ahead is predicted wrongly",
+        ),
+    }
+    result = estimate.identification(method, runs, library, extra)
+    given = None if isinstance(method.random_force, str) else RandomForce(float(method.random_force))
+    forces = [given or run.random_force(frequency) for run in pushed.runs]
+    result = result.assign(random_force_variables(forces))
+    lags = np.arange(1, 1 + min(INNOVATION_LAGS, len(pushed.residual) - 1))
+    e = pushed.residual
+    correlation = [float(e[lag:] @ e[:-lag]) / chi_square for lag in lags]
+    name = "autocorrelation of the innovations"
+    result = result.assign(autocorrelation=variable("lag", correlation, name, "1")).assign_coords(lag=lags)
+    return result.assign_attrs(noise_model="white, beside a random force")
 
 
 def _weighted(problem: FitProblem, values: Array, *, coloured: bool) -> FitProblem:

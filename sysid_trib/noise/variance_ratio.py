@@ -1,7 +1,7 @@
 """How much of the noise is a random force: restricted likelihood in the ratio of two variances.
 
-Rows of noise with the covariance variance * (A + ratio * B), A of the sensor's noise and B of a random force of
-unit size. Restricted likelihood (Patterson and Thompson 1971) allows for the coefficients that are estimated.
+Rows of noise with the covariance variance * (A + ratio * B), A of the sensor's noise and B of a random force
+of unit size. Restricted likelihood (Patterson and Thompson 1971) allows for the estimated coefficients.
 """
 
 from collections.abc import Callable
@@ -88,7 +88,7 @@ class VarianceRatio:
 
     @property
     def p_value(self) -> float:
-        """Of a ratio of zero: half a chi-square with one degree of freedom (Chernoff 1954)."""
+        """Of a ratio of zero: half a chi-square (Chernoff 1954)."""
         return 0.5 * float(chi2.sf(self.gain, 1)) if self.gain > 0.0 else 1.0
 
 
@@ -125,13 +125,13 @@ def variance_ratio(
         grid = np.clip(np.log(start) + np.array([-1.0, 0.0, 1.0]), first, last)
     best = float(min(grid, key=deviance))
     reach = float(np.max(np.diff(grid))) if len(grid) > 1 else FIRST_GRID
-    found = minimize_scalar(
+    minimum = minimize_scalar(
         deviance,
         bounds=(max(first, best - reach), min(last, best + reach)),
         method="bounded",
         options={"xatol": LOG_TOLERANCE},
     )
-    best = min((float(found.x), best), key=deviance)
+    best = min((float(minimum.x), best), key=deviance)
     gain = none[0] - deviance(best)
     if gain <= 0.0:
         risen = [at for at in sorted(known) if known[at][0] > none[0] + 1.0]

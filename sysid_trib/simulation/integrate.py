@@ -66,7 +66,7 @@ def integrate(engine: Engine, y: Vector, p: Vector, grid: Vector) -> NormalisedM
     y, p : array of float
         Variables at the start, and parameters (see `equations`).
     grid : (grid,) array of float
-        tau, increasing from 0.
+        tau, increasing; the start is its first.
 
     Returns
     -------
@@ -77,8 +77,8 @@ def integrate(engine: Engine, y: Vector, p: Vector, grid: Vector) -> NormalisedM
     SimulationError
         It diverges, switches without end, or fails the check of its samples.
     """
-    motion, tau, stop = engine.motion, 0.0, np.nan
-    periods = float(grid[-1]) / (2.0 * np.pi)
+    motion, tau, stop = engine.motion, float(grid[0]), np.nan
+    periods = float(grid[-1] - grid[0]) / (2.0 * np.pi)
     switchings = 1000 + int(periods * (50 + 10 * len(motion.switches)))
     progress = Progress(p, budget=switchings, steps=5000 + int(500 * periods))
     rows, done = np.empty((len(grid), len(y))), 1

@@ -16,6 +16,8 @@ from sysid_trib.simulation.integrate import DivergenceError, Engine, NormalisedM
 from sysid_trib.simulation.model import Model
 
 FAST = "fast"
+# Kicks a period of a motion that is pushed at random: their law is then right to a percent.
+KICKS_PER_PERIOD = 40
 
 
 @dataclass(frozen=True)
@@ -55,8 +57,10 @@ def simulate(
     *,
     engine: str | None = None,
     tolerance: float = 1e-12,
+    random_force: float = 0.0,
+    seed: int = 0,
 ) -> xr.Dataset:
-    """Simulate the free motion of a model.
+    """Simulate the free motion of a model, pushed at random where that is asked for.
 
     Parameters
     ----------
@@ -70,6 +74,10 @@ def simulate(
         `heyoka`, `scipy`, or None for the best that is installed, and the other if that fails.
     tolerance : float
         Relative tolerance of scipy; heyoka always goes to 1e-13.
+    random_force : float, (rad/s^2)^2/Hz
+        One-sided density of a white acceleration in the motion.
+    seed : int
+        Of the random force.
 
     Returns
     -------
@@ -81,11 +89,18 @@ def simulate(
     ------
     SimulationError
         The motion diverges or switches without end, or the times do not increase.
+    UsageError
+        The density is negative or not finite.
     """
     time = np.asarray(time, dtype=float)
+    if not (np.isfinite(random_force) and random_force >= 0.0):
+        raise UsageError(f"random_force={random_force} is no density; give (rad/s^2)^2/Hz, zero or more.")
     if not all(model.coefficients.values()):
         model = model.with_coefficients({k: c for k, c in model.coefficients.items() if c != 0.0})
-    motion = trajectory(model, time, angle, rate, engine=engine, tolerance=tolerance)
+    if random_force:
+        motion = pushed_trajectory(model, time, (angle, rate), random_force, seed)
+    else:
+        motion = trajectory(model, time, angle, rate, engine=engine, tolerance=tolerance)
     data: dict[str, Any] = {
         "angle": ("time", motion.angle, {"units": "rad", "long_name": "angle"}),
         "rate": ("time", motion.rate, {"units": "rad/s", "long_name": "angular rate"}),
@@ -140,6 +155,75 @@ def trajectory(
         measured += model.coefficients[sensor.symbol] * sensor.value(x, v, time - start, shapes=model.shapes)
     stop, reversals = start + path.stop / w, start + path.reversals / w
     return SimulatedMotion(measured, x, w * v, stop, reversals, path.hidden, name)
+
+
+def pushed_trajectory(
+    model: Model, time: Vector, start: tuple[float, float], random_force: float, seed: int
+) -> SimulatedMotion:
+    """Motion of a model that is pushed at random: exact between kicks, at least `KICKS_PER_PERIOD` a period.
+
+    Parameters
+    ----------
+    model : Model
+    time : (sample,) array of float, s
+    start : (float, float), rad and rad/s
+        Angle and rate at time[0].
+    random_force : float, (rad/s^2)^2/Hz
+        One-sided density of the acceleration.
+    seed : int
+
+    Returns
+    -------
+    SimulatedMotion
+        The next kick moves a body that friction holds: it never stops for good.
+
+    Notes
+    -----
+    Over an interval h of tau a white acceleration adds to (x, v) a Gaussian vector of covariance
+    per_tau [[h^3/3, h^2/2], [h^2/2, h]] to lowest order in h; per_tau = density/(2 w^3).
+    """
+    w = model.reference_frequency
+    if time.ndim != 1 or len(time) < 2 or not np.all(np.isfinite(time)) or np.any(np.diff(time) <= 0.0):
+        raise SimulationError("A motion that is pushed at random wants two or more times that increase.")
+    tau = w * (time - time[0])
+    parts = np.maximum(1, np.ceil(np.diff(tau) * KICKS_PER_PERIOD / (2.0 * np.pi))).astype(int)
+    instants = np.concatenate(
+        [[0.0], tau[:-1].repeat(parts) + _fractions(parts) * np.diff(tau).repeat(parts)]
+    )
+    compiled = _engine("heyoka" if _has_heyoka() else "scipy", model.forces, 1e-12)
+    y, p = compiled.motion.start(model, start[0], start[1] / w)
+    h = np.diff(instants)
+    # A stream of its own: noise that is added with the same seed is independent of it.
+    random = np.random.default_rng([seed, 1]).standard_normal((2, len(h)))
+    kick_v = np.sqrt(0.5 * random_force / w**3 * h) * random[0]
+    # Of the variance h^3/3 of x three quarters are by what v gains, a quarter is its own.
+    kick_x = 0.5 * h * kick_v + np.sqrt(0.5 * random_force / w**3 * h**3 / 12.0) * random[1]
+    rows, paths = [y], []
+    with compiled.lock:
+        for at in range(len(h)):
+            path = integrate(compiled, y, p, instants[at : at + 2])
+            y = path.y[-1].copy()
+            y[:2] += kick_x[at], kick_v[at]
+            rows.append(y)
+            paths.append(path)
+    samples = np.concatenate([[0], np.cumsum(parts)])
+    states = np.array(rows)[samples]
+    hidden = {
+        name: np.array([q.hidden[name][-1] for q in (paths[0], *paths)])[samples] for name in paths[0].hidden
+    }
+    x, v = states[:, 0], states[:, 1]
+    measured = x.copy()
+    for sensor in model.sensors:
+        measured += model.coefficients[sensor.symbol] * sensor.value(
+            x, v, time - time[0], shapes=model.shapes
+        )
+    engine = "heyoka" if _has_heyoka() else "scipy"
+    return SimulatedMotion(measured, x, w * v, float("nan"), np.empty(0), hidden, engine)
+
+
+def _fractions(parts: np.ndarray) -> Vector:
+    """Where in its interval each kick is, as a part of it, one interval after the other."""
+    return np.concatenate([np.arange(1, count + 1) / count for count in parts])
 
 
 def _path(

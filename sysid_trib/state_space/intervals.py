@@ -1,7 +1,7 @@
 """The motion from each sample to the next, exact and with its derivatives, over all intervals at once.
 
-Each interval starts at a state that is given (multiple shooting, Bock 1981), so that none waits for another. An
-explicit Runge-Kutta step advances state, derivatives and diffusion together; where it passes a switching
+Each interval starts at a state that is given (multiple shooting, Bock 1981), so that none waits for another.
+An explicit Runge-Kutta step advances state, derivatives and diffusion together; where it passes a switching
 surface it is cut there, and the derivatives jump by the saltation matrix (Leine and Nijmeijer 2004).
 """
 
@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 from scipy.integrate import RK45
 
-from sysid_trib.arrays import Array, Mask
+from sysid_trib.arrays import Array, Index, Mask
 from sysid_trib.errors import SimulationError
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.stick_slip import branches_from_rest, rates_at_rest, signs_ahead
 from sysid_trib.state_space.steps import Steps
 from sysid_trib.state_space.vector_field import FUNCTIONS, Instants, VectorField
 
-# Longest substep in tau: its error of phase is then 1e-9 rad a radian.
+# Longest substep in tau: its error of phase is then below 1e-8 rad a radian.
 SUBSTEP = 0.12
 # On the wrong side of a surface by less than this (rad), a motion has not passed it.
 PASSED = 1e-13
@@ -43,7 +43,7 @@ class Front:
     derivative: Array
     diffusion: Array
 
-    def at(self, chosen: Array) -> "Front":
+    def at(self, chosen: Index) -> "Front":
         """Some of the intervals."""
         return Front(self.here.at(chosen), self.derivative[..., chosen], self.diffusion[..., chosen])
 
@@ -175,7 +175,7 @@ def _settled(field: VectorField, here: Instants, first: Mask) -> Instants:
         stuck[still] = held
         signs[:, still] = np.where(held, signs[:, still], taken[memory:])
         if memory:
-            places = np.ix_(range(len(motion.variables), field.size), still)
+            places = np.ix_(np.arange(len(motion.variables), field.size), still)
             y[places] = np.where(held, y[places], taken[:memory])
     return Instants(y, here.tau, signs, stuck)
 
@@ -210,10 +210,10 @@ def _advanced(front: Front, slopes: list[Any], weights: Any, step: Array, part: 
     return Front(replace(here, y=values[0], tau=here.tau + part * step), values[1], values[2])
 
 
-def _moved(field: VectorField, here: Instants, step: Array) -> Instants:
+def _stepped_state(field: VectorField, here: Instants, step: Array) -> Instants:
     """The state alone, by the same step."""
     slopes: list[Array] = []
-    for row in [*RK45.A[1:], RK45.B]:
+    for _ in RK45.C:
         slopes.append(field.rates(_along(here, slopes, RK45.A[len(slopes)] if slopes else (), step)))
     return _along(here, slopes, RK45.B, step, 1.0)
 
@@ -225,8 +225,8 @@ def _along(
     for weight, slope in zip(weights, slopes, strict=False):
         if weight:
             y = y + weight * step * slope
-    moved = part if part is not None else float(RK45.C[len(slopes)])
-    return replace(here, y=y, tau=here.tau + moved * step)
+    advance = part if part is not None else float(RK45.C[len(slopes)])
+    return replace(here, y=y, tau=here.tau + advance * step)
 
 
 def _sides(field: VectorField, here: Instants) -> Array:
@@ -250,18 +250,21 @@ def _first_crossing(field: VectorField, front: Front, step: Array) -> Array:
     """Length of the step at which the first surface is passed (bisection with secants, Illinois)."""
     low, high = np.zeros_like(step), step.copy()
     start = np.min(_sides(field, front.here), axis=0)
-    at_low, at_high = np.maximum(start, 0.0), np.min(_sides(field, _moved(field, front.here, high)), axis=0)
+    at_low, at_high = (
+        np.maximum(start, 0.0),
+        np.min(_sides(field, _stepped_state(field, front.here, high)), axis=0),
+    )
     for _ in range(SECANTS):
         with np.errstate(divide="ignore", invalid="ignore"):
             trial = low + (high - low) * at_low / (at_low - at_high)
         inside = np.isfinite(trial) & (trial > low) & (trial < high)
         trial = np.where(inside, trial, 0.5 * (low + high))
-        value = np.min(_sides(field, _moved(field, front.here, trial)), axis=0)
-        beyond = value < 0.0
+        value = np.min(_sides(field, _stepped_state(field, front.here, trial)), axis=0)
+        passed = value < 0.0
         # Illinois: the end that stays has its value halved.
-        at_low = np.where(beyond, 0.5 * at_low, np.maximum(value, 0.0))
-        at_high = np.where(beyond, value, 0.5 * at_high)
-        low, high = np.where(beyond, low, trial), np.where(beyond, trial, high)
+        at_low = np.where(passed, 0.5 * at_low, np.maximum(value, 0.0))
+        at_high = np.where(passed, value, 0.5 * at_high)
+        low, high = np.where(passed, low, trial), np.where(passed, trial, high)
         if np.all((high - low < 1e-15) | (np.abs(value) < 1e-16)):
             break
     return high
@@ -283,7 +286,7 @@ def _crossed(field: VectorField, front: Front) -> Front:
     signs[nearest[turn], turn] = -here.signs[nearest[turn], turn]
     stuck = np.where(released, False, after.stuck)
     after = replace(after, signs=signs, stuck=stuck)
-    beyond = field.rates(after)
+    after_rates = field.rates(after)
     by_state, by_parameter, by_tau = field.surface_derivatives(here)
     chosen = np.minimum(nearest, len(by_state) - 1), slice(None), np.arange(len(nearest))
     normal, explicit = by_state[chosen].T, by_parameter[chosen].T
@@ -295,7 +298,7 @@ def _crossed(field: VectorField, front: Front) -> Front:
     shift[size:] += explicit
     # Where friction lets go, the state does not move yet: there is nothing to shift.
     turning = np.where(released | (np.abs(speed) < 1e-300), np.inf, speed)
-    jump = (beyond - np.einsum("abn,bn->an", reset, before)) / turning
+    jump = (after_rates - np.einsum("abn,bn->an", reset, before)) / turning
     derivative = derivative + jump[:, None] * shift[None]
     matrix = reset + jump[:, None] * normal[None]
     diffusion = np.einsum("abn,bcn,dcn->adn", matrix, front.diffusion, matrix)
@@ -320,7 +323,7 @@ def _reset(field: VectorField, here: Instants, at_reversal: Mask, stuck: Mask) -
     return by_state, by_parameter
 
 
-def _with(front: Front, at: Array, part: Front) -> Front:
+def _with(front: Front, at: Index, part: Front) -> Front:
     """The front with some intervals replaced."""
     here, new = front.here, part.here
     y, tau, signs, stuck = here.y.copy(), here.tau.copy(), here.signs.copy(), here.stuck.copy()

@@ -1,7 +1,7 @@
-"""The Kalman filter about a given path: innovations of the record and of every column, and the smoothed states.
+"""The Kalman filter about a given path: innovations of the record and of every column, smoothed states.
 
-Deviations z - path obey a linear equation with the derivatives of the exact steps. The gains do not depend on the
-data: they are statsmodels'. With them the filter is linear in what it is given, so that the record and all
+Deviations z - path obey a linear equation with the derivatives of the exact steps. The gains do not depend on
+the data: they are statsmodels'. With them the filter is linear in what it is given: the record and all
 columns (start, sensor's zero, coefficients) go through it in one banded triangular solution (de Jong 1991).
 """
 
@@ -69,8 +69,10 @@ class LinearModel:
         return model
 
     def gains(self, ratio: float) -> tuple[Array, Array]:
-        """Gain of the prediction (sample, state) and variance of the innovations (sample,), in units of the
-        variance of the sensor's noise."""
+        """Gain of the prediction (sample, state) and variance of the innovations (sample,).
+
+        In units of the variance of the sensor's noise.
+        """
         filtered = self._statsmodels(ratio).filter()
         return filtered.kalman_gain[:, 0].T, filtered.forecasts_error_cov[0, 0]
 
@@ -81,7 +83,7 @@ class LinearModel:
         return WhiteRows(innovations / size, columns / size[:, None], float(np.sum(np.log(variance))))
 
     def innovations(self, ratio: float) -> tuple[Array, Array, Array]:
-        """Innovations of the record (sample,) and of the columns (sample, column), rad, and their variance."""
+        """Innovations of the record (sample,) and the columns (sample, column), rad; their variance."""
         gain, variance = self.gains(ratio)
         predicted = self._predicted(gain)
         shown = np.einsum("na,nac->nc", self.observed, predicted)

@@ -1,7 +1,7 @@
 """A record about a path, linear in the states and in every parameter of its model."""
 
-
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from sysid_trib.simulation.equations import Motion
 from sysid_trib.simulation.model import Model
 from sysid_trib.state_space.intervals import steps_between
 from sysid_trib.state_space.kalman import LinearModel
-from sysid_trib.state_space.vector_field import BRANCHING, COMPLEX_STEP
+from sysid_trib.state_space.vector_field import BRANCHING, IMAGINARY_STEP
 
 
 @dataclass(frozen=True)
@@ -44,8 +44,8 @@ def spline_path(model: Model, time: Array, angle: Array) -> Array:
     columns, motion = [x, v], Motion(model.forces)
     hidden: dict[str, Array] = {}
     for force in model.forces:
-        found = states_along(force, tau, x, v, _own_shapes(force, model), time=time - time[0])
-        hidden |= {f"{force.symbol}.{name}": values for name, values in found.items()}
+        hidden_of = states_along(force, tau, x, v, _own_shapes(force, model), time=time - time[0])
+        hidden |= {f"{force.symbol}.{name}": values for name, values in hidden_of.items()}
     names = (*motion.variables[2:], *motion.memory)
     return np.stack([*columns, *(hidden[name] for name in names)], axis=1)
 
@@ -114,24 +114,23 @@ def _sensor(model: Model, elapsed: Array, path: Array, by: Derivatives) -> tuple
     observed[:, 0] = 1.0
     by_sensor = np.zeros((len(path), len(by.names)))
     for sensor in model.sensors:
-        coefficient, shapes = model.coefficients[sensor.symbol], sensor.shape_values(model.shapes)
-        own = {name.partition(".")[2]: value for name, value in shapes.items()}
-        value = _values(sensor, x, v, elapsed, own)
+        coefficient = model.coefficients[sensor.symbol]
+        shape: dict[str, complex] = {**sensor.shape_values(model.shapes)}
+        value = _values(sensor, x, v, elapsed, shape)
         shown = shown + coefficient * value.real
         if sensor.symbol in by.names:
             by_sensor[:, by.names.index(sensor.symbol)] = value.real
-        for column, at in ((0, (x + 1j * COMPLEX_STEP, v)), (1, (x, v + 1j * COMPLEX_STEP))):
-            observed[:, column] += coefficient * _values(sensor, *at, elapsed, own).imag / COMPLEX_STEP
-        for name in own:
+        by_x = _values(sensor, x + 1j * IMAGINARY_STEP, v, elapsed, shape).imag / IMAGINARY_STEP
+        by_v = _values(sensor, x, v + 1j * IMAGINARY_STEP, elapsed, shape).imag / IMAGINARY_STEP
+        observed[:, :2] += coefficient * np.stack([by_x, by_v], axis=1)
+        for name in shape:
             if (full := f"{sensor.symbol}.{name}") in by.names:
-                stepped = own | {name: own[name] + 1j * COMPLEX_STEP}
-                slope = _values(sensor, x, v, elapsed, stepped).imag / COMPLEX_STEP
+                stepped = shape | {name: shape[name] + 1j * IMAGINARY_STEP}
+                slope = _values(sensor, x, v, elapsed, stepped).imag / IMAGINARY_STEP
                 by_sensor[:, by.names.index(full)] = coefficient * slope
     return shown, observed, by_sensor
 
 
-def _values(sensor: Force, x: Array, v: Array, elapsed: Array, shapes: dict[str, complex]) -> Array:
+def _values(sensor: Force, x: Any, v: Any, elapsed: Array, shapes: dict[str, complex]) -> Array:
     value = sensor.formula.evaluate({"x": x, "v": v, "t": elapsed, **shapes}, BRANCHING)
     return np.broadcast_to(np.asarray(value, dtype=complex), x.shape)
-
-

@@ -1,21 +1,22 @@
 """The equations of motion and their derivatives at many instants at once, on the branches that are given.
 
-Derivatives are complex steps (Squire and Trapp 1998): on a branch every formula is analytic, and the imaginary
-part of its value at z + i e is e times the derivative, without a difference of near numbers.
+Derivatives are complex steps (Squire and Trapp 1998): on a branch every formula is analytic, and the
+imaginary part of its value at z + i e is e times the derivative, without a difference of near numbers.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from sysid_trib.arrays import Array, Mask
+from sysid_trib.arrays import Array, Index, Mask
 from sysid_trib.forces.formulas import NUMPY, Functions
 from sysid_trib.simulation.equations import SMOOTHED, Motion
 from sysid_trib.simulation.model import Model
 
-COMPLEX_STEP = 1e-100
+IMAGINARY_STEP = 1e-100
 
 
 def _power(base: Array, exponent: complex) -> Array:
@@ -52,6 +53,7 @@ class Instants:
     y : (state, instant) array of float
         x, v, internal states, memory.
     tau : (instant,) array of float
+        Or complex, for a derivative.
     signs : (switch, instant) array of float
         On which side of each switching surface it is.
     stuck : (instant,) array of bool
@@ -59,11 +61,11 @@ class Instants:
     """
 
     y: Array
-    tau: Array
+    tau: Any
     signs: Array
     stuck: Mask
 
-    def at(self, chosen: Array) -> "Instants":
+    def at(self, chosen: Index) -> "Instants":
         """Some of the instants."""
         return Instants(self.y[:, chosen], self.tau[chosen], self.signs[:, chosen], self.stuck[chosen])
 
@@ -120,26 +122,33 @@ class VectorField:
         return table
 
     def derivatives(self, here: Instants) -> tuple[Array, Array, Array]:
-        """Rates (state, instant), their derivatives by the state (state, state, instant) and by the parameters
-        (state, parameter, instant).
+        """Rates of the state, and their derivatives.
 
+        Returns
+        -------
+        rates : (state, instant) array of float
+        by_state : (state, state, instant) array of float
+        by_parameter : (state, parameter, instant) array of float
+
+        Notes
+        -----
         Time in formulas is held when the frequency changes: d(rates)/dw = rates/w in tau of a given time.
         """
-        y, fixed = list(here.y.astype(complex)), list(self._fixed)
+        y, fixed = list(here.y.astype(complex)), list[Any](self._fixed)
         by_state = np.zeros((self.size, self.size, here.y.shape[1]))
         rates = np.empty_like(here.y)
         for j in range(self.size):
-            stepped = [*y[:j], y[j] + 1j * COMPLEX_STEP, *y[j + 1 :]]
+            stepped = [*y[:j], y[j] + 1j * IMAGINARY_STEP, *y[j + 1 :]]
             values = self._rates(stepped, fixed, here)
-            by_state[:, j] = values.imag / COMPLEX_STEP
+            by_state[:, j] = values.imag / IMAGINARY_STEP
             rates = values.real
         count = len(self.names) + self.frequency
         by_parameter = np.zeros((self.size, count, here.y.shape[1]))
         for k, name in enumerate(self.names):
             if name in self._places:
-                stepped_fixed = list(fixed)
-                stepped_fixed[self._places[name]] += 1j * COMPLEX_STEP  # type: ignore[assignment,operator]
-                by_parameter[:, k] = self._rates(list(here.y), stepped_fixed, here).imag / COMPLEX_STEP
+                stepped_fixed = list[Any](fixed)
+                stepped_fixed[self._places[name]] += 1j * IMAGINARY_STEP
+                by_parameter[:, k] = self._rates(list(here.y), stepped_fixed, here).imag / IMAGINARY_STEP
         if self.frequency:
             by_parameter[:, -1] = rates / self.model.reference_frequency
         if here.stuck.any():
@@ -167,13 +176,18 @@ class VectorField:
         return np.stack([np.broadcast_to(value, here.tau.shape) for value in values])
 
     def surface_derivatives(self, here: Instants) -> tuple[Array, Array, Array]:
-        """Derivatives of the surfaces by state, by parameter and by tau: (switch, state, instant),
-        (switch, parameter, instant), (switch, instant).
+        """Derivatives of the surfaces.
+
+        Returns
+        -------
+        by_state : (switch, state, instant) array of float
+        by_parameter : (switch, parameter, instant) array of float
+        by_tau : (switch, instant) array of float
         """
-        y, fixed, step = list(here.y.astype(complex)), self._fixed, 1j * COMPLEX_STEP
+        y, fixed, step = list(here.y.astype(complex)), self._fixed, 1j * IMAGINARY_STEP
         by_state = np.stack(
             [
-                self._surfaces([*y[:j], y[j] + step, *y[j + 1 :]], fixed, here).imag / COMPLEX_STEP
+                self._surfaces([*y[:j], y[j] + step, *y[j + 1 :]], fixed, here).imag / IMAGINARY_STEP
                 for j in range(self.size)
             ],
             axis=1,
@@ -181,30 +195,31 @@ class VectorField:
         by_parameter = np.zeros((len(by_state), len(self.names) + self.frequency, here.y.shape[1]))
         for k, name in enumerate(self.names):
             if name in self.motion.shapes:
-                stepped = list(fixed)
-                stepped[self._places[name]] += step  # type: ignore[assignment,operator]
-                by_parameter[:, k] = self._surfaces(y, stepped, here).imag / COMPLEX_STEP
-        later = replace(here, tau=here.tau + step)
-        return by_state, by_parameter, self._surfaces(y, fixed, later).imag / COMPLEX_STEP
+                stepped = list[Any](fixed)
+                stepped[self._places[name]] += step
+                by_parameter[:, k] = self._surfaces(y, stepped, here).imag / IMAGINARY_STEP
+        later = replace(here, tau=np.asarray(here.tau + step))
+        return by_state, by_parameter, self._surfaces(y, fixed, later).imag / IMAGINARY_STEP
 
     def replaced_derivatives(self, here: Instants) -> tuple[Array, Array]:
         """Derivatives of the memory after a reversal, by state and by parameter: (memory, ..., instant)."""
-        count, fixed, step = len(self.motion.variables), self._fixed, 1j * COMPLEX_STEP
+        count, fixed, step = len(self.motion.variables), self._fixed, 1j * IMAGINARY_STEP
         y = list(here.y.astype(complex))
 
         def by(y: Sequence[Array], fixed: Sequence[Array | float]) -> Array:
             p = [*fixed, *y[count:], *here.signs]
             memory = self.motion.replaced(y[:count], p, here.tau, BRANCHING)
             return (
-                np.stack([np.broadcast_to(np.imag(value), here.tau.shape) for value in memory]) / COMPLEX_STEP
+                np.stack([np.broadcast_to(np.imag(value), here.tau.shape) for value in memory])
+                / IMAGINARY_STEP
             )
 
         by_state = [by([*y[:j], y[j] + step, *y[j + 1 :]], fixed) for j in range(self.size)]
         by_parameter = [np.zeros_like(by_state[0])] * (len(self.names) + self.frequency)
         for k, name in enumerate(self.names):
             if name in self.motion.shapes:
-                stepped = list(fixed)
-                stepped[self._places[name]] += step  # type: ignore[assignment,operator]
+                stepped = list[Any](fixed)
+                stepped[self._places[name]] += step
                 by_parameter[k] = by(y, stepped)
         empty = np.zeros((len(by_state[0]), 0, len(here.tau)))
         return np.stack(by_state, axis=1), np.stack(by_parameter, axis=1) if by_parameter else empty

@@ -6,9 +6,11 @@ from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
+from sysid_trib.noise.random_force import RandomForce
 from sysid_trib.results.variables import variable
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.state_space.linearised import Derivatives, linearised_about
 from sysid_trib.trajectory_fit.parameters import FREQUENCY, Parameters
 
 # Each parameter is moved until the angle moves by about this part of its own size; central differences.
@@ -16,7 +18,14 @@ ANGLE_STEP = 1e-6
 
 
 def cramer_rao_bound(
-    model: Model, time: ArrayLike, angle: float, rate: float, noise: float, *, free: bool = False
+    model: Model,
+    time: ArrayLike,
+    angle: float,
+    rate: float,
+    noise: float,
+    *,
+    free: bool = False,
+    random_force: float = 0.0,
 ) -> xr.Dataset:
     """Smallest standard errors with which a decay in white noise determines its model.
 
@@ -34,6 +43,8 @@ def cramer_rao_bound(
         Standard deviation of one sample.
     free : bool
         Whether the reference frequency is estimated too.
+    random_force : float, (rad/s^2)^2/Hz
+        One-sided density of a white acceleration that pushes the motion; it is known.
 
     Returns
     -------
@@ -50,11 +61,18 @@ def cramer_rao_bound(
 
     Notes
     -----
-    The inverse of Fisher's information, which is J' J / noise^2 with the sensitivities J of the motion.
+    The inverse of Fisher's information, J' J / noise^2 with the sensitivities J of the motion. With a
+    random force J are the innovations of these sensitivities over their size, by the Kalman filter about the
+    motion that nothing pushes.
     """
     time = np.asarray(time, dtype=float)
     symbols = list(model.coefficients)
-    sensitivity = _sensitivities(model, time, np.array([angle, rate], dtype=float), free)
+    start = np.array([angle, rate], dtype=float)
+    if random_force:
+        ratio = RandomForce(random_force).per_tau(model.reference_frequency) / noise**2
+        sensitivity = _white_sensitivities(model, time, start, free, ratio)
+    else:
+        sensitivity = _sensitivities(model, time, start, free)
     # Parameters differ by orders of magnitude: without scaling the matrix is singular to rounding.
     size = np.linalg.norm(sensitivity, axis=0)
     _, singular, axes = np.linalg.svd(sensitivity / size, full_matrices=False)
@@ -104,3 +122,17 @@ def _sensitivities(model: Model, time: Array, start: Array, free: bool) -> Array
             raise UsageError(f"Force {parameters.names[i]} does not act on this motion; leave it out.")
         columns.append(slope(i, ANGLE_STEP * amplitude / np.sqrt(np.mean(first**2))))
     return np.stack(columns, axis=1)
+
+
+def _white_sensitivities(model: Model, time: Array, start: Array, free: bool, ratio: float) -> Array:
+    """The same columns as innovations of a motion with a random force, over their size."""
+    motion = trajectory(model, time, *start.tolist())
+    path = np.stack(
+        [motion.position, motion.rate / model.reference_frequency, *motion.hidden.values()], axis=1
+    )
+    by = Derivatives(tuple(model.coefficients), free)
+    linear = linearised_about(model, time, motion.angle, path, np.append(start, 0.0), by)
+    columns = linear.rows(ratio).design
+    count = len(model.coefficients)
+    # Start angle and rate, then the frequency; the sensor's zero is known.
+    return columns[:, [*range(count), count + free, count + free + 1, *([count] if free else [])]]

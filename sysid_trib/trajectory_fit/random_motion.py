@@ -51,6 +51,11 @@ class PushedRun:
         """statsmodels' smoother at the parameters of most likelihood."""
         return self.linear.smoothed(self.ratio.ratio, self.deviation)
 
+    def innovations(self) -> Array:
+        """What is predicted wrongly one sample ahead, (sample,), rad."""
+        innovations, columns, _ = self.linear.innovations(self.ratio.ratio)
+        return np.asarray(innovations - columns @ self.deviation)
+
     def random_force(self, frequency: float) -> RandomForce:
         """The random force in SI units, w in rad/s."""
         ratio = self.ratio
@@ -113,7 +118,7 @@ def fit_random_motion(
     """
     by = Derivatives((*parameters.library.symbols, *parameters.fit_shapes), _frequency_is_free(parameters))
     paths = [spline_path(parameters.model(values), time, angle) for time, angle in records]
-    ratios: list[VarianceRatio | None] = [None] * len(records)
+    before: list[VarianceRatio | None] = [None] * len(records)
     for _ in range(MAX_ITERATIONS):
         try:
             linear = _linear_models(parameters, records, values, paths, by)
@@ -122,11 +127,14 @@ def fit_random_motion(
         jacobian = parameters.by_free(np.eye(len(values)), values)
         blocks = [jacobian[_places(parameters, run)] for run in range(len(records))]
         ratios = [
-            _ratio(model, block, _density(random_force, run), parameters.model(values).reference_frequency, last)
-            for run, (model, block, last) in enumerate(zip(linear, blocks, ratios, strict=True))
+            _ratio(
+                model, block, _density(random_force, run), parameters.model(values).reference_frequency, last
+            )
+            for run, (model, block, last) in enumerate(zip(linear, blocks, before, strict=True))
         ]
+        before = [*ratios]
         rows = _stacked(linear, blocks, ratios)
-        step, inverse = rows.solution()
+        step, inverse = _step_within(parameters, values, rows)
         settled = np.abs(step) <= SETTLED * np.sqrt(np.diag(inverse))
         deviations = [block @ step for block in blocks]
         runs = tuple(PushedRun(*parts) for parts in zip(linear, ratios, deviations, strict=True))
@@ -142,7 +150,7 @@ def fit_random_motion(
         paths = [run.linear.path + run.smoothed().smoothed_state.T for run in runs]
         values = _stepped(parameters, values, step)
     raise DecayError(
-        "The fit with a random force does not settle; offer fewer forces, or leave it out (--random-force off)."
+        "The fit with a random force does not settle; offer fewer forces, or take random_force='off'."
     )
 
 
@@ -164,8 +172,8 @@ def _linear_models(
 ) -> list[LinearModel]:
     model, per_run = parameters.model(values), parameters.per_run(values)
     return [
-        linearised_about(model, time, angle, path, own, by)
-        for (time, angle), path, own in zip(records, paths, per_run, strict=True)
+        linearised_about(model, time, angle, path, at_start, by)
+        for (time, angle), path, at_start in zip(records, paths, per_run, strict=True)
     ]
 
 
@@ -219,9 +227,28 @@ def _stacked(
     return WhiteRows(target, design, 0.0)
 
 
+def _step_within(parameters: Parameters, values: Array, rows: WhiteRows) -> tuple[Array, Array]:
+    """Step of the free parameters within their limits, and their covariance without limits.
+
+    Parameters that would pass a limit go to it, and the others are solved again.
+    """
+    step, inverse = rows.solution()
+    now = values[parameters.free]
+    low, high = (limit[parameters.free] - now for limit in parameters.limits)
+    passed = (step < low) | (step > high)
+    if passed.any():
+        limited = np.clip(step, low, high)
+        rest = replace(
+            rows,
+            target=rows.target - rows.design[:, passed] @ limited[passed],
+            design=rows.design[:, ~passed],
+        )
+        limited[~passed] = np.clip(rest.solution()[0], low[~passed], high[~passed])
+        step = limited
+    return step, inverse
+
+
 def _stepped(parameters: Parameters, values: Array, step: Array) -> Array:
     """The next values, within their limits."""
     low, high = (limit[parameters.free] for limit in parameters.limits)
     return parameters.expand(np.clip(values[parameters.free] + step, low, high))
-
-

@@ -1,0 +1,267 @@
+"""A motion that is pushed at random: exact steps, Kalman filter, likelihood, and what a fit makes of it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import sysid_trib as st
+from sysid_trib.errors import UsageError
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.noise.random_force import RandomForce, check_random_force, random_force_of
+from sysid_trib.noise.variance_ratio import WhiteRows, variance_ratio
+from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.state_space.intervals import steps_between
+from sysid_trib.state_space.linearised import Derivatives, linearised_about
+
+W = 8.87
+PENDULUM = Path(__file__).parents[2] / "shared" / "data" / "single_pendulum" / "free_swing.csv"
+FORCES = {f.symbol: f for name in ("contact_forces", "candidate_effects") for f in st.load_library(name)}
+
+
+def model_with(**coefficients):
+    library = ForceLibrary("of a test", tuple(FORCES[symbol] for symbol in coefficients))
+    return st.Model(library, coefficients, W)
+
+
+def states_of(model, time, angle=0.3):
+    motion = trajectory(model, time, angle, 0.0)
+    return np.stack([motion.position, motion.rate / W, *motion.hidden.values()], axis=1)
+
+
+@pytest.mark.parametrize(
+    "coefficients",
+    [
+        {"lambda": 1e-3, "zeta": 5e-5, "delta": 2e-3, "nu": 1e-2, "epsilon": -0.1},
+        {"lambda": 5e-3, "zeta": 5e-5},
+        {"zeta": 1e-4, "stribeck": 2e-3},
+        {"zeta": 1e-4, "wall": 2e-3},
+        {"zeta": 1e-4, "jenkins": 2e-3},
+        {"zeta": 1e-4, "iwan": 2e-3},
+        {"zeta": 1e-4, "ambient": 2e-3},
+    ],
+    ids=lambda coefficients: " ".join(coefficients),
+)
+def test_steps_end_where_the_motion_does(coefficients):
+    # The second stops for good within the time.
+    model, time = model_with(**coefficients), np.arange(1200) * 0.01
+    states = states_of(model, time)
+    steps = steps_between(model, time, states)
+    # Where two branches of a formula touch, a step of order five is exact to 3e-8.
+    assert np.abs(steps.end - states[1:]).max() < 1e-7
+    assert np.sort(np.abs(steps.end - states[1:]).max(axis=1))[-10] < 1e-9
+
+
+def test_a_long_gap_is_one_step():
+    model = model_with(**{"lambda": 1e-3, "delta": 2e-3})
+    time = np.array([0.0, 0.01, 7.3, 7.31])
+    states = states_of(model, time)
+    # 64 rad of tau at an error of 1e-8 rad a radian, and a swing of 0.3 rad.
+    assert np.abs(steps_between(model, time, states).end - states[1:]).max() < 2e-7
+
+
+@pytest.mark.parametrize("symbol", ["lambda", "wall", "jenkins"])
+def test_derivatives_of_the_steps(symbol):
+    model, time = model_with(**{"zeta": 1e-4, symbol: 2e-3}), 0.003 + np.arange(400) * 0.01
+    # Away from v = 0 at a sample, where a difference would take both branches.
+    states = states_of(model, time - time[0], 0.31)[1:]
+    time = time[1:]
+    names = ("zeta", symbol)
+    steps = steps_between(model, time, states, names, frequency=True)
+    for j in range(states.shape[1]):
+        ends = [
+            steps_between(model, time, states + sign * 1e-6 * np.eye(states.shape[1])[j]).end
+            for sign in (1, -1)
+        ]
+        difference = (ends[0] - ends[1]) / 2e-6
+        worst = np.sort(np.abs(difference - steps.transition[:, :, j]).max(axis=1))
+        assert worst[-3] < 1e-5
+    for k, name in enumerate((*names, "w")):
+
+        def changed(step, name=name):
+            coefficients = {s: c + step * (s == name) for s, c in model.coefficients.items()}
+            return st.Model(model.library, coefficients, W + step * (name == "w"))
+
+        ends = [steps_between(changed(step), time, states).end for step in (1e-6, -1e-6)]
+        difference = (ends[0] - ends[1]) / 2e-6
+        assert np.sort(np.abs(difference - steps.sensitivity[:, :, k]).max(axis=1))[-3] < 1e-6
+
+
+def test_diffusion_of_a_damped_oscillator():
+    # Of dx = v, dv = -x - 2 z v + white: stationary variance 1/(4 z), and P = S - F S F'.
+    damping = 0.1
+    model, time = model_with(zeta=damping), np.array([0.0, 0.5, 3.0])
+    steps = steps_between(model, time, np.zeros((3, 2)) + 0.1)
+    stationary = np.eye(2) / (4.0 * damping)
+    for transition, diffusion in zip(steps.transition, steps.diffusion, strict=True):
+        assert diffusion == pytest.approx(stationary - transition @ stationary @ transition.T, abs=1e-6)
+
+
+def linear_record(samples=60, seed=1):
+    model, time = model_with(zeta=0.02), np.arange(samples) * 0.05
+    path = states_of(model, time)
+    angle = path[:, 0] + 1e-3 * np.random.default_rng(seed).standard_normal(samples)
+    per_run = np.array([path[0, 0], W * path[0, 1], 0.0])
+    return linearised_about(model, time, angle, path, per_run, Derivatives(("zeta",), True)), path
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.3, 50.0])
+def test_filter_is_the_dense_gaussian_likelihood(ratio):
+    linear, _ = linear_record()
+    samples = len(linear.record)
+    covariance = np.zeros((samples, 2, samples, 2))
+    for k in range(samples - 1):
+        # From the kick in step k to all later states.
+        carried = {k + 1: np.eye(2)}
+        for later in range(k + 2, samples):
+            carried[later] = linear.steps.transition[later - 1] @ carried[later - 1]
+        for i, a in carried.items():
+            for j, b in carried.items():
+                covariance[i, :, j] += ratio * a @ linear.steps.diffusion[k] @ b.T
+    total = covariance[:, 0, :, 0] + np.eye(samples)
+    rows = linear.rows(ratio)
+    assert rows.log_determinant == pytest.approx(np.linalg.slogdet(total)[1], abs=1e-6)
+    free = linear.rows(0.0)
+    assert rows.target @ rows.target == pytest.approx(
+        free.target @ np.linalg.solve(total, free.target), rel=1e-6
+    )
+    assert rows.design.T @ rows.design == pytest.approx(
+        free.design.T @ np.linalg.solve(total, free.design), rel=1e-6, abs=1e-9
+    )
+
+
+def test_without_a_random_force_innovations_are_residuals():
+    linear, path = linear_record()
+    rows = linear.rows(0.0)
+    assert rows.target == pytest.approx(linear.record, abs=1e-7)
+    assert rows.log_determinant == 0.0
+    assert path.shape == (60, 2)
+
+
+def test_restricted_likelihood_finds_a_ratio_and_its_absence():
+    random, scale = np.random.default_rng(3), np.linspace(0.1, 3.0, 4000)
+
+    def rows(ratio, kicks):
+        size = np.sqrt(1.0 + ratio * scale**2)
+        noise = random_part + kicks * scale * other_part
+        return WhiteRows(noise / size, np.ones((4000, 1)) / size[:, None], float(np.sum(np.log(size**2))))
+
+    random_part, other_part = random.standard_normal((2, 4000))
+    there = variance_ratio(lambda ratio: rows(ratio, np.sqrt(0.5)), 1e-6, 1e4)
+    absent = variance_ratio(lambda ratio: rows(ratio, 0.0), 1e-6, 1e4)
+    assert abs(np.log(there.ratio * there.variance / 0.5)) < 3.0 * there.relative_error
+    assert there.p_value < 1e-6 < 0.01 < absent.p_value
+
+
+def test_the_wander_of_a_simulated_motion_is_that_of_the_theory():
+    model, time = model_with(zeta=0.0), np.linspace(0.0, 10.0, 60)
+    density = 2e-3
+    free = st.simulate(model, time, angle=0.3).angle.values
+    ends = [
+        st.simulate(model, time, angle=0.3, random_force=density, seed=seed).angle.values[-1] - free[-1]
+        for seed in range(60)
+    ]
+    expected = np.sqrt(RandomForce(density).per_tau(W) * W * 10.0 / 2.0)
+    # Of 60 ends the RMS is known to 9 %.
+    assert 0.7 < np.sqrt(np.mean(np.square(ends))) / expected < 1.3
+
+
+def test_a_seed_is_a_record_and_no_force_is_the_free_motion():
+    model, time = model_with(**{"lambda": 1e-3}), np.linspace(0.0, 5.0, 100)
+    pushed = [st.simulate(model, time, random_force=1e-3, seed=seed) for seed in (1, 1, 2)]
+    assert pushed[0].identical(pushed[1])
+    assert not pushed[0].equals(pushed[2])
+    assert st.simulate(model, time, random_force=0.0).identical(st.simulate(model, time))
+
+
+@pytest.mark.parametrize("option", ["maybe", -1.0, float("nan")])
+def test_no_density_is_refused(option):
+    with pytest.raises(UsageError, match="random_force"):
+        check_random_force(option)
+    with pytest.raises(UsageError, match="random_force"):
+        st.methods.Trajectory(random_force=option)
+
+
+def test_coloured_noise_beside_a_random_force_is_refused():
+    with pytest.raises(UsageError, match="coloured"):
+        st.methods.Trajectory(random_force="auto", noise="coloured")
+
+
+@pytest.mark.parametrize("friction", [0.0, 1e-3])
+def test_a_fit_tells_the_two_noises_apart(friction):
+    truth = {"zeta": 1e-4, "delta": 2e-3, "epsilon": -0.1} | ({"lambda": friction} if friction else {})
+    model, time, noise = model_with(**truth), np.arange(500) * 2.0 * np.pi / W / 25, 2e-4
+    # Five noise levels of wander at the end.
+    density = RandomForce.density_of(2.0 * (5.0 * noise) ** 2 / (W * time[-1]), W)
+    scores, ratios = [], []
+    for seed in range(8):
+        angle = st.simulate(model, time, angle=0.3, random_force=density, seed=seed).angle
+        angle = angle + noise * np.random.default_rng(100 + seed).standard_normal(len(time))
+        decay = xr.Dataset({"angle": angle})
+        result = st.identify(decay, model.library, st.methods.Trajectory(random_force="auto"))
+        scores.append((result.coefficient - [truth[s] for s in result.force.values]) / result.standard_error)
+        found = random_force_of(result)
+        assert found.p_value < 1e-6
+        ratios.append(found.density / density)
+        assert np.abs(result.autocorrelation.values).max() < 0.2
+        assert result.noise.item() == pytest.approx(noise, rel=0.15)
+    assert np.sqrt(np.mean(np.square(scores))) < 1.5
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.2)
+    # By output error the same records contradict themselves by far.
+    plain = st.identify(decay, model.library, st.methods.Trajectory())
+    assert (plain.standard_error < 0.5 * result.standard_error).all()
+
+
+@pytest.mark.parametrize("free", [False, True])
+def test_the_bound_with_a_random_force_continues_that_without(free):
+    truth = {"lambda": 1e-3, "zeta": 1e-4, "epsilon": -0.1}
+    model, time = model_with(**truth), np.arange(600) * 0.02
+    plain = st.cramer_rao_bound(model, time, 0.3, 0.0, 2e-4, free=free)
+    errors = [
+        st.cramer_rao_bound(model, time, 0.3, 0.0, 2e-4, free=free, random_force=density)
+        for density in (1e-16, 1e-6, 1e-4)
+    ]
+    names = ["standard_error", *([] if not free else ["reference_frequency_standard_error"])]
+    for name in names:
+        assert errors[0][name].values == pytest.approx(plain[name].values, rel=1e-3)
+        assert (errors[0][name].values < errors[1][name].values).all()
+        assert (errors[1][name].values < errors[2][name].values).all()
+
+
+def test_no_random_force_is_no_other_estimate():
+    model, time = model_with(zeta=1e-4, delta=2e-3), np.arange(400) * 2.0 * np.pi / W / 20
+    angle = st.simulate(model, time, angle=0.3).angle
+    angle = angle + 2e-4 * np.random.default_rng(5).standard_normal(len(time))
+    decay = xr.Dataset({"angle": angle})
+    plain, auto = (
+        st.identify(decay, model.library, st.methods.Trajectory(random_force=option))
+        for option in ("off", "auto")
+    )
+    assert np.abs((auto.coefficient - plain.coefficient) / plain.standard_error).max() < 0.5
+    assert not random_force_of(auto) or random_force_of(auto).p_value > 0.01
+
+
+def test_a_density_by_hand_is_held(tmp_path):
+    model, time = model_with(zeta=1e-4, delta=2e-3), np.arange(400) * 2.0 * np.pi / W / 20
+    angle = st.simulate(model, time, angle=0.3, random_force=1e-5, seed=4).angle
+    decay = xr.Dataset({"angle": angle + 2e-4 * np.random.default_rng(5).standard_normal(len(time))})
+    method = st.methods.Trajectory(random_force=1e-5, bounds={"zeta": (0.0, np.inf)})
+    result = st.identify(decay, model.library, method)
+    assert random_force_of(result).density == pytest.approx(1e-5, rel=1e-9)
+    st.save(result, tmp_path / "result.nc")
+    assert st.load(tmp_path / "result.nc").to_dataset().identical(result)
+
+
+@pytest.mark.skipif(not PENDULUM.exists(), reason="the measured records are not here")
+def test_gravity_of_a_measured_pendulum_is_one():
+    table = np.loadtxt(PENDULUM, delimiter=",", skiprows=1)
+    window = (table[:, 0] >= 15.0) & (table[:, 0] <= 75.0)
+    time, angle = table[window][::10].T
+    decay = xr.Dataset({"angle": ("time", angle - np.pi)}, {"time": time})
+    library = ForceLibrary("pendulum", tuple(FORCES[s] for s in ("lambda", "zeta", "delta", "gravity")))
+    result = st.identify(decay, library, st.methods.Trajectory(random_force="auto"))
+    gravity = result.sel(force="gravity")
+    assert gravity.standard_error.item() < 1e-3
+    assert abs(gravity.coefficient.item() - 1.0) < 3.0 * gravity.standard_error.item()
+    assert np.abs(result.autocorrelation.values).max() < 0.08
