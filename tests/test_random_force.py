@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 import sysid_trib as st
-from sysid_trib.errors import UsageError
+from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.noise.random_force import RandomForce, check_random_force, random_force_of
 from sysid_trib.noise.variance_ratio import WhiteRows, variance_ratio
@@ -265,3 +265,47 @@ def test_gravity_of_a_measured_pendulum_is_one():
     assert gravity.standard_error.item() < 1e-3
     assert abs(gravity.coefficient.item() - 1.0) < 3.0 * gravity.standard_error.item()
     assert np.abs(result.autocorrelation.values).max() < 0.08
+
+
+def test_direct_tells_the_two_noises_apart():
+    truth = {"zeta": 1e-4, "delta": 2e-3, "epsilon": -0.1}
+    model, time, noise = model_with(**truth), np.arange(1000) * 2.0 * np.pi / W / 50, 2e-4
+    density = RandomForce.density_of(2.0 * (5.0 * noise) ** 2 / (W * time[-1]), W)
+    scores, ratios = [], []
+    for seed in range(8):
+        angle = st.simulate(model, time, angle=0.3, random_force=density, seed=seed).angle
+        angle = angle + noise * np.random.default_rng(100 + seed).standard_normal(len(time))
+        result = st.identify(
+            xr.Dataset({"angle": angle}), model.library, st.methods.Direct(random_force="auto")
+        )
+        scores.append((result.coefficient - [truth[s] for s in result.force.values]) / result.standard_error)
+        ratios.append(random_force_of(result).density / density)
+        assert result.noise.item() == pytest.approx(noise, rel=0.15)
+    assert np.sqrt(np.mean(np.square(scores))) < 1.5
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.25)
+
+
+def test_direct_with_a_density_by_hand():
+    model, time = model_with(zeta=1e-4, delta=2e-3), np.arange(1000) * 2.0 * np.pi / W / 50
+    angle = st.simulate(model, time, angle=0.3, random_force=1e-5, seed=4).angle
+    decay = xr.Dataset({"angle": angle + 2e-4 * np.random.default_rng(5).standard_normal(len(time))})
+    held, auto, off = (
+        st.identify(decay, model.library, st.methods.Direct(random_force=option))
+        for option in (1e-5, "auto", "off")
+    )
+    assert random_force_of(held).density == 1e-5
+    assert not random_force_of(off)
+    assert 0.3 < random_force_of(auto).density / 1e-5 < 3.0
+    assert (held.standard_error > off.standard_error).all()
+
+
+def test_the_strong_form_takes_no_random_force():
+    with pytest.raises(UsageError, match="strong"):
+        st.methods.Direct(form="strong", random_force="auto")
+
+
+def test_direct_refuses_too_few_samples_beside_a_random_force():
+    model, time = model_with(zeta=1e-3), np.arange(400) * 2.0 * np.pi / W / 20
+    decay = st.simulate(model, time, angle=0.3)[["angle"]]
+    with pytest.raises(DecayError, match="20; take Trajectory"):
+        st.identify(decay, model.library, st.methods.Direct(random_force="auto"))

@@ -1,6 +1,6 @@
 """Direct identification of Eq. 1: weak form, whitened, with refined instrumental variables."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Literal
 
@@ -14,10 +14,18 @@ from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.to_identify import forces_to_identify
 from sysid_trib.methods.scope import MethodScope
+from sysid_trib.noise.random_force import (
+    RandomForceOption,
+    check_random_force,
+    random_force_of_ratio,
+    random_force_variables,
+)
+from sysid_trib.noise.variance_ratio import VarianceRatio
 from sysid_trib.records.runs import Decays, as_runs, root_mean_square
 from sysid_trib.regression.constraint_map import ConstraintMap, constraint_map
 from sysid_trib.regression.linearisation import linearised
 from sysid_trib.regression.problem import Runs, begin
+from sysid_trib.regression.random_ratio import with_random_force
 from sysid_trib.regression.rows import Rows, stack_rows, strong_rows, weak_regression
 from sysid_trib.regression.solution import Solution, select, solve, with_errors_of_dropped
 from sysid_trib.results.per_run import start_variables
@@ -57,6 +65,10 @@ class Direct:
         Lowest and highest value of coefficients, `{"zeta": (0.0, inf)}`.
     tie : mapping of str to str
         Coefficients as linear formulas of others, `{"nu": "-2.356*delta"}`.
+    random_force : "off", "auto" or float, (rad/s^2)^2/Hz
+        `auto` estimates a white random acceleration in each run beside the sensor's noise, by the restricted
+        likelihood of the rows; a number is its one-sided density, held. The columns are then those of the
+        smoothed record, since the free motion does not follow it. Of the weak form only.
 
     Notes
     -----
@@ -82,8 +94,12 @@ class Direct:
     fix: Mapping[str, float] = field(default_factory=dict)
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     tie: Mapping[str, str] = field(default_factory=dict)
+    random_force: RandomForceOption = "off"
 
     def __post_init__(self) -> None:
+        check_random_force(self.random_force)
+        if self.random_force != "off" and self.form == "strong":
+            raise UsageError("The strong form takes no random_force; take form='weak', or 'off'.")
         if self.form not in ("weak", "strong"):
             raise UsageError(f"form='{self.form}' is neither 'weak' nor 'strong'.")
         if self.significance is not None and not 0.0 < self.significance < 1.0:
@@ -125,17 +141,27 @@ class Direct:
         every = np.ones(len(offered), bool)
         rows = weak_regression(runs, [linearised(run) for run in runs])
         runs = solve(rows, runs[0], every, constraints).applied_to(runs)
+        pushed: Sequence[VarianceRatio] = ()
+        if self.random_force != "off":
+            with_force, ratios = with_random_force(runs, constraints, self.random_force)
+            if any(ratio.ratio for ratio in ratios):
+                runs, pushed = with_force, ratios
         if self.form == "strong":
             rows, refined = stack_rows(runs, [strong_rows(run) for run in runs]), False
             active = _selected(self, rows, constraints)
         else:
-            runs, rows, active, refined = _weak_form(self, runs, constraints)
+            method = replace(self, refine=False) if pushed else self
+            runs, rows, active, refined = _weak_form(method, runs, constraints)
         solution = solve(rows, runs[0], active, constraints)
         solution = with_errors_of_dropped(solution, rows, runs[0], active, constraints)
-        estimate = _estimate(solution.applied_to(runs), solution)
+        estimate = _estimate(solution.applied_to(runs), solution, pushed)
         result = identification(
             replace(self, shapes=shapes), decay, offered, estimate, offered=library, active=active
         )
+        if pushed:
+            nominal = runs[0].problem.nominal_frequency
+            forces = [random_force_of_ratio(ratio, nominal, self.random_force) for ratio in pushed]
+            result = result.assign(random_force_variables(forces))
         if asked:
             reached = set(constraints.free[active[constraints.free]]) - set(solution.constraints.free)
             kinds = asked.kinds(offered.symbols, [offered.symbols[i] for i in reached])
@@ -143,9 +169,9 @@ class Direct:
         return result.assign_attrs(refined=str(refined), correlation_lags=solution.lags)
 
 
-def _estimate(runs: Runs, solution: Solution) -> Estimate:
-    """The estimate of the last regression as results take it."""
-    noises = [run.problem.noise for run in runs]
+def _estimate(runs: Runs, solution: Solution, pushed: Sequence[VarianceRatio]) -> Estimate:
+    """The estimate of the last regression as results take it; the noise is that beside a random force."""
+    noises = [float(np.sqrt(ratio.variance)) for ratio in pushed] or [run.problem.noise for run in runs]
     extra: dict[str, tuple[ArrayLike, str, str]] = {
         "birge_ratio": (solution.noise / root_mean_square(noises), "1", "Birge ratio of the rows"),
         **start_variables([run.start for run in runs], [run.offset for run in runs]),

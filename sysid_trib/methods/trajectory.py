@@ -18,9 +18,9 @@ from sysid_trib.methods.scope import MethodScope
 from sysid_trib.noise.autoregression import autoregression, whitened
 from sysid_trib.noise.level import sensor_noise
 from sysid_trib.noise.random_force import (
-    RandomForce,
     RandomForceOption,
     check_random_force,
+    random_force_of_ratio,
     random_force_variables,
 )
 from sysid_trib.records.runs import Decays, as_runs, root_mean_square
@@ -206,8 +206,7 @@ def _pushed_identification(
         ),
     }
     result = estimate.identification(method, runs, library, extra)
-    given = None if isinstance(method.random_force, str) else RandomForce(float(method.random_force))
-    forces = [given or run.random_force(frequency) for run in pushed.runs]
+    forces = [random_force_of_ratio(run.ratio, frequency, method.random_force) for run in pushed.runs]
     result = result.assign(random_force_variables(forces))
     lags = np.arange(1, 1 + min(INNOVATION_LAGS, len(pushed.residual) - 1))
     e = pushed.residual

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.errors import UsageError
+from sysid_trib.noise.variance_ratio import VarianceRatio
 from sysid_trib.results.variables import Variables, variable
 
 # What a method is asked to do: estimate the random force, leave it out, or take this one-sided density.
@@ -72,6 +73,17 @@ def check_random_force(option: RandomForceOption) -> None:
             raise UsageError(f"random_force='{option}' is neither 'auto', nor 'off', nor a density.")
     elif not (np.isfinite(option) and option >= 0.0):
         raise UsageError(f"random_force={option} is no density; give {DENSITY_UNITS}, 'auto' or 'off'.")
+
+
+def random_force_of_ratio(ratio: VarianceRatio, frequency: float, option: RandomForceOption) -> RandomForce:
+    """The random force in SI units, tau = `frequency` t; as it was given where `option` is a density."""
+    if not isinstance(option, str):
+        return RandomForce(float(option))
+    density = RandomForce.density_of(ratio.ratio * ratio.variance, frequency)
+    error = density * ratio.relative_error
+    if density == 0.0:
+        error = RandomForce.density_of(ratio.upper * ratio.variance, frequency)
+    return RandomForce(density, error, ratio.p_value)
 
 
 def random_force_variables(forces: Sequence[RandomForce]) -> Variables:

@@ -14,6 +14,11 @@ from scipy.stats import chi2
 
 from sysid_trib.arrays import Array
 
+# Ratios tried: a wander far below a noise level at the end, and kicks far above it at each sample.
+SMALLEST_WANDER = 0.03
+LARGEST_KICK = 10.0
+# Rounds for the sensor's variance beside a random force that is given.
+VARIANCE_ROUNDS = 6
 # Distance of the first values tried, in the logarithm of the ratio; a maximum of the likelihood is wider.
 FIRST_GRID = 2.0
 LOG_TOLERANCE = 0.02
@@ -139,6 +144,31 @@ def variance_ratio(
         return VarianceRatio(0.0, none[1], float("nan"), upper, 0.0)
     error = _relative_error(deviance, known, best, len(rows(0.0).target) - rows(0.0).design.shape[1])
     return VarianceRatio(float(np.exp(best)), known[best][1], error, float("nan"), gain)
+
+
+def ratio_span(duration: float, step: float) -> tuple[float, float]:
+    """Ratios between which a random force is neither invisible nor all there is in each sample.
+
+    Parameters
+    ----------
+    duration : float
+        Length of the record in tau.
+    step : float
+        Between two samples, in tau.
+    """
+    return SMALLEST_WANDER**2 / (0.5 * duration), 3.0 * LARGEST_KICK**2 / step**3
+
+
+def held_ratio(rows: Callable[[float], WhiteRows], per_tau: float, variance: float | None) -> VarianceRatio:
+    """The ratio where the size of the random force is given, `per_tau` in the unit of the variance.
+
+    `variance` is where the sensor's was last; None where nothing is known of it.
+    """
+    if variance is None:
+        variance = rows(0.0).restricted_deviance()[1]
+    for _ in range(VARIANCE_ROUNDS if per_tau else 1):
+        variance = rows(per_tau / variance).restricted_deviance()[1]
+    return VarianceRatio(per_tau / variance, variance, float("nan"), float("nan"), 0.0)
 
 
 def _relative_error(

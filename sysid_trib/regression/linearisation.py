@@ -22,7 +22,7 @@ class DeviationOperator:
     ----------
     matrix : (row, sample) sparse array of float
     factor : (band, row) array of float
-        Cholesky factor of the covariance of its rows in white noise, lower banded.
+        Cholesky factor of the covariance of its rows in white noise and a random force, lower banded.
     """
 
     matrix: sp.csr_matrix
@@ -34,7 +34,7 @@ def linearised(run: RunRegression) -> DeviationOperator:
     k = (run.frequency / run.problem.nominal_frequency) ** 2
     stiffness, damping = partial_derivatives(run)
     matrix = noise_operator(run.problem.form, k * stiffness, np.sqrt(k) * damping)
-    return DeviationOperator(matrix, whitener(matrix))
+    return DeviationOperator(matrix, whitener(matrix, run.problem.form.gram, run.random_ratio))
 
 
 def partial_derivatives(run: RunRegression) -> tuple[Array, Array]:

@@ -105,6 +105,8 @@ class RunRegression:
         Zero of the sensor.
     start : (float, float), rad and rad/s
         Angle and rate of the motion at the first sample.
+    random_ratio : float
+        Of a random force: growth of the variance of v a unit of tau, over the variance of the sensor's noise.
     """
 
     problem: WeakFormProblem
@@ -113,6 +115,7 @@ class RunRegression:
     frequency: float
     offset: float
     start: tuple[float, float]
+    random_ratio: float = 0.0
 
 
 Runs: TypeAlias = tuple[RunRegression, ...]

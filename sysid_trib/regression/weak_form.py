@@ -7,7 +7,7 @@ a banded Cholesky factor; and clamped at the ends, so that nothing of the large 
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 import scipy.linalg
@@ -39,6 +39,11 @@ class WeakForm:
     value: sp.csr_matrix
     slope: sp.csr_matrix
     curvature: sp.csr_matrix
+
+    @cached_property
+    def gram(self) -> sp.csr_matrix:
+        """Covariance of the rows by white acceleration of unit size: int psi_i psi_j dtau."""
+        return (self.value @ sp.diags_array(1.0 / np.gradient(self.tau)) @ self.value.T).tocsr()
 
     @property
     def rows(self) -> int:
@@ -84,9 +89,15 @@ def noise_operator(form: WeakForm, stiffness: Array, damping: Array) -> sp.csr_m
     return (turned - form.slope @ sp.diags_array(damping) - form.value @ sp.diags_array(rate)).tocsr()
 
 
-def whitener(operator: sp.csr_matrix) -> Array:
-    """Banded Cholesky factor (lower, as scipy.linalg stores it) of the covariance of the rows' noise."""
-    covariance = (operator @ operator.T).todia()
+def whitener(operator: sp.csr_matrix, gram: sp.csr_matrix | None = None, ratio: float = 0.0) -> Array:
+    """Banded Cholesky factor (lower, as scipy.linalg stores it) of the covariance of the rows' noise.
+
+    With a random force its `gram` is added, `ratio` times.
+    """
+    covariance = operator @ operator.T
+    if gram is not None and ratio:
+        covariance = covariance + ratio * gram
+    covariance = covariance.todia()
     width = int(covariance.offsets.max())
     band = np.stack([np.pad(covariance.diagonal(-offset), (0, offset)) for offset in range(width + 1)])
     try:

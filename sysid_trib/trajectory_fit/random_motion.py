@@ -14,7 +14,13 @@ import numpy as np
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, SimulationError
 from sysid_trib.noise.random_force import RandomForce, RandomForceOption
-from sysid_trib.noise.variance_ratio import VarianceRatio, WhiteRows, variance_ratio
+from sysid_trib.noise.variance_ratio import (
+    VarianceRatio,
+    WhiteRows,
+    held_ratio,
+    ratio_span,
+    variance_ratio,
+)
 from sysid_trib.state_space.kalman import LinearModel
 from sysid_trib.state_space.linearised import Derivatives, linearised_about, spline_path
 from sysid_trib.trajectory_fit.parameters import Parameters
@@ -22,11 +28,6 @@ from sysid_trib.trajectory_fit.parameters import Parameters
 MAX_ITERATIONS = 20
 # A step this small, in standard errors, changes nothing.
 SETTLED = 0.02
-# Ratios tried: a wander far below a noise level at the end, and kicks far above it at each sample.
-SMALLEST_WANDER = 0.03
-LARGEST_KICK = 10.0
-# Rounds for the sensor's variance beside a density that is given.
-VARIANCE_ROUNDS = 6
 
 
 @dataclass(frozen=True)
@@ -55,15 +56,6 @@ class PushedRun:
         """What is predicted wrongly one sample ahead, (sample,), rad."""
         innovations, columns, _ = self.linear.innovations(self.ratio.ratio)
         return np.asarray(innovations - columns @ self.deviation)
-
-    def random_force(self, frequency: float) -> RandomForce:
-        """The random force in SI units, w in rad/s."""
-        ratio = self.ratio
-        density = RandomForce.density_of(ratio.ratio * ratio.variance, frequency)
-        error = density * ratio.relative_error
-        if density == 0.0:
-            error = RandomForce.density_of(ratio.upper * ratio.variance, frequency)
-        return RandomForce(density, error, ratio.p_value)
 
 
 @dataclass(frozen=True)
@@ -197,21 +189,10 @@ def _ratio(
         return replace(white, design=design[:, np.any(design != 0.0, axis=0)])
 
     if density is None:
-        low, high = _span(model)
+        kicks = model.steps.diffusion
+        low, high = ratio_span(float(np.sum(kicks[:, 1, 1])), float(np.median(kicks[:, 1, 1])))
         return variance_ratio(rows, low, high, last.ratio if last else None)
-    per_tau = RandomForce(density).per_tau(frequency)
-    variance = last.variance if last else rows(0.0).restricted_deviance()[1]
-    for _ in range(VARIANCE_ROUNDS if per_tau else 1):
-        variance = rows(per_tau / variance).restricted_deviance()[1]
-    return VarianceRatio(per_tau / variance, variance, float("nan"), float("nan"), 0.0)
-
-
-def _span(model: LinearModel) -> tuple[float, float]:
-    """Ratios between which a random force is neither invisible nor all there is in each sample."""
-    diffusion = model.steps.diffusion
-    whole = float(np.sum(diffusion[:, 1, 1]))
-    step = float(np.median(diffusion[:, 0, 0]))
-    return SMALLEST_WANDER**2 / (0.5 * whole), LARGEST_KICK**2 / step
+    return held_ratio(rows, RandomForce(density).per_tau(frequency), last.variance if last else None)
 
 
 def _stacked(
