@@ -29,6 +29,8 @@ from .results.schema import model_of as model_of
 from .simulation.example import paper_twin as paper_twin
 from .simulation.model import Model as Model
 from .simulation.simulate import simulate as simulate
+from .state_space.bands import prediction_bands as prediction_bands
+from .state_space.innovations import innovations as innovations
 from .trajectory_fit.cramer_rao import cramer_rao_bound as cramer_rao_bound
 from .validation.compare import compare as compare
 from .validation.cross_check import cross_check as cross_check, identify as identify

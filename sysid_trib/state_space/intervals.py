@@ -23,6 +23,7 @@ SUBSTEP = 0.12
 # On the wrong side of a surface by less than this (rad), a motion has not passed it.
 PASSED = 1e-13
 SECANTS = 40
+# In an interval, and in each unit of tau of a long one.
 MOST_SWITCHINGS = 60
 AT_REST = 1e-12
 
@@ -75,13 +76,36 @@ def steps_between(
     SimulationError
         The motion diverges between two samples, or switches without end.
     """
-    field = VectorField(model, names, frequency)
     w = model.reference_frequency
-    tau, length = w * (time[:-1] - time[0]), w * np.diff(time)
+    field = VectorField(model, names, frequency)
+    return steps_over(field, w * (time[:-1] - time[0]), w * np.diff(time), states)
+
+
+def steps_over(field: VectorField, tau: Array, length: Array, states: Array) -> Steps:
+    """Exact motion over any intervals.
+
+    Parameters
+    ----------
+    field : VectorField
+    tau, length : (interval,) array of float
+        Beginning and length of each.
+    states : (interval, state) array of float
+        At the beginnings; one more where the intervals follow each other.
+
+    Returns
+    -------
+    Steps
+
+    Raises
+    ------
+    SimulationError
+        The motion diverges within an interval, or switches without end.
+    """
     size, count = field.size, len(tau)
-    front = _begin(field, states[:-1].T.astype(float), tau)
+    front = _begin(field, states[:count].T.astype(float), tau)
     remaining = length.copy()
-    substep = length / np.ceil(np.maximum(1.0 / SUBSTEP, _stiffness(field, states)) * length)
+    density = np.maximum(1.0 / SUBSTEP, _stiffness(field, states, count))
+    substep = length / np.maximum(1.0, np.ceil(density * length))
     switchings = np.zeros(count, int)
     moving = np.arange(count)
     whole = front
@@ -98,7 +122,7 @@ def steps_between(
             switchings[moving[at]] += 1
         whole = _with(whole, moving, ahead) if len(moving) < count else ahead
         remaining[moving] -= step
-        if not np.all(np.isfinite(ahead.here.y)) or switchings.max(initial=0) > MOST_SWITCHINGS:
+        if not np.all(np.isfinite(ahead.here.y)) or np.any(switchings > MOST_SWITCHINGS * (1.0 + length)):
             raise SimulationError(
                 "The motion between two samples diverges or switches without end; mind negative damping and "
                 "forces that are singular where it goes."
@@ -112,15 +136,18 @@ def steps_between(
     )
 
 
-def _stiffness(field: VectorField, states: Array) -> Array:
-    """Fastest rate at which internal states relax in each interval, per unit of tau."""
+def _stiffness(field: VectorField, states: Array, count: int) -> Array:
+    """Fastest rate at which internal states relax in each interval, per unit of tau.
+
+    By the states at its beginning, and at its end where they are known: that is where the next one begins.
+    """
     memory = slice(2, len(field.motion.variables))
     if memory.stop == 2:
-        return np.zeros(len(states) - 1)
+        return np.zeros(count)
     at_samples = Instants(states.T.astype(float), np.zeros(len(states)), *_no_side(field, len(states)))
     _, by_state, _ = field.derivatives(_settled(field, at_samples, np.ones(len(states), bool)))
     rates = np.max(np.abs(by_state[memory, memory]), axis=(0, 1))
-    return np.maximum(rates[1:], rates[:-1])
+    return np.maximum(rates[:count], rates[-count:])
 
 
 def _no_side(field: VectorField, count: int) -> tuple[Array, Mask]:

@@ -52,21 +52,8 @@ class LinearModel:
         return self.steps.end - self.path[1:]
 
     def _statsmodels(self, ratio: float, smoother: bool = False) -> Any:
-        # Here, since importing statsmodels takes longer than an identification.
-        from statsmodels.tsa.statespace.kalman_filter import KalmanFilter
-        from statsmodels.tsa.statespace.kalman_smoother import KalmanSmoother
-
-        samples, size = self.path.shape
-        kind = KalmanSmoother if smoother else KalmanFilter
-        model = kind(k_endog=1, k_states=size, k_posdef=size)
-        model.bind(np.zeros((1, samples)))
-        model["design"] = self.observed.T[None]
-        model["transition"] = _padded(np.moveaxis(self.steps.transition, 0, -1), np.eye(size))
-        model["selection"] = np.eye(size)
-        model["state_cov"] = _padded(ratio * np.moveaxis(self.steps.diffusion, 0, -1), np.zeros((size, size)))
-        model["obs_cov"] = np.ones((1, 1))
-        model.initialize_known(np.zeros(size), np.zeros((size, size)))
-        return model
+        covariance = ratio * self.steps.diffusion
+        return statsmodels_model(self.observed, self.steps.transition, covariance, smoother=smoother)
 
     def gains(self, ratio: float) -> tuple[Array, Array]:
         """Gain of the prediction (sample, state) and variance of the innovations (sample,).
@@ -110,11 +97,51 @@ class LinearModel:
     def smoothed(self, ratio: float, parameters: Array) -> Any:
         """statsmodels' smoother at given deviations of the columns' parameters (column,)."""
         model = self._statsmodels(ratio, smoother=True)
-        model.bind(np.ascontiguousarray((self.record - self.observed_parameters @ parameters)[None]))
-        intercept = (self.mismatch + self.by_column @ parameters).T
-        model["state_intercept"] = _padded(intercept, np.zeros(len(intercept)))
-        model.initialize_known(self.start @ parameters, np.zeros((self.path.shape[1],) * 2))
+        set_signal(model, *self.driven(parameters))
         return model.smooth()
+
+    def driven(self, parameters: Array) -> tuple[Array, Array, Array]:
+        """Record (sample,), what is added in each step (step, state) and first state, at given deviations."""
+        record = self.record - self.observed_parameters @ parameters
+        return record, self.mismatch + self.by_column @ parameters, self.start @ parameters
+
+
+def statsmodels_model(
+    observed: Array, transition: Array, covariance: Array, *, smoother: bool = False
+) -> Any:
+    """statsmodels' filter or smoother of one signal in noise of unit variance; the first state is zero.
+
+    Parameters
+    ----------
+    observed : (sample, state) array of float
+        Derivative of the signal by the state.
+    transition, covariance : (step, state, state) array of float
+        Of each step, and of the noise that it adds.
+    smoother : bool
+        Whether it can smooth too.
+    """
+    # Here, since importing statsmodels takes longer than an identification.
+    from statsmodels.tsa.statespace.kalman_filter import KalmanFilter
+    from statsmodels.tsa.statespace.kalman_smoother import KalmanSmoother
+
+    samples, size = observed.shape
+    kind = KalmanSmoother if smoother else KalmanFilter
+    model = kind(k_endog=1, k_states=size, k_posdef=size)
+    model.bind(np.zeros((1, samples)))
+    model["design"] = observed.T[None]
+    model["transition"] = _padded(np.moveaxis(transition, 0, -1), np.eye(size))
+    model["selection"] = np.eye(size)
+    model["state_cov"] = _padded(np.moveaxis(covariance, 0, -1), np.zeros((size, size)))
+    model["obs_cov"] = np.ones((1, 1))
+    model.initialize_known(np.zeros(size), np.zeros((size, size)))
+    return model
+
+
+def set_signal(model: Any, record: Array, added: Array, start: Array) -> None:
+    """Give a model of statsmodels its record, what each step adds to the state, and the first state."""
+    model.bind(np.ascontiguousarray(record[None]))
+    model["state_intercept"] = _padded(added.T, np.zeros(len(start)))
+    model.initialize_known(start, np.zeros((len(start), len(start))))
 
 
 def _padded(values: Array, last: Array) -> Array:

@@ -4,9 +4,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.polynomial import Polynomial
 
 from sysid_trib.arrays import Array
 from sysid_trib.averaging.internal_states import states_along
+from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import Force
 from sysid_trib.noise.smoothing import smooth
 from sysid_trib.simulation.equations import Motion
@@ -14,6 +16,9 @@ from sysid_trib.simulation.model import Model
 from sysid_trib.state_space.intervals import steps_between
 from sysid_trib.state_space.kalman import LinearModel
 from sysid_trib.state_space.vector_field import BRANCHING, IMAGINARY_STEP
+
+# A step so many times the usual one is a gap, over which no spline is laid.
+LONG_STEP = 2.5
 
 
 @dataclass(frozen=True)
@@ -38,9 +43,12 @@ class Derivatives:
 
 
 def spline_path(model: Model, time: Array, angle: Array) -> Array:
-    """States along the least-squares spline through a record, (sample, state): the first path of all."""
+    """States along the least-squares spline through a record, (sample, state): the first path of all.
+
+    Pieces between gaps have a spline each.
+    """
     tau = model.reference_frequency * (time - time[0])
-    x, v, _, _ = smooth(tau, angle)
+    x, v = _smooth_pieces(tau, angle)
     columns, motion = [x, v], Motion(model.forces)
     hidden: dict[str, Array] = {}
     for force in model.forces:
@@ -48,6 +56,21 @@ def spline_path(model: Model, time: Array, angle: Array) -> Array:
         hidden |= {f"{force.symbol}.{name}": values for name, values in hidden_of.items()}
     names = (*motion.variables[2:], *motion.memory)
     return np.stack([*columns, *(hidden[name] for name in names)], axis=1)
+
+
+def _smooth_pieces(tau: Array, angle: Array) -> tuple[Array, Array]:
+    """Smoothed x and v = dx/dtau of a record, piece by piece between its gaps, (sample,) each."""
+    steps = np.diff(tau)
+    gaps = np.flatnonzero(steps > LONG_STEP * np.median(steps)) + 1
+    x, v = angle.copy(), np.zeros_like(angle)
+    for at in np.split(np.arange(len(tau)), gaps):
+        try:
+            x[at], v[at], _, _ = smooth(tau[at], angle[at])
+        except (DecayError, ValueError):
+            # Too few samples for a spline: a parabola, from which the iteration can start.
+            parabola = Polynomial.fit(tau[at], angle[at], min(2, len(at) - 1))
+            x[at], v[at] = parabola(tau[at]), parabola.deriv()(tau[at])
+    return x, v
 
 
 def _own_shapes(force: Force, model: Model) -> dict[str, float]:
@@ -92,7 +115,7 @@ def linearised_about(
     if by.frequency:
         # The rate at the first sample is a parameter, v = rate / w is the state.
         start[1, -4] = -started[0, 1] / w
-    shown, observed, by_sensor = _sensor(model, time - time[0], started, by)
+    shown, observed, by_sensor = sensor_on(model, time - time[0], started, by)
     observed_parameters = np.zeros((len(time), by.count))
     observed_parameters[:, : len(by.names)] = by_sensor
     observed_parameters[:, -1] = 1.0
@@ -107,7 +130,7 @@ def _start(model: Model, per_run: Array, size: int) -> Array:
     return np.concatenate([y, p[motion.memory_at]])[:size]
 
 
-def _sensor(model: Model, elapsed: Array, path: Array, by: Derivatives) -> tuple[Array, Array, Array]:
+def sensor_on(model: Model, elapsed: Array, path: Array, by: Derivatives) -> tuple[Array, Array, Array]:
     """What the sensor shows on a path but for its zero (sample,), and its derivatives by state and names."""
     x, v = path[:, 0], path[:, 1]
     shown, observed = x.copy(), np.zeros_like(path)

@@ -1,0 +1,234 @@
+"""Predictions of a record from what was measured before, with bands that grow by the random force."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
+from scipy.stats import norm
+
+from sysid_trib.arrays import Array, Index
+from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.noise.random_force import RandomForce, random_force_of
+from sysid_trib.results.schema import asymptotic_frequency, library_of
+from sysid_trib.results.variables import variable, with_error
+from sysid_trib.state_space.intervals import steps_over
+from sysid_trib.state_space.kalman import set_signal, statsmodels_model
+from sysid_trib.state_space.linearised import Derivatives, sensor_on
+from sysid_trib.state_space.tracked import TrackedRecord, track
+from sysid_trib.state_space.vector_field import VectorField
+
+# Periods that the filter has for the start and the sensor's zero before the first prediction.
+SETTLING_PERIODS = 2.0
+
+
+@dataclass(frozen=True)
+class Ahead:
+    """Motions that go on from what was measured, with their uncertainty.
+
+    Attributes
+    ----------
+    states : (origin, state) array of float
+    transition : (origin, state, state) array of float
+        By the state at the origin.
+    sensitivity : (origin, state, parameter) array of float
+    diffusion : (origin, state, state) array of float
+        Per unit of `per_tau`.
+    """
+
+    states: Array
+    transition: Array
+    sensitivity: Array
+    diffusion: Array
+
+
+def prediction_bands(
+    decay: xr.Dataset,
+    result: xr.Dataset,
+    periods: ArrayLike = (1.0, 3.0, 10.0),
+    *,
+    origins: Sequence[float] | None = None,
+    run: int = 0,
+) -> xr.Dataset:
+    """Predict a record from some of its instants, each from the samples up to then.
+
+    Parameters
+    ----------
+    decay : Dataset
+        `angle(time)`: the record that the result is of, or another of the same experiment.
+    result : Dataset
+        Any identification.
+    periods : array_like of float
+        How far ahead, in periods of the reference frequency; of each the nearest sample is taken.
+    origins : sequence of float, s, optional
+        Times to predict from; where left out, one each longest horizon, so that predictions do not overlap.
+    run : int
+        Which of the result's runs gives noise and random force.
+
+    Returns
+    -------
+    Dataset
+        Over `origin` (s) and `horizon` (periods): `time_ahead` (s), `predicted` (rad) and its
+        `standard_error`, the sensor's noise of the sample among it; `measured` (rad), nan beyond the record.
+
+    Raises
+    ------
+    DecayError
+        The record is too short, or the motion does not settle on it.
+    UsageError
+        A horizon that is not positive.
+
+    Notes
+    -----
+    The state is that of the filter, with no sample after the origin. The variance ahead is the sum of that of
+    the state, of the random force on the way (both along the motion, exact switching), of the coefficients,
+    of the sensor's zero and of its noise. The random force counts with its expected density, which is more
+    than the most likely one where that is zero or nearly so.
+    """
+    ahead = np.sort(np.atleast_1d(np.asarray(periods, dtype=float)))
+    if not (len(ahead) and np.all(np.isfinite(ahead)) and ahead[0] > 0.0):
+        raise UsageError(f"Horizons of a prediction are positive numbers of periods, not {periods!r}.")
+    tracked = track(decay, result, run, _expected_density(random_force_of(result, run)))
+    starts = _origins(tracked, float(ahead[-1]), origins)
+    states, covariance = _filtered(tracked, starts)
+    names, of_parameters = _parameters(result)
+    time, w = tracked.time, tracked.model.reference_frequency
+    leads = 2.0 * np.pi / w * ahead
+    targets = np.array([[_nearest(time, time[k] + lead) for lead in leads] for k in starts])
+    times = np.where(targets >= 0, time[targets], time[starts][:, None] + leads)
+    field = VectorField(tracked.model, names, frequency=True)
+    predicted, variance = np.empty(times.shape), np.empty(times.shape)
+    size = states.shape[1] - 1
+    now = Ahead(states[:, :size], *_nothing_yet(len(starts), size, len(names) + 1))
+    at = time[starts]
+    for j in range(len(leads)):
+        now, at = _advanced(field, now, w * (at - time[0]), w * (times[:, j] - at)), times[:, j]
+        shown, observed, by_sensor = sensor_on(
+            tracked.model, at - time[0], now.states, Derivatives(names, frequency=True)
+        )
+        predicted[:, j] = shown + states[:, size]
+        by_start = np.concatenate(
+            [np.einsum("oa,oab->ob", observed, now.transition), np.ones((len(starts), 1))], axis=1
+        )
+        by_parameter = np.einsum("oa,oap->op", observed, now.sensitivity)
+        by_parameter[:, :-1] += by_sensor
+        variance[:, j] = (
+            np.einsum("oa,oab,ob->o", by_start, covariance, by_start)
+            + tracked.per_tau * np.einsum("oa,oab,ob->o", observed, now.diffusion, observed)
+            + np.einsum("op,pq,oq->o", by_parameter, of_parameters, by_parameter)
+            + tracked.noise**2
+        )
+    measured = np.where(targets >= 0, tracked.angle[targets], np.nan)
+    dims = ("origin", "horizon")
+    return xr.Dataset(
+        {
+            **with_error("predicted", dims, (predicted, np.sqrt(variance)), "predicted angle", "rad"),
+            "measured": variable(dims, measured, "measured angle", "rad"),
+            "time_ahead": variable(dims, times, "time of the prediction", "s"),
+        },
+        {
+            "origin": variable("origin", time[starts], "time of the last sample that is known", "s"),
+            "horizon": variable("horizon", ahead, "periods ahead", "1"),
+        },
+    )
+
+
+def _expected_density(force: RandomForce) -> float:
+    """Mean of the density by its estimate and error: that of a Gaussian cut at zero."""
+    if not force.standard_error > 0.0:
+        return force.density
+    at = force.density / force.standard_error
+    return force.density + force.standard_error * float(np.exp(norm.logpdf(at) - norm.logcdf(at)))
+
+
+def _origins(tracked: TrackedRecord, longest: float, origins: Sequence[float] | None) -> Index:
+    """Samples to predict from."""
+    time = tracked.time
+    period = 2.0 * np.pi / tracked.model.reference_frequency
+    first = time[0] + SETTLING_PERIODS * period
+    if origins is None:
+        origins = list(np.arange(first, time[-1] - longest * period, longest * period))
+        if not origins:
+            raise DecayError(
+                f"No prediction of {longest:g} periods fits into this record after "
+                f"{SETTLING_PERIODS:g} periods for the start; ask for fewer periods."
+            )
+    times = np.asarray(origins, dtype=float)
+    if not (len(times) and np.all(np.isfinite(times)) and times.min() >= first and times.max() <= time[-1]):
+        raise DecayError(
+            f"Predictions start between {first:.4g} s, after {SETTLING_PERIODS:g} periods for the start, and "
+            f"{time[-1]:.4g} s, the end of the record."
+        )
+    return np.searchsorted(time, times + 1e-9 * period, side="right") - 1
+
+
+def _nearest(time: Array, wanted: float) -> int:
+    """Index of the nearest sample; -1 where the record has none within half a step of it."""
+    at = int(np.clip(np.searchsorted(time, wanted), 1, len(time) - 1))
+    at -= int(wanted - time[at - 1] < time[at] - wanted)
+    half = 0.51 * float(np.median(np.diff(time)))
+    return at if abs(time[at] - wanted) <= half else -1
+
+
+def _filtered(tracked: TrackedRecord, starts: Index) -> tuple[Array, Array]:
+    """States with the sensor's zero behind them, from the samples up to each start, and their covariance.
+
+    (start, state + 1) and (start, state + 1, state + 1). Nothing is known of the motion and the zero before
+    the first sample: their standard deviation there is the swing.
+    """
+    linear, steps = tracked.linear, tracked.linear.steps
+    samples, size = linear.path.shape
+    transition = np.zeros((samples - 1, size + 1, size + 1))
+    transition[:, :size, :size] = steps.transition
+    transition[:, size, size] = 1.0
+    noise = np.zeros_like(transition)
+    noise[:, :size, :size] = tracked.ratio * steps.diffusion
+    observed = np.column_stack([linear.observed, np.ones(samples)])
+    model = statsmodels_model(observed, transition, noise)
+    added = np.column_stack([linear.mismatch, np.zeros(samples - 1)])
+    set_signal(model, linear.record, added, np.zeros(size + 1))
+    first = np.zeros((size + 1, size + 1))
+    swing = float(np.max(np.abs(tracked.angle))) / tracked.noise
+    first[[0, 1, size], [0, 1, size]] = swing**2
+    model.initialize_known(np.zeros(size + 1), first)
+    filtered: Any = model.filter()
+    states = np.column_stack([linear.path, np.full(samples, tracked.zero)])[starts]
+    covariance = tracked.noise**2 * np.moveaxis(filtered.filtered_state_cov, -1, 0)[starts]
+    return states + filtered.filtered_state.T[starts], covariance
+
+
+def _parameters(result: xr.Dataset) -> tuple[tuple[str, ...], Array]:
+    """Coefficients of the model, and their covariance with the reference frequency behind them."""
+    symbols = result.force.values.tolist()
+    covariance = result["covariance"].values
+    count = len(symbols)
+    whole = np.zeros((count + 1, count + 1))
+    whole[:count, :count] = covariance
+    w_error = float(result.reference_frequency_standard_error)
+    if w_error > 0.0:
+        w = float(result.reference_frequency)
+        _, gradient = asymptotic_frequency(library_of(result), result.coefficient.values, w)
+        # The result states the covariance with the asymptotic frequency, which depends on both.
+        with_frequency = (result.frequency_covariance.values - covariance @ gradient[:-1]) / gradient[-1]
+        whole[count, :count] = whole[:count, count] = with_frequency
+        whole[count, count] = w_error**2
+    return tuple(symbols), np.nan_to_num(whole)
+
+
+def _nothing_yet(origins: int, size: int, parameters: int) -> tuple[Array, Array, Array]:
+    identity = np.broadcast_to(np.eye(size), (origins, size, size))
+    return identity, np.zeros((origins, size, parameters)), np.zeros((origins, size, size))
+
+
+def _advanced(field: VectorField, now: Ahead, tau: Array, length: Array) -> Ahead:
+    """The motions a stretch further, with all that moves them."""
+    steps = steps_over(field, tau, length, now.states)
+    onward = steps.transition
+    return Ahead(
+        steps.end,
+        onward @ now.transition,
+        onward @ now.sensitivity + steps.sensitivity,
+        onward @ now.diffusion @ onward.swapaxes(1, 2) + steps.diffusion,
+    )
