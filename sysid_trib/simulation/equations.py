@@ -105,14 +105,25 @@ class Motion:
 
     def rates(self, y: Values, p: Values, tau: Any, functions: Functions) -> list[Any]:
         """Derivative of `y` on the branch that the signs in `p` select."""
-        acceleration, states = -y[0], []
-        for i, force in enumerate(self.forces):
-            names, signs = self._names(i, y, p, tau), self._signs(i, p)
+        acceleration = -y[0]
+        for i in range(len(self.forces)):
             # In numbers, a force that is off must not act even where it is singular.
             if not (isinstance(p[i], float) and p[i] == 0.0):
-                acceleration = acceleration - p[i] * force.formula.evaluate(names, functions, signs)
-            states += [f.evaluate(names, functions, signs) for f in force.state.values()]
-        return [y[1], acceleration, *states]
+                acceleration = acceleration - p[i] * self.force_value(i, y, p, tau, functions)
+        return [y[1], acceleration, *self.state_rates(y, p, tau, functions)]
+
+    def force_value(self, i: int, y: Values, p: Values, tau: Any, functions: Functions) -> Any:
+        """What the coefficient of a force multiplies, on the branch that the signs in `p` select."""
+        names, signs = self._names(i, y, p, tau), self._signs(i, p)
+        return self.forces[i].formula.evaluate(names, functions, signs)
+
+    def state_rates(self, y: Values, p: Values, tau: Any, functions: Functions) -> list[Any]:
+        """Derivative of the states of the forces on that branch."""
+        return [
+            formula.evaluate(self._names(i, y, p, tau), functions, self._signs(i, p))
+            for i, force in enumerate(self.forces)
+            for formula in force.state.values()
+        ]
 
     def surfaces(
         self, y: Values, p: Values, tau: Any, functions: Functions, *, frozen: bool = False

@@ -5,11 +5,13 @@ An explicit Runge-Kutta step advances state, derivatives and diffusion together;
 surface it is cut there, and the derivatives jump by the saltation matrix (Leine and Nijmeijer 2004).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.integrate import DOP853
+from scipy.integrate import DOP853, RK45
+from scipy.optimize import elementwise
 
 from sysid_trib.arrays import Array, Index, Mask
 from sysid_trib.errors import SimulationError
@@ -18,14 +20,12 @@ from sysid_trib.simulation.stick_slip import branches_from_rest, rates_at_rest, 
 from sysid_trib.state_space.steps import Steps
 from sysid_trib.state_space.vector_field import FUNCTIONS, Instants, VectorField
 
-# Dormand and Prince's step of order eight (Hairer, Norsett and Wanner 1993). One of order five, exact to 1e-9
-# a radian, turns the phase of a long record by more than its many samples leave open.
-STAGES, END_WEIGHTS, STAGE_NODES = DOP853.A[:12, :12], DOP853.B, DOP853.C[:12]
 # Longest substep in tau.
-SUBSTEP = 0.2
+SUBSTEP = 0.16
 # On the wrong side of a surface by less than this (rad), a motion has not passed it.
 PASSED = 1e-13
-SECANTS = 40
+# By so little it may be on the wrong side of one that it touches, for rounding.
+TOUCHED = 1e-14
 # In an interval, and in each unit of tau of a long one.
 MOST_SWITCHINGS = 60
 AT_REST = 1e-12
@@ -119,7 +119,7 @@ def steps_over(field: VectorField, tau: Array, length: Array, states: Array) -> 
         passed = _passed(field, ahead.here)
         if passed.any():
             at = np.flatnonzero(passed)
-            step[at] = _first_crossing(field, part.at(at), step[at])
+            step[at] = _first_crossing(field, part.here.at(at), step[at])
             crossed = _crossed(field, _step(field, part.at(at), step[at]))
             ahead = _with(ahead, at, crossed)
             switchings[moving[at]] += 1
@@ -211,49 +211,48 @@ def _settled(field: VectorField, here: Instants, first: Mask) -> Instants:
 
 
 def _step(field: VectorField, front: Front, step: Array) -> Front:
-    """One Runge-Kutta step of state, derivatives and diffusion together."""
-    slopes: list[tuple[Array, Array, Array]] = []
-    for row, part in zip(STAGES, STAGE_NODES, strict=True):
-        at = _advanced(front, slopes, row, step, part)
-        slopes.append(_slopes(field, at))
-    return _advanced(front, slopes, END_WEIGHTS, step, 1.0)
+    """One step: of order eight for the state, five for derivatives and diffusion.
 
+    An error of the state, 1e-9 a radian with order five, turns the phase of a long record by more than its
+    many samples leave open; of the derivatives it is of no account.
+    """
+    size, here = field.size, front.here
+    start = np.concatenate([here.y[:, None], front.derivative, front.diffusion], axis=1)
 
-def _slopes(field: VectorField, front: Front) -> tuple[Array, Array, Array]:
-    size = field.size
-    rates, by_state, by_parameter = field.derivatives(front.here)
-    derivative = np.einsum("abn,bcn->acn", by_state, front.derivative)
-    derivative[:, size:] += by_parameter
-    half = np.einsum("abn,bcn->acn", by_state, front.diffusion)
-    diffusion = half + half.swapaxes(0, 1)
-    diffusion[1, 1] += ~front.here.stuck
-    return rates, derivative, diffusion
+    def slopes(table: Array, part: float) -> Array:
+        at = replace(here, y=table[:, 0], tau=here.tau + part * step)
+        rates, by_state, by_parameter = field.derivatives(at)
+        slope = np.empty_like(table)
+        slope[:, 0] = rates
+        slope[:, 1:] = np.einsum("abn,bcn->acn", by_state, table[:, 1:])
+        slope[:, 1 + size : -size] += by_parameter
+        slope[:, -size:] += slope[:, -size:].swapaxes(0, 1).copy()
+        slope[1, -size + 1] += ~here.stuck
+        return slope
 
-
-def _advanced(front: Front, slopes: list[Any], weights: Any, step: Array, part: float) -> Front:
-    here = front.here
-    values = [here.y, front.derivative, front.diffusion]
-    for i in range(3):
-        for weight, slope in zip(weights, slopes, strict=False):
-            if weight:
-                values[i] = values[i] + weight * step * slope[i]
-    return Front(replace(here, y=values[0], tau=here.tau + part * step), values[1], values[2])
+    end = _runge_kutta(RK45, slopes, start, step)
+    return Front(_stepped_state(field, here, step), end[:, 1:-size], end[:, -size:])
 
 
 def _stepped_state(field: VectorField, here: Instants, step: Array) -> Instants:
     """The state alone, by the same step."""
-    slopes: list[Array] = []
-    for row, part in zip(STAGES, STAGE_NODES, strict=True):
-        slopes.append(field.rates(_along(here, slopes, row, step, part)))
-    return _along(here, slopes, END_WEIGHTS, step, 1.0)
+
+    def rates(y: Array, part: float) -> Array:
+        return field.rates(replace(here, y=y, tau=here.tau + part * step))
+
+    return replace(here, y=_runge_kutta(DOP853, rates, here.y, step), tau=here.tau + step)
 
 
-def _along(here: Instants, slopes: list[Array], weights: Any, step: Array, part: float) -> Instants:
-    y = here.y
-    for weight, slope in zip(weights, slopes, strict=False):
-        if weight:
-            y = y + weight * step * slope
-    return replace(here, y=y, tau=here.tau + part * step)
+def _runge_kutta(
+    method: type[RK45] | type[DOP853], slope: Callable[[Array, float], Array], start: Array, step: Array
+) -> Array:
+    """One explicit step (Hairer, Norsett and Wanner 1993) of values (..., instant); `slope(values, part)`."""
+    stages = method.n_stages
+    slopes = np.empty((stages, start.size))
+    for i in range(stages):
+        ahead = (method.A[i, :i] @ slopes[:i]).reshape(start.shape)
+        slopes[i] = slope(start + step * ahead, method.C[i]).ravel()
+    return np.asarray(start + step * (method.B @ slopes).reshape(start.shape))
 
 
 def _sides(field: VectorField, here: Instants) -> Array:
@@ -273,28 +272,20 @@ def _passed(field: VectorField, here: Instants) -> Mask:
     return np.asarray(np.any(_sides(field, here) < -PASSED, axis=0))
 
 
-def _first_crossing(field: VectorField, front: Front, step: Array) -> Array:
-    """Length of the step at which the first surface is passed (bisection with secants, Illinois)."""
-    low, high = np.zeros_like(step), step.copy()
-    start = np.min(_sides(field, front.here), axis=0)
-    at_low, at_high = (
-        np.maximum(start, 0.0),
-        np.min(_sides(field, _stepped_state(field, front.here, high)), axis=0),
+def _first_crossing(field: VectorField, here: Instants, step: Array) -> Array:
+    """Length of the step just beyond the first surface that it passes."""
+
+    def side(part: Array, at: Array) -> Array:
+        start = here.at(at.astype(int))
+        value = np.min(_sides(field, _stepped_state(field, start, part)), axis=0) + TOUCHED
+        # A motion that starts on a surface has not passed it there.
+        return np.asarray(np.where(part == 0.0, np.maximum(value, TOUCHED), value))
+
+    numbers = np.arange(len(step), dtype=float)
+    crossing = elementwise.find_root(
+        side, (np.zeros_like(step), step), args=(numbers,), tolerances={"xatol": 1e-15}
     )
-    for _ in range(SECANTS):
-        with np.errstate(divide="ignore", invalid="ignore"):
-            trial = low + (high - low) * at_low / (at_low - at_high)
-        inside = np.isfinite(trial) & (trial > low) & (trial < high)
-        trial = np.where(inside, trial, 0.5 * (low + high))
-        value = np.min(_sides(field, _stepped_state(field, front.here, trial)), axis=0)
-        passed = value < 0.0
-        # Illinois: the end that stays has its value halved.
-        at_low = np.where(passed, 0.5 * at_low, np.maximum(value, 0.0))
-        at_high = np.where(passed, value, 0.5 * at_high)
-        low, high = np.where(passed, low, trial), np.where(passed, trial, high)
-        if np.all((high - low < 1e-15) | (np.abs(value) < 1e-16)):
-            break
-    return high
+    return np.asarray(crossing.bracket[1])
 
 
 def _crossed(field: VectorField, front: Front) -> Front:
