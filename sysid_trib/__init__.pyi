@@ -35,5 +35,6 @@ from .trajectory_fit.cramer_rao import cramer_rao_bound as cramer_rao_bound
 from .validation.compare import compare as compare
 from .validation.cross_check import cross_check as cross_check, identify as identify
 from .validation.homogeneity import difference as difference, run_agreement as run_agreement
+from .validation.random_force import random_force_dependence as random_force_dependence
 
 __version__: str

@@ -93,7 +93,7 @@ def prediction_bands(
     tracked = track(decay, result, run, _expected_density(random_force_of(result, run)))
     starts = _origins(tracked, float(ahead[-1]), origins)
     states, covariance = _filtered(tracked, starts)
-    names, of_parameters = _parameters(result)
+    names, of_parameters = parameters_of(result)
     time, w = tracked.time, tracked.model.reference_frequency
     leads = 2.0 * np.pi / w * ahead
     targets = np.array([[_nearest(time, time[k] + lead) for lead in leads] for k in starts])
@@ -199,7 +199,7 @@ def _filtered(tracked: TrackedRecord, starts: Index) -> tuple[Array, Array]:
     return states + filtered.filtered_state.T[starts], covariance
 
 
-def _parameters(result: xr.Dataset) -> tuple[tuple[str, ...], Array]:
+def parameters_of(result: xr.Dataset) -> tuple[tuple[str, ...], Array]:
     """Coefficients of the model, and their covariance with the reference frequency behind them."""
     symbols = result.force.values.tolist()
     covariance = result["covariance"].values

@@ -84,14 +84,34 @@ class LinearModel:
         source[0, :, 1:] = self.start
         source[1:, :, 0] = self.mismatch + gain[:-1] * self.record[:-1, None]
         source[1:, :, 1:] = self.by_column - gain[:-1, :, None] * self.observed_parameters[:-1, None, :]
-        # s[k + 1] - (transition - gain observed) s[k] = source: lower banded.
+        return self.recursion(gain, source)
+
+    def recursion(self, gain: Array, source: Array, *, backward: bool = False) -> Array:
+        """States s[k + 1] = (transition - gain observed) s[k] + source[k + 1], s[0] = source[0].
+
+        Parameters
+        ----------
+        gain : (sample, state) array of float
+            Of the prediction; zero for the motion that no record corrects.
+        source : (sample, state, column) array of float
+        backward : bool
+            The transposed recursion from the last sample, r[k] = (transition - gain observed)' r[k + 1] +
+            source[k]: the smoother's.
+
+        Returns
+        -------
+        (sample, state, column) array of float
+        """
+        samples, size = self.path.shape
         turned = self.steps.transition - gain[:-1, :, None] * self.observed[:-1, None, :]
+        # Lower banded, with a unit diagonal.
         band = np.zeros((2 * size, samples * size))
         band[0] = 1.0
         for a in range(size):
             for b in range(size):
                 band[size + a - b, b : (samples - 1) * size : size] = -turned[:, a, b]
-        solved, _ = dtbtrs(band, source.reshape(samples * size, -1), uplo="L", diag="U")
+        columns = source.reshape(samples * size, -1)
+        solved, _ = dtbtrs(band, columns, uplo="L", trans="T" if backward else "N", diag="U")
         return np.asarray(solved).reshape(samples, size, -1)
 
     def smoothed(self, ratio: float, parameters: Array) -> Any:

@@ -1,0 +1,168 @@
+"""Whether what is left of a motion is a random force, or depends on angle, speed, amplitude or time."""
+
+from dataclasses import replace
+
+import numpy as np
+import xarray as xr
+from scipy.stats import chi2
+
+from sysid_trib.arrays import Array
+from sysid_trib.errors import UsageError
+from sysid_trib.noise.random_force import DENSITY_UNITS, RandomForce, random_force_of
+from sysid_trib.noise.variance_ratio import VarianceRatio, ratio_span, variance_ratio
+from sysid_trib.results.variables import Variables, variable
+from sysid_trib.state_space.bands import parameters_of
+from sysid_trib.state_space.kalman import LinearModel
+from sysid_trib.state_space.linearised import Derivatives, linearised_about
+from sysid_trib.state_space.tracked import TrackedRecord, track
+from sysid_trib.state_space.trial_forces import TrialForces, trial_forces
+from sysid_trib.validation.likelihood_gain import likelihood_gains, simulated_records, trial_model
+from sysid_trib.validation.random_force_size import size_p_values
+
+NULL_DRAWS = 60
+# Of longer records every second sample is taken (third, ...), but no fewer than so many a period.
+MOST_SAMPLES, LEAST_PER_PERIOD = 8000, 20
+# Part of a variance below which a direction of the parameters was held or tied.
+HELD_DIRECTION = 1e-12
+ON = ("angle", "speed", "amplitude", "time", "any")
+ASPECTS = ("force", "size")
+
+
+def random_force_dependence(
+    decay: xr.Dataset, result: xr.Dataset, run: int = 0, *, seed: int = 0
+) -> xr.Dataset:
+    """Test whether a random force depends on angle, speed, amplitude or time: then it is no random force.
+
+    Parameters
+    ----------
+    decay : Dataset
+        `angle(time)` of a run.
+    result : Dataset
+        An identification of it with a random force.
+    run : int
+        Which of the result's runs the decay is.
+    seed : int
+        Of the simulated records that calibrate the test.
+
+    Returns
+    -------
+    Dataset
+        `p_value` of a random force that depends on nothing (the least of both aspects, Bonferroni). Over
+        `aspect` (the `force` itself, and the `size` of what is random) and `on` (angle, speed, amplitude,
+        time, any): `dependence_p_value`, nan where it is not tested. Of the force on any: `chi_square`,
+        `degrees_of_freedom`. `likely_density` ((rad/s^2)^2/Hz), and `density_p_value` of the result's.
+        attrs: `every`, of how many samples one was taken.
+
+    Raises
+    ------
+    UsageError
+        The result has no random force.
+    DecayError
+        The motion does not settle on the record.
+
+    Notes
+    -----
+    The force: by how much accelerations that go with the motion (`trial_forces`) raise the likelihood, where
+    the start, the sensor's zero and all parameters of the model are free beside them, and the ratio of the
+    two variances is free with and without. The size: `size_p_values`. Records that are simulated in the
+    linear model calibrate both.
+    """
+    if not random_force_of(result, run):
+        raise UsageError("This identification has no random force; take random_force='auto'.")
+    every = _every(decay, result)
+    tracked = track(decay.isel(time=slice(None, None, every)), result, run)
+    tau = tracked.model.reference_frequency * (tracked.time - tracked.time[0])
+    forces = trial_forces(tracked.linear, tau)
+    linear = _with_parameters(tracked, result, forces)
+    null = _ratio(linear)
+    # Free coefficients may leave no random force at all.
+    of_force, of_size = dict.fromkeys(ON, 1.0), dict.fromkeys(ON, 1.0)
+    chi_square, degrees_of_freedom = 0.0, 0
+    if null.ratio > 0.0:
+        records = simulated_records(linear, null.ratio, NULL_DRAWS, np.random.default_rng(seed))
+        trial = trial_model(linear, forces.by_column, records)
+        sets = {on: np.flatnonzero(forces.on == on) for on in ("angle", "speed", "time")}
+        gains = likelihood_gains(trial, sets | {"any": np.arange(len(forces.on))}, null)
+        of_force |= {on: gain.p_value for on, gain in gains.items()}
+        of_size |= size_p_values(trial, null.ratio, tau)
+        chi_square, degrees_of_freedom = gains["any"].chi_square, gains["any"].columns
+    of_force["amplitude"] = of_size["angle"] = float("nan")
+    p_value = min(1.0, 2.0 * min(of_force["any"], of_size["any"]))
+    p_values = [[of_aspect[on] for on in ON] for of_aspect in (of_force, of_size)]
+    text = "gain of the likelihood by forces that go with the motion"
+    variables = {
+        "p_value": variable((), p_value, "p-value of a random force that depends on nothing", "1"),
+        "dependence_p_value": variable(
+            ("aspect", "on"), p_values, "p-value of no dependence of the random force", "1"
+        ),
+        "chi_square": variable((), chi_square, text, "1"),
+        "degrees_of_freedom": variable((), degrees_of_freedom, "degrees of freedom", "1"),
+        **_density_variables(linear, tracked, null),
+    }
+    return xr.Dataset(variables, {"aspect": list(ASPECTS), "on": list(ON)}, {"every": every})
+
+
+def _every(decay: xr.Dataset, result: xr.Dataset) -> int:
+    """Of how many samples one is taken."""
+    samples = decay.sizes["time"]
+    step = float(np.median(np.diff(decay.time.values)))
+    per_period = 2.0 * np.pi / float(result.asymptotic_frequency) / step
+    return max(1, min(-(-samples // MOST_SAMPLES), int(per_period / LEAST_PER_PERIOD)))
+
+
+def _with_parameters(tracked: TrackedRecord, result: xr.Dataset, forces: TrialForces) -> LinearModel:
+    """The record about the smoothed motion with columns for all that was free in the identification."""
+    model, path = tracked.model, tracked.linear.path
+    offered, covariance = parameters_of(result)
+    kept = [at for at, name in enumerate(offered) if name in model.coefficients]
+    names = (*(offered[at] for at in kept), *_fitted_shapes(result))
+    per_run = np.array([path[0, 0], model.reference_frequency * path[0, 1], tracked.zero])
+    by = Derivatives(names, frequency=False)
+    linear = linearised_about(model, tracked.time, tracked.angle, path, per_run, by)
+    free = _free_directions(covariance[np.ix_([*kept, -1], [*kept, -1])])
+    count, directions = len(kept), free.shape[1]
+    basis = np.zeros((by.count, directions + by.count - count))
+    basis[:count, :directions] = free[:-1]
+    basis[count:, directions:] = np.eye(by.count - count)
+    by_column = linear.by_column @ basis
+    by_column[:, :2, :directions] += forces.stiffness * free[-1]
+    return replace(
+        linear,
+        start=linear.start @ basis,
+        by_column=by_column,
+        observed_parameters=linear.observed_parameters @ basis,
+    )
+
+
+def _fitted_shapes(result: xr.Dataset) -> tuple[str, ...]:
+    if "shape_standard_error" not in result:
+        return ()
+    errors = result.shape_standard_error
+    return tuple(errors.shape_parameter.values[errors.values > 0.0].tolist())
+
+
+def _free_directions(covariance: Array) -> Array:
+    """Directions in which parameters were free, (parameter, direction): not where they are fixed or tied."""
+    size = np.sqrt(np.diag(covariance))
+    scaled = covariance / np.outer(np.where(size > 0.0, size, 1.0), np.where(size > 0.0, size, 1.0))
+    values, vectors = np.linalg.eigh(scaled)
+    return np.asarray(size[:, None] * vectors[:, values > HELD_DIRECTION])
+
+
+def _ratio(linear: LinearModel) -> VarianceRatio:
+    """The ratio of the two variances of most likelihood, all parameters free."""
+    kicks = linear.steps.diffusion[:, 1, 1]
+    low, high = ratio_span(float(np.sum(kicks)), float(np.median(kicks)))
+    return variance_ratio(linear.rows, low, high)
+
+
+def _density_variables(linear: LinearModel, tracked: TrackedRecord, null: VarianceRatio) -> Variables:
+    """The most likely density, and whether that in the result is as likely."""
+    density = RandomForce.density_of(null.ratio * null.variance, tracked.model.reference_frequency)
+    deviances = [linear.rows(ratio).restricted_deviance()[0] for ratio in (tracked.ratio, null.ratio)]
+    return {
+        "likely_density": variable((), density, "most likely density of the random force", DENSITY_UNITS),
+        "density_p_value": variable(
+            (), chi2.sf(max(0.0, deviances[0] - deviances[1]), 1), "p-value of the density in the result", "1"
+        ),
+    }

@@ -1,0 +1,152 @@
+"""Is a random force one: its dependence on angle, speed, amplitude and time, and what is said of it."""
+
+import time as clock
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import sysid_trib as st
+from sysid_trib.errors import UsageError
+from sysid_trib.noise.random_force import RandomForce
+from sysid_trib.state_space.linearised import Derivatives, linearised_about
+from sysid_trib.state_space.tracked import track
+from sysid_trib.state_space.trial_forces import trial_forces
+from sysid_trib.validation.likelihood_gain import simulated_records
+
+W, NOISE = 8.87, 2e-4
+FORCES = st.load_library("contact_forces").select(["zeta", "delta", "epsilon"])
+TRUTH = {"zeta": 5e-5, "delta": 2e-3, "epsilon": -0.1}
+MODEL = st.Model(FORCES, TRUTH, W)
+TIME = np.arange(500) * 2.0 * np.pi / W / 25
+
+
+def density_of(wander):
+    """Density that lets the angle wander by so many noise levels at the end."""
+    return RandomForce.density_of(2.0 * (wander * NOISE) ** 2 / (W * TIME[-1]), W)
+
+
+def measured(model, density=0.0, seed=0, time=TIME):
+    angle = st.simulate(model, time, 0.3, random_force=density, seed=seed).angle
+    return xr.Dataset({"angle": angle + NOISE * np.random.default_rng(seed).standard_normal(len(time))})
+
+
+def identified(decay, forces=FORCES, random_force="auto"):
+    start = st.Model(forces, {s: TRUTH.get(s, 0.0) for s in forces.symbols}, W)
+    return st.identify(decay, forces, st.methods.Trajectory(random_force=random_force, start=start))
+
+
+@pytest.fixture(scope="module")
+def pushed():
+    decay = measured(MODEL, density_of(5.0), 3)
+    return decay, identified(decay)
+
+
+def test_a_random_force_alone_depends_on_nothing():
+    values = []
+    for seed in range(8):
+        decay = measured(MODEL, density_of(5.0), seed)
+        values.append(st.random_force_dependence(decay, identified(decay)))
+    tested = xr.concat(values, "seed")
+    assert (tested.p_value > 0.01).all()
+    assert 0.2 < tested.dependence_p_value.mean() < 0.8
+    assert 0.5 < (tested.chi_square / tested.degrees_of_freedom).mean() < 1.7
+
+
+@pytest.mark.parametrize(
+    ("symbol", "coefficient", "on"),
+    [
+        ("lambda", 1e-3, "speed"),
+        ("gravity", 0.5, "angle"),
+        ("even_spring", 5e-2, "angle"),
+        ("damping_drift", 2e-3, "time"),
+    ],
+)
+def test_a_force_that_is_left_out_shows_on_what_it_depends(symbol, coefficient, on):
+    whole = {f.symbol: f for name in ("contact_forces", "candidate_effects") for f in st.load_library(name)}
+    kept = FORCES.select(["zeta", "delta"])
+    library = st.ForceLibrary("whole", (*kept, whole[symbol]))
+    decay = measured(st.Model(library, {"zeta": 5e-3, "delta": 2e-3, symbol: coefficient}, W))
+    result = identified(decay, kept)
+    tested = st.random_force_dependence(decay, result)
+    assert tested.p_value < 1e-6
+    assert tested.dependence_p_value.sel(aspect="force", on=on) < 1e-4
+
+
+def test_a_size_that_follows_the_amplitude_is_seen():
+    time = np.arange(1500) * 2.0 * np.pi / W / 25
+    model = st.Model(FORCES, {"zeta": 1e-2}, W)
+    pushed = st.simulate(model, time[:501], 0.3, random_force=2e-4, seed=4)
+    # From a third of the record on nothing pushes it.
+    last = pushed.isel(time=500)
+    rest = st.simulate(model, time[500:], last.angle.item(), last.rate.item()).angle
+    angle = np.concatenate([pushed.angle.values[:500], rest.values])
+    decay = xr.Dataset(
+        {"angle": ("time", angle + NOISE * np.random.default_rng(1).standard_normal(1500))}, {"time": time}
+    )
+    tested = st.random_force_dependence(decay, identified(decay, FORCES.select(["zeta"])))
+    assert tested.dependence_p_value.sel(aspect="size", on="amplitude") < 1e-4
+    assert tested.p_value < 1e-3
+
+
+def test_a_coefficient_that_was_held_wrong_is_no_random_force():
+    decay = measured(MODEL.with_coefficients({"zeta": 5e-3}))
+    method = st.methods.Trajectory(random_force="auto", fix={"epsilon": -0.05}, start=MODEL)
+    tested = st.random_force_dependence(decay, st.identify(decay, FORCES, method))
+    assert tested.dependence_p_value.sel(aspect="force", on="angle") < 1e-6
+
+
+def test_a_density_by_hand_that_the_record_contradicts(pushed):
+    decay, result = pushed
+    assert st.random_force_dependence(decay, result).density_p_value > 0.5
+    wrong = identified(decay, random_force=30.0 * density_of(5.0))
+    tested = st.random_force_dependence(decay, wrong)
+    assert tested.density_p_value < 1e-4
+    assert 0.3 < tested.likely_density / density_of(5.0) < 3.0
+
+
+def test_the_same_record_has_the_same_p_value(pushed):
+    decay, result = pushed
+    first, second = (st.random_force_dependence(decay, result) for _ in range(2))
+    assert first.identical(second)
+
+
+def test_without_a_random_force_there_is_nothing_to_test(pushed):
+    with pytest.raises(UsageError, match="auto"):
+        st.random_force_dependence(pushed[0], identified(pushed[0], random_force="off"))
+
+
+def test_simulated_records_have_the_covariance_of_the_model(pushed):
+    tracked = track(*pushed)
+    records = simulated_records(tracked.linear, tracked.ratio, 400, np.random.default_rng(0))
+    # At the sample 300: half of what v has gained is in x, tau being that of 300 samples.
+    wander = 0.5 * tracked.ratio * W * TIME[300]
+    assert records[300].var() == pytest.approx(1.0 + wander, rel=0.25)
+    innovations = tracked.linear.innovations(tracked.ratio)[2]
+    assert innovations[300] > 1.0
+
+
+def test_trial_forces_move_the_record_as_forces_do():
+    path = np.stack([0.3 * np.cos(W * TIME), -0.3 * np.sin(W * TIME)], axis=1)
+    model = st.Model(FORCES, {"zeta": 0.0}, W)
+    linear = linearised_about(model, TIME, path[:, 0], path, np.array([0.3, 0.0, 0.0]), Derivatives((), True))
+    forces = trial_forces(linear, W * TIME)
+    free = np.zeros((len(TIME), 2))
+    source = np.concatenate([np.zeros((1, 2, 1)), forces.stiffness])
+    moved = linear.recursion(free, source)[:, 0, 0]
+    # x'' = -(1 + 2 e) x: the phase gains e tau.
+    expected = -0.3 * W * TIME * np.sin(W * TIME) / 2.0
+    assert np.abs(moved - expected).max() < 2e-3 * np.abs(expected).max()
+
+
+def test_a_long_record_takes_seconds():
+    time = np.arange(100_000) * 2.0 * np.pi / W / 100
+    model = st.Model(FORCES.select(["zeta", "delta"]), {"zeta": 1e-5, "delta": 1e-4}, W)
+    decay = measured(model, time=time)
+    result = st.identify(decay, model.library, st.methods.Direct(refine=False))
+    result["random_force_density"] = 1e-7
+    result["random_force_standard_error"] = result["random_force_p_value"] = 0.0
+    start = clock.process_time()
+    tested = st.random_force_dependence(decay, result)
+    assert clock.process_time() - start < 10.0
+    assert tested.attrs["every"] == 5
