@@ -152,10 +152,16 @@ def _difference(checked: xr.Dataset, label: str) -> str:
 def _agreement_sentence(checked: xr.Dataset) -> str:
     pair = f"{checked.attrs['first'].capitalize()} and {checked.attrs['second']}"
     if checked.attrs["verdict"] == "unknown":
-        return f"{pair} cannot be compared: the error of their difference could not be computed."
+        return (
+            f"{pair} cannot be compared: the error of their difference could not be computed{_few(checked)}."
+        )
+    # The records that count are fewer than were drawn where the motion is pushed and one was not identified.
+    records = checked.attrs.get("simulated_records", checked.attrs["draws"])
+    stated = checked.attrs.get("errors") == "stated"
+    errors = "stated errors" if stated else f"Hotelling, {records} simulated records"
     test = (
         f"chi-square {checked.chi_square.item():.3g} for {checked.degrees_of_freedom.item()} differences, "
-        f"p = {checked.p_value.item():.2g} (Hotelling, {checked.attrs['draws']} simulated records)."
+        f"p = {checked.p_value.item():.2g} ({errors})."
     )
     if checked.attrs["verdict"] == "disagree":
         return f"{pair} disagree: {test}"
@@ -164,6 +170,14 @@ def _agreement_sentence(checked: xr.Dataset) -> str:
     if checked.attrs["explained"] == "yes":
         return f"{pair} agree within their errors: {test}"
     return f"{pair} differ by no more than their errors: {test}"
+
+
+def _few(checked: xr.Dataset) -> str:
+    """That too few simulated records were identified, where these are counted."""
+    if "simulated_records" not in checked.attrs:
+        return ""
+    records, draws = checked.attrs["simulated_records"], checked.attrs["draws"]
+    return f" (both methods identified {records} of {draws} simulated records)"
 
 
 def _residual_sentence(name: str, checked: xr.Dataset) -> str:

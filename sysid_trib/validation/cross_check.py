@@ -97,6 +97,13 @@ def cross_check(
 
     z = (difference - expected_difference)/standard_error; chi-square with the covariance of the scatter, its
     p-value by Hotelling's distribution because that covariance is estimated from `draws` records.
+
+    With a random force in the second's result the simulated records are pushed: free motion, linear response
+    to white acceleration of that density, noise of the sensor. Each method holds its own random force there.
+    The expected difference is then the mean over the records; the verdict is by those that both methods
+    identified (attrs: `simulated_records`), and by the chi-square distribution where the covariances are the
+    stated ones (`errors`: simulated or stated); unknown below 2 k + 2 records for k quantities. The residual
+    of a result with a random force is what it predicts wrongly one sample ahead, over its own error.
     """
     runs, results = as_runs(decay), (first, second)
     names = [result.attrs["method"] for result in results]
@@ -106,12 +113,13 @@ def cross_check(
     compared = comparison(runs, results, motions, draws=draws, seed=seed)
     moving = list(zip(*motions, strict=True))
     of_runs = [
-        residuals(run, names, of_run, noise_of_run(second, at))
+        residuals(run, dict(zip(names, results, strict=True)), of_run, noise_of_run(second, at), at)
         for at, (run, of_run) in enumerate(zip(runs, moving, strict=True))
     ]
     compared = compared.merge(pooled(of_runs))
     verdict = verdict_of(compared.p_value.item())
-    compared.attrs = {"first": names[0], "second": names[1], "verdict": verdict, "draws": draws, "seed": seed}
+    made = {"first": names[0], "second": names[1], "verdict": verdict, "draws": draws, "seed": seed}
+    compared.attrs = made | compared.attrs
     compared.attrs |= {"explained": _explained(compared)} | ties(runs, second)
     records = [_with_motions(run, names, of_run) for run, of_run in zip(runs, moving, strict=True)]
     groups = dict(zip(group_names("record", len(runs)), records, strict=True))

@@ -1,6 +1,6 @@
 """Residuals of the simulated motions of identified models: size, phase, departure, and their whiteness."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,10 +8,12 @@ import xarray as xr
 from scipy.stats import chi2
 
 from sysid_trib.arrays import Array
-from sysid_trib.errors import SimulationError
+from sysid_trib.errors import SimulationError, SysidTribError
+from sysid_trib.noise.random_force import random_force_of
 from sysid_trib.records.runs import root_mean_square
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.variables import variable
+from sysid_trib.state_space.innovations import innovations
 from sysid_trib.trajectory_fit.initial_conditions import FittedMotion, first_guess, fit_start
 
 # A model departs from the record where the RMS over half a period is beyond this many noise levels.
@@ -119,7 +121,11 @@ def fitted_motion(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> Fitted
 
 
 def residuals(
-    decay: xr.Dataset, names: Sequence[str], motions: Sequence[FittedMotion | None], noise: float
+    decay: xr.Dataset,
+    results: Mapping[str, xr.Dataset],
+    motions: Sequence[FittedMotion | None],
+    noise: float,
+    run: int = 0,
 ) -> xr.Dataset:
     """Residual of each model: RMS, RMS over the noise, first departure, and p-value of white noise.
 
@@ -127,26 +133,56 @@ def residuals(
     ----------
     decay : Dataset
         `angle(time)`.
-    names : sequence of str
-        Of the models.
+    results : mapping of str to Dataset
+        Identifications by their names.
     motions : sequence of FittedMotion, or None
-        Of the models; a model without a motion has nan.
+        Of their models; a model without a motion has nan.
     noise : float, rad
         Of one sample.
+    run : int
+        Which of the results' runs the decay is.
+
+    Notes
+    -----
+    What a free motion leaves of a record that was pushed is its wander, and no failure of the model. Beside
+    a random force the innovations take its place, and their own standard deviation that of the noise.
     """
-    time, angle = decay.time.values, decay.angle.values
-    rows = []
-    for motion in motions:
-        if motion is None:
-            rows.append((np.nan, np.nan, float(time[0]), 0.0))
-            continue
-        residual = angle - motion.offset - motion.x
-        rms = float(np.sqrt(np.mean(residual**2)))
-        departure = _departure(time, residual, noise, motion)
-        rows.append((rms, rms / noise, departure, _white_noise_p_value(residual, noise, motion)))
+    rows = [
+        _of_innovations(decay, result, run)
+        if random_force_of(result, run)
+        else _of_free_motion(decay, motion, noise)
+        for result, motion in zip(results.values(), motions, strict=True)
+    ]
     columns = zip(RESIDUALS.items(), np.array(rows).T, strict=True)
     variables = {name: variable("model", column, *texts) for (name, texts), column in columns}
-    return xr.Dataset(variables, {"model": list(names)})
+    return xr.Dataset(variables, {"model": list(results)})
+
+
+def _of_free_motion(decay: xr.Dataset, motion: FittedMotion | None, noise: float) -> tuple[float, ...]:
+    """What `RESIDUALS` lists, of record minus motion."""
+    time, angle = decay.time.values, decay.angle.values
+    if motion is None:
+        return np.nan, np.nan, float(time[0]), 0.0
+    residual = angle - motion.offset - motion.x
+    rms, width = float(np.sqrt(np.mean(residual**2))), _half_period(motion.v)
+    departure = _departure(time, residual, noise, width)
+    return rms, rms / noise, departure, _white_noise_p_value(residual, noise, width)
+
+
+def _of_innovations(decay: xr.Dataset, result: xr.Dataset, run: int) -> tuple[float, ...]:
+    """What `RESIDUALS` lists, of the innovations beside a random force."""
+    try:
+        predicted = innovations(decay, result, run)
+    except SysidTribError:
+        return np.nan, np.nan, float(decay.time.values[0]), 0.0
+    normalised = (predicted.innovation / predicted.innovation_standard_deviation).values
+    width = _half_period(predicted.smoothed_rate.values)
+    return (
+        predicted.innovation_rms.item(),
+        float(np.sqrt(np.mean(normalised**2))),
+        _departure(decay.time.values, normalised, 1.0, width),
+        _white_noise_p_value(normalised, 1.0, width),
+    )
 
 
 def pooled(of_runs: Sequence[xr.Dataset]) -> xr.Dataset:
@@ -165,30 +201,29 @@ def pooled(of_runs: Sequence[xr.Dataset]) -> xr.Dataset:
     return whole.merge(runs.rename({name: f"run_{name}" for name in runs.data_vars}))
 
 
-def _departure(time: Array, residual: Array, noise: float, motion: FittedMotion) -> float:
-    """First time at which the RMS over half a period is beyond `DEPARTED` noise levels; nan if never."""
-    width = _half_period(motion)
+def _departure(time: Array, residual: Array, noise: float, width: int) -> float:
+    """First time at which the RMS over so many samples is beyond `DEPARTED` noise levels; nan if never."""
     total = np.concatenate([[0.0], np.cumsum(residual**2)])
     local = np.sqrt((total[width:] - total[:-width]) / width)
     departed = np.flatnonzero(local > DEPARTED * noise)
     return float(time[departed[0]]) if len(departed) else float("nan")
 
 
-def _white_noise_p_value(residual: Array, noise: float, motion: FittedMotion) -> float:
+def _white_noise_p_value(residual: Array, noise: float, half_period: int) -> float:
     """P-value that the means of a residual over twelfths of a period are those of white noise of this level.
 
     The residual of a missing force is slow: it hides in the RMS of all samples, but not in their means.
     """
-    width = max(1, _half_period(motion) // 6)
+    width = max(1, half_period // 6)
     count = len(residual) // width
     means = residual[: count * width].reshape(count, width).mean(axis=1)
     return float(chi2.sf(width * np.sum((means / noise) ** 2), count))
 
 
-def _half_period(motion: FittedMotion) -> int:
-    """Samples of a half period."""
-    turns = np.flatnonzero(np.diff(np.sign(motion.v)) != 0)
-    return int(np.median(np.diff(turns))) if len(turns) > 2 else max(1, len(motion.v) // 10)
+def _half_period(v: Array) -> int:
+    """Samples of a half period, by the changes of sign of the speed."""
+    turns = np.flatnonzero(np.diff(np.sign(v)) != 0)
+    return int(np.median(np.diff(turns))) if len(turns) > 2 else max(1, len(v) // 10)
 
 
 def residual_of(

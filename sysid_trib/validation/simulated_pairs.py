@@ -1,0 +1,215 @@
+"""How the difference of two identifications scatters: both methods on simulated records of one model."""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
+
+import numpy as np
+import xarray as xr
+from scipy.stats import chi2, f as f_distribution
+
+from sysid_trib.arrays import Array
+from sysid_trib.errors import SysidTribError
+from sysid_trib.methods import method_of
+from sysid_trib.noise.random_force import random_force_of
+from sysid_trib.records.runs import one_or_all
+from sysid_trib.results.common_reference import comparison_values, stated_covariance
+from sysid_trib.results.schema import library_of
+from sysid_trib.trajectory_fit.initial_conditions import FittedMotion
+from sysid_trib.validation.simulated_records import simulated_runs
+
+# What fewer records give is no covariance.
+FEWEST_RECORDS = 3
+# Errors that exceed those of 32 records by less than this ratio do so by chance.
+LARGEST_CHANCE = 1.5
+EXCESS_LEVEL = 0.01
+
+# An identification, and its motion in each run.
+Truth: TypeAlias = tuple[xr.Dataset, Sequence[FittedMotion]]
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """What to expect of the difference of two identifications that are right, and how it scatters.
+
+    Attributes
+    ----------
+    expected : (quantity,) array of float
+    covariance : (quantity, quantity) array of float
+        Of the difference minus the expected one; nan if it is not known.
+    records : int
+        Simulated records that count.
+    stated : bool
+        Whether the covariance is the sum of those that the methods state, not that of the records.
+    """
+
+    expected: Array
+    covariance: Array
+    records: int
+    stated: bool = False
+
+    @classmethod
+    def missing(cls, count: int, records: int) -> "Scatter":
+        """Of so many quantities nothing is known."""
+        return cls(np.full(count, np.nan), np.full((count, count), np.nan), records)
+
+    @property
+    def known(self) -> bool:
+        """Whether there is a covariance."""
+        return bool(np.all(np.isfinite(self.covariance)))
+
+    def chi_square(self, difference: Array) -> tuple[float, float]:
+        """Chi-square of a difference, and its p-value.
+
+        A covariance that is itself estimated from records: Hotelling's T^2, which is F distributed.
+        """
+        if not self.known:
+            return float("nan"), float("nan")
+        excess, count = difference - self.expected, len(difference)
+        statistic = float(excess @ np.linalg.pinv(self.covariance) @ excess)
+        if self.stated:
+            return statistic, float(chi2.sf(statistic, count))
+        rest = max(1, self.records - count)
+        ratio = statistic * rest / (count * max(1, self.records - 1))
+        return statistic, float(f_distribution.sf(ratio, count, rest))
+
+
+def scatter(
+    runs: Sequence[xr.Dataset],
+    results: Sequence[xr.Dataset],
+    truth: Truth,
+    kept: Sequence[str],
+    *,
+    draws: int,
+    seed: int,
+) -> Scatter:
+    """Scatter of the difference of two identifications over simulated records of a known model.
+
+    Parameters
+    ----------
+    runs : sequence of Dataset
+        The runs that both results are from.
+    results : sequence of Dataset
+        Both identifications.
+    truth : (Dataset, sequence of FittedMotion)
+        That of the two whose model is simulated, and its motions.
+    kept : sequence of str
+        Symbols of the forces that are compared.
+    draws, seed : int
+        Number of records, and the seed of their noise.
+
+    Returns
+    -------
+    Scatter
+
+    Raises
+    ------
+    SimulationError
+        The motion of the model cannot be computed.
+
+    Notes
+    -----
+    Where the truth has a random force its records are pushed. What to expect is then the mean over the
+    records, whose own error is 1/n of their covariance; and as Hotelling's statistic wants more records than
+    quantities, fewer than 2 k + 2 for k quantities decide nothing.
+    """
+    frequency, random = truth[0].reference_frequency.item(), np.random.default_rng(seed)
+    simulated = simulated_runs(runs, *truth, draws=draws, seed=seed)
+    methods, at_best = zip(*(_at_its_best(runs, result) for result in results), strict=True)
+    # Each with what it was offered: forces that one of them neglects are part of its bias.
+    offered = [library_of(result, whole=True) for result in results]
+
+    def values(pair: Sequence[xr.Dataset]) -> Array:
+        return np.stack([comparison_values(result, kept, frequency) for result in pair])
+
+    def identified(draw: int | None) -> Array:
+        decay = one_or_all([run.record(random, draw) for run in simulated])
+        pairs = zip(methods, offered, strict=True)
+        return values([method.identify(decay, library) for method, library in pairs])
+
+    # The bias that a method left in is what it would have removed; what remains shows in the records.
+    bias = np.subtract(*values(results)) - np.subtract(*values(at_best))
+    without_noise = np.zeros_like(bias)
+    pushed = bool(random_force_of(truth[0]))
+    if not pushed:
+        with suppress(SysidTribError):
+            without_noise = np.subtract(*identified(None))
+    drawn = []
+    for draw in range(draws):
+        with suppress(SysidTribError):
+            drawn.append(identified(draw))
+    least = 2 * len(bias) + 2 if pushed else FEWEST_RECORDS
+    if len(drawn) < least:
+        return Scatter.missing(len(bias), len(drawn))
+    if pushed:
+        return _of_pushed(results, kept, bias, np.array(drawn))
+    return _of_unpushed(results, kept, bias + without_noise, np.array(drawn), draws)
+
+
+def _of_unpushed(
+    results: Sequence[xr.Dataset], kept: Sequence[str], expected: Array, drawn: Array, draws: int
+) -> Scatter:
+    """Scatter of records that differ by the sensor's noise alone; `drawn` : (record, method, quantity)."""
+    covariance = _covariance(drawn)
+    if _largest_excess(results, kept, drawn) > LARGEST_CHANCE:
+        covariance = _stated(results, kept)
+    return Scatter(expected, covariance, draws)
+
+
+def _of_pushed(results: Sequence[xr.Dataset], kept: Sequence[str], bias: Array, drawn: Array) -> Scatter:
+    """Scatter of records that are pushed; `drawn` : (record, method, quantity)."""
+    expected, covariance = bias + np.mean(drawn[:, 0] - drawn[:, 1], axis=0), _covariance(drawn)
+    # Of a few records the largest ratio by chance depends on their number: at 1 %, of all quantities.
+    degrees_of_freedom = len(drawn) - 1
+    least = chi2.ppf(EXCESS_LEVEL / drawn[0].size, degrees_of_freedom)
+    stated = _largest_excess(results, kept, drawn) > np.sqrt(degrees_of_freedom / least)
+    whole = _stated(results, kept) if stated else covariance
+    return Scatter(expected, whole + covariance / len(drawn), len(drawn), bool(stated))
+
+
+def _covariance(drawn: Array) -> Array:
+    """Covariance of the difference of both methods, of (record, method, quantity)."""
+    return np.atleast_2d(np.cov(drawn[:, 0] - drawn[:, 1], rowvar=False))
+
+
+def _stated(results: Sequence[xr.Dataset], kept: Sequence[str]) -> Array:
+    """Sum of the covariances that both methods state."""
+    first, second = (stated_covariance(result, kept) for result in results)
+    return first + second
+
+
+def _at_its_best(runs: Sequence[xr.Dataset], result: xr.Dataset) -> tuple[Any, xr.Dataset]:
+    """Method and result with the removal of bias that was left off: its scatter is calibrated.
+
+    A random force is held at the result's own, so that a record takes no longer than one without.
+    """
+    method = with_held_random_force(method_of(result), result)
+    off = {name: True for name in ("correct", "refine") if getattr(method, name, True) is False}
+    if not off:
+        return method, result
+    try:
+        better = replace(method, **off)
+        return better, better.identify(one_or_all(runs), library_of(result, whole=True))
+    except SysidTribError:
+        return method, result
+
+
+def with_held_random_force(method: Any, result: xr.Dataset) -> Any:
+    """A method that estimates a random force, with that of its result held: off where it found none."""
+    if getattr(method, "random_force", "off") == "off":
+        return method
+    force = random_force_of(result)
+    return replace(method, random_force=force.density if force else "off")
+
+
+def _largest_excess(results: Sequence[xr.Dataset], kept: Sequence[str], drawn: Array) -> float:
+    """How much the errors that the methods state exceed those by the noise alone, at most.
+
+    Where a residual is more than noise, methods weigh it differently: they no longer share their errors,
+    which then add.
+    """
+    stated = np.stack([np.sqrt(np.diag(stated_covariance(result, kept))) for result in results])
+    errors = drawn.std(axis=0, ddof=1)
+    # What does not vary, as a force that every draw drops, has no ratio.
+    return float(np.max(np.divide(stated, errors, out=np.ones_like(errors), where=errors > 0.0)))

@@ -1,0 +1,136 @@
+"""Cross-check, residuals and agreement of runs of results with a random force."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import sysid_trib as st
+from sysid_trib.errors import DecayError
+from sysid_trib.methods import Direct, Trajectory
+from sysid_trib.noise.random_force import RandomForce
+from sysid_trib.printing.identification import identification_sentences
+from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.state_space.wander import wander
+from sysid_trib.validation.simulated_pairs import Scatter, with_held_random_force
+
+W, NOISE = 8.87, 2e-4
+FORCES = st.load_library("contact_forces").select(["zeta", "delta"])
+MODEL = st.Model(FORCES, {"zeta": 5e-5, "delta": 2e-3}, W)
+TIME = np.arange(900) * 2.0 * np.pi / W / 60
+# Five noise levels of wander at the end.
+DENSITY = RandomForce.density_of(2.0 * (5.0 * NOISE) ** 2 / (W * TIME[-1]), W)
+AUTO = Direct(random_force="auto")
+
+
+def pushed(seed, angle=0.3, density=DENSITY):
+    motion = st.simulate(MODEL, TIME, angle, random_force=density, seed=seed)
+    noise = NOISE * np.random.default_rng(seed).standard_normal(len(TIME))
+    return xr.Dataset({"angle": motion.angle + noise})
+
+
+@pytest.fixture(scope="module")
+def record():
+    return pushed(1)
+
+
+@pytest.fixture(scope="module")
+def pair(record):
+    return [st.identify(record, FORCES, method) for method in (Direct(), AUTO)]
+
+
+def test_wander_is_that_of_kicked_motions():
+    free = trajectory(MODEL, TIME, 0.3)
+    per_tau = RandomForce(DENSITY).per_tau(W)
+    drawn = wander(MODEL, TIME, free, per_tau, np.random.default_rng(0), 400)
+    kicked = [st.simulate(MODEL, TIME, 0.3, random_force=DENSITY, seed=seed).angle for seed in range(12)]
+    kicked = np.array(kicked) - free.angle
+    # A free oscillator: x has the variance per_tau (tau - sin 2 tau / 2) / 2.
+    tau = W * TIME
+    theory = np.sqrt(0.5 * per_tau * (tau - 0.5 * np.sin(2.0 * tau)))
+    for at in (300, 600, 899):
+        assert drawn[:, at].std() == pytest.approx(theory[at], rel=0.15)
+        assert 0.5 < kicked[:, at].std() / theory[at] < 1.6
+    assert np.all(drawn[:, 0] == 0.0)
+
+
+def test_records_of_a_result_with_a_random_force_are_pushed(record, pair):
+    free, known = pair
+    compared = st.cross_check(record, free, known, draws=16)["comparison"]
+    assert compared.attrs["simulated_records"] == 16
+    assert compared.attrs["verdict"] in ("agree", "disagree")
+    # Records with the sensor's noise alone let the difference scatter far less.
+    unknowing = known.drop_vars([n for n in known.data_vars if n.startswith("random_force")])
+    quiet = st.cross_check(record, free, unknowing, draws=16)["comparison"]
+    assert "simulated_records" not in quiet.attrs
+    drawn, rest = (c.standard_error.sel(quantity="delta").item() for c in (compared, quiet))
+    assert compared.attrs["errors"] == "simulated"
+    assert drawn > 2.0 * rest
+
+
+def test_the_random_force_is_held_in_the_simulated_records(pair):
+    free, known = pair
+    assert with_held_random_force(AUTO, known).random_force == known.random_force_density.item()
+    assert with_held_random_force(AUTO, free).random_force == "off"
+    assert with_held_random_force(Direct(), known) == Direct()
+
+
+class Failing:
+    """A method that identifies only the first records."""
+
+    calls = 0
+
+    def __init__(self, method, most):
+        self.method, self.most = method, most
+
+    def identify(self, decay, library):
+        type(self).calls += 1
+        if type(self).calls > self.most:
+            raise DecayError("not this one")
+        return self.method.identify(decay, library)
+
+
+@pytest.mark.parametrize(("most", "verdict"), [(7, "unknown"), (8, "agree")])
+def test_records_that_were_identified_are_counted(record, pair, most, verdict, monkeypatch):
+    held = with_held_random_force(AUTO, pair[1])
+    Failing.calls = 0
+    monkeypatch.setattr(
+        "sysid_trib.validation.simulated_pairs._at_its_best",
+        lambda runs, result: (Failing(held, 2 * most), result),
+    )
+    tree = st.cross_check(record, pair[1], pair[1], draws=10)
+    compared = tree["comparison"]
+    # Two forces and the frequency: eight records are the fewest.
+    assert (compared.attrs["simulated_records"], compared.attrs["verdict"]) == (most, verdict)
+    said = "identified 7 of 10 simulated records" if verdict == "unknown" else "Hotelling, 8 simulated"
+    assert any(said in sentence for sentence in identification_sentences(tree))
+
+
+def test_an_estimated_covariance_is_hotellings_and_a_stated_one_chi_square():
+    covariance, difference = np.eye(2), np.array([2.0, 1.0])
+    few, many = (Scatter(np.zeros(2), covariance, records) for records in (10, 10**6))
+    stated = Scatter(np.zeros(2), covariance, 10, stated=True)
+    assert few.chi_square(difference)[0] == pytest.approx(5.0)
+    assert few.chi_square(difference)[1] > 1.5 * many.chi_square(difference)[1]
+    assert stated.chi_square(difference)[1] == pytest.approx(many.chi_square(difference)[1], rel=1e-4)
+    assert np.isnan(Scatter.missing(2, 3).chi_square(difference)).all()
+
+
+def test_the_residual_beside_a_random_force_is_the_innovation(record, pair):
+    compared = st.cross_check(record, *pair, draws=8)["comparison"]
+    free, known = (compared.isel(model=at) for at in range(2))
+    innovations = st.innovations(record, pair[1])
+    assert known.residual_rms == innovations.innovation_rms
+    assert known.residual_over_noise == pytest.approx(1.0, abs=0.1)
+    assert known.residual_p_value > 1e-3
+    assert np.isnan(known.departure_time)
+    # The wander that a free motion leaves.
+    assert free.residual_over_noise > 1.2
+    assert free.residual_p_value < 1e-3
+
+
+def test_two_methods_with_a_random_force_agree(record):
+    start = {"start": MODEL, "random_force": "auto"}
+    pair = [st.identify(record, FORCES, method) for method in (Trajectory(**start), AUTO)]
+    compared = st.cross_check(record, *pair, draws=8)["comparison"]
+    assert compared.attrs["verdict"] == "agree"
+    assert np.all(compared.residual_over_noise < 1.1)
