@@ -1,6 +1,6 @@
 """Direct identification of Eq. 1: weak form, whitened, with refined instrumental variables."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Literal
 
@@ -20,16 +20,16 @@ from sysid_trib.noise.random_force import (
     random_force_of_ratio,
     random_force_variables,
 )
-from sysid_trib.noise.variance_ratio import VarianceRatio
 from sysid_trib.records.runs import Decays, as_runs, root_mean_square
 from sysid_trib.regression.constraint_map import ConstraintMap, constraint_map
 from sysid_trib.regression.linearisation import linearised
 from sysid_trib.regression.problem import Runs, begin
-from sysid_trib.regression.random_ratio import with_random_force
 from sysid_trib.regression.rows import Rows, stack_rows, strong_rows, weak_regression
 from sysid_trib.regression.solution import Solution, select, solve, with_errors_of_dropped
 from sysid_trib.results.per_run import start_variables
 from sysid_trib.results.schema import Estimate, identification
+from sysid_trib.results.variables import Variables
+from sysid_trib.trajectory_fit.pushed_columns import regress_pushed
 from sysid_trib.trajectory_fit.refined_columns import refine_columns
 
 MAX_SELECTIONS = 5
@@ -67,8 +67,9 @@ class Direct:
         Coefficients as linear formulas of others, `{"nu": "-2.356*delta"}`.
     random_force : "off", "auto" or float, (rad/s^2)^2/Hz
         `auto` estimates a white random acceleration in each run beside the sensor's noise, by the restricted
-        likelihood of the rows; a number is its one-sided density, held. The columns are then those of the
-        smoothed record, since the free motion does not follow it. Of the weak form only.
+        likelihood of the rows, and the colour of that noise; a number is its one-sided density, held. The
+        columns are then those of the smoothed motion, since the free motion does not follow the record (see
+        `regress_pushed`). Of the weak form only.
 
     Notes
     -----
@@ -141,27 +142,21 @@ class Direct:
         every = np.ones(len(offered), bool)
         rows = weak_regression(runs, [linearised(run) for run in runs])
         runs = solve(rows, runs[0], every, constraints).applied_to(runs)
-        pushed: Sequence[VarianceRatio] = ()
         if self.random_force != "off":
-            with_force, ratios = with_random_force(runs, constraints, self.random_force)
-            if any(ratio.ratio for ratio in ratios):
-                runs, pushed = with_force, ratios
-        if self.form == "strong":
+            runs, rows, active, refined = _pushed(self, runs, constraints)
+        elif self.form == "strong":
             rows, refined = stack_rows(runs, [strong_rows(run) for run in runs]), False
             active = _selected(self, rows, constraints)
         else:
-            method = replace(self, refine=False) if pushed else self
-            runs, rows, active, refined = _weak_form(method, runs, constraints)
+            runs, rows, active, refined = _weak_form(self, runs, constraints)
         solution = solve(rows, runs[0], active, constraints)
         solution = with_errors_of_dropped(solution, rows, runs[0], active, constraints)
-        estimate = _estimate(solution.applied_to(runs), solution, pushed)
+        runs = solution.applied_to(runs)
+        estimate = _estimate(runs, solution)
         result = identification(
             replace(self, shapes=shapes), decay, offered, estimate, offered=library, active=active
         )
-        if pushed:
-            nominal = runs[0].problem.nominal_frequency
-            forces = [random_force_of_ratio(ratio, nominal, self.random_force) for ratio in pushed]
-            result = result.assign(random_force_variables(forces))
+        result = result.assign(_random_force(runs, self.random_force))
         if asked:
             reached = set(constraints.free[active[constraints.free]]) - set(solution.constraints.free)
             kinds = asked.kinds(offered.symbols, [offered.symbols[i] for i in reached])
@@ -169,14 +164,38 @@ class Direct:
         return result.assign_attrs(refined=str(refined), correlation_lags=solution.lags)
 
 
-def _estimate(runs: Runs, solution: Solution, pushed: Sequence[VarianceRatio]) -> Estimate:
+def _estimate(runs: Runs, solution: Solution) -> Estimate:
     """The estimate of the last regression as results take it; the noise is that beside a random force."""
-    noises = [float(np.sqrt(ratio.variance)) for ratio in pushed] or [run.problem.noise for run in runs]
+    noises = [run.problem.noise if run.noises is None else run.noises.noise for run in runs]
+    expected = root_mean_square([run.noise for run in runs])
     extra: dict[str, tuple[ArrayLike, str, str]] = {
-        "birge_ratio": (solution.noise / root_mean_square(noises), "1", "Birge ratio of the rows"),
+        "birge_ratio": (solution.noise / expected, "1", "Birge ratio of the rows"),
         **start_variables([run.start for run in runs], [run.offset for run in runs]),
     }
     return Estimate(runs[0].coefficients, solution.covariance, runs[0].frequency, noises, extra)
+
+
+def _random_force(runs: Runs, option: RandomForceOption) -> Variables:
+    """The random force of each run as variables of a result; none where the noise is the sensor's alone."""
+    pairs = [run.noises for run in runs if run.noises is not None]
+    nominal = runs[0].problem.nominal_frequency
+    return (
+        random_force_variables([random_force_of_ratio(p.ratio, nominal, option) for p in pairs])
+        if pairs
+        else {}
+    )
+
+
+def _pushed(method: Direct, runs: Runs, constraints: ConstraintMap) -> tuple[Runs, Rows, Mask, bool]:
+    """Choose forces beside a random force, until the choice stands; whether the estimate settled."""
+    chosen = np.ones(len(runs[0].problem.library), bool)
+    for _ in range(MAX_SELECTIONS):
+        active = chosen
+        pushed = regress_pushed(runs, active, constraints, method.random_force)
+        chosen = _selected(method, pushed.rows, constraints)
+        if np.array_equal(chosen, active):
+            break
+    return pushed.runs, pushed.rows, active, pushed.settled
 
 
 def _weak_form(method: Direct, runs: Runs, constraints: ConstraintMap) -> tuple[Runs, Rows, Mask, bool]:

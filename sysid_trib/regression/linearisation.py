@@ -8,7 +8,7 @@ import scipy.sparse as sp
 from sysid_trib.arrays import Array
 from sysid_trib.forces.force import Force
 from sysid_trib.regression.problem import RunRegression
-from sysid_trib.regression.weak_form import noise_operator, whitener
+from sysid_trib.regression.weak_form import cholesky_factor, coloured, covariance_band, noise_operator
 
 # Width, in units of the local amplitude, over which the noise feels a jump of a force at zero.
 JUMP_WIDTH = 0.8
@@ -21,20 +21,32 @@ class DeviationOperator:
     Attributes
     ----------
     matrix : (row, sample) sparse array of float
+    acting : (row, sample) sparse array of float
+        The same on the innovations of the sensor's noise; equal where that is white.
     factor : (band, row) array of float
-        Cholesky factor of the covariance of its rows in white noise and a random force, lower banded.
+        Cholesky factor of the covariance of its rows in the sensor's noise, of unit innovations, and in the
+        random force; lower banded.
     """
 
     matrix: sp.csr_matrix
+    acting: sp.csr_matrix
     factor: Array
 
 
 def linearised(run: RunRegression) -> DeviationOperator:
     """The operator of small deviations about a run's reference trajectory, with what whitens its rows."""
+    matrix, acting = deviation_matrices(run)
+    ratio = 0.0 if run.noises is None else run.noises.ratio.ratio
+    band = covariance_band(acting @ acting.T)
+    return DeviationOperator(matrix, acting, cholesky_factor(band, run.problem.form.gram, ratio))
+
+
+def deviation_matrices(run: RunRegression) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    """`matrix` and `acting` of `DeviationOperator`."""
     k = (run.frequency / run.problem.nominal_frequency) ** 2
     stiffness, damping = partial_derivatives(run)
     matrix = noise_operator(run.problem.form, k * stiffness, np.sqrt(k) * damping)
-    return DeviationOperator(matrix, whitener(matrix, run.problem.form.gram, run.random_ratio))
+    return matrix, matrix if run.noises is None else coloured(matrix, run.noises.filter_)
 
 
 def partial_derivatives(run: RunRegression) -> tuple[Array, Array]:

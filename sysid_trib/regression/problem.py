@@ -11,6 +11,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.averaging.identifiability import dependent_columns
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.noise.colour import NoisePair
 from sysid_trib.noise.level import nominal_frequency, sensor_noise, swing_frequency
 from sysid_trib.noise.smoothing import smooth
 from sysid_trib.regression.constraint_map import ConstraintMap
@@ -63,6 +64,22 @@ class WeakFormProblem:
 
 
 @dataclass(frozen=True)
+class NearbyMotion:
+    """An exact motion near the reference trajectory: of it the weak form vanishes, whatever the sampling.
+
+    Attributes
+    ----------
+    x : (sample,) array of float, rad
+        theta.
+    force : (sample,) array of float, rad
+        (w/nominal)^2 (x + sum c h) along it.
+    """
+
+    x: Array
+    force: Array
+
+
+@dataclass(frozen=True)
 class ReferenceTrajectory:
     """The motion along which the forces are evaluated.
 
@@ -73,12 +90,15 @@ class ReferenceTrajectory:
     columns : (sample, force) array of float, rad
     exact : bool
         Whether it is a motion of the present model, not the smoothed record.
+    near : NearbyMotion or None
+        Where it is neither: so that sums of the weak form need be right of the difference alone.
     """
 
     x: Array
     v: Array
     columns: Array
     exact: bool
+    near: NearbyMotion | None = None
 
     @property
     def rms_forces(self) -> Array:
@@ -105,8 +125,8 @@ class RunRegression:
         Zero of the sensor.
     start : (float, float), rad and rad/s
         Angle and rate of the motion at the first sample.
-    random_ratio : float
-        Of a random force: growth of the variance of v a unit of tau, over the variance of the sensor's noise.
+    noises : NoisePair or None
+        A random force and the colour of the sensor's noise; None where the noise is the sensor's, and white.
     """
 
     problem: WeakFormProblem
@@ -115,7 +135,12 @@ class RunRegression:
     frequency: float
     offset: float
     start: tuple[float, float]
-    random_ratio: float = 0.0
+    noises: NoisePair | None = None
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of the sensor's noise, of its innovations where it is coloured (rad)."""
+        return self.problem.noise if self.noises is None else float(np.sqrt(self.noises.ratio.variance))
 
 
 Runs: TypeAlias = tuple[RunRegression, ...]

@@ -143,7 +143,9 @@ class ForceFeatures(BaseFeatureLibrary):
             columns[..., i] = force.value(angle, rate, time, shapes=self.shapes, hidden=hidden)
         return columns
 
-    def cell_averages(self, time: Array, angle: Array, rate: Array, acceleration: Array) -> Array:
+    def cell_averages(
+        self, time: Array, angle: Array, rate: Array, acceleration: Array, points: int = 4
+    ) -> Array:
         """`evaluate`, averaged over each sample's cell: sign(v) turns where v does, not at a sample.
 
         Parameters
@@ -152,6 +154,8 @@ class ForceFeatures(BaseFeatureLibrary):
             From the first sample.
         angle, rate, acceleration : (sample,) array of float, rad
             theta, theta' and theta''.
+        points : int
+            In each cell.
 
         Returns
         -------
@@ -159,12 +163,11 @@ class ForceFeatures(BaseFeatureLibrary):
         """
         columns = self.evaluate(time, angle, rate)
         frequency = float(self.reference_frequency or 0.0)
-        step = frequency * np.gradient(time)
+        parts = np.multiply.outer((np.arange(points) + 0.5) / points - 0.5, frequency * np.gradient(time))
         for i, force in enumerate(self._forces):
             # Internal states are continuous, and costly to compute.
             if not force.memoryless or not force.surfaces:
                 continue
-            parts = (-0.375 * step, -0.125 * step, 0.125 * step, 0.375 * step)
             near = [(angle + s * rate, rate + s * acceleration, time + s / frequency) for s in parts]
             columns[:, i] = np.mean([force.value(*point, shapes=self.shapes) for point in near], axis=0)
         return columns

@@ -57,7 +57,7 @@ def weak_rows(run: RunRegression, operator: DeviationOperator) -> Rows:
     -----
     With L the operator of small deviations, ``A x + k value (H c) + L (angle - offset - x) = L noise``,
     k = (frequency/nominal)^2. Along an exact solution the first part vanishes, so that errors of quadrature
-    cannot bias the result.
+    cannot bias the result; of a path nearby, what its first part differs is left.
     """
     problem, path, form = run.problem, run.reference, run.problem.form
     k = (run.frequency / problem.nominal_frequency) ** 2
@@ -65,6 +65,10 @@ def weak_rows(run: RunRegression, operator: DeviationOperator) -> Rows:
     columns, stiffness = k * (form.value @ path.columns), k * (form.value @ path.x)
     if path.exact:
         target = target + columns @ run.coefficients
+    elif path.near is not None:
+        target = (
+            target - form.curvature @ (path.x - path.near.x) - form.value @ (k * path.x - path.near.force)
+        )
     else:
         target = target - form.curvature @ path.x - stiffness
     nuisances = [-(operator.matrix @ np.ones_like(path.x))] + [stiffness] * problem.frequency_free
@@ -109,8 +113,7 @@ def stack_rows(runs: Sequence[RunRegression], rows: Sequence[Rows]) -> Rows:
     """
     if len(rows) == 1:
         return rows[0]
-    noise = np.array([run.problem.noise for run in runs])
-    weights = np.sqrt(np.mean(np.square(noise))) / noise
+    weights = run_weights(runs)
     samples = np.array([len(run.target) for run in rows])
     scale = np.sqrt(samples @ np.stack([run.scale**2 for run in rows]) / samples.sum())
     pairs = list(zip(rows, weights, strict=True))
@@ -124,6 +127,12 @@ def stack_rows(runs: Sequence[RunRegression], rows: Sequence[Rows]) -> Rows:
         _stacked_factors([run.factor for run in rows if run.factor is not None]),
         rows[0].lags,
     )
+
+
+def run_weights(runs: Sequence[RunRegression]) -> Array:
+    """Weight of the rows of each run, (run,): its noise, relative to their RMS."""
+    noise = np.array([run.noise for run in runs])
+    return np.asarray(np.sqrt(np.mean(np.square(noise))) / noise)
 
 
 def _stacked_factors(factors: Sequence[Array]) -> Array | None:

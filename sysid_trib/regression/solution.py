@@ -33,6 +33,8 @@ class Solution:
         Lags over which the covariance allows for correlated residuals.
     constraints : ConstraintMap
         With the coefficients that are held at a bound.
+    residual : (row,) array of float
+        Of the rows as they are, not white.
     """
 
     coefficients: Array
@@ -41,6 +43,7 @@ class Solution:
     noise: float
     lags: int
     constraints: ConstraintMap
+    residual: Array
 
     def applied_to(self, runs: Runs) -> Runs:
         """The runs with this solution as their estimate."""
@@ -90,7 +93,8 @@ def solve(rows: Rows, run: RunRegression, active: Mask, constraints: ConstraintM
         jacobian[:-1, -1] = -kept.matrix @ _rescaling(run, coefficients)[kept.free]
         jacobian[-1, -1] = 0.5 * run.frequency * np.sqrt(max(0.25, 1.0 + steps[-1]))
     covariance = jacobian @ fit.covariance_[0] @ jacobian.T
-    return Solution(coefficients, steps, covariance, float(fit.noise_[0]), int(fit.lags_[0]), kept)
+    noise, lags = float(fit.noise_[0]), int(fit.lags_[0])
+    return Solution(coefficients, steps, covariance, noise, lags, kept, target - design @ solved)
 
 
 def with_errors_of_dropped(

@@ -13,6 +13,7 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 from scipy.interpolate import BSpline
+from scipy.signal import lfilter
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError
@@ -20,6 +21,8 @@ from sysid_trib.noise.smoothing import SPLINE_DEGREE, knot_sequence
 
 # Samples up to which a weak form is kept for the next record on the same grid: some 40 MB.
 MOST_KEPT = 100_000
+# Part of itself that is left of what coloured noise has forgotten.
+FORGOTTEN = 1e-3
 
 
 @dataclass(frozen=True)
@@ -41,9 +44,9 @@ class WeakForm:
     curvature: sp.csr_matrix
 
     @cached_property
-    def gram(self) -> sp.csr_matrix:
-        """Covariance of the rows by white acceleration of unit size: int psi_i psi_j dtau."""
-        return (self.value @ sp.diags_array(1.0 / np.gradient(self.tau)) @ self.value.T).tocsr()
+    def gram(self) -> Array:
+        """Covariance of the rows by white acceleration of unit size, int psi_i psi_j dtau: (band, row)."""
+        return covariance_band(self.value @ sp.diags_array(1.0 / np.gradient(self.tau)) @ self.value.T)
 
     @property
     def rows(self) -> int:
@@ -89,17 +92,68 @@ def noise_operator(form: WeakForm, stiffness: Array, damping: Array) -> sp.csr_m
     return (turned - form.slope @ sp.diags_array(damping) - form.value @ sp.diags_array(rate)).tocsr()
 
 
-def whitener(operator: sp.csr_matrix, gram: sp.csr_matrix | None = None, ratio: float = 0.0) -> Array:
-    """Banded Cholesky factor (lower, as scipy.linalg stores it) of the covariance of the rows' noise.
+def coloured(operator: sp.csr_matrix, filter_: Array) -> sp.csr_matrix:
+    """An operator on samples as it acts on the innovations of coloured noise.
 
-    With a random force its `gram` is added, `ratio` times.
+    Parameters
+    ----------
+    operator : (row, sample) sparse array of float
+        Each row on a few neighbouring samples.
+    filter_ : (tap,) array of float
+        Whitens the noise; [1] if it is white.
+
+    Returns
+    -------
+    (row, sample) sparse array of float
+        Its product with the inverse of the filter, cut where the noise has forgotten.
+
+    Notes
+    -----
+    A filter that runs backwards over each row. Rows that are far from each other go through it in one sum.
     """
-    covariance = operator @ operator.T
+    if len(filter_) == 1:
+        return operator
+    rows, samples = operator.shape
+    first, last = operator.indices[operator.indptr[:-1]], operator.indices[operator.indptr[1:] - 1]
+    tail = min(_memory(filter_), samples)
+    start = np.maximum(0, first - tail)
+    apart = int(np.max(np.searchsorted(start, last, side="right") - np.arange(rows)))
+    parts = []
+    for group in range(apart):
+        chosen = np.arange(group, rows, apart)
+        together = np.asarray(operator[chosen].sum(axis=0)).ravel()
+        carried = lfilter([1.0], filter_, together[::-1])[::-1]
+        length = last[chosen] - start[chosen] + 1
+        at = np.repeat(start[chosen] - np.append(0, np.cumsum(length)[:-1]), length) + np.arange(length.sum())
+        parts.append((np.repeat(chosen, length), at, carried[at]))
+    row, column, value = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return sp.csr_matrix((value, (row, column)), operator.shape)
+
+
+def _memory(filter_: Array) -> int:
+    """Samples after which the inverse of a whitening filter is below a part `FORGOTTEN`."""
+    slowest = float(np.max(np.abs(np.roots(filter_))))
+    return int(np.ceil(np.log(FORGOTTEN) / np.log(min(max(slowest, 1e-3), 1.0 - 1e-4)))) + len(filter_)
+
+
+def covariance_band(covariance: sp.csr_matrix) -> Array:
+    """Diagonals of a banded covariance, (band, row), lower as scipy.linalg stores them."""
+    diagonals = covariance.todia()
+    width = int(diagonals.offsets.max())
+    return np.stack([np.pad(diagonals.diagonal(-offset), (0, offset)) for offset in range(width + 1)])
+
+
+def whitener(operator: sp.csr_matrix) -> Array:
+    """Banded Cholesky factor (lower, as scipy.linalg stores it) of the covariance of the rows' noise."""
+    return cholesky_factor(covariance_band(operator @ operator.T))
+
+
+def cholesky_factor(band: Array, gram: Array | None = None, ratio: float = 0.0) -> Array:
+    """Banded Cholesky factor of a covariance, to which that of a random force (band, row) is added."""
     if gram is not None and ratio:
-        covariance = covariance + ratio * gram
-    covariance = covariance.todia()
-    width = int(covariance.offsets.max())
-    band = np.stack([np.pad(covariance.diagonal(-offset), (0, offset)) for offset in range(width + 1)])
+        bands = max(len(band), len(gram))
+        whole, part = (np.pad(b, ((0, bands - len(b)), (0, 0))) for b in (band, gram))
+        band = whole + ratio * part
     try:
         return scipy.linalg.cholesky_banded(band, lower=True, check_finite=False)
     except np.linalg.LinAlgError:

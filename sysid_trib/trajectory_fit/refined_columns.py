@@ -56,13 +56,13 @@ def refine_columns(
         except SimulationError:
             break
         runs, sensitivities = tuple(run for run, _ in motions), [near for _, near in motions]
-        if any(_slipped(run) for run in runs):
+        if any(has_slipped(run) for run in runs):
             break
         rows = weak_regression(runs, operators)
         solution = solve(rows, runs[0], active, constraints)
         after = solution.applied_to(runs)
         change = _common_values(after) - _common_values(runs)
-        step = change / _still_counts(after, rows, solution)
+        step = step_in_errors(runs, after, rows, solution)
         if np.all(np.abs(step) <= 1.0):
             return runs, rows, True
         ahead = _extrapolation(step, last)
@@ -71,7 +71,8 @@ def refine_columns(
     return (*first, False)
 
 
-def _slipped(run: RunRegression) -> bool:
+def has_slipped(run: RunRegression) -> bool:
+    """Whether the motion of a run's model is out of phase with the record."""
     residual = run.problem.angle - run.offset - run.reference.x
     return bool(np.sqrt(np.mean(residual**2)) > SLIPPED * np.sqrt(np.mean(run.problem.angle**2)))
 
@@ -79,6 +80,11 @@ def _slipped(run: RunRegression) -> bool:
 def _common_values(runs: Runs) -> Array:
     """Coefficients and reference frequency."""
     return np.append(runs[0].coefficients, runs[0].frequency)
+
+
+def step_in_errors(before: Runs, after: Runs, rows: Rows, solution: Solution) -> Array:
+    """Change of coefficients and frequency, (force + 1,), over the smallest that still counts."""
+    return (_common_values(after) - _common_values(before)) / _still_counts(after, rows, solution)
 
 
 def _still_counts(runs: Runs, rows: Rows, solution: Solution) -> Array:

@@ -1,0 +1,137 @@
+"""Colour of the sensor's noise beside a random force, by the spectrum of what a free motion leaves.
+
+The sensor's noise is an autoregression; the random force moves an oscillator, whose response falls off on
+both sides of its resonance. Lines near harmonics of the motion, where forces act, say nothing of either.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.signal import periodogram
+
+from sysid_trib.arrays import Array
+from sysid_trib.noise.residual_noise import NOISE_HARMONICS, NoiseModel
+from sysid_trib.noise.variance_ratio import VarianceRatio
+
+MAX_COLOUR = 3
+# Half of the width of what is left out about each harmonic, in units of the frequency of the motion.
+BESIDE_HARMONIC = 0.25
+# Averages of neighbouring lines suffice, of which a spectrum of few bends has no more than this to tell.
+MOST_LINES = 2000
+# Of a Hann window: independent values of the spectrum in each line.
+INDEPENDENT = 2.0 / 3.0
+# Steps of time that differ by more than this part have no autoregression.
+UNEVEN = 1e-3
+
+
+@dataclass(frozen=True)
+class NoisePair:
+    """The two noises of a run: the sensor's, with its colour, and a random force.
+
+    Attributes
+    ----------
+    ratio : VarianceRatio
+        Growth of the variance of v a unit of tau, over the variance of the innovations of the sensor's noise.
+    sensor : NoiseModel
+        Colour of the sensor's noise; its level as the lines of the spectrum have it.
+    """
+
+    ratio: VarianceRatio
+    sensor: NoiseModel
+
+    @property
+    def filter_(self) -> Array:
+        """Whitens the sensor's noise, (tap,)."""
+        return self.sensor.filter_
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of a sample's noise, rad."""
+        return NoiseModel(float(np.sqrt(self.ratio.variance)), self.filter_).standard_deviation
+
+
+def sensor_colour(deviation: Array, tau: Array, *, near_motion: bool = True) -> NoiseModel:
+    """Level and colour of the sensor's noise in a deviation that a random force moves as well.
+
+    Parameters
+    ----------
+    deviation : (sample,) array of float, rad
+        The record, minus a free motion.
+    tau : (sample,) array of float
+        Time in units of 1/w.
+    near_motion : bool
+        Whether the free motion is near, so that lines between its harmonics can be read; otherwise the
+        smoothed record is subtracted, and only what is above its harmonics can.
+
+    Returns
+    -------
+    NoiseModel
+        White where the steps of time differ, or the lines are too few.
+
+    Notes
+    -----
+    Whittle's likelihood of the spectrum variance/|filter|^2 + q/(1 - k^2)^2, k the frequency in units of the
+    motion's; the order of the autoregression minimises the Bayesian information criterion.
+    """
+    steps = np.diff(tau)
+    step = float(np.median(steps))
+    line, power = periodogram(deviation, window="hann", detrend="linear", return_onesided=False)
+    line, power = np.abs(line[: len(line) // 2]), power[: len(power) // 2]
+    k = 2.0 * np.pi * line / step
+    harmonic = np.round(k)
+    kept = (np.abs(k - harmonic) > BESIDE_HARMONIC) | (harmonic > NOISE_HARMONICS)
+    if not near_motion:
+        kept &= k > NOISE_HARMONICS + BESIDE_HARMONIC
+    line, power, count = _averaged(line[kept], power[kept])
+    white = NoiseModel(float(np.sqrt(np.sum(count * power) / max(1.0, np.sum(count)))), np.ones(1))
+    uneven = np.ptp(steps) > UNEVEN * step
+    if uneven or len(line) < 10 * (MAX_COLOUR + 2) or white.innovation == 0.0:
+        return white
+    response = 1.0 / (1.0 - (2.0 * np.pi * line / step) ** 2) ** 2 if near_motion else np.zeros_like(line)
+    fits = [_whittle(line, power, count, response, order) for order in range(MAX_COLOUR + 1)]
+    return min(fits, key=lambda fit: fit[0])[1]
+
+
+def _averaged(line: Array, power: Array) -> tuple[Array, Array, Array]:
+    """Neighbouring lines averaged until they are few; and how many are in each."""
+    width = max(1, -(-len(line) // MOST_LINES))
+    first = np.arange(0, len(line), width)
+    count = np.diff(np.append(first, len(line))).astype(float)
+    if not len(line):
+        return line, power, count
+    return np.add.reduceat(line, first) / count, np.add.reduceat(power, first) / count, count
+
+
+def _whittle(
+    line: Array, power: Array, count: Array, response: Array, order: int
+) -> tuple[float, NoiseModel]:
+    """Criterion and noise of the best autoregression of an order."""
+    turns = np.exp(-2j * np.pi * np.multiply.outer(line, np.arange(order + 1)))
+    level = float(np.sum(count * power) / np.sum(count))
+    floor = float(np.median(power)) / np.log(2.0)
+    weight = INDEPENDENT * count
+
+    def spectrum(parameters: Array) -> Array:
+        filter_ = _filter(np.tanh(parameters[2:]))
+        sensor = np.exp(parameters[0]) / np.abs(turns @ filter_) ** 2
+        return np.asarray(sensor + np.exp(parameters[1]) * response)
+
+    def deviance(parameters: Array) -> float:
+        model = spectrum(parameters)
+        return float(2.0 * np.sum(weight * (np.log(model) + power / model)))
+
+    begin = np.array([np.log(floor), np.log(0.01 * level), *np.zeros(order)])
+    limits = [(begin[0] - 12.0, begin[0] + 12.0), (begin[1] - 30.0, begin[1] + 20.0), *[(-4.0, 4.0)] * order]
+    best = minimize(deviance, begin, method="L-BFGS-B", bounds=limits)
+    score = best.fun + order * np.log(float(np.sum(weight)))
+    return score, NoiseModel(float(np.exp(0.5 * best.x[0])), _filter(np.tanh(best.x[2:])))
+
+
+def _filter(partial: Array) -> Array:
+    """Whitening filter of partial autocorrelations (Levinson and Durbin): stable for all within (-1, 1)."""
+    filter_ = np.ones(1)
+    for value in partial:
+        longer = np.append(filter_, 0.0)
+        filter_ = longer - value * longer[::-1]
+    return filter_
