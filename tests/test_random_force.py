@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 import sysid_trib as st
-from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.noise.random_force import RandomForce, check_random_force, random_force_of
 from sysid_trib.noise.variance_ratio import WhiteRows, variance_ratio
@@ -314,10 +314,3 @@ def test_direct_with_a_density_by_hand():
 def test_the_strong_form_takes_no_random_force():
     with pytest.raises(UsageError, match="strong"):
         st.methods.Direct(form="strong", random_force="auto")
-
-
-def test_direct_refuses_too_few_samples_beside_a_random_force():
-    model, time = model_with(zeta=1e-3), np.arange(400) * 2.0 * np.pi / W / 20
-    decay = st.simulate(model, time, angle=0.3)[["angle"]]
-    with pytest.raises(DecayError, match="20; take Trajectory"):
-        st.identify(decay, model.library, st.methods.Direct(random_force="auto"))

@@ -20,7 +20,7 @@ BESIDE_HARMONIC = 0.25
 # Averages of neighbouring lines suffice, of which a spectrum of few bends has no more than this to tell.
 MOST_LINES = 2000
 # Of a Hann window: independent values of the spectrum in each line.
-INDEPENDENT = 2.0 / 3.0
+INDEPENDENT_PART = 2.0 / 3.0
 # Steps of time that differ by more than this part have no autoregression.
 UNEVEN = 1e-3
 
@@ -110,7 +110,7 @@ def _whittle(
     turns = np.exp(-2j * np.pi * np.multiply.outer(line, np.arange(order + 1)))
     level = float(np.sum(count * power) / np.sum(count))
     floor = float(np.median(power)) / np.log(2.0)
-    weight = INDEPENDENT * count
+    weight = INDEPENDENT_PART * count
 
     def spectrum(parameters: Array) -> Array:
         filter_ = _filter(np.tanh(parameters[2:]))

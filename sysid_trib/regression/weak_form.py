@@ -114,6 +114,7 @@ def coloured(operator: sp.csr_matrix, filter_: Array) -> sp.csr_matrix:
     if len(filter_) == 1:
         return operator
     rows, samples = operator.shape
+    operator = operator.sorted_indices()
     first, last = operator.indices[operator.indptr[:-1]], operator.indices[operator.indptr[1:] - 1]
     tail = min(_memory(filter_), samples)
     start = np.maximum(0, first - tail)

@@ -27,11 +27,11 @@ from sysid_trib.regression.solution import Solution, solve
 from sysid_trib.regression.weak_form import cholesky_factor, covariance_band, whiten
 from sysid_trib.trajectory_fit.refined_columns import has_slipped, simulated, step_in_errors
 
-MAX_ROUNDS = 12
+MAX_SMOOTHED_PATHS = 12
 # Rounds in which the colour of the sensor's noise follows the motion.
 COLOUR_ROUNDS = 2
 # Points of each sample's cell at which forces that jump are averaged.
-POINTS = 16
+POINTS_OF_CELL = 16
 # Lines of the spectrum above the swing say what the sensor's noise is, within the swing's band it may differ:
 # they count as so many samples.
 DEGREES_OF_PRIOR = 5
@@ -83,7 +83,7 @@ def regress_pushed(
     """
     sensitivities: list[Array | None] = [None] * len(runs)
     settled = False
-    for turn in range(MAX_ROUNDS):
+    for turn in range(MAX_SMOOTHED_PATHS):
         anchored = [_beside_motion(run, active, near) for run, near in zip(runs, sensitivities, strict=True)]
         runs, sensitivities = tuple(run for run, _ in anchored), [near for _, near in anchored]
         runs = tuple(_with_noises(run, active, constraints, option, turn < COLOUR_ROUNDS) for run in runs)
@@ -108,27 +108,27 @@ def _beside_motion(
 
     def columns(x: Array, v: Array) -> Array:
         acceleration = np.gradient(v, problem.form.tau)
-        return features.cell_averages(problem.elapsed, x, v, acceleration, POINTS)
+        return features.cell_averages(problem.elapsed, x, v, acceleration, POINTS_OF_CELL)
 
     try:
-        moved, sensitivity = simulated(run, active, sensitivity)
-        followed = not has_slipped(moved)
+        beside, sensitivity = simulated(run, active, sensitivity)
+        followed = not has_slipped(beside)
     except SimulationError:
         followed = False
     if not followed:
         along = columns(path.x, path.v)
         return replace(run, reference=ReferenceTrajectory(path.x, path.v, along, exact=False)), None
-    free = moved.reference
+    free = beside.reference
     k = (run.frequency / problem.nominal_frequency) ** 2
     along = columns(free.x, free.v)
-    near = NearbyMotion(free.x, k * (free.x + along @ moved.coefficients))
+    near = NearbyMotion(free.x, k * (free.x + along @ beside.coefficients))
     if run.noises is None:
         # The first path: the free motion itself.
         reference = ReferenceTrajectory(free.x, free.v, along, exact=False, near=near)
     else:
         reference = ReferenceTrajectory(path.x, path.v, columns(path.x, path.v), exact=False, near=near)
     # The zero of the sensor is that of the rows, which know the random force.
-    return replace(moved, reference=reference, offset=run.offset), sensitivity
+    return replace(beside, reference=reference, offset=run.offset), sensitivity
 
 
 def _sensor(run: RunRegression) -> NoiseModel:
@@ -136,8 +136,8 @@ def _sensor(run: RunRegression) -> NoiseModel:
     problem, near = run.problem, run.reference.near
     tau = problem.form.tau * (run.frequency / problem.nominal_frequency)
     if near is None:
-        left = problem.angle - smooth(problem.form.tau, problem.angle).x
-        return sensor_colour(left, tau, near_motion=False)
+        unexplained = problem.angle - smooth(problem.form.tau, problem.angle).x
+        return sensor_colour(unexplained, tau, near_motion=False)
     return sensor_colour(problem.angle - run.offset - near.x, tau)
 
 

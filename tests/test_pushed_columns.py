@@ -1,0 +1,108 @@
+"""Direct identification beside a random force: at few samples, with dry friction, in coloured noise."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.linalg import toeplitz
+from scipy.signal import lfilter
+
+import sysid_trib as st
+from sysid_trib.methods import Direct
+from sysid_trib.noise.colour import sensor_colour
+from sysid_trib.noise.random_force import RandomForce, random_force_of
+from sysid_trib.regression.weak_form import build_weak_form, coloured
+
+W, NOISE = 8.87, 2e-4
+TRUTH = {"lambda": 1e-3, "zeta": 5e-5, "delta": 2e-3, "epsilon": -0.1}
+
+
+def autoregressive(samples, filter_, seed):
+    white = np.random.default_rng(seed).standard_normal(samples + 500)
+    return NOISE * lfilter([1.0], filter_, white)[500:]
+
+
+def record(truth, per_period, *, wander=0.0, filter_=(1.0,), seed=0):
+    library = st.load_library("contact_forces").select(truth)
+    time = np.arange(16 * per_period) * 2.0 * np.pi / W / per_period
+    density = RandomForce.density_of(2.0 * (wander * NOISE) ** 2 / (W * time[-1]), W)
+    angle = st.simulate(st.Model(library, truth, W), time, 0.3, random_force=density, seed=seed).angle
+    return xr.Dataset({"angle": angle + autoregressive(len(time), filter_, 100 + seed)}), library, density
+
+
+@pytest.mark.parametrize("filter_", [[1.0, -0.8], [1.0, -0.5, 0.3]])
+def test_a_coloured_operator_is_the_dense_product(filter_):
+    form = build_weak_form(np.arange(400) * 2.0 * np.pi / 20)
+    inverse = toeplitz(lfilter([1.0], filter_, np.eye(1, 400)[0]), np.zeros(400))
+    product = form.curvature @ inverse
+    assert coloured(form.curvature, np.array(filter_)).toarray() == pytest.approx(
+        product, abs=3e-3 * np.max(np.abs(product))
+    )
+
+
+@pytest.mark.parametrize("filter_", [[1.0], [1.0, -0.8], [1.0, -1.2, 0.5]], ids=str)
+@pytest.mark.parametrize("per_period", [20, 100])
+def test_colour_of_noise_beside_a_random_force(filter_, per_period):
+    # Response of the oscillator to kicks, besides the sensor's noise.
+    step, samples = 2.0 * np.pi / per_period, 3000
+    kicks = 1e-4 * np.sqrt(step) * np.random.default_rng(1).standard_normal(samples)
+    swing = lfilter([0.0, np.sin(step)], [1.0, -2.0 * np.cos(step), 1.0], kicks)
+    found = sensor_colour(swing + autoregressive(samples, filter_, 2), step * np.arange(samples))
+    line = np.linspace(0.0, np.pi, 50)
+
+    def response(taps):
+        return np.abs(np.exp(-1j * np.multiply.outer(line, np.arange(len(taps)))) @ taps)
+
+    assert found.innovation == pytest.approx(NOISE, rel=0.1)
+    assert response(found.filter_) == pytest.approx(response(filter_), rel=0.35)
+
+
+def test_samples_that_are_no_series_have_no_colour():
+    tau = np.sort(np.random.default_rng(0).uniform(0.0, 300.0, 1000))
+    assert len(sensor_colour(np.random.default_rng(1).standard_normal(1000), tau).filter_) == 1
+
+
+@pytest.mark.parametrize("truth", [TRUTH, {s: c for s, c in TRUTH.items() if s != "lambda"}], ids=len)
+@pytest.mark.parametrize("per_period", [20, 60])
+def test_coefficients_beside_a_random_force(truth, per_period):
+    scores, ratios = [], []
+    for seed in range(6):
+        decay, library, density = record(truth, per_period, wander=5.0, seed=seed)
+        result = st.identify(decay, library, Direct(random_force="auto"))
+        scores.append((result.coefficient - list(truth.values())) / result.standard_error)
+        ratios.append(random_force_of(result).density / density)
+        assert result.noise.item() == pytest.approx(NOISE, rel=0.15)
+        assert random_force_of(result).p_value < 1e-6
+    assert np.sqrt(np.mean(np.square(scores))) < 1.7
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.3)
+
+
+@pytest.mark.parametrize("filter_", [[1.0], [1.0, -0.8]], ids=["white", "coloured"])
+def test_no_random_force_is_found_where_there_is_none(filter_):
+    scores, told = [], 0
+    for seed in range(6):
+        decay, library, _ = record(TRUTH, 60, filter_=filter_, seed=seed)
+        result = st.identify(decay, library, Direct(random_force="auto"))
+        scores.append((result.coefficient - list(TRUTH.values())) / result.standard_error)
+        told += bool(random_force_of(result).p_value < 0.01)
+    assert np.sqrt(np.mean(np.square(scores))) < 1.7
+    assert told == 0
+
+
+def test_an_exact_record_has_exact_coefficients():
+    library = st.load_library("contact_forces").select(TRUTH)
+    time = np.arange(900) * 2.0 * np.pi / W / 45
+    decay = st.simulate(st.Model(library, TRUTH, W), time, 0.3)[["angle"]]
+    result = st.identify(decay, library, Direct(random_force="auto"))
+    assert result.coefficient.values == pytest.approx(np.array(list(TRUTH.values())), rel=1e-3)
+    assert result.reference_frequency.item() == pytest.approx(W, rel=1e-5)
+
+
+def test_runs_have_noises_of_their_own():
+    quiet, library, _ = record(TRUTH, 40, seed=1)
+    pushed, _, density = record(TRUTH, 40, wander=20.0, seed=2)
+    result = st.identify([quiet, pushed], library, Direct(random_force="auto"))
+    found = [random_force_of(result, run).density / density for run in range(2)]
+    assert found[0] < 0.02
+    assert found[1] == pytest.approx(1.0, abs=0.5)
+    scores = (result.coefficient - list(TRUTH.values())) / result.standard_error
+    assert np.max(np.abs(scores)) < 3.5
