@@ -1,7 +1,7 @@
 """Envelope of a decay: a half-sine through every half period gives amplitude, its rate, and frequency."""
 
-from collections.abc import Sequence
-from typing import Any, Literal
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
@@ -13,6 +13,8 @@ from sysid_trib.decays.analytic_signal import analytic_extrema
 from sysid_trib.decays.equilibrium import harmonic_sums, with_half_periods
 from sysid_trib.decays.half_periods import HalfPeriods, IntArray, noise_of_record
 from sysid_trib.errors import DecayError, UsageError
+
+EnvelopeCurve: TypeAlias = Literal["half-sines", "analytic-signal"]
 
 # The third round moves the frequency by less than 1e-6 of itself.
 FREQUENCY_ROUNDS = 3
@@ -68,7 +70,13 @@ def _cells(time: Array, halves: HalfPeriods) -> tuple[IntArray, IntArray, Array,
     return sample, half, inside / (edge[sample + 1] - edge[sample]), first
 
 
-def envelope(decay: xr.Dataset, curve: Literal["half-sines", "analytic-signal"] = "half-sines") -> xr.Dataset:
+EXTREMA: Mapping[str, Callable[[Array, Array, HalfPeriods], tuple[Array, Array, Array, Array]]] = {
+    "half-sines": half_sine_extrema,
+    "analytic-signal": analytic_extrema,
+}
+
+
+def envelope(decay: xr.Dataset, curve: EnvelopeCurve = "half-sines") -> xr.Dataset:
     """Envelope and frequency of a decay from half-sines (Le Bot et al. 2019, Sec. 2.3).
 
     Parameters
@@ -105,14 +113,13 @@ def envelope(decay: xr.Dataset, curve: Literal["half-sines", "analytic-signal"] 
     decaying, not quite harmonic half period is no half-sine: b and t then carry an error that varies slowly
     from one half period to the next, of a few 1e-3 b in the paper's run.
     """
-    if curve not in ("half-sines", "analytic-signal"):
+    if curve not in EXTREMA:
         raise UsageError(f"curve='{curve}' is neither 'half-sines' nor 'analytic-signal'.")
     time, angle, halves = with_half_periods(decay)
     if np.diff(halves.samples(time)[0]).min() < 5:
         source = decay.attrs.get("source", "decay")
         raise DecayError(f"{source}: fewer than five samples in a half period; sample faster.")
-    extrema_of = half_sine_extrema if curve == "half-sines" else analytic_extrema
-    signed, extremum_time, extremum_error, time_error = extrema_of(time, angle, halves)
+    signed, extremum_time, extremum_error, time_error = EXTREMA[curve](time, angle, halves)
     noise, extremum = noise_of_record(time, angle), np.abs(signed)
     decay_ratio = float(np.clip(np.median(extremum[2:] / extremum[:-2]), 0.0, 1.0))
     at_noise = (extremum, noise * extremum_error), (extremum_time, noise * time_error)

@@ -15,11 +15,14 @@ from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.to_identify import forces_to_identify
-from sysid_trib.methods.indirect import AuxiliaryFit, AuxiliaryModel, as_identification, indirect_estimate
+from sysid_trib.methods.auxiliary import AuxiliaryFit, AuxiliaryModel
+from sysid_trib.methods.indirect import as_identification, indirect_estimate
 from sysid_trib.methods.scope import MethodScope
+from sysid_trib.noise.random_force import RandomForceOption, check_random_force
 from sysid_trib.records.runs import Decays, as_runs
-from sysid_trib.regression.averaged import averaged_equations, noise_of_equations
+from sysid_trib.regression.averaged import averaged_equations, slopes_of_equations
 from sysid_trib.regression.constraint_map import ConstraintMap, constraint_map
+from sysid_trib.regression.half_period_noise import HalfPeriodEquations
 from sysid_trib.regression.weak_form import whiten, whitener
 
 SCOPE = MethodScope(
@@ -61,6 +64,9 @@ class Averaging:
         Lowest and highest value of coefficients; one that would pass its bound is held there.
     tie : mapping of str to str
         Coefficients as linear formulas of others, `{"nu": "-2.356*delta"}`.
+    random_force : "off", "auto" or float, (rad/s^2)^2/Hz
+        `auto` estimates a white random acceleration in each run beside the sensor's noise, by the restricted
+        likelihood of the equations; a number is its one-sided density, held. Not for the paper's rule.
 
     Notes
     -----
@@ -77,10 +83,14 @@ class Averaging:
     fix: Mapping[str, float] = field(default_factory=dict)
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     tie: Mapping[str, str] = field(default_factory=dict)
+    random_force: RandomForceOption = "off"
 
     def __post_init__(self) -> None:
         if self.frequency not in ("fit", "last"):
             raise UsageError(f"frequency='{self.frequency}' is neither 'fit' nor 'last'.")
+        check_random_force(self.random_force)
+        if self.random_force != "off" and self.frequency == "last":
+            raise UsageError("frequency='last' takes no random_force; take frequency='fit', or 'off'.")
 
     def identify(self, decay: Decays, library: ForceLibrary) -> xr.Dataset:
         """Identify the forces of `library` from a decay with `angle(time)`, or from several runs.
@@ -106,8 +116,11 @@ class Averaging:
                 partial(_first_order, method, library=asked, free=constraint_map(constraints, asked, shapes)),
                 asked,
                 shapes,
+                curve=self.curve,
             )
-            estimate = indirect_estimate(auxiliary, runs, correct=self.correct)
+            estimate = indirect_estimate(
+                auxiliary, runs, correct=self.correct, random_force=self.random_force
+            )
             value = dict(zip(asked.symbols, estimate.values.tolist(), strict=False))
             passed = {k: float(np.clip(value[k], low, high)) for k, (low, high) in self.bounds.items()}
             passed = {k: bound for k, bound in passed.items() if bound != value[k]}
@@ -146,9 +159,13 @@ def _first_order(
     _check_rank(design, tuple(library.symbols[i] for i in free.free), len(target) // 2)
     plain: Array = np.asarray(np.linalg.lstsq(design, target, rcond=None)[0], dtype=float)
     by_force = (expand @ (plain if fixed is None else np.append(plain, fixed)))[:-1]
-    noise = sp.block_diag(
-        [noise_of_equations(run, library, method.shapes, by_force) for run in runs], format="csr"
-    )
+    ends = np.cumsum([len(part) for _, part in equations])[:-1]
+    slopes = [slopes_of_equations(run, library, method.shapes, by_force) for run in runs]
+    of_runs = [
+        HalfPeriodEquations(a, y - a @ plain, slope, np.arange(len(y)) // 2)
+        for a, y, slope in zip(np.split(design, ends), np.split(target, ends), slopes, strict=True)
+    ]
+    noise = sp.block_diag([part.noise(run) for part, run in zip(of_runs, runs, strict=True)], format="csr")
     weighted = method.weighted and not last
     parameters, covariance, residual = _solve(design, target, noise, weighted=weighted, last=last)
     degrees_of_freedom = max(1, len(target) - len(parameters))
@@ -164,13 +181,13 @@ def _first_order(
     jacobian[:-1] = free.matrix @ jacobian[free.free]
     slopes = jacobian @ expand
     covariance = slopes @ covariance @ slopes.T
-    ends = np.cumsum([len(part) for _, part in equations])[:-1]
     return AuxiliaryFit(
         values,
         {"": np.split(residual, ends)},
         {"": degrees_of_freedom},
         lambda _, residuals: sum(float(part @ part) for part in residuals),
         lambda ratios: covariance * ratios[""] ** 2,
+        {"": of_runs},
     )
 
 

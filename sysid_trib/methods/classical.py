@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -12,8 +12,10 @@ from sysid_trib.arrays import Array
 from sysid_trib.decays.half_sines import envelope
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.methods.indirect import AuxiliaryFit, AuxiliaryModel, as_identification, indirect_estimate
+from sysid_trib.methods.auxiliary import AuxiliaryFit, AuxiliaryModel
+from sysid_trib.methods.indirect import as_identification, indirect_estimate
 from sysid_trib.methods.scope import Method, MethodScope, scope_of
+from sysid_trib.noise.random_force import RandomForceOption, check_random_force
 from sysid_trib.regression.relations import Equations, solve
 
 
@@ -28,12 +30,19 @@ class ClassicalMethod:
     ----------
     correct : bool
         Whether the bias of the half-sines is removed (see `indirect_estimate`).
+    random_force : "off", "auto" or float, (rad/s^2)^2/Hz
+        Whether the errors are those of a motion that is pushed at random: `auto` estimates the force from the
+        extrema; a number is its one-sided density, held.
     """
 
     scope: ClassVar[MethodScope]
     FORMULAS: ClassVar[tuple[str, ...]] = ()
 
     correct: bool = True
+    random_force: RandomForceOption = "off"
+
+    def __post_init__(self) -> None:
+        check_random_force(self.random_force)
 
     def identify(self, decay: xr.Dataset, library: ForceLibrary) -> xr.Dataset:
         """Identify the forces that the method describes, those of its `FORMULAS`.
@@ -55,8 +64,9 @@ class ClassicalMethod:
         decay = one_record(self, decay)
         asked = self.forces_of(library)
         groups = {"envelope": self.equations(asked), "frequency": same_half_periods}
-        auxiliary = half_period_model(groups, self.values, asked)
-        estimate = indirect_estimate(auxiliary, [decay], correct=self.correct)
+        # A frequency that is not steady is no random force.
+        auxiliary = replace(half_period_model(groups, self.values, asked), wandering=("envelope",))
+        estimate = indirect_estimate(auxiliary, [decay], correct=self.correct, random_force=self.random_force)
         return as_identification(self, decay, asked, estimate, library)
 
     def forces_of(self, library: ForceLibrary) -> ForceLibrary:
@@ -148,13 +158,14 @@ def half_period_model(
 
         return AuxiliaryFit(
             values(parameters),
-            {group: [part.residual] for group, part in solutions.items()},
+            {group: [part.equations.residual] for group, part in solutions.items()},
             {group: part.degrees_of_freedom for group, part in solutions.items()},
             lambda group, residuals: solutions[group].chi_square(residuals[0]),
             covariance,
+            {group: [part.equations] for group, part in solutions.items()},
         )
 
-    return AuxiliaryModel(envelope, fit, library, shapes or {})
+    return AuxiliaryModel(envelope, fit, library, shapes or {}, tuple(equations))
 
 
 def _covariance(values: Callable[[Array], Array], parameters: Array, influence: Array) -> Array:

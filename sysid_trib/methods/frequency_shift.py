@@ -12,10 +12,12 @@ from sysid_trib.averaging.signatures import averages
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import parse_library
+from sysid_trib.methods.auxiliary import AuxiliaryModel
 from sysid_trib.methods.classical import half_period_model, one_record
-from sysid_trib.methods.indirect import AuxiliaryModel, IndirectEstimate, as_identification, indirect_estimate
+from sysid_trib.methods.indirect import IndirectEstimate, as_identification, indirect_estimate
 from sysid_trib.methods.scope import MethodScope
 from sysid_trib.methods.wu_decrement import energy_balance
+from sysid_trib.noise.random_force import RandomForceOption, check_random_force
 from sysid_trib.regression.relations import Equations
 
 # Friction by which the simulated amplitude shrinks as the record's does; it is not reported.
@@ -42,6 +44,8 @@ class FrequencyShift:
         Whether the bias of half-sines and averaging is removed by indirect inference.
     shapes : Mapping of str to float
         Values of shape parameters, which are held.
+    random_force : "off", "auto" or float, (rad/s^2)^2/Hz
+        As that of `Averaging`.
 
     Notes
     -----
@@ -60,6 +64,10 @@ class FrequencyShift:
     reference_frequency: float | None = None
     correct: bool = True
     shapes: Mapping[str, float] = field(default_factory=dict)
+    random_force: RandomForceOption = "off"
+
+    def __post_init__(self) -> None:
+        check_random_force(self.random_force)
 
     def identify(self, decay: xr.Dataset, library: ForceLibrary) -> xr.Dataset:
         """Identify the conservative forces of `library` from a decay with `angle(time)`.
@@ -78,7 +86,7 @@ class FrequencyShift:
             label = self.scope.sentence_label
             raise DecayError(f"{label} wants a nonlinear conservative force, and the library has none.")
         auxiliary = _damped_model(asked, self.shapes)
-        estimate = indirect_estimate(auxiliary, [decay], correct=self.correct)
+        estimate = indirect_estimate(auxiliary, [decay], correct=self.correct, random_force=self.random_force)
         limit = _limit(estimate)
         estimate = _without_damping(estimate, len(asked))
         if self.reference_frequency is not None:

@@ -1,7 +1,7 @@
 """Indirect inference: the bias of a simplified model is what it gets wrong on motions of its own."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -10,80 +10,33 @@ from numpy.typing import ArrayLike
 from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.methods.auxiliary import AuxiliaryFit, AuxiliaryModel
 from sysid_trib.methods.scope import Method, scope_of
 from sysid_trib.noise.level import sensor_noise
+from sysid_trib.noise.random_force import (
+    RandomForce,
+    RandomForceOption,
+    random_force_of_ratio,
+    random_force_variables,
+)
+from sysid_trib.noise.variance_ratio import VarianceRatio
 from sysid_trib.records.runs import Decays
-from sysid_trib.results.birge import birge_ratio
+from sysid_trib.regression.half_period_noise import (
+    DENSITY,
+    random_force_ratio,
+    swing_frequency,
+    with_random_force,
+)
 from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.results.variables import variable
-from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.trajectory_fit.initial_conditions import first_guess, fit_start
 
 MAX_CORRECTIONS = 20
 # Steps that end the correction: of the standard errors, or of the values where there is next to no noise.
 SETTLED_ERRORS, SETTLED_VALUES = 1e-3, 1e-9
-
-
-@dataclass(frozen=True)
-class AuxiliaryFit:
-    """Least squares of an auxiliary model on envelopes.
-
-    Attributes
-    ----------
-    values : (value,) array of float
-        Coefficients and, last, the frequency (rad/s).
-    residuals : Mapping of str to list of array
-        Of each group of equations, in each run.
-    degrees_of_freedom : Mapping of str to int
-        Of each group's residuals.
-    chi_square : callable
-        Chi-square of residuals of a group, given its name and the residuals.
-    covariance : callable
-        Covariance of the values, (value, value); each group's errors are multiplied by its number.
-    """
-
-    values: Array
-    residuals: Mapping[str, Sequence[Array]]
-    degrees_of_freedom: Mapping[str, int]
-    chi_square: Callable[[str, Sequence[Array]], float]
-    covariance: Callable[[Mapping[str, float]], Array]
-
-    def birge_ratio(self, *groups: str) -> float:
-        """Root of the reduced chi-square of some groups."""
-        total = sum(self.chi_square(group, self.residuals[group]) for group in groups)
-        return birge_ratio(total, sum(self.degrees_of_freedom[group] for group in groups))
-
-    def error_factors(self) -> dict[str, float]:
-        """The Birge ratio of each group, by which errors are raised; at least 1."""
-        return {group: max(1.0, self.birge_ratio(group)) for group in self.residuals}
-
-
-@dataclass(frozen=True)
-class AuxiliaryModel:
-    """A simplified model of the envelope of a decay, quick to fit, and biased.
-
-    Attributes
-    ----------
-    measure : callable
-        Envelope of a decay (see `envelope`).
-    fit : callable
-        `AuxiliaryFit` of the envelopes of all runs.
-    library : ForceLibrary
-        The forces of the coefficients, for motions of its own.
-    shapes : Mapping of str to float
-        Shape parameters of these forces.
-    """
-
-    measure: Callable[[xr.Dataset], xr.Dataset]
-    fit: Callable[[Sequence[xr.Dataset]], AuxiliaryFit]
-    library: ForceLibrary
-    shapes: Mapping[str, float] = field(default_factory=dict)
-
-    def model(self, values: Array) -> Model:
-        """The model of coefficients and, last, the frequency (rad/s)."""
-        coefficients = dict(zip(self.library.symbols, values[:-1].tolist(), strict=True))
-        return Model(self.library, coefficients, float(values[-1]), self.shapes)
+# Rounds in which values and random force follow each other.
+WANDER_ROUNDS = 2
 
 
 @dataclass(frozen=True)
@@ -104,6 +57,8 @@ class IndirectEstimate:
         Of all.
     bias_removed : str
         `yes`, or `no` and why.
+    random_forces : list of RandomForce
+        Of each run; none where the motion is not pushed.
     """
 
     values: Array
@@ -113,10 +68,15 @@ class IndirectEstimate:
     birge_ratios: Mapping[str, float]
     birge_ratio: float
     bias_removed: str
+    random_forces: Sequence[RandomForce] = ()
 
 
 def indirect_estimate(
-    auxiliary: AuxiliaryModel, decays: Sequence[xr.Dataset], *, correct: bool
+    auxiliary: AuxiliaryModel,
+    decays: Sequence[xr.Dataset],
+    *,
+    correct: bool,
+    random_force: RandomForceOption = "off",
 ) -> IndirectEstimate:
     """Fit an auxiliary model to decays, and remove its bias by indirect inference.
 
@@ -128,6 +88,9 @@ def indirect_estimate(
         The runs.
     correct : bool
         Whether the bias is removed.
+    random_force : "off", "auto" or float, (rad/s^2)^2/Hz
+        What the envelopes' errors are of besides the sensor's noise. Where the most likely density is zero in
+        every run, the estimate is that of `off`.
 
     Notes
     -----
@@ -135,6 +98,39 @@ def indirect_estimate(
     to the record, and what that got wrong is subtracted, until nothing moves (Gourieroux et al. 1993).
     """
     measured = [auxiliary.measure(decay) for decay in decays]
+    estimate, last = _estimate(auxiliary, decays, measured, correct=correct)
+    if random_force == "off":
+        return estimate
+    ratios: list[VarianceRatio] = []
+    plain = estimate
+    for _ in range(WANDER_ROUNDS):
+        ratios = [
+            _ratio(auxiliary, last, run, envelope, random_force) for run, envelope in enumerate(measured)
+        ]
+        if not any(ratio.ratio for ratio in ratios):
+            return plain
+        pairs = zip(measured, ratios, strict=True)
+        pushed = [with_random_force(envelope, ratio, auxiliary.curve) for envelope, ratio in pairs]
+        estimate, last = _estimate(auxiliary, decays, pushed, correct=correct)
+    pairs = zip(measured, ratios, strict=True)
+    forces = [
+        random_force_of_ratio(ratio, swing_frequency(envelope), random_force) for envelope, ratio in pairs
+    ]
+    return replace(estimate, random_forces=forces)
+
+
+def _ratio(
+    auxiliary: AuxiliaryModel, fit: AuxiliaryFit, run: int, measured: xr.Dataset, option: RandomForceOption
+) -> VarianceRatio:
+    """Ratio of a random force to the sensor's noise in one run, by the residuals of a fit."""
+    equations = [fit.equations[group][run] for group in auxiliary.wandering]
+    return random_force_ratio(equations, measured, auxiliary.curve, option)
+
+
+def _estimate(
+    auxiliary: AuxiliaryModel, decays: Sequence[xr.Dataset], measured: Sequence[xr.Dataset], *, correct: bool
+) -> tuple[IndirectEstimate, AuxiliaryFit]:
+    """The estimate with the envelopes' errors as they are stated, and the fit of its residuals."""
     first = auxiliary.fit(measured)
     values, last, bias_removed = first.values, first, "no"
     if correct:
@@ -143,7 +139,7 @@ def indirect_estimate(
             bias_removed = "yes"
         except (SysidTribError, np.linalg.LinAlgError) as error:
             bias_removed = f"no: {error}"
-    return IndirectEstimate(
+    estimate = IndirectEstimate(
         values,
         first.values - values,
         first.covariance(last.error_factors()),
@@ -152,6 +148,7 @@ def indirect_estimate(
         last.birge_ratio(*last.residuals),
         bias_removed,
     )
+    return estimate, last
 
 
 def _corrected(
@@ -196,7 +193,14 @@ def _corrected(
                 ]
                 for group in first.residuals
             }
-            return values, replace(fit, residuals=residuals)
+            equations = {
+                group: [
+                    old.without_bias(new)
+                    for old, new in zip(first.equations[group], fit.equations[group], strict=True)
+                ]
+                for group in first.equations
+            }
+            return values, replace(fit, residuals=residuals, equations=equations)
     raise SysidTribError("the correction did not settle")
 
 
@@ -212,8 +216,9 @@ def _as_measured(simulated: xr.Dataset, measured: xr.Dataset) -> xr.Dataset:
     shift = int(np.argmin(np.abs(simulated.extremum_time.values - measured.extremum_time.values[0])))
     count = min(measured.sizes["half_period"], simulated.sizes["half_period"] - shift)
     part = simulated.isel(half_period=slice(shift, shift + count), instant=slice(shift, shift + count - 2))
-    names = ["extremum_standard_error", "extremum_time_standard_error"]
-    return part.assign(measured[names].isel(half_period=slice(0, count)).data_vars)
+    errors = {"extremum_standard_error", "extremum_time_standard_error", DENSITY} & measured.keys()
+    kept = part.assign(measured[list(errors)].isel(half_period=slice(0, count)).data_vars)
+    return kept.assign_attrs({"curve": measured.attrs["curve"]} if DENSITY in errors else {})
 
 
 def as_identification(
@@ -231,5 +236,7 @@ def as_identification(
     )
     result = identification(method, decay, asked, estimate, offered=offered)
     result["first_order_bias"] = variable("force", indirect.bias[:-1], "first-order bias removed", "1")
+    if indirect.random_forces:
+        result = result.assign(random_force_variables(indirect.random_forces))
     assumes = scope_of(method).assumes
     return result.assign_attrs(first_order_bias_removed=indirect.bias_removed, assumes=assumes)

@@ -66,7 +66,7 @@ def smooth(tau: Array, angle: Array) -> SmoothedMotion:
     try:
         # The normal equations of B-splines are well conditioned, and banded.
         spline = make_lsq_spline(tau, angle, knots, k=SPLINE_DEGREE, check_finite=False, method="norm-eq")
-    except np.linalg.LinAlgError:
+    except ValueError:
         raise DecayError(
             "The samples of this record do not determine a spline; check its sampling."
         ) from None

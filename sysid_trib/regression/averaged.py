@@ -67,10 +67,10 @@ def _table(force: Force, held: tuple[tuple[str, float], ...], low: float, high: 
     return CubicSpline(nodes, np.stack(averages(force, 2.0**nodes, shapes), axis=1))
 
 
-def noise_of_equations(
+def slopes_of_equations(
     measured: xr.Dataset, library: ForceLibrary, shapes: ShapeValues, coefficients: Array
 ) -> sp.csr_matrix:
-    """How unit errors of the extrema and their times move each averaged equation.
+    """Derivatives of the averaged equations by the extrema and their times.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def noise_of_equations(
     Returns
     -------
     (2 instants, 2 half periods) sparse array of float
-        Of the extrema, then of their times.
+        By the extrema, then by their times.
     """
     slope = instant_derivatives(measured)
     a = measured.amplitude.values
@@ -101,5 +101,4 @@ def noise_of_equations(
     )
     # Rate and frequency of each instant in turn.
     in_turn = np.arange(2 * len(a)).reshape(2, -1).T.ravel()
-    errors = [measured.extremum_standard_error.values, measured.extremum_time_standard_error.values]
-    return sp.csr_matrix(rows[in_turn] @ sp.diags_array(np.concatenate(errors)))
+    return sp.csr_matrix(rows[in_turn])
