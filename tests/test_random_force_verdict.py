@@ -7,8 +7,15 @@ import pytest
 import xarray as xr
 
 import sysid_trib as st
+from sysid_trib.commands.checks import parse_random_force
 from sysid_trib.errors import UsageError
+from sysid_trib.methods.scope import with_random_force
 from sysid_trib.noise.random_force import RandomForce
+from sysid_trib.printing.identification import (
+    identification_json,
+    identification_sentences,
+    verdict_sentence,
+)
 from sysid_trib.state_space.linearised import Derivatives, linearised_about
 from sysid_trib.state_space.tracked import track
 from sysid_trib.state_space.trial_forces import trial_forces
@@ -44,7 +51,7 @@ def pushed():
 
 def test_a_random_force_alone_depends_on_nothing():
     values = []
-    for seed in range(8):
+    for seed in range(5):
         decay = measured(MODEL, density_of(5.0), seed)
         values.append(st.random_force_dependence(decay, identified(decay)))
     tested = xr.concat(values, "seed")
@@ -150,3 +157,78 @@ def test_a_long_record_takes_seconds():
     tested = st.random_force_dependence(decay, result)
     assert clock.process_time() - start < 10.0
     assert tested.attrs["every"] == 5
+
+
+@pytest.fixture(scope="module")
+def checked(pushed):
+    return st.cross_check(pushed[0], identified(pushed[0], random_force="off"), pushed[1], draws=1)
+
+
+def test_a_cross_check_says_that_a_random_force_explains(checked):
+    assert checked["comparison"].attrs["verdict_on_record"] == "explained with a random force"
+    assert {"random_force", "innovations", "prediction_bands"} <= set(checked.children)
+    assert "neither angle" in verdict_sentence(checked)
+    sentences = " ".join(identification_sentences(checked))
+    assert "property of the experiment" in sentences
+    assert "to 5 % of its amplitude" in sentences
+    data = identification_json(checked)
+    assert data["verdict"] == "explained with a random force"
+    assert set(data["random_force"]) >= {"density", "standard_error", "relative"}
+    relative = (
+        np.sqrt(data["random_force"]["density"]) / float(checked["trajectory_2"].reference_frequency) ** 2
+    )
+    assert data["random_force"]["relative"] == pytest.approx(relative, rel=1e-3)
+    assert len(data["innovations"]["autocorrelation"]) == 20
+    assert data["innovations"]["rms"] == pytest.approx(NOISE, rel=0.5)
+
+
+def test_a_cross_check_says_that_a_force_is_missing():
+    damped = st.Model(FORCES.select(["zeta", "delta"]), {"zeta": 5e-3, "delta": 5e-2}, W)
+    decay = measured(damped)
+    library = damped.library.select(["zeta"])
+    tree = st.cross_check(decay, identified(decay, library, "off"), identified(decay, library), draws=1)
+    assert tree["comparison"].attrs["verdict_on_record"] == "not explained"
+    assert "depends on the" in verdict_sentence(tree)
+    assert "sign of something missing" in " ".join(identification_sentences(tree))
+
+
+def test_without_a_random_force_the_verdict_is_that_of_the_residual(pushed):
+    free = measured(MODEL)
+    for decay, verdict in ((free, "explained"), (pushed[0], "not explained")):
+        tree = st.cross_check(decay, *[identified(decay, random_force="off")] * 2, draws=1)
+        data = identification_json(tree)
+        assert (data["verdict"], data["random_force"], data["innovations"]) == (verdict, None, None)
+        assert "random_force" not in tree.children
+
+
+def test_a_contradicted_density_is_said(pushed):
+    decay = pushed[0]
+    tree = st.cross_check(decay, pushed[1], identified(decay, random_force=30.0 * density_of(5.0)), draws=1)
+    assert "contradicts the density" in " ".join(identification_sentences(tree))
+
+
+def test_each_run_is_judged(pushed):
+    runs = [measured(MODEL, density_of(5.0), seed) for seed in (3, 4)]
+    results = [identified(runs, random_force=option) for option in ("off", "auto")]
+    tree = st.cross_check(runs, *results, draws=1)
+    assert tree["random_force"].p_value.dims == ("run",)
+    assert {"innovations_1", "innovations_2", "prediction_bands_2"} <= set(tree.children)
+    assert tree["comparison"].attrs["verdict_on_record"] == "explained with a random force"
+
+
+def test_methods_take_the_option_that_they_can():
+    direct, decrement = st.methods.Direct(), st.methods.WindowedERA()
+    assert with_random_force(direct, "auto").random_force == "auto"
+    assert with_random_force(decrement, "auto") is decrement
+    strong = st.methods.Direct(form="strong")
+    assert with_random_force(strong, "auto") is strong
+    with pytest.raises(UsageError, match="random_force"):
+        with_random_force(decrement, -1.0)
+
+
+@pytest.mark.parametrize("text", ["much", "-1", "nan", "1e30", ""])
+def test_the_command_line_refuses_what_is_no_density(text):
+    with pytest.raises(UsageError, match="auto, off, or a density"):
+        parse_random_force(text)
+    assert parse_random_force(" 1e-4") == 1e-4
+    assert (parse_random_force("auto"), parse_random_force("off")) == ("auto", "off")

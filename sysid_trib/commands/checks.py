@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from sysid_trib.forces.constraints import Constraints
     from sysid_trib.forces.force import ForceLibrary
+    from sysid_trib.noise.random_force import RandomForceOption
 
 # No oscillator is outside of this range in rad/s, Hz or s; far beyond it arithmetic overflows.
 LEAST, MOST = 1e-9, 1e9
@@ -211,6 +212,24 @@ def _assigned(texts: list[str], refusal: str) -> dict[str, float]:
             raise UsageError(refusal.format(setting))
         values[name] = parse_number(value, f"--set {name}")
     return values
+
+
+def parse_random_force(text: str) -> "RandomForceOption":
+    """`auto`, `off`, or a density in (rad/s^2)^2/Hz."""
+    from sysid_trib.noise.random_force import DENSITY_UNITS
+
+    word = text.strip()
+    if word in ("auto", "off"):
+        return "auto" if word == "auto" else "off"
+    try:
+        density = float(word)
+    except ValueError:
+        density = float("nan")
+    if not 0.0 <= density <= MOST:
+        raise UsageError(
+            f"--random-force '{word}' must be auto, off, or a density from 0 to {MOST:g} {DENSITY_UNITS}."
+        )
+    return density
 
 
 def parse_number(text: str, option: str) -> float:

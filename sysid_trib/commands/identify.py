@@ -25,7 +25,7 @@ def identify(
     from sysid_trib.commands import checks
     from sysid_trib.commands.terminal import record_sentences
     from sysid_trib.methods import Averaging, Direct
-    from sysid_trib.methods.scope import constrained
+    from sysid_trib.methods.scope import constrained, with_random_force
     from sysid_trib.printing.identification import identification_blocks, identification_json
     from sysid_trib.records.runs import one_or_all
     from sysid_trib.results.contactless import with_contactless_frequency
@@ -35,14 +35,16 @@ def identify(
 
     checks.check_positive(inertia, "--inertia")
     offered, shapes, constraints, contactless = checks.asked_model(model, constraint)
+    random_force = checks.parse_random_force(model.random_force)
     destination.check(given.records)
     decays, sources = checks.read_decays(given, model.reference_frequency)
-    methods = (
+    pair = (
         Averaging(reference_frequency=model.reference_frequency, shapes=shapes),
         Direct(reference_frequency=model.reference_frequency, shapes=shapes),
     )
+    methods = [with_random_force(constrained(method, constraints), random_force) for method in pair]
     decay = one_or_all(decays)
-    tree = cross_check(decay, *(constrained(m, constraints).identify(decay, offered) for m in methods))
+    tree = cross_check(decay, *(method.identify(decay, offered) for method in methods))
     if len(decays) > 1:
         tree["runs"] = xr.DataTree(
             run_agreement(decays, tree[tree["comparison"].attrs["second"]].to_dataset())

@@ -11,6 +11,7 @@ from typing import Annotated, Any, get_type_hints
 import typer
 
 DEFAULT_LIBRARY = "contact_forces"
+DEFAULT_RANDOM_FORCE = "off"
 
 
 def option(
@@ -73,6 +74,11 @@ class ModelOptions:
     forces: str | None = option("A,B,...", "Symbols of the forces to identify.")
     omega0: str | None = option("VALUE[±ERROR]", "Frequency without contact (rad/s): adds alpha.")
     reference_frequency: float | None = option("RAD/S", "Reference frequency, held; default: fitted.")
+    random_force: str = option(
+        "auto|off|VALUE",
+        "Random acceleration of the motion: estimated, none, or its one-sided density in (rad/s^2)^2/Hz.",
+        DEFAULT_RANDOM_FORCE,
+    )
 
 
 @dataclass(frozen=True)

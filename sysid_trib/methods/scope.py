@@ -12,6 +12,7 @@ from sysid_trib.averaging.signatures import averages
 from sysid_trib.errors import SysidTribError, UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import Force, ForceLibrary
+from sysid_trib.noise.random_force import RandomForceOption, check_random_force
 
 MOTION = "the motion"
 # Of the largest force on the cycle; below it a signature is rounding.
@@ -85,6 +86,32 @@ def constrained(method: Method, constraints: Constraints) -> Method:
     if not given.keys() <= known:
         raise UsageError(f"{scope_of(method).sentence_label} takes no fixed, bounded or tied coefficients.")
     return replace(method, **given) if given else method  # type: ignore[type-var]
+
+
+def with_random_force(method: Method, random_force: RandomForceOption) -> Method:
+    """The method with an option for the random force; as it is where it takes none.
+
+    A variant that excludes a random force (the strong form, coloured noise) stays as it is too.
+
+    Parameters
+    ----------
+    method : Method
+        The method without it.
+    random_force : "auto", "off" or float, (rad/s^2)^2/Hz
+        See `methods.Trajectory`.
+
+    Raises
+    ------
+    UsageError
+        No such option.
+    """
+    check_random_force(random_force)
+    if not is_dataclass(method) or "random_force" not in {option.name for option in fields(method)}:
+        return method
+    try:
+        return replace(method, random_force=random_force)
+    except UsageError:
+        return method
 
 
 @dataclass(frozen=True)

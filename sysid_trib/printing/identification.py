@@ -20,6 +20,11 @@ from sysid_trib.printing.layout import (
     text_table,
 )
 from sysid_trib.printing.physics import physics_json, physics_sentences, weight_sentences
+from sysid_trib.printing.random_force import (
+    random_force_json,
+    random_force_sentences,
+    random_force_verdict,
+)
 from sysid_trib.printing.runs import runs_json, runs_sentences, runs_table
 from sysid_trib.results.per_run import group_names, record_groups
 from sysid_trib.results.schema import library_of
@@ -101,6 +106,8 @@ def identification_table(tree: xr.DataTree) -> "Table":
 
 def verdict_sentence(tree: xr.DataTree) -> str:
     """Whether the record is explained."""
+    if sentence := random_force_verdict(tree):
+        return sentence
     checked = tree["comparison"].ds
     explained = checked.attrs["explained"]
     measured_rate = tree[record_groups(tree)[0]].attrs.get("signal") == "rate"
@@ -128,7 +135,7 @@ def identification_sentences(tree: xr.DataTree) -> list[str]:
 def _key_sentences(tree: xr.DataTree) -> list[str]:
     """Whether the methods agree, and all that warns."""
     checked, results = tree["comparison"].ds, _results(tree)
-    sentences = [_agreement_sentence(checked)]
+    sentences = [_agreement_sentence(checked), *random_force_sentences(tree, float(_amplitudes(tree).max()))]
     for name, result in results.items():
         if np.isnan(checked.residual_rms.sel(model=name).item()):
             sentences.append(_residual_sentence(name, checked.sel(model=name)))
@@ -222,7 +229,7 @@ def identification_json(tree: xr.DataTree, inertia: float | None = None) -> dict
         "models": {name: numbers(checked.sel(model=name), residuals) for name in methods},
         **checked.attrs,
     }
-    data = {**records_json(tree), "methods": methods, "cross_check": check}
+    data = {**records_json(tree), **random_force_json(tree), "methods": methods, "cross_check": check}
     data["consequences"] = physics_json(results[checked.attrs["second"]], _amplitudes(tree), inertia)
     if "runs" in tree:
         data["runs"] = runs_json(tree["runs"].to_dataset())

@@ -110,9 +110,12 @@ class LinearModel:
         for a in range(size):
             for b in range(size):
                 band[size + a - b, b : (samples - 1) * size : size] = -turned[:, a, b]
-        columns = source.reshape(samples * size, -1)
+        columns = source.reshape(samples * size, source.shape[2])
+        if not columns.size:
+            # LAPACK writes beyond an empty array.
+            return source
         solved, _ = dtbtrs(band, columns, uplo="L", trans="T" if backward else "N", diag="U")
-        return np.asarray(solved).reshape(samples, size, -1)
+        return np.asarray(solved).reshape(source.shape)
 
     def smoothed(self, ratio: float, parameters: Array) -> Any:
         """statsmodels' smoother at given deviations of the columns' parameters (column,)."""

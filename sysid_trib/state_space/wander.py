@@ -5,6 +5,7 @@ import numpy as np
 from sysid_trib.arrays import Array
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import SimulatedMotion
+from sysid_trib.state_space.kalman import LinearModel
 from sysid_trib.state_space.linearised import Derivatives, linearised_about
 
 
@@ -48,11 +49,16 @@ def wander(
     )
     at_start = np.array([motion.position[0], motion.rate[0], 0.0])
     linear = linearised_about(model, time, motion.angle, path, at_start, Derivatives((), frequency=False))
+    return wander_about(linear, per_tau, normal, draws).T
+
+
+def wander_about(linear: LinearModel, per_tau: float, normal: np.random.Generator, draws: int) -> Array:
+    """Draw what a random force of this size adds to a record about its path, (sample, draw)."""
     variance, axes = np.linalg.eigh(per_tau * linear.steps.diffusion)
     # A part that friction holds has no variance; rounding makes it negative.
     root = axes * np.sqrt(np.maximum(variance, 0.0))[:, None, :]
-    samples, size = path.shape
+    samples, size = linear.path.shape
     source = np.zeros((samples, size, draws))
     source[1:] = root @ normal.standard_normal((samples - 1, size, draws))
-    deviations = linear.recursion(np.zeros_like(path), source)
-    return np.einsum("na,nad->dn", linear.observed, deviations)
+    deviations = linear.recursion(np.zeros((samples, size)), source)
+    return np.asarray(np.einsum("na,nad->nd", linear.observed, deviations))

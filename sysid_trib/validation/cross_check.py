@@ -17,6 +17,7 @@ from sysid_trib.trajectory_fit.initial_conditions import FittedMotion
 from sysid_trib.validation.cross_check_statistics import comparison, ties
 from sysid_trib.validation.homogeneity import verdict_of
 from sysid_trib.validation.residuals import fitted_motion, pooled, residuals
+from sysid_trib.validation.verdict import random_force_groups, verdict_on_record
 
 # Significance level of a residual that is not white noise; beyond so many noise levels (RMS) it is large.
 RESIDUAL_LEVEL = 1e-3
@@ -87,7 +88,9 @@ def cross_check(
     `degrees_of_freedom`, `p_value`; over `model` the `residual_rms` (rad) of the simulated model,
     `residual_over_noise` and `departure_time` (s). Its attrs say what the methods cannot tell apart by
     principle, the `verdict` (agree, disagree, unknown), and whether the record is `explained`: yes
-    (no departure from white noise is found in the better model's residual), partly (a small one), no.
+    (no departure from white noise is found in the better model's residual), partly (a small one), no; and the
+    `verdict_on_record`: explained, explained with a random force, not explained. Where the second has a
+    random force, there are the groups of `random_force_groups`.
 
     Notes
     -----
@@ -121,10 +124,13 @@ def cross_check(
     made = {"first": names[0], "second": names[1], "verdict": verdict, "draws": draws, "seed": seed}
     compared.attrs = made | compared.attrs
     compared.attrs |= {"explained": _explained(compared)} | ties(runs, second)
+    pushed = random_force_groups(runs, second)
+    compared.attrs["verdict_on_record"] = verdict_on_record(compared.attrs["explained"], second, pushed)
     records = [_with_motions(run, names, of_run) for run, of_run in zip(runs, moving, strict=True)]
     groups = dict(zip(group_names("record", len(runs)), records, strict=True))
     groups |= dict(zip(group_names("envelope", len(runs)), [envelope(run) for run in runs], strict=True))
-    return xr.DataTree.from_dict({**groups, names[0]: first, names[1]: second, "comparison": compared})
+    groups |= {names[0]: first, names[1]: second, "comparison": compared}
+    return xr.DataTree.from_dict({**groups, **pushed})
 
 
 def _with_motions(

@@ -15,6 +15,7 @@ from scipy.stats import chi2
 from sysid_trib.arrays import Array, Index
 from sysid_trib.noise.variance_ratio import VarianceRatio
 from sysid_trib.state_space.kalman import LinearModel
+from sysid_trib.state_space.wander import wander_about
 
 # Distances from the most likely ratio at which likelihoods are computed, in standard errors of its logarithm.
 NEAR = np.array([-3.0, -1.5, 0.0, 1.5, 3.0])
@@ -55,13 +56,8 @@ class Gains:
 
 def simulated_records(linear: LinearModel, ratio: float, draws: int, random: np.random.Generator) -> Array:
     """Records of noise alone, (sample, draw), in units of the sensor's noise."""
-    samples, size = linear.path.shape
-    values, vectors = np.linalg.eigh(ratio * linear.steps.diffusion)
-    roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
-    source = np.zeros((samples, size, draws))
-    source[1:] = roots @ random.standard_normal((samples - 1, size, draws))
-    states = linear.recursion(np.zeros((samples, size)), source)
-    return np.einsum("na,nad->nd", linear.observed, states) + random.standard_normal((samples, draws))
+    wander = wander_about(linear, ratio, random, draws)
+    return wander + random.standard_normal(wander.shape)
 
 
 @dataclass(frozen=True)

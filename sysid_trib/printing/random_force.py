@@ -1,0 +1,165 @@
+"""A random force in words and as plain data: its size, what it lets be predicted, whether it is one."""
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.noise.random_force import DENSITY_UNITS, random_force_of
+from sysid_trib.printing.layout import number, p_value_text, value_with_error
+from sysid_trib.results.per_run import group_names, record_groups
+from sysid_trib.validation.verdict import DEPENDENCE_LEVEL, p_value_of_dependence
+
+# Part of its amplitude by which a motion that is predicted may be wrong.
+USEFUL = 0.05
+MANY_PERIODS = 10_000
+PUSHED = (
+    "The record is explained with a random force: what is left depends on neither angle, speed, amplitude "
+    "nor time ({})."
+)
+NOT_RANDOM = (
+    "The model does not explain the record: what is left of it is no random force, since {} ({}). A force is "
+    "missing, or one has another form."
+)
+NOT_PREDICTED = (
+    "The model does not explain the record, not even with a random force: it predicts the next sample worse "
+    "than both noises let it (p {})."
+)
+NOT_FOLLOWED = "The model does not explain the record, not even with a random force: {}"
+
+
+def random_force_verdict(tree: xr.DataTree) -> str:
+    """The verdict where there is a random force; empty where there is none, or it is not needed."""
+    verdict = tree["comparison"].attrs["verdict_on_record"]
+    if "random_force" not in tree.children or verdict == "explained":
+        return ""
+    tested = tree["random_force"].to_dataset()
+    reasons = [reason for reason in tested.reason.values.tolist() if reason]
+    if reasons:
+        return NOT_FOLLOWED.format(reasons[0])
+    p_value = p_value_of_dependence(tested)
+    text = f"p {p_value_text(p_value)}"
+    if verdict != "not explained":
+        return PUSHED.format(text)
+    if p_value < DEPENDENCE_LEVEL:
+        return NOT_RANDOM.format(_dependences(tested), text)
+    return NOT_PREDICTED.format(p_value_text(float(tree["comparison"].residual_p_value.max())))
+
+
+def random_force_sentences(tree: xr.DataTree, amplitude: float) -> list[str]:
+    """The size of a random force, how far ahead it lets be predicted, and whether it is the experiment's.
+
+    Parameters
+    ----------
+    tree : DataTree
+        Result of `cross_check`.
+    amplitude : float, rad
+        The largest.
+    """
+    if "random_force" not in tree.children:
+        return []
+    result = tree[tree["comparison"].attrs["second"]].to_dataset()
+    force, frequency = random_force_of(result), float(result.reference_frequency)
+    noise = float(result.noise)
+    size = value_with_error(force.density, force.standard_error) if force.standard_error > 0.0 else ""
+    given = "" if size else ", as given"
+    periods = [_periods(force.periods_to(limit, frequency)) for limit in (noise, USEFUL * amplitude)]
+    return [
+        f"What is left is a random force with a density of {size or f'{force.density:.3g}'} {DENSITY_UNITS}"
+        f"{given}; its root is {force.relative(frequency):.1e} w^2 per root hertz.",
+        f"From a known state the motion can be predicted to the sensor's noise ({noise:.2g} rad) for "
+        f"{periods[0]}, and to {100.0 * USEFUL:g} % of its amplitude ({amplitude:.2g} rad) for {periods[1]}.",
+        *_whose(tree),
+        *_contradiction(tree, not size),
+    ]
+
+
+def _periods(count: float) -> str:
+    if count < 0.1:
+        return "less than a tenth of a period"
+    if count >= MANY_PERIODS:
+        return f"more than {MANY_PERIODS:,} periods"
+    return f"{count:.2g} periods" if count < 10.0 else f"{count:.0f} periods"
+
+
+def _dependences(tested: xr.Dataset) -> str:
+    """What the random force depends on: `it depends on the speed, and its size on the time`."""
+    level = DEPENDENCE_LEVEL / tested.sizes["run"]
+    least = tested.dependence_p_value.min("run")
+    on = {}
+    for aspect in ("force", "size"):
+        below = [name for name in least.on.values.tolist() if least.sel(aspect=aspect, on=name) < level]
+        if "any" in below:
+            on[aspect] = _listed([f"the {name}" for name in below if name != "any"] or ["the motion"])
+    if "force" not in on:
+        return f"its size depends on {on['size']}"
+    return f"it depends on {on['force']}" + (f", and its size on {on['size']}" if "size" in on else "")
+
+
+def _listed(names: list[str]) -> str:
+    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]
+
+
+def _whose(tree: xr.DataTree) -> list[str]:
+    """Whether the random force is a property of the experiment, or stands for something that is missing."""
+    tested = tree["random_force"].to_dataset()
+    p_value = p_value_of_dependence(tested)
+    text = f"(p {p_value_text(p_value)})"
+    if p_value < DEPENDENCE_LEVEL:
+        return [
+            f"This random force is the sign of something missing: {_dependences(tested)} {text}. The "
+            "coefficients are off by more than their errors."
+        ]
+    if tree["comparison"].attrs["verdict_on_record"] == "not explained":
+        return []
+    return [
+        "The random force goes with neither angle nor speed, and its size is the same at all amplitudes, "
+        f"speeds and times {text}: it is a property of the experiment."
+    ]
+
+
+def _contradiction(tree: xr.DataTree, given: bool) -> list[str]:
+    """That the record contradicts a density that was given."""
+    tested = tree["random_force"].to_dataset()
+    p_value = float(tested.density_p_value.min())
+    if not given or not p_value < DEPENDENCE_LEVEL:
+        return []
+    run = int(np.argmin(tested.density_p_value.values))
+    return [
+        f"The record contradicts the density that was given (p {p_value_text(p_value)}): its most likely "
+        f"one is {tested.likely_density.values[run]:.2g} {DENSITY_UNITS}. Take --random-force auto."
+    ]
+
+
+def random_force_json(tree: xr.DataTree) -> dict[str, Any]:
+    """`verdict`, `random_force` and `innovations` as plain data; None where there is no random force."""
+    checked = tree["comparison"].attrs
+    data: dict[str, Any] = {
+        "verdict": checked["verdict_on_record"],
+        "random_force": None,
+        "innovations": None,
+    }
+    if "random_force" not in tree.children:
+        return data
+    result, tested = tree[checked["second"]].to_dataset(), tree["random_force"].to_dataset()
+    force = random_force_of(result)
+    data["random_force"] = {
+        "density": force.density,
+        "standard_error": number(force.standard_error),
+        "relative": force.relative(float(result.reference_frequency)),
+        "p_value": number(force.p_value),
+        "dependence_p_value": number(p_value_of_dependence(tested)),
+        "density_p_value": number(float(tested.density_p_value.min())),
+    }
+    groups = group_names("innovations", len(record_groups(tree)))
+    followed = [tree[group].to_dataset() for group in groups if group in tree.children]
+    if followed:
+        # Of runs whose lengths differ, records too short for all lags have fewer.
+        lags = min(run.sizes["lag"] for run in followed)
+        data["innovations"] = {
+            "rms": float(np.sqrt(np.mean([run.innovation_rms.item() ** 2 for run in followed]))),
+            "autocorrelation": np.mean(
+                [run.autocorrelation.values[:lags] for run in followed], axis=0
+            ).tolist(),
+        }
+    return data

@@ -1,0 +1,107 @@
+"""What is said of a record: it is explained, explained with a random force, or not explained."""
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.arrays import Array
+from sysid_trib.errors import SysidTribError
+from sysid_trib.noise.random_force import random_force_of
+from sysid_trib.results.per_run import group_names
+from sysid_trib.results.variables import text_variable
+from sysid_trib.state_space.bands import SETTLING_PERIODS, prediction_bands
+from sysid_trib.state_space.innovations import innovations
+from sysid_trib.validation.random_force import ASPECTS, ON, random_force_dependence
+
+# Level at which a random force depends on something, and at which there is one at all.
+DEPENDENCE_LEVEL = 0.01
+VERDICTS = ("explained", "explained with a random force", "not explained")
+# Predictions are this far ahead at most, and this close to each other (periods).
+LONGEST_PREDICTION, PREDICTION_STEP = 10.0, 0.125
+
+
+def random_force_groups(runs: Sequence[xr.Dataset], result: xr.Dataset) -> dict[str, xr.Dataset]:
+    """What a random force is judged and drawn by, as groups of a tree; none of a result without one.
+
+    Parameters
+    ----------
+    runs : sequence of Dataset
+        The decays that the result is of.
+    result : Dataset
+        An identification.
+
+    Returns
+    -------
+    dict of str to Dataset
+        `random_force`: over `run` what `random_force_dependence` returns, `reason` where it is nan. And
+        `innovations`, `prediction_bands` of each run (`innovations_1`, ... of several), left out of a run
+        whose motion does not settle, or that is too short.
+    """
+    if not random_force_of(result):
+        return {}
+    groups: dict[str, xr.Dataset] = {}
+    names = [group_names(name, len(runs)) for name in ("innovations", "prediction_bands")]
+    tested, reasons = [], []
+    for at, (decay, of_innovations, of_bands) in enumerate(zip(runs, *names, strict=True)):
+        reason = ""
+        try:
+            groups[of_innovations] = innovations(decay, result, at)
+            depends = random_force_dependence(decay, result, at) if random_force_of(result, at) else None
+            tested.append(_untested(1.0) if depends is None else depends)
+        except SysidTribError as error:
+            reason = str(error)
+            tested.append(_untested(np.nan))
+        reasons.append(reason)
+        # Of a record too short to predict anything there is no figure.
+        with suppress(SysidTribError):
+            groups[of_bands] = prediction_bands(decay, result, _horizons(decay, result), run=at)
+    together = xr.concat(tested, "run", combine_attrs="override")
+    return {"random_force": together.assign(reason=text_variable("run", reasons, "why not tested")), **groups}
+
+
+def _untested(p_value: float) -> xr.Dataset:
+    """A run without a random force, or one whose motion does not settle."""
+    scalars = ("chi_square", "degrees_of_freedom", "likely_density", "density_p_value")
+    values = dict.fromkeys(scalars, ((), np.nan)) | {"p_value": ((), p_value)}
+    nothing = np.full((len(ASPECTS), len(ON)), np.nan)
+    return xr.Dataset(
+        {**values, "dependence_p_value": (("aspect", "on"), nothing)},
+        {"aspect": list(ASPECTS), "on": list(ON)},
+    )
+
+
+def _horizons(decay: xr.Dataset, result: xr.Dataset) -> Array:
+    """How far ahead predictions are made, periods."""
+    period = 2.0 * np.pi / float(result.reference_frequency)
+    length = float(decay.time.values[-1] - decay.time.values[0]) / period
+    longest = min(LONGEST_PREDICTION, 0.5 * (length - SETTLING_PERIODS))
+    return np.asarray(np.arange(1, max(2, int(longest / PREDICTION_STEP))) * PREDICTION_STEP, dtype=float)
+
+
+def verdict_on_record(explained: str, result: xr.Dataset, groups: Mapping[str, xr.Dataset]) -> str:
+    """One of `VERDICTS`.
+
+    Parameters
+    ----------
+    explained : {"yes", "partly", "no"}
+        Whether the residual, beside a random force the innovations, is noise.
+    result : Dataset
+        The identification.
+    groups : mapping of str to Dataset
+        Of `random_force_groups`.
+    """
+    if "random_force" not in groups:
+        return VERDICTS[0] if explained == "yes" else VERDICTS[2]
+    independent = p_value_of_dependence(groups["random_force"]) >= DEPENDENCE_LEVEL
+    if explained == "no" or not independent:
+        return VERDICTS[2]
+    # A density that was given has no p-value.
+    none = random_force_of(result).p_value >= DEPENDENCE_LEVEL
+    return VERDICTS[0] if none and explained == "yes" else VERDICTS[1]
+
+
+def p_value_of_dependence(tested: xr.Dataset) -> float:
+    """Of a random force that depends on nothing in all runs (Bonferroni); nan where one was not tested."""
+    return min(1.0, tested.sizes["run"] * float(tested.p_value.min(skipna=False)))
