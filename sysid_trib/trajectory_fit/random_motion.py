@@ -3,6 +3,9 @@
 The record is linearised about a path (first a spline, then the smoothed motion); the Kalman filter makes the
 record and all columns white; generalised least squares gives the step of the parameters, and the smoother the
 next path. That is the iterated extended Kalman smoother (Bell 1994), Gauss-Newton with multiple shooting.
+
+Where friction holds the body or nearly so, the linear model jumps with the path, and a whole step may lead
+back and forth between branches. Then path and parameters go only a part of the step (relaxation).
 """
 
 from collections.abc import Sequence
@@ -25,9 +28,15 @@ from sysid_trib.state_space.kalman import LinearModel
 from sysid_trib.state_space.linearised import Derivatives, linearised_about, spline_path
 from sysid_trib.trajectory_fit.parameters import Parameters
 
-MAX_ITERATIONS = 20
+MAX_ITERATIONS = 24
 # A step this small, in standard errors, changes nothing.
 SETTLED = 0.02
+# What may be left after so many iterations, where they hop between branches; it is then among the errors.
+NEARLY_SETTLED = 0.2
+PATIENCE = 10
+# By what the relaxation changes where a step turns back, and where it goes on, by the cosine of their angle.
+SHORTER, LONGER, TURNED = 0.5, 1.5, 0.3
+LEAST_PART = 0.05
 
 
 @dataclass(frozen=True)
@@ -110,40 +119,100 @@ def fit_random_motion(
     """
     by = Derivatives((*parameters.library.symbols, *parameters.fit_shapes), _frequency_is_free(parameters))
     paths = [spline_path(parameters.model(values), time, angle) for time, angle in records]
-    before: list[VarianceRatio | None] = [None] * len(records)
-    for _ in range(MAX_ITERATIONS):
+    densities = [_density(random_force, run) for run in range(len(records))]
+    now: Iterate | None = None
+    best: Iterate | None = None
+    part = 1.0
+    for number in range(MAX_ITERATIONS):
         try:
             linear = _linear_models(parameters, records, values, paths, by)
         except SimulationError as error:
             raise DecayError(f"No motion of these forces follows the record ({error})") from None
-        jacobian = parameters.by_free(np.eye(len(values)), values)
-        blocks = [jacobian[_places(parameters, run)] for run in range(len(records))]
-        ratios = [
-            _ratio(
-                model, block, _density(random_force, run), parameters.model(values).reference_frequency, last
-            )
-            for run, (model, block, last) in enumerate(zip(linear, blocks, before, strict=True))
-        ]
-        before = [*ratios]
-        rows = _stacked(linear, blocks, ratios)
-        step, inverse = _step_within(parameters, values, rows)
-        settled = np.abs(step) <= SETTLED * np.sqrt(np.diag(inverse))
-        deviations = [block @ step for block in blocks]
-        runs = tuple(PushedRun(*parts) for parts in zip(linear, ratios, deviations, strict=True))
-        if settled.all():
-            covariance = jacobian @ inverse @ jacobian.T
-            return RandomMotionFit(
-                _stepped(parameters, values, step),
-                covariance,
-                runs,
-                rows.design @ step - rows.target,
-                rows.design,
-            )
-        paths = [run.linear.path + run.smoothed().smoothed_state.T for run in runs]
-        values = _stepped(parameters, values, step)
+        before, now = now, _iterate(parameters, values, linear, densities, now)
+        best = now if best is None or now.remaining < best.remaining else best
+        if best.remaining <= (SETTLED if number < PATIENCE else NEARLY_SETTLED):
+            return best.fit(parameters)
+        part = _relaxed(part, before, now)
+        paths = [run.linear.path + part * run.smoothed().smoothed_state.T for run in now.runs]
+        values = _stepped(parameters, values, part * now.step)
     raise DecayError(
         "The fit with a random force does not settle; offer fewer forces, or take random_force='off'."
     )
+
+
+@dataclass(frozen=True)
+class Iterate:
+    """Where the iteration is, and the step that it would take.
+
+    Attributes
+    ----------
+    values : (parameter,) array of float
+    runs : tuple of PushedRun
+    rows : WhiteRows
+        Normalised innovations of all runs, as a regression on the free parameters.
+    step : (free,) array of float
+        Of the free parameters.
+    covariance : (free, free) array of float
+        Of the free parameters, without limits.
+    """
+
+    values: Array
+    runs: tuple[PushedRun, ...]
+    rows: WhiteRows
+    step: Array
+    covariance: Array
+
+    @property
+    def remaining(self) -> float:
+        """The step in standard errors, of the parameter where it is largest."""
+        return float(np.max(np.abs(self.step) / np.sqrt(np.diag(self.covariance))))
+
+    def fit(self, parameters: Parameters) -> RandomMotionFit:
+        """The fit after the last step, which is among its errors."""
+        jacobian = parameters.by_free(np.eye(len(self.values)), self.values)
+        covariance = self.covariance + np.outer(self.step, self.step)
+        return RandomMotionFit(
+            _stepped(parameters, self.values, self.step),
+            jacobian @ covariance @ jacobian.T,
+            self.runs,
+            self.rows.design @ self.step - self.rows.target,
+            self.rows.design,
+        )
+
+
+def _iterate(
+    parameters: Parameters,
+    values: Array,
+    linear: Sequence[LinearModel],
+    densities: Sequence[float | None],
+    before: Iterate | None,
+) -> Iterate:
+    """Ratio of each run, then the step of all parameters."""
+    jacobian = parameters.by_free(np.eye(len(values)), values)
+    blocks = [jacobian[_places(parameters, run)] for run in range(len(linear))]
+    frequency = parameters.model(values).reference_frequency
+    last = [run.ratio for run in before.runs] if before else [None] * len(linear)
+    ratios = [
+        _ratio(model, block, density, frequency, of_run)
+        for model, block, density, of_run in zip(linear, blocks, densities, last, strict=True)
+    ]
+    rows = _stacked(linear, blocks, ratios)
+    step, covariance = _step_within(parameters, values, rows)
+    deviations = [block @ step for block in blocks]
+    runs = tuple(PushedRun(*parts) for parts in zip(linear, ratios, deviations, strict=True))
+    return Iterate(values, runs, rows, step, covariance)
+
+
+def _relaxed(part: float, before: Iterate | None, now: Iterate) -> float:
+    """The part of the step to go: less where it turns back on the last one, more where it goes on."""
+    if before is None:
+        return part
+    # In the metric of the errors.
+    first, second = now.rows.design @ before.step, now.rows.design @ now.step
+    size = float(np.linalg.norm(first) * np.linalg.norm(second))
+    cosine = float(first @ second) / size if size > 0.0 else 0.0
+    factor = SHORTER if cosine < -TURNED else LONGER if cosine > TURNED else 1.0
+    return float(np.clip(factor * part, LEAST_PART, 1.0))
 
 
 def _frequency_is_free(parameters: Parameters) -> bool:
@@ -189,8 +258,12 @@ def _ratio(
         return replace(white, design=design[:, np.any(design != 0.0, axis=0)])
 
     if density is None:
-        kicks = model.steps.diffusion
-        low, high = ratio_span(float(np.sum(kicks[:, 1, 1])), float(np.median(kicks[:, 1, 1])))
+        kicks = model.steps.diffusion[:, 1, 1]
+        # A body that friction holds is not pushed.
+        kicks = kicks[kicks > 0.0]
+        if not len(kicks):
+            raise DecayError("Friction of this size holds the body all the time; take random_force='off'.")
+        low, high = ratio_span(float(np.sum(kicks)), float(np.median(kicks)))
         return variance_ratio(rows, low, high, last.ratio if last else None)
     return held_ratio(rows, RandomForce(density).per_tau(frequency), last.variance if last else None)
 
