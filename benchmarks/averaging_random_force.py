@@ -5,12 +5,14 @@ python benchmarks/averaging_random_force.py [SEEDS]
 
 import sys
 import time as clock
-from functools import partial
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
 
 import sysid_trib as st
+from sysid_trib.errors import DecayError
 from sysid_trib.noise.random_force import RandomForce, random_force_of
 
 W, NOISE, PERIODS, PER_PERIOD, ANGLE = 8.87, 2e-4, 20, 60, 0.3
@@ -18,11 +20,7 @@ TRUTH = {"zeta": 5e-5, "delta": 2e-3, "nu": 1e-2, "epsilon": -0.1}
 WANDERS = (0, 5, 20)
 TIME = np.arange(PERIODS * PER_PERIOD) * 2.0 * np.pi / W / PER_PERIOD
 LIBRARY = st.load_library("contact_forces").select(TRUTH)
-METHODS = {
-    "off": st.methods.Averaging(),
-    "auto": st.methods.Averaging(random_force="auto"),
-    "auto, analytic signal": st.methods.Averaging(random_force="auto", curve="analytic-signal"),
-}
+METHODS = {"w fitted": st.methods.Averaging(), "w given": st.methods.Averaging(reference_frequency=W)}
 
 
 def decay(density: float, seed: int) -> xr.Dataset:
@@ -37,29 +35,54 @@ def study(wander: float, seeds: int) -> list[str]:
     # The wander at the end, RMS, is so many noise levels.
     density = RandomForce.density_of(2.0 * (wander * NOISE) ** 2 / (W * TIME[-1]), W)
     decays = [decay(density, seed) for seed in range(seeds)]
-    true = np.append(list(TRUTH.values()), W)
-    of_off, lines = None, []
+    lines = []
     for name, method in METHODS.items():
-        start = clock.process_time()
-        results = [st.identify(record, LIBRARY, method) for record in decays]
-        taken = (clock.process_time() - start) / seeds
-        errors = np.array([np.append(r.coefficient, r.reference_frequency) for r in results]) - true
-        stated = [np.append(r.standard_error, r.reference_frequency_standard_error) for r in results]
-        scores = errors / np.array(stated)
-        rms = np.sqrt(np.mean(errors**2, axis=0))
-        of_off = rms if of_off is None else of_off
-        found = np.array([random_force_of(r).density for r in results]) / (density or 1.0)
-        p_values = np.array([random_force_of(r).p_value for r in results])
-        numbers = partial(np.array2string, precision=2, separator=", ")
-        lines.append(
-            f"wander {wander:2} {name}: coverage {100.0 * np.mean(np.abs(scores) < 1.96):.1f} %, "
-            f"each {numbers(np.mean(np.abs(scores) < 1.96, axis=0))}, "
-            f"RMS of error over standard error {numbers(np.sqrt(np.mean(scores**2, axis=0)))}, "
-            f"RMS error over that of off {numbers(rms / of_off)}; "
-            f"density over the true one {np.mean(found):.3g} (median {np.median(found):.3g}); "
-            f"random force at 1 %: {100.0 * np.mean(p_values < 0.01):.1f} %; {taken:.2f} s each"
-        )
+        of_off = None
+        for option in ("off", "auto"):
+            start = clock.process_time()
+            results = [identified(record, replace(method, random_force=option)) for record in decays]
+            taken = (clock.process_time() - start) / seeds
+            settled = [result for result in results if result is not None]
+            rms, line = statistics(settled, of_off)
+            of_off = rms if option == "off" else of_off
+            forces = [random_force_of(result) for result in settled]
+            over_true = np.array([force.density for force in forces]) / (density or 1.0)
+            significant = np.mean([force.p_value < 0.01 for force in forces])
+            lines.append(
+                f"wander {wander:2} {name}, {option}: {line}; density over the true one "
+                f"{np.mean(over_true):.3g} (median {np.median(over_true):.3g}); random force at 1 %: "
+                f"{100.0 * significant:.1f} %; refused {seeds - len(settled)}; {taken:.2f} s each"
+            )
     return lines
+
+
+def identified(record: xr.Dataset, method: st.methods.Averaging) -> xr.Dataset | None:
+    """The result, None where it is refused."""
+    try:
+        return st.identify(record, LIBRARY, method)
+    except DecayError:
+        return None
+
+
+def statistics(results: Sequence[xr.Dataset], of_off: np.ndarray | None) -> tuple[np.ndarray, str]:
+    """RMS errors of the coefficients and of w where it is fitted, and what they are beside those stated."""
+    errors = np.array([np.append(r.coefficient, r.reference_frequency) for r in results])
+    stated = np.array([np.append(r.standard_error, r.reference_frequency_standard_error) for r in results])
+    fitted = stated[0] > 0.0
+    errors = (errors - np.append(list(TRUTH.values()), W))[:, fitted]
+    scores = errors / stated[:, fitted]
+    rms = np.sqrt(np.mean(errors**2, axis=0))
+    covered = np.abs(scores) < 1.96
+    return rms, (
+        f"coverage {100.0 * np.mean(covered):.1f} %, each {numbers(np.mean(covered, axis=0))}, RMS of error "
+        f"over standard error {numbers(np.sqrt(np.mean(scores**2, axis=0)))}, RMS error over that of off "
+        f"{numbers(rms / (rms if of_off is None else of_off))}"
+    )
+
+
+def numbers(values: np.ndarray) -> str:
+    """In two digits after the point."""
+    return ", ".join(f"{value:.2f}" for value in values)
 
 
 if __name__ == "__main__":

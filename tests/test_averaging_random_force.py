@@ -9,7 +9,7 @@ from helpers import library_of_formulas
 import sysid_trib as st
 from sysid_trib.decays.half_sines import envelope
 from sysid_trib.decays.kick_response import KICKS, SPAN, kick_response
-from sysid_trib.errors import UsageError
+from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.methods import Averaging, EnergyDecay, FeenyLiang, FrequencyShift, WuDecrement
 from sysid_trib.noise.random_force import RandomForce, random_force_of
 from sysid_trib.regression.half_period_noise import HalfPeriodEquations
@@ -161,3 +161,16 @@ def test_the_papers_rule_takes_no_random_force():
 def test_no_density_is_refused(method):
     with pytest.raises(UsageError, match="random_force"):
         method(random_force="maybe")
+
+
+def test_a_frequency_that_the_wander_hides_is_asked_for():
+    truth = {"zeta": 5e-5, "delta": 2e-3, "nu": 1e-2, "epsilon": -0.1}
+    model = st.Model(st.load_library("contact_forces").select(truth), truth, W)
+    # The swing loses 4 % of its amplitude, and wanders by twenty noise levels.
+    angle = st.simulate(model, TIME, angle=0.3, random_force=16.0 * DENSITY, seed=18).angle
+    record = xr.Dataset({"angle": angle + NOISE * np.random.default_rng(18).standard_normal(len(TIME))})
+    with pytest.raises(DecayError, match=r"give it \(reference_frequency=\)"):
+        Averaging(random_force="auto").identify(record, model.library)
+    result = Averaging(random_force="auto", reference_frequency=W).identify(record, model.library)
+    gaps = (result.coefficient - list(truth.values())) / result.standard_error
+    assert np.abs(gaps).max() < 3.0

@@ -22,7 +22,7 @@ from sysid_trib.noise.random_force import RandomForceOption, check_random_force
 from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.regression.averaged import averaged_equations, slopes_of_equations
 from sysid_trib.regression.constraint_map import ConstraintMap, constraint_map
-from sysid_trib.regression.half_period_noise import HalfPeriodEquations
+from sysid_trib.regression.half_period_noise import DENSITY, HalfPeriodEquations
 from sysid_trib.regression.weak_form import whiten, whitener
 
 SCOPE = MethodScope(
@@ -168,6 +168,11 @@ def _first_order(
     noise = sp.block_diag([part.noise(run) for part, run in zip(of_runs, runs, strict=True)], format="csr")
     weighted = method.weighted and not last
     parameters, covariance, residual = _solve(design, target, noise, weighted=weighted, last=last)
+    if fixed is None and parameters[-1] <= 0.0 and any(DENSITY in run for run in runs):
+        raise DecayError(
+            "Beside the random force these half periods do not decide the frequency at zero amplitude; "
+            "give it (reference_frequency=), or offer fewer forces."
+        )
     degrees_of_freedom = max(1, len(target) - len(parameters))
     if fixed is not None:
         parameters = np.append(parameters, fixed)

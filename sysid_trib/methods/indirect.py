@@ -35,8 +35,9 @@ from sysid_trib.trajectory_fit.initial_conditions import first_guess, fit_start
 MAX_CORRECTIONS = 20
 # Steps that end the correction: of the standard errors, or of the values where there is next to no noise.
 SETTLED_ERRORS, SETTLED_VALUES = 1e-3, 1e-9
-# Rounds in which values and random force follow each other.
-WANDER_ROUNDS = 2
+# Rounds in which values and random force follow each other. A smaller step of the density, of its standard
+# error, ends them.
+WANDER_ROUNDS, SETTLED_DENSITY = 3, 0.1
 
 
 @dataclass(frozen=True)
@@ -101,22 +102,27 @@ def indirect_estimate(
     estimate, last = _estimate(auxiliary, decays, measured, correct=correct)
     if random_force == "off":
         return estimate
-    ratios: list[VarianceRatio] = []
     plain = estimate
+    forces: list[RandomForce] = []
     for _ in range(WANDER_ROUNDS):
         ratios = [
             _ratio(auxiliary, last, run, envelope, random_force) for run, envelope in enumerate(measured)
         ]
         if not any(ratio.ratio for ratio in ratios):
             return plain
-        pairs = zip(measured, ratios, strict=True)
+        pairs = list(zip(measured, ratios, strict=True))
+        before = forces
+        forces = [random_force_of_ratio(ratio, swing_frequency(run), random_force) for run, ratio in pairs]
+        if before and all(map(_settled, before, forces)):
+            break
         pushed = [with_random_force(envelope, ratio, auxiliary.curve) for envelope, ratio in pairs]
         estimate, last = _estimate(auxiliary, decays, pushed, correct=correct)
-    pairs = zip(measured, ratios, strict=True)
-    forces = [
-        random_force_of_ratio(ratio, swing_frequency(envelope), random_force) for envelope, ratio in pairs
-    ]
     return replace(estimate, random_forces=forces)
+
+
+def _settled(before: RandomForce, after: RandomForce) -> bool:
+    """Whether a density hardly differs from that of the round before; one that is held does not."""
+    return abs(after.density - before.density) <= SETTLED_DENSITY * np.nan_to_num(after.standard_error)
 
 
 def _ratio(
