@@ -7,7 +7,9 @@ import pytest
 import xarray as xr
 
 import sysid_trib as st
+from sysid_trib import plots
 from sysid_trib.commands.checks import parse_random_force
+from sysid_trib.commands.destination import random_force_figures
 from sysid_trib.errors import UsageError
 from sysid_trib.methods.scope import with_random_force
 from sysid_trib.noise.random_force import RandomForce
@@ -232,3 +234,33 @@ def test_the_command_line_refuses_what_is_no_density(text):
         parse_random_force(text)
     assert parse_random_force(" 1e-4") == 1e-4
     assert (parse_random_force("auto"), parse_random_force("off")) == ("auto", "off")
+
+
+def test_figures_show_the_numbers(checked):
+    followed, bands = (checked[name].to_dataset() for name in ("innovations", "prediction_bands"))
+    over_time, over_lag = plots.innovations(followed).axes
+    assert over_time.lines[0].get_ydata() == pytest.approx(1e3 * followed.innovation.values)
+    assert (over_time.get_xlabel(), over_time.get_ylabel()) == ("time (s)", "innovation (mrad)")
+    assert over_lag.get_xlabel() == "lag (samples)"
+    assert over_lag.lines[0].get_ydata() == pytest.approx(followed.autocorrelation.values)
+    force = plots.random_force(followed)
+    assert set(force.lines[0].get_ydata()) <= set(followed.random_force.values)
+    assert force.get_ylabel() == "random force (rad/s²)"
+    predicted = plots.prediction_bands(bands)
+    drawn = predicted.lines[0].get_ydata()
+    assert drawn == pytest.approx(1e3 * (bands.measured - bands.predicted).values[0], nan_ok=True)
+    assert predicted.get_ylabel().endswith("(mrad)")
+
+
+def test_a_page_has_the_random_force(checked, tmp_path):
+    st.report(checked, tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "Random force" in page
+    assert "What is left is a random force" in page
+
+
+def test_the_command_draws_what_there_is(checked):
+    names = [name for name, _ in random_force_figures(checked, plots)]
+    assert names == ["innovations", "random_force", "prediction_bands"]
+    without = checked.filter(lambda node: node.name not in ("innovations", "prediction_bands"))
+    assert random_force_figures(without, plots) == []

@@ -110,6 +110,24 @@ def figures_of_runs(
     return [(label, partial(draw, tree, run)) for run, label in enumerate(names)]
 
 
+def random_force_figures(tree: "xr.DataTree", plots: Any) -> "list[tuple[str, Callable[[], Figure]]]":
+    """The figures of a random force in each run, where the result has one."""
+    from sysid_trib.results.per_run import group_names, record_groups
+
+    count = len(record_groups(tree))
+    kinds = (
+        ("innovations", "innovations", plots.innovations),
+        ("random_force", "innovations", lambda data: plots.random_force(data).figure),
+        ("prediction_bands", "prediction_bands", lambda data: plots.prediction_bands(data).figure),
+    )
+    return [
+        (name, partial(draw, tree[group].to_dataset()))
+        for label, kind, draw in kinds
+        for name, group in zip(group_names(label, count), group_names(kind, count), strict=True)
+        if group in tree.children
+    ]
+
+
 def check_output(target: Path | None, ending: str, *, reads: Sequence[Path] = ()) -> None:
     """Refuse a file that cannot be written before the work is done, not after."""
     if target is None:

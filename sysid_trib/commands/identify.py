@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from sysid_trib.commands.destination import Destination, figures_of_runs
+from sysid_trib.commands.destination import Destination, figures_of_runs, random_force_figures
 from sysid_trib.commands.options import ConstraintOptions, DecayOptions, ModelOptions, with_options
 
 
@@ -55,5 +55,8 @@ def identify(
         tree,
         lambda: identification_blocks(tree, record_sentences(tree, sources), inertia),
         lambda: identification_json(tree, inertia),
-        lambda plots: figures_of_runs(tree, "identification", plots.identification),
+        lambda plots: [
+            *figures_of_runs(tree, "identification", plots.identification),
+            *random_force_figures(tree, plots),
+        ],
     )

@@ -19,5 +19,10 @@ from .paper import (
     weights as weights,
 )
 from .planned import distinction as distinction
+from .random_force_figures import (
+    innovations as innovations,
+    prediction_bands as prediction_bands,
+    random_force as random_force,
+)
 from .scored import forecast as forecast, forecasts as forecasts, ranking as ranking, rankings as rankings
 from .studied import precision as precision, precisions as precisions

@@ -69,7 +69,7 @@ def identification_blocks(
     list of Block
     """
     result = tree[tree["comparison"].attrs["second"]].to_dataset()
-    matters = [*_key_sentences(tree), *weight_sentences(result, float(_amplitudes(tree).max()))]
+    matters = [*_key_sentences(tree), *weight_sentences(result, float(amplitudes(tree).max()))]
     blocks = [
         Block([verdict_sentence(tree)], ALWAYS),
         Block(sources),
@@ -135,7 +135,7 @@ def identification_sentences(tree: xr.DataTree) -> list[str]:
 def _key_sentences(tree: xr.DataTree) -> list[str]:
     """Whether the methods agree, and all that warns."""
     checked, results = tree["comparison"].ds, _results(tree)
-    sentences = [_agreement_sentence(checked), *random_force_sentences(tree, float(_amplitudes(tree).max()))]
+    sentences = [_agreement_sentence(checked), *random_force_sentences(tree, float(amplitudes(tree).max()))]
     for name, result in results.items():
         if np.isnan(checked.residual_rms.sel(model=name).item()):
             sentences.append(_residual_sentence(name, checked.sel(model=name)))
@@ -206,10 +206,10 @@ def _held_shapes(result: xr.Dataset) -> list[str]:
 def consequences(tree: xr.DataTree, inertia: float | None) -> list[str]:
     """What follows from the second identification, in sentences; with an inertia (kg m^2) in SI units too."""
     result = tree[tree["comparison"].attrs["second"]].to_dataset()
-    return physics_sentences(result, _amplitudes(tree), inertia)
+    return physics_sentences(result, amplitudes(tree), inertia)
 
 
-def _amplitudes(tree: xr.DataTree) -> NDArray[np.float64]:
+def amplitudes(tree: xr.DataTree) -> NDArray[np.float64]:
     """Amplitudes of the half periods of all runs, rad."""
     groups = group_names("envelope", len(record_groups(tree)))
     return np.concatenate([tree[group].amplitude.values for group in groups])
@@ -230,7 +230,7 @@ def identification_json(tree: xr.DataTree, inertia: float | None = None) -> dict
         **checked.attrs,
     }
     data = {**records_json(tree), **random_force_json(tree), "methods": methods, "cross_check": check}
-    data["consequences"] = physics_json(results[checked.attrs["second"]], _amplitudes(tree), inertia)
+    data["consequences"] = physics_json(results[checked.attrs["second"]], amplitudes(tree), inertia)
     if "runs" in tree:
         data["runs"] = runs_json(tree["runs"].to_dataset())
     return data

@@ -12,15 +12,22 @@ from sysid_trib.plots.motion_data import MOST_POINTS, motion_data
 from sysid_trib.printing.comparison import comparison_sentences, comparison_tables
 from sysid_trib.printing.discovery_story import discovery_story
 from sysid_trib.printing.discovery_tables import RANKING, ranking_table
-from sysid_trib.printing.identification import consequences, identification_sentences, identification_table
+from sysid_trib.printing.identification import (
+    amplitudes,
+    consequences,
+    identification_sentences,
+    identification_table,
+)
 from sysid_trib.printing.physics import physics_sentences
+from sysid_trib.printing.random_force import random_force_sentences
 from sysid_trib.printing.runs import runs_sentences, runs_table
 from sysid_trib.reporting.compared import prediction_panel, quantity_panels
 from sysid_trib.reporting.motions import motion_panels, record_panel
 from sysid_trib.reporting.parts import Figures, Section, as_table
+from sysid_trib.reporting.pushed import random_force_figures
 from sysid_trib.reporting.searched import detectability_panel, map_panels, ranking_panels
 from sysid_trib.reporting.tables import coefficient_table, reference_sentence
-from sysid_trib.results.per_run import record_groups
+from sysid_trib.results.per_run import group_names, record_groups
 
 CONSEQUENCES = "What follows from the model"
 CAPTIONS = tomllib.loads(Path(__file__).with_name("captions.toml").read_text(encoding="utf-8"))
@@ -66,7 +73,25 @@ def _cross_checked(tree: xr.DataTree) -> list[Section]:
         runs = tree["runs"].to_dataset()
         table = as_table("Each run alone", runs_table(runs))
         made.append(Section("Do the runs agree", runs_sentences(runs), [table]))
+    if "random_force" in tree.children:
+        said = random_force_sentences(tree, float(amplitudes(tree).max()))
+        made.append(Section("Random force", said, figures=_pushed(tree)))
     return [*made, Section(CONSEQUENCES, consequences(tree, None))]
+
+
+def _pushed(tree: xr.DataTree) -> list[Figures]:
+    """Innovations, random force and predictions of each run whose motion settles."""
+    count = len(record_groups(tree))
+    names = zip(*(group_names(name, count) for name in ("innovations", "prediction_bands")), strict=True)
+    return [
+        random_force_figures(
+            f"{_of_run(tree, run)}{CAPTIONS['random_force']}",
+            tree[followed].to_dataset(),
+            tree[bands].to_dataset() if bands in tree.children else None,
+        )
+        for run, (followed, bands) in enumerate(names)
+        if followed in tree.children
+    ]
 
 
 def _compared(tree: xr.DataTree) -> list[Section]:

@@ -1,0 +1,118 @@
+"""Figures of a motion that is pushed at random: innovations, the random force over time, predictions."""
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from scipy.stats import norm
+
+from sysid_trib.arrays import Array, Index
+from sysid_trib.plots.motion_data import drawn_samples
+from sysid_trib.plots.style import BAR_WIDTH, BLUE, INK, LEGEND, ORANGE, axes, letter, new_figure
+
+# Of a Gaussian, in standard deviations.
+BAND_LEVEL = 0.95
+BAND_WIDTH = float(norm.isf(0.5 * (1.0 - BAND_LEVEL)))
+BAND_COLOR = "0.85"
+
+
+def innovations(data: xr.Dataset) -> Figure:
+    """Innovations over time with their 95 % band, and their autocorrelation with that of white noise.
+
+    Parameters
+    ----------
+    data : xr.Dataset
+        Result of `innovations`.
+    """
+    figure = new_figure(7.2, 4.4)
+    over_time, over_lag = figure.subplots(2, 1, height_ratios=[1.3, 1.0])
+    _in_time(over_time, data)
+    _autocorrelation(over_lag, data)
+    letter([over_time, over_lag])
+    return figure
+
+
+def random_force(data: xr.Dataset, ax: Axes | None = None) -> Axes:
+    """The smoothed random force over time, with its 95 % band.
+
+    Parameters
+    ----------
+    data : xr.Dataset
+        Result of `innovations`.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on.
+    """
+    ax = axes(ax)
+    time, force = data.time.values, data.random_force.values
+    error = BAND_WIDTH * data.random_force_standard_error.values
+    first = span_starts(force)
+    band = ax.fill_between(
+        time[first],
+        (force - error)[first],
+        (force + error)[first],
+        step="post",
+        color=BAND_COLOR,
+        linewidth=0,
+    )
+    (line,) = ax.step(time[first], force[first], where="post", color=BLUE, linewidth=0.8)
+    ax.axhline(0.0, color=INK, linewidth=BAR_WIDTH, zorder=1)
+    ax.set(xlabel="time (s)", ylabel="random force (rad/s²)", xlim=(time[0], time[-1]))
+    span = f"mean over {float(data.averaging_time):.2g} s"
+    ax.legend([line, band], [span, f"{100.0 * BAND_LEVEL:g} % band"], ncols=2, **LEGEND)
+    return ax
+
+
+def prediction_bands(data: xr.Dataset, ax: Axes | None = None) -> Axes:
+    """Record minus what was predicted of it, from each origin on, in bands that grow.
+
+    Parameters
+    ----------
+    data : xr.Dataset
+        Result of `prediction_bands`.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on.
+    """
+    ax = axes(ax)
+    error = 1e3 * BAND_WIDTH * data.predicted_standard_error
+    missed = 1e3 * (data.measured - data.predicted)
+    label = f"{100.0 * BAND_LEVEL:g} % band of the prediction"
+    for at in range(data.sizes["origin"]):
+        time, width = data.time_ahead.values[at], error.values[at]
+        band = ax.fill_between(time, -width, width, color=BAND_COLOR, linewidth=0)
+        (line,) = ax.plot(time, missed.values[at], color=ORANGE, marker=".", markersize=2, linewidth=0.8)
+        ax.axvline(float(data.origin[at]), color=INK, linewidth=BAR_WIDTH, linestyle=":")
+    ax.axhline(0.0, color=INK, linewidth=BAR_WIDTH, zorder=1)
+    ax.set(xlabel="time (s)", ylabel="record \N{MINUS SIGN} prediction (mrad)")
+    ax.legend([line, band], ["record", label], ncols=2, **LEGEND)
+    return ax
+
+
+def span_starts(force: Array) -> Index:
+    """First samples of the spans of equal force, which draw them all, and the last sample."""
+    return np.append(np.flatnonzero(np.diff(force, prepend=np.nan) != 0.0), len(force) - 1)
+
+
+def _in_time(ax: Axes, data: xr.Dataset) -> None:
+    time, innovation = data.time.values, 1e3 * data.innovation.values
+    width = 1e3 * BAND_WIDTH * data.innovation_standard_deviation.values
+    shown = drawn_samples(innovation)
+    band = ax.fill_between(time, -width, width, color=BAND_COLOR, linewidth=0)
+    ax.plot(time[shown], innovation[shown], color=BLUE, marker=".", markersize=1.5, linestyle="")
+    # The first samples fix the start: their band is wider than all that follows.
+    ax.set_ylim(*(side * 1.1 * max(np.abs(innovation).max(), float(np.median(width))) for side in (-1, 1)))
+    ax.set(xlabel="time (s)", ylabel="innovation (mrad)", xlim=(time[0], time[-1]))
+    ax.legend([band], [f"{100.0 * BAND_LEVEL:g} % band"], **LEGEND)
+
+
+def _autocorrelation(ax: Axes, data: xr.Dataset) -> None:
+    width = BAND_WIDTH / np.sqrt(data.sizes["time"])
+    band = ax.axhspan(-width, width, color=BAND_COLOR, zorder=0)
+    marks = ax.stem(data.lag.values, data.autocorrelation.values, linefmt=BLUE, markerfmt="o", basefmt=" ")
+    marks.markerline.set(markersize=3.5, color=BLUE)
+    marks.stemlines.set_linewidth(1.0)
+    ax.axhline(0.0, color=INK, linewidth=BAR_WIDTH)
+    largest = max(1.2 * float(np.abs(data.autocorrelation).max()), 2.0 * width)
+    ax.set(xlabel="lag (samples)", ylabel="autocorrelation", ylim=(-largest, largest))
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.legend([band], [f"{100.0 * BAND_LEVEL:g} % band of white noise"], **LEGEND)
