@@ -225,6 +225,16 @@ def test_a_fit_tells_the_two_noises_apart(friction):
     assert (plain.standard_error < 0.5 * result.standard_error).all()
 
 
+def test_a_fit_settles_where_friction_holds_the_body_for_half_the_record():
+    truth = {"lambda": 1e-3, "zeta": 5e-5}
+    model, time, noise = model_with(**truth), np.arange(1600) * 2.0 * np.pi / W / 80, 2e-4
+    density = RandomForce.density_of(2.0 * (5.0 * noise) ** 2 / (W * time[-1]), W)
+    angle = st.simulate(model, time, angle=0.03, random_force=density, seed=1).angle
+    decay = xr.Dataset({"angle": angle + noise * np.random.default_rng(1).standard_normal(len(time))})
+    result = st.identify(decay, model.library, st.methods.Trajectory(random_force="auto"))
+    assert result.noise.item() == pytest.approx(noise, rel=0.15)
+
+
 @pytest.mark.parametrize("free", [False, True])
 def test_the_bound_with_a_random_force_continues_that_without(free):
     truth = {"lambda": 1e-3, "zeta": 1e-4, "epsilon": -0.1}
