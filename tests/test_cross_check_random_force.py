@@ -6,11 +6,18 @@ import xarray as xr
 
 import sysid_trib as st
 from sysid_trib.errors import DecayError
-from sysid_trib.methods import Direct, Trajectory
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.methods import Averaging, Direct, Trajectory
 from sysid_trib.noise.random_force import RandomForce
 from sysid_trib.printing.identification import identification_sentences
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.state_space.wander import wander
+from sysid_trib.validation.compared_part import (
+    PERIODS_PER_STRETCH,
+    ComparedPart,
+    compared_part,
+    fitted_motions,
+)
 from sysid_trib.validation.simulated_pairs import Scatter, with_held_random_force
 
 W, NOISE = 8.87, 2e-4
@@ -134,3 +141,35 @@ def test_two_methods_with_a_random_force_agree(record):
     compared = st.cross_check(record, *pair, draws=8)["comparison"]
     assert compared.attrs["verdict"] == "agree"
     assert np.all(compared.residual_over_noise < 1.1)
+
+
+def long_record(periods):
+    time = np.arange(periods * 40) * 2.0 * np.pi / W / 40
+    angle = st.simulate(MODEL, time, 0.3).angle
+    return xr.Dataset({"angle": angle + NOISE * np.random.default_rng(0).standard_normal(len(time))})
+
+
+def test_a_long_record_is_compared_on_stretches():
+    record = long_record(130)
+    pair = [st.identify(record, FORCES, method) for method in (Averaging(), Direct())]
+    tree = st.cross_check(record, *pair, draws=8)
+    compared = tree["comparison"]
+    stretch = PERIODS_PER_STRETCH * 2.0 * np.pi / W
+    assert compared.attrs["compared_stretch"] == pytest.approx(stretch, rel=1e-3)
+    assert any("compared on stretches of 14.2 s" in text for text in identification_sentences(tree))
+    part = compared_part(ComparedPart((record,), tuple(pair), fitted_motions([record], pair)))
+    assert [len(run.time) for run in part.runs] == pytest.approx([800] * 3, abs=1)
+    assert part.runs[-1].time[-1] == record.time[-1]
+    found, other = (result.coefficient.values for result in part.results)
+    assert compared.difference.values[:-1] == pytest.approx(found - other, rel=1e-2)
+    # What is left of the record is judged on all of it.
+    assert tree["record"].sizes["time"] == record.sizes["time"]
+
+
+def test_what_depends_on_time_or_is_short_is_compared_whole():
+    ambient = st.load_library("candidate_effects").select(["ambient"])
+    moved = ForceLibrary("of a test", (*FORCES, *ambient))
+    for record, forces in ((long_record(110), FORCES), (long_record(130), moved)):
+        result = st.identify(record, forces, Direct())
+        whole = ComparedPart((record,), (result, result), fitted_motions([record], [result, result]))
+        assert compared_part(whole) is whole

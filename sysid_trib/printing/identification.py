@@ -157,7 +157,7 @@ def _difference(checked: xr.Dataset, label: str) -> str:
 
 
 def _agreement_sentence(checked: xr.Dataset) -> str:
-    pair = f"{checked.attrs['first'].capitalize()} and {checked.attrs['second']}"
+    pair = f"{checked.attrs['first'].capitalize()} and {checked.attrs['second']}{_part(checked)}"
     if checked.attrs["verdict"] == "unknown":
         return (
             f"{pair} cannot be compared: the error of their difference could not be computed{_few(checked)}."
@@ -177,6 +177,12 @@ def _agreement_sentence(checked: xr.Dataset) -> str:
     if checked.attrs["explained"] == "yes":
         return f"{pair} agree within their errors: {test}"
     return f"{pair} differ by no more than their errors: {test}"
+
+
+def _part(checked: xr.Dataset) -> str:
+    """On which part of a long record the methods are compared."""
+    duration = checked.attrs.get("compared_stretch")
+    return "" if duration is None else f", compared on stretches of {duration:.3g} s,"
 
 
 def _few(checked: xr.Dataset) -> str:

@@ -14,9 +14,10 @@ from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.results.per_run import group_names, noise_of_run
 from sysid_trib.results.variables import variable
 from sysid_trib.trajectory_fit.initial_conditions import FittedMotion
+from sysid_trib.validation.compared_part import ComparedPart, compared_part, fitted_motions
 from sysid_trib.validation.cross_check_statistics import comparison, ties
 from sysid_trib.validation.homogeneity import verdict_of
-from sysid_trib.validation.residuals import fitted_motion, pooled, residuals
+from sysid_trib.validation.residuals import pooled, residuals
 from sysid_trib.validation.verdict import random_force_groups, verdict_on_record
 
 # Significance level of a residual that is not white noise; beyond so many noise levels (RMS) it is large.
@@ -101,6 +102,10 @@ def cross_check(
     z = (difference - expected_difference)/standard_error; chi-square with the covariance of the scatter, its
     p-value by Hotelling's distribution because that covariance is estimated from `draws` records.
 
+    Of a run longer than 120 periods, beginning, middle and end are compared, 20 periods each: both methods
+    identify the forces from these anew, as they do from the simulated records (attrs: `compared_stretch`, the
+    length of each in s). The residuals are those of all samples.
+
     With a random force in the second's result the simulated records are pushed: free motion, linear response
     to white acceleration of that density, noise of the sensor. Each method holds its own random force there.
     The expected difference is then the mean over the records; the verdict is by those that both methods
@@ -112,9 +117,12 @@ def cross_check(
     names = [result.attrs["method"] for result in results]
     if names[0] == names[1]:
         names = [f"{names[0]}_1", f"{names[1]}_2"]
-    motions = [[fitted_motion(run, result, at) for at, run in enumerate(runs)] for result in results]
-    compared = comparison(runs, results, motions, draws=draws, seed=seed)
-    moving = list(zip(*motions, strict=True))
+    whole = ComparedPart(tuple(runs), results, fitted_motions(runs, results))
+    part = compared_part(whole)
+    compared = comparison(part.runs, part.results, part.motions, draws=draws, seed=seed)
+    if part.duration is not None:
+        compared.attrs["compared_stretch"] = part.duration
+    moving = list(zip(*whole.motions, strict=True))
     of_runs = [
         residuals(run, dict(zip(names, results, strict=True)), of_run, noise_of_run(second, at), at)
         for at, (run, of_run) in enumerate(zip(runs, moving, strict=True))

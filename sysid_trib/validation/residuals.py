@@ -13,7 +13,7 @@ from sysid_trib.noise.random_force import random_force_of
 from sysid_trib.records.runs import root_mean_square
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.variables import variable
-from sysid_trib.state_space.innovations import innovations
+from sysid_trib.state_space.tracked import track
 from sysid_trib.trajectory_fit.initial_conditions import FittedMotion, first_guess, fit_start
 
 # A model departs from the record where the RMS over half a period is beyond this many noise levels.
@@ -170,19 +170,17 @@ def _of_free_motion(decay: xr.Dataset, motion: FittedMotion | None, noise: float
 
 
 def _of_innovations(decay: xr.Dataset, result: xr.Dataset, run: int) -> tuple[float, ...]:
-    """What `RESIDUALS` lists, of the innovations beside a random force."""
+    """What `RESIDUALS` lists, of the innovations beside a random force (see `innovations`)."""
+    time = decay.time.values
     try:
-        predicted = innovations(decay, result, run)
+        tracked = track(decay, result, run)
     except SysidTribError:
-        return np.nan, np.nan, float(decay.time.values[0]), 0.0
-    normalised = (predicted.innovation / predicted.innovation_standard_deviation).values
-    width = _half_period(predicted.smoothed_rate.values)
-    return (
-        predicted.innovation_rms.item(),
-        float(np.sqrt(np.mean(normalised**2))),
-        _departure(decay.time.values, normalised, 1.0, width),
-        _white_noise_p_value(normalised, 1.0, width),
-    )
+        return np.nan, np.nan, float(time[0]), 0.0
+    innovation, deviation = tracked.innovations()
+    normalised, width = innovation / deviation, _half_period(tracked.linear.path[:, 1])
+    rms, over_noise = (float(np.sqrt(np.mean(values**2))) for values in (innovation, normalised))
+    departure = _departure(time, normalised, 1.0, width)
+    return rms, over_noise, departure, _white_noise_p_value(normalised, 1.0, width)
 
 
 def pooled(of_runs: Sequence[xr.Dataset]) -> xr.Dataset:
