@@ -1,5 +1,7 @@
 """Direct identification beside a random force: at few samples, with dry friction, in coloured noise."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -7,10 +9,11 @@ from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
 import sysid_trib as st
-from sysid_trib.methods import Direct
+from sysid_trib.methods import Direct, Trajectory
 from sysid_trib.noise.colour import sensor_colour
 from sysid_trib.noise.random_force import RandomForce, random_force_of
 from sysid_trib.regression.weak_form import build_weak_form, coloured
+from sysid_trib.state_space.linearised import Derivatives, linearised_about
 
 W, NOISE = 8.87, 2e-4
 TRUTH = {"lambda": 1e-3, "zeta": 5e-5, "delta": 2e-3, "epsilon": -0.1}
@@ -41,12 +44,14 @@ def test_a_coloured_operator_is_the_dense_product(filter_):
 
 @pytest.mark.parametrize("filter_", [[1.0], [1.0, -0.8], [1.0, -1.2, 0.5]], ids=str)
 @pytest.mark.parametrize("per_period", [20, 100])
-def test_colour_of_noise_beside_a_random_force(filter_, per_period):
+@pytest.mark.parametrize("pushed", [True, False])
+def test_colour_of_noise_beside_a_random_force(filter_, per_period, pushed):
     # Response of the oscillator to kicks, besides the sensor's noise.
     step, samples = 2.0 * np.pi / per_period, 3000
-    kicks = 1e-4 * np.sqrt(step) * np.random.default_rng(1).standard_normal(samples)
+    kicks = pushed * 1e-4 * np.sqrt(step) * np.random.default_rng(1).standard_normal(samples)
     swing = lfilter([0.0, np.sin(step)], [1.0, -2.0 * np.cos(step), 1.0], kicks)
-    found = sensor_colour(swing + autoregressive(samples, filter_, 2), step * np.arange(samples))
+    angle = swing + autoregressive(samples, filter_, 2)
+    found = sensor_colour(angle, step * np.arange(samples), random_force=pushed)
     line = np.linspace(0.0, np.pi, 50)
 
     def response(taps):
@@ -58,7 +63,10 @@ def test_colour_of_noise_beside_a_random_force(filter_, per_period):
 
 def test_samples_that_are_no_series_have_no_colour():
     tau = np.sort(np.random.default_rng(0).uniform(0.0, 300.0, 1000))
-    assert len(sensor_colour(np.random.default_rng(1).standard_normal(1000), tau).filter_) == 1
+    assert (
+        len(sensor_colour(np.random.default_rng(1).standard_normal(1000), tau, random_force=True).filter_)
+        == 1
+    )
 
 
 @pytest.mark.parametrize("truth", [TRUTH, {s: c for s, c in TRUTH.items() if s != "lambda"}], ids=len)
@@ -106,3 +114,49 @@ def test_runs_have_noises_of_their_own():
     assert found[1] == pytest.approx(1.0, abs=0.5)
     scores = (result.coefficient - list(TRUTH.values())) / result.standard_error
     assert np.max(np.abs(scores)) < 3.5
+
+
+def test_the_filter_of_coloured_noise_is_the_dense_likelihood():
+    decay, library, _ = record({"zeta": 1e-3}, 20, wander=5.0, filter_=(1.0, -0.8), seed=3)
+    decay = decay.isel(time=slice(0, 60))
+    time, angle = decay.time.values, decay.angle.values
+    path = np.stack([angle, np.gradient(angle, W * time)], axis=1)
+    by = Derivatives(("zeta",), frequency=False)
+    linear = linearised_about(
+        st.Model(library, {"zeta": 1e-3}, W), time, angle, path, np.array([angle[0], 0.0, 0.0]), by
+    )
+    linear = replace(linear, sensor_filter=np.array([1.0, -0.8]))
+    assert linear.rows(0.3).log_determinant == pytest.approx(_dense(linear, 0.3)[0], abs=1e-6)
+    assert np.sum(linear.rows(0.3).target ** 2) == pytest.approx(_dense(linear, 0.3)[1], rel=1e-6)
+
+
+def _dense(linear, ratio):
+    """Logarithm of the determinant, and chi-square of the record, by matrices of all samples."""
+    samples, size = linear.path.shape
+    gain = np.zeros((samples, size))
+    kicks = np.zeros((samples, size, size * (samples - 1)))
+    for k, covariance in enumerate(ratio * linear.steps.diffusion):
+        kicks[k + 1, :, size * k : size * (k + 1)] = np.linalg.cholesky(covariance)
+    motion = np.einsum("na,nac->nc", linear.observed, linear.recursion(gain, kicks))
+    sensor = toeplitz(0.8 ** np.arange(samples)) / (1.0 - 0.8**2)
+    total = motion @ motion.T + sensor
+    added = np.zeros((samples, size, 1))
+    added[1:, :, 0] = linear.mismatch
+    target = linear.record - (linear.observed[:, :, None] * linear.recursion(gain, added)).sum(axis=1)[:, 0]
+    return np.linalg.slogdet(total)[1], target @ np.linalg.solve(total, target)
+
+
+def test_innovations_of_coloured_noise_are_white():
+    decay, library, _ = record(TRUTH, 30, wander=5.0, filter_=(1.0, -0.8), seed=4)
+    result = st.identify(decay, library, Direct(random_force="auto"))
+    innovations = st.innovations(decay, result)
+    assert innovations.ljung_box_p_value.item() > 0.01
+    assert innovations.innovation_rms.item() < 0.75 * result.noise.item()
+
+
+def test_trajectory_takes_no_coloured_noise_for_a_random_force():
+    decay, library, _ = record(TRUTH, 40, filter_=(1.0, -0.8), seed=5)
+    result = st.identify(decay, library, Trajectory(random_force="auto"))
+    assert not random_force_of(result).p_value < 0.01
+    scores = (result.coefficient - list(TRUTH.values())) / result.standard_error
+    assert np.max(np.abs(scores)) < 3.0

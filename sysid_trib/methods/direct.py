@@ -20,6 +20,7 @@ from sysid_trib.noise.random_force import (
     random_force_of_ratio,
     random_force_variables,
 )
+from sysid_trib.noise.sensor_noise import colour_variables
 from sysid_trib.records.runs import Decays, as_runs, root_mean_square
 from sysid_trib.regression.constraint_map import ConstraintMap, constraint_map
 from sysid_trib.regression.linearisation import linearised
@@ -178,12 +179,11 @@ def _estimate(runs: Runs, solution: Solution) -> Estimate:
 def _random_force(runs: Runs, option: RandomForceOption) -> Variables:
     """The random force of each run as variables of a result; none where the noise is the sensor's alone."""
     pairs = [run.noises for run in runs if run.noises is not None]
+    if not pairs:
+        return {}
     nominal = runs[0].problem.nominal_frequency
-    return (
-        random_force_variables([random_force_of_ratio(p.ratio, nominal, option) for p in pairs])
-        if pairs
-        else {}
-    )
+    forces = [random_force_of_ratio(pair.ratio, nominal, option) for pair in pairs]
+    return {**random_force_variables(forces), **colour_variables([pair.filter_ for pair in pairs])}
 
 
 def _pushed(method: Direct, runs: Runs, constraints: ConstraintMap) -> tuple[Runs, Rows, Mask, bool]:

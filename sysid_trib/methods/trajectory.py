@@ -23,6 +23,8 @@ from sysid_trib.noise.random_force import (
     random_force_of_ratio,
     random_force_variables,
 )
+from sysid_trib.noise.residual_noise import NoiseModel
+from sysid_trib.noise.sensor_noise import colour_variables, sensor_noise_of
 from sysid_trib.records.runs import Decays, as_runs, root_mean_square
 from sysid_trib.results.birge import birge_ratio
 from sysid_trib.results.schema import model_of
@@ -73,8 +75,8 @@ class Trajectory:
     Notes
     -----
     With a random force the result has `random_force_density` with its error and p-value, `innovation_rms`
-    (rad) and `autocorrelation(lag)` of the innovations; `noise` is the sensor's beside it. Where the most
-    likely density is zero the fit is that without.
+    (rad) and `autocorrelation(lag)` of the innovations; `noise` is the sensor's beside it, its colour that of
+    `Direct`.
 
     The window grows over the records unless the start already follows them; sensitivities are differences of
     exact motions, so that switching times and the stop take part. Of several runs each counts by its own
@@ -123,11 +125,11 @@ class Trajectory:
         parameters = _parameters(self, forces_to_identify(library, self.reference_frequency), len(runs))
         records = [WhitenedRecord(d.time.values.astype(float), d.angle.values.astype(float)) for d in runs]
         problem = FitProblem(parameters, tuple(records))
-        first = _first_values(self, problem, runs)
+        quick = _quick(self, problem, runs) if self.start is None or self.random_force != "off" else None
+        first = _first_values(self, problem, quick)
         if self.random_force != "off":
-            pushed = _with_random_force(self, problem, first)
-            if any(run.ratio.ratio > 0.0 for run in pushed.runs):
-                return _pushed_identification(self, problem, runs, library, pushed)
+            pushed = _with_random_force(self, problem, first, quick)
+            return _pushed_identification(self, problem, runs, library, pushed)
         fit = fitted(problem, grown(problem, first))
         for _ in range(NOISE_ROUNDS if self.noise == "coloured" or len(runs) > 1 else 0):
             problem = _weighted(problem, fit.values, coloured=self.noise == "coloured")
@@ -153,29 +155,52 @@ def _parameters(method: Trajectory, library: ForceLibrary, runs: int) -> Paramet
     return Parameters(library, method.reference_frequency, fit_shapes, held, runs, constraints)
 
 
-def _first_values(method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset]) -> Array:
+def _quick(method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset]) -> xr.Dataset | None:
+    """The direct identification, first guess and colour of the sensor's noise.
+
+    None where it fails and a start model is given.
+    """
+    parameters = problem.parameters
+    free = [s for s in parameters.library.symbols if s not in method.fix and s not in method.tie]
+    direct = Direct(
+        reference_frequency=method.reference_frequency,
+        shapes=parameters.shapes,
+        random_force=method.random_force,
+    )
+    try:
+        return direct.identify(runs, parameters.library.select(free) if free else parameters.library)
+    except DecayError:
+        if method.start is None:
+            raise
+        return None
+
+
+def _first_values(method: Trajectory, problem: FitProblem, quick: xr.Dataset | None) -> Array:
     """First guess of all parameters: from the start model, or from direct identification."""
-    start, parameters = method.start, problem.parameters
-    if start is None:
-        free = [s for s in parameters.library.symbols if s not in method.fix and s not in method.tie]
-        direct = Direct(reference_frequency=method.reference_frequency, shapes=parameters.shapes)
-        quick = direct.identify(runs, parameters.library.select(free) if free else parameters.library)
-        start = model_of(quick)
-        per_run = np.stack([np.ravel(quick[name]) for name in PER_RUN], axis=1)
-    else:
+    parameters = problem.parameters
+    if method.start is not None:
+        start = method.start
         w = start.reference_frequency
         per_run = np.array([(*first_guess(r.time, r.angle, w), 0.0) for r in problem.records])
+    else:
+        assert quick is not None
+        start = model_of(quick)
+        per_run = np.stack([np.ravel(quick[name]) for name in PER_RUN], axis=1)
     values = parameters.library.shape_values(method.shapes)
     values |= {**start.coefficients, **start.shapes, FREQUENCY: start.reference_frequency}
     return parameters.expand(parameters.pack(values, per_run)[parameters.free])
 
 
-def _with_random_force(method: Trajectory, problem: FitProblem, values: Array) -> RandomMotionFit:
+def _with_random_force(
+    method: Trajectory, problem: FitProblem, values: Array, quick: xr.Dataset | None
+) -> RandomMotionFit:
     """The fit of the innovations; a parameter that a bound stops is held there."""
     parameters = problem.parameters
     records = [(record.time, record.angle) for record in problem.records]
+    white = np.ones(1)
+    filters = [white if quick is None else sensor_noise_of(quick, at).filter_ for at in range(len(records))]
     while True:
-        pushed = fit_random_motion(parameters, records, values, method.random_force)
+        pushed = fit_random_motion(parameters, records, values, method.random_force, filters)
         fit = Fit(pushed.values, pushed.residual, pushed.sensitivity)
         stopped = _stopped_by_bounds(parameters, fit, method.bounds)
         if not stopped:
@@ -193,7 +218,11 @@ def _pushed_identification(
 ) -> xr.Dataset:
     """A fit with a random force as every method returns it."""
     frequency = problem.parameters.model(pushed.values).reference_frequency
-    noises = [float(np.sqrt(run.ratio.variance)) for run in pushed.runs]
+    filters = [run.linear.sensor_filter for run in pushed.runs]
+    noises = [
+        NoiseModel(float(np.sqrt(run.ratio.variance)), filter_).standard_deviation
+        for run, filter_ in zip(pushed.runs, filters, strict=True)
+    ]
     estimate = FitEstimate(problem, pushed.values, pushed.covariance, noises)
     freedoms = len(pushed.residual) - pushed.sensitivity.shape[1]
     chi_square = float(pushed.residual @ pushed.residual)
@@ -207,13 +236,14 @@ def _pushed_identification(
     }
     result = estimate.identification(method, runs, library, extra)
     forces = [random_force_of_ratio(run.ratio, frequency, method.random_force) for run in pushed.runs]
-    result = result.assign(random_force_variables(forces))
+    result = result.assign({**random_force_variables(forces), **colour_variables(filters)})
     lags = np.arange(1, 1 + min(INNOVATION_LAGS, len(pushed.residual) - 1))
     e = pushed.residual
     correlation = [float(e[lag:] @ e[:-lag]) / chi_square for lag in lags]
     name = "autocorrelation of the innovations"
     result = result.assign(autocorrelation=variable("lag", correlation, name, "1")).assign_coords(lag=lags)
-    return result.assign_attrs(noise_model="white, beside a random force")
+    orders = ", ".join(str(len(filter_) - 1) for filter_ in filters)
+    return result.assign_attrs(noise_model=f"autoregression of order {orders}, beside a random force")
 
 
 def _weighted(problem: FitProblem, values: Array, *, coloured: bool) -> FitProblem:

@@ -15,8 +15,12 @@ from sysid_trib.noise.residual_noise import NOISE_HARMONICS, NoiseModel
 from sysid_trib.noise.variance_ratio import VarianceRatio
 
 MAX_COLOUR = 3
-# Half of the width of what is left out about each harmonic, in units of the frequency of the motion.
+# Half of the width of what is left out about each harmonic, in units of the frequency of the motion; where a
+# random force is fitted too, in lines. Of the motion itself it is what its start and frequency take: beyond,
+# a random force is most of what is there.
 BESIDE_HARMONIC = 0.25
+LINES_BESIDE_HARMONIC = 3.0
+LINES_BESIDE_MOTION = 1.5
 # Averages of neighbouring lines suffice, of which a spectrum of few bends has no more than this to tell.
 MOST_LINES = 2000
 # Of a Hann window: independent values of the spectrum in each line.
@@ -51,8 +55,8 @@ class NoisePair:
         return NoiseModel(float(np.sqrt(self.ratio.variance)), self.filter_).standard_deviation
 
 
-def sensor_colour(deviation: Array, tau: Array, *, near_motion: bool = True) -> NoiseModel:
-    """Level and colour of the sensor's noise in a deviation that a random force moves as well.
+def sensor_colour(deviation: Array, tau: Array, *, random_force: bool) -> NoiseModel:
+    """Level and colour of the sensor's noise in a deviation that a random force may move as well.
 
     Parameters
     ----------
@@ -60,9 +64,9 @@ def sensor_colour(deviation: Array, tau: Array, *, near_motion: bool = True) -> 
         The record, minus a free motion.
     tau : (sample,) array of float
         Time in units of 1/w.
-    near_motion : bool
-        Whether the free motion is near, so that lines between its harmonics can be read; otherwise the
-        smoothed record is subtracted, and only what is above its harmonics can.
+    random_force : bool
+        Whether one is fitted beside the noise. Lines of low frequency can be explained by either: which it
+        is, the likelihood of the rows tells.
 
     Returns
     -------
@@ -72,7 +76,8 @@ def sensor_colour(deviation: Array, tau: Array, *, near_motion: bool = True) -> 
     Notes
     -----
     Whittle's likelihood of the spectrum variance/|filter|^2 + q/(1 - k^2)^2, k the frequency in units of the
-    motion's; the order of the autoregression minimises the Bayesian information criterion.
+    motion's, the resonance as wide as a line. The order of the autoregression minimises the Bayesian
+    information criterion.
     """
     steps = np.diff(tau)
     step = float(np.median(steps))
@@ -80,15 +85,17 @@ def sensor_colour(deviation: Array, tau: Array, *, near_motion: bool = True) -> 
     line, power = np.abs(line[: len(line) // 2]), power[: len(power) // 2]
     k = 2.0 * np.pi * line / step
     harmonic = np.round(k)
-    kept = (np.abs(k - harmonic) > BESIDE_HARMONIC) | (harmonic > NOISE_HARMONICS)
-    if not near_motion:
-        kept &= k > NOISE_HARMONICS + BESIDE_HARMONIC
+    spacing = 2.0 * np.pi / (step * len(deviation))
+    lines = np.where(harmonic == 1.0, LINES_BESIDE_MOTION, LINES_BESIDE_HARMONIC)
+    width = spacing * lines if random_force else BESIDE_HARMONIC
+    kept = (np.abs(k - harmonic) > width) | (harmonic > NOISE_HARMONICS)
     line, power, count = _averaged(line[kept], power[kept])
     white = NoiseModel(float(np.sqrt(np.sum(count * power) / max(1.0, np.sum(count)))), np.ones(1))
     uneven = np.ptp(steps) > UNEVEN * step
     if uneven or len(line) < 10 * (MAX_COLOUR + 2) or white.innovation == 0.0:
         return white
-    response = 1.0 / (1.0 - (2.0 * np.pi * line / step) ** 2) ** 2 if near_motion else np.zeros_like(line)
+    away = (1.0 - (2.0 * np.pi * line / step) ** 2) ** 2
+    response = random_force / (away + (2.0 * spacing) ** 2)
     fits = [_whittle(line, power, count, response, order) for order in range(MAX_COLOUR + 1)]
     return min(fits, key=lambda fit: fit[0])[1]
 

@@ -83,6 +83,8 @@ class VarianceRatio:
         Where the ratio is 0: the ratio at which the deviance has risen by one, one standard error as it were.
     gain : float
         By how much the deviance is lower than without the second part.
+    deviance : float
+        Minus twice the logarithm of the restricted likelihood.
     """
 
     ratio: float
@@ -90,6 +92,7 @@ class VarianceRatio:
     relative_error: float
     upper: float
     gain: float
+    deviance: float = float("nan")
 
     @property
     def p_value(self) -> float:
@@ -141,9 +144,9 @@ def variance_ratio(
     if gain <= 0.0:
         risen = [at for at in sorted(known) if known[at][0] > none[0] + 1.0]
         upper = float(np.exp(risen[0])) if risen else float("nan")
-        return VarianceRatio(0.0, none[1], float("nan"), upper, 0.0)
+        return VarianceRatio(0.0, none[1], float("nan"), upper, 0.0, none[0])
     error = _relative_error(deviance, known, best, len(rows(0.0).target) - rows(0.0).design.shape[1])
-    return VarianceRatio(float(np.exp(best)), known[best][1], error, float("nan"), gain)
+    return VarianceRatio(float(np.exp(best)), known[best][1], error, float("nan"), gain, deviance(best))
 
 
 def ratio_span(duration: float, step: float) -> tuple[float, float]:
@@ -166,9 +169,10 @@ def held_ratio(rows: Callable[[float], WhiteRows], per_tau: float, variance: flo
     """
     if variance is None:
         variance = rows(0.0).restricted_deviance()[1]
+    deviance = float("nan")
     for _ in range(VARIANCE_ROUNDS if per_tau else 1):
-        variance = rows(per_tau / variance).restricted_deviance()[1]
-    return VarianceRatio(per_tau / variance, variance, float("nan"), float("nan"), 0.0)
+        deviance, variance = rows(per_tau / variance).restricted_deviance()
+    return VarianceRatio(per_tau / variance, variance, float("nan"), float("nan"), 0.0, deviance)
 
 
 def _relative_error(

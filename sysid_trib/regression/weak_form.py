@@ -139,9 +139,12 @@ def _memory(filter_: Array) -> int:
 
 def covariance_band(covariance: sp.csr_matrix) -> Array:
     """Diagonals of a banded covariance, (band, row), lower as scipy.linalg stores them."""
-    diagonals = covariance.todia()
-    width = int(diagonals.offsets.max())
-    return np.stack([np.pad(diagonals.diagonal(-offset), (0, offset)) for offset in range(width + 1)])
+    entries = covariance.tocoo()
+    below = entries.row - entries.col
+    band = np.zeros((int(below.max()) + 1, covariance.shape[0]))
+    lower = below >= 0
+    band[below[lower], entries.col[lower]] = entries.data[lower]
+    return band
 
 
 def whitener(operator: sp.csr_matrix) -> Array:

@@ -12,6 +12,7 @@ from scipy.stats import norm
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.noise.random_force import RandomForce, random_force_of
+from sysid_trib.results.per_run import noise_of_run
 from sysid_trib.results.schema import asymptotic_frequency, library_of
 from sysid_trib.results.variables import variable, with_error
 from sysid_trib.state_space.intervals import steps_over
@@ -118,7 +119,7 @@ def prediction_bands(
             np.einsum("oa,oab,ob->o", by_start, covariance, by_start)
             + tracked.per_tau * np.einsum("oa,oab,ob->o", observed, now.diffusion, observed)
             + np.einsum("op,pq,oq->o", by_parameter, of_parameters, by_parameter)
-            + tracked.noise**2
+            + noise_of_run(result, run) ** 2
         )
     measured = np.where(targets >= 0, tracked.angle[targets], np.nan)
     dims = ("origin", "horizon")
@@ -186,17 +187,17 @@ def _filtered(tracked: TrackedRecord, starts: Index) -> tuple[Array, Array]:
     noise = np.zeros_like(transition)
     noise[:, :size, :size] = tracked.ratio * steps.diffusion
     observed = np.column_stack([linear.observed, np.ones(samples)])
-    model = statsmodels_model(observed, transition, noise)
-    added = np.column_stack([linear.mismatch, np.zeros(samples - 1)])
-    set_signal(model, linear.record, added, np.zeros(size + 1))
     first = np.zeros((size + 1, size + 1))
     swing = float(np.max(np.abs(tracked.angle))) / tracked.noise
     first[[0, 1, size], [0, 1, size]] = swing**2
-    model.initialize_known(np.zeros(size + 1), first)
+    model = statsmodels_model(observed, transition, noise, linear.sensor_filter, first=first)
+    added = np.column_stack([linear.mismatch, np.zeros(samples - 1)])
+    set_signal(model, linear.record, added, np.zeros(size + 1))
     filtered: Any = model.filter()
     states = np.column_stack([linear.path, np.full(samples, tracked.zero)])[starts]
-    covariance = tracked.noise**2 * np.moveaxis(filtered.filtered_state_cov, -1, 0)[starts]
-    return states + filtered.filtered_state.T[starts], covariance
+    motion = slice(0, size + 1)
+    covariance = tracked.noise**2 * np.moveaxis(filtered.filtered_state_cov[motion, motion], -1, 0)[starts]
+    return states + filtered.filtered_state[motion].T[starts], covariance
 
 
 def parameters_of(result: xr.Dataset) -> tuple[tuple[str, ...], Array]:

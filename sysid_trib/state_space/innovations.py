@@ -104,9 +104,8 @@ def _random_force(tracked: TrackedRecord, spans: Index) -> tuple[Array, Array, A
     linear, frequency = tracked.linear, tracked.model.reference_frequency
     size = linear.path.shape[1]
     if tracked.ratio == 0.0:
-        states = linear.smoothed(0.0, tracked.deviation)
         zero = np.zeros(len(tracked.time))
-        return linear.path.T + states.smoothed_state, zero, zero
+        return linear.smoothed_motion(0.0, tracked.deviation).T, zero, zero
     states = _with_impulse(tracked, spans).smooth()
     smoothed = linear.path.T + states.smoothed_state[:size]
     firsts = np.flatnonzero(np.diff(spans[:-1], prepend=-1))
@@ -138,7 +137,7 @@ def _with_impulse(tracked: TrackedRecord, spans: Index) -> Any:
     covariance[:, size, size] = ratio * rest
     covariance = selection @ covariance @ selection.swapaxes(1, 2)
     observed = np.column_stack([linear.observed, np.zeros(samples)])
-    model = statsmodels_model(observed, transition, covariance, smoother=True)
+    model = statsmodels_model(observed, transition, covariance, linear.sensor_filter, smoother=True)
     record, added, start = linear.driven(tracked.deviation)
     set_signal(model, record, np.column_stack([added, np.zeros(samples - 1)]), np.append(start, 0.0))
     return model

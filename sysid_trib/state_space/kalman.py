@@ -5,11 +5,12 @@ the data: they are statsmodels'. With them the filter is linear in what it is gi
 columns (start, sensor's zero, coefficients) go through it in one banded triangular solution (de Jong 1991).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.linalg import solve_discrete_lyapunov
 from scipy.linalg.lapack import dtbtrs
 
 from sysid_trib.arrays import Array
@@ -36,6 +37,8 @@ class LinearModel:
         Derivative of the first state by the columns' parameters.
     by_column : (step, state, column) array of float
         Derivative of each end by the columns' parameters.
+    sensor_filter : (tap,) array of float
+        Whitens the sensor's noise. Of coloured noise the last values are further states, behind the others.
     """
 
     steps: Steps
@@ -45,6 +48,7 @@ class LinearModel:
     observed_parameters: Array
     start: Array
     by_column: Array
+    sensor_filter: Array = field(default_factory=lambda: np.ones(1))
 
     @cached_property
     def mismatch(self) -> Array:
@@ -53,12 +57,19 @@ class LinearModel:
 
     def _statsmodels(self, ratio: float, smoother: bool = False) -> Any:
         covariance = ratio * self.steps.diffusion
-        return statsmodels_model(self.observed, self.steps.transition, covariance, smoother=smoother)
+        transition = self.steps.transition
+        return statsmodels_model(self.observed, transition, covariance, self.sensor_filter, smoother=smoother)
+
+    @cached_property
+    def _whole(self) -> tuple[Array, Array]:
+        """`observed` and the transitions, with those of coloured noise."""
+        noise = SensorNoise(self.sensor_filter)
+        return noise.behind(self.observed, noise.shown), noise.beside(self.steps.transition, noise.transition)
 
     def gains(self, ratio: float) -> tuple[Array, Array]:
         """Gain of the prediction (sample, state) and variance of the innovations (sample,).
 
-        In units of the variance of the sensor's noise.
+        In units of the variance of the sensor's noise, of its innovations where that is coloured.
         """
         filtered = self._statsmodels(ratio).filter()
         return filtered.kalman_gain[:, 0].T, filtered.forecasts_error_cov[0, 0]
@@ -73,21 +84,25 @@ class LinearModel:
         """Innovations of the record (sample,) and the columns (sample, column), rad; their variance."""
         gain, variance = self.gains(ratio)
         predicted = self._predicted(gain)
-        shown = np.einsum("na,nac->nc", self.observed, predicted)
+        shown = np.einsum("na,nac->nc", self._whole[0], predicted)
         return self.record - shown[:, 0], shown[:, 1:] + self.observed_parameters, variance
 
     def _predicted(self, gain: Array) -> Array:
         """States predicted from the past, of the record and of each column, (sample, state, 1 + column)."""
         samples, size = self.path.shape
         columns = self.start.shape[1]
-        source = np.zeros((samples, size, 1 + columns))
-        source[0, :, 1:] = self.start
-        source[1:, :, 0] = self.mismatch + gain[:-1] * self.record[:-1, None]
-        source[1:, :, 1:] = self.by_column - gain[:-1, :, None] * self.observed_parameters[:-1, None, :]
+        source = np.zeros((samples, gain.shape[1], 1 + columns))
+        source[0, :size, 1:] = self.start
+        source[1:, :, 0] = gain[:-1] * self.record[:-1, None]
+        source[1:, :size, 0] += self.mismatch
+        source[1:, :, 1:] = -gain[:-1, :, None] * self.observed_parameters[:-1, None, :]
+        source[1:, :size, 1:] += self.by_column
         return self.recursion(gain, source)
 
     def recursion(self, gain: Array, source: Array, *, backward: bool = False) -> Array:
         """States s[k + 1] = (transition - gain observed) s[k] + source[k + 1], s[0] = source[0].
+
+        With as many states as gain and source have: those of coloured noise are among the filter's.
 
         Parameters
         ----------
@@ -102,8 +117,9 @@ class LinearModel:
         -------
         (sample, state, column) array of float
         """
-        samples, size = self.path.shape
-        turned = self.steps.transition - gain[:-1, :, None] * self.observed[:-1, None, :]
+        samples, size = gain.shape
+        observed, transition = self._whole
+        turned = transition[:, :size, :size] - gain[:-1, :, None] * observed[:-1, None, :size]
         # Lower banded, with a unit diagonal.
         band = np.zeros((2 * size, samples * size))
         band[0] = 1.0
@@ -118,10 +134,17 @@ class LinearModel:
         return np.asarray(solved).reshape(source.shape)
 
     def smoothed(self, ratio: float, parameters: Array) -> Any:
-        """statsmodels' smoother at given deviations of the columns' parameters (column,)."""
+        """statsmodels' smoother at given deviations of the columns' parameters (column,).
+
+        Of coloured noise it has more states than the motion, behind them.
+        """
         model = self._statsmodels(ratio, smoother=True)
         set_signal(model, *self.driven(parameters))
         return model.smooth()
+
+    def smoothed_motion(self, ratio: float, parameters: Array) -> Array:
+        """The path that is smoothed at given deviations of the parameters, (sample, state)."""
+        return np.asarray(self.path + self.smoothed(ratio, parameters).smoothed_state[: self.path.shape[1]].T)
 
     def driven(self, parameters: Array) -> tuple[Array, Array, Array]:
         """Record (sample,), what is added in each step (step, state) and first state, at given deviations."""
@@ -129,10 +152,72 @@ class LinearModel:
         return record, self.mismatch + self.by_column @ parameters, self.start @ parameters
 
 
+@dataclass(frozen=True)
+class SensorNoise:
+    """Autoregressive noise of the sensor as further states: its last values, in units of its innovations.
+
+    White noise has none.
+
+    Attributes
+    ----------
+    filter_ : (order + 1,) array of float
+        Whitens it.
+    """
+
+    filter_: Array
+
+    @property
+    def order(self) -> int:
+        """Number of states."""
+        return len(self.filter_) - 1
+
+    @property
+    def shown(self) -> Array:
+        """What the sensor shows of the states, (order,)."""
+        return np.eye(1, self.order)[0]
+
+    @property
+    def transition(self) -> Array:
+        """Companion matrix (order, order)."""
+        return np.concatenate([-self.filter_[None, 1:], np.eye(self.order)[:-1]])[: self.order]
+
+    @property
+    def driven(self) -> Array:
+        """Covariance that each step adds, (order, order)."""
+        return np.outer(self.shown, self.shown)
+
+    @property
+    def first(self) -> Array:
+        """Covariance at the first sample: the stationary one, (order, order)."""
+        if not self.order:
+            return self.driven
+        return np.asarray(solve_discrete_lyapunov(self.transition, self.driven))
+
+    def behind(self, vectors: Array, further: Array) -> Array:
+        """Vectors of states (..., state), with entries of these states behind them."""
+        return np.concatenate([vectors, np.broadcast_to(further, (*vectors.shape[:-1], self.order))], axis=-1)
+
+    def beside(self, matrices: Array, further: Array) -> Array:
+        """Matrices of states (..., state, state), with a block of these states."""
+        if not self.order:
+            return matrices
+        size = matrices.shape[-1]
+        whole = np.zeros((*matrices.shape[:-2], size + self.order, size + self.order))
+        whole[..., :size, :size] = matrices
+        whole[..., size:, size:] = further
+        return whole
+
+
 def statsmodels_model(
-    observed: Array, transition: Array, covariance: Array, *, smoother: bool = False
+    observed: Array,
+    transition: Array,
+    covariance: Array,
+    sensor_filter: Array,
+    *,
+    first: Array | None = None,
+    smoother: bool = False,
 ) -> Any:
-    """statsmodels' filter or smoother of one signal in noise of unit variance; the first state is zero.
+    """statsmodels' filter or smoother of one signal in noise whose innovations have the variance one.
 
     Parameters
     ----------
@@ -140,6 +225,10 @@ def statsmodels_model(
         Derivative of the signal by the state.
     transition, covariance : (step, state, state) array of float
         Of each step, and of the noise that it adds.
+    sensor_filter : (tap,) array of float
+        Whitens the sensor's noise; that has states behind these where it is coloured.
+    first : (state, state) array of float, optional
+        Covariance of the first state; known where left out.
     smoother : bool
         Whether it can smooth too.
     """
@@ -147,24 +236,34 @@ def statsmodels_model(
     from statsmodels.tsa.statespace.kalman_filter import KalmanFilter
     from statsmodels.tsa.statespace.kalman_smoother import KalmanSmoother
 
-    samples, size = observed.shape
+    noise = SensorNoise(sensor_filter)
+    samples, size = observed.shape[0], observed.shape[1] + noise.order
     kind = KalmanSmoother if smoother else KalmanFilter
     model = kind(k_endog=1, k_states=size, k_posdef=size)
     model.bind(np.zeros((1, samples)))
-    model["design"] = observed.T[None]
-    model["transition"] = _padded(np.moveaxis(transition, 0, -1), np.eye(size))
+    model["design"] = noise.behind(observed, noise.shown).T[None]
+    model["transition"] = _padded(
+        np.moveaxis(noise.beside(transition, noise.transition), 0, -1), np.eye(size)
+    )
     model["selection"] = np.eye(size)
-    model["state_cov"] = _padded(np.moveaxis(covariance, 0, -1), np.zeros((size, size)))
-    model["obs_cov"] = np.ones((1, 1))
-    model.initialize_known(np.zeros(size), np.zeros((size, size)))
+    driven = np.moveaxis(noise.beside(covariance, noise.driven), 0, -1)
+    model["state_cov"] = _padded(driven, np.zeros((size, size)))
+    model["obs_cov"] = np.full((1, 1), float(not noise.order))
+    known = np.zeros(2 * observed.shape[1:]) if first is None else first
+    model.initialize_known(np.zeros(size), noise.beside(known, noise.first))
     return model
 
 
 def set_signal(model: Any, record: Array, added: Array, start: Array) -> None:
-    """Give a model of statsmodels its record, what each step adds to the state, and the first state."""
+    """Give a model of statsmodels its record, what each step adds to the state, and the first state.
+
+    The states of coloured noise have nothing added.
+    """
+    further = model.k_states - len(start)
     model.bind(np.ascontiguousarray(record[None]))
-    model["state_intercept"] = _padded(added.T, np.zeros(len(start)))
-    model.initialize_known(start, np.zeros((len(start), len(start))))
+    added = np.pad(added.T, ((0, further), (0, 0)))
+    model["state_intercept"] = _padded(added, np.zeros(len(added)))
+    model.initialize_known(np.pad(start, (0, further)), model.initialization.stationary_cov)
 
 
 def _padded(values: Array, last: Array) -> Array:

@@ -1,6 +1,6 @@
 """A record followed by the motion of a model that is given: only its start and the sensor's zero adapt."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -8,7 +8,7 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError
 from sysid_trib.noise.random_force import RandomForce, random_force_of
-from sysid_trib.results.per_run import noise_of_run
+from sysid_trib.noise.sensor_noise import sensor_noise_of
 from sysid_trib.results.schema import model_of
 from sysid_trib.simulation.model import Model
 from sysid_trib.state_space.kalman import LinearModel
@@ -38,7 +38,7 @@ class TrackedRecord:
     zero : float, rad
         Zero of the sensor.
     noise : float, rad
-        Standard deviation of the sensor's noise.
+        Standard deviation of the sensor's noise, of its innovations where it is coloured.
     per_tau : float, rad^2
         Growth of the variance of v in a unit of tau, by the random force.
     """
@@ -95,14 +95,15 @@ def track(decay: xr.Dataset, result: xr.Dataset, run: int = 0, density: float | 
     force = random_force_of(result, run) if density is None else RandomForce(density)
     per_tau = force.per_tau(frequency)
     # A record without noise is still one of finite digits.
-    noise = max(noise_of_run(result, run), 1e-12 * float(np.max(np.abs(angle))))
+    sensor = sensor_noise_of(result, run)
+    noise = max(sensor.innovation, 1e-12 * float(np.max(np.abs(angle))))
     path = spline_path(model, time, angle)
     per_run = np.array([path[0, 0], frequency * path[0, 1], 0.0])
     for _ in range(MAX_SMOOTHINGS):
         linear = linearised_about(model, time, angle, path, per_run, NO_PARAMETERS)
+        linear = replace(linear, sensor_filter=sensor.filter_)
         deviation, _ = linear.rows(per_tau / noise**2).solution()
-        smoothed = linear.smoothed(per_tau / noise**2, deviation)
-        change = smoothed.smoothed_state.T
+        change = linear.smoothed_motion(per_tau / noise**2, deviation) - linear.path
         if not np.all(np.isfinite(change)):
             break
         if np.max(np.abs(change[:, 0])) <= PATH_SETTLED * noise and abs(deviation[2]) <= PATH_SETTLED * noise:

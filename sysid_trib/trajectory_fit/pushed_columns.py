@@ -131,29 +131,50 @@ def _beside_motion(
     return replace(beside, reference=reference, offset=run.offset), sensitivity
 
 
-def _sensor(run: RunRegression) -> NoiseModel:
-    """Colour of the sensor's noise, by what the free motion leaves, or by what the smoothed record does."""
+def _sensors(run: RunRegression) -> list[NoiseModel]:
+    """What the sensor's noise may be by what the free motion leaves: with a random force, and without.
+
+    By what the spline leaves where no free motion follows the record.
+    """
     problem, near = run.problem, run.reference.near
     tau = problem.form.tau * (run.frequency / problem.nominal_frequency)
     if near is None:
         unexplained = problem.angle - smooth(problem.form.tau, problem.angle).x
-        return sensor_colour(unexplained, tau, near_motion=False)
-    return sensor_colour(problem.angle - run.offset - near.x, tau)
+        return [NoiseModel(float(np.std(unexplained)), np.ones(1))]
+    deviation = problem.angle - run.offset - near.x
+    pushed, free = (sensor_colour(deviation, tau, random_force=pushed) for pushed in (True, False))
+    return [pushed] if len(pushed.filter_) == len(free.filter_) == 1 else [pushed, free]
 
 
 def _with_noises(
     run: RunRegression, active: Mask, constraints: ConstraintMap, option: RandomForceOption, colour: bool
 ) -> RunRegression:
-    """The run with the ratio of its two noises, by the restricted likelihood of its own rows.
+    """The run with its two noises, by the restricted likelihood of its own rows.
 
     With `colour` the sensor's noise is estimated anew first.
     """
+    sensors = _sensors(run) if colour or run.noises is None else [run.noises.sensor]
+    pairs = [NoisePair(_ratio_of(run, sensor, active, constraints, option), sensor) for sensor in sensors]
+    best = min(pairs, key=lambda pair: pair.ratio.deviance)
+    # A random force must be better than none beside whatever noise of the sensor.
+    none = min(pair.ratio.deviance + pair.ratio.gain for pair in pairs)
+    ratio = replace(best.ratio, gain=none - best.ratio.deviance)
+    return replace(run, noises=replace(best, ratio=ratio))
+
+
+def _ratio_of(
+    run: RunRegression,
+    sensor: NoiseModel,
+    active: Mask,
+    constraints: ConstraintMap,
+    option: RandomForceOption,
+) -> VarianceRatio:
+    """The ratio of the two variances beside a sensor's noise of one colour."""
     last = None if run.noises is None else run.noises.ratio
-    sensor = _sensor(run) if colour or run.noises is None else run.noises.sensor
     kept, form = constraints.keep(active), run.problem.form
-    coloured = replace(run, noises=NoisePair(last or VarianceRatio(0.0, 1.0, np.nan, np.nan, 0.0), sensor))
-    matrix, acting = deviation_matrices(coloured)
-    weak = weak_rows(coloured, DeviationOperator(matrix, acting, np.empty(0)))
+    unknown = VarianceRatio(0.0, 1.0, np.nan, np.nan, 0.0)
+    matrix, acting = deviation_matrices(replace(run, noises=NoisePair(unknown, sensor)))
+    weak = weak_rows(run, DeviationOperator(matrix, acting, np.empty(0)))
     free = weak.columns @ (weak.scale[:, None] * kept.matrix)
     target = weak.target - weak.columns @ (weak.scale * kept.constant)
     table = np.column_stack([free, weak.nuisances, target])
@@ -168,11 +189,9 @@ def _with_noises(
 
     if isinstance(option, str):
         low, high = ratio_span(float(form.tau[-1] - form.tau[0]), float(np.median(np.diff(form.tau))))
-        ratio = variance_ratio(rows, low, high, last.ratio if last else None)
-    else:
-        per_tau = RandomForce(float(option)).per_tau(run.problem.nominal_frequency)
-        ratio = held_ratio(rows, per_tau, last.variance if last else None)
-    return replace(coloured, noises=NoisePair(ratio, sensor))
+        return variance_ratio(rows, low, high, last.ratio if last else None)
+    per_tau = RandomForce(float(option)).per_tau(run.problem.nominal_frequency)
+    return held_ratio(rows, per_tau, last.variance if last else None)
 
 
 def _smoothed(runs: Runs, operators: Sequence[DeviationOperator], solution: Solution) -> Runs:

@@ -10,7 +10,6 @@ back and forth between branches. Then path and parameters go only a part of the 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -57,9 +56,9 @@ class PushedRun:
     ratio: VarianceRatio
     deviation: Array
 
-    def smoothed(self) -> Any:
-        """statsmodels' smoother at the parameters of most likelihood."""
-        return self.linear.smoothed(self.ratio.ratio, self.deviation)
+    def smoothed_motion(self) -> Array:
+        """The path at the parameters of most likelihood, (sample, state)."""
+        return self.linear.smoothed_motion(self.ratio.ratio, self.deviation)
 
     def innovations(self) -> Array:
         """What is predicted wrongly one sample ahead, (sample,), rad."""
@@ -94,6 +93,7 @@ def fit_random_motion(
     records: Sequence[tuple[Array, Array]],
     values: Array,
     random_force: RandomForceOption | Sequence[float] = "auto",
+    filters: Sequence[Array] | None = None,
 ) -> RandomMotionFit:
     """Fit a motion that is pushed at random.
 
@@ -107,6 +107,8 @@ def fit_random_motion(
         First guess.
     random_force : "auto", "off", float or one float for each run, (rad/s^2)^2/Hz
         One-sided density; estimated in each run with `auto`.
+    filters : sequence of (tap,) arrays of float, optional
+        Each whitens the sensor's noise of a run; white where left out.
 
     Returns
     -------
@@ -126,6 +128,10 @@ def fit_random_motion(
     for number in range(MAX_ITERATIONS):
         try:
             linear = _linear_models(parameters, records, values, paths, by)
+            if filters is not None:
+                linear = [
+                    replace(run, sensor_filter=filter_) for run, filter_ in zip(linear, filters, strict=True)
+                ]
         except SimulationError as error:
             raise DecayError(f"No motion of these forces follows the record ({error})") from None
         before, now = now, _iterate(parameters, values, linear, densities, now)
@@ -133,7 +139,7 @@ def fit_random_motion(
         if best.remaining <= (SETTLED if number < PATIENCE else NEARLY_SETTLED):
             return best.fit(parameters)
         part = _relaxed(part, before, now)
-        paths = [run.linear.path + part * run.smoothed().smoothed_state.T for run in now.runs]
+        paths = [run.linear.path + part * (run.smoothed_motion() - run.linear.path) for run in now.runs]
         values = _stepped(parameters, values, part * now.step)
     raise DecayError(
         "The fit with a random force does not settle; offer fewer forces, or take random_force='off'."
