@@ -79,7 +79,7 @@ def test_coefficients_beside_a_random_force(truth, per_period):
         scores.append((result.coefficient - list(truth.values())) / result.standard_error)
         ratios.append(random_force_of(result).density / density)
         assert result.noise.item() == pytest.approx(NOISE, rel=0.15)
-        assert random_force_of(result).p_value < 1e-6
+        assert random_force_of(result).p_value < 1e-3
     assert np.sqrt(np.mean(np.square(scores))) < 1.7
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.3)
 
@@ -155,8 +155,10 @@ def test_innovations_of_coloured_noise_are_white():
 
 
 def test_trajectory_takes_no_coloured_noise_for_a_random_force():
-    decay, library, _ = record(TRUTH, 40, filter_=(1.0, -0.8), seed=5)
-    result = st.identify(decay, library, Trajectory(random_force="auto"))
-    assert not random_force_of(result).p_value < 0.01
-    scores = (result.coefficient - list(TRUTH.values())) / result.standard_error
-    assert np.max(np.abs(scores)) < 3.0
+    for seed in (5, 6):
+        decay, library, _ = record(TRUTH, 40, filter_=(1.0, -0.8), seed=seed)
+        result = st.identify(decay, library, Trajectory(random_force="auto"))
+        # Taken for white, it has p-values below 1e-30.
+        assert not random_force_of(result).p_value < 1e-3
+        scores = (result.coefficient - list(TRUTH.values())) / result.standard_error
+        assert np.max(np.abs(scores)) < 3.0

@@ -172,8 +172,8 @@ def _ratio_of(
     """The ratio of the two variances beside a sensor's noise of one colour."""
     last = None if run.noises is None else run.noises.ratio
     kept, form = constraints.keep(active), run.problem.form
-    unknown = VarianceRatio(0.0, 1.0, np.nan, np.nan, 0.0)
-    matrix, acting = deviation_matrices(replace(run, noises=NoisePair(unknown, sensor)))
+    no_ratio = VarianceRatio(0.0, 1.0, np.nan, np.nan, 0.0)
+    matrix, acting = deviation_matrices(replace(run, noises=NoisePair(no_ratio, sensor)))
     weak = weak_rows(run, DeviationOperator(matrix, acting, np.empty(0)))
     free = weak.columns @ (weak.scale[:, None] * kept.matrix)
     target = weak.target - weak.columns @ (weak.scale * kept.constant)
