@@ -22,6 +22,7 @@ from sysid_trib.state_space.linearised import Derivatives, linearised_about
 from sysid_trib.state_space.tracked import track
 from sysid_trib.state_space.trial_forces import trial_forces
 from sysid_trib.validation.likelihood_gain import simulated_records
+from sysid_trib.validation.verdict import verdict_on_record
 
 W, NOISE = 8.87, 2e-4
 FORCES = st.load_library("contact_forces").select(["zeta", "delta", "epsilon"])
@@ -264,3 +265,19 @@ def test_the_command_draws_what_there_is(checked):
     assert names == ["innovations", "random_force", "prediction_bands"]
     without = checked.filter(lambda node: node.name not in ("innovations", "prediction_bands"))
     assert random_force_figures(without, plots) == []
+
+
+def test_noise_that_is_larger_than_the_sensors_hides_no_force():
+    whole = {f.symbol: f for f in st.load_library("candidate_effects")}
+    library = st.ForceLibrary("whole", (*FORCES, whole["structural_damping"]))
+    time = np.arange(1200) * 2.0 * np.pi / W / 60
+    truth = {"zeta": 5e-3, "delta": 2e-3, "epsilon": -0.1, "structural_damping": 0.09}
+    decay = measured(st.Model(library, truth, W), time=time)
+    result = st.identify(decay, FORCES, st.methods.Direct(random_force="off"))
+    # As a method that takes the force for coloured noise states it.
+    result = result.assign(noise=result.noise * 5.0, random_force_density=0.0)
+    result = result.assign(random_force_standard_error=1e-6, random_force_p_value=1.0)
+    assert verdict_on_record("yes", [decay], result, {}) == "not explained"
+    free = measured(MODEL, time=time)
+    plain = st.identify(free, FORCES, st.methods.Direct(random_force="off"))
+    assert verdict_on_record("yes", [free], plain, {}) == "explained"

@@ -25,13 +25,21 @@ NOT_PREDICTED = (
     "The model does not explain the record, not even with a random force: it predicts the next sample worse "
     "than both noises let it (p {})."
 )
+HIDDEN = (
+    "The model does not explain the record: what was taken for noise of the sensor is larger than that, and "
+    "goes with the motion. A force is missing, or one has another form."
+)
 NOT_FOLLOWED = "The model does not explain the record, not even with a random force: {}"
 
 
 def random_force_verdict(tree: xr.DataTree) -> str:
-    """The verdict where there is a random force; empty where there is none, or it is not needed."""
-    verdict = tree["comparison"].attrs["verdict_on_record"]
-    if "random_force" not in tree.children or verdict == "explained":
+    """The verdict in a sentence where a random force takes part in it; empty where it does not."""
+    checked = tree["comparison"].attrs
+    verdict = checked["verdict_on_record"]
+    if "random_force" not in tree.children:
+        hidden = verdict == "not explained" and checked["explained"] == "yes"
+        return HIDDEN if hidden else ""
+    if verdict == "explained":
         return ""
     tested = tree["random_force"].to_dataset()
     reasons = [reason for reason in tested.reason.values.tolist() if reason]

@@ -133,7 +133,8 @@ def cross_check(
     compared.attrs = made | compared.attrs
     compared.attrs |= {"explained": _explained(compared)} | ties(runs, second)
     pushed = random_force_groups(runs, second)
-    compared.attrs["verdict_on_record"] = verdict_on_record(compared.attrs["explained"], second, pushed)
+    explained = compared.attrs["explained"]
+    compared.attrs["verdict_on_record"] = verdict_on_record(explained, runs, second, pushed)
     records = [_with_motions(run, names, of_run) for run, of_run in zip(runs, moving, strict=True)]
     groups = dict(zip(group_names("record", len(runs)), records, strict=True))
     groups |= dict(zip(group_names("envelope", len(runs)), [envelope(run) for run in runs], strict=True))

@@ -69,6 +69,14 @@ def random_force_dependence(
     """
     if not random_force_of(result, run):
         raise UsageError("This identification has no random force; take random_force='auto'.")
+    return dependence_on_motion(decay, result, run, seed)
+
+
+def dependence_on_motion(decay: xr.Dataset, result: xr.Dataset, run: int, seed: int = 0) -> xr.Dataset:
+    """`random_force_dependence`, of what is left of the motion even where the result has no random force.
+
+    The test has a random force of its own in any case, with white noise of the sensor.
+    """
     every = _every(decay, result)
     tracked = track(decay.isel(time=slice(None, None, every)), result, run)
     tau = tracked.model.reference_frequency * (tracked.time - tracked.time[0])

@@ -8,15 +8,18 @@ import xarray as xr
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError
+from sysid_trib.noise.level import sensor_noise
 from sysid_trib.noise.random_force import random_force_of
-from sysid_trib.results.per_run import group_names
+from sysid_trib.results.per_run import group_names, noise_of_run
 from sysid_trib.results.variables import text_variable
 from sysid_trib.state_space.bands import SETTLING_PERIODS, prediction_bands
 from sysid_trib.state_space.innovations import innovations
-from sysid_trib.validation.random_force import ASPECTS, ON, random_force_dependence
+from sysid_trib.validation.random_force import ASPECTS, ON, dependence_on_motion, random_force_dependence
 
 # Level at which a random force depends on something, and at which there is one at all.
 DEPENDENCE_LEVEL = 0.01
+# Noise of so many times that of the sensor is more than an error of its estimate.
+LOUD = 1.5
 VERDICTS = ("explained", "explained with a random force", "not explained")
 # Predictions are this far ahead at most, and this close to each other (periods).
 LONGEST_PREDICTION, PREDICTION_STEP = 10.0, 0.125
@@ -80,26 +83,48 @@ def _horizons(decay: xr.Dataset, result: xr.Dataset) -> Array:
     return np.asarray(np.arange(1, max(2, int(longest / PREDICTION_STEP))) * PREDICTION_STEP, dtype=float)
 
 
-def verdict_on_record(explained: str, result: xr.Dataset, groups: Mapping[str, xr.Dataset]) -> str:
+def verdict_on_record(
+    explained: str, runs: Sequence[xr.Dataset], result: xr.Dataset, groups: Mapping[str, xr.Dataset]
+) -> str:
     """One of `VERDICTS`.
 
     Parameters
     ----------
     explained : {"yes", "partly", "no"}
         Whether the residual, beside a random force the innovations, is noise.
+    runs : sequence of Dataset
+        The decays that the result is of.
     result : Dataset
         The identification.
     groups : mapping of str to Dataset
         Of `random_force_groups`.
     """
     if "random_force" not in groups:
-        return VERDICTS[0] if explained == "yes" else VERDICTS[2]
+        return VERDICTS[0] if explained == "yes" and not _noise_hides_a_force(runs, result) else VERDICTS[2]
     independent = p_value_of_dependence(groups["random_force"]) >= DEPENDENCE_LEVEL
-    if explained == "no" or not independent:
-        return VERDICTS[2]
-    # A density that was given has no p-value.
-    none = random_force_of(result).p_value >= DEPENDENCE_LEVEL
-    return VERDICTS[0] if none and explained == "yes" else VERDICTS[1]
+    # A density that was given has no p-value, and is there.
+    if random_force_of(result).p_value >= DEPENDENCE_LEVEL:
+        return VERDICTS[0] if explained == "yes" and independent else VERDICTS[2]
+    return VERDICTS[1] if explained != "no" and independent else VERDICTS[2]
+
+
+def _noise_hides_a_force(runs: Sequence[xr.Dataset], result: xr.Dataset) -> bool:
+    """Whether what was found to be noise of the sensor is larger than the sensor's, and goes with the motion.
+
+    A method that finds the colour of the noise beside a random force takes a slow force for either.
+    """
+    if "random_force_density" not in result:
+        return False
+    for at, decay in enumerate(runs):
+        if noise_of_run(result, at) <= LOUD * sensor_noise(decay):
+            continue
+        try:
+            tested = dependence_on_motion(decay, result, at)
+        except SysidTribError:
+            return True
+        if len(runs) * tested.p_value.item() < DEPENDENCE_LEVEL:
+            return True
+    return False
 
 
 def p_value_of_dependence(tested: xr.Dataset) -> float:
