@@ -10,6 +10,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods import Averaging, Direct, Trajectory
 from sysid_trib.noise.random_force import RandomForce
 from sysid_trib.printing.identification import identification_sentences
+from sysid_trib.printing.runs import runs_json, runs_sentences
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.state_space.wander import wander
 from sysid_trib.validation.compared_part import (
@@ -18,6 +19,7 @@ from sysid_trib.validation.compared_part import (
     compared_part,
     fitted_motions,
 )
+from sysid_trib.validation.density_agreement import density_agreement
 from sysid_trib.validation.simulated_pairs import Scatter, with_held_random_force
 
 W, NOISE = 8.87, 2e-4
@@ -173,3 +175,35 @@ def test_what_depends_on_time_or_is_short_is_compared_whole():
         result = st.identify(record, forces, Direct())
         whole = ComparedPart((record,), (result, result), fitted_motions([record], [result, result]))
         assert compared_part(whole) is whole
+
+
+def test_runs_of_one_experiment_agree_in_forces_and_in_the_random_force():
+    runs = [pushed(seed, angle) for seed, angle in ((2, 0.3), (3, 0.25))]
+    together = st.identify(runs, FORCES, AUTO)
+    found = st.run_agreement(runs, together)
+    assert (found.attrs["verdict"], found.attrs["density_verdict"]) == ("agree", "agree")
+    assert found.random_force_density.dims == ("run",)
+    assert "random force" in runs_sentences(found)[-1]
+    assert runs_json(found)["random_force"]["verdict"] == "agree"
+    # By errors that do not know the random force they disagree.
+    unknowing = st.run_agreement(runs, st.identify(runs, FORCES, Direct()))
+    assert "density_verdict" not in unknowing.attrs
+    assert unknowing.attrs["verdict"] == "disagree"
+
+
+def test_a_random_force_that_grew_is_said():
+    runs = [pushed(2), pushed(3, density=9.0 * DENSITY)]
+    found = st.run_agreement(runs, st.identify(runs, FORCES, AUTO))
+    assert found.attrs["density_verdict"] == "disagree"
+    assert runs_sentences(found)[-1].startswith("The size of the random force differs")
+
+
+def test_deviance_of_densities():
+    same = density_agreement([RandomForce(1.0, 0.1), RandomForce(np.exp(0.3), 0.1 * np.exp(0.3))])
+    # Cochran's Q of the logarithms.
+    assert same["density_chi_square"][1] == pytest.approx(0.3**2 / (2.0 * 0.1**2), rel=1e-4)
+    none = density_agreement([RandomForce(1.0, 0.1), RandomForce(0.0, 0.05)])
+    small = density_agreement([RandomForce(1.0, 0.1), RandomForce(0.0, 5.0)])
+    assert none["density_p_value"][1] < 1e-3 < 0.1 < small["density_p_value"][1]
+    for forces in ([RandomForce(1.0)] * 2, [RandomForce(0.0, 1.0)] * 2, [RandomForce(1.0, 0.1)]):
+        assert np.isnan(density_agreement(forces)["density_p_value"][1])

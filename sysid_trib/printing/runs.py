@@ -33,11 +33,27 @@ def runs_sentences(runs: xr.Dataset) -> list[str]:
         if reason
     ]
     if runs.attrs["verdict"] == "unknown":
-        return [*sentences, "Whether the runs differ cannot be tested."]
+        return [*sentences, "Whether the runs differ cannot be tested.", *_density_sentences(runs)]
     p_values = runs.p_value.fillna(1.0).to_series()
     worst = f"{p_values.idxmin()} (p {p_value_text(p_values.min())})"
     total = {name: runs[f"total_{name}"].item() for name in TESTED[:3]}
-    return [*sentences, _sentence(total, worst if runs.attrs["verdict"] == "disagree" else "")]
+    most = worst if runs.attrs["verdict"] == "disagree" else ""
+    return [*sentences, _sentence(total, most), *_density_sentences(runs)]
+
+
+def _density_sentences(runs: xr.Dataset) -> list[str]:
+    """Whether a random force has the same size in all runs; nothing where there is none."""
+    if "density_verdict" not in runs.attrs:
+        return []
+    if runs.attrs["density_verdict"] == "unknown":
+        return ["Whether the random force has the same size in all runs cannot be tested."]
+    test = f"p {p_value_text(runs.density_p_value.item())}"
+    if runs.attrs["density_verdict"] == "disagree":
+        return [f"The size of the random force differs between the runs ({test})."]
+    return [
+        f"No difference between the runs was found in the size of the random force ({test}): it may be a "
+        "property of the experiment."
+    ]
 
 
 def heterogeneity_sentences(tree: xr.DataTree) -> list[str]:
@@ -89,7 +105,19 @@ def runs_json(runs: xr.Dataset) -> dict[str, Any]:
         for name, row in by_label(runs, "quantity").items()
     }
     total = {name: number(runs[f"total_{name}"].item()) for name in TESTED[:3]}
-    return {"verdict": runs.attrs["verdict"], **total, "quantities": per_quantity}
+    data = {"verdict": runs.attrs["verdict"], **total, "quantities": per_quantity}
+    if "density_verdict" in runs.attrs:
+        names = ("density_chi_square", "density_degrees_of_freedom", "density_p_value")
+        tested = {name.removeprefix("density_"): number(runs[name].item()) for name in names}
+        densities = number(runs.random_force_density.values.tolist())
+        errors = number(runs.random_force_density_standard_error.values.tolist())
+        data["random_force"] = {
+            "verdict": runs.attrs["density_verdict"],
+            "densities": densities,
+            "standard_errors": errors,
+            **tested,
+        }
+    return data
 
 
 def homogeneity_json(tree: xr.DataTree) -> dict[str, Any]:

@@ -69,3 +69,15 @@ def stated_covariance(result: xr.Dataset, kept: Sequence[str]) -> Array:
     covariance[count, :count] = covariance[:count, count] = result.frequency_covariance.sel(force=symbols)
     covariance[count, count] = result.asymptotic_frequency_standard_error.item() ** 2
     return covariance
+
+
+def comparison_covariance(result: xr.Dataset, kept: Sequence[str], frequency: float) -> Array:
+    """Covariance of `comparison_values`: a coefficient that is converted has the frequency's error too."""
+    factors, count = reference_factors(result, kept, frequency), len(kept)
+    jacobian = np.diag(np.append(factors, 1.0))
+    if result.reference_frequency_standard_error.item() > 0.0:
+        power = np.nan_to_num(2.0 - result.speed_degree.sel(force=list(kept)).values)
+        converted = factors * result.coefficient.sel(force=list(kept)).values
+        # The reference and the asymptotic frequency change together.
+        jacobian[:count, count] = power * converted / result.asymptotic_frequency.item()
+    return np.asarray(jacobian @ stated_covariance(result, kept) @ jacobian.T)

@@ -10,15 +10,18 @@ from scipy.stats import norm
 from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError, UsageError
 from sysid_trib.methods import method_of
+from sysid_trib.noise.random_force import random_force_of
 from sysid_trib.results.common_reference import (
     ASYMPTOTIC_FREQUENCY,
     comparable,
+    comparison_covariance,
     comparison_values,
     in_model,
     stated_covariance,
 )
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.variables import Variables, chi_square_test, variable, with_error
+from sysid_trib.validation.density_agreement import density_agreement, random_force_of_each
 
 # Significance level below which runs, or methods, are said to disagree.
 HOMOGENEITY_LEVEL = 0.01
@@ -45,10 +48,13 @@ def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Data
     `value` from that run alone at the common reference frequency, with its `standard_error`; over `quantity`
     `chi_square` of the values about their weighted mean, `degrees_of_freedom`, `p_value`; and the same of all
     quantities with their covariances (`total_...`). nan for a run that alone cannot decide: `reason(run)`.
-    attrs: `verdict` agree, disagree or unknown.
+    attrs: `verdict` agree, disagree or unknown. With a random force in the common identification also what
+    `density_agreement` says of its size in each run, and the attr `density_verdict`.
 
     Notes
     -----
+    A random force is estimated in each run alone, so that its errors stand for that run.
+
     Cochran's Q. Large where a force changes from run to run (wear), or is of another form than the model's:
     then it changes with amplitude.
     """
@@ -60,16 +66,30 @@ def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Data
     values = np.full((len(decays), len(names)), np.nan)
     covariances = np.full((len(decays), len(names), len(names)), np.nan)
     reasons = []
+    of_runs: list[xr.Dataset | None] = []
     for at, decay in enumerate(decays):
         try:
             result = method.identify(decay, library)
         except SysidTribError as error:
             reasons.append(str(error))
+            of_runs.append(None)
             continue
+        of_runs.append(result)
         values[at] = comparison_values(result, kept, frequency)[: len(names)]
-        covariances[at] = stated_covariance(result, kept)[: len(names), : len(names)]
+        # A free motion has a frequency so precise that a coefficient's error does not know it.
+        covariance = (
+            comparison_covariance(result, kept, frequency)
+            if random_force_of(together)
+            else stated_covariance(result, kept)
+        )
+        covariances[at] = covariance[: len(names), : len(names)]
         reasons.append("")
-    return _tested(names, values, covariances, reasons)
+    tested = _tested(names, values, covariances, reasons)
+    if not random_force_of(together):
+        return tested
+    densities = density_agreement(random_force_of_each(of_runs, together))
+    verdict = verdict_of(float(densities["density_p_value"][1]))
+    return tested.assign(densities).assign_attrs(density_verdict=verdict)
 
 
 def _tested(names: Sequence[str], values: Array, covariances: Array, reasons: Sequence[str]) -> xr.Dataset:
