@@ -11,7 +11,7 @@ from typing import Annotated, Any, get_type_hints
 import typer
 
 DEFAULT_LIBRARY = "contact_forces"
-DEFAULT_RANDOM_FORCE = "off"
+DEFAULT_RANDOM_FORCE = "auto"
 
 
 def option(

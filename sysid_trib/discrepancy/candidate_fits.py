@@ -192,7 +192,7 @@ def _by_regression(
     forces = ForceLibrary("trial", tuple(f for f in parameters.library if f.kind == "force"))
     shapes = {**parameters.shapes, **trial.shapes}
     try:
-        method = Direct(parameters.reference_frequency, refine=refine, shapes=shapes)
+        method = Direct(parameters.reference_frequency, refine=refine, shapes=shapes, random_force="off")
         found = method.identify(one_or_all(list(runs)), forces)
     except SysidTribError:
         return []

@@ -139,7 +139,7 @@ def model_identification(model: Baseline, runs: Sequence[xr.Dataset]) -> xr.Data
     ratio = birge_ratio(model.chi_square, len(model.residual) - len(parameters))
     covariance = model.covariance * max(1.0, ratio) ** 2
     innovations = [noise.innovation for noise in model.noises]
-    method = Trajectory(parameters.reference_frequency, "coloured", parameters.fit_shapes)
+    method = Trajectory(parameters.reference_frequency, "coloured", parameters.fit_shapes, random_force="off")
     extra: dict[str, tuple[ArrayLike, str, str]] = {
         "birge_ratio": (ratio, "1", "Birge ratio of the whitened residual"),
         "innovation_noise": (innovations, "rad", "standard deviation of the noise model's innovations"),

@@ -77,7 +77,7 @@ class Search:
 def first_baseline(runs: Sequence[xr.Dataset], forces: ForceLibrary, frequency: float | None) -> Baseline:
     """The start model fitted to the runs, with the noise of each."""
     decay = one_or_all(list(runs))
-    quick = Direct(frequency).identify(decay, forces)
+    quick = Direct(frequency, random_force="off").identify(decay, forces)
     parameters = Parameters(forces, frequency, runs=len(runs))
     problem = FitProblem(parameters, fit_records(runs))
     common = dict(zip(forces.symbols, quick.coefficient.values.tolist(), strict=True))

@@ -64,7 +64,7 @@ class Averaging:
         Lowest and highest value of coefficients; one that would pass its bound is held there.
     tie : mapping of str to str
         Coefficients as linear formulas of others, `{"nu": "-2.356*delta"}`.
-    random_force : "off", "auto" or float, (rad/s^2)^2/Hz
+    random_force : "auto", "off" or float, (rad/s^2)^2/Hz
         `auto` estimates a white random acceleration in each run beside the sensor's noise, by the restricted
         likelihood of the equations; a number is its one-sided density, held. Not for the paper's rule.
 
@@ -83,14 +83,14 @@ class Averaging:
     fix: Mapping[str, float] = field(default_factory=dict)
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     tie: Mapping[str, str] = field(default_factory=dict)
-    random_force: RandomForceOption = "off"
+    random_force: RandomForceOption = "auto"
 
     def __post_init__(self) -> None:
         if self.frequency not in ("fit", "last"):
             raise UsageError(f"frequency='{self.frequency}' is neither 'fit' nor 'last'.")
         check_random_force(self.random_force)
-        if self.random_force != "off" and self.frequency == "last":
-            raise UsageError("frequency='last' takes no random_force; take frequency='fit', or 'off'.")
+        if not isinstance(self.random_force, str) and self.frequency == "last":
+            raise UsageError("frequency='last' takes no random_force; take frequency='fit', or leave it out.")
 
     def identify(self, decay: Decays, library: ForceLibrary) -> xr.Dataset:
         """Identify the forces of `library` from a decay with `angle(time)`, or from several runs.
@@ -110,6 +110,8 @@ class Averaging:
         constraints = Constraints(self.fix, self.bounds, self.tie)
         shapes = {**self.shapes, **{k: v for k, v in self.fix.items() if k not in asked.symbols}}
         method = replace(self, shapes=shapes)
+        # The paper's rule has no errors that would know a random force.
+        force = self.random_force if self.frequency == "fit" else "off"
         while True:
             auxiliary = AuxiliaryModel(
                 self._envelope,
@@ -118,9 +120,7 @@ class Averaging:
                 shapes,
                 curve=self.curve,
             )
-            estimate = indirect_estimate(
-                auxiliary, runs, correct=self.correct, random_force=self.random_force
-            )
+            estimate = indirect_estimate(auxiliary, runs, correct=self.correct, random_force=force)
             value = dict(zip(asked.symbols, estimate.values.tolist(), strict=False))
             passed = {k: float(np.clip(value[k], low, high)) for k, (low, high) in self.bounds.items()}
             passed = {k: bound for k, bound in passed.items() if bound != value[k]}

@@ -66,11 +66,11 @@ class Direct:
         Lowest and highest value of coefficients, `{"zeta": (0.0, inf)}`.
     tie : mapping of str to str
         Coefficients as linear formulas of others, `{"nu": "-2.356*delta"}`.
-    random_force : "off", "auto" or float, (rad/s^2)^2/Hz
+    random_force : "auto", "off" or float, (rad/s^2)^2/Hz
         `auto` estimates a white random acceleration in each run beside the sensor's noise, by the restricted
         likelihood of the rows, and the colour of that noise; a number is its one-sided density, held. The
         columns are then those of the smoothed motion, since the free motion does not follow the record (see
-        `regress_pushed`). Of the weak form only.
+        `regress_pushed`). The strong form, and the weak form that is not refined, have none.
 
     Notes
     -----
@@ -96,16 +96,22 @@ class Direct:
     fix: Mapping[str, float] = field(default_factory=dict)
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     tie: Mapping[str, str] = field(default_factory=dict)
-    random_force: RandomForceOption = "off"
+    random_force: RandomForceOption = "auto"
 
     def __post_init__(self) -> None:
         check_random_force(self.random_force)
-        if self.random_force != "off" and self.form == "strong":
-            raise UsageError("The strong form takes no random_force; take form='weak', or 'off'.")
+        if not isinstance(self.random_force, str) and not self._takes_random_force:
+            raise UsageError(
+                "A random_force is for form='weak' with refine=True; ask for these, or leave it out."
+            )
         if self.form not in ("weak", "strong"):
             raise UsageError(f"form='{self.form}' is neither 'weak' nor 'strong'.")
         if self.significance is not None and not 0.0 < self.significance < 1.0:
             raise UsageError(f"significance={self.significance} must lie between 0 and 1, such as 0.01.")
+
+    @property
+    def _takes_random_force(self) -> bool:
+        return self.form == "weak" and self.refine
 
     def identify(self, decay: Decays, library: ForceLibrary) -> xr.Dataset:
         """Identify the forces of `library` from a decay, or from several runs.
@@ -143,7 +149,7 @@ class Direct:
         every = np.ones(len(offered), bool)
         rows = weak_regression(runs, [linearised(run) for run in runs])
         runs = solve(rows, runs[0], every, constraints).applied_to(runs)
-        if self.random_force != "off":
+        if self.random_force != "off" and self._takes_random_force:
             runs, rows, active, refined = _pushed(self, runs, constraints)
         elif self.form == "strong":
             rows, refined = stack_rows(runs, [strong_rows(run) for run in runs]), False

@@ -99,7 +99,9 @@ def indirect_estimate(
     to the record, and what that got wrong is subtracted, until nothing moves (Gourieroux et al. 1993).
     """
     measured = [auxiliary.measure(decay) for decay in decays]
-    estimate, last = _estimate(auxiliary, decays, measured, correct=correct)
+    # Of a density that is held the residuals tell the sensor's noise alone: a first fit does for that.
+    held = not isinstance(random_force, str) and random_force > 0.0
+    estimate, last = _estimate(auxiliary, decays, measured, correct=correct and not held)
     if random_force == "off":
         return estimate
     plain = estimate

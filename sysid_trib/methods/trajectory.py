@@ -68,7 +68,7 @@ class Trajectory:
         Coefficients and shape parameters that are held, `{"lambda": 0.0}`.
     tie : mapping of str to str
         Coefficients and shape parameters as formulas of others, `{"nu": "-2.356*delta"}`.
-    random_force : "off", "auto" or float, (rad/s^2)^2/Hz
+    random_force : "auto", "off" or float, (rad/s^2)^2/Hz
         `auto` estimates a white random acceleration in each run beside the sensor's noise; a number is its
         one-sided density, held. The fit is then that of the innovations (see `random_motion`).
 
@@ -92,12 +92,12 @@ class Trajectory:
     shapes: Mapping[str, float] = field(default_factory=dict)
     fix: Mapping[str, float] = field(default_factory=dict)
     tie: Mapping[str, str] = field(default_factory=dict)
-    random_force: RandomForceOption = "off"
+    random_force: RandomForceOption = "auto"
 
     def __post_init__(self) -> None:
         check_random_force(self.random_force)
-        if self.random_force != "off" and self.noise == "coloured":
-            raise UsageError("A random force beside coloured noise is not estimated; take noise='white'.")
+        if not isinstance(self.random_force, str) and self.noise == "coloured":
+            raise UsageError("A random_force has noise='white', of which it finds the colour; take that.")
         if self.noise not in ("white", "coloured"):
             raise UsageError(f"noise='{self.noise}' is neither 'white' nor 'coloured'.")
 
@@ -125,9 +125,10 @@ class Trajectory:
         parameters = _parameters(self, forces_to_identify(library, self.reference_frequency), len(runs))
         records = [WhitenedRecord(d.time.values.astype(float), d.angle.values.astype(float)) for d in runs]
         problem = FitProblem(parameters, tuple(records))
-        quick = _quick(self, problem, runs) if self.start is None or self.random_force != "off" else None
+        pushed_too = self.random_force != "off" and self.noise == "white"
+        quick = _quick(self, problem, runs) if self.start is None or pushed_too else None
         first = _first_values(self, problem, quick)
-        if self.random_force != "off":
+        if pushed_too:
             pushed = _with_random_force(self, problem, first, quick)
             return _pushed_identification(self, problem, runs, library, pushed)
         fit = fitted(problem, grown(problem, first))
@@ -165,7 +166,7 @@ def _quick(method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset]) 
     direct = Direct(
         reference_frequency=method.reference_frequency,
         shapes=parameters.shapes,
-        random_force=method.random_force,
+        random_force=method.random_force if method.noise == "white" else "off",
     )
     try:
         return direct.identify(runs, parameters.library.select(free) if free else parameters.library)

@@ -96,8 +96,13 @@ def sensor_colour(deviation: Array, tau: Array, *, random_force: bool) -> NoiseM
         return white
     away = (1.0 - (2.0 * np.pi * line / step) ** 2) ** 2
     response = random_force / (away + (2.0 * spacing) ** 2)
-    fits = [_whittle(line, power, count, response, order) for order in range(MAX_COLOUR + 1)]
-    return min(fits, key=lambda fit: fit[0])[1]
+    best = _whittle(line, power, count, response, 0)
+    for order in range(1, MAX_COLOUR + 1):
+        fit = _whittle(line, power, count, response, order)
+        if fit[0] >= best[0]:
+            break
+        best = fit
+    return best[1]
 
 
 def _averaged(line: Array, power: Array) -> tuple[Array, Array, Array]:
@@ -119,18 +124,24 @@ def _whittle(
     floor = float(np.median(power)) / np.log(2.0)
     weight = INDEPENDENT_PART * count
 
-    def spectrum(parameters: Array) -> Array:
-        filter_ = _filter(np.tanh(parameters[2:]))
-        sensor = np.exp(parameters[0]) / np.abs(turns @ filter_) ** 2
-        return np.asarray(sensor + np.exp(parameters[1]) * response)
-
-    def deviance(parameters: Array) -> float:
-        model = spectrum(parameters)
-        return float(2.0 * np.sum(weight * (np.log(model) + power / model)))
+    def deviance(parameters: Array) -> tuple[float, Array]:
+        """And its gradient."""
+        partial = np.tanh(parameters[2:])
+        filter_ = _filter(partial)
+        slopes = _filter_slopes(partial) * (1.0 - partial**2)
+        transfer = turns @ filter_
+        size = np.abs(transfer) ** 2
+        sensor, pushed = np.exp(parameters[0]) / size, np.exp(parameters[1]) * response
+        model = sensor + pushed
+        by_model = 2.0 * weight * (model - power) / model**2
+        by_filter = -2.0 * np.real((np.conj(transfer) * by_model * sensor / size) @ turns)
+        by_partial = by_filter @ slopes
+        gradient = np.concatenate([[by_model @ sensor, by_model @ pushed], by_partial])
+        return float(2.0 * np.sum(weight * (np.log(model) + power / model))), gradient
 
     begin = np.array([np.log(floor), np.log(0.01 * level), *np.zeros(order)])
     limits = [(begin[0] - 12.0, begin[0] + 12.0), (begin[1] - 30.0, begin[1] + 20.0), *[(-4.0, 4.0)] * order]
-    best = minimize(deviance, begin, method="L-BFGS-B", bounds=limits)
+    best = minimize(deviance, begin, jac=True, method="L-BFGS-B", bounds=limits)
     score = best.fun + order * np.log(float(np.sum(weight)))
     return score, NoiseModel(float(np.exp(0.5 * best.x[0])), _filter(np.tanh(best.x[2:])))
 
@@ -142,3 +153,13 @@ def _filter(partial: Array) -> Array:
         longer = np.append(filter_, 0.0)
         filter_ = longer - value * longer[::-1]
     return filter_
+
+
+def _filter_slopes(partial: Array) -> Array:
+    """Derivative of the filter by each partial autocorrelation, (tap, order): it is linear in each."""
+    order = len(partial)
+    slopes = np.empty((order + 1, order))
+    for at in range(order):
+        ends = [_filter(np.where(np.arange(order) == at, value, partial)) for value in (0.0, 1.0)]
+        slopes[:, at] = ends[1] - ends[0]
+    return slopes

@@ -28,8 +28,8 @@ from sysid_trib.regression.weak_form import cholesky_factor, covariance_band, wh
 from sysid_trib.trajectory_fit.refined_columns import has_slipped, simulated, step_in_errors
 
 MAX_SMOOTHED_PATHS = 12
-# Rounds in which the colour of the sensor's noise follows the motion.
-COLOUR_ROUNDS = 2
+# Round in which the colour of the sensor's noise is estimated, by a motion that is no longer the first guess.
+COLOUR_ROUND = 1
 # Points of each sample's cell at which forces that jump are averaged.
 POINTS_OF_CELL = 16
 # Lines of the spectrum above the swing say what the sensor's noise is, within the swing's band it may differ:
@@ -86,14 +86,14 @@ def regress_pushed(
     for turn in range(MAX_SMOOTHED_PATHS):
         anchored = [_beside_motion(run, active, near) for run, near in zip(runs, sensitivities, strict=True)]
         runs, sensitivities = tuple(run for run, _ in anchored), [near for _, near in anchored]
-        runs = tuple(_with_noises(run, active, constraints, option, turn < COLOUR_ROUNDS) for run in runs)
+        runs = tuple(_with_noises(run, active, constraints, option, turn == COLOUR_ROUND) for run in runs)
         operators = [linearised(run) for run in runs]
         rows = stack_rows(runs, [weak_rows(run, near) for run, near in zip(runs, operators, strict=True)])
         solution = solve(rows, runs[0], active, constraints)
         after = solution.applied_to(runs)
         settled = bool(np.all(np.abs(step_in_errors(runs, after, rows, solution)) <= 1.0))
         last = PushedRegression(runs, rows, settled)
-        if settled and turn + 1 >= COLOUR_ROUNDS:
+        if settled and turn >= COLOUR_ROUND:
             break
         runs = _smoothed(after, operators, solution)
     return last
@@ -153,7 +153,10 @@ def _with_noises(
 
     With `colour` the sensor's noise is estimated anew first.
     """
-    sensors = _sensors(run) if colour or run.noises is None else [run.noises.sensor]
+    if colour:
+        sensors = _sensors(run)
+    else:
+        sensors = [NoiseModel(run.problem.noise, np.ones(1)) if run.noises is None else run.noises.sensor]
     pairs = [NoisePair(_ratio_of(run, sensor, active, constraints, option), sensor) for sensor in sensors]
     best = min(pairs, key=lambda pair: pair.ratio.deviance)
     # A random force must be better than none beside whatever noise of the sensor.

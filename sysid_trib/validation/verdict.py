@@ -22,7 +22,7 @@ DEPENDENCE_LEVEL = 0.01
 LOUD = 1.5
 VERDICTS = ("explained", "explained with a random force", "not explained")
 # Predictions are this far ahead at most, and this close to each other (periods).
-LONGEST_PREDICTION, PREDICTION_STEP = 10.0, 0.125
+LONGEST_PREDICTION, PREDICTION_STEP = 10.0, 0.25
 
 
 def random_force_groups(runs: Sequence[xr.Dataset], result: xr.Dataset) -> dict[str, xr.Dataset]:
