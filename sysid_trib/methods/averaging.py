@@ -64,7 +64,7 @@ class Averaging:
         Lowest and highest value of coefficients; one that would pass its bound is held there.
     tie : mapping of str to str
         Coefficients as linear formulas of others, `{"nu": "-2.356*delta"}`.
-    random_force : "auto", "off" or float, (rad/s^2)^2/Hz
+    random_force : "off", "auto" or float, (rad/s^2)^2/Hz
         `auto` estimates a white random acceleration in each run beside the sensor's noise, by the restricted
         likelihood of the equations; a number is its one-sided density, held. Not for the paper's rule.
 
@@ -83,7 +83,7 @@ class Averaging:
     fix: Mapping[str, float] = field(default_factory=dict)
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     tie: Mapping[str, str] = field(default_factory=dict)
-    random_force: RandomForceOption = "auto"
+    random_force: RandomForceOption = "off"
 
     def __post_init__(self) -> None:
         if self.frequency not in ("fit", "last"):

@@ -30,7 +30,7 @@ class ClassicalMethod:
     ----------
     correct : bool
         Whether the bias of the half-sines is removed (see `indirect_estimate`).
-    random_force : "auto", "off" or float, (rad/s^2)^2/Hz
+    random_force : "off", "auto" or float, (rad/s^2)^2/Hz
         Whether the errors are those of a motion that is pushed at random: `auto` estimates the force from the
         extrema; a number is its one-sided density, held.
     """
@@ -39,7 +39,7 @@ class ClassicalMethod:
     FORMULAS: ClassVar[tuple[str, ...]] = ()
 
     correct: bool = True
-    random_force: RandomForceOption = "auto"
+    random_force: RandomForceOption = "off"
 
     def __post_init__(self) -> None:
         check_random_force(self.random_force)

@@ -66,7 +66,7 @@ class Direct:
         Lowest and highest value of coefficients, `{"zeta": (0.0, inf)}`.
     tie : mapping of str to str
         Coefficients as linear formulas of others, `{"nu": "-2.356*delta"}`.
-    random_force : "auto", "off" or float, (rad/s^2)^2/Hz
+    random_force : "off", "auto" or float, (rad/s^2)^2/Hz
         `auto` estimates a white random acceleration in each run beside the sensor's noise, by the restricted
         likelihood of the rows, and the colour of that noise; a number is its one-sided density, held. The
         columns are then those of the smoothed motion, since the free motion does not follow the record (see
@@ -96,7 +96,7 @@ class Direct:
     fix: Mapping[str, float] = field(default_factory=dict)
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     tie: Mapping[str, str] = field(default_factory=dict)
-    random_force: RandomForceOption = "auto"
+    random_force: RandomForceOption = "off"
 
     def __post_init__(self) -> None:
         check_random_force(self.random_force)

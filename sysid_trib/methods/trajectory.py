@@ -68,7 +68,7 @@ class Trajectory:
         Coefficients and shape parameters that are held, `{"lambda": 0.0}`.
     tie : mapping of str to str
         Coefficients and shape parameters as formulas of others, `{"nu": "-2.356*delta"}`.
-    random_force : "auto", "off" or float, (rad/s^2)^2/Hz
+    random_force : "off", "auto" or float, (rad/s^2)^2/Hz
         `auto` estimates a white random acceleration in each run beside the sensor's noise; a number is its
         one-sided density, held. The fit is then that of the innovations (see `random_motion`).
 
@@ -92,7 +92,7 @@ class Trajectory:
     shapes: Mapping[str, float] = field(default_factory=dict)
     fix: Mapping[str, float] = field(default_factory=dict)
     tie: Mapping[str, str] = field(default_factory=dict)
-    random_force: RandomForceOption = "auto"
+    random_force: RandomForceOption = "off"
 
     def __post_init__(self) -> None:
         check_random_force(self.random_force)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from sysid_trib.noise.random_force import DENSITY_UNITS, random_force_of
+from sysid_trib.noise.random_force import DENSITY_UNITS, RandomForce, random_force_of
 from sysid_trib.printing.layout import number, p_value_text, value_with_error
 from sysid_trib.results.per_run import group_names, record_groups
 from sysid_trib.validation.verdict import DEPENDENCE_LEVEL, p_value_of_dependence
@@ -29,6 +29,7 @@ HIDDEN = (
     "The model does not explain the record: what was taken for noise of the sensor is larger than that, and "
     "goes with the motion. A force is missing, or one has another form."
 )
+NOT_FOUND = "No random force is found; the errors allow for the most likely density, {}."
 NOT_FOLLOWED = "The model does not explain the record, not even with a random force: {}"
 
 
@@ -64,10 +65,10 @@ def random_force_sentences(tree: xr.DataTree, amplitude: float) -> list[str]:
     amplitude : float, rad
         The largest.
     """
-    if "random_force" not in tree.children:
-        return []
     result = tree[tree["comparison"].attrs["second"]].to_dataset()
     force, frequency = random_force_of(result), float(result.reference_frequency)
+    if "random_force" not in tree.children:
+        return [NOT_FOUND.format(_up_to(force))] if "random_force_density" in result else []
     noise = float(result.noise)
     size = value_with_error(force.density, force.standard_error) if force.standard_error > 0.0 else ""
     given = "" if size else ", as given"
@@ -80,6 +81,16 @@ def random_force_sentences(tree: xr.DataTree, amplitude: float) -> list[str]:
         *_whose(tree),
         *_contradiction(tree, not size),
     ]
+
+
+def _up_to(force: RandomForce) -> str:
+    """What the errors allow for where no random force is found."""
+    if not np.isfinite(force.standard_error):
+        return "none"
+    if not force:
+        return f"0, by its error up to {force.standard_error:.1e} {DENSITY_UNITS}"
+    size = value_with_error(force.density, force.standard_error)
+    return f"{size} {DENSITY_UNITS} (p {p_value_text(force.p_value)})"
 
 
 def _periods(count: float) -> str:
@@ -147,17 +158,19 @@ def random_force_json(tree: xr.DataTree) -> dict[str, Any]:
         "random_force": None,
         "innovations": None,
     }
-    if "random_force" not in tree.children:
-        return data
-    result, tested = tree[checked["second"]].to_dataset(), tree["random_force"].to_dataset()
+    result = tree[checked["second"]].to_dataset()
     force = random_force_of(result)
+    if not force:
+        return data
+    found = "random_force" in tree.children
+    tested = tree["random_force"].to_dataset() if found else None
     data["random_force"] = {
         "density": force.density,
         "standard_error": number(force.standard_error),
         "relative": force.relative(float(result.reference_frequency)),
         "p_value": number(force.p_value),
-        "dependence_p_value": number(p_value_of_dependence(tested)),
-        "density_p_value": number(float(tested.density_p_value.min())),
+        "dependence_p_value": None if tested is None else number(p_value_of_dependence(tested)),
+        "density_p_value": None if tested is None else number(float(tested.density_p_value.min())),
     }
     groups = group_names("innovations", len(record_groups(tree)))
     followed = [tree[group].to_dataset() for group in groups if group in tree.children]

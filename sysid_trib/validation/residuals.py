@@ -10,6 +10,7 @@ from scipy.stats import chi2
 from sysid_trib.arrays import Array
 from sysid_trib.errors import SimulationError, SysidTribError
 from sysid_trib.noise.random_force import random_force_of
+from sysid_trib.noise.sensor_noise import sensor_noise_of
 from sysid_trib.records.runs import root_mean_square
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.variables import variable
@@ -145,11 +146,12 @@ def residuals(
     Notes
     -----
     What a free motion leaves of a record that was pushed is its wander, and no failure of the model. Beside
-    a random force the innovations take its place, and their own standard deviation that of the noise.
+    a random force, and in coloured noise of the sensor, the innovations take its place, and their own
+    standard deviation that of the noise.
     """
     rows = [
         _of_innovations(decay, result, run)
-        if random_force_of(result, run)
+        if random_force_of(result, run) or sensor_noise_of(result, run).warm_up
         else _of_free_motion(decay, motion, noise)
         for result, motion in zip(results.values(), motions, strict=True)
     ]

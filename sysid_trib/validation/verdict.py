@@ -9,7 +9,7 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError
 from sysid_trib.noise.level import sensor_noise
-from sysid_trib.noise.random_force import random_force_of
+from sysid_trib.noise.random_force import RandomForce, random_force_of
 from sysid_trib.results.per_run import group_names, noise_of_run
 from sysid_trib.results.variables import text_variable
 from sysid_trib.state_space.bands import SETTLING_PERIODS, prediction_bands
@@ -25,8 +25,13 @@ VERDICTS = ("explained", "explained with a random force", "not explained")
 LONGEST_PREDICTION, PREDICTION_STEP = 10.0, 0.25
 
 
+def is_found(force: RandomForce) -> bool:
+    """Whether there is a random force beyond chance; one that was given is there."""
+    return bool(force) and not force.p_value >= DEPENDENCE_LEVEL
+
+
 def random_force_groups(runs: Sequence[xr.Dataset], result: xr.Dataset) -> dict[str, xr.Dataset]:
-    """What a random force is judged and drawn by, as groups of a tree; none of a result without one.
+    """What a random force is judged and drawn by, as groups of a tree; none where none is found.
 
     Parameters
     ----------
@@ -42,7 +47,7 @@ def random_force_groups(runs: Sequence[xr.Dataset], result: xr.Dataset) -> dict[
         `innovations`, `prediction_bands` of each run (`innovations_1`, ... of several), left out of a run
         whose motion does not settle, or that is too short.
     """
-    if not random_force_of(result):
+    if not is_found(random_force_of(result)):
         return {}
     groups: dict[str, xr.Dataset] = {}
     names = [group_names(name, len(runs)) for name in ("innovations", "prediction_bands")]
@@ -102,9 +107,6 @@ def verdict_on_record(
     if "random_force" not in groups:
         return VERDICTS[0] if explained == "yes" and not _noise_hides_a_force(runs, result) else VERDICTS[2]
     independent = p_value_of_dependence(groups["random_force"]) >= DEPENDENCE_LEVEL
-    # A density that was given has no p-value, and is there.
-    if random_force_of(result).p_value >= DEPENDENCE_LEVEL:
-        return VERDICTS[0] if explained == "yes" and independent else VERDICTS[2]
     return VERDICTS[1] if explained != "no" and independent else VERDICTS[2]
 
 
