@@ -68,7 +68,8 @@ class Direct:
         Coefficients as linear formulas of others, `{"nu": "-2.356*delta"}`.
     random_force : "off", "auto" or float, (rad/s^2)^2/Hz
         `auto` estimates a white random acceleration in each run beside the sensor's noise, by the restricted
-        likelihood of the rows, and the colour of that noise; a number is its one-sided density, held. The
+        likelihood of the rows, and the colour of that noise; a number is its one-sided density, held, and the
+        sensor's noise is white then. The
         columns are then those of the smoothed motion, since the free motion does not follow the record (see
         `regress_pushed`). The strong form, and the weak form that is not refined, have none.
 

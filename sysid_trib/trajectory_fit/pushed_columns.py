@@ -20,7 +20,7 @@ from sysid_trib.noise.residual_noise import NoiseModel
 from sysid_trib.noise.smoothing import smooth
 from sysid_trib.noise.variance_ratio import VarianceRatio, WhiteRows, held_ratio, ratio_span, variance_ratio
 from sysid_trib.regression.constraint_map import ConstraintMap
-from sysid_trib.regression.linearisation import DeviationOperator, deviation_matrices, linearised
+from sysid_trib.regression.linearisation import DeviationOperator, deviation_matrices
 from sysid_trib.regression.problem import NearbyMotion, ReferenceTrajectory, RunRegression, Runs
 from sysid_trib.regression.rows import Rows, run_weights, stack_rows, weak_rows
 from sysid_trib.regression.solution import Solution, solve
@@ -86,8 +86,10 @@ def regress_pushed(
     for turn in range(MAX_SMOOTHED_PATHS):
         anchored = [_beside_motion(run, active, near) for run, near in zip(runs, sensitivities, strict=True)]
         runs, sensitivities = tuple(run for run, _ in anchored), [near for _, near in anchored]
-        runs = tuple(_with_noises(run, active, constraints, option, turn == COLOUR_ROUND) for run in runs)
-        operators = [linearised(run) for run in runs]
+        # Beside a density that is given, as in records that are simulated, the sensor's noise is white.
+        colour = turn == COLOUR_ROUND and isinstance(option, str)
+        pairs = [_with_noises(run, active, constraints, option, colour) for run in runs]
+        runs, operators = tuple(run for run, _ in pairs), [operator for _, operator in pairs]
         rows = stack_rows(runs, [weak_rows(run, near) for run, near in zip(runs, operators, strict=True)])
         solution = solve(rows, runs[0], active, constraints)
         after = solution.applied_to(runs)
@@ -148,8 +150,8 @@ def _sensors(run: RunRegression) -> list[NoiseModel]:
 
 def _with_noises(
     run: RunRegression, active: Mask, constraints: ConstraintMap, option: RandomForceOption, colour: bool
-) -> RunRegression:
-    """The run with its two noises, by the restricted likelihood of its own rows.
+) -> tuple[RunRegression, DeviationOperator]:
+    """The run with its two noises, by the restricted likelihood of its own rows; its operator.
 
     With `colour` the sensor's noise is estimated anew first.
     """
@@ -157,22 +159,22 @@ def _with_noises(
         sensors = _sensors(run)
     else:
         sensors = [NoiseModel(run.problem.noise, np.ones(1)) if run.noises is None else run.noises.sensor]
-    pairs = [NoisePair(_ratio_of(run, sensor, active, constraints, option), sensor) for sensor in sensors]
-    best = min(pairs, key=lambda pair: pair.ratio.deviance)
+    tried = [_with_ratio(run, sensor, active, constraints, option) for sensor in sensors]
+    best, operator = min(tried, key=lambda pair: pair[0].ratio.deviance)
     # A random force must be better than none beside whatever noise of the sensor.
-    none = min(pair.ratio.deviance + pair.ratio.gain for pair in pairs)
+    none = min(noises.ratio.deviance + noises.ratio.gain for noises, _ in tried)
     ratio = replace(best.ratio, gain=none - best.ratio.deviance)
-    return replace(run, noises=replace(best, ratio=ratio))
+    return replace(run, noises=replace(best, ratio=ratio)), operator
 
 
-def _ratio_of(
+def _with_ratio(
     run: RunRegression,
     sensor: NoiseModel,
     active: Mask,
     constraints: ConstraintMap,
     option: RandomForceOption,
-) -> VarianceRatio:
-    """The ratio of the two variances beside a sensor's noise of one colour."""
+) -> tuple[NoisePair, DeviationOperator]:
+    """The ratio of the two variances beside a sensor's noise of one colour, and the operator with both."""
     last = None if run.noises is None else run.noises.ratio
     kept, form = constraints.keep(active), run.problem.form
     no_ratio = VarianceRatio(0.0, 1.0, np.nan, np.nan, 0.0)
@@ -192,9 +194,12 @@ def _ratio_of(
 
     if isinstance(option, str):
         low, high = ratio_span(float(form.tau[-1] - form.tau[0]), float(np.median(np.diff(form.tau))))
-        return variance_ratio(rows, low, high, last.ratio if last else None)
-    per_tau = RandomForce(float(option)).per_tau(run.problem.nominal_frequency)
-    return held_ratio(rows, per_tau, last.variance if last else None)
+        ratio = variance_ratio(rows, low, high, last.ratio if last else None)
+    else:
+        per_tau = RandomForce(float(option)).per_tau(run.problem.nominal_frequency)
+        ratio = held_ratio(rows, per_tau, last.variance if last else None)
+    factor = cholesky_factor(band, form.gram, ratio.ratio)
+    return NoisePair(ratio, sensor), DeviationOperator(matrix, acting, factor)
 
 
 def _smoothed(runs: Runs, operators: Sequence[DeviationOperator], solution: Solution) -> Runs:
