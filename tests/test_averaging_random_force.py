@@ -154,7 +154,7 @@ def test_the_frequency_shift_has_it_too():
 
 def test_the_papers_rule_takes_no_random_force():
     with pytest.raises(UsageError, match="frequency='last' takes no random_force"):
-        Averaging(frequency="last", random_force="auto")
+        Averaging(frequency="last", random_force=1e-4)
 
 
 @pytest.mark.parametrize("method", [Averaging, FeenyLiang, FrequencyShift], ids=lambda m: m.__name__)

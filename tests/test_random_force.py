@@ -196,8 +196,8 @@ def test_no_density_is_refused(option):
 
 
 def test_coloured_noise_beside_a_random_force_is_refused():
-    with pytest.raises(UsageError, match="coloured"):
-        st.methods.Trajectory(random_force="auto", noise="coloured")
+    with pytest.raises(UsageError, match="noise='white'"):
+        st.methods.Trajectory(random_force=1e-4, noise="coloured")
 
 
 @pytest.mark.parametrize("friction", [0.0, 1e-3])
@@ -322,5 +322,5 @@ def test_direct_with_a_density_by_hand():
 
 
 def test_the_strong_form_takes_no_random_force():
-    with pytest.raises(UsageError, match="strong"):
-        st.methods.Direct(form="strong", random_force="auto")
+    with pytest.raises(UsageError, match="form='weak'"):
+        st.methods.Direct(form="strong", random_force=1e-4)

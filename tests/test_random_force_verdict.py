@@ -224,7 +224,7 @@ def test_methods_take_the_option_that_they_can():
     assert with_random_force(direct, "auto").random_force == "auto"
     assert with_random_force(decrement, "auto") is decrement
     strong = st.methods.Direct(form="strong")
-    assert with_random_force(strong, "auto") is strong
+    assert with_random_force(strong, 1e-4) is strong
     with pytest.raises(UsageError, match="random_force"):
         with_random_force(decrement, -1.0)
 

@@ -162,8 +162,7 @@ def random_force_json(tree: xr.DataTree) -> dict[str, Any]:
     force = random_force_of(result)
     if not force:
         return data
-    found = "random_force" in tree.children
-    tested = tree["random_force"].to_dataset() if found else None
+    tested = tree["random_force"].to_dataset() if "random_force" in tree.children else None
     data["random_force"] = {
         "density": force.density,
         "standard_error": number(force.standard_error),
