@@ -264,8 +264,9 @@ def test_a_forgotten_library_shows(tmp_path):
     made = ("--set", "stribeck=2e-3,zeta=3e-3,place=0.02", "--noise", "1e-4", "--library", library)
     assert run("simulate", "-o", tmp_path / "d.csv", *made).status == 0
     told = run("identify", tmp_path / "d.csv").out
-    assert "not white noise" in told or "does not explain" in told
-    assert "direct agree" not in told
+    # What the six leave passes for a random force, but depends on the speed.
+    assert told.startswith("The model does not explain the record")
+    assert "direct agree" not in run("identify", tmp_path / "d.csv", "--random-force", "off").out
 
 
 def test_forces_of_an_own_library(dahl_library):
