@@ -47,20 +47,26 @@ def test_gravity_softens_the_pendulum(pendulum):
 
 @pytest.mark.slow
 def test_bearing_of_the_pendulum_rubs(pendulum):
-    for friction in coefficients(pendulum, "lambda"):
-        assert 2.5e-3 < friction < 4e-3
+    # With gravity in the place of its cubic part, lambda is 0.0038 ± 0.0002.
+    for method in pendulum["methods"].values():
+        friction = method["coefficients"]["lambda"]
+        assert friction["value"] == pytest.approx(3.8e-3, abs=4.0 * friction["standard_error"])
+        assert friction["standard_error"] < 5e-4
 
 
 @pytest.mark.slow
 def test_cubic_force_is_not_gravity_at_large_angles(pendulum):
     assert refuted(pendulum)
-    for model in pendulum["cross_check"]["models"].values():
-        assert model["residual_over_noise"] > 20.0
+    # A random force has the innovations explained, and depends on the angle.
+    assert pendulum["random_force"]["dependence_p_value"] < 1e-6
 
 
 @pytest.mark.slow
 def test_bob_on_a_string(data_folder):
-    found = identified(data_folder / "string_pendulum" / "run_1.txt", "--forces", "zeta,delta,epsilon")
+    # The camera's curves, which are not offered, pass for a random force that takes the place of gravity.
+    record = (data_folder / "string_pendulum" / "run_1.txt", "--forces", "zeta,delta,epsilon")
+    assert refuted(identified(*record))
+    found = identified(*record, "--random-force", "off")
     for epsilon, delta in zip(coefficients(found, "epsilon"), coefficients(found, "delta"), strict=True):
         assert -0.20 < epsilon < -0.15
         assert 0.010 < delta < 0.020

@@ -14,7 +14,7 @@ from sysid_trib.simulation.model import Model
 from sysid_trib.state_space.kalman import LinearModel
 from sysid_trib.state_space.linearised import Derivatives, linearised_about, spline_path
 
-MAX_SMOOTHINGS = 20
+MAX_SMOOTHINGS = 12
 # The path is settled where it moves by less than this part of the sensor's noise.
 PATH_SETTLED = 0.01
 # Angle and rate at the first sample, zero of the sensor.

@@ -62,6 +62,8 @@ def random_force_groups(runs: Sequence[xr.Dataset], result: xr.Dataset) -> dict[
             reason = str(error)
             tested.append(_untested(np.nan))
         reasons.append(reason)
+        if reason:
+            continue
         # Of a record too short to predict anything there is no figure.
         with suppress(SysidTribError):
             groups[of_bands] = prediction_bands(decay, result, _horizons(decay, result), run=at)
