@@ -8,11 +8,9 @@ from scipy.signal import freqz
 from scipy.stats import chi2
 
 from sysid_trib.arrays import Array
-from sysid_trib.discrepancy.baseline import Baseline
-from sysid_trib.discrepancy.candidate_sensitivities import ReferenceMotion
+from sysid_trib.discrepancy.free_motion import FreeMotion
 from sysid_trib.discrepancy.missing_force import mean_missing_force
 from sysid_trib.discrepancy.trends import trend
-from sysid_trib.noise.residual_noise import NoiseModel
 from sysid_trib.results.variables import Variables, variable, with_error
 
 # Spans of the record in each of which the residual is demodulated, so many at most, of a period at least.
@@ -34,15 +32,13 @@ DEMODULATED = {
 SLIP = list(DEMODULATED).index("phase_error")
 
 
-def demodulate(baseline: Baseline, references: Sequence[ReferenceMotion]) -> xr.Dataset:
+def demodulate(runs: Sequence[FreeMotion]) -> xr.Dataset:
     """The residual of a model, demodulated against the phase of its own motion while it moves.
 
     Parameters
     ----------
-    baseline : Baseline
-        The model fitted.
-    references : sequence of ReferenceMotion
-        Its motion in each run.
+    runs : sequence of FreeMotion
+        The model's motion in each run.
 
     Returns
     -------
@@ -55,12 +51,10 @@ def demodulate(baseline: Baseline, references: Sequence[ReferenceMotion]) -> xr.
         `departure_time` (s, of the run `departure_run`). attrs: `parts` of which the residual is made beyond
         the noise, largest first, and `where` it acts.
     """
-    residuals = [-values for values in baseline.problem.residuals(baseline.values)]
-    runs = list(zip(references, residuals, baseline.noises, strict=True))
-    departures = [(_departure(*run), at) for at, run in enumerate(runs)]
+    departures = [(_departure(run), at) for at, run in enumerate(runs)]
     first = min((pair for pair in departures if np.isfinite(pair[0])), default=(np.nan, 0))
-    spans = xr.concat([_demodulated(at, *run) for at, run in enumerate(runs)], "span")
-    spans, where = _with_rates(spans.merge(mean_missing_force(runs)), references[0].model.reference_frequency)
+    spans = xr.concat([_demodulated(at, run) for at, run in enumerate(runs)], "span")
+    spans, where = _with_rates(spans.merge(mean_missing_force(runs)), runs[0].model.reference_frequency)
     spans["departure_time"] = variable((), first[0], "time from which on the residual exceeds the noise", "s")
     spans["departure_run"] = variable((), first[1], "the run of that time, from 0")
     parts = _parts(spans)
@@ -68,42 +62,41 @@ def demodulate(baseline: Baseline, references: Sequence[ReferenceMotion]) -> xr.
     return spans.assign_attrs(parts=parts, where=place)
 
 
-def _departure(reference: ReferenceMotion, residual: Array, noise: NoiseModel) -> float:
+def _departure(run: FreeMotion) -> float:
     """First time at which the residual over half a period exceeds the noise; nan if never."""
-    x = reference.about.at_samples(reference.about.x)
+    x, residual = run.x, run.residual
     turns = np.flatnonzero(np.diff(np.sign(x)) != 0)
     width = int(np.median(np.diff(turns))) if len(turns) > 2 else max(2, len(x) // 10)
     total = np.concatenate([[0.0], np.cumsum(residual**2)])
     local = (total[width:] - total[:-width]) / width
     # A level that half a period of noise passes once in a hundred records.
     level = max(EXCEEDS, float(chi2.isf(0.01 * width / len(x), width)) / width)
-    high = np.flatnonzero(local > level * noise.standard_deviation**2)
-    return float(reference.time[high[0]]) if len(high) else float("nan")
+    high = np.flatnonzero(local > level * run.noise.standard_deviation**2)
+    return float(run.time[high[0]]) if len(high) else float("nan")
 
 
-def _demodulated(run: int, reference: ReferenceMotion, residual: Array, noise: NoiseModel) -> xr.Dataset:
+def _demodulated(number: int, run: FreeMotion) -> xr.Dataset:
     """The residual of a run span by span."""
-    motion = reference.about
     # After its stop a motion has no phase.
-    moving = len(motion.x[:: motion.every])
-    x, v = motion.at_samples(motion.x)[:moving], motion.at_samples(motion.v)[:moving]
+    moving, residual, noise = run.moving, run.residual, run.noise
+    x, v = run.x[:moving], run.v[:moving]
     phase, amplitude = np.unwrap(np.arctan2(-v, x)), np.hypot(x, v)
     periods = np.abs(phase[-1] - phase[0]) / (2.0 * np.pi)
     spans = np.array_split(np.arange(moving), int(max(1, min(MOST_SPANS, periods))))
-    step = float(np.median(np.diff(reference.time)))
+    step = float(np.median(np.diff(run.time)))
     harmonics = np.array([harmonic for _, harmonic, _ in DEMODULATED.values()])
-    per_sample = min(1.0, reference.model.reference_frequency * step)
+    per_sample = min(1.0, run.model.reference_frequency * step)
     _, response = freqz([1.0], noise.filter_, harmonics * per_sample)
     coloured = noise.innovation * np.abs(response)
     fitted = [_fitted(residual[span], phase[span], amplitude[span], coloured) for span in spans]
     values, errors = np.array(fitted).transpose(1, 2, 0)
     values[SLIP] = np.unwrap(values[SLIP])
-    time = [np.mean(reference.time[span]) for span in spans]
+    time = [np.mean(run.time[span]) for span in spans]
     mean = [np.mean(amplitude[span]) for span in spans]
     rms = np.array([np.sqrt(np.mean(residual[span] ** 2)) for span in spans])
     ratio = rms / noise.standard_deviation
     data: Variables = {
-        "run": variable("span", np.full(len(spans), run), "run, from 0"),
+        "run": variable("span", np.full(len(spans), number), "run, from 0"),
         "time": variable("span", time, "time", "s"),
         "amplitude": variable("span", mean, "amplitude of the model", "rad"),
         "rms": variable("span", rms, "RMS residual", "rad"),

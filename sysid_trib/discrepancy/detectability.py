@@ -6,8 +6,8 @@ from operator import attrgetter
 import numpy as np
 import xarray as xr
 
-from sysid_trib.discrepancy.model_probabilities import APART
-from sysid_trib.discrepancy.score_tests import Scores
+from sysid_trib.discrepancy.evidence import OUTSIDE_OF_SET
+from sysid_trib.discrepancy.screening import Screening
 from sysid_trib.forces.force import Force
 from sysid_trib.results.variables import PER_FORCE_UNIT, text_variable, variable
 
@@ -15,47 +15,46 @@ from sysid_trib.results.variables import PER_FORCE_UNIT, text_variable, variable
 DETECTED, NAMED = 5.0, 20.0
 
 
-def detectability(scores: Scores) -> xr.Dataset:
+def detectability(screening: Screening) -> xr.Dataset:
     """Detectable coefficient of each candidate, and which are alike, from what the model cannot explain.
 
     Parameters
     ----------
-    scores : Scores
-        The candidates' score tests beside a model.
+    screening : Screening
+        The candidates beside a model.
 
     Returns
     -------
     xr.Dataset
         Over `candidate`: `detectable`, the coefficient that would stand out by five standard errors (at the
         best value of its shape parameters, of those tried; nan if not testable), `independent_fraction` of
-        its sensitivities that those of the model cannot make, `testable` and the `reason` why not; and
-        `cosine(candidate, other)` between sensitivities, `alike` where two differ by less than a credible
-        set spans if one of them has 20 standard errors.
+        its column that those of the model cannot make, `testable` and the `reason` why not; and
+        `cosine(candidate, other)` between what is outside of the model's columns, `alike` where two differ by
+        less than a credible set spans if one of them has 20 standard errors.
     """
-    symbols = list(dict.fromkeys(trial.force.symbol for trial in scores.trials))
-    at = [_best(scores, symbol) for symbol in symbols]
-    forces = [scores.trials[i].force for i in at]
-    testable = np.array([not scores.reasons[i] for i in at])
-    directions = scores.directions[:, at]
-    cosine = np.abs(directions.T @ directions)
+    trials = screening.trials
+    symbols = list(dict.fromkeys(trial.force.symbol for trial in trials))
+    at = [_best(screening, symbol) for symbol in symbols]
+    forces = [trials[i].force for i in at]
+    testable = np.array([not screening.reasons[i] for i in at])
+    cosine = np.abs(screening.correlation[np.ix_(at, at)])
     np.fill_diagonal(cosine, 1.0)
-    nearest = np.sqrt(1.0 - APART / NAMED**2)
-    alike = (cosine > nearest) & testable[:, None] & ~np.eye(len(symbols), dtype=bool)
-    size = scores.size[at]
-    detectable = np.where(testable, DETECTED / np.where(size > 0.0, size, 1.0), np.nan)
+    nearest = np.sqrt(1.0 - OUTSIDE_OF_SET / NAMED**2)
+    alike = (cosine > nearest) & testable[:, None] & testable & ~np.eye(len(symbols), dtype=bool)
+    detectable = np.where(testable, DETECTED * screening.errors[at], np.nan)
     single, both = "candidate", ("candidate", "other")
-    reasons = [scores.reasons[i] for i in at]
-    fraction = "part of its sensitivities that the model's cannot make"
+    reasons = [screening.reasons[i] for i in at]
+    fraction = "part of its column that the model's cannot make"
     texts = texts_of(forces, ("name", "family", "formula", "unit"))
     labels = {name: ("candidate", values) for name, values in texts.items()}
     return xr.Dataset(
         {
             "detectable": variable(single, detectable, "coefficient of five standard errors", PER_FORCE_UNIT),
-            "independent_fraction": variable(single, scores.share[at], fraction, "1"),
+            "independent_fraction": variable(single, screening.outside[at], fraction, "1"),
             "testable": variable(single, testable, "whether the record can test it"),
             "reason": text_variable(single, reasons, "why it cannot be tested"),
             "alike": variable(both, alike, "whether the record could not tell the two apart"),
-            "cosine": variable(both, cosine, "cosine between the sensitivities", "1"),
+            "cosine": variable(both, cosine, "cosine between the columns", "1"),
         },
         {"candidate": symbols, "other": symbols, **labels},
     )
@@ -67,8 +66,9 @@ def texts_of(forces: Iterable[Force], names: Iterable[str]) -> dict[str, list[st
     return {name: list(map(attrgetter(paths.get(name, name)), forces)) for name in names}
 
 
-def _best(scores: Scores, symbol: str) -> int:
-    """Of a force's trials that can be tested the one of the largest information, else any."""
-    mine = [i for i, trial in enumerate(scores.trials) if trial.force.symbol == symbol]
-    good = [i for i in mine if not scores.reasons[i]]
-    return max(good, key=lambda i: float(scores.size[i])) if good else mine[0]
+def _best(screening: Screening, symbol: str) -> int:
+    """Of a force's trials that can be tested the one of the least error, in units of its force; else any."""
+    of_force = [i for i, trial in enumerate(screening.trials) if trial.force.symbol == symbol]
+    good = [i for i in of_force if not screening.reasons[i]]
+    size = screening.errors * screening.relative_force
+    return min(good, key=lambda i: float(size[i])) if good else of_force[0]

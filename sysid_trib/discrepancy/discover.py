@@ -1,20 +1,27 @@
 """Find where model and record differ, name the missing effect, add it: the gap shrinks."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import xarray as xr
 
 from sysid_trib.discrepancy.decimation import decimated
-from sysid_trib.discrepancy.model_sequence import model_sequence
-from sysid_trib.discrepancy.stepwise_search import LEVEL, first_baseline, search, verdict_of
+from sysid_trib.discrepancy.holdout import Prediction, predicted
+from sysid_trib.discrepancy.model_fit import FittedModel, refitted
+from sysid_trib.discrepancy.paths import RecordPath
+from sysid_trib.discrepancy.search import Search, search
+from sysid_trib.discrepancy.start_model import first_path, fit_start_model
 from sysid_trib.discrepancy.to_xarray import groups_of
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.to_identify import forces_to_identify
 from sysid_trib.records.runs import Decays, as_runs, one_or_all
 from sysid_trib.results.schema import provenance
+from sysid_trib.validation.holdout import split
+
+# Family-wise level of error of a name.
+FAMILY_LEVEL = 0.01
 
 
 def discover(
@@ -25,7 +32,8 @@ def discover(
     reference_frequency: float | None = None,
     max_effects: int = 4,
     holdout: Decays = (),
-    level: float = LEVEL,
+    refit: bool = False,
+    level: float = FAMILY_LEVEL,
     seed: int = 0,
     tell: Callable[[str], None] = lambda text: None,
 ) -> xr.DataTree:
@@ -45,9 +53,11 @@ def discover(
         Effects added at most.
     holdout : xr.Dataset or sequence of xr.Dataset
         Runs that take no part in fitting or naming, and are predicted by each model. Without any the last
-        third of each run is predicted by models that are fitted again on the first two.
+        third of each run takes no part.
+    refit : bool
+        Fit the models that were found again, to the whole runs.
     level : float
-        Family-wise significance level at which an effect is named.
+        Family-wise significance level of each test.
     seed : int
         Of the drawing that counts independent tests.
     tell : callable
@@ -57,12 +67,12 @@ def discover(
     -------
     xr.DataTree
         Of records decimated to some sixty samples a period (attrs `decimated`). attrs: `verdict`
-        (`explained`, `unknown effect`, `nothing missing`), `left_out`, `failed_fits`. Groups: `record`
-        (`record_1`, ... of several runs) with `simulated_angle(model)` before and after; `discrepancy` and
-        `discrepancy_after`, where model and record differ (see `demodulation.demodulate`); `detectability`
-        and `detectability_after`; `ranking` of the candidates at each selection step; `steps`, the effects
-        added; `before` and `after`, the identifications; `omnibus`, the tests that know no candidate;
-        `holdout` over the models; of several runs `homogeneity`, whether they differ.
+        (`explained`, `unknown effect`, `nothing missing`), `converged`, `left_out`, `failed_fits`. Groups:
+        `record` (`record_1`, ... of several runs) with `simulated_angle(model)` before and after;
+        `discrepancy` and `discrepancy_after`, where model and record differ (see `demodulation.demodulate`);
+        `detectability`, `detectability_after`; `ranking` of candidates before each effect and at the end;
+        `steps`, the effects added; `before` and `after`, the identifications; `omnibus`, the tests that know
+        no candidate; `holdout` over the models; of several runs `homogeneity`, whether they differ.
 
     Raises
     ------
@@ -78,23 +88,30 @@ def discover(
     offered, left_out = _offered(model_forces, candidates)
     if not len(offered):
         raise UsageError("No candidate is left beside the forces of the model; offer another library.")
-    tell("fit of the start model")
-    start = first_baseline(runs, model, reference_frequency)
-    done = search(runs, start, offered, max_effects=max_effects, level=level, seed=seed, tell=tell)
-    tell("hold-out")
     unseen = as_runs(holdout) if isinstance(holdout, xr.Dataset) or len(holdout) else []
-    unseen = [decimated(part) for part in unseen]
-    models, errors = model_sequence(done, runs, unseen)
+    parts = [decimated(part) for part in unseen]
+    seen = runs if unseen else [split(run)[0] for run in runs]
+    tell("fit of the start model")
+    start = fit_start_model(seen, model.forces, reference_frequency)
+    done = search(start, offered.forces, max_effects=max_effects, level=level, seed=seed, tell=tell)
+    tell("hold-out")
+    predictions = _predictions(done, runs, parts)
+    if refit and not unseen:
+        tell("fit to the whole runs")
+        done = replace(done, models=[_refitted(model, runs) for model in done.models])
+        seen = runs
     tell("where model and record differ")
-    tree = xr.DataTree.from_dict(groups_of(runs, done, models, errors, offered, level))
+    groups = groups_of(runs, seen, done, predictions, offered, level, reference_frequency)
+    tree = xr.DataTree.from_dict(groups)
     third = f"the last third{' of each run' * (len(runs) > 1)}"
-    options = {"max_effects": max_effects, "level": level, "seed": seed}
+    options = {"max_effects": max_effects, "level": level, "seed": seed, "refit": refit}
     tree.attrs = {
         **provenance(None, one_or_all(runs), model),
         "method": "discover",
         "options": json.dumps(options | {"reference_frequency": reference_frequency}),
         "candidates": offered.to_toml(),
         "verdict": verdict_of(done, level),
+        "converged": str(done.converged),
         "max_effects": max_effects,
         "left_out": left_out,
         "failed_fits": list(done.failed),
@@ -102,6 +119,40 @@ def discover(
         "decimated": [run.attrs["decimated"] for run in runs if "decimated" in run.attrs],
     }
     return tree
+
+
+def _predictions(done: Search, runs: Sequence[xr.Dataset], parts: Sequence[xr.Dataset]) -> list[Prediction]:
+    """How each model predicts runs that took no part, or the last third of each."""
+    if parts:
+        origins = [_origin(part, runs) for part in parts]
+        noises = [min(at, len(runs) - 1) for at in range(len(parts))]
+    else:
+        parts = [split(run)[1] for run in runs]
+        origins, noises = [float(run.time.values[0]) for run in runs], list(range(len(runs)))
+    frequency = done.models[0].rows[0].path.frequency
+    return [predicted(model, parts, origins, noises, frequency) for model in done.models]
+
+
+def _origin(part: xr.Dataset, runs: Sequence[xr.Dataset]) -> float:
+    """Time from which `t` counts: the first sample of the record that the part is from, else its first."""
+    name = part.attrs.get("record_checksum")
+    same = [run for run in runs if name and run.attrs.get("record_checksum") == name]
+    return float((same or [part])[0].time.values[0])
+
+
+def _refitted(model: FittedModel, runs: Sequence[xr.Dataset]) -> FittedModel:
+    def whole(run: xr.Dataset, near: RecordPath) -> RecordPath:
+        return replace(first_path(run, near.frequency, near.origin), sensor=near.sensor)
+
+    return refitted(model, [whole(run, rows.path) for run, rows in zip(runs, model.rows, strict=True)])
+
+
+def verdict_of(done: Search, level: float = FAMILY_LEVEL) -> str:
+    """`explained`, `unknown effect` or `nothing missing`."""
+    # Names that nearly cancel each other may imitate one that is not in the library.
+    if done.collinear or done.outstanding or done.screenings[-1].omnibus.p_value < level:
+        return "unknown effect"
+    return "explained" if done.effects else "nothing missing"
 
 
 def _offered(model: ForceLibrary, candidates: ForceLibrary) -> tuple[ForceLibrary, list[str]]:

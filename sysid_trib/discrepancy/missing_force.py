@@ -7,8 +7,7 @@ import xarray as xr
 from scipy.stats import binned_statistic_2d
 
 from sysid_trib.arrays import Array
-from sysid_trib.discrepancy.candidate_sensitivities import ReferenceMotion
-from sysid_trib.noise.residual_noise import NoiseModel
+from sysid_trib.discrepancy.free_motion import FreeMotion
 from sysid_trib.noise.smoothing import smooth
 from sysid_trib.results.variables import variable
 
@@ -18,13 +17,12 @@ CELLS = 11
 DRAWS = 32
 
 
-def mean_missing_force(runs: Sequence[tuple[ReferenceMotion, Array, NoiseModel]]) -> xr.Dataset:
+def mean_missing_force(runs: Sequence[FreeMotion]) -> xr.Dataset:
     """Mean force that residuals ask for, in cells of angle and rate.
 
     Parameters
     ----------
-    runs : sequence of (ReferenceMotion, array, NoiseModel)
-        Motion, residual (sample,) in rad and noise of each run.
+    runs : sequence of FreeMotion
 
     Returns
     -------
@@ -32,11 +30,7 @@ def mean_missing_force(runs: Sequence[tuple[ReferenceMotion, Array, NoiseModel]]
         Over `x` and `v` (rad): `force` as a part of I w^2 (nan without samples), its `standard_error` by the
         noise alone, and the number of `samples`.
     """
-    cells = []
-    for reference, residual, noise in runs:
-        motion = reference.about
-        x, v = motion.at_samples(motion.x), motion.at_samples(motion.v)
-        cells.append((x, v, _force(reference, residual, x, v), _force_of_noise(reference, noise)))
+    cells = [(run.x, run.v, _force(run), _force_of_noise(run)) for run in runs]
     x, v, force, drawn = (np.concatenate(part, axis=-1) for part in zip(*cells, strict=True))
     size = 1.001 * float(np.max(np.hypot(x, v)))
     edges = np.linspace(-size, size, CELLS + 1)
@@ -61,20 +55,19 @@ def mean_missing_force(runs: Sequence[tuple[ReferenceMotion, Array, NoiseModel]]
     )
 
 
-def _force(reference: ReferenceMotion, residual: Array, x: Array, v: Array) -> Array:
+def _force(run: FreeMotion) -> Array:
     """The force that would make the residual over I w^2, by its equation of motion.
 
     Both motions are smoothed alike, so that what smoothing takes from them cancels.
     """
-    model = reference.model
-    tau = model.reference_frequency * (reference.time - reference.time[0])
-    angle, rate, curvature, _ = smooth(tau, residual)
+    model, time = run.model, run.time - run.time[0]
+    tau = model.reference_frequency * time
+    angle, rate, curvature, _ = smooth(tau, run.residual)
     asked = -(curvature + angle)
     for force in model.library:
         if force.memoryless and force.kind == "force":
-            time = reference.time - reference.time[0]
             with_residual, without = (
-                force.value(x + part * angle, v + part * rate, time, shapes=model.shapes)
+                force.value(run.x + part * angle, run.v + part * rate, time, shapes=model.shapes)
                 for part in (1.0, 0.0)
             )
             asked = asked - model.coefficients.get(force.symbol, 0.0) * (with_residual - without)
@@ -83,8 +76,8 @@ def _force(reference: ReferenceMotion, residual: Array, x: Array, v: Array) -> A
     return np.where(inside, asked, np.nan)
 
 
-def _force_of_noise(reference: ReferenceMotion, noise: NoiseModel) -> Array:
+def _force_of_noise(run: FreeMotion) -> Array:
     """The same of drawings of the noise, (draw, sample); what it does to the model's forces is small."""
-    drawn = noise.draws(len(reference.time), DRAWS)
-    angle, _, curvature, _ = smooth(reference.model.reference_frequency * reference.time, drawn.T)
+    drawn = run.noise.draws(len(run.time), DRAWS)
+    angle, _, curvature, _ = smooth(run.model.reference_frequency * run.time, drawn.T)
     return np.asarray(-(curvature + angle).T)

@@ -7,14 +7,14 @@ import numpy as np
 from scipy.stats import chi2, norm
 
 from sysid_trib.arrays import Array
-from sysid_trib.discrepancy.baseline import Baseline, project_out
-from sysid_trib.discrepancy.candidate_sensitivities import ReferenceMotion
-from sysid_trib.trajectory_fit.sensitivities import responses
+from sysid_trib.discrepancy.columns_beside import correlation_of, each_beside
+from sysid_trib.discrepancy.likelihood import Likelihood, RunProducts, likelihood
+from sysid_trib.discrepancy.paths import RecordPath
 
 TRIAL_POWERS = range(4)
 TRIAL_HARMONICS = range(1, 5)
-# Directions whose singular value is below this part of the largest are not tested.
-RANK = 1e-3
+# Directions whose part outside of the model's columns is smaller than this are not tested.
+OUTSIDE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -24,9 +24,9 @@ class OmnibusTest:
     Attributes
     ----------
     names : tuple of str
-        Trial forces, such as `r^2 sin 3 phi`.
+        TrialEffect forces, such as `r^2 sin 3 phi`.
     z : (trial_force,) array of float
-        Score of each.
+        Score of each: the root of what it gains alone, with the sign of its coefficient.
     p_value : float
         The smallest of those of all together, of the highest score and of the strongest line in the spectrum,
         corrected for three tests.
@@ -37,47 +37,74 @@ class OmnibusTest:
     p_value: float
 
 
-def omnibus(baseline: Baseline, references: Sequence[ReferenceMotion]) -> OmnibusTest:
-    """Test the residual against 36 trial forces r^k (1, cos m phi, sin m phi), k = 0..3, m = 1..4.
+def trial_names() -> tuple[str, ...]:
+    """Names of the 36 trial forces r^k (1, cos m phi, sin m phi), k = 0..3, m = 1..4."""
+    waves = ["", *(f" {wave} {m} phi" for m in TRIAL_HARMONICS for wave in ("cos", "sin"))]
+    return tuple(f"r^{k}{wave}" for k in TRIAL_POWERS for wave in waves)
+
+
+def trial_columns(path: RecordPath) -> Array:
+    """Rows of the trial forces along a path, (row, trial_force)."""
+    points = path.points
+    amplitude, phase = np.hypot(points.x, points.v), np.arctan2(-points.v, points.x)
+    r = amplitude / np.max(amplitude)
+    waves = [np.ones_like(phase)]
+    for m in TRIAL_HARMONICS:
+        waves += [np.cos(m * phase), np.sin(m * phase)]
+    forces = np.stack([r**k * wave for k in TRIAL_POWERS for wave in waves], axis=1)
+    return np.asarray(points.integrals @ forces)
+
+
+def omnibus(
+    products: Sequence[RunProducts],
+    base: Sequence[int],
+    trials: Sequence[int],
+    outside: Array,
+    whole: Likelihood,
+    residuals: Sequence[Array],
+) -> OmnibusTest:
+    """Test what a model leaves against forces of any form.
 
     Parameters
     ----------
-    baseline : Baseline
-        The model fitted.
-    references : sequence of ReferenceMotion
-        Its motion in each run.
+    products : sequence of RunProducts
+    base, trials : sequence of int
+        Columns of the model, and of the trial forces.
+    outside : (trial_force,) array of float
+        Part of each that the model's columns cannot make.
+    whole : Likelihood
+        Of the model.
+    residuals : sequence of (row,) array of float
+        What it leaves of each run's rows, white and of unit variance.
+
+    Notes
+    -----
+    With and without trial forces both variances of each run take their most likely values: what a random
+    force has been blamed for is found.
     """
-    space = baseline.column_space
-    names, _ = _trial_forces(references[0])
-    columns = baseline.problem.white([responses(run.about, _trial_forces(run)[1]) for run in references])
-    columns = project_out(columns / np.linalg.norm(columns, axis=0), space)
-    size = np.linalg.norm(columns, axis=0)
-    residual = project_out(baseline.residual, space)
-    z = np.where(size > RANK, columns.T @ residual / np.maximum(size, 1e-12), 0.0)
-    basis, singular, _ = np.linalg.svd(columns, full_matrices=False)
-    basis = basis[:, singular > RANK * singular[0]]
-    total, count = float(np.sum((basis.T @ residual) ** 2)), basis.shape[1]
-    largest = len(z) * 2.0 * norm.sf(float(np.max(np.abs(z))))
-    least = min(chi2.sf(total, count), largest, _strongest_line(baseline, residual))
-    return OmnibusTest(tuple(names), z, float(min(1.0, 3.0 * least)))
+    single = each_beside(products, base, trials, whole)
+    scores = np.sqrt(np.maximum(0.0, whole.deviance - single.deviance)) * np.sign(single.coefficients)
+    z = np.where(outside > OUTSIDE, scores, 0.0)
+    kept = [column for column, part in zip(trials, outside, strict=True) if part > OUTSIDE]
+    together = likelihood(products, [*base, *kept])
+    gain = max(0.0, whole.deviance - together.deviance)
+    rank = int(np.linalg.matrix_rank(correlation_of(together.covariance[len(base) :, len(base) :]), 1e-6))
+    gain *= _corrected(len(base), rank, sum(run.degrees_of_freedom for run in products))
+    largest = len(z) * 2.0 * float(norm.sf(np.max(np.abs(z))))
+    least = min(float(chi2.sf(gain, rank)), largest, _strongest_line(residuals))
+    return OmnibusTest(trial_names(), z, min(1.0, 3.0 * least))
 
 
-def _strongest_line(baseline: Baseline, residual: Array) -> float:
+def _corrected(base: int, rank: int, rows: float) -> float:
+    """Part of a gain that is a chi-square where columns are not few beside the rows (Bartlett 1937)."""
+    return max(0.0, 1.0 - (base + 0.5 * rank + 1.0) / rows)
+
+
+def _strongest_line(residuals: Sequence[Array]) -> float:
     """P-value of the strongest line in the spectrum: no force of the motion makes one of its own.
 
     A line of white noise of unit variance has an exponentially distributed power (Schuster 1898).
     """
-    powers = [np.abs(np.fft.rfft(part)) ** 2 / len(part) for part in baseline.split_by_run(residual)]
+    powers = [np.abs(np.fft.rfft(residual)) ** 2 / len(residual) for residual in residuals]
     least = min(len(power) * float(np.exp(-np.max(power))) for power in powers)
     return min(1.0, least * len(powers))
-
-
-def _trial_forces(reference: ReferenceMotion) -> tuple[list[str], Array]:
-    """Names and values along the motion, (point, trial_force)."""
-    motion = reference.about
-    r, phase = motion.amplitude / np.max(motion.amplitude), motion.phase
-    waves = {"": np.ones_like(phase)}
-    for m in TRIAL_HARMONICS:
-        waves |= {f" cos {m} phi": np.cos(m * phase), f" sin {m} phi": np.sin(m * phase)}
-    trials = {f"r^{k}{name}": r**k * wave for k in TRIAL_POWERS for name, wave in waves.items()}
-    return list(trials), np.stack(list(trials.values()), axis=1)

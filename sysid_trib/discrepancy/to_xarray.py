@@ -2,21 +2,24 @@
 
 from collections.abc import Sequence
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 import xarray as xr
-from scipy.stats import chi2, norm
+from scipy.stats import norm
 
 from sysid_trib.arrays import Array
-from sysid_trib.discrepancy.baseline import Baseline
-from sysid_trib.discrepancy.collinearity import collinear_effects
-from sysid_trib.discrepancy.competing_models import cost_of, tie_class
 from sysid_trib.discrepancy.demodulation import demodulate
 from sysid_trib.discrepancy.detectability import detectability, texts_of
+from sysid_trib.discrepancy.evidence import credible, probabilities
+from sysid_trib.discrepancy.free_motion import FreeMotion, free_motions, model_identification
+from sysid_trib.discrepancy.holdout import REFUTED, Prediction, better_by
 from sysid_trib.discrepancy.homogeneity_test import homogeneity
-from sysid_trib.discrepancy.model_sequence import WORSE, model_identification, residual_rms
-from sysid_trib.discrepancy.stepwise_search import Search, SelectionStep
+from sysid_trib.discrepancy.model_fit import FittedModel
+from sysid_trib.discrepancy.screening import Screening
+from sysid_trib.discrepancy.search import Search
 from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.noise.random_force import DENSITY_UNITS, RandomForce
 from sysid_trib.records.runs import root_mean_square
 from sysid_trib.results.per_run import group_names
 from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, text_variable, variable, with_error
@@ -24,73 +27,79 @@ from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, text_variabl
 # An effect of fewer standard errors in the final model is not significant there.
 SIGNIFICANT_Z = 3.0
 STEP_TEXTS = ("symbol", "name", "family", "kind", "unit", "formula")
+# In an effect's place: nothing, and a random force takes the blame.
+CHANCE = "random force"
 
 
 def groups_of(
     runs: Sequence[xr.Dataset],
+    seen: Sequence[xr.Dataset],
     search: Search,
-    models: Sequence[Baseline],
-    holdout: Array,
+    predictions: Sequence[Prediction],
     offered: ForceLibrary,
     level: float,
+    frequency: float | None,
 ) -> dict[str, xr.Dataset]:
-    """What `discover` returns, group by group; an effect is named at the family-wise `level`."""
-    records = zip(group_names("record", len(runs)), _records(runs, models), strict=True)
+    """What `discover` returns, group by group.
+
+    `runs`, `seen` : the whole runs, and what of each the models are fitted to.
+    """
+    motions = [free_motions(model) for model in search.models]
+    records = zip(group_names("record", len(runs)), _records(seen, motions), strict=True)
     groups: dict[str, xr.Dataset] = dict(records)
-    ends = ("", search.selection_steps[0]), ("_after", search.selection_steps[-1])
-    for when, step in ends:
-        groups[f"discrepancy{when}"] = demodulate(step.before, step.references)
-    for when, step in ends:
-        groups[f"detectability{when}"] = detectability(step.found)
+    ends = (("", motions[0], search.screenings[0]), ("_after", motions[-1], search.screenings[-1]))
+    for when, of_model, _ in ends:
+        groups[f"discrepancy{when}"] = demodulate(of_model)
+    for when, _, screening in ends:
+        groups[f"detectability{when}"] = detectability(screening)
     groups["ranking"] = _ranking(search, offered, level)
-    groups["steps"] = _steps(search, models, holdout, offered)
+    groups["steps"] = _steps(search, motions, predictions, offered)
     groups["omnibus"] = _omnibus(search, level)
-    groups["before"] = model_identification(models[0], runs)
-    groups["after"] = model_identification(models[-1], runs)
-    groups["holdout"] = _holdout(models[-1], holdout)
+    for name, at in (("before", 0), ("after", -1)):
+        groups[name] = model_identification(search.models[at], motions[at], seen, frequency)
+    groups["holdout"] = _holdout(motions[-1], predictions)
     if len(runs) > 1:
-        groups["homogeneity"] = homogeneity(models, level)
+        groups["homogeneity"] = homogeneity(search.models, level)
     return groups
 
 
-def _records(runs: Sequence[xr.Dataset], models: Sequence[Baseline]) -> list[xr.Dataset]:
-    """The records, with the angle of the first and the last model."""
-    ends = (models[0], models[-1])
-    residuals = [model.problem.residuals(model.values) for model in ends]
+def _records(seen: Sequence[xr.Dataset], motions: Sequence[Sequence[FreeMotion]]) -> list[xr.Dataset]:
+    """What the models are fitted to, with the angle of the first and the last of them."""
     records = []
-    for at, run in enumerate(runs):
-        simulated = np.stack([run.angle.values + residual[at] for residual in residuals])
+    for at, run in enumerate(seen):
+        ends = [motions[0][at], motions[-1][at]]
+        simulated = np.stack([run.angle.values - motion.residual for motion in ends])
         angle = variable(("model", "time"), simulated, "angle of the model", "rad")
-        level = ends[-1].noises[at].standard_deviation
-        noise = variable((), level, "what no modulated harmonic of the motion follows, of a sample", "rad")
+        level = ends[-1].noise.standard_deviation
+        noise = variable((), level, "standard deviation of the sensor's noise in a sample", "rad")
         both = run.assign_coords(model=["before", "after"])
         records.append(both.assign(simulated_angle=angle, residual_noise=noise))
     return records
 
 
 def _ranking(search: Search, offered: ForceLibrary, level: float) -> xr.Dataset:
-    """Score, p-value, coefficient and shapes of every candidate at each selection step and at the end."""
+    """Score, p-value, coefficient and shapes of every candidate before each effect and at the end."""
     symbols = list(offered.symbols)
     names = [f"{force.symbol}.{name}" for force in offered for name in force.shape]
-    z, p_value, coefficient = np.full((3, len(search.selection_steps), len(symbols)), np.nan)
-    shapes = np.full((len(search.selection_steps), len(names)), np.nan)
+    z, p_value, coefficient = np.full((3, len(search.screenings), len(symbols)), np.nan)
+    shapes = np.full((len(search.screenings), len(names)), np.nan)
     reasons = np.full(z.shape, "in the model", dtype=object)
-    for i, selection in enumerate(search.selection_steps):
-        scores = selection.found
-        for symbol, at in _best_trials(selection).items():
+    for i, screening in enumerate(search.screenings):
+        for symbol, at in _best_trials(screening).items():
             j = symbols.index(symbol)
-            reasons[i, j] = scores.reasons[at]
-            for name, value in scores.trials[at].shapes.items():
+            reasons[i, j] = screening.reasons[at]
+            for name, value in screening.trials[at].shapes.items():
                 shapes[i, names.index(name)] = value
-            if not scores.reasons[at]:
-                z[i, j], p_value[i, j] = scores.z[at], scores.p_values[at]
-                coefficient[i, j] = scores.z[at] / scores.size[at]
+            if not screening.reasons[at]:
+                z[i, j], p_value[i, j] = screening.z[at], screening.p_values[at]
+                coefficient[i, j] = screening.coefficients[at]
     step, both = "selection_step", ("selection_step", "candidate")
-    tests = np.array([step.found.tests for step in search.selection_steps])
+    tests = np.array([screening.tests for screening in search.screenings])
     limit = norm.isf(level / (2.0 * tests))
     family_wise = "family-wise significance level at which an effect is named"
+    gained = "score, the root of the deviance that it gains"
     data: Variables = {
-        "z": variable(both, z, "score", "1"),
+        "z": variable(both, z, gained, "1"),
         "p_value": variable(both, p_value, "p-value of the score, corrected for the number of tests", "1"),
         "significant": variable(both, p_value < level, "whether the p-value is below the level"),
         "coefficient": variable(both, coefficient, "coefficient by the score", PER_FORCE_UNIT),
@@ -108,97 +117,145 @@ def _ranking(search: Search, offered: ForceLibrary, level: float) -> xr.Dataset:
     return xr.Dataset(data, {"candidate": symbols, **labels} | ({"shape_parameter": names} if names else {}))
 
 
-def _best_trials(selection: SelectionStep) -> dict[str, int]:
-    """Of each candidate the trial that scores highest."""
+def _best_trials(screening: Screening) -> dict[str, int]:
+    """Of each candidate the trial that gains most."""
     best: dict[str, int] = {}
-    for at in np.argsort(-np.abs(selection.found.z)).tolist():
-        best.setdefault(selection.found.trials[at].force.symbol, at)
+    for at in np.argsort(-screening.gains, kind="stable").tolist():
+        best.setdefault(screening.trials[at].force.symbol, at)
     return best
 
 
-def _steps(search: Search, models: Sequence[Baseline], holdout: Array, offered: ForceLibrary) -> xr.Dataset:
+def _steps(
+    search: Search,
+    motions: Sequence[Sequence[FreeMotion]],
+    predictions: Sequence[Prediction],
+    offered: ForceLibrary,
+) -> xr.Dataset:
     """The effects added, in order, with their final coefficients and what each explains."""
-    if not search.added:
+    if not search.effects:
         # netCDF has no empty axis: without a step there is but the count.
         return xr.Dataset(attrs={"count": 0})
-    parameters = search.final.problem.parameters
-    forces = [parameters.library[symbol] for symbol in search.added]
-    places = [parameters.index(symbol) for symbol in search.added]
-    values, errors = search.final.values, np.sqrt(np.diag(search.final.covariance))
+    final = search.models[-1]
+    symbols = [trial.force.symbol for trial in final.trials]
+    places = [symbols.index(symbol) for symbol in search.effects]
+    forces = [final.trials[at].force for at in places]
+    values, errors = final.coefficients, np.sqrt(np.diag(final.covariance_with_frequency()))
     z = values[places] / errors[places]
-    chosen = np.array([_selected_at(search, symbol) for symbol in search.added])
-    tests = np.array([search.selection_steps[at].found.tests for at in chosen])
-    chi_square = np.array([model.chi_square for model in models])
-    p_value = tests * chi2.sf(-np.diff(chi_square), [1 + len(force.shape) for force in forces])
-    collinear = np.isin(search.added, collinear_effects(search.final, search.added))
-    residual = [residual_rms(model) for model in models]
-    whitened = np.sqrt(chi_square / [len(model.residual) for model in models])
-    worse = holdout[1:] > WORSE * holdout[:-1]
-    of_whitened = "RMS of the whitened residual {}, over the noise"
+    chosen = np.array([_selected_at(search, symbol) for symbol in search.effects])
+    gains = -np.diff([model.deviance for model in search.models])
+    pairs = zip(chosen, gains, forces, strict=True)
+    p_value = [search.screenings[at].p_value_of(float(gain), force) for at, gain, force in pairs]
+    collinear = np.isin(search.effects, search.collinear)
+    residual = [root_mean_square(np.concatenate([run.residual for run in of_model])) for of_model in motions]
+    white = _whitened(search)
+    improved = [better_by(after, before) for before, after in pairwise(predictions)]
+    density = [_density(model) for model in search.models]
     column = partial(variable, "step")
+    of_density = "one-sided density of the random force {}, on the mean"
+    of_whitened = "RMS of the residual {}, in which the final model's is white, over the noise"
     data = {
         "coefficient": column(values[places], "coefficient in the final model", PER_FORCE_UNIT),
         "standard_error": column(errors[places], "standard error of the coefficient", PER_FORCE_UNIT),
         "z": column(z, "coefficient over its standard error", "1"),
         "significant": column(np.abs(z) >= SIGNIFICANT_Z, "whether it is significant in the end"),
-        "p_value": column(np.minimum(p_value, 1.0), "p-value of what the effect explains, corrected", "1"),
+        "gain": column(gains, "by how much the effect lowers the deviance", "1"),
+        "p_value": column(p_value, "p-value of what the effect explains, corrected", "1"),
         "selection_step": column(chosen, "selection step at which the effect was chosen", "1"),
-        "residual_before": column(residual[:-1], "RMS residual before", "rad"),
-        "residual_after": column(residual[1:], "RMS residual after", "rad"),
-        "whitened_residual_before": column(whitened[:-1], of_whitened.format("before"), "1"),
-        "whitened_residual_after": column(whitened[1:], of_whitened.format("after"), "1"),
+        "residual_before": column(residual[:-1], "RMS residual of the free motion before", "rad"),
+        "residual_after": column(residual[1:], "RMS residual of the free motion after", "rad"),
+        "whitened_residual_before": column(white[:-1], of_whitened.format("before"), "1"),
+        "whitened_residual_after": column(white[1:], of_whitened.format("after"), "1"),
+        "random_force_before": column(density[:-1], of_density.format("before"), DENSITY_UNITS),
+        "random_force_after": column(density[1:], of_density.format("after"), DENSITY_UNITS),
         "collinear": column(collinear, "whether it is not separately identifiable"),
-        "worsens_holdout": column(worse, "whether it makes the prediction worse"),
+        "prediction_z": column(improved, "better prediction of what was held out, in standard errors", "1"),
+        "worsens_holdout": column(np.array(improved) < REFUTED, "whether it makes the prediction worse"),
     }
     texts = texts_of(forces, STEP_TEXTS)
     data |= {name: text_variable("step", text, f"{name} of the effect") for name, text in texts.items()}
-    data |= _competition(search, offered) | _step_shapes(search, errors)
-    shaped = {"shape_parameter": list(parameters.fit_shapes)} if "shape" in data else {}
+    data |= _competition(search, offered) | _step_shapes(search)
+    shaped = {"shape_parameter": list(_shapes(final))} if "shape" in data else {}
     return xr.Dataset(data, {"candidate": list(offered.symbols)} | shaped, {"count": len(forces)})
+
+
+def _density(model: FittedModel) -> float:
+    """Density of the random force, mean over the runs."""
+    per_tau = float(np.mean(model.likelihood.ratios * model.likelihood.variances))
+    return RandomForce.density_of(per_tau, model.rows[0].path.frequency)
+
+
+def _whitened(search: Search) -> Array:
+    """RMS residual of each model about the final path, in the noise of the final model: it never rises."""
+    final = search.screenings[-1].model
+    tables = np.concatenate(final.white_tables())
+    later = [set(range(final.columns))]
+    kept = later[0]
+    for symbol in reversed(search.effects):
+        kept = kept - set(final.columns_of(symbol))
+        later.insert(0, kept)
+    target = tables[:, 0]
+    rms = []
+    for columns in later:
+        design = tables[:, [1 + column for column in sorted(columns)]]
+        residual = target - design @ np.linalg.lstsq(design, target, rcond=1e-12)[0]
+        rms.append(root_mean_square(residual))
+    return np.array(rms)
 
 
 def _selected_at(search: Search, symbol: str) -> int:
     """The selection step after which an effect came into the model for good."""
-    before = [symbol not in step.before.problem.parameters.library.symbols for step in search.selection_steps]
-    return max((at for at, absent in enumerate(before[:-1]) if absent), default=0)
+    absent = [symbol not in {t.force.symbol for t in s.model.trials} for s in search.screenings]
+    return max((at for at, out in enumerate(absent[:-1]) if out), default=0)
 
 
 def _competition(search: Search, offered: ForceLibrary) -> Variables:
-    """What each candidate explains in the place of each effect."""
+    """What each candidate explains in the place of each effect, and what chance does."""
     symbols = list(offered.symbols)
-    probability, deviance = np.full((2, len(search.added), len(symbols)), np.nan)
-    for at, symbol in enumerate(search.added):
-        effect_deviance = cost_of(search.final, symbol)
-        for name, value in tie_class(search.final, symbol, search.ties[symbol]).items():
-            probability[at, symbols.index(name)] = value
-        for competitor in search.ties[symbol]:
-            deviance[at, symbols.index(competitor.force.symbol)] = competitor.cost - effect_deviance
-        deviance[at, symbols.index(symbol)] = 0.0
+    probability, deviance = np.full((2, len(search.effects), len(symbols)), np.nan)
+    p_value_of = np.zeros(len(search.effects))
+    for at, symbol in enumerate(search.effects):
+        rivals = search.rivals[symbol]
+        likely = probabilities(list(rivals.values()))
+        inside = credible(likely)
+        for name, excess, p, tied in zip(rivals, rivals.values(), likely, inside, strict=True):
+            if not name:
+                p_value_of[at] = p if tied else 0.0
+                continue
+            deviance[at, symbols.index(name)] = excess
+            if tied or name == symbol:
+                probability[at, symbols.index(name)] = p
     dims = ("step", "candidate")
     odds = "-2 ln of the odds against the effect, inf of a fit that failed, nan untried"
-    likely = "probability in the effect's place if all were as likely before, nan outside of the credible set"
+    tied_text = (
+        "probability in the effect's place if all were as likely before, nan outside of the credible set"
+    )
+    by_chance = "probability of no force in the effect's place, 0 outside of the credible set"
     return {
-        "tie_probability": variable(dims, probability, likely, "1"),
+        "tie_probability": variable(dims, probability, tied_text, "1"),
+        "chance_probability": variable("step", p_value_of, by_chance, "1"),
         "credible": variable(dims, np.isfinite(probability), "whether it is in the 95 % credible set"),
         "penalised_deviance": variable(dims, deviance, odds, "1"),
     }
 
 
-def _step_shapes(search: Search, errors: Array) -> Variables:
+def _shapes(model: FittedModel) -> dict[str, float]:
+    return {k: value for trial in model.trials for k, value in trial.shapes.items()}
+
+
+def _step_shapes(search: Search) -> Variables:
     """Shape parameters of each effect in the final model, nan those of the others."""
-    parameters = search.final.problem.parameters
-    if not parameters.fit_shapes:
+    final = search.models[-1]
+    shapes, errors = _shapes(final), final.shape_errors()
+    if not shapes:
         return {}
-    names = parameters.fit_shapes
-    of_effect = np.array([[name.startswith(f"{symbol}.") for name in names] for symbol in search.added])
-    places = [parameters.index(name) for name in names]
-    pair = [np.where(of_effect, values[places], np.nan) for values in (search.final.values, errors)]
+    of_effect = np.array([[name.startswith(f"{s}.") for name in shapes] for s in search.effects])
+    pair = [np.where(of_effect, [table[name] for name in shapes], np.nan) for table in (shapes, errors)]
     return with_error("shape", ("step", "shape_parameter"), (pair[0], pair[1]), "shape parameter", "")
 
 
 def _omnibus(search: Search, level: float) -> xr.Dataset:
     """At each selection step the tests that know no candidate."""
-    tests = [step.generic for step in search.selection_steps]
+    tests = [screening.omnibus for screening in search.screenings]
     p_value = np.array([test.p_value for test in tests])
     return xr.Dataset(
         {
@@ -210,16 +267,20 @@ def _omnibus(search: Search, level: float) -> xr.Dataset:
     )
 
 
-def _holdout(final: Baseline, rms: Array) -> xr.Dataset:
-    noise = root_mean_square([n.standard_deviation for n in final.noises])
+def _holdout(final: Sequence[FreeMotion], predictions: Sequence[Prediction]) -> xr.Dataset:
+    noise = root_mean_square([run.noise.standard_deviation for run in final])
+    rms = np.array([prediction.rms for prediction in predictions])
     above = rms**2 - noise**2
     ratio = above / above[0] if above[0] > 0.0 else np.full(len(above), np.nan)
-    unexplained = "RMS over the runs of what no modulated harmonic of the motion follows"
+    score = [float(np.mean(np.concatenate(prediction.scores))) for prediction in predictions]
     excess = "squared residual above the noise, over the start model's"
     return xr.Dataset(
         {
-            "rms": variable("model", rms, "RMS residual of the prediction", "rad"),
-            "residual_noise": variable((), noise, unexplained, "rad"),
+            "rms": variable("model", rms, "RMS residual of the free motion", "rad"),
+            "log_score": variable("model", score, "mean logarithm of the predictive density of a row", "1"),
+            "residual_noise": variable(
+                (), noise, "standard deviation of the sensor's noise in a sample", "rad"
+            ),
             "residual_above_noise": variable("model", ratio, excess, "1"),
         }
     )

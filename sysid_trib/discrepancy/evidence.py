@@ -1,0 +1,61 @@
+"""One evidence of a fitted model, by which it is named, exchanged, shortened and ranked."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid_trib.arrays import Array, Mask
+from sysid_trib.discrepancy.model_fit import FittedModel
+
+# A credible set holds the truth with this probability, if it is among the candidates and all were as likely.
+CREDIBLE = 0.95
+# Of two candidates, one whose evidence is less likely by this (minus twice the logarithm) is outside of it.
+OUTSIDE_OF_SET = 2.0 * float(np.log(CREDIBLE / (1.0 - CREDIBLE)))
+
+
+def evidence(model: FittedModel, effects: Sequence[str]) -> float:
+    """Minus twice the logarithm of the evidence of a model, for its effects beside those of the start.
+
+    Parameters
+    ----------
+    model : FittedModel
+    effects : sequence of str
+        Symbols beside the start model's.
+
+    Notes
+    -----
+    Laplace's approximation (MacKay 1992; Kass and Raftery 1995). The prior of a coefficient holds the
+    information of one row (unit information), which makes its factor the number of rows; where physics fixes
+    its sign, the prior is on that half line alone. Shapes are as likely anywhere in their range, or in its
+    logarithm where that spans a decade: their factor is the part of the range that the record leaves, which
+    is not more than all of it.
+    """
+    rows = sum(rows.path.form.rows for rows in model.rows)
+    total = model.deviance
+    for symbol in effects:
+        at, *shapes = model.columns_of(symbol)
+        total += np.log(rows) - 2.0 * np.log(2.0) * model.trials[at].force.passive
+        if shapes:
+            covariance = model.likelihood.covariance[np.ix_(shapes, shapes)]
+            within = np.linalg.pinv(2.0 * np.pi * covariance, hermitian=True)
+            total += float(np.linalg.slogdet(np.eye(len(shapes)) + within)[1])
+    return float(total)
+
+
+def probabilities(costs: Sequence[float]) -> Array:
+    """Probability of each model, (model,), if one of them is the truth and all were as likely before.
+
+    `costs` : (model,) minus twice the logarithm of the evidence of each, up to a common constant.
+    """
+    values = np.asarray(costs, dtype=float)
+    weight = np.exp(-0.5 * (values - values.min()))
+    return np.asarray(weight / weight.sum())
+
+
+def credible(probability: Array) -> Mask:
+    """Which models are in the smallest set that holds the truth with the probability `CREDIBLE`."""
+    order = np.argsort(-probability, kind="stable")
+    before = np.cumsum(probability[order]) - probability[order]
+    inside = np.zeros(len(probability), dtype=bool)
+    inside[order] = before < CREDIBLE
+    return inside

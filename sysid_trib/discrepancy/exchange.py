@@ -1,0 +1,199 @@
+"""Moves of a search that take effects out of a model, or put others in their place; and their rivals."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+
+import numpy as np
+
+from sysid_trib.discrepancy.columns_beside import each_beside, projected
+from sysid_trib.discrepancy.evidence import OUTSIDE_OF_SET, evidence
+from sysid_trib.discrepancy.likelihood import likelihood
+from sysid_trib.discrepancy.model_fit import FittedModel, fit_model
+from sysid_trib.discrepancy.screening import Screening, is_physical, strengths
+from sysid_trib.discrepancy.trials import TrialEffect
+from sysid_trib.errors import SysidTribError
+
+# Models of a move, and in the place of one effect, that are fitted exactly.
+TRIED, IN_PLACE = 6, 10
+# Pairs whose likelihood is computed along the present path.
+PAIRS = 20
+# Along one path columns are linear in an effect: off by up to this part of what it explains.
+SLACK = 0.1
+# A model that is less likely by this is outside of every credible set, whatever its rivals.
+FAR = OUTSIDE_OF_SET + 4.0
+# A move must lower the evidence by more than fits are uncertain.
+LEAST_GAIN = 0.1
+
+
+@dataclass
+class Fits:
+    """Exact fits of a search, each done once: by the symbols of the effects; and what could not be fitted."""
+
+    start: FittedModel
+    kept: dict[frozenset[str], FittedModel | None] = field(default_factory=dict)
+    failed: list[str] = field(default_factory=list)
+
+    def of(self, near: FittedModel, drop: Sequence[str], add: Sequence[TrialEffect]) -> FittedModel | None:
+        """A model near another one, with forces dropped and added; None if there is none."""
+        trials = [t for t in near.trials if t.force.symbol not in drop] + list(add)
+        base = {t.force.symbol for t in self.start.trials}
+        key = frozenset(t.force.symbol for t in trials) - base
+        if key not in self.kept:
+            model = self._fitted(near, trials)
+            if model is None:
+                self.failed += [trial.force.symbol for trial in add]
+            self.kept[key] = model if model is None or _is_physical(model, len(base)) else None
+        return self.kept[key]
+
+    def _fitted(self, near: FittedModel, trials: Sequence[TrialEffect]) -> FittedModel | None:
+        known = dict(zip([t.force.symbol for t in near.trials], near.coefficients.tolist(), strict=True))
+        first = np.array([*(known.get(t.force.symbol, 0.0) for t in trials), near.stiffness])
+        paths = [rows.path for rows in near.rows]
+        try:
+            model = fit_model(paths, trials, frequency_free=near.frequency_free, first=first)
+        except (SysidTribError, np.linalg.LinAlgError, ValueError):
+            return None
+        return model if model.settled and np.isfinite(model.deviance) else None
+
+
+def _is_physical(model: FittedModel, base: int) -> bool:
+    """Whether the forces beside the first ones, those of the start model, may have their coefficients."""
+    relative_force = strengths(model, [table[:, : len(model.trials)] for table in model.tables])
+    effects = zip(model.trials, model.coefficients.tolist(), relative_force.tolist(), strict=True)
+    return all(is_physical(trial.force, c, size) for trial, c, size in list(effects)[base:])
+
+
+def exchange_effects(
+    current: Screening, effects: tuple[str, ...], fits: Fits, max_effects: int
+) -> tuple[FittedModel, tuple[str, ...]] | None:
+    """The model without an effect or two, or with others in their place, if that is more likely.
+
+    Parameters
+    ----------
+    current : Screening
+        Of the present model.
+    effects : tuple of str
+        Its effects beside the start model's.
+    fits : Fits
+    max_effects : int
+        No more than so many remain.
+
+    Returns
+    -------
+    model, effects
+        None if no such model is more likely.
+    """
+    model = current.model
+    here = evidence(model, effects) if effects else 0.0
+    proposed: list[tuple[float, tuple[str, ...], list[int]]] = []
+    for gone in (*((s,) for s in effects), *combinations(effects, 2)):
+        proposed += [(score, gone, at) for score, at in _in_place(current, gone)]
+        if len(effects) - len(gone) + 2 <= max_effects:
+            proposed += [(score, gone, at) for score, at in _pairs_in_place(current, gone)]
+    best: tuple[float, tuple[str, ...], FittedModel] | None = None
+    for _, gone, at in sorted(proposed, key=lambda scored: scored[0])[:TRIED]:
+        trials = [current.trials[i] for i in at]
+        after = tuple(s for s in effects if s not in gone) + tuple(t.force.symbol for t in trials)
+        fitted = fits.of(model, gone, trials)
+        if fitted is None:
+            continue
+        score = evidence(fitted, after)
+        if score < here - LEAST_GAIN and (best is None or score < best[0]):
+            best = (score, after, fitted)
+    return None if best is None else (best[2], best[1])
+
+
+def better_rival(
+    current: Screening,
+    effects: tuple[str, ...],
+    rivals: dict[str, dict[str, float]],
+    fits: Fits,
+) -> tuple[FittedModel, tuple[str, ...]] | None:
+    """The model with a rival in an effect's place that is more likely; None if there is none."""
+    every = [(excess, symbol, name) for symbol, costs in rivals.items() for name, excess in costs.items()]
+    excess, symbol, name = min(every, default=(0.0, "", ""))
+    if excess > -LEAST_GAIN:
+        return None
+    after = tuple(s for s in effects if s != symbol) + ((name,) if name else ())
+    fitted = fits.kept[frozenset(after)]
+    return None if fitted is None else (fitted, after)
+
+
+def rivals_of(current: Screening, effects: tuple[str, ...], symbol: str, fits: Fits) -> dict[str, float]:
+    """Evidence with each candidate in an effect's place, over its own; of nothing in its place under ""."""
+    here = evidence(current.model, effects)
+    likelier = {symbol: 0.0}
+    for _, at in _in_place(current, (symbol,))[:IN_PLACE]:
+        trials = [current.trials[i] for i in at]
+        fitted = fits.of(current.model, (symbol,), trials)
+        names = [trial.force.symbol for trial in trials]
+        after = (*(s for s in effects if s != symbol), *names)
+        likelier["".join(names)] = np.inf if fitted is None else evidence(fitted, after) - here
+    return likelier
+
+
+def _kept(model: FittedModel, gone: Sequence[str]) -> list[int]:
+    """Columns of the products that stay without some effects."""
+    dropped = {column for symbol in gone for column in model.columns_of(symbol)}
+    return [1 + column for column in range(model.columns) if column not in dropped]
+
+
+def _penalty(model: FittedModel, effects: int) -> float:
+    """What so many effects cost in the evidence, their shapes aside."""
+    return effects * float(np.log(sum(rows.path.form.rows for rows in model.rows)))
+
+
+def _in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float, list[int]]]:
+    """Scores along the present path of nothing, and of each candidate, in the place of effects.
+
+    Relative to the present model; the best trial of each candidate, the best first, without what is far.
+    """
+    model, kept = current.model, _kept(current.model, gone)
+    bare = likelihood(current.products, kept)
+    without = bare.deviance - model.deviance
+    scores = [(without - _penalty(model, len(gone)), list[int]())]
+    beside = each_beside(current.products, kept, [current.first_trial + at for at in current.in_place], bare)
+    for at, deviance, coefficient in zip(
+        current.in_place, beside.deviance.tolist(), beside.coefficients.tolist(), strict=True
+    ):
+        if is_physical(current.trials[at].force, coefficient, current.relative_force[at]):
+            scores.append((deviance - model.deviance + _penalty(model, 1 - len(gone)), [at]))
+    best: dict[str, tuple[float, list[int]]] = {}
+    for scored in sorted(scores, key=lambda scored: scored[0]):
+        best.setdefault(current.trials[scored[1][0]].force.symbol if scored[1] else "", scored)
+    return [scored for scored in best.values() if scored[0] < SLACK * max(0.0, without) + FAR]
+
+
+def _pairs_in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float, list[int]]]:
+    """The same of two candidates in the place of effects; which, by the noise of the present model."""
+    model, kept = current.model, _kept(current.model, gone)
+    trials = current.in_place
+    columns = [0, *(current.first_trial + at for at in trials)]
+    _, rest = projected(current.products, model.likelihood, kept, columns)
+    along, size = rest[0, 1:], np.maximum(np.diag(rest)[1:], 1e-300)
+    best: dict[str, int] = {}
+    for i in np.argsort(-(along**2) / size).tolist():
+        best.setdefault(current.trials[trials[i]].force.symbol, i)
+    first, second = np.triu_indices(len(best), 1)
+    chosen = np.array(list(best.values()), dtype=int)
+    first, second = chosen[first], chosen[second]
+    cross = rest[1:, 1:][first, second]
+    outside = np.maximum(size[first] * size[second] - cross**2, 0.0)
+    gains = along[first] ** 2 * size[second] + along[second] ** 2 * size[first]
+    gains = gains - 2.0 * cross * along[first] * along[second]
+    distinct = outside > 1e-6 * size[first] * size[second]
+    gains = np.where(distinct, gains / np.where(distinct, outside, 1.0), 0.0)
+    scores = []
+    for i in np.argsort(-gains)[:PAIRS].tolist():
+        pair = [trials[first[i]], trials[second[i]]]
+        likelier = likelihood(current.products, [*kept, *(current.first_trial + at for at in pair)])
+        coefficients = likelier.coefficients[-2:]
+        able = all(
+            is_physical(current.trials[at].force, c, current.relative_force[at])
+            for at, c in zip(pair, coefficients, strict=True)
+        )
+        score = likelier.deviance - model.deviance + _penalty(model, 2 - len(gone))
+        if able and score < FAR:
+            scores.append((score, pair))
+    return scores

@@ -1,0 +1,153 @@
+"""The free motion of a fitted model beside each record, and the model as an identification."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
+
+from sysid_trib.arrays import Array
+from sysid_trib.discrepancy.model_fit import FittedModel
+from sysid_trib.discrepancy.paths import RecordPath
+from sysid_trib.errors import SimulationError
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.noise.random_force import RandomForce, random_force_variables
+from sysid_trib.noise.residual_noise import NoiseModel
+from sysid_trib.noise.sensor_noise import colour_variables
+from sysid_trib.records.runs import one_or_all, root_mean_square
+from sysid_trib.results.per_run import start_variables
+from sysid_trib.results.schema import Estimate, identification
+from sysid_trib.simulation.model import Model
+from sysid_trib.trajectory_fit.initial_conditions import FittedMotion, fit_start
+from sysid_trib.validation.holdout import counted_from
+
+
+@dataclass(frozen=True)
+class FreeMotion:
+    """A run beside the motion that a model has without a random force, its start fitted.
+
+    Attributes
+    ----------
+    time : (sample,) array of float, s
+    x, v : (sample,) array of float, rad
+        theta and theta'/w of the model.
+    residual : (sample,) array of float, rad
+        Record minus model, errors of the sensor and its zero included.
+    start : (float, float), rad and rad/s
+    zero : float, rad
+        Of the sensor.
+    moving : int
+        Samples before the motion stops.
+    noise : NoiseModel
+        Of the sensor.
+    model : Model
+    """
+
+    time: Array
+    x: Array
+    v: Array
+    residual: Array
+    start: tuple[float, float]
+    zero: float
+    moving: int
+    noise: NoiseModel
+    model: Model
+
+
+def model_of_fit(model: FittedModel) -> Model:
+    """Forces, errors of the sensor, shapes and frequency of a fit whose paths have its frequency."""
+    library = ForceLibrary("model", tuple(trial.force for trial in model.trials))
+    coefficients = dict(zip(library.symbols, model.coefficients.tolist(), strict=True))
+    shapes = {k: value for trial in model.trials for k, value in trial.shapes.items()}
+    return Model(library, coefficients, model.rows[0].path.frequency, shapes)
+
+
+def free_motions(model: FittedModel) -> list[FreeMotion]:
+    """The free motion of a model beside each of its runs."""
+    return [
+        free_motion(model_of_fit(model), rows.path, model.sensor(at)) for at, rows in enumerate(model.rows)
+    ]
+
+
+def free_motion(model: Model, path: RecordPath, noise: NoiseModel) -> FreeMotion:
+    """The free motion of a model beside a record."""
+    # A motion counts `t` from its first sample.
+    later = counted_from(model.library, float(path.time[0]) - path.origin)
+    acting = replace(
+        model, library=later, coefficients={f.symbol: model.coefficients[f.symbol] for f in model.forces}
+    )
+    error = _sensor_error(model, path.elapsed, *path.at_samples)
+    x, v = path.at_samples
+    begin = float(x[0]), float(v[0] * path.frequency)
+    try:
+        motion = fit_start(acting, path.time, path.angle - error, begin)
+    except SimulationError:
+        # A model without a motion of its own has that which the record leaves it.
+        motion = FittedMotion(*begin, 0.0, x, v, np.nan, {}, np.empty((len(x), 2)))
+    error = _sensor_error(model, path.elapsed, motion.x, motion.v)
+    moving = len(path.time)
+    if np.isfinite(motion.stop_time):
+        moving = max(2, int(np.searchsorted(path.time, motion.stop_time)))
+    return FreeMotion(
+        path.time,
+        motion.x,
+        motion.v,
+        path.angle - motion.offset - error - motion.x,
+        (motion.angle, motion.rate),
+        motion.offset,
+        moving,
+        noise,
+        model,
+    )
+
+
+def _sensor_error(model: Model, elapsed: Array, x: Array, v: Array) -> Array:
+    terms = [
+        model.coefficients[force.symbol] * force.value(x, v, elapsed, shapes=model.shapes)
+        for force in model.sensors
+    ]
+    return np.asarray(np.sum(terms, axis=0)) if terms else np.zeros_like(x)
+
+
+def model_identification(
+    model: FittedModel, motions: Sequence[FreeMotion], runs: Sequence[xr.Dataset], frequency: float | None
+) -> xr.Dataset:
+    """A model as an identification: with the random force of each run, which its errors allow for."""
+    from sysid_trib.methods.direct import Direct
+
+    identified = model_of_fit(model)
+    forces = [
+        RandomForce(
+            RandomForce.density_of(ratio * variance, identified.reference_frequency),
+            RandomForce.density_of(ratio * variance, identified.reference_frequency) * error,
+            RandomForce.p_value_of_gain(gain),
+        )
+        for ratio, variance, error, gain in zip(
+            model.likelihood.ratios,
+            model.likelihood.variances,
+            model.likelihood.ratio_errors,
+            model.likelihood.gains,
+            strict=True,
+        )
+    ]
+    levels = [motion.noise.standard_deviation for motion in motions]
+    expected = root_mean_square([rows.path.sensor.standard_deviation for rows in model.rows])
+    extra: dict[str, tuple[ArrayLike, str, str]] = {
+        "birge_ratio": (root_mean_square(levels) / expected, "1", "sensor's noise over that of its spectrum"),
+        **start_variables([motion.start for motion in motions], [motion.zero for motion in motions]),
+    }
+    estimate = Estimate(
+        model.coefficients, model.covariance_with_frequency(), identified.reference_frequency, levels, extra
+    )
+    method = Direct(frequency, shapes=dict(identified.shapes), random_force="auto")
+    result = identification(
+        method, one_or_all(list(runs)), identified.library, estimate, offered=identified.library
+    )
+    filters = [rows.path.sensor.filter_ for rows in model.rows]
+    result = result.assign(random_force_variables(forces) | colour_variables(filters))
+    if "shape" in result:
+        errors = model.shape_errors()
+        fitted = [errors.get(name, np.nan) for name in result.shape_parameter.values.tolist()]
+        result["shape_standard_error"] = result.shape_standard_error.copy(data=fitted)
+    return result

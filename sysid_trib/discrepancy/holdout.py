@@ -1,0 +1,119 @@
+"""What has not been seen, predicted: by the likelihood of its rows, and by a free run."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.arrays import Array
+from sysid_trib.discrepancy.free_motion import free_motion, model_of_fit
+from sysid_trib.discrepancy.model_fit import FittedModel
+from sysid_trib.discrepancy.paths import RecordPath
+from sysid_trib.discrepancy.run_rows import run_rows
+from sysid_trib.discrepancy.start_model import first_path
+from sysid_trib.errors import SysidTribError
+from sysid_trib.noise.smoothing import KNOTS_PER_PERIOD
+from sysid_trib.records.runs import root_mean_square
+from sysid_trib.regression.weak_form import cholesky_factor, whiten
+
+# Rounds of the path of a part that is predicted.
+PATH_ROUNDS = 3
+# A mean score that is worse by so many of its errors is worse (Diebold and Mariano 1995).
+REFUTED = -2.0
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """How a model predicts what it has not seen.
+
+    Attributes
+    ----------
+    scores : tuple of (row,) array of float
+        Logarithm of the predictive density of each row of each part, given those before it.
+    rms : float, rad
+        Residual of the free motion, its start and the sensor's zero fitted.
+    """
+
+    scores: tuple[Array, ...]
+    rms: float
+
+
+def predicted(
+    model: FittedModel,
+    parts: Sequence[xr.Dataset],
+    origins: Sequence[float],
+    runs: Sequence[int],
+    frequency: float,
+) -> Prediction:
+    """Predict parts of records by a model that has not seen them.
+
+    Parameters
+    ----------
+    model : FittedModel
+    parts : sequence of Dataset
+        With `angle(time)`.
+    origins : sequence of float, s
+        From which the `t` of formulas counts in each.
+    runs : sequence of int
+        Whose noises are those of each.
+    frequency : float, rad/s
+        Of the test functions, the same for models that are compared.
+
+    Notes
+    -----
+    Coefficients, shapes and variances are the model's; of the part itself come its start, which the rows need
+    not know, and the sensor's zero. The rows follow each other in time, and the factor of their covariance is
+    triangular: each is predicted by those before it, a few samples ahead.
+    """
+    scores, residuals = [], []
+    for part, origin, run in zip(parts, origins, runs, strict=True):
+        path = first_path(part, frequency, origin).rescaled(model.rows[0].path.frequency)
+        path = replace(path, sensor=model.rows[run].path.sensor)
+        scored, path = _scored(model, path, run)
+        scores.append(scored)
+        try:
+            motion = free_motion(model_of_fit(model), path, model.sensor(run))
+            residuals.append(root_mean_square(motion.residual))
+        except SysidTribError:
+            residuals.append(float("nan"))
+    return Prediction(tuple(scores), root_mean_square(residuals))
+
+
+def _scored(model: FittedModel, path: RecordPath, run: int) -> tuple[Array, RecordPath]:
+    """Logarithm of the predictive density of each row, and the smoothed path."""
+    ratio, variance = float(model.likelihood.ratios[run]), float(model.likelihood.variances[run])
+    guess = np.append(model.coefficients, model.stiffness)
+    sensors = [at for at, trial in enumerate(model.trials) if trial.force.kind == "sensor"]
+    for _ in range(PATH_ROUNDS):
+        rows = run_rows(path, model.trials, guess)
+        unexplained = rows.target - rows.columns(model.trials) @ model.coefficients
+        unexplained = unexplained - model.stiffness * path.stiffness_column
+        zero = -(rows.operator @ np.ones(len(path.time)))
+        factor = cholesky_factor(rows.band, path.form.gram, ratio)
+        white = whiten(factor, np.column_stack([unexplained, zero]))
+        offset = float(white[:, 1] @ white[:, 0] / (white[:, 1] @ white[:, 1]))
+        error = path.sensor_values([model.trials[at] for at in sensors]) @ model.coefficients[sensors]
+        noise = rows.most_likely_noise(unexplained - offset * zero, ratio)
+        path = path.follow(path.angle - offset - error - noise)
+    innovation = (white[:, 0] - offset * white[:, 1]) / np.sqrt(variance)
+    return -0.5 * innovation**2 - np.log(factor[0]) - 0.5 * np.log(variance), path
+
+
+def better_by(after: Prediction, before: Prediction) -> float:
+    """By how many of its errors the mean score of one model is better than that of another.
+
+    Notes
+    -----
+    Diebold and Mariano's test of means over periods, between which scores are taken as independent; nan of
+    fewer than three.
+    """
+    means = []
+    for later, other in zip(after.scores, before.scores, strict=True):
+        periods = len(later) // KNOTS_PER_PERIOD
+        difference = (later - other)[: periods * KNOTS_PER_PERIOD]
+        means.append(difference.reshape(periods, KNOTS_PER_PERIOD).mean(axis=1))
+    difference = np.concatenate(means)
+    if len(difference) < 3 or not np.ptp(difference):
+        return float("nan")
+    return float(difference.mean() / difference.std(ddof=1) * np.sqrt(len(difference)))

@@ -1,0 +1,253 @@
+"""Likelihood of the rows of all runs, with the sensor's noise and a random force in each.
+
+Rows of a run have the covariance variance * (A S A' + ratio * G): of the sensor's noise of colour S, and of a
+white random force. Everything about a model is in the products of its columns for a grid of the ratios, so
+that any set of columns is judged by small matrices, both variances of each run at their most likely values.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from sysid_trib.arrays import Array
+from sysid_trib.noise.variance_ratio import ratio_span
+from sysid_trib.regression.weak_form import WeakForm, cholesky_factor, whiten
+
+# Distance of the ratios tried, in their logarithm, and of those between them where a spline is evaluated.
+RATIO_STEP, BETWEEN_STEP = 1.5, 0.03
+# The level of the sensor's noise, known beforehand from its spectrum, counts as so many rows.
+ROWS_OF_LEVEL = 5.0
+# Rounds in which the variances of several runs settle beside each other, and the fall of the deviance at
+# which they have.
+RATIO_ROUNDS, DEVIANCE_SETTLED = 20, 0.01
+# Part of the information that is added, so that columns which nothing tells apart have a solution.
+RIDGE = 1e-13
+
+
+@dataclass(frozen=True)
+class RunProducts:
+    """Products of a run's columns in the covariance of each ratio.
+
+    Attributes
+    ----------
+    products : (ratio, column, column) array of float
+        The first column is the target.
+    log_determinant : (ratio,) array of float
+        Of the covariance, over that of white noise of the sensor alone.
+    ratios : (ratio,) array of float
+        The first is 0.
+    rows : int
+    level : float, rad
+        Of the innovations of the sensor's noise, as its spectrum has it.
+    """
+
+    products: Array
+    log_determinant: Array
+    ratios: Array
+    rows: int
+    level: float
+
+    @property
+    def degrees_of_freedom(self) -> float:
+        """Rows, with those that the level counts."""
+        return self.rows + ROWS_OF_LEVEL
+
+    def at(self, ratio: float) -> Array:
+        """Products in the covariance of any ratio, (column, column): a spline over those tried.
+
+        Each is the same sum of those tried, so that a target which the columns explain stays explained.
+        """
+        tried = np.flatnonzero(self.ratios == ratio)
+        if len(tried):
+            return np.asarray(self.products[tried[0]])
+        weights = CubicSpline(np.log(self.ratios[1:]), np.eye(len(self.ratios) - 1))(np.log(ratio))
+        return np.asarray(np.tensordot(weights, self.products[1:], 1))
+
+    def of(self, columns: Array) -> Array:
+        """Products of the target and some columns, (ratio, column + 1, column + 1)."""
+        at = np.concatenate([[0], columns])
+        return self.products[:, at[:, None], at]
+
+
+def products_of(band: Array, white_band: Array, table: Array, form: WeakForm, level: float) -> RunProducts:
+    """Products of a run's columns.
+
+    Parameters
+    ----------
+    band, white_band : (diagonal, row) array of float
+        Covariance of the rows by noise of the sensor of unit size, with its colour and white.
+    table : (row, column) array of float
+        The target, then columns.
+    form : WeakForm
+    level : float, rad
+    """
+    steps = np.diff(form.tau)
+    low, high = ratio_span(float(form.tau[-1] - form.tau[0]), float(np.median(steps)))
+    logs = np.arange(np.log(low), np.log(high), RATIO_STEP)
+    ratios = np.concatenate([[0.0], np.exp(logs)])
+    reference = _log_determinant(cholesky_factor(white_band))
+    products, determinants = [], []
+    for ratio in ratios:
+        factor = cholesky_factor(band, form.gram, float(ratio))
+        white = whiten(factor, table)
+        products.append(white.T @ white)
+        determinants.append(_log_determinant(factor) - reference)
+    return RunProducts(np.array(products), np.array(determinants), ratios, len(table), level)
+
+
+def _log_determinant(factor: Array) -> float:
+    return 2.0 * float(np.sum(np.log(factor[0])))
+
+
+@dataclass(frozen=True)
+class Likelihood:
+    """The most likely values of a model.
+
+    Attributes
+    ----------
+    deviance : float
+        Minus twice the logarithm of the likelihood.
+    coefficients : (column,) array of float
+    covariance : (column, column) array of float
+    variances : (run,) array of float, rad^2
+        Of the innovations of the sensor's noise.
+    ratios : (run,) array of float
+        Of the random force to that noise.
+    ratio_errors : (run,) array of float
+        Standard errors of their logarithms, nan of a ratio of 0.
+    gains : (run,) array of float
+        By how much the random force of a run lowers the deviance.
+    """
+
+    deviance: float
+    coefficients: Array
+    covariance: Array
+    variances: Array
+    ratios: Array
+    ratio_errors: Array
+    gains: Array
+
+    def among(self, columns: Sequence[int], count: int) -> "Likelihood":
+        """The same as of `count` columns, of which those that are not among these are held at zero."""
+        if len(columns) == count:
+            return self
+        coefficients, covariance = np.zeros(count), np.zeros((count, count))
+        coefficients[list(columns)] = self.coefficients
+        covariance[np.ix_(columns, columns)] = self.covariance
+        return replace(self, coefficients=coefficients, covariance=covariance)
+
+
+def likelihood(runs: Sequence[RunProducts], columns: Sequence[int]) -> Likelihood:
+    """Maximum likelihood of the model of these columns, the variances of each run profiled.
+
+    Parameters
+    ----------
+    runs : sequence of RunProducts
+        With the same columns.
+    columns : sequence of int
+        Of the table, from 1.
+
+    Notes
+    -----
+    Of one run the coefficients are solved for each ratio. Of several this is done for one run after the
+    other, the ratios of the others held, until the deviance settles.
+    """
+    parts = [run.of(np.asarray(columns, dtype=int)) for run in runs]
+    size = np.sqrt(np.maximum(sum(np.einsum("gii->i", part) for part in parts), 1e-300))
+    size[0] = 1.0
+    parts = [part / np.outer(size, size) for part in parts]
+    at = [len(run.ratios) // 2 for run in runs]
+    variances = [run.level**2 for run in runs]
+    best = np.inf
+    for _ in range(RATIO_ROUNDS):
+        before = best
+        for r in range(len(runs)):
+            deviances, of_each = _over_ratios(runs, parts, at, variances, r)
+            at[r] = int(np.argmin(deviances))
+            best, variances = float(deviances[at[r]]), list(of_each[:, at[r]])
+        if len(runs) == 1 or before - best < DEVIANCE_SETTLED:
+            break
+    ratios, errors, gains = np.zeros((3, len(runs)))
+    deviance = best
+    for r, run in enumerate(runs):
+        deviances, _ = _over_ratios(runs, parts, at, variances, r)
+        ratios[r], least, errors[r] = _between(run.ratios, deviances, at[r])
+        gains[r], deviance = deviances[0] - least, deviance + least - best
+    of_columns = np.concatenate([[0], np.asarray(columns, dtype=int)])
+    there = [
+        run.at(float(ratio))[np.ix_(of_columns, of_columns)] / np.outer(size, size)
+        for run, ratio in zip(runs, ratios, strict=True)
+    ]
+    coefficients, covariance = _solution(there, variances)
+    variances = [_variance(run, part, coefficients) for run, part in zip(runs, there, strict=True)]
+    coefficients, covariance = _solution(there, variances)
+    scale = size[1:]
+    return Likelihood(
+        deviance,
+        coefficients / scale,
+        covariance / np.outer(scale, scale),
+        np.array(variances),
+        ratios,
+        errors,
+        gains,
+    )
+
+
+def _solution(parts: Sequence[Array], variances: Sequence[float]) -> tuple[Array, Array]:
+    """Coefficients and their covariance by the products of each run."""
+    total = np.sum([part / variance for part, variance in zip(parts, variances, strict=True)], axis=0)
+    diagonal = np.diag(total)[1:]
+    information = total[1:, 1:] + RIDGE * np.diag(diagonal + np.max(diagonal, initial=1e-300))
+    covariance = np.linalg.inv(information)
+    return covariance @ total[1:, 0], covariance
+
+
+def _variance(run: RunProducts, products: Array, b: Array) -> float:
+    """The most likely variance of a run beside coefficients."""
+    squares = products[0, 0] - 2.0 * b @ products[1:, 0] + b @ products[1:, 1:] @ b
+    return float((max(squares, 0.0) + ROWS_OF_LEVEL * run.level**2) / run.degrees_of_freedom)
+
+
+def _over_ratios(
+    runs: Sequence[RunProducts], parts: Sequence[Array], at: Sequence[int], variances: Sequence[float], r: int
+) -> tuple[Array, Array]:
+    """Deviance for each ratio of one run, and the variances of all runs, (run, ratio)."""
+    of_run = parts[r]
+    others = [q for q in range(len(runs)) if q != r]
+    information = of_run[:, 1:, 1:] / variances[r]
+    right = of_run[:, 1:, 0] / variances[r]
+    for q in others:
+        information = information + parts[q][at[q], 1:, 1:] / variances[q]
+        right = right + parts[q][at[q], 1:, 0] / variances[q]
+    diagonal = np.einsum("gii->gi", information)
+    diagonal = diagonal + np.max(diagonal, axis=1, keepdims=True, initial=1e-300)
+    information = information + RIDGE * diagonal[:, :, None] * np.eye(diagonal.shape[1])
+    b = np.linalg.solve(information, right[:, :, None])[:, :, 0] if right.shape[1] else right
+    deviance, variance_of = np.zeros(len(of_run)), np.empty((len(runs), len(of_run)))
+    for q, run in enumerate(runs):
+        part = of_run if q == r else parts[q][at[q]][None]
+        squares = part[:, 0, 0] - 2.0 * np.einsum("gi,gi->g", b, np.broadcast_to(part[:, 1:, 0], b.shape))
+        squares = squares + np.einsum(
+            "gi,gij,gj->g", b, np.broadcast_to(part[:, 1:, 1:], information.shape), b
+        )
+        dof = run.degrees_of_freedom
+        variance_of[q] = (np.maximum(squares, 0.0) + ROWS_OF_LEVEL * run.level**2) / dof
+        determinant = run.log_determinant if q == r else run.log_determinant[at[q]]
+        deviance = deviance + dof * np.log(variance_of[q]) + determinant
+    return deviance, variance_of
+
+
+def _between(ratios: Array, deviance: Array, at: int) -> tuple[float, float, float]:
+    """The most likely ratio, its deviance, the error of its logarithm: by a spline of the deviance."""
+    if at == 0:
+        return float(ratios[0]), float(deviance[0]), float("nan")
+    logs = np.log(ratios[1:])
+    spline = CubicSpline(logs, deviance[1:])
+    low, high = logs[max(0, at - 2)], logs[min(len(logs) - 1, at)]
+    fine = np.linspace(low, high, 1 + round((high - low) / BETWEEN_STEP))
+    best = float(fine[np.argmin(spline(fine))])
+    bend = float(spline(best, 2))
+    error = float(np.sqrt(2.0 / bend)) if bend > 0.0 and low < best < high else float("nan")
+    return float(np.exp(best)), float(spline(best)), error

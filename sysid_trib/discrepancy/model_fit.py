@@ -1,0 +1,277 @@
+"""Exact fits: forces and errors of the sensor with their shapes, along the motion that they imply."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sysid_trib.arrays import Array
+from sysid_trib.discrepancy.likelihood import Likelihood, RunProducts, likelihood
+from sysid_trib.discrepancy.paths import RecordPath
+from sysid_trib.discrepancy.run_rows import RunRows, nuisances, run_rows
+from sysid_trib.discrepancy.trials import TrialEffect, end_of_range, from_unit, slope_of_unit, to_unit
+from sysid_trib.noise.residual_noise import NoiseModel
+from sysid_trib.records.runs import root_mean_square
+
+# Rounds of path and parameters in turn, and the change of the deviance below which they have settled.
+MOST_PATHS = 12
+# Rounds after which a path goes half of its way.
+WHOLE_STEPS = 3
+SETTLED_DEVIANCE = 0.1
+# Part of its square by which a frequency may differ from the reference, and rounds to get there.
+SAME_REFERENCE, RESCALINGS = 1e-7, 4
+# Largest step of a shape parameter in a round, in parts of its range; difference for its column.
+SHAPE_STEP, SHAPE_DIFFERENCE = 0.1, 1e-4
+
+
+@dataclass(frozen=True)
+class FittedModel:
+    """A model at its most likely, with the rows about its smoothed motions.
+
+    Attributes
+    ----------
+    trials : tuple of TrialEffect
+        Forces and errors of the sensor, with their shapes.
+    coefficients : (trial,) array of float
+    stiffness : float
+        By which the square of the frequency differs from the paths', as a part of it.
+    rows : tuple of RunRows
+        Of each run.
+    tables : tuple of (row, column) array of float
+        Columns in each run: trials, stiffness where the frequency is fitted, zeros of the sensor in each run,
+        steps of the shapes in parts of their ranges.
+    frequency_free : bool
+    likelihood : Likelihood
+        Of these columns.
+    settled : bool
+        Whether paths and parameters have.
+    """
+
+    trials: tuple[TrialEffect, ...]
+    coefficients: Array
+    stiffness: float
+    rows: tuple[RunRows, ...]
+    tables: tuple[Array, ...]
+    frequency_free: bool
+    likelihood: Likelihood
+    settled: bool = True
+
+    @property
+    def deviance(self) -> float:
+        """Minus twice the logarithm of the likelihood."""
+        return self.likelihood.deviance
+
+    @property
+    def columns(self) -> int:
+        """Number of its columns: trials, nuisances, steps of the shapes."""
+        return len(self.likelihood.coefficients)
+
+    @property
+    def shape_columns(self) -> list[tuple[int, str, int]]:
+        """TrialEffect, name and column, from 0, of each shape parameter."""
+        names = [(at, name) for at, trial in enumerate(self.trials) for name in trial.force.shape]
+        first = self.columns - len(names)
+        return [(at, name, first + i) for i, (at, name) in enumerate(names)]
+
+    def columns_of(self, symbol: str) -> list[int]:
+        """Columns of a force: its own and those of its shapes."""
+        at = [trial.force.symbol for trial in self.trials].index(symbol)
+        return [at, *(column for trial, _, column in self.shape_columns if trial == at)]
+
+    def sensor(self, run: int) -> NoiseModel:
+        """Noise of the sensor in a run, its level that of what the smoothed motion leaves of the record."""
+        path = self.rows[run].path
+        level = root_mean_square(path.angle - self.sensor_errors(run) - path.at_samples[0])
+        return NoiseModel(
+            level / NoiseModel(1.0, path.sensor.filter_).standard_deviation, path.sensor.filter_
+        )
+
+    def sensor_errors(self, run: int) -> Array:
+        """Zero and errors of the sensor along a run's path, (sample,), rad."""
+        b, count = self.likelihood.coefficients, len(self.trials)
+        sensors = [at for at, trial in enumerate(self.trials) if trial.force.kind == "sensor"]
+        errors = self.rows[run].path.sensor_values([self.trials[i] for i in sensors]) @ b[sensors]
+        return np.asarray(b[count + self.frequency_free + run] + errors)
+
+    def covariance_with_frequency(self) -> Array:
+        """Covariance of the coefficients and the frequency (rad/s), of a fit whose paths have its frequency.
+
+        A frequency that is a little higher has smaller coefficients give the same force.
+        """
+        count, whole = len(self.trials), self.likelihood.covariance
+        if not self.frequency_free:
+            return np.pad(whole[:count, :count], (0, 1))
+        degrees = [t.force.speed_degree for t in self.trials]
+        power = 0.5 * (2.0 - np.array([0.0 if q is None else q for q in degrees]))
+        dynamic = np.array([t.force.kind == "force" for t in self.trials])
+        jacobian = np.eye(count + 1)
+        jacobian[:count, -1] = -power * dynamic * self.coefficients
+        jacobian[-1, -1] = 0.5 * self.rows[0].path.frequency
+        return np.asarray(jacobian @ whole[: count + 1, : count + 1] @ jacobian.T)
+
+    def shape_errors(self) -> dict[str, float]:
+        """Standard errors of the shape parameters, by their names."""
+        errors = np.sqrt(np.diag(self.likelihood.covariance))
+        errors_by_name = {}
+        for at, name, column in self.shape_columns:
+            trial, key = self.trials[at], f"{self.trials[at].force.symbol}.{name}"
+            errors_by_name[key] = float(
+                errors[column] * slope_of_unit(trial.force.shape[name], trial.shapes[key])
+            )
+        return errors_by_name
+
+    def residuals(self) -> list[Array]:
+        """What the model leaves of each run's rows, (row,)."""
+        b = self.likelihood.coefficients
+        return [rows.target - table @ b for rows, table in zip(self.rows, self.tables, strict=True)]
+
+    def white_residuals(self) -> list[Array]:
+        """The same, white and of unit variance."""
+        pairs = zip(self.rows, self.residuals(), strict=True)
+        return [
+            rows.whitened(residual[:, None], self.likelihood, at)[:, 0]
+            for at, (rows, residual) in enumerate(pairs)
+        ]
+
+    def white_tables(self) -> list[Array]:
+        """Target and columns of each run, (row, 1 + column), its noises white and of unit variance."""
+        return [
+            rows.whitened(np.column_stack([rows.target, table]), self.likelihood, at)
+            for at, (rows, table) in enumerate(zip(self.rows, self.tables, strict=True))
+        ]
+
+    def next_paths(self, part: float = 1.0) -> list[RecordPath]:
+        """The records without the most likely noise of their sensors, or a part of the way there."""
+        paths = []
+        for at, (rows, residual) in enumerate(zip(self.rows, self.residuals(), strict=True)):
+            noise = rows.most_likely_noise(residual, float(self.likelihood.ratios[at]))
+            motion = rows.path.angle - self.sensor_errors(at) - noise
+            paths.append(rows.path.follow(part * motion + (1.0 - part) * rows.path.at_samples[0]))
+        return paths
+
+    def next_trials(self) -> list[TrialEffect]:
+        """The trials with their shapes a step further, within their ranges."""
+        shapes = [dict(trial.shapes) for trial in self.trials]
+        for at, name, column in self.shape_columns:
+            trial, key = self.trials[at], f"{self.trials[at].force.symbol}.{name}"
+            step = np.clip(self.likelihood.coefficients[column], -SHAPE_STEP, SHAPE_STEP)
+            part = np.clip(to_unit(trial.force.shape[name], trial.shapes[key]) + step, 0.0, 1.0)
+            shapes[at][key] = float(from_unit(trial.force.shape[name], part))
+        return [replace(trial, shapes=table) for trial, table in zip(self.trials, shapes, strict=True)]
+
+
+def fit_model(
+    paths: Sequence[RecordPath],
+    trials: Sequence[TrialEffect],
+    *,
+    frequency_free: bool,
+    first: Array | None = None,
+) -> FittedModel:
+    """Fit coefficients, shapes, frequency and both variances of each run along smoothed motions.
+
+    Parameters
+    ----------
+    paths : sequence of RecordPath
+        First guesses.
+    trials : sequence of TrialEffect
+        The model, with first guesses of the shapes.
+    frequency_free : bool
+    first : (trial + 1,) array of float, optional
+        First guess of the coefficients and the stiffness, for the operator of small deviations.
+
+    Notes
+    -----
+    The next path is the record without the most likely noise of its sensor, in the model at hand: without a
+    random force it becomes a free motion (Newton's method on all samples), with one the smoothed motion.
+    """
+    guess = np.zeros(len(trials) + 1) if first is None else first
+    model = _fitted_along(paths, trials, guess, frequency_free)
+    for turn in range(MOST_PATHS):
+        guess = np.append(model.coefficients, model.stiffness)
+        # A history-dependent force may have the path swing about where it settles.
+        nearer = model.next_paths(1.0 if turn < WHOLE_STEPS else 0.5)
+        after = _fitted_along(nearer, model.next_trials(), guess, frequency_free)
+        settled = abs(after.deviance - model.deviance) < SETTLED_DEVIANCE
+        model = after
+        if settled:
+            return model
+    return replace(model, settled=False)
+
+
+def _fitted_along(
+    paths: Sequence[RecordPath], trials: Sequence[TrialEffect], guess: Array, frequency_free: bool
+) -> FittedModel:
+    """The most likely coefficients, and steps of the shapes, along paths that are held."""
+    rows = tuple(run_rows(path, trials, guess) for path in paths)
+    tables = [_table(run, at, len(rows), trials, guess, frequency_free) for at, run in enumerate(rows)]
+    products = [run.products(table) for run, table in zip(rows, tables, strict=True)]
+    most_likely = _within_ranges(products, tables[0].shape[1], trials)
+    b, count = most_likely.coefficients, len(trials)
+    stiffness = float(b[count]) if frequency_free else 0.0
+    return FittedModel(tuple(trials), b[:count], stiffness, rows, tuple(tables), frequency_free, most_likely)
+
+
+def _within_ranges(products: Sequence[RunProducts], count: int, trials: Sequence[TrialEffect]) -> Likelihood:
+    """Maximum likelihood in `count` columns; shapes at an end of their range that would leave it are held."""
+    shapes = [(t.force.shape[k], t.shapes[f"{t.force.symbol}.{k}"]) for t in trials for k in t.force.shape]
+    first = count - len(shapes)
+    held: list[int] = []
+    while True:
+        free = [column for column in range(count) if column not in held]
+        likeliest = likelihood(products, [1 + column for column in free])
+        steps = dict(zip(free, likeliest.coefficients.tolist(), strict=True))
+        leaving = [
+            first + i
+            for i, (shape, value) in enumerate(shapes)
+            if (side := end_of_range(shape, value)) and side * steps.get(first + i, 0.0) > 0.0
+        ]
+        if not leaving:
+            return likeliest.among(free, count)
+        held += leaving
+
+
+def _table(
+    rows: RunRows, run: int, runs: int, trials: Sequence[TrialEffect], guess: Array, frequency_free: bool
+) -> Array:
+    """Columns of the trials, the nuisances, and the steps of the shapes."""
+    columns = rows.columns(trials)
+    steps = []
+    for at, trial in enumerate(trials):
+        for name in trial.force.shape:
+            beside, difference = _beside(trial, name)
+            steps.append(guess[at] * (rows.columns([beside])[:, 0] - columns[:, at]) / difference)
+    return np.column_stack([columns, nuisances(rows, run, runs, frequency_free), *steps])
+
+
+def _beside(trial: TrialEffect, name: str) -> tuple[TrialEffect, float]:
+    """The trial with a shape a little aside, and by how much of its range."""
+    shape, key = trial.force.shape[name], f"{trial.force.symbol}.{name}"
+    part = to_unit(shape, trial.shapes[key])
+    step = SHAPE_DIFFERENCE if part < 0.5 else -SHAPE_DIFFERENCE
+    value = float(from_unit(shape, np.asarray(part + step)))
+    return replace(trial, shapes={**trial.shapes, key: value}), step
+
+
+def rescaled(model: FittedModel) -> list[RecordPath]:
+    """The model's paths with its frequency as the reference."""
+    factor = float(np.sqrt(max(0.25, 1.0 + model.stiffness)))
+    return [run.path.rescaled(run.path.frequency * factor) for run in model.rows]
+
+
+def refitted(model: FittedModel, paths: Sequence[RecordPath] | None = None) -> FittedModel:
+    """The model fitted again, with its frequency as the reference.
+
+    `paths` : of the same frequency as the model's; by default the model's.
+    """
+    for _ in range(RESCALINGS):
+        near = (
+            rescaled(model)
+            if paths is None
+            else [path.rescaled(path.frequency * float(np.sqrt(1.0 + model.stiffness))) for path in paths]
+        )
+        paths = None
+        first = np.append(model.coefficients, 0.0)
+        model = fit_model(near, model.trials, frequency_free=model.frequency_free, first=first)
+        if abs(model.stiffness) < SAME_REFERENCE:
+            break
+    return model

@@ -1,0 +1,214 @@
+"""A record as equations about a smoothed motion: integrals of Eq. 1 against narrow test functions.
+
+For a path x near the motion, d = record - zero - errors of the sensor - x, and A the operator of small
+deviations,
+
+    A d + integral psi (x'' + (1 + kappa) x + sum c h) = A noise + integral psi (random force).
+
+All that is sought, forces and errors of the sensor alike, is a column of these rows. The path is a spline:
+its derivatives are exact, so that no simulation is needed; what it differs from the motion counts in second
+order alone.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.interpolate import BSpline, make_lsq_spline
+
+from sysid_trib.arrays import Array
+from sysid_trib.averaging.internal_states import GivenMotion, states_along, values_along
+from sysid_trib.discrepancy.trials import TrialEffect
+from sysid_trib.errors import DecayError, SysidTribError
+from sysid_trib.noise.residual_noise import NoiseModel
+from sysid_trib.noise.smoothing import SPLINE_DEGREE, knot_intervals, knot_sequence
+from sysid_trib.regression.linearisation import derivatives_along
+from sysid_trib.regression.weak_form import (
+    WeakForm,
+    build_weak_form,
+    integrals_between_samples,
+    noise_operator,
+)
+
+# Points of a period at which forces are evaluated: some are felt in a small part of it.
+INTEGRAND_POINTS = 360
+# Parts of a cell between two points over which a force that switches is averaged.
+CELL_PARTS = (np.arange(4) + 0.5) / 4.0 - 0.5
+
+
+class Points(NamedTuple):
+    """A path where integrands are evaluated, (point,) each, and what integrates them, (row, point)."""
+
+    tau: Array
+    x: Array
+    v: Array
+    acceleration: Array
+    time: Array
+    integrals: sp.csr_matrix
+
+
+@dataclass(frozen=True)
+class RecordPath:
+    """A record and a smoothed motion near it.
+
+    Attributes
+    ----------
+    time, angle : (sample,) array of float, s and rad
+        The record.
+    frequency : float, rad/s
+        To which coefficients refer; tau = frequency * time.
+    form : WeakForm
+    spline : BSpline
+        The path, over tau.
+    sensor : NoiseModel
+        Noise of the sensor; of its level there is but a guess.
+    origin : float, s
+        From which the `t` of formulas counts.
+    intervals : int
+        Between the knots of path and test functions: these stay where they are when the frequency changes.
+    per_period : int
+        Points of a period at which forces are evaluated, at least.
+    """
+
+    time: Array
+    angle: Array
+    frequency: float
+    form: WeakForm
+    spline: BSpline
+    sensor: NoiseModel
+    origin: float
+    intervals: int
+    per_period: int = INTEGRAND_POINTS
+
+    @property
+    def elapsed(self) -> Array:
+        """The `t` of formulas, (sample,), s."""
+        return self.time - self.origin
+
+    @cached_property
+    def at_samples(self) -> tuple[Array, Array]:
+        """x and x' at the samples, (sample,) each, rad."""
+        return self.spline(self.form.tau), self.spline(self.form.tau, 1)
+
+    @cached_property
+    def points(self) -> Points:
+        """The path where forces are evaluated."""
+        tau, integrals = integrals_between_samples(self.form.tau, self.intervals, self.per_period)
+        x, v, acceleration = (self.spline(tau, order) for order in range(3))
+        time = tau / self.frequency + float(self.time[0]) - self.origin
+        return Points(tau, x, v, acceleration, time, integrals)
+
+    @cached_property
+    def motion(self) -> GivenMotion:
+        """The path as history-dependent forces follow it."""
+        return GivenMotion(*self.points[:3], self.points.time)
+
+    @cached_property
+    def linear_part(self) -> Array:
+        """Integrals of x'' + x, (row,)."""
+        return np.asarray(self.points.integrals @ (self.points.acceleration + self.points.x))
+
+    @cached_property
+    def stiffness_column(self) -> Array:
+        """Integrals of x, (row,)."""
+        return np.asarray(self.points.integrals @ self.points.x)
+
+    def operator(self, trials: Sequence[TrialEffect], coefficients: Array, stiffness: float) -> sp.csr_matrix:
+        """The operator of small deviations of a model, (row, sample)."""
+        forces = [
+            (t.force, float(c)) for t, c in zip(trials, coefficients, strict=True) if t.force.kind == "force"
+        ]
+        shapes = {k: value for trial in trials for k, value in trial.shapes.items()}
+        of_x, of_v = derivatives_along(forces, shapes, self.elapsed, *self.at_samples)
+        return noise_operator(self.form, of_x + stiffness, of_v)
+
+    def columns(self, trials: Sequence[TrialEffect], operator: sp.csr_matrix) -> Array:
+        """Rows of each trial with a coefficient of 1, (row, trial); nan where it cannot be followed."""
+        columns = np.empty((self.form.rows, len(trials)))
+        of_force = [at for at, trial in enumerate(trials) if trial.force.kind == "force"]
+        columns[:, of_force] = self.points.integrals @ self.force_values([trials[at] for at in of_force])
+        sensors = [at for at, trial in enumerate(trials) if trial.force.kind == "sensor"]
+        columns[:, sensors] = -(operator @ self.sensor_values([trials[at] for at in sensors]))
+        return columns
+
+    def sensor_values(self, trials: Sequence[TrialEffect]) -> Array:
+        """Errors of the sensor of coefficient 1 at the samples, (sample, trial), rad."""
+        values = [t.force.value(*self.at_samples, self.elapsed, shapes=t.shapes) for t in trials]
+        return np.stack(values, axis=1) if values else np.zeros((len(self.time), 0))
+
+    def force_values(self, trials: Sequence[TrialEffect]) -> Array:
+        """Forces of coefficient 1 along the path, (point, trial), rad; nan where one cannot be followed."""
+        values = np.full((len(self.points.tau), len(trials)), np.nan)
+        with_past: dict[str, list[int]] = {}
+        for at, trial in enumerate(trials):
+            if trial.force.memoryless:
+                values[:, at] = self._memoryless(trial)
+            else:
+                with_past.setdefault(trial.force.symbol, []).append(at)
+        for rows in with_past.values():
+            force, shapes = trials[rows[0]].force, [trials[at].shapes for at in rows]
+            together = values_along(self.motion, force, shapes)
+            values[:, rows] = self._collocated(trials, rows) if together is None else together
+        return values
+
+    def _memoryless(self, trial: TrialEffect) -> Array:
+        force, points = trial.force, self.points
+        if not force.surfaces:
+            return force.value(points.x, points.v, points.time, shapes=trial.shapes)
+        step = points.tau[1] - points.tau[0]
+        parts = [
+            force.value(
+                points.x + s * step * points.v,
+                points.v + s * step * points.acceleration,
+                points.time,
+                shapes=trial.shapes,
+            )
+            for s in CELL_PARTS
+        ]
+        return np.asarray(np.mean(parts, axis=0))
+
+    def _collocated(self, trials: Sequence[TrialEffect], rows: Sequence[int]) -> Array:
+        columns = []
+        tau, x, v, _, time, _ = self.points
+        for at in rows:
+            force, shapes = trials[at].force, trials[at].shapes
+            try:
+                hidden = states_along(force, tau, x, v, shapes, time=time)
+                columns.append(force.value(x, v, time, shapes=shapes, hidden=hidden))
+            except SysidTribError:
+                columns.append(np.full(len(tau), np.nan))
+        return np.stack(columns, axis=1)
+
+    def follow(self, motion: Array) -> "RecordPath":
+        """The path through a motion at the samples, (sample,)."""
+        return replace(self, spline=_spline(self.form.tau, motion, self.intervals))
+
+    def rescaled(self, frequency: float) -> "RecordPath":
+        """The same with coefficients that refer to another frequency."""
+        form = build_weak_form(frequency * (self.time - self.time[0]), self.intervals)
+        spline = _spline(form.tau, self.at_samples[0], self.intervals)
+        return replace(self, frequency=frequency, form=form, spline=spline)
+
+
+def path_of(
+    time: Array, angle: Array, frequency: float, sensor: NoiseModel, origin: float | None = None
+) -> RecordPath:
+    """A record with its least-squares spline as the path; see `RecordPath`."""
+    tau = frequency * (time - time[0])
+    intervals = knot_intervals(tau)
+    form, spline = build_weak_form(tau, intervals), _spline(tau, angle, intervals)
+    since = float(time[0]) if origin is None else origin
+    return RecordPath(time, angle, frequency, form, spline, sensor, since, intervals)
+
+
+def _spline(tau: Array, motion: Array, intervals: int) -> BSpline:
+    knots = knot_sequence(tau, intervals)
+    try:
+        return make_lsq_spline(tau, motion, knots, k=SPLINE_DEGREE, check_finite=False, method="norm-eq")
+    except ValueError:
+        raise DecayError(
+            "The samples of this record do not determine a spline; check its sampling."
+        ) from None

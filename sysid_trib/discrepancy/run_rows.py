@@ -1,0 +1,88 @@
+"""Rows of a run about its path: what a model is to explain, its columns, and the noise of both."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.linalg import cho_solve_banded
+from scipy.signal import lfilter
+
+from sysid_trib.arrays import Array
+from sysid_trib.discrepancy.likelihood import Likelihood, RunProducts, products_of
+from sysid_trib.discrepancy.paths import RecordPath
+from sysid_trib.discrepancy.trials import TrialEffect
+from sysid_trib.regression.weak_form import cholesky_factor, coloured, covariance_band, whiten
+
+# Points of a period at which candidates are evaluated that are only compared.
+SCREENED = 120
+
+
+@dataclass(frozen=True)
+class RunRows:
+    """What a run's rows are made of, about its path.
+
+    Attributes
+    ----------
+    path : RecordPath
+    operator, acting : (row, sample) sparse array of float
+        Of small deviations, on the sensor's noise and on its innovations.
+    """
+
+    path: RecordPath
+    operator: sp.csr_matrix
+    acting: sp.csr_matrix
+
+    @cached_property
+    def band(self) -> Array:
+        """Covariance of the rows by the innovations of the sensor's noise, of unit size."""
+        return covariance_band(self.acting @ self.acting.T)
+
+    @cached_property
+    def white_band(self) -> Array:
+        """The same by white noise of the sensor."""
+        return self.band if self.acting is self.operator else covariance_band(self.operator @ self.operator.T)
+
+    @cached_property
+    def target(self) -> Array:
+        """What the columns are to explain, (row,)."""
+        return -(self.operator @ (self.path.angle - self.path.at_samples[0])) - self.path.linear_part
+
+    def columns(self, trials: Sequence[TrialEffect]) -> Array:
+        """Of each trial, (row, trial)."""
+        return self.path.columns(trials, self.operator)
+
+    def coarse_columns(self, trials: Sequence[TrialEffect]) -> Array:
+        """The same from fewer points of the path, as far as they serve to compare."""
+        return replace(self.path, per_period=SCREENED).columns(trials, self.operator)
+
+    def products(self, columns: Array) -> RunProducts:
+        """Products of the target and columns, (row, column)."""
+        table = np.column_stack([self.target, columns])
+        return products_of(self.band, self.white_band, table, self.path.form, self.path.sensor.innovation)
+
+    def whitened(self, table: Array, likelihood: Likelihood, run: int) -> Array:
+        """Columns (row, column) in which the noises of a run are white and of unit variance."""
+        factor = cholesky_factor(self.band, self.path.form.gram, float(likelihood.ratios[run]))
+        return whiten(factor, table) / np.sqrt(likelihood.variances[run])
+
+    def most_likely_noise(self, residual: Array, ratio: float) -> Array:
+        """Noise of the sensor, (sample,), by best linear prediction from what columns leave, (row,)."""
+        factor = cholesky_factor(self.band, self.path.form.gram, ratio)
+        innovations = -(self.acting.T @ cho_solve_banded((factor, True), residual))
+        return np.asarray(lfilter([1.0], self.path.sensor.filter_, innovations))
+
+
+def run_rows(path: RecordPath, trials: Sequence[TrialEffect], guess: Array) -> RunRows:
+    """The rows of a run beside a model of coefficients and stiffness `guess`, (trial + 1,)."""
+    operator = path.operator(trials, guess[:-1], guess[-1])
+    return RunRows(path, operator, coloured(operator, path.sensor.filter_))
+
+
+def nuisances(rows: RunRows, run: int, runs: int, frequency_free: bool) -> Array:
+    """Columns of the stiffness and of each run's zero of the sensor, (row, 1 + run)."""
+    zeros = np.zeros((rows.path.form.rows, runs))
+    zeros[:, run] = -(rows.operator @ np.ones(len(rows.path.time)))
+    stiffness = rows.path.stiffness_column[:, None]
+    return np.column_stack([stiffness, zeros]) if frequency_free else zeros

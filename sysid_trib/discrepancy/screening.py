@@ -1,0 +1,228 @@
+"""Candidates held against a model, each as one more column: what each would gain, and whether by chance."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy.signal import find_peaks
+from scipy.stats import chi2, norm
+
+from sysid_trib.arrays import Array
+from sysid_trib.discrepancy.columns_beside import correlation_of, each_beside, projected
+from sysid_trib.discrepancy.frequency_parameters import has_frequency_parameter
+from sysid_trib.discrepancy.likelihood import Likelihood, RunProducts, likelihood
+from sysid_trib.discrepancy.model_fit import FittedModel
+from sysid_trib.discrepancy.omnibus_test import OmnibusTest, omnibus, trial_columns
+from sysid_trib.discrepancy.trials import TrialEffect, trials_of
+from sysid_trib.forces.force import Force
+
+# A column of which less than this part is outside of those of the model is not testable: it is not followed
+# more closely than to a thousandth.
+TESTABLE = 1e-3
+SAME_EFFECT = "not testable on this record: parameters of the model have the same effect"
+# Draws of the largest score of noise, and the quantile at which it is compared with independent tests.
+NOISE_DRAWS, TAIL = 4000, 0.01
+# Lines of the spectrum at which a force of a frequency of its own is tried.
+LINES_TRIED = 3
+# Frequencies within a line, of any phase, that differ by chance (Davies 1987): per line looked at.
+CHANCES_OF_LINE = 2.5
+NOT_FINITE = "it is not finite on this motion"
+# A force of more than this part of the restoring one is no missing effect, but cancels another.
+STRONGEST = 1.0
+
+
+@dataclass(frozen=True)
+class Screening:
+    """What each candidate would gain beside a model.
+
+    Attributes
+    ----------
+    model : FittedModel
+    trials : list of TrialEffect
+    reasons : list of str
+        Why a trial cannot be tested, else empty.
+    gains : (trial,) array of float
+        By how much its column lowers the deviance, both variances of each run at their most likely values
+        with and without it; 0 where physics forbids the sign of its coefficient.
+    coefficients, errors : (trial,) array of float
+    outside : (trial,) array of float
+        Part of its column that the model's cannot make.
+    correlation : (trial, trial) array of float
+        Of these parts.
+    strength : (trial,) array of float
+        RMS of its force, with a coefficient of 1, over the restoring force.
+    tests : float
+        Number of independent tests.
+    p_values : (trial,) array of float
+        Of a larger gain by chance of any of them.
+    products : tuple of RunProducts
+        Of the model's columns, then the trials', then the omnibus test's.
+    omnibus : OmnibusTest
+        Of what the model leaves.
+    """
+
+    model: FittedModel
+    trials: list[TrialEffect]
+    reasons: list[str]
+    gains: Array
+    coefficients: Array
+    errors: Array
+    outside: Array
+    correlation: Array
+    relative_force: Array
+    tests: float
+    p_values: Array
+    products: tuple[RunProducts, ...]
+    omnibus: OmnibusTest
+
+    @property
+    def first_trial(self) -> int:
+        """Column of the first trial in `products`."""
+        return 1 + self.model.columns
+
+    @property
+    def z(self) -> Array:
+        """Root of what each trial gains, with the sign of its coefficient, (trial,)."""
+        return np.sqrt(self.gains) * np.sign(self.coefficients)
+
+    def best(self) -> list[int]:
+        """The trial of each candidate that gains most, the best first; without what is not testable."""
+        best: dict[str, int] = {}
+        for at in np.argsort(-self.gains).tolist():
+            if not self.reasons[at]:
+                best.setdefault(self.trials[at].force.symbol, at)
+        return list(best.values())
+
+    @property
+    def in_place(self) -> list[int]:
+        """Trials that can be tested, or that might in the place of an effect which has the same column."""
+        return [at for at, reason in enumerate(self.reasons) if reason in ("", SAME_EFFECT)]
+
+    def p_value_of(self, gain: float, force: Force) -> float:
+        """Probability of such a gain by chance in any of the tests."""
+        p_value = self.tests * float(chi2.sf(gain, 1))
+        if has_frequency_parameter(force):
+            lines = sum(run.rows // 2 for run in self.products)
+            p_value += CHANCES_OF_LINE * lines * float(np.exp(-0.5 * gain))
+        return min(1.0, p_value)
+
+
+def screen(model: FittedModel, candidates: Sequence[Force], seed: int = 0) -> Screening:
+    """Hold candidates against a model, at grids of their shape parameters.
+
+    Parameters
+    ----------
+    model : FittedModel
+    candidates : sequence of Force
+    seed : int
+        Of the drawing that counts independent tests.
+    """
+    trials = trials_of(candidates, _lines(model), model.rows[0].path.frequency)
+    columns = [rows.coarse_columns(trials) for rows in model.rows]
+    good = np.all([np.all(np.isfinite(column), axis=0) for column in columns], axis=0)
+    columns = [np.where(good, column, 0.0) for column in columns]
+    tables = [
+        [table, column, trial_columns(rows.path)]
+        for rows, table, column in zip(model.rows, model.tables, columns, strict=True)
+    ]
+    products = tuple(
+        rows.products(np.column_stack(table)) for rows, table in zip(model.rows, tables, strict=True)
+    )
+    base, offered, trial_forces = _numbered(tables[0])
+    whole = likelihood(products, base)
+    part, rest = projected(products, whole, base, [*offered, *trial_forces])
+    reasons = ["" if finite else NOT_FINITE for finite in good]
+    for at in np.flatnonzero(good & (part[: len(trials)] < TESTABLE)):
+        reasons[at] = SAME_EFFECT
+    relative_force = strengths(model, columns)
+    gains, coefficients, errors = _gains(products, base, whole, trials, reasons, relative_force)
+    able = np.array([not reason for reason in reasons], dtype=bool)
+    correlation = correlation_of(rest[: len(trials), : len(trials)])
+    tests = independent_tests(correlation[np.ix_(able, able)], seed)
+    test = omnibus(products, base, trial_forces, part[len(trials) :], whole, model.white_residuals())
+    screening = Screening(
+        model=model,
+        trials=trials,
+        reasons=reasons,
+        gains=gains,
+        coefficients=coefficients,
+        errors=errors,
+        outside=part[: len(trials)],
+        correlation=correlation,
+        relative_force=relative_force,
+        tests=tests,
+        p_values=np.ones(len(trials)),
+        products=products,
+        omnibus=test,
+    )
+    pairs = zip(gains, trials, strict=True)
+    return replace(screening, p_values=np.array([screening.p_value_of(g, t.force) for g, t in pairs]))
+
+
+def _numbered(tables: Sequence[Array]) -> list[list[int]]:
+    """Numbers of the columns of tables side by side, of which the first follows the target."""
+    ends = np.cumsum([1, *(table.shape[1] for table in tables)]).tolist()
+    return [list(range(start, end)) for start, end in pairwise(ends)]
+
+
+def _gains(
+    products: Sequence[RunProducts],
+    base: Sequence[int],
+    whole: Likelihood,
+    trials: Sequence[TrialEffect],
+    reasons: Sequence[str],
+    relative_force: Array,
+) -> tuple[Array, Array, Array]:
+    """What each trial gains beside the model, its coefficient and its error, (trial,) each."""
+    beside = each_beside(products, base, range(1 + len(base), 1 + len(base) + len(trials)), whole)
+    gains = np.maximum(0.0, whole.deviance - beside.deviance)
+    for at, trial in enumerate(trials):
+        if reasons[at] or not is_physical(trial.force, beside.coefficients[at], relative_force[at]):
+            gains[at] = 0.0
+    tested = np.array([not reason for reason in reasons], dtype=bool)
+    return gains, np.where(tested, beside.coefficients, 0.0), np.where(tested, beside.errors, np.nan)
+
+
+def is_physical(force: Force, coefficient: float, relative_force: float) -> bool:
+    """Whether a force may have this coefficient: one that only takes energy is not negative.
+
+    `strength` : of the force of coefficient 1, over the restoring force.
+    """
+    drives = force.passive and coefficient < 0.0
+    return not drives and (force.kind == "sensor" or abs(coefficient) * relative_force < STRONGEST)
+
+
+def strengths(model: FittedModel, columns: Sequence[Array]) -> Array:
+    """RMS of each trial's column over that of the restoring force, (trial,)."""
+    squares = np.sum([np.sum(column**2, axis=0) for column in columns], axis=0)
+    return np.sqrt(squares / np.sum([np.sum(rows.path.stiffness_column**2) for rows in model.rows]))
+
+
+def independent_tests(correlation: Array, seed: int = 0) -> float:
+    """Number of independent tests whose largest score is as large as that of these correlated ones.
+
+    The quantile of the largest |z| of noise, by drawing; then Bonferroni's number for it.
+    """
+    if not len(correlation):
+        return 1.0
+    values, axes = np.linalg.eigh(correlation)
+    factor = axes * np.sqrt(np.clip(values, 0.0, None))
+    draws = np.random.default_rng(seed).standard_normal((NOISE_DRAWS, len(values))) @ factor.T
+    largest = np.quantile(np.max(np.abs(draws), axis=1), 1.0 - TAIL)
+    return max(1.0, TAIL / (2.0 * float(norm.sf(largest))))
+
+
+def _lines(model: FittedModel) -> list[float]:
+    """Frequencies (rad/s) of the strongest lines in what the model leaves of the rows."""
+    strongest: list[tuple[float, float]] = []
+    for rows, residual in zip(model.rows, model.white_residuals(), strict=True):
+        count = len(residual)
+        duration = float(rows.path.time[-1] - rows.path.time[0])
+        power = np.abs(np.fft.rfft(residual * np.hanning(count), 4 * count)) ** 2
+        frequency = 2.0 * np.pi * np.arange(len(power)) / 4.0 / duration
+        peaks, _ = find_peaks(power, distance=8)
+        strongest += [
+            (float(power[at]), float(frequency[at])) for at in peaks[np.argsort(-power[peaks])[:LINES_TRIED]]
+        ]
+    return [w for _, w in sorted(strongest, reverse=True)[:LINES_TRIED]]

@@ -1,0 +1,183 @@
+"""The search: candidates are screened as columns, a few models are fitted exactly, one evidence decides."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid_trib.discrepancy.collinearity import collinear_effects
+from sysid_trib.discrepancy.evidence import evidence
+from sysid_trib.discrepancy.exchange import FAR, SLACK, Fits, better_rival, exchange_effects, rivals_of
+from sysid_trib.discrepancy.likelihood import likelihood
+from sysid_trib.discrepancy.model_fit import FittedModel, fit_model, refitted
+from sysid_trib.discrepancy.screening import Screening, screen
+from sysid_trib.forces.force import Force
+
+# Moves of a search at most, after which it says that it has not converged.
+MOST_MOVES = 20
+# Candidates of a move that are fitted exactly.
+FITTED = 6
+
+
+@dataclass(frozen=True)
+class Search:
+    """A whole search.
+
+    Attributes
+    ----------
+    screenings : list of Screening
+        Beside each of the models.
+    models : list of FittedModel
+        The start model, and those with one, two, ... of the effects, each referring to its frequency.
+    effects : tuple of str
+        Added, in the order of what each explains.
+    rivals : dict of str to dict of str to float
+        Of each effect: minus twice the logarithm of the evidence with each candidate in its place, over its
+        own; of nothing in its place under "", inf of what could not be fitted.
+    failed : tuple of str
+        Candidates whose fits failed.
+    outstanding : tuple of str
+        Candidates that would gain more than chance, and are not in the model: no more effects were asked for,
+        or their fits failed.
+    collinear : list of str
+        Effects that are not separately identifiable.
+    converged : bool
+        Whether no move was left that raises the evidence.
+    """
+
+    screenings: list[Screening]
+    models: list[FittedModel]
+    effects: tuple[str, ...]
+    rivals: dict[str, dict[str, float]]
+    failed: tuple[str, ...]
+    outstanding: tuple[str, ...]
+    collinear: list[str]
+    converged: bool
+
+
+def search(
+    start: FittedModel,
+    candidates: Sequence[Force],
+    *,
+    max_effects: int,
+    level: float,
+    seed: int,
+    tell: Callable[[str], None] = lambda text: None,
+) -> Search:
+    """Add, exchange and drop effects until no move raises the evidence of the model.
+
+    An effect is added where what it gains is beyond chance at `level`, corrected for the number of tests.
+    """
+    fits = Fits(start)
+    model, effects = start, tuple[str, ...]()
+    fits.kept[frozenset()] = start
+    screenings: list[Screening] = []
+    rivals: dict[str, dict[str, float]] = {}
+    converged = False
+    for _ in range(MOST_MOVES):
+        tell(f"candidates beside {', '.join(effects) or 'the start model'}")
+        current = screen(model, [f for f in candidates if f.symbol not in effects], seed)
+        screenings.append(current)
+        step = exchange_effects(current, effects, fits, max_effects)
+        if step is None and len(effects) < max_effects:
+            step = _added(current, effects, fits, level)
+        if step is None:
+            tell("rivals of each effect")
+            rivals = {symbol: rivals_of(current, effects, symbol, fits) for symbol in effects}
+            step = better_rival(current, effects, rivals, fits)
+        converged = step is None
+        if step is None:
+            break
+        model, effects = step
+    if not converged:
+        screenings.append(screen(model, [f for f in candidates if f.symbol not in effects], seed))
+        rivals = {symbol: rivals_of(screenings[-1], effects, symbol, fits) for symbol in effects}
+    last = screenings[-1]
+    effects = _by_weight(last, effects)
+    failed = sorted({*fits.failed} - {*effects})
+    models = _models(model, effects)
+    tell("candidates beside each model")
+    between = [
+        screen(models[at], [f for f in candidates if f.symbol not in effects[:at]], seed)
+        for at in range(1, len(effects))
+    ]
+    return Search(
+        [*screenings[:1], *between, last] if effects else [last],
+        models,
+        effects,
+        rivals,
+        tuple(failed),
+        _outstanding(last, fits, level),
+        collinear_effects(last.model, last.products, effects),
+        converged,
+    )
+
+
+def _by_weight(last: Screening, effects: Sequence[str]) -> tuple[str, ...]:
+    """The effects in the order in which each lowers the deviance most beside those before it."""
+    model, ordered = last.model, list[str]()
+    columns = {symbol: {1 + column for column in model.columns_of(symbol)} for symbol in effects}
+    while len(ordered) < len(effects):
+        rest = [symbol for symbol in effects if symbol not in ordered]
+
+        def deviance_of(symbol: str, rest: Sequence[str] = tuple(rest)) -> float:
+            gone = set().union(*(columns[other] for other in rest if other != symbol))
+            return likelihood(
+                last.products, [c for c in range(1, 1 + model.columns) if c not in gone]
+            ).deviance
+
+        ordered.append(min(rest, key=deviance_of))
+    return tuple(ordered)
+
+
+def _models(final: FittedModel, effects: Sequence[str]) -> list[FittedModel]:
+    """The models with none, one, ... all of the effects."""
+    models = [refitted(final)]
+    for symbol in reversed(effects):
+        last = models[0]
+        kept = [at for at, trial in enumerate(last.trials) if trial.force.symbol != symbol]
+        first = np.append(last.coefficients[kept], last.stiffness)
+        paths = [rows.path for rows in last.rows]
+        trials = [last.trials[at] for at in kept]
+        fewer = fit_model(paths, trials, frequency_free=last.frequency_free, first=first)
+        models.insert(0, refitted(fewer))
+    return models
+
+
+def _outstanding(last: Screening, fits: Fits, level: float) -> tuple[str, ...]:
+    """Candidates that would gain more than chance beside the final model, fitted exactly."""
+    symbols = []
+    for at in [at for at in last.best() if last.p_values[at] < level][:FITTED]:
+        trial = last.trials[at]
+        fitted = fits.of(last.model, (), [trial])
+        gain = None if fitted is None else last.model.deviance - fitted.deviance
+        without_fit = gain is None and trial.force.symbol in fits.failed
+        if without_fit or (gain is not None and last.p_value_of(gain, trial.force) < level):
+            symbols.append(trial.force.symbol)
+    return tuple(symbols)
+
+
+def _added(
+    current: Screening, effects: tuple[str, ...], fits: Fits, level: float
+) -> tuple[FittedModel, tuple[str, ...]] | None:
+    """The model with the most likely effect more, if what it gains is beyond chance."""
+    model = current.model
+    likeliest = [at for at in current.best() if current.p_values[at] < level]
+    if not likeliest:
+        return None
+    most = current.gains[likeliest[0]]
+    near = [at for at in likeliest if current.gains[at] > most - FAR - SLACK * most][:FITTED]
+    tried = []
+    for at in near:
+        trial = current.trials[at]
+        fitted = fits.of(model, (), [trial])
+        if fitted is None:
+            continue
+        gain = model.deviance - fitted.deviance
+        if current.p_value_of(gain, trial.force) < level:
+            after = (*effects, trial.force.symbol)
+            tried.append((evidence(fitted, after), after, fitted))
+    if not tried:
+        return None
+    _, after, fitted = min(tried, key=lambda candidate: candidate[0])
+    return fitted, after

@@ -1,0 +1,96 @@
+"""Candidates as trials: each force or sensor effect, at a grid of values of its shape parameters."""
+
+import itertools
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid_trib.arrays import Array
+from sysid_trib.averaging.stepped_states import is_stepped
+from sysid_trib.discrepancy.frequency_parameters import is_frequency, is_resonance
+from sysid_trib.forces.force import Force, Shape
+
+# Values of one shape parameter (fewer where each is followed in time on its own, which is slow); of several,
+# so many combinations at most. They are starting values: the best are fitted.
+VALUES = 13
+FEWER = 7
+COMBINATIONS = 24
+# Part of a range within which a shape parameter is at its end.
+END = 1e-9
+# Frequencies of a resonance beside those of lines: it may be so broad that it makes none.
+BROAD = 3
+
+
+@dataclass(frozen=True)
+class TrialEffect:
+    """A candidate with its shape parameters held (`{"dahl.s": 0.02}`)."""
+
+    force: Force
+    shapes: Mapping[str, float]
+
+
+def trials_of(candidates: Iterable[Force], frequencies: Sequence[float], w: float) -> list[TrialEffect]:
+    """Every candidate at a grid of its shape parameters.
+
+    Parameters
+    ----------
+    candidates : iterable of Force
+    frequencies : sequence of float, rad/s
+        At which a force that is periodic in time is tried, and a resonance too.
+    w : float, rad/s
+        Reference frequency, in units of which a resonance is.
+    """
+    trials = []
+    for force in candidates:
+        grids = [_grid(force, name, frequencies, w) for name in force.shape]
+        most = max(COMBINATIONS, len(frequencies) * VALUES)
+        while np.prod([len(grid) for grid in grids], dtype=int) > most:
+            longest = int(np.argmax([len(grid) for grid in grids]))
+            grids[longest] = grids[longest][::2]
+        for values in itertools.product(*grids):
+            shapes = {f"{force.symbol}.{k}": float(v) for k, v in zip(force.shape, values, strict=True)}
+            trials.append(TrialEffect(force, shapes))
+    return trials
+
+
+def _grid(force: Force, name: str, frequencies: Sequence[float], w: float) -> Array:
+    shape = force.shape[name]
+    if is_frequency(force, name):
+        inside = [q for q in frequencies if shape.low <= q <= shape.high]
+        return np.array(inside or [shape.default])
+    if is_resonance(force, name):
+        inside = [q / w for q in frequencies if shape.low <= q / w <= shape.high]
+        return np.sort([*inside, *np.geomspace(shape.low, shape.high, BROAD)])
+    count = VALUES if force.memoryless or is_stepped(force) else FEWER
+    return from_unit(shape, np.linspace(0.0, 1.0, count))
+
+
+def is_wide(shape: Shape) -> bool:
+    """Whether a shape parameter spans more than a decade, so that its logarithm is what is even."""
+    return shape.low > 0.0 and shape.high > 10.0 * shape.low
+
+
+def from_unit(shape: Shape, part: Array) -> Array:
+    """Values of a shape parameter from parts of its range, in which it is even."""
+    if is_wide(shape):
+        return np.asarray(shape.low * (shape.high / shape.low) ** part)
+    return np.asarray(shape.low + part * (shape.high - shape.low))
+
+
+def to_unit(shape: Shape, value: float) -> float:
+    """Part of its range at which a shape parameter is."""
+    if is_wide(shape):
+        return float(np.log(value / shape.low) / np.log(shape.high / shape.low))
+    return (value - shape.low) / (shape.high - shape.low)
+
+
+def slope_of_unit(shape: Shape, value: float) -> float:
+    """Change of a shape parameter by a part of its range."""
+    return value * float(np.log(shape.high / shape.low)) if is_wide(shape) else shape.high - shape.low
+
+
+def end_of_range(shape: Shape, value: float) -> int:
+    """-1 or 1 of a shape parameter at the low or the high end of its range, else 0."""
+    part = to_unit(shape, value)
+    return -1 if part <= END else 1 if part >= 1.0 - END else 0

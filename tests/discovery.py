@@ -1,0 +1,98 @@
+"""Simulated records for tests of discovery: few samples, every kind of force."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import xarray as xr
+from helpers import FIVE, NOISE, Array, W, decay
+
+from sysid_trib import ForceLibrary, Model, load_library
+from sysid_trib.discrepancy.evidence import credible, probabilities
+from sysid_trib.discrepancy.model_fit import FittedModel
+from sysid_trib.discrepancy.paths import path_of
+from sysid_trib.discrepancy.run_rows import RunRows, run_rows
+from sysid_trib.discrepancy.search import Search, search
+from sysid_trib.discrepancy.start_model import fit_start_model
+from sysid_trib.discrepancy.trials import TrialEffect
+from sysid_trib.noise.residual_noise import NoiseModel
+from sysid_trib.simulation.simulate import trajectory
+
+CONTACT, EFFECTS = load_library(), load_library("candidate_effects")
+BASE = CONTACT.select(FIVE)
+EVERY = {force.symbol: force for force in (*CONTACT, *EFFECTS)}
+# 25 samples a period, 31 periods.
+TIME = np.arange(800) / 40.0
+LEVEL = 0.01
+WHITE = NoiseModel(NOISE, np.ones(1))
+
+
+def library(*symbols: str) -> ForceLibrary:
+    return ForceLibrary("of a test", tuple(EVERY[symbol] for symbol in symbols))
+
+
+def model_of(coefficients: Mapping[str, float], shapes: Mapping[str, float] | None = None) -> Model:
+    return Model(library(*coefficients), dict(coefficients), W, dict(shapes or {}))
+
+
+def exact(model: Model, time: Array = TIME, start: float = 0.3) -> Array:
+    """The angle that the sensor tells, without noise."""
+    return trajectory(model, time, start, 0.0).angle
+
+
+def with_effect(effects: Mapping[str, float], *, seed: int, base=FIVE, shapes=None, start=0.3) -> xr.Dataset:
+    """A record of the base forces and of effects."""
+    return decay(TIME, exact(model_of({**base, **effects}, shapes), start=start), seed)
+
+
+def trials_with(model: Model) -> tuple[list[TrialEffect], Array]:
+    """The forces of a model as trials, and their coefficients with a stiffness of zero."""
+    trials = []
+    for force in model.library:
+        shapes = {f"{force.symbol}.{name}": shape.default for name, shape in force.shape.items()}
+        trials.append(TrialEffect(force, {k: model.shapes.get(k, value) for k, value in shapes.items()}))
+    return trials, np.array([*(model.coefficients[trial.force.symbol] for trial in trials), 0.0])
+
+
+def rows_about(model: Model, time: Array = TIME, start: float = 0.3) -> RunRows:
+    """Rows of a model's exact record about its exact motion."""
+    motion = trajectory(model, time, start, 0.0)
+    path = path_of(time, motion.angle, W, WHITE).follow(motion.position)
+    return run_rows(path, *trials_with(model))
+
+
+def start_model(runs: Sequence[xr.Dataset], forces: ForceLibrary = BASE) -> FittedModel:
+    return fit_start_model(runs, forces.forces, None)
+
+
+def searched(runs, candidates: ForceLibrary = EFFECTS, forces: ForceLibrary = BASE) -> Search:
+    return search(start_model(runs, forces), candidates.forces, max_effects=4, level=LEVEL, seed=0)
+
+
+def credible_set(found: Search, symbol: str) -> set[str]:
+    """Candidates in an effect's place; "" is none of them."""
+    costs = found.rivals[symbol]
+    inside = credible(probabilities(list(costs.values())))
+    return {name for name, within in zip(costs, inside, strict=True) if within}
+
+
+def errors_of(model: FittedModel) -> dict[str, float]:
+    """Standard errors of the coefficients."""
+    symbols = [trial.force.symbol for trial in model.trials]
+    return dict(zip(symbols, np.sqrt(np.diag(model.covariance_with_frequency())), strict=False))
+
+
+def coefficients_of(model: FittedModel) -> dict[str, float]:
+    symbols = [trial.force.symbol for trial in model.trials]
+    return dict(zip(symbols, model.coefficients.tolist(), strict=True))
+
+
+def deviations(model: FittedModel, truth: Mapping[str, float]) -> Array:
+    """Errors of coefficients, each over its standard error."""
+    values, errors = coefficients_of(model), errors_of(model)
+    return np.array([(values[symbol] - true) / errors[symbol] for symbol, true in truth.items()])
+
+
+def active(candidates: ForceLibrary) -> ForceLibrary:
+    """The same forces, free to drive."""
+    return replace(candidates, forces=tuple(replace(force, passive=False) for force in candidates))
