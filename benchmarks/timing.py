@@ -1,27 +1,38 @@
 """How long identifications take, beside pysindy in the same run: medians of repeated calls in one process.
 
-python benchmarks/timing.py [--quick]
+python benchmarks/timing.py [--quick] [--random-force]
+
+With --random-force: what `sysid-trib identify` does with a random force that is estimated, over the same
+without one; processor time, no import.
 """
 
 import argparse
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
+from time import process_time
 
+import numpy as np
+import xarray as xr
 from rich.console import Console
 from rich.table import Table
 
 sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "tests")]
 import peers  # noqa: E402
 from helpers import FIVE, W, paper_run  # noqa: E402
-from stopwatch import median_ms  # noqa: E402
+from stopwatch import median_ms, timed  # noqa: E402
 
-from sysid_trib import ForceLibrary, discover, load_library  # noqa: E402
+from sysid_trib import ForceLibrary, Model, discover, load_library, simulate  # noqa: E402
 from sysid_trib.methods import Averaging, Direct, Trajectory  # noqa: E402
+from sysid_trib.noise.random_force import RandomForce  # noqa: E402
 from sysid_trib.validation.cross_check import cross_check  # noqa: E402
 
 SAMPLING_RATES = (100.0, 1000.0)
+# Forces of swings with and without a random force, and their noise, rad. These alone are offered: where a
+# method without a random force has no motion, there is no cross-check whose time could be compared.
+SWING, SWING_NOISE = {"zeta": 5e-5, "delta": 2e-4, "nu": 1e-2, "epsilon": -0.1}, 2e-4
 
 
 def calls(sampling_rate: float) -> dict[str, tuple[Callable, int]]:
@@ -57,10 +68,48 @@ def calls(sampling_rate: float) -> dict[str, tuple[Callable, int]]:
     }
 
 
+def swing(periods: int, wander: float) -> xr.Dataset:
+    """A decay of 200 samples a period, with a wander of so many noise levels (RMS) at its end."""
+    time = np.arange(200 * periods) * 2.0 * np.pi / W / 200
+    density = RandomForce.density_of(2.0 * (wander * SWING_NOISE) ** 2 / (W * time[-1]), W)
+    model = Model(load_library("contact_forces").select(SWING), SWING, W)
+    angle = simulate(model, time, 0.3, random_force=density, seed=1).angle
+    return xr.Dataset({"angle": angle + SWING_NOISE * np.random.default_rng(2).standard_normal(len(time))})
+
+
+def identified(decay: xr.Dataset, forces: Iterable[str], random_force: str) -> None:
+    """What `sysid-trib identify` does with a record."""
+    library = load_library("contact_forces").select(forces)
+    pair = (method(random_force=random_force) for method in (Averaging, Direct))
+    cross_check(decay, *(method.identify(decay, library) for method in pair))
+
+
+def random_force_table() -> Table:
+    """Times of `identified` with a random force that is estimated, and without."""
+    records = {"the paper's run": (paper_run().decay(0), FIVE)}
+    for periods in (50, 500):
+        for wander in (0.0, 5.0):
+            records[f"{periods} periods, wander of {wander:g} noise levels"] = swing(periods, wander), SWING
+    # The first call imports and compiles.
+    identified(*records["the paper's run"], "auto")
+    table = Table("both methods, cross-checked", "samples", "random force (s)", "none (s)", "ratio")
+    for name, (decay, forces) in records.items():
+        spent = [
+            timed(partial(identified, decay, forces, option), process_time)[1] for option in ("auto", "off")
+        ]
+        times = (f"{value:.2f}" for value in (*spent, spent[0] / spent[1]))
+        table.add_row(name, f"{decay.sizes['time']:,}", *times)
+    return table
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="2,500 samples only")
+    parser.add_argument("--random-force", action="store_true", help="with a random force over without")
     options = parser.parse_args()
+    if options.random_force:
+        Console(width=110).print(random_force_table())
+        return
     rates = SAMPLING_RATES[:1] if options.quick else SAMPLING_RATES
     spent = {}
     for rate in rates:

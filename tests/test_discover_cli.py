@@ -87,8 +87,14 @@ def test_twin_is_explained_by_its_two_elastic_forces(twin):
         assert abs(step["coefficient"] - FIVE[step["symbol"]]) < 4.5 * step["standard_error"]
         assert step["residual_after"] < step["residual_before"]
         assert step["holdout_after"] < step["holdout_before"]
+        assert step["gain"] > 20.0
+        assert step["prediction_z"] > 0.0
+        assert 0.0 <= step["random_force_after"] <= step["random_force_before"]
+        assert step["probability_of_chance"] == 0.0
+    assert found["converged"] is True
     assert set(tree.children) == CHILDREN
-    assert found["residual"] == pytest.approx(found["noise"], rel=0.03)
+    # The noise is known from twelve rows a period of two thirds of the record, to four percent.
+    assert found["residual"] == pytest.approx(found["noise"], rel=0.1)
 
 
 def test_the_twins_phase_slips_most_at_large_amplitude(twin):
@@ -168,7 +174,7 @@ def test_the_default_text_hides_no_warning(twin, capsys):
     for warning in (
         "Unknown effect: the named effects do not explain the record",
         "the coefficient of nu is not significant",
-        "epsilon makes the prediction of what was held out worse",
+        "epsilon is in the fit only: it makes the prediction of what was held out worse",
         "nu and epsilon nearly cancel other forces of the model",
         "The omnibus test rejects that nothing is missing",
     ):
@@ -279,8 +285,10 @@ def test_ranking_shows_the_scores_with_their_threshold(twin):
         assert dashed.get_xdata()[0] == tree["ranking"].threshold.values[scan]
         assert labels[:3] == strongest(tree["ranking"].to_dataset().isel(selection_step=[scan]), 3)
         assert np.nanmax(np.abs(tree["ranking"].z.isel(selection_step=scan))) == np.max(np.abs(z))
-    named = [line for line in plots.ranking(tree, selection_step=0).lines if line.get_marker() == "D"]
-    assert len(named) == 1
+    # A move may exchange effects: each was chosen for good at a step of its own.
+    for at in tree["steps"].selection_step.values.astype(int):
+        lines = plots.ranking(tree, selection_step=at).lines
+        assert [line for line in lines if line.get_marker() == "D"]
 
 
 def test_forecast_shows_the_detectable_strengths(twin):
@@ -360,7 +368,6 @@ def test_several_runs(folder):
 def test_runs_that_differ_are_told(folder, tmp_path):
     ending = small(folder, folder / "plain.csv", folder / "worn.csv", "-o", tmp_path / "both.nc")
     assert ending.status == 0
-    assert re.search("Runs that differ .most in zeta. would explain as much or more", ending.out)
     assert re.search("The runs differ: chi-square .* The largest difference is in zeta", ending.out)
     agreeing = json.loads(small(folder, folder / "cubic.csv", folder / "cubic_2.csv", "--json").out)
     told = agreeing["run_differences"]
@@ -390,7 +397,7 @@ def test_a_fit_that_does_not_settle_and_a_step_that_worsens_are_told(twin):
     tree["steps"] = type(tree)(steps)
     told = story(tree)
     assert "but their fits failed: dahl." in told
-    assert told.count("held out worse: do not trust it yet") == 1
+    assert told.count("is in the fit only: it makes the prediction of what was held out worse") == 1
 
 
 def test_of_many_twins_the_likeliest_are_named(twin):

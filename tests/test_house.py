@@ -23,15 +23,6 @@ ROOMS = _split("""
     trajectory_fit methods validation discrepancy physics printing plots reporting commands cli
 """)
 LOOSE = 6
-# The engine of `discrepancy` is going to be replaced, words and all.
-ENGINE = {
-    *(f"discrepancy/{name}.py" for name in ("score_tests", "candidate_sensitivities", "candidate_fits")),
-    *(f"discrepancy/{name}.py" for name in ("replacement", "model_probabilities", "competing_models")),
-    "discrepancy/stepwise_search.py",
-    "trajectory_fit/chord.py",
-    "trajectory_fit/sensitivities.py",
-}
-
 # Words for which the field has others, as a part of an identifier (between its underscores).
 WORDS = set(
     _split("""
@@ -80,9 +71,7 @@ def room_of(name):
 
 def modules_of(room):
     """The modules of a room without those of the engine: (name, tree, text)."""
-    return [
-        (name, *found) for name, found in modules().items() if room_of(name) == room and name not in ENGINE
-    ]
+    return [(name, *found) for name, found in modules().items() if room_of(name) == room]
 
 
 def imported(tree):
@@ -148,10 +137,6 @@ def test_a_room_imports_only_from_rooms_below(room):
     assert not above
 
 
-def test_the_engine_is_where_it_is_said_to_be():
-    assert set(modules()) >= ENGINE
-
-
 def test_every_room_is_in_the_list():
     assert {room_of(name) for name in modules()} - {"__init__", "__main__"} == set(ROOMS)
     assert sum("/" not in name for name in modules()) <= LOOSE
@@ -205,9 +190,7 @@ def test_pages_are_in_the_words_of_the_field(place):
 
 
 def test_a_constant_or_class_means_one_thing():
-    homes = Counter(
-        word for name, (tree, _) in modules().items() if name not in ENGINE for word in set(defined(tree))
-    )
+    homes = Counter(word for name, (tree, _) in modules().items() for word in set(defined(tree)))
     assert not {word for word, count in homes.items() if count > 1} - ALIASES
 
 

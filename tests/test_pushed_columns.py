@@ -10,9 +10,10 @@ from scipy.signal import lfilter
 
 import sysid_trib as st
 from sysid_trib.methods import Direct, Trajectory
-from sysid_trib.noise.colour import sensor_colour
+from sysid_trib.noise.colour import lines_above, most_likely_colour, sensor_colour
 from sysid_trib.noise.random_force import RandomForce, random_force_of
-from sysid_trib.regression.weak_form import build_weak_form, coloured
+from sysid_trib.regression.local_rows import covariance_of_local_rows
+from sysid_trib.regression.weak_form import build_weak_form, coloured, covariance_band, noise_operator
 from sysid_trib.state_space.linearised import Derivatives, linearised_about
 
 W, NOISE = 8.87, 2e-4
@@ -40,6 +41,18 @@ def test_a_coloured_operator_is_the_dense_product(filter_):
     assert coloured(form.curvature, np.array(filter_)).toarray() == pytest.approx(
         product, abs=3e-3 * np.max(np.abs(product))
     )
+
+
+@pytest.mark.parametrize("filter_", [[1.0], [1.0, -0.8], [1.0, -0.99]], ids=["white", "short", "long"])
+@pytest.mark.parametrize("samples", [60, 3000])
+def test_the_covariance_of_local_rows_is_the_sparse_product(samples, filter_):
+    form = build_weak_form(np.arange(samples) * 0.1)
+    operator = coloured(noise_operator(form, np.ones(samples), np.full(samples, 0.01)), np.array(filter_))
+    band, product = covariance_of_local_rows(operator), covariance_band(operator @ operator.T)
+    bands = min(len(band), len(product))
+    assert band[:bands] == pytest.approx(product[:bands], abs=1e-12 * product.max())
+    assert not band[bands:].any()
+    assert not product[bands:].any()
 
 
 @pytest.mark.parametrize("filter_", [[1.0], [1.0, -0.8], [1.0, -1.2, 0.5]], ids=str)
@@ -162,3 +175,50 @@ def test_trajectory_takes_no_coloured_noise_for_a_random_force():
         assert not random_force_of(result).p_value < 1e-3
         scores = (result.coefficient - list(TRUTH.values())) / result.standard_error
         assert np.max(np.abs(scores)) < 3.0
+
+
+def test_lines_above_a_band_have_the_likelihood_of_samples():
+    step, samples = 2.0 * np.pi / 40, 4000
+    noise = autoregressive(samples, [1.0, -0.8], 3)
+    # Whatever moves below the band.
+    noise += 0.1 * np.cos(step * np.arange(samples))
+    lines = lines_above(noise, step * np.arange(samples), 6.0)
+
+    def deviance(filter_):
+        return lines.independent * np.log(lines.noise(filter_).innovation ** 2) + lines.log_determinant(
+            filter_
+        )
+
+    truth = np.array([1.0, -0.8])
+    assert lines.noise(truth).innovation == pytest.approx(NOISE, rel=0.06)
+    filter_, least = most_likely_colour(deviance, np.array([1.0, -0.3]))
+    assert least == deviance(filter_)
+    assert deviance(truth) - 6.0 < least <= deviance(truth)
+    # 14 of 20 parts of the band, of lines that a Hann window makes depend on each other.
+    assert lines.independent == pytest.approx(samples * 0.7 * 2.0 / 3.0, rel=0.02)
+
+
+def test_lines_of_uneven_steps_say_nothing():
+    tau = np.sort(np.random.default_rng(0).uniform(0.0, 300.0, 1000))
+    lines = lines_above(np.random.default_rng(1).standard_normal(1000), tau, 6.0)
+    assert (lines.independent, lines.squares(np.ones(1)), lines.log_determinant(np.ones(1))) == (
+        0.0,
+        0.0,
+        0.0,
+    )
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_a_search_among_colours_stays_stationary(order):
+    tried = []
+
+    def deviance(filter_):
+        tried.append(np.max(np.abs(np.roots(filter_))))
+        # Ever better towards a walk.
+        return 10.0 * np.sum(filter_)
+
+    start = np.array([1.0, -0.9, *np.zeros(order - 1)])
+    filter_, least = most_likely_colour(deviance, start)
+    assert least < 10.0 * np.sum(start)
+    assert max(tried) < 1.0
+    assert len(filter_) == order + 1

@@ -1,5 +1,6 @@
 """A motion that is pushed at random: exact steps, Kalman filter, likelihood, and what a fit makes of it."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,12 +8,14 @@ import pytest
 import xarray as xr
 
 import sysid_trib as st
-from sysid_trib.errors import UsageError
+from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.noise.random_force import RandomForce, check_random_force, random_force_of
 from sysid_trib.noise.variance_ratio import WhiteRows, variance_ratio
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.state_space.intervals import steps_between
+from sysid_trib.state_space.kalman import set_signal, statsmodels_model
+from sysid_trib.state_space.likely_ratio import likely_ratio
 from sysid_trib.state_space.linearised import Derivatives, linearised_about
 
 W = 8.87
@@ -151,6 +154,24 @@ def test_without_a_random_force_innovations_are_residuals():
     assert path.shape == (60, 2)
 
 
+@pytest.mark.parametrize("filter_", [[1.0], [1.0, -0.5, 0.2]], ids=["white", "coloured"])
+@pytest.mark.parametrize("ratio", [0.0, 0.3, 50.0])
+def test_the_smoothed_motion_is_that_of_statsmodels(ratio, filter_):
+    linear, _ = linear_record()
+    linear, deviation = (
+        replace(linear, sensor_filter=np.array(filter_)),
+        np.array([2e-3, 0.01, 1e-3, 0.02, 1e-3]),
+    )
+    steps = linear.steps
+    model = statsmodels_model(
+        linear.observed, steps.transition, ratio * steps.diffusion, linear.sensor_filter, smoother=True
+    )
+    set_signal(model, *linear.driven(deviation))
+    change = model.smooth().smoothed_state[:2].T
+    assert linear.smoothed_motion(ratio, deviation) == pytest.approx(linear.path + change, abs=1e-12)
+    assert np.abs(change).max() > 1e-4
+
+
 def test_restricted_likelihood_finds_a_ratio_and_its_absence():
     random, scale = np.random.default_rng(3), np.linspace(0.1, 3.0, 4000)
 
@@ -164,6 +185,16 @@ def test_restricted_likelihood_finds_a_ratio_and_its_absence():
     absent = variance_ratio(lambda ratio: rows(ratio, 0.0), 1e-6, 1e4)
     assert abs(np.log(there.ratio * there.variance / 0.5)) < 3.0 * there.relative_error
     assert there.p_value < 1e-6 < 0.01 < absent.p_value
+
+
+def test_a_body_that_friction_holds_is_not_pushed():
+    linear, _ = linear_record()
+    steps, held = linear.steps, np.zeros_like(linear.steps.diffusion)
+    with pytest.raises(DecayError, match="holds the body"):
+        likely_ratio(replace(linear, steps=replace(steps, diffusion=held)))
+    held[:40] = steps.diffusion[:40]
+    ratio = likely_ratio(replace(linear, steps=replace(steps, diffusion=held)))
+    assert np.isfinite([ratio.ratio, ratio.variance]).all()
 
 
 def test_the_wander_of_a_simulated_motion_is_that_of_the_theory():

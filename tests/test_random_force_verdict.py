@@ -1,25 +1,28 @@
 """Is a random force one: its dependence on angle, speed, amplitude and time, and what is said of it."""
 
 import time as clock
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import xarray as xr
+from helpers import correlated_noise
 
 import sysid_trib as st
 from sysid_trib import plots
 from sysid_trib.commands.checks import parse_random_force
 from sysid_trib.commands.destination import random_force_figures
-from sysid_trib.errors import UsageError
+from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.methods.scope import with_random_force
-from sysid_trib.noise.random_force import RandomForce
+from sysid_trib.noise.random_force import RandomForce, random_force_of
+from sysid_trib.noise.residual_noise import NoiseModel
 from sysid_trib.printing.identification import (
     identification_json,
     identification_sentences,
     verdict_sentence,
 )
 from sysid_trib.state_space.linearised import Derivatives, linearised_about
-from sysid_trib.state_space.tracked import track
+from sysid_trib.state_space.tracked import FollowedRuns, track
 from sysid_trib.state_space.trial_forces import trial_forces
 from sysid_trib.validation.likelihood_gain import simulated_records
 from sysid_trib.validation.verdict import verdict_on_record
@@ -124,6 +127,35 @@ def test_the_same_record_has_the_same_p_value(pushed):
 def test_without_a_random_force_there_is_nothing_to_test(pushed):
     with pytest.raises(UsageError, match="auto"):
         st.random_force_dependence(pushed[0], identified(pushed[0], random_force="off"))
+
+
+def test_a_run_is_followed_once_and_as_from_the_beginning(pushed):
+    decay, result = pushed
+    followed = FollowedRuns({0: decay}, result)
+    tracked = followed.tracked(0)
+    assert followed.tracked(0) is tracked
+    # With another density it goes on from there, and comes to where a record of that density does.
+    density = 3.0 * random_force_of(result).density
+    other = track(decay, result.assign(random_force_density=density))
+    again = tracked.with_density(density)
+    assert again.per_tau == other.per_tau > tracked.per_tau
+    assert again.linear.path == pytest.approx(other.linear.path, abs=0.03 * tracked.noise)
+    assert np.abs(tracked.linear.path - other.linear.path).max() > 0.1 * tracked.noise
+
+
+def test_a_run_that_cannot_be_followed_says_why_each_time(pushed, monkeypatch):
+    tried = []
+
+    def fails(*arguments):
+        tried.append(arguments)
+        raise DecayError("does not settle")
+
+    monkeypatch.setattr("sysid_trib.state_space.tracked.track", fails)
+    followed = FollowedRuns({0: pushed[0]}, pushed[1])
+    for _ in range(2):
+        with pytest.raises(DecayError, match="does not settle"):
+            followed.tracked(0)
+    assert len(tried) == 1
 
 
 def test_simulated_records_have_the_covariance_of_the_model(pushed):
@@ -277,7 +309,51 @@ def test_noise_that_is_larger_than_the_sensors_hides_no_force():
     # As a method that takes the force for coloured noise states it.
     result = result.assign(noise=result.noise * 5.0, random_force_density=0.0)
     result = result.assign(random_force_standard_error=1e-6, random_force_p_value=1.0)
-    assert verdict_on_record("yes", [decay], result, {}) == "not explained"
+    assert verdict_on_record("yes", FollowedRuns({0: decay}, result), {}) == "not explained"
     free = measured(MODEL, time=time)
     plain = st.identify(free, FORCES, st.methods.Direct(random_force="off"))
-    assert verdict_on_record("yes", [free], plain, {}) == "explained"
+    assert verdict_on_record("yes", FollowedRuns({0: free}, plain), {}) == "explained"
+
+
+def coloured(model, seed, density=0.0, time=TIME):
+    angle = st.simulate(model, time, 0.3, random_force=density, seed=seed).angle
+    return xr.Dataset({"angle": angle + correlated_noise(len(time), seed, 0.8, NOISE)})
+
+
+def direct_verdict(decay):
+    result = st.identify(decay, FORCES, st.methods.Direct(random_force="auto"))
+    return st.cross_check(decay, result, result, draws=1)["comparison"].attrs["verdict_on_record"]
+
+
+@pytest.mark.parametrize(
+    ("wander", "symbol", "coefficient", "verdict"),
+    [
+        (0.0, None, 0.0, "explained"),
+        (5.0, None, 0.0, "explained with a random force"),
+        (0.0, "cubic_damping", 0.5, "not explained"),
+        (0.0, "three_halves_damping", 0.05, "not explained"),
+    ],
+)
+def test_the_verdict_in_coloured_noise(wander, symbol, coefficient, verdict):
+    time = np.arange(1200) * 2.0 * np.pi / W / 60
+    further = [] if symbol is None else [st.load_library("candidate_effects")[symbol]]
+    library = st.ForceLibrary("whole", (*FORCES, *further))
+    model = st.Model(library, TRUTH | {force.symbol: coefficient for force in further}, W)
+    density = RandomForce.density_of(2.0 * (wander * NOISE) ** 2 / (W * time[-1]), W)
+    assert direct_verdict(coloured(model, 2, density, time)) == verdict
+
+
+def test_every_second_sample_of_coloured_noise_has_its_colour():
+    noise = NoiseModel(0.6, np.array([1.0, -0.8]))
+    second = noise.of_every(2, 1000)
+    # x[k + 2] = 0.64 x[k] + 0.8 e[k + 1] + e[k + 2]
+    assert second.filter_ == pytest.approx([1.0, -0.64], abs=1e-6)
+    assert second.innovation == pytest.approx(0.6 * np.sqrt(1.64), rel=1e-6)
+    assert second.standard_deviation == pytest.approx(noise.standard_deviation, rel=1e-3)
+
+
+def test_simulated_records_of_coloured_noise_have_its_variance(pushed):
+    linear = replace(track(*pushed).linear, sensor_filter=np.array([1.0, -0.8]))
+    records = simulated_records(linear, 0.0, 2000, np.random.default_rng(0))
+    lags = np.array([np.mean(records[0] * records[lag]) for lag in range(3)])
+    assert lags == pytest.approx(0.8 ** np.arange(3) / 0.36, rel=0.1)

@@ -15,6 +15,7 @@ from sysid_trib.noise.smoothing import (
     KNOTS_PER_PERIOD,
     SAMPLES_PER_KNOT,
     SPLINE_DEGREE,
+    knot_intervals,
     knot_sequence,
     smooth,
 )
@@ -23,6 +24,7 @@ from sysid_trib.regression.linearisation import linearised
 from sysid_trib.regression.problem import begin
 from sysid_trib.regression.rows import weak_rows
 from sysid_trib.regression.weak_form import (
+    SAMPLES_PER_ROW,
     build_weak_form,
     noise_operator,
     whiten,
@@ -44,7 +46,7 @@ def assert_annihilated(operator, motion, inside=INSIDE, at_ends=AT_ENDS):
 
 @pytest.mark.parametrize("tau", [EVEN, EVEN[:200] + 3.0], ids=["long", "short"])
 def test_integrals_of_smooth_functions_are_exact(tau):
-    form, knots = build_weak_form(tau), knot_sequence(tau)
+    form, knots = build_weak_form(tau), knot_sequence(tau, knot_intervals(tau, SAMPLES_PER_ROW))
     for row, spline in ((0, 2), (1, 3), (form.rows // 2, form.rows // 2 + 2), (form.rows - 1, form.rows + 1)):
         psi = BSpline.basis_element(knots[spline : spline + SPLINE_DEGREE + 2], extrapolate=False)
         low, high = knots[spline], knots[spline + SPLINE_DEGREE + 1]
@@ -136,3 +138,9 @@ def test_too_few_samples_between_knots_make_wider_test_functions():
     coarse = np.linspace(0.0, 60.0, 150)
     intervals = len(np.unique(knot_sequence(coarse))) - 1
     assert intervals == round(149 / SAMPLES_PER_KNOT) < 60.0 / (2.0 * np.pi) * KNOTS_PER_PERIOD
+
+
+def test_twenty_samples_a_period_have_rows_that_resolve_the_third_harmonic():
+    periods = 20
+    form = build_weak_form(np.arange(20 * periods) * 2.0 * np.pi / 20)
+    assert form.rows / periods == pytest.approx(KNOTS_PER_PERIOD, rel=0.02)

@@ -1,30 +1,26 @@
 """Internal states of history-dependent forces along a given motion, a record's or a model's.
 
 Memory is replaced at the reversals of the motion. States follow by Radau collocation to a given accuracy.
-Where the rate of a state is linear in it, fixed steps serve for many values of the shape parameters at once.
+For many values of the shape parameters, steps from sample to sample serve.
 """
 
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
-from scipy.linalg.lapack import dtbtrs
 
 from sysid_trib.arrays import Array
 from sysid_trib.averaging.collocation import Index, Panels, solve_states
+from sysid_trib.averaging.stepped_states import RADAU_STAGES, is_stepped, stepped_states
 from sysid_trib.errors import DecayError, LibraryError
 from sysid_trib.forces.force import Force
 
 COLLOCATION_NODES = 4
 # Below this the error of the interpolated motion rules.
 STATE_TOLERANCE = 1e-8
-# Radau's method of order 3 (Hairer and Wanner 1996, IV.5): stages at a third and at the end of a step. It is
-# stiffly accurate: a state that follows at once is followed.
-RADAU_STAGES = (1.0 / 3.0, 1.0)
-RADAU_WEIGHTS = ((5.0 / 12.0, -1.0 / 12.0), (3.0 / 4.0, 1.0 / 4.0))
 
 
 class GivenMotion:
@@ -50,6 +46,16 @@ class GivenMotion:
     def names(self, tau: Array) -> dict[str, Any]:
         """Variables of the formulas that the motion gives."""
         return {"x": self.x(tau), "v": self.v(tau), "t": np.interp(tau, self.tau, self.time)}
+
+    @cached_property
+    def at_samples(self) -> dict[str, Any]:
+        """Variables at the samples, (sample,)."""
+        return self.names(self.tau)
+
+    @cached_property
+    def at_stages(self) -> dict[str, Any]:
+        """Variables at the stages of steps from sample to sample, (stage, step)."""
+        return self.names(self.tau[:-1] + np.outer(RADAU_STAGES, np.diff(self.tau)))
 
     def segment(self, tau: Array) -> Index:
         """Number of reversals before each instant."""
@@ -121,30 +127,19 @@ def values_along(motion: GivenMotion, force: Force, shapes: Sequence[Mapping[str
     Returns
     -------
     (sample, column) array of float, or None
-        None unless `is_linear_in_state`.
+        None unless `is_stepped`. A column that cannot be followed is not finite.
     """
-    if not is_linear_in_state(force):
+    if not is_stepped(force):
         return None
     values = {k: np.array([column[f"{force.symbol}.{k}"] for column in shapes]) for k in force.shape}
     with np.errstate(all="ignore"):
-        h = _History(motion, force, values).stepped_values(len(shapes))
-    return np.broadcast_to(h, (motion.tau.size, len(shapes)))
-
-
-@lru_cache(maxsize=1024)
-def is_linear_in_state(force: Force) -> bool:
-    """Whether `values_along` can follow a force, by its formulas.
-
-    It has at most one state, whose rate is linear in it, and no memory that depends on the state.
-    """
-    if len(force.state) > 1 or any(f.names & set(force.state) for f in force.memory.values()):
-        return False
-    for name, rate in force.state.items():
-        here = force.test_points[name]
-        none, first, second = (rate.evaluate(force.test_points | {name: p * here}) for p in (0.0, 1.0, -2.0))
-        if not np.allclose(second - none, -2.0 * (first - none), rtol=1e-9, atol=1e-12):
-            return False
-    return True
+        memory = _History(motion, force, values).memory_at_samples(len(shapes))
+        # Column by column: what is not finite in one leaves the others alone.
+        columns = []
+        for i in range(len(shapes)):
+            history = _History(motion, force, {k: q[i] for k, q in values.items()})
+            columns.append(history.stepped_value({k: m[:, i] for k, m in memory.items()}))
+    return np.stack(columns).T
 
 
 class _History:
@@ -152,7 +147,7 @@ class _History:
 
     def __init__(self, motion: GivenMotion, force: Force, shapes: dict[str, Any]) -> None:
         self.motion, self.force, self.shapes = motion, force, shapes
-        here = {k: value[0] for k, value in motion.names(motion.tau[:1]).items()}
+        here = {k: value[0] for k, value in motion.at_samples.items()}
         self.start = force.start_values(here | shapes)
 
     def settled(self) -> dict[str, Array]:
@@ -172,18 +167,19 @@ class _History:
         segment = self.motion.segment(self.motion.tau)
         return at_samples | {k: m[segment] for k, m in memory.items()}
 
-    def stepped_values(self, count: int) -> Array:
-        """Values of the force at the samples, for `count` values of its shape parameters."""
-        segment = self.motion.segment(self.motion.tau)
-        self.start = {k: np.broadcast_to(z, count) for k, z in self.start.items()}
-        hidden = {k: m[segment] for k, m in self.memory({}).items()}
-        for name in self.force.state:
-            hidden[name] = self.stepped(name, hidden)
-        return np.asarray(self.force.formula.evaluate(self.columns(self.motion.tau) | hidden))
+    def memory_at_samples(self, count: int) -> dict[str, Array]:
+        """Memory that depends on no state, (sample, column), for `count` values of the shape parameters."""
+        rows, segment = self.motion.reversals.size + 1, self.motion.segment(self.motion.tau)
+        memory = {k: np.reshape(m, (rows, -1)) for k, m in self.memory({}).items()}
+        return {k: np.broadcast_to(m, (rows, count))[segment] for k, m in memory.items()}
 
-    def columns(self, tau: Array) -> dict[str, Any]:
-        """Variables of the formulas at instants in rows, values of shape parameters in columns."""
-        return {k: value[:, None] for k, value in self.motion.names(tau).items()} | self.shapes
+    def stepped_value(self, memory: Mapping[str, Array]) -> Array:
+        """The force at the samples, its states followed by steps from sample to sample."""
+        # A step lies between two reversals but for the one that holds it; there the new memory rules.
+        names = self.motion.at_stages | self.shapes | {k: m[1:] for k, m in memory.items()}
+        states = stepped_states(self.force, np.diff(self.motion.tau), names, self.start)
+        h = self.force.formula.evaluate(self.motion.at_samples | self.shapes | dict(memory) | states)
+        return np.broadcast_to(h, self.motion.tau.shape)
 
     def memory(self, states: Mapping[str, Array]) -> dict[str, Array]:
         """Memory in each segment of the motion, (segment, ...), given the states at the reversals."""
@@ -216,33 +212,3 @@ class _History:
         sample, reversal = (np.searchsorted(edges, tau) for tau in (motion.tau, motion.reversals))
         columns = dict(zip(force.state, values.T, strict=True))
         return {k: z[sample] for k, z in columns.items()}, {k: z[reversal] for k, z in columns.items()}
-
-    def stepped(self, name: str, memory: Mapping[str, Array]) -> Array:
-        """The only state at the samples, (sample, column), by linear steps."""
-        tau, rate, start = self.motion.tau, self.force.state[name], self.start[name]
-        step = np.diff(tau)
-        push, pull = [], []
-        for part in RADAU_STAGES:
-            names = self.columns(tau[:-1] + part * step) | {k: m[1:] for k, m in memory.items()}
-            none, unit = (rate.evaluate(names | {name: value}) for value in (0.0, 1.0))
-            push.append(step[:, None] * none)
-            pull.append(step[:, None] * (unit - none))
-        # The rates of both stages hold both: two equations in two values, of which the second ends the step.
-        (a, b), (c, d) = RADAU_WEIGHTS
-        first, second = a * push[0] + b * push[1], c * push[0] + d * push[1]
-        diagonal, below = 1.0 - a * pull[0], c * pull[0]
-        determinant = diagonal * (1.0 - d * pull[1]) - b * pull[1] * below
-        factor = (diagonal + below) / determinant
-        added = (diagonal * second + below * first) / determinant
-        shape = (len(step), len(start))
-        # Column by column: what is not finite in one leaves the others alone.
-        columns = zip(start, np.broadcast_to(factor, shape).T, np.broadcast_to(added, shape).T, strict=True)
-        return np.column_stack([_recurrence(*column) for column in columns])
-
-
-def _recurrence(start: float, factor: Array, added: Array) -> Array:
-    """y with y[0] = start and y[n + 1] = factor[n] y[n] + added[n], a triangular banded system."""
-    band = np.ones((2, len(factor) + 1))
-    band[1, :-1] = -factor
-    solution, _ = dtbtrs(band, np.append(start, added)[:, None], uplo="L", diag="U")
-    return np.asarray(solution[:, 0])

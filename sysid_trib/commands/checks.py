@@ -1,6 +1,7 @@
 """What the command line reads: records, libraries, values with errors, settings of a model."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 # No oscillator is outside of this range in rad/s, Hz or s; far beyond it arithmetic overflows.
 LEAST, MOST = 1e-9, 1e9
 PLUS_MINUS = re.compile(r"\s*(?:±|\+/-|\+-)\s*")
+SHIPPED = ("contact_forces", "candidate_effects")
 # Options that say how a record is to be read.
 COLUMNS = ("time", "angle", "signal", "units", "sampling_rate", "time_units")
 
@@ -83,11 +85,19 @@ def _read_decay(given: DecayOptions, record: Path | None) -> "tuple[xr.Dataset, 
 
 
 def offered_forces(library: str, forces: str | None, alpha: bool) -> "ForceLibrary":
-    """The library's forces that are asked for, the linear elastic one among them where alpha is wanted."""
+    """The forces that are asked for, the linear elastic one among them where alpha is wanted.
+
+    What is asked for by name and the library lacks is taken from those that come with the package.
+    """
     whole = load_library(library)
     symbols = list(whole.symbols)
     if forces is not None:
         symbols = [s.strip() for s in forces.split(",") if s.strip()]
+        shipped = (force for name in SHIPPED for force in load_library(name))
+        lacking = [
+            force for force in shipped if force.symbol in symbols and force.symbol not in whole.symbols
+        ]
+        whole = replace(whole, forces=(*whole.forces, *lacking))
     if not symbols:
         raise UsageError(f"--forces '{forces}' names no force; the library has {', '.join(whole.symbols)}.")
     stiffness = whole.role("x")
@@ -133,7 +143,7 @@ def asked_model(
     offered = offered_forces(model.library, model.forces, bool(contactless or model.reference_frequency))
     shapes = held_shapes(given.set_, offered)
     constraints = Constraints.from_texts(given.fix, given.bound, given.tie)
-    constraints.check(forces_to_identify(offered, model.reference_frequency))
+    constraints.check(forces_to_identify(offered, model.reference_frequency, sensors=True))
     return offered, shapes, constraints, contactless
 
 

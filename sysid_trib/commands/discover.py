@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 # What the embedded example starts from: it then has two elastic forces to find.
-START_FORCES = "lambda,zeta,delta"
+EXAMPLE_FORCES = "lambda,zeta,delta"
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,9 @@ class SearchOptions:
 
     library: str = option("NAME|FILE", "Force library.", DEFAULT_LIBRARY)
     forces: str | None = option(
-        "A,B,...", f"Forces of the start model; default: all, for the embedded example {START_FORCES}."
+        "A,B,...",
+        "Forces of the start model; default: viscous friction alone, "
+        f"for the embedded example {EXAMPLE_FORCES}.",
     )
     candidates: str | None = option(
         "NAME|FILE", "What may be missing; default: the library's other forces, and candidate_effects."
@@ -28,9 +30,12 @@ class SearchOptions:
     max_effects: int = option("N", "Effects added at most.", 4, least=0)
     holdout: str | None = option(
         "START:STOP",
-        "Part of each record, in s, that takes no part and is predicted; default: the last third, by "
-        "models fitted again without it.",
+        "Part of each record, in s, that takes no part and is predicted; default: the last third.",
     )
+    refit: bool = option(
+        None, "Fit the models that were found again, to the whole records.", False, flags=("--refit",)
+    )
+    level: float = option("P", "Family-wise significance level of each test.", 0.01)
     reference_frequency: float | None = option("RAD/S", "Reference frequency, held; default: fitted.")
 
 
@@ -44,8 +49,9 @@ def discover(*, given: DecayOptions, asked: SearchOptions, destination: Destinat
     from sysid_trib.printing.discovery_story import discovery_blocks
 
     checks.check_positive(asked.reference_frequency, "--reference-frequency")
-    forces = START_FORCES if asked.forces is None and not given.records else asked.forces
-    start = checks.offered_forces(asked.library, forces, asked.reference_frequency is not None)
+    discovery_inputs.check_level(asked.level)
+    forces = EXAMPLE_FORCES if asked.forces is None and not given.records else asked.forces
+    start = discovery_inputs.start_forces(asked.library, forces, asked.reference_frequency)
     offered = discovery_inputs.offered_candidates(asked.library, asked.candidates, start)
     destination.check(given.records)
     decays, sources = checks.read_decays(given, asked.reference_frequency)
@@ -58,6 +64,8 @@ def discover(*, given: DecayOptions, asked: SearchOptions, destination: Destinat
             reference_frequency=asked.reference_frequency,
             max_effects=asked.max_effects,
             holdout=held,
+            refit=asked.refit,
+            level=asked.level,
             tell=tell,
         )
     if asked.holdout is not None:

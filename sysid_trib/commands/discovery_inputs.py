@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sysid_trib.commands.checks import parse_window
+from sysid_trib.commands.checks import offered_forces, parse_window
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.library import load_library
 
@@ -16,6 +16,32 @@ if TYPE_CHECKING:
     from sysid_trib.forces.force import ForceLibrary
 
 EFFECTS = "candidate_effects"
+
+
+def start_forces(library: str, forces: str | None, frequency: float | None) -> "ForceLibrary":
+    """The forces of the start model: those asked for, else viscous friction alone.
+
+    Raises
+    ------
+    UsageError
+        None are asked for, and the library has no viscous friction.
+    """
+    if forces is None:
+        whole = load_library(library)
+        viscous = whole.role("2*v") or whole.role("v")
+        if viscous is None:
+            raise UsageError(
+                f"Library '{whole.title}' has no viscous friction to start from; name the forces of the "
+                f"start model (--forces {','.join(whole.symbols[:2])})."
+            )
+        forces = viscous.symbol
+    return offered_forces(library, forces, frequency is not None)
+
+
+def check_level(level: float) -> None:
+    """Refuse what is no significance level."""
+    if not 0.0 < level < 1.0:
+        raise UsageError(f"--level '{level:g}' must lie between 0 and 1, such as 0.01.")
 
 
 def offered_candidates(library: str, candidates: str | None, start: "ForceLibrary") -> "ForceLibrary":

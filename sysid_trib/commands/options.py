@@ -71,7 +71,7 @@ class ModelOptions:
     """Which forces are identified."""
 
     library: str = option("NAME|FILE", "Force library.", DEFAULT_LIBRARY)
-    forces: str | None = option("A,B,...", "Symbols of the forces to identify.")
+    forces: str | None = option("A,B,...", "Symbols of the forces to identify, and of sensor terms.")
     omega0: str | None = option("VALUE[±ERROR]", "Frequency without contact (rad/s): adds alpha.")
     reference_frequency: float | None = option("RAD/S", "Reference frequency, held; default: fitted.")
     random_force: str = option(

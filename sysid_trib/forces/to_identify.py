@@ -4,7 +4,9 @@ from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import ForceLibrary
 
 
-def forces_to_identify(library: ForceLibrary, reference_frequency: float | None) -> ForceLibrary:
+def forces_to_identify(
+    library: ForceLibrary, reference_frequency: float | None, *, sensors: bool = False
+) -> ForceLibrary:
     """The forces to identify: without a given frequency the one of formula `x` is the frequency itself.
 
     Parameters
@@ -13,6 +15,8 @@ def forces_to_identify(library: ForceLibrary, reference_frequency: float | None)
         All forces offered.
     reference_frequency : float or None, rad/s
         None where it is fitted.
+    sensors : bool
+        Whether the method knows terms of the sensor.
 
     Returns
     -------
@@ -21,14 +25,29 @@ def forces_to_identify(library: ForceLibrary, reference_frequency: float | None)
     Raises
     ------
     DecayError
-        None remains, or a sensor term is among them: it changes what is measured, not the motion.
+        None remains, or there is a sensor term that the method does not know.
     """
-    sensors = [force.symbol for force in library if force.kind == "sensor"]
-    if sensors:
-        raise DecayError(f"'{sensors[0]}' is a sensor term, not a force; leave it out (--forces).")
+    if not sensors:
+        refuse_sensors(library)
     stiffness = library.role("x")
     if reference_frequency is None and stiffness is not None:
         library = library.select(s for s in library.symbols if s != stiffness.symbol)
-    if not len(library):
+    if all(force.kind == "sensor" for force in library):
         raise DecayError("No force is left to identify beside the frequency; offer at least one (--forces).")
     return library
+
+
+def refuse_sensors(library: ForceLibrary) -> None:
+    """Refuse terms of the sensor, for a method that does not know them.
+
+    Raises
+    ------
+    DecayError
+        A sensor term is in the library.
+    """
+    sensors = [force.symbol for force in library if force.kind == "sensor"]
+    if sensors:
+        raise DecayError(
+            f"'{sensors[0]}' is a sensor term: it changes what is measured, not the motion; "
+            "methods.Direct and methods.Trajectory identify it, leave it out for others (--forces)."
+        )

@@ -12,6 +12,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.decays.half_sines import envelope
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.to_identify import refuse_sensors
 from sysid_trib.methods.auxiliary import AuxiliaryFit, AuxiliaryModel
 from sysid_trib.methods.indirect import as_identification, indirect_estimate
 from sysid_trib.methods.scope import Method, MethodScope, scope_of
@@ -98,8 +99,9 @@ def needed_forces(method: Method, library: ForceLibrary, formulas: Sequence[str]
     Raises
     ------
     DecayError
-        One is missing, so that the method does not apply.
+        One is missing, so that the method does not apply; or there is a sensor term.
     """
+    refuse_sensors(library)
     forces = [library.role(formula) for formula in formulas]
     if None in forces:
         raise DecayError(

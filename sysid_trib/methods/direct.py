@@ -30,7 +30,7 @@ from sysid_trib.regression.solution import Solution, select, solve, with_errors_
 from sysid_trib.results.per_run import start_variables
 from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.results.variables import Variables
-from sysid_trib.trajectory_fit.pushed_columns import regress_pushed
+from sysid_trib.trajectory_fit.pushed_columns import PushedRegression, regress_pushed
 from sysid_trib.trajectory_fit.refined_columns import refine_columns
 
 MAX_SELECTIONS = 5
@@ -122,6 +122,8 @@ class Direct:
         decay : Dataset or sequence of Dataset
             With `angle(time)`, rad and s.
         library : ForceLibrary
+            Forces, and terms of the sensor: the record is then x + coefficient * h(x, v, t). The strong form
+            takes none.
 
         Returns
         -------
@@ -140,7 +142,7 @@ class Direct:
         UsageError
             A constraint is not linear in the coefficients, or does not fit to the library.
         """
-        offered = forces_to_identify(library, self.reference_frequency)
+        offered = forces_to_identify(library, self.reference_frequency, sensors=self.form == "weak")
         asked = Constraints(self.fix, self.bounds, self.tie)
         shapes = {**self.shapes, **{k: v for k, v in self.fix.items() if k not in offered.symbols}}
         constraints = constraint_map(asked, offered, shapes)
@@ -148,16 +150,19 @@ class Direct:
             as_runs(decay), offered, constraints, reference_frequency=self.reference_frequency, shapes=shapes
         )
         every = np.ones(len(offered), bool)
+        by_ratios = np.zeros((len(offered) + 1, len(offered) + 1))
         rows = weak_regression(runs, [linearised(run) for run in runs])
         runs = solve(rows, runs[0], every, constraints).applied_to(runs)
         if self.random_force != "off" and self._takes_random_force:
-            runs, rows, active, refined = _pushed(self, runs, constraints)
+            pushed, active = _pushed(self, runs, constraints)
+            runs, rows, refined, by_ratios = pushed.runs, pushed.rows, pushed.settled, pushed.by_ratios
         elif self.form == "strong":
             rows, refined = stack_rows(runs, [strong_rows(run) for run in runs]), False
             active = _selected(self, rows, constraints)
         else:
             runs, rows, active, refined = _weak_form(self, runs, constraints)
         solution = solve(rows, runs[0], active, constraints)
+        solution = replace(solution, covariance=solution.covariance + by_ratios)
         solution = with_errors_of_dropped(solution, rows, runs[0], active, constraints)
         runs = solution.applied_to(runs)
         estimate = _estimate(runs, solution)
@@ -193,8 +198,8 @@ def _random_force(runs: Runs, option: RandomForceOption) -> Variables:
     return {**random_force_variables(forces), **colour_variables([pair.filter_ for pair in pairs])}
 
 
-def _pushed(method: Direct, runs: Runs, constraints: ConstraintMap) -> tuple[Runs, Rows, Mask, bool]:
-    """Choose forces beside a random force, until the choice stands; whether the estimate settled."""
+def _pushed(method: Direct, runs: Runs, constraints: ConstraintMap) -> tuple[PushedRegression, Mask]:
+    """Choose forces beside a random force, until the choice stands."""
     chosen = np.ones(len(runs[0].problem.library), bool)
     for _ in range(MAX_SELECTIONS):
         active = chosen
@@ -202,7 +207,7 @@ def _pushed(method: Direct, runs: Runs, constraints: ConstraintMap) -> tuple[Run
         chosen = _selected(method, pushed.rows, constraints)
         if np.array_equal(chosen, active):
             break
-    return pushed.runs, pushed.rows, active, pushed.settled
+    return pushed, active
 
 
 def _weak_form(method: Direct, runs: Runs, constraints: ConstraintMap) -> tuple[Runs, Rows, Mask, bool]:

@@ -12,6 +12,7 @@ from sysid_trib.averaging.signatures import averages
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import parse_library
+from sysid_trib.forces.to_identify import refuse_sensors
 from sysid_trib.methods.auxiliary import AuxiliaryModel
 from sysid_trib.methods.classical import half_period_model, one_record
 from sysid_trib.methods.indirect import IndirectEstimate, as_identification, indirect_estimate
@@ -75,11 +76,13 @@ class FrequencyShift:
         Raises
         ------
         DecayError
-            The library has no conservative force but that of formula `x`, or they look the same.
+            The library has no conservative force but that of formula `x`, or they look the same; or a sensor
+            term.
         UsageError
             Several decays.
         """
         decay = one_record(self, decay)
+        refuse_sensors(library)
         stiffness = library.role("x")
         asked = library.select(f.symbol for f in library if _is_conservative(f) and f is not stiffness)
         if not len(asked):

@@ -106,7 +106,7 @@ def indirect_estimate(
         return estimate
     plain = estimate
     forces: list[RandomForce] = []
-    for _ in range(WANDER_ROUNDS):
+    for _ in range(1 if held else WANDER_ROUNDS):
         ratios = [
             _ratio(auxiliary, last, run, envelope, random_force) for run, envelope in enumerate(measured)
         ]

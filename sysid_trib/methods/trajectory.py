@@ -17,31 +17,22 @@ from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.scope import MethodScope
 from sysid_trib.noise.autoregression import autoregression, whitened
 from sysid_trib.noise.level import sensor_noise
-from sysid_trib.noise.random_force import (
-    RandomForceOption,
-    check_random_force,
-    random_force_of_ratio,
-    random_force_variables,
-)
-from sysid_trib.noise.residual_noise import NoiseModel
-from sysid_trib.noise.sensor_noise import colour_variables, sensor_noise_of
+from sysid_trib.noise.random_force import RandomForceOption, check_random_force
+from sysid_trib.noise.sensor_noise import sensor_noise_of
 from sysid_trib.records.runs import Decays, as_runs, root_mean_square
 from sysid_trib.results.birge import birge_ratio
 from sysid_trib.results.schema import model_of
-from sysid_trib.results.variables import variable
 from sysid_trib.simulation.model import Model
 from sysid_trib.trajectory_fit.initial_conditions import first_guess
-from sysid_trib.trajectory_fit.least_squares import Fit, fitted, grown, rms
+from sysid_trib.trajectory_fit.least_squares import Fit, fitted, grown, rms, stopped_by_bounds
 from sysid_trib.trajectory_fit.parameters import FREQUENCY, PER_RUN, Parameters
 from sysid_trib.trajectory_fit.problem import FitProblem, WhitenedRecord
+from sysid_trib.trajectory_fit.pushed_result import pushed_identification
 from sysid_trib.trajectory_fit.random_motion import RandomMotionFit, fit_random_motion
 from sysid_trib.trajectory_fit.result import FitEstimate
 
 # Rounds in which noise and fit of several runs, or of coloured noise, follow each other.
 NOISE_ROUNDS = 3
-# A parameter that is nearer to a bound than this part of its standard error is stopped by it.
-NEAR_BOUND = 1e-3
-INNOVATION_LAGS = 20
 
 
 @dataclass(frozen=True)
@@ -111,6 +102,11 @@ class Trajectory:
             family="trajectory",
         )
 
+    @property
+    def _random_force(self) -> RandomForceOption:
+        """The random force that is fitted: none beside noise that is whitened as it is."""
+        return self.random_force if self.noise == "white" else "off"
+
     def identify(self, decay: Decays, library: ForceLibrary) -> xr.Dataset:
         """Identify the forces of `library` from a decay with `angle(time)`, or from several runs.
 
@@ -122,20 +118,21 @@ class Trajectory:
             A shape or constraint is not one of these forces.
         """
         runs = as_runs(decay)
-        parameters = _parameters(self, forces_to_identify(library, self.reference_frequency), len(runs))
+        offered = forces_to_identify(library, self.reference_frequency, sensors=True)
+        parameters = _parameters(self, offered, len(runs))
         records = [WhitenedRecord(d.time.values.astype(float), d.angle.values.astype(float)) for d in runs]
         problem = FitProblem(parameters, tuple(records))
-        pushed_too = self.random_force != "off" and self.noise == "white"
+        pushed_too = self._random_force != "off"
         quick = _quick(self, problem, runs) if self.start is None or pushed_too else None
         first = _first_values(self, problem, quick)
         if pushed_too:
             pushed = _with_random_force(self, problem, first, quick)
-            return _pushed_identification(self, problem, runs, library, pushed)
+            return pushed_identification(self, problem, runs, library, pushed)
         fit = fitted(problem, grown(problem, first))
         for _ in range(NOISE_ROUNDS if self.noise == "coloured" or len(runs) > 1 else 0):
             problem = _weighted(problem, fit.values, coloured=self.noise == "coloured")
             fit = fitted(problem, fit.values)
-        while stopped := _stopped_by_bounds(problem.parameters, fit, self.bounds):
+        while stopped := stopped_by_bounds(problem.parameters, fit, self.bounds):
             problem = replace(problem, parameters=problem.parameters.fix(stopped))
             fit = fitted(problem, fit.values)
         return _identification(self, problem, runs, library, fit)
@@ -166,7 +163,7 @@ def _quick(method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset]) 
     direct = Direct(
         reference_frequency=method.reference_frequency,
         shapes=parameters.shapes,
-        random_force=method.random_force if method.noise == "white" else "off",
+        random_force=method._random_force,
     )
     try:
         return direct.identify(runs, parameters.library.select(free) if free else parameters.library)
@@ -203,48 +200,11 @@ def _with_random_force(
     while True:
         pushed = fit_random_motion(parameters, records, values, method.random_force, filters)
         fit = Fit(pushed.values, pushed.residual, pushed.sensitivity)
-        stopped = _stopped_by_bounds(parameters, fit, method.bounds)
+        stopped = stopped_by_bounds(parameters, fit, method.bounds)
         if not stopped:
             return pushed
         parameters = parameters.fix(stopped)
         values = parameters.expand(pushed.values[parameters.free])
-
-
-def _pushed_identification(
-    method: Trajectory,
-    problem: FitProblem,
-    runs: Sequence[xr.Dataset],
-    library: ForceLibrary,
-    pushed: RandomMotionFit,
-) -> xr.Dataset:
-    """A fit with a random force as every method returns it."""
-    frequency = problem.parameters.model(pushed.values).reference_frequency
-    filters = [run.linear.sensor_filter for run in pushed.runs]
-    noises = [
-        NoiseModel(float(np.sqrt(run.ratio.variance)), filter_).standard_deviation
-        for run, filter_ in zip(pushed.runs, filters, strict=True)
-    ]
-    estimate = FitEstimate(problem, pushed.values, pushed.covariance, noises)
-    freedoms = len(pushed.residual) - pushed.sensitivity.shape[1]
-    chi_square = float(pushed.residual @ pushed.residual)
-    extra: dict[str, tuple[ArrayLike, str, str]] = {
-        "birge_ratio": (birge_ratio(chi_square, freedoms), "1", "Birge ratio of the innovations"),
-        "innovation_rms": (
-            [rms(run.innovations()) for run in pushed.runs],
-            "rad",
-            "RMS of what one step ahead is predicted wrongly",
-        ),
-    }
-    result = estimate.identification(method, runs, library, extra)
-    forces = [random_force_of_ratio(run.ratio, frequency, method.random_force) for run in pushed.runs]
-    result = result.assign({**random_force_variables(forces), **colour_variables(filters)})
-    lags = np.arange(1, 1 + min(INNOVATION_LAGS, len(pushed.residual) - 1))
-    e = pushed.residual
-    correlation = [float(e[lag:] @ e[:-lag]) / chi_square for lag in lags]
-    name = "autocorrelation of the innovations"
-    result = result.assign(autocorrelation=variable("lag", correlation, name, "1")).assign_coords(lag=lags)
-    orders = ", ".join(str(len(filter_) - 1) for filter_ in filters)
-    return result.assign_attrs(noise_model=f"autoregression of order {orders}, beside a random force")
 
 
 def _weighted(problem: FitProblem, values: Array, *, coloured: bool) -> FitProblem:
@@ -256,23 +216,6 @@ def _weighted(problem: FitProblem, values: Array, *, coloured: bool) -> FitProbl
     # Relative to their RMS noise, so that a whitened residual is an angle.
     common = root_mean_square([1.0 / record.weight for record in records])
     return replace(problem, records=tuple(replace(r, weight=common * r.weight) for r in records))
-
-
-def _stopped_by_bounds(
-    parameters: Parameters, fit: Fit, bounds: Mapping[str, tuple[float, float]]
-) -> dict[str, float]:
-    """Parameters that would pass one of the given bounds if they could, and that bound."""
-    covariance = parameters.covariance(fit.sensitivity, fit.values)
-    free = parameters.free
-    step = np.zeros(len(parameters))
-    step[free] = -covariance[np.ix_(free, free)] @ (fit.sensitivity.T @ fit.residual)
-    stopped = {}
-    for name, (low, high) in bounds.items():
-        value, i = fit.values[parameters.index(name)], parameters.index(name)
-        near = NEAR_BOUND * np.sqrt(fit.residual @ fit.residual / len(fit.residual) * covariance[i, i])
-        if i in free and not low + near < value + step[i] < high - near:
-            stopped[name] = low if value - low < high - value else high
-    return stopped
 
 
 def _identification(

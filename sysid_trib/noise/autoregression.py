@@ -6,6 +6,8 @@ from scipy.signal import lfilter, oaconvolve
 from sysid_trib.arrays import Array
 
 MAX_ORDER = 20
+# Part of itself that is left of what coloured noise has forgotten.
+FORGOTTEN = 1e-3
 
 
 def autoregression(residual: Array) -> Array:
@@ -81,6 +83,14 @@ def fractional_difference(order: float, taps: int) -> Array:
 def warm_up_samples(whitening_filter: Array) -> int:
     """First samples that a filter has no past for; of a long one, those that would need most of it."""
     return min(len(whitening_filter) - 1, MAX_ORDER)
+
+
+def memory_samples(whitening_filter: Array) -> int:
+    """Samples after which the inverse of a whitening filter is below a part `FORGOTTEN`."""
+    if len(whitening_filter) == 1:
+        return 0
+    slowest = min(max(float(np.max(np.abs(np.roots(whitening_filter)))), 1e-3), 1.0 - 1e-4)
+    return int(np.ceil(np.log(FORGOTTEN) / np.log(slowest))) + len(whitening_filter)
 
 
 def whitened(values: Array, whitening_filter: Array) -> Array:

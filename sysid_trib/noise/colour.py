@@ -4,6 +4,7 @@ The sensor's noise is an autoregression; the random force moves an oscillator, w
 both sides of its resonance. Lines near harmonics of the motion, where forces act, say nothing of either.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,8 @@ from sysid_trib.noise.residual_noise import NOISE_HARMONICS, NoiseModel
 from sysid_trib.noise.variance_ratio import VarianceRatio
 
 MAX_COLOUR = 3
+# Lines of a spectrum that tell a colour at all.
+FEWEST_LINES = 50
 # Half of the width of what is left out about each harmonic, in units of the frequency of the motion; where a
 # random force is fitted too, in lines. Of the motion itself it is what its start and frequency take: beyond,
 # a random force is most of what is there.
@@ -25,6 +28,11 @@ LINES_BESIDE_MOTION = 1.5
 MOST_LINES = 2000
 # Of a Hann window: independent values of the spectrum in each line.
 INDEPENDENT_PART = 2.0 / 3.0
+# First step of a search among colours, in units of arctanh(partial autocorrelation), and where it ends: in
+# these units and in the deviance.
+COLOUR_STEP, COLOUR_TOLERANCE = 0.05, 0.02
+# Largest partial autocorrelation in a search: a walk has no variance that its first sample could have.
+MOST_CORRELATED = 0.999
 # Steps of time that differ by more than this part have no autoregression.
 UNEVEN = 1e-3
 
@@ -39,10 +47,13 @@ class NoisePair:
         Growth of the variance of v a unit of tau, over the variance of the innovations of the sensor's noise.
     sensor : NoiseModel
         Colour of the sensor's noise; its level as the lines of the spectrum have it.
+    unpushed : NoiseModel
+        The same where there is no random force: of a colour of its own.
     """
 
     ratio: VarianceRatio
     sensor: NoiseModel
+    unpushed: NoiseModel
 
     @property
     def filter_(self) -> Array:
@@ -53,6 +64,81 @@ class NoisePair:
     def noise(self) -> float:
         """Standard deviation of a sample's noise, rad."""
         return NoiseModel(float(np.sqrt(self.ratio.variance)), self.filter_).standard_deviation
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Lines of a spectrum, averaged until they are few.
+
+    Attributes
+    ----------
+    line : (line,) array of float
+        Cycles a sample.
+    power : (line,) array of float
+        Of white noise the variance of a sample.
+    count : (line,) array of float
+        How many are in each.
+    """
+
+    line: Array
+    power: Array
+    count: Array
+
+    @property
+    def independent(self) -> float:
+        """Number of samples of noise that they are as good as."""
+        return 2.0 * INDEPENDENT_PART * float(np.sum(self.count))
+
+    def noise(self, filter_: Array) -> NoiseModel:
+        """The noise of a given colour, its level as the lines have it."""
+        variance = np.sum(self.count * self.power * self._gain(filter_)) / max(1.0, np.sum(self.count))
+        return NoiseModel(float(np.sqrt(variance)), filter_)
+
+    def squares(self, filter_: Array) -> float:
+        """Sum of the squares of the innovations of so many independent samples, rad^2."""
+        return self.independent * self.noise(filter_).innovation ** 2
+
+    def log_determinant(self, filter_: Array) -> float:
+        """Of the covariance of these samples, in units of the variance of the innovations (Whittle)."""
+        return -2.0 * INDEPENDENT_PART * float(np.sum(self.count * np.log(self._gain(filter_))))
+
+    def _gain(self, filter_: Array) -> Array:
+        turns = np.exp(-2j * np.pi * np.multiply.outer(self.line, np.arange(len(filter_))))
+        return np.asarray(np.abs(turns @ filter_) ** 2)
+
+
+def lines_above(deviation: Array, tau: Array, band: float) -> Lines:
+    """Lines of a deviation above a frequency in units of the motion's; weak rows see those below.
+
+    None where the steps of time differ.
+    """
+    line, power, k = _spectrum(deviation, tau)
+    above = (k > band) & (not _is_uneven(tau))
+    return _averaged(line[above], power[above])
+
+
+def most_likely_colour(deviance: Callable[[Array], float], start: Array) -> tuple[Array, float]:
+    """Whitening filter of least deviance, and that.
+
+    Parameters
+    ----------
+    deviance : callable
+        Minus twice the logarithm of the likelihood of a filter (tap,), all else profiled.
+    start : (tap,) array of float
+        First guess, of the same order; it is improved by Nelder and Mead's search (1965).
+    """
+    order = len(start) - 1
+    if not order:
+        return start, deviance(start)
+
+    def filter_at(parameters: Array) -> Array:
+        return _filter(MOST_CORRELATED * np.tanh(parameters))
+
+    best = np.arctanh(np.clip(_partial(start) / MOST_CORRELATED, -MOST_CORRELATED, MOST_CORRELATED))
+    simplex = best + COLOUR_STEP * np.concatenate([np.zeros((1, order)), np.eye(order)])
+    options = {"initial_simplex": simplex, "xatol": COLOUR_STEP, "fatol": COLOUR_TOLERANCE}
+    least = minimize(lambda at: deviance(filter_at(at)), best, method="Nelder-Mead", options=options)
+    return filter_at(least.x), float(least.fun)
 
 
 def sensor_colour(deviation: Array, tau: Array, *, random_force: bool) -> NoiseModel:
@@ -79,46 +165,83 @@ def sensor_colour(deviation: Array, tau: Array, *, random_force: bool) -> NoiseM
     motion's, the resonance as wide as a line. The order of the autoregression minimises the Bayesian
     information criterion.
     """
-    steps = np.diff(tau)
-    step = float(np.median(steps))
-    line, power = periodogram(deviation, window="hann", detrend="linear", return_onesided=False)
-    line, power = np.abs(line[: len(line) // 2]), power[: len(power) // 2]
-    k = 2.0 * np.pi * line / step
+    line, power, k = _spectrum(deviation, tau)
+    step = float(np.median(np.diff(tau)))
     harmonic = np.round(k)
     spacing = 2.0 * np.pi / (step * len(deviation))
-    lines = np.where(harmonic == 1.0, LINES_BESIDE_MOTION, LINES_BESIDE_HARMONIC)
-    width = spacing * lines if random_force else BESIDE_HARMONIC
+    width_in_lines = np.where(harmonic == 1.0, LINES_BESIDE_MOTION, LINES_BESIDE_HARMONIC)
+    width = spacing * width_in_lines if random_force else BESIDE_HARMONIC
     kept = (np.abs(k - harmonic) > width) | (harmonic > NOISE_HARMONICS)
-    line, power, count = _averaged(line[kept], power[kept])
-    white = NoiseModel(float(np.sqrt(np.sum(count * power) / max(1.0, np.sum(count)))), np.ones(1))
-    uneven = np.ptp(steps) > UNEVEN * step
-    if uneven or len(line) < 10 * (MAX_COLOUR + 2) or white.innovation == 0.0:
+    lines = _averaged(line[kept], power[kept])
+    white = lines.noise(np.ones(1))
+    if _is_uneven(tau) or len(lines.line) < 10 * (MAX_COLOUR + 2) or white.innovation == 0.0:
         return white
-    away = (1.0 - (2.0 * np.pi * line / step) ** 2) ** 2
+    away = (1.0 - (2.0 * np.pi * lines.line / step) ** 2) ** 2
     response = random_force / (away + (2.0 * spacing) ** 2)
-    best = _whittle(line, power, count, response, 0)
+    best = _whittle(lines, response, 0)
     for order in range(1, MAX_COLOUR + 1):
-        fit = _whittle(line, power, count, response, order)
+        fit = _whittle(lines, response, order)
         if fit[0] >= best[0]:
             break
         best = fit
     return best[1]
 
 
-def _averaged(line: Array, power: Array) -> tuple[Array, Array, Array]:
-    """Neighbouring lines averaged until they are few; and how many are in each."""
+def colour_above(deviation: Array, tau: Array, band: float) -> NoiseModel:
+    """Level and colour of noise by the lines of its spectrum above a frequency alone.
+
+    Parameters
+    ----------
+    deviation : (sample,) array of float, rad
+        A record minus a smooth motion.
+    tau : (sample,) array of float
+        Time in units of 1/w.
+    band : float
+        In units of the motion's frequency: below, any force may act, and what is smooth follows.
+
+    Returns
+    -------
+    NoiseModel
+        White where the steps of time differ, or the lines are too few.
+    """
+    lines = lines_above(deviation, tau, band)
+    if np.sum(lines.count) < FEWEST_LINES:
+        return NoiseModel(float(np.std(deviation)), np.ones(1))
+    response = np.zeros_like(lines.line)
+    best = _whittle(lines, response, 0)
+    for order in range(1, MAX_COLOUR + 1):
+        fit = _whittle(lines, response, order)
+        if fit[0] >= best[0]:
+            break
+        best = fit
+    return best[1]
+
+
+def _spectrum(deviation: Array, tau: Array) -> tuple[Array, Array, Array]:
+    """Lines of a spectrum in cycles a sample, their power, and their frequency in units of the motion's."""
+    line, power = periodogram(deviation, window="hann", detrend="linear", return_onesided=False)
+    line, power = np.abs(line[: len(line) // 2]), power[: len(power) // 2]
+    return line, power, 2.0 * np.pi * line / float(np.median(np.diff(tau)))
+
+
+def _is_uneven(tau: Array) -> bool:
+    steps = np.diff(tau)
+    return bool(np.ptp(steps) > UNEVEN * np.median(steps))
+
+
+def _averaged(line: Array, power: Array) -> Lines:
+    """Neighbouring lines averaged until they are few."""
     width = max(1, -(-len(line) // MOST_LINES))
     first = np.arange(0, len(line), width)
     count = np.diff(np.append(first, len(line))).astype(float)
     if not len(line):
-        return line, power, count
-    return np.add.reduceat(line, first) / count, np.add.reduceat(power, first) / count, count
+        return Lines(line, power, count)
+    return Lines(np.add.reduceat(line, first) / count, np.add.reduceat(power, first) / count, count)
 
 
-def _whittle(
-    line: Array, power: Array, count: Array, response: Array, order: int
-) -> tuple[float, NoiseModel]:
+def _whittle(lines: Lines, response: Array, order: int) -> tuple[float, NoiseModel]:
     """Criterion and noise of the best autoregression of an order."""
+    line, power, count = lines.line, lines.power, lines.count
     turns = np.exp(-2j * np.pi * np.multiply.outer(line, np.arange(order + 1)))
     level = float(np.sum(count * power) / np.sum(count))
     floor = float(np.median(power)) / np.log(2.0)
@@ -153,6 +276,16 @@ def _filter(partial: Array) -> Array:
         longer = np.append(filter_, 0.0)
         filter_ = longer - value * longer[::-1]
     return filter_
+
+
+def _partial(filter_: Array) -> Array:
+    """Partial autocorrelations of a whitening filter, (order,): the inverse of `_filter`."""
+    partial = []
+    while len(filter_) > 1:
+        last = filter_[-1]
+        partial.append(-last)
+        filter_ = ((filter_ - last * filter_[::-1]) / (1.0 - last**2))[:-1]
+    return np.array(partial[::-1])
 
 
 def _filter_slopes(partial: Array) -> Array:

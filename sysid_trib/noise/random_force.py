@@ -6,6 +6,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 import xarray as xr
+from scipy.stats import chi2
 
 from sysid_trib.errors import UsageError
 from sysid_trib.noise.variance_ratio import VarianceRatio
@@ -37,6 +38,11 @@ class RandomForce:
 
     def __bool__(self) -> bool:
         return self.density > 0.0
+
+    @staticmethod
+    def p_value_of_gain(gain: float) -> float:
+        """Of no random force, where one lowers the deviance by so much: half a chi-square (Chernoff 1954)."""
+        return 0.5 * float(chi2.sf(gain, 1)) if gain > 0.0 else 1.0
 
     def relative(self, frequency: float) -> float:
         """Root of the density over w^2, 1/sqrt(Hz), at a reference frequency w (rad/s)."""

@@ -7,10 +7,17 @@ import xarray as xr
 from scipy.interpolate import BSpline
 from scipy.ndimage import binary_dilation, median_filter
 from scipy.optimize import minimize_scalar
+from scipy.signal import lfilter
 from scipy.signal.windows import tukey
 
 from sysid_trib.arrays import Array, Mask
-from sysid_trib.noise.autoregression import autoregression_of, fractional_difference, warm_up_samples
+from sysid_trib.noise.autoregression import (
+    MAX_ORDER,
+    autoregression_of,
+    fractional_difference,
+    memory_samples,
+    warm_up_samples,
+)
 from sysid_trib.noise.level import swing_frequency
 from sysid_trib.noise.smoothing import clamped_knots, smooth
 
@@ -61,6 +68,18 @@ class NoiseModel:
         lines = len(self.filter_) if self.warm_up < len(self.filter_) - 1 else 4096
         power = np.abs(np.fft.rfft(self.filter_, lines)[1:]) ** 2
         return self.innovation * float(np.sqrt(np.mean(1.0 / power)))
+
+    def of_every(self, step: int, samples: int) -> "NoiseModel":
+        """The noise of every `step`-th sample, of so many that are kept: again taken as an autoregression."""
+        if step == 1 or len(self.filter_) == 1:
+            return self
+        lags = step * MAX_ORDER + 1
+        # The autocovariance of the series of innovations' responses, long enough to have died away.
+        response = lfilter([1.0], self.filter_, np.eye(1, lags + 2 * memory_samples(self.filter_))[0])
+        size = len(response)
+        covariance = np.array([response[lag:] @ response[: size - lag] for lag in range(0, lags, step)])
+        filter_, variance = autoregression_of(covariance, samples)
+        return NoiseModel(self.innovation * float(np.sqrt(variance)), filter_)
 
     def draws(self, samples: int, count: int) -> Array:
         """Realisations of such noise, (count, samples), rad, of mean zero; always the same."""

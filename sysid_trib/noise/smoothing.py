@@ -31,11 +31,17 @@ class SmoothedMotion(NamedTuple):
     noise: float
 
 
-def knot_sequence(tau: Array) -> Array:
-    """Clamped uniform knots, a twelfth of a period (2 pi in tau) apart, on whole samples if possible."""
+def knot_intervals(tau: Array, fewest: float = SAMPLES_PER_KNOT) -> int:
+    """Intervals of a twelfth of a period (2 pi in tau), of whole samples if possible, of so many at least."""
     step = (tau[-1] - tau[0]) / (len(tau) - 1)
-    per_knot = max(SAMPLES_PER_KNOT, round(2.0 * np.pi / KNOTS_PER_PERIOD / step))
-    return clamped_knots(tau, round((len(tau) - 1) / per_knot), SPLINE_DEGREE)
+    per_knot = max(fewest, 2.0 * np.pi / KNOTS_PER_PERIOD / step)
+    per_knot = round(per_knot) if per_knot >= SAMPLES_PER_KNOT else per_knot
+    return max(1, round((len(tau) - 1) / per_knot))
+
+
+def knot_sequence(tau: Array, intervals: int | None = None) -> Array:
+    """Clamped uniform knots, as many intervals as are given, else `knot_intervals`."""
+    return clamped_knots(tau, intervals or knot_intervals(tau), SPLINE_DEGREE)
 
 
 def clamped_knots(tau: Array, intervals: int, degree: int) -> Array:

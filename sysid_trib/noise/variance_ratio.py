@@ -5,7 +5,7 @@ of unit size. Restricted likelihood (Patterson and Thompson 1971) allows for the
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -36,11 +36,20 @@ class WhiteRows:
     design : (row, column) array of float
     log_determinant : float
         Of the covariance in units of the variance.
+    further : float
+        Number of samples that a row stands for beyond itself: of noise alone one row may have the squares of
+        many.
     """
 
     target: Array
     design: Array
     log_determinant: float
+    further: float = field(default=0.0, kw_only=True)
+
+    @property
+    def degrees_of_freedom(self) -> float:
+        """Number of samples beyond the columns."""
+        return max(1.0, len(self.target) + self.further - self.design.shape[1])
 
     def restricted_deviance(self) -> tuple[float, float]:
         """Minus twice the logarithm of the restricted likelihood, its variance profiled; and the variance."""
@@ -51,7 +60,7 @@ class WhiteRows:
             np.linalg.qr(np.column_stack([self.design / size, self.target]), mode="r"), dtype=float
         )
         count = self.design.shape[1]
-        degrees_of_freedom = max(1, len(self.target) - count)
+        degrees_of_freedom = self.degrees_of_freedom
         variance = max(float(factor[count, count] ** 2) / degrees_of_freedom, 1e-300)
         information = 2.0 * float(np.sum(np.log(np.abs(np.diag(factor)[:count]) * size + 1e-300)))
         return degrees_of_freedom * np.log(variance) + self.log_determinant + information, variance
@@ -145,7 +154,7 @@ def variance_ratio(
         risen = [at for at in sorted(known) if known[at][0] > none[0] + 1.0]
         upper = float(np.exp(risen[0])) if risen else float("nan")
         return VarianceRatio(0.0, none[1], float("nan"), upper, 0.0, none[0])
-    error = _relative_error(deviance, known, best, len(rows(0.0).target) - rows(0.0).design.shape[1])
+    error = _relative_error(deviance, known, best, rows(0.0).degrees_of_freedom)
     return VarianceRatio(float(np.exp(best)), known[best][1], error, float("nan"), gain, deviance(best))
 
 
@@ -179,7 +188,7 @@ def _relative_error(
     deviance: Callable[[float], float],
     known: dict[float, tuple[float, float]],
     best: float,
-    degrees_of_freedom: int,
+    degrees_of_freedom: float,
 ) -> float:
     """Standard error of log(ratio * variance), from the curvature in both logarithms."""
     step = CURVATURE_STEP

@@ -24,6 +24,7 @@ def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
         "disagreement": _spans_json(tree["discrepancy"].to_dataset()),
         "steps": [_step_json(tree, at) for at in range(tree["steps"].attrs["count"])],
         "verdict": tree.attrs["verdict"],
+        "converged": tree.attrs["converged"] == "True",
         "noise": number(tree["after"].noise.item()),
         "residual_noise": number(noise_of(tree)),
         "residual": number(residual_of(tree, "after")),
@@ -77,6 +78,8 @@ def _step_json(tree: xr.DataTree, at: int) -> dict[str, Any]:
         "holdout_before": held[at],
         "holdout_after": held[at + 1],
         "worsens_holdout": bool(step.worsens_holdout.item()),
+        **numbers(step, ("gain", "prediction_z", "random_force_before", "random_force_after")),
+        "probability_of_chance": number(round(step.chance_probability.item(), 4)),
         "leans": bool(step.collinear.item()),
     }
 

@@ -80,8 +80,21 @@ def _step(tree: xr.DataTree, at: int) -> list[str]:
         f"{coefficient_text(step)}, z = {step.z.item():.3g} (of the coefficient), "
         f"corrected p {p_value_text(step.p_value.item())} (of what it explains).",
         f"   Adding it takes the gap from {_shrinking(tree, at)}.",
+        f"   {_random_force(step)}",
         *(f"   {remark}" for remark in _step_remarks(tree, at)),
     ]
+
+
+def _random_force(step: xr.Dataset) -> str:
+    """What the effect leaves of the random force."""
+    before, after = step.random_force_before.item(), step.random_force_after.item()
+    gain = f"It lowers the deviance by {step.gain.item():.3g}"
+    if before == 0.0:
+        return f"{gain}; no random force was blamed for it." if after == 0.0 else f"{gain}."
+    if after == 0.0:
+        return f"{gain}, and the random force that was blamed for it vanishes."
+    way = "shrinks" if after < before else "grows"
+    return f"{gain}; the random force {way} from {before:.2g} to {after:.2g} (rad/s^2)^2/Hz."
 
 
 def _step_remarks(tree: xr.DataTree, at: int) -> list[str]:
@@ -93,8 +106,15 @@ def _step_remarks(tree: xr.DataTree, at: int) -> list[str]:
         remarks.append(f"In the final model, the coefficient of {symbol} is not significant.")
     remarks += step_heterogeneity_sentences(tree, at)
     if step.worsens_holdout.item():
-        remarks.append(f"{symbol} makes the prediction of what was held out worse: do not trust it yet.")
+        remarks.append(
+            f"{symbol} is in the fit only: it makes the prediction of what was held out worse "
+            f"(z = {step.prediction_z.item():.2g})."
+        )
     remarks += _competing(tree, step)
+    if (probability := step.chance_probability.item()) > 0.0:
+        remarks.append(
+            f"No force in its place, a random force taking the blame, has the probability {probability:.2f}."
+        )
     if failed := failed_competitors(step):
         remarks.append(f"In place of {symbol} these were tried, but their fits failed: {', '.join(failed)}.")
     return remarks

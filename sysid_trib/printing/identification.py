@@ -88,11 +88,13 @@ def identification_table(tree: xr.DataTree) -> "Table":
     """Coefficients by both methods with errors, and how many errors apart they are."""
     checked, results = tree["comparison"].ds, _results(tree)
     rows = []
-    for symbol in dict.fromkeys(s for r in results.values() for s in r.force.values.tolist()):
+    symbols = list(dict.fromkeys(s for r in results.values() for s in r.force.values.tolist()))
+    width = max(8, *map(len, symbols))
+    for symbol in symbols:
         named = next(r for r in results.values() if symbol in r.force).sel(force=symbol)
         cells = [coefficient_cell(result, symbol) for result in results.values()]
         difference = _difference(checked, symbol)
-        rows.append([f"{symbol:8} {named['name'].item()}", named["formula"].item(), *cells, difference])
+        rows.append([f"{symbol:{width}} {named['name'].item()}", named["formula"].item(), *cells, difference])
     for name, title in zip(FREQUENCIES, ("w (rad/s)", "w_inf (rad/s)"), strict=True):
         label = name.replace("_", " ")
         cells = [quantity(result, name) for result in results.values()]

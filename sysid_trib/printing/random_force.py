@@ -29,7 +29,7 @@ HIDDEN = (
     "The model does not explain the record: what was taken for noise of the sensor is larger than that, and "
     "goes with the motion. A force is missing, or one has another form."
 )
-NOT_FOUND = "No random force is found; the errors allow for the most likely density, {}."
+NOT_FOUND = "No random force is found; the errors allow for a density of {}."
 NOT_FOLLOWED = "The model does not explain the record, not even with a random force: {}"
 
 

@@ -17,7 +17,7 @@ from sysid_trib.decays.half_sines import EnvelopeCurve
 from sysid_trib.decays.kick_response import KICKS, SPAN, kick_response
 from sysid_trib.noise.random_force import RandomForce, RandomForceOption
 from sysid_trib.noise.variance_ratio import VarianceRatio, WhiteRows, held_ratio, ratio_span, variance_ratio
-from sysid_trib.regression.weak_form import cholesky_factor, covariance_band, whiten
+from sysid_trib.regression.weak_form import covariance_band, whitened_by_both
 
 DENSITY = "random_force_density"
 # Of tau: largest kicks tried are those that hide the sensor's noise within so short a time.
@@ -213,9 +213,7 @@ def random_force_ratio(
     table = np.column_stack([design, np.concatenate([group.residual for group in groups])])[order]
 
     def rows(ratio: float) -> WhiteRows:
-        factor = cholesky_factor(noise, gram, ratio)
-        columns = whiten(factor, table)
-        determinant = 2.0 * float(np.sum(np.log(factor[0])))
+        columns, determinant = whitened_by_both(noise, gram, ratio, table)
         return _RowsOfSensor(columns[:, -1], columns[:, :-1], determinant, measured.white_noise.item() ** 2)
 
     if not isinstance(option, str):

@@ -1,5 +1,6 @@
 """The equation of small deviations about a motion: how it acts on the noise."""
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,10 +9,12 @@ import scipy.sparse as sp
 from sysid_trib.arrays import Array
 from sysid_trib.forces.force import Force
 from sysid_trib.regression.problem import RunRegression
-from sysid_trib.regression.weak_form import cholesky_factor, coloured, covariance_band, noise_operator
+from sysid_trib.regression.weak_form import noise_operator, whitener
 
 # Width, in units of the local amplitude, over which the noise feels a jump of a force at zero.
 JUMP_WIDTH = 0.8
+# Part of the swing over which the sensor's slope is taken.
+SLOPE_STEP = 1e-4
 
 
 @dataclass(frozen=True)
@@ -34,23 +37,65 @@ class DeviationOperator:
 
 
 def linearised(run: RunRegression) -> DeviationOperator:
-    """The operator of small deviations about a run's reference trajectory, with what whitens its rows."""
-    matrix, acting = deviation_matrices(run)
-    ratio = 0.0 if run.noises is None else run.noises.ratio.ratio
-    band = covariance_band(acting @ acting.T)
-    return DeviationOperator(matrix, acting, cholesky_factor(band, run.problem.form.gram, ratio))
+    """The operator about a run's reference trajectory, with what whitens its rows in white noise alone."""
+    matrix = deviation_matrix(run)
+    return DeviationOperator(matrix, matrix, whitener(matrix))
 
 
-def deviation_matrices(run: RunRegression) -> tuple[sp.csr_matrix, sp.csr_matrix]:
-    """`matrix` and `acting` of `DeviationOperator`."""
+def deviation_matrix(run: RunRegression) -> sp.csr_matrix:
+    """`matrix` of `DeviationOperator`, which does not depend on the noise.
+
+    It acts on what the sensor shows: where its terms enlarge a deviation of the motion, that is made good.
+    """
     k = (run.frequency / run.problem.nominal_frequency) ** 2
     stiffness, damping = partial_derivatives(run)
     matrix = noise_operator(run.problem.form, k * stiffness, np.sqrt(k) * damping)
-    return matrix, matrix if run.noises is None else coloured(matrix, run.noises.filter_)
+    if not run.problem.of_sensor.any():
+        return matrix
+    return (matrix @ sp.diags_array(1.0 / sensor_slope(run))).tocsr()
+
+
+def sensor_slope(run: RunRegression) -> Array:
+    """Derivative 1 + sum s dh/dx of what the sensor shows by the angle, (sample,), along the reference."""
+    problem, path = run.problem, run.reference
+    slope = np.ones_like(path.x)
+    step = SLOPE_STEP * float(np.max(np.abs(path.x)))
+    for force, coefficient in zip(problem.library, run.coefficients, strict=True):
+        if force.kind != "sensor" or "x" not in force.formula.names:
+            continue
+        high, low = (
+            force.value(path.x + side * step, path.v, problem.elapsed, shapes=problem.shapes)
+            for side in (1.0, -1.0)
+        )
+        slope = slope + coefficient * (high - low) / (2.0 * step)
+    return slope
 
 
 def partial_derivatives(run: RunRegression) -> tuple[Array, Array]:
-    """Stiffness 1 + sum c dh/dx and damping sum c dh/dv along the reference trajectory.
+    """Stiffness 1 + sum c dh/dx and damping sum c dh/dv along the reference trajectory, (sample,) each."""
+    problem, path = run.problem, run.reference
+    return derivatives_along(
+        zip(problem.library, run.coefficients.tolist(), strict=True),
+        problem.shapes,
+        problem.elapsed,
+        path.x,
+        path.v,
+    )
+
+
+def derivatives_along(
+    forces: Iterable[tuple[Force, float]], shapes: Mapping[str, float], time: Array, x: Array, v: Array
+) -> tuple[Array, Array]:
+    """Stiffness 1 + sum c dh/dx and damping sum c dh/dv along a motion.
+
+    Parameters
+    ----------
+    forces : iterable of (Force, float)
+        Each with its coefficient; what depends on history is left out.
+    shapes : mapping of str to float
+    time : (sample,) array of float, s
+        Since the first sample.
+    x, v : (sample,) array of float, rad
 
     Returns
     -------
@@ -62,25 +107,26 @@ def partial_derivatives(run: RunRegression) -> tuple[Array, Array]:
     see no spike, but its mean: a sharper one would whiten away what they can see. A jump at zero is therefore
     distributed over `JUMP_WIDTH`.
     """
-    problem, path = run.problem, run.reference
-    amplitude = np.hypot(path.x, path.v) + 1e-12
-    derivatives = [np.ones_like(path.x), np.zeros_like(path.x)]
-    for force, coefficient in zip(problem.library, run.coefficients, strict=True):
-        if not force.memoryless or coefficient == 0.0:
+    amplitude = np.hypot(x, v) + 1e-12
+    derivatives = [np.ones_like(x), np.zeros_like(x)]
+    for force, coefficient in forces:
+        if force.kind == "sensor" or not force.memoryless or coefficient == 0.0:
             continue
-        for i, (name, along) in enumerate((("x", path.x), ("v", path.v))):
+        for i, (name, along) in enumerate((("x", x), ("v", v))):
             if name not in force.formula.names:
                 continue
 
             def h(value: Array, force: Force = force, i: int = i) -> Array:
-                point = (value, path.v) if i == 0 else (path.x, value)
-                return force.value(*point, problem.elapsed, shapes=problem.shapes)
+                point = (value, v) if i == 0 else (x, value)
+                return force.value(*point, time, shapes=shapes)
 
             # A step in proportion never crosses zero, where the jump is.
             step = 1e-5 * np.where(along == 0.0, 1.0, along)
             slope = (h(along + step) - h(along)) / step
             jump = h(np.full_like(along, 1e-12)) - h(np.full_like(along, -1e-12))
-            bump = np.clip(1.0 - (along / (JUMP_WIDTH * amplitude)) ** 2, 0.0, None)
-            slope = slope + jump * bump**2 * 15.0 / (16.0 * JUMP_WIDTH * amplitude)
+            # The swing is about a centre that the jump shifts by half of itself: near rest that is its size.
+            width = JUMP_WIDTH * (amplitude + 0.5 * np.abs(coefficient * jump))
+            bump = np.clip(1.0 - (along / width) ** 2, 0.0, None)
+            slope = slope + jump * bump**2 * 15.0 / (16.0 * width)
             derivatives[i] = derivatives[i] + coefficient * slope
     return derivatives[0], derivatives[1]

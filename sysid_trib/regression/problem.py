@@ -2,12 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 import xarray as xr
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, Mask
 from sysid_trib.averaging.identifiability import dependent_columns
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import ForceLibrary
@@ -32,7 +33,7 @@ class WeakFormProblem:
     form : WeakForm
         On tau = `nominal_frequency` * time.
     library : ForceLibrary
-        The forces offered.
+        The forces offered, and terms of the sensor.
     shapes : mapping of str to float
     nominal_frequency : float, rad/s
     frequency_free : bool
@@ -62,6 +63,21 @@ class WeakFormProblem:
 
         return ForceFeatures(self.library, reference_frequency=frequency, shapes=self.shapes)
 
+    @cached_property
+    def of_sensor(self) -> Mask:
+        """Which of the library are terms of the sensor, (force,) array of bool."""
+        return np.array([force.kind == "sensor" for force in self.library])
+
+    def with_sensor_terms(self, forces: Array, x: Array, v: Array) -> Array:
+        """Columns of the forces with h(x, v, t) of each term of the sensor among them, (sample, force)."""
+        if not self.of_sensor.any():
+            return forces
+        columns = np.empty((len(x), len(self.library)))
+        columns[:, ~self.of_sensor] = forces
+        for at in np.flatnonzero(self.of_sensor):
+            columns[:, at] = self.library.forces[at].value(x, v, self.elapsed, shapes=self.shapes)
+        return columns
+
 
 @dataclass(frozen=True)
 class NearbyMotion:
@@ -88,6 +104,7 @@ class ReferenceTrajectory:
     x, v : (sample,) array of float, rad
         theta and theta'/w.
     columns : (sample, force) array of float, rad
+        Of forces, and of terms of the sensor.
     exact : bool
         Whether it is a motion of the present model, not the smoothed record.
     near : NearbyMotion or None
@@ -142,6 +159,17 @@ class RunRegression:
         """Standard deviation of the sensor's noise, of its innovations where it is coloured (rad)."""
         return self.problem.noise if self.noises is None else float(np.sqrt(self.noises.ratio.variance))
 
+    @property
+    def acting(self) -> Array:
+        """The coefficients (force,), zero for terms of the sensor: what drives the motion."""
+        return np.where(self.problem.of_sensor, 0.0, self.coefficients)
+
+    @property
+    def measured(self) -> Array:
+        """The record as an angle of the motion, (sample,), rad: without the sensor's zero and its terms."""
+        terms = np.where(self.problem.of_sensor, self.coefficients, 0.0)
+        return self.problem.angle - self.offset - self.reference.columns @ terms
+
 
 Runs: TypeAlias = tuple[RunRegression, ...]
 
@@ -184,7 +212,7 @@ def begin(
     rows = sum(run.problem.form.rows for run in runs)
     if rows < len(library) + 3 + len(runs):
         raise DecayError(f"{rows} rows cannot decide {len(library)} forces; give a longer record.")
-    columns = np.concatenate([run.reference.columns for run in runs]) @ constraints.matrix
+    columns = np.concatenate([_as_forces(run) for run in runs]) @ constraints.matrix
     names = [library.symbols[i] for i in constraints.free]
     if free:
         columns = np.column_stack([columns, np.concatenate([run.reference.x for run in runs])])
@@ -204,10 +232,20 @@ def _first_run(
     problem = WeakFormProblem(
         time, angle, form, library, dict(shapes), nominal, free, noise=sensor_noise(decay)
     )
-    columns = problem.features(nominal).cell_averages(problem.elapsed, x, v, acceleration)
+    forces = problem.features(nominal).cell_averages(problem.elapsed, x, v, acceleration)
+    columns = problem.with_sensor_terms(forces, x, v)
     reference = ReferenceTrajectory(x, v, columns, exact=False)
     start = float(x[0]), float(v[0] * nominal)
     return RunRegression(problem, reference, np.zeros(len(library)), nominal, 0.0, start)
+
+
+def _as_forces(run: RunRegression) -> Array:
+    """Columns of the first path, (sample, force): in place of a sensor's term the force that shows alike."""
+    columns, of_sensor, tau = run.reference.columns.copy(), run.problem.of_sensor, run.problem.form.tau
+    if of_sensor.any():
+        terms = columns[:, of_sensor]
+        columns[:, of_sensor] = terms + np.gradient(np.gradient(terms, tau, axis=0), tau, axis=0)
+    return columns
 
 
 def update(runs: Runs, coefficients: Array, steps: Array, constraints: ConstraintMap) -> Runs:
@@ -229,8 +267,9 @@ def update(runs: Runs, coefficients: Array, steps: Array, constraints: Constrain
     if problem.frequency_free:
         former, frequency = frequency, float(frequency * np.sqrt(max(0.25, 1.0 + steps[-1])))
         factors = rescaling_factors(problem.library.forces, former, frequency)
-        # A force without a degree in v keeps its size at least: w^2 c stays.
-        coefficients = coefficients * np.where(np.isnan(factors), (former / frequency) ** 2, factors)
+        # A force without a degree in v keeps its size at least: w^2 c stays. A term of the sensor has no w^2.
+        factors = np.where(np.isnan(factors), (former / frequency) ** 2, factors)
+        coefficients = coefficients * np.where(problem.of_sensor, 1.0, factors)
     coefficients = constraints.impose(coefficients)
     return tuple(
         replace(run, coefficients=coefficients, frequency=frequency, offset=run.offset + float(step))

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from pysindy import AxesArray
 from pysindy.feature_library.base import BaseFeatureLibrary, x_sequence_or_item
+from scipy.constants import golden_ratio
+from scipy.special import ndtri
 from sklearn.utils.validation import check_is_fitted
 
 from sysid_trib.arrays import Array
@@ -144,7 +146,14 @@ class ForceFeatures(BaseFeatureLibrary):
         return columns
 
     def cell_averages(
-        self, time: Array, angle: Array, rate: Array, acceleration: Array, points: int = 4
+        self,
+        time: Array,
+        angle: Array,
+        rate: Array,
+        acceleration: Array,
+        *,
+        points: int = 4,
+        rate_error: float = 0.0,
     ) -> Array:
         """`evaluate`, averaged over each sample's cell: sign(v) turns where v does, not at a sample.
 
@@ -156,19 +165,31 @@ class ForceFeatures(BaseFeatureLibrary):
             theta, theta' and theta''.
         points : int
             In each cell.
+        rate_error : float, rad
+            Standard deviation of a rate that is not known exactly: the average is over its normal law too.
 
         Returns
         -------
         (sample, force) array of float, rad
+
+        Notes
+        -----
+        With an error the points are a Kronecker sequence over cell and probability, symmetric about their
+        middle, so that every point has a time and an error of its own.
         """
         columns = self.evaluate(time, angle, rate)
         frequency = float(self.reference_frequency or 0.0)
-        parts = np.multiply.outer((np.arange(points) + 0.5) / points - 0.5, frequency * np.gradient(time))
+        number = np.arange(points) - 0.5 * (points - 1)
+        parts = np.multiply.outer(number / points, frequency * np.gradient(time))
+        errors = rate_error * ndtri(np.mod(golden_ratio * number + 0.5, 1.0))
         for i, force in enumerate(self._forces):
             # Internal states are continuous, and costly to compute.
             if not force.memoryless or not force.surfaces:
                 continue
-            near = [(angle + s * rate, rate + s * acceleration, time + s / frequency) for s in parts]
+            near = [
+                (angle + s * rate, rate + s * acceleration + error, time + s / frequency)
+                for s, error in zip(parts, errors, strict=True)
+            ]
             columns[:, i] = np.mean([force.value(*point, shapes=self.shapes) for point in near], axis=0)
         return columns
 

@@ -1,10 +1,11 @@
 """Rows of the regression of Eq. 1 on its force columns, in weak and in strong form."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
+import scipy.sparse as sp
 
 from sysid_trib.arrays import Array
 from sysid_trib.noise.smoothing import KNOTS_PER_PERIOD, smooth
@@ -41,39 +42,48 @@ class Rows:
 
 
 def weak_rows(run: RunRegression, operator: DeviationOperator) -> Rows:
+    """Weak rows about a run's reference trajectory (see `rows_about`), with what whitens them."""
+    return replace(rows_about(run, operator.matrix), factor=operator.factor)
+
+
+def rows_about(run: RunRegression, matrix: sp.csr_matrix) -> Rows:
     """Weak rows of the regression about a run's reference trajectory.
 
     Parameters
     ----------
     run : RunRegression
-    operator : DeviationOperator
-        Of small deviations about a motion nearby.
+    matrix : (row, sample) sparse array of float
+        Operator of small deviations about a motion nearby.
 
     Returns
     -------
     Rows
+        Without a factor.
 
     Notes
     -----
-    With L the operator of small deviations, ``A x + k value (H c) + L (angle - offset - x) = L noise``,
-    k = (frequency/nominal)^2. Along an exact solution the first part vanishes, so that errors of quadrature
-    cannot bias the result; of a path nearby, what its first part differs is left.
+    With L the operator of small deviations and S the terms h of the sensor,
+    ``A x + k value (H c) + L (angle - offset - S s - x) = L noise``, k = (frequency/nominal)^2. Along an
+    exact solution the first part vanishes, so that errors of quadrature cannot bias the result; of a path
+    nearby, what its first part differs is left.
     """
     problem, path, form = run.problem, run.reference, run.problem.form
     k = (run.frequency / problem.nominal_frequency) ** 2
-    target = -(operator.matrix @ (problem.angle - run.offset - path.x))
+    target = -(matrix @ (problem.angle - run.offset - path.x))
     columns, stiffness = k * (form.value @ path.columns), k * (form.value @ path.x)
+    if problem.of_sensor.any():
+        columns[:, problem.of_sensor] = -(matrix @ path.columns[:, problem.of_sensor])
     if path.exact:
-        target = target + columns @ run.coefficients
+        target = target + columns @ run.acting
     elif path.near is not None:
         target = (
             target - form.curvature @ (path.x - path.near.x) - form.value @ (k * path.x - path.near.force)
         )
     else:
         target = target - form.curvature @ path.x - stiffness
-    nuisances = [-(operator.matrix @ np.ones_like(path.x))] + [stiffness] * problem.frequency_free
+    nuisances = [-(matrix @ np.ones_like(path.x))] + [stiffness] * problem.frequency_free
     scale = path.rms_forces
-    return Rows(target, columns / scale, np.column_stack(nuisances), scale, operator.factor)
+    return Rows(target, columns / scale, np.column_stack(nuisances), scale)
 
 
 def strong_rows(run: RunRegression) -> Rows:

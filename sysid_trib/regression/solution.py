@@ -160,8 +160,8 @@ def _scaled(rows: Rows, constraints: ConstraintMap) -> Array:
 
 def _rescaling(run: RunRegression, coefficients: Array) -> Array:
     """By how much a unit of stiffness changes the coefficients (force,) that give the same force."""
-    degrees = [2.0 if f.speed_degree is None else f.speed_degree for f in run.problem.library]
-    return 0.5 * (2.0 - np.array(degrees)) * coefficients
+    degrees = np.array([2.0 if f.speed_degree is None else f.speed_degree for f in run.problem.library])
+    return np.where(run.problem.of_sensor, 0.0, 0.5 * (2.0 - degrees) * coefficients)
 
 
 def _bounds_reached(rows: Rows, design: Array, target: Array, constraints: ConstraintMap) -> Array:

@@ -17,12 +17,14 @@ from scipy.signal import lfilter
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError
-from sysid_trib.noise.smoothing import SPLINE_DEGREE, knot_sequence
+from sysid_trib.noise.autoregression import memory_samples
+from sysid_trib.noise.smoothing import SPLINE_DEGREE, knot_intervals, knot_sequence
 
+# With fewer samples than this a row, rows would nearly depend on each other; with many more, those of a
+# record of 20 samples a period would not resolve the third harmonic of the motion.
+SAMPLES_PER_ROW = 1.5
 # Samples up to which a weak form is kept for the next record on the same grid: some 40 MB.
 MOST_KEPT = 100_000
-# Part of itself that is left of what coloured noise has forgotten.
-FORGOTTEN = 1e-3
 
 
 @dataclass(frozen=True)
@@ -54,23 +56,69 @@ class WeakForm:
         return int(self.value.shape[0])
 
 
-def build_weak_form(tau: Array) -> WeakForm:
-    """Weak form on the samples `tau` = w t (increasing, not necessarily uniform); the last few are kept."""
-    return _kept(tau.tobytes()) if len(tau) <= MOST_KEPT else _built(tau)
+def build_weak_form(tau: Array, intervals: int | None = None) -> WeakForm:
+    """Weak form on the samples `tau` = w t (increasing, not necessarily uniform); the last few are kept.
+
+    `intervals` : between the knots of the test functions; by default `knot_intervals` of tau, of at least
+    `SAMPLES_PER_ROW` samples.
+    """
+    number = intervals or knot_intervals(tau, SAMPLES_PER_ROW)
+    return _kept(tau.tobytes(), number) if len(tau) <= MOST_KEPT else _built(tau, number)
 
 
 @lru_cache(maxsize=4)
-def _kept(tau: bytes) -> WeakForm:
-    return _built(np.frombuffer(tau))
+def _kept(tau: bytes, intervals: int) -> WeakForm:
+    return _built(np.frombuffer(tau), intervals)
 
 
-def _built(tau: Array) -> WeakForm:
-    knots = knot_sequence(tau)
-    weights = sp.diags_array(np.gradient(tau) * _end_weights(len(tau)))
+def _built(tau: Array, intervals: int) -> WeakForm:
+    return WeakForm(tau, *(_integrals(tau, tau, intervals, order) for order in range(3)))
+
+
+@lru_cache(maxsize=8)
+def _kept_integrals(tau: bytes, intervals: int, parts: int) -> tuple[Array, sp.csr_matrix]:
+    return _fine_integrals(np.frombuffer(tau), intervals, parts)
+
+
+def integrals_between_samples(tau: Array, intervals: int, per_period: float) -> tuple[Array, sp.csr_matrix]:
+    """The test functions' integrals on more points than the samples, for integrands that turn quickly.
+
+    Parameters
+    ----------
+    tau : (sample,) array of float
+        Of the weak form.
+    intervals : int
+        Of the weak form.
+    per_period : float
+        Points wanted in 2 pi of tau, at least.
+
+    Returns
+    -------
+    points : (point,) array of float
+        Each step of `tau` in equal parts.
+    integrals : (row, point) sparse array of float
+        Of the same rows as `WeakForm.value`.
+    """
+    step = float(np.median(np.diff(tau)))
+    parts = max(1, int(np.ceil(per_period * step / (2.0 * np.pi))))
+    if len(tau) <= MOST_KEPT:
+        return _kept_integrals(tau.tobytes(), intervals, parts)
+    return _fine_integrals(tau, intervals, parts)
+
+
+def _fine_integrals(tau: Array, intervals: int, parts: int) -> tuple[Array, sp.csr_matrix]:
+    samples = np.arange(len(tau))
+    points = np.interp(np.arange(parts * (len(tau) - 1) + 1) / parts, samples, tau)
+    return points, _integrals(points, tau, intervals, 0)
+
+
+def _integrals(points: Array, tau: Array, intervals: int, order: int) -> sp.csr_matrix:
+    """Integrals against a derivative of the test functions on `tau`, from values at the points."""
+    knots = knot_sequence(tau, intervals)
+    weights = sp.diags_array(np.gradient(points) * _end_weights(len(points)))
     # The first two and last two clamped splines have a value or a slope at the ends: they are left out.
     keep = slice(2, len(knots) - SPLINE_DEGREE - 1 - 2)
-    designs = (_design(tau, knots, order) for order in range(3))
-    return WeakForm(tau, *((design.T.tocsr()[keep] @ weights).tocsr() for design in designs))
+    return (_design(points, knots, order).T.tocsr()[keep] @ weights).tocsr()
 
 
 def noise_operator(form: WeakForm, stiffness: Array, damping: Array) -> sp.csr_matrix:
@@ -116,7 +164,7 @@ def coloured(operator: sp.csr_matrix, filter_: Array) -> sp.csr_matrix:
     rows, samples = operator.shape
     operator = operator.sorted_indices()
     first, last = operator.indices[operator.indptr[:-1]], operator.indices[operator.indptr[1:] - 1]
-    tail = min(_memory(filter_), samples)
+    tail = min(memory_samples(filter_), samples)
     start = np.maximum(0, first - tail)
     apart = int(np.max(np.searchsorted(start, last, side="right") - np.arange(rows)))
     parts = []
@@ -129,12 +177,6 @@ def coloured(operator: sp.csr_matrix, filter_: Array) -> sp.csr_matrix:
         parts.append((np.repeat(chosen, length), at, carried[at]))
     row, column, value = (np.concatenate(part) for part in zip(*parts, strict=True))
     return sp.csr_matrix((value, (row, column)), operator.shape)
-
-
-def _memory(filter_: Array) -> int:
-    """Samples after which the inverse of a whitening filter is below a part `FORGOTTEN`."""
-    slowest = float(np.max(np.abs(np.roots(filter_))))
-    return int(np.ceil(np.log(FORGOTTEN) / np.log(min(max(slowest, 1e-3), 1.0 - 1e-4)))) + len(filter_)
 
 
 def covariance_band(covariance: sp.csr_matrix) -> Array:
@@ -162,6 +204,27 @@ def cholesky_factor(band: Array, gram: Array | None = None, ratio: float = 0.0) 
         return scipy.linalg.cholesky_banded(band, lower=True, check_finite=False)
     except np.linalg.LinAlgError:
         raise DecayError("The equations of this record are degenerate; check its sampling.") from None
+
+
+def whitened_by_both(band: Array, gram: Array, ratio: float, table: Array) -> tuple[Array, float]:
+    """A table of rows, white in the noise of the sensor and of a random force.
+
+    Parameters
+    ----------
+    band, gram : (band, row) array of float
+        Covariance of the rows by either, of unit size.
+    ratio : float
+        Of their variances.
+    table : (row, column) array of float
+
+    Returns
+    -------
+    white : (row, column) array of float
+    log_determinant : float
+        Of the covariance.
+    """
+    factor = cholesky_factor(band, gram, ratio)
+    return whiten(factor, table), 2.0 * float(np.sum(np.log(factor[0])))
 
 
 def whiten(factor: Array, columns: Array) -> Array:

@@ -117,7 +117,8 @@ def identification(
 
 def force_labels(forces: Sequence[Force]) -> dict[str, Variable]:
     """What describes each force: coordinates over `force`."""
-    degrees = ((f.degree, f.speed_degree) for f in forces)
+    # The degree in the rate says how a coefficient changes with its reference: a sensor's does not.
+    degrees = ((f.degree, None if f.kind == "sensor" else f.speed_degree) for f in forces)
     degree, speed_degree = zip(*([np.nan if q is None else q for q in pair] for pair in degrees), strict=True)
     return {
         "name": variable("force", [f.name for f in forces], "name"),

@@ -66,9 +66,9 @@ def rescaling_factors(forces: tuple[Force, ...], old: float, new: float) -> NDAr
     """Factor of each coefficient when the reference frequency changes from `old` to `new` (rad/s).
 
     A force homogeneous of degree q in v and without states gets (old/new)^(2 - q); NaN marks the others,
-    which keep their reference.
+    which keep their reference, terms of the sensor among them.
     """
-    degrees = [np.nan if f.speed_degree is None else f.speed_degree for f in forces]
+    degrees = [np.nan if f.speed_degree is None or f.kind == "sensor" else f.speed_degree for f in forces]
     return np.asarray((old / new) ** (2.0 - np.array(degrees)))
 
 

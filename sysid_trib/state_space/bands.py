@@ -91,7 +91,19 @@ def prediction_bands(
     ahead = np.sort(np.atleast_1d(np.asarray(periods, dtype=float)))
     if not (len(ahead) and np.all(np.isfinite(ahead)) and ahead[0] > 0.0):
         raise UsageError(f"Horizons of a prediction are positive numbers of periods, not {periods!r}.")
-    tracked = track(decay, result, run, _expected_density(random_force_of(result, run)))
+    return bands_of(track(decay, result, run), result, ahead, origins=origins, run=run)
+
+
+def bands_of(
+    tracked: TrackedRecord,
+    result: xr.Dataset,
+    ahead: Array,
+    *,
+    origins: Sequence[float] | None = None,
+    run: int = 0,
+) -> xr.Dataset:
+    """`prediction_bands` of a record that was followed before, so many periods ahead: ascending."""
+    tracked = tracked.with_density(_expected_density(random_force_of(result, run)))
     starts = _origins(tracked, float(ahead[-1]), origins)
     states, covariance = _filtered(tracked, starts)
     names, of_parameters = parameters_of(result)

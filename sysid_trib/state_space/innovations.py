@@ -50,7 +50,11 @@ def innovations(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> xr.Datas
     which the random force moves the motion as far as the sensor's noise lets it be seen, (r^2 dt / per_tau)
     to the power 1/4 in units of tau: within shorter spans little is known of the force.
     """
-    tracked = track(decay, result, run)
+    return innovations_of(decay, track(decay, result, run))
+
+
+def innovations_of(decay: xr.Dataset, tracked: TrackedRecord) -> xr.Dataset:
+    """`innovations` of a record that was followed before."""
     innovation, deviation = tracked.innovations()
     lags = np.arange(1, 1 + min(LAGS, max(1, len(innovation) // 4)))
     correlation = autocorrelation(innovation / deviation, lags)

@@ -55,14 +55,15 @@ class LinearModel:
         """Where the exact steps end, from the path's next state, (step, state)."""
         return self.steps.end - self.path[1:]
 
-    def _statsmodels(self, ratio: float, smoother: bool = False) -> Any:
+    def _filtered(self, ratio: float) -> Any:
+        """statsmodels' filter, of which gains and covariances are asked: they do not depend on the record."""
         covariance = ratio * self.steps.diffusion
-        transition = self.steps.transition
-        return statsmodels_model(self.observed, transition, covariance, self.sensor_filter, smoother=smoother)
+        model = statsmodels_model(self.observed, self.steps.transition, covariance, self.sensor_filter)
+        return model.filter()
 
     @cached_property
-    def _whole(self) -> tuple[Array, Array]:
-        """`observed` and the transitions, with those of coloured noise."""
+    def with_sensor_states(self) -> tuple[Array, Array]:
+        """`observed` and the transitions, with those of the states of coloured noise."""
         noise = SensorNoise(self.sensor_filter)
         return noise.behind(self.observed, noise.shown), noise.beside(self.steps.transition, noise.transition)
 
@@ -71,8 +72,7 @@ class LinearModel:
 
         In units of the variance of the sensor's noise, of its innovations where that is coloured.
         """
-        filtered = self._statsmodels(ratio).filter()
-        return filtered.kalman_gain[:, 0].T, filtered.forecasts_error_cov[0, 0]
+        return _gains(self._filtered(ratio))
 
     def rows(self, ratio: float) -> WhiteRows:
         """Normalised innovations of the record, and of the columns, for a ratio per_tau / variance."""
@@ -84,7 +84,7 @@ class LinearModel:
         """Innovations of the record (sample,) and the columns (sample, column), rad; their variance."""
         gain, variance = self.gains(ratio)
         predicted = self._predicted(gain)
-        shown = np.einsum("na,nac->nc", self._whole[0], predicted)
+        shown = np.einsum("na,nac->nc", self.with_sensor_states[0], predicted)
         return self.record - shown[:, 0], shown[:, 1:] + self.observed_parameters, variance
 
     def _predicted(self, gain: Array) -> Array:
@@ -118,7 +118,7 @@ class LinearModel:
         (sample, state, column) array of float
         """
         samples, size = gain.shape
-        observed, transition = self._whole
+        observed, transition = self.with_sensor_states
         turned = transition[:, :size, :size] - gain[:-1, :, None] * observed[:-1, None, :size]
         # Lower banded, with a unit diagonal.
         band = np.zeros((2 * size, samples * size))
@@ -133,23 +133,36 @@ class LinearModel:
         solved, _ = dtbtrs(band, columns, uplo="L", trans="T" if backward else "N", diag="U")
         return np.asarray(solved).reshape(source.shape)
 
-    def smoothed(self, ratio: float, parameters: Array) -> Any:
-        """statsmodels' smoother at given deviations of the columns' parameters (column,).
-
-        Of coloured noise it has more states than the motion, behind them.
-        """
-        model = self._statsmodels(ratio, smoother=True)
-        set_signal(model, *self.driven(parameters))
-        return model.smooth()
-
     def smoothed_motion(self, ratio: float, parameters: Array) -> Array:
-        """The path that is smoothed at given deviations of the parameters, (sample, state)."""
-        return np.asarray(self.path + self.smoothed(ratio, parameters).smoothed_state[: self.path.shape[1]].T)
+        """The path that is smoothed at given deviations of the parameters, (sample, state).
+
+        By the fixed-interval smoother of de Jong (1989): the filter's recursion, and its transpose backwards.
+        """
+        filtered = self._filtered(ratio)
+        gain, variance = _gains(filtered)
+        record, added, start = self.driven(parameters)
+        size = self.path.shape[1]
+        source = np.zeros((*gain.shape, 1))
+        source[0, :size, 0] = start
+        source[1:, :, 0] = gain[:-1] * record[:-1, None]
+        source[1:, :size, 0] += added
+        predicted = self.recursion(gain, source)
+        observed = self.with_sensor_states[0]
+        innovations = record - np.einsum("na,na->n", observed, predicted[..., 0])
+        later = self.recursion(gain, (observed * (innovations / variance)[:, None])[..., None], backward=True)
+        covariance = filtered.predicted_state_cov[:size, :, : len(record)]
+        change = predicted[:, :size, 0] + np.einsum("abn,nb->na", covariance, later[..., 0])
+        return np.asarray(self.path + change)
 
     def driven(self, parameters: Array) -> tuple[Array, Array, Array]:
         """Record (sample,), what is added in each step (step, state) and first state, at given deviations."""
         record = self.record - self.observed_parameters @ parameters
         return record, self.mismatch + self.by_column @ parameters, self.start @ parameters
+
+
+def _gains(filtered: Any) -> tuple[Array, Array]:
+    """Gain of the prediction (sample, state) and variance of the innovations (sample,) of statsmodels."""
+    return filtered.kalman_gain[:, 0].T, filtered.forecasts_error_cov[0, 0]
 
 
 @dataclass(frozen=True)
@@ -230,16 +243,18 @@ def statsmodels_model(
     first : (state, state) array of float, optional
         Covariance of the first state; known where left out.
     smoother : bool
-        Whether it can smooth too.
+        Whether it can smooth too: states and their covariance.
     """
     # Here, since importing statsmodels takes longer than an identification.
     from statsmodels.tsa.statespace.kalman_filter import KalmanFilter
-    from statsmodels.tsa.statespace.kalman_smoother import KalmanSmoother
+    from statsmodels.tsa.statespace.kalman_smoother import SMOOTHER_STATE, SMOOTHER_STATE_COV, KalmanSmoother
 
     noise = SensorNoise(sensor_filter)
     samples, size = observed.shape[0], observed.shape[1] + noise.order
-    kind = KalmanSmoother if smoother else KalmanFilter
-    model = kind(k_endog=1, k_states=size, k_posdef=size)
+    sizes = {"k_endog": 1, "k_states": size, "k_posdef": size}
+    # States and their covariance: disturbances and the rest would take twice the time.
+    output = SMOOTHER_STATE | SMOOTHER_STATE_COV
+    model: Any = KalmanSmoother(**sizes, smoother_output=output) if smoother else KalmanFilter(**sizes)
     model.bind(np.zeros((1, samples)))
     model["design"] = noise.behind(observed, noise.shown).T[None]
     model["transition"] = _padded(

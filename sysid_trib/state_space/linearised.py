@@ -10,12 +10,13 @@ from sysid_trib.arrays import Array
 from sysid_trib.averaging.internal_states import states_along
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import Force
+from sysid_trib.forces.formulas import IMAGINARY_STEP
 from sysid_trib.noise.smoothing import smooth
 from sysid_trib.simulation.equations import Motion
 from sysid_trib.simulation.model import Model
 from sysid_trib.state_space.intervals import steps_between
 from sysid_trib.state_space.kalman import LinearModel
-from sysid_trib.state_space.vector_field import BRANCHING, IMAGINARY_STEP
+from sysid_trib.state_space.vector_field import BRANCHING
 
 # A step so many times the usual one is a gap, over which no spline is laid.
 LONG_STEP = 2.5

@@ -1,12 +1,13 @@
 """A record followed by the motion of a model that is given: only its start and the sensor's zero adapt."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
-from sysid_trib.errors import DecayError
+from sysid_trib.errors import DecayError, SysidTribError
 from sysid_trib.noise.random_force import RandomForce, random_force_of
 from sysid_trib.noise.sensor_noise import sensor_noise_of
 from sysid_trib.results.schema import model_of
@@ -62,8 +63,58 @@ class TrackedRecord:
         innovations, columns, variance = self.linear.innovations(self.ratio)
         return innovations - columns @ self.deviation, self.noise * np.sqrt(variance)
 
+    def with_density(self, density: float) -> "TrackedRecord":
+        """The record with another random force ((rad/s^2)^2/Hz), settled anew from where it is.
 
-def track(decay: xr.Dataset, result: xr.Dataset, run: int = 0, density: float | None = None) -> TrackedRecord:
+        Raises
+        ------
+        DecayError
+            The motion does not settle on the record.
+        SimulationError
+            The motion between two samples cannot be computed.
+        """
+        per_tau = RandomForce(density).per_tau(self.model.reference_frequency)
+        return self if per_tau == self.per_tau else _settled(replace(self, per_tau=per_tau))
+
+
+@dataclass(frozen=True)
+class FollowedRuns:
+    """Runs and a result, each run followed once by the result's model: when it is first asked for.
+
+    Attributes
+    ----------
+    runs : mapping of int to Dataset
+        `angle(time)`, by their place among the result's runs.
+    result : Dataset
+        An identification.
+    """
+
+    runs: Mapping[int, xr.Dataset]
+    result: xr.Dataset
+    _outcomes: dict[int, TrackedRecord | SysidTribError] = field(default_factory=dict, init=False)
+
+    def tracked(self, run: int) -> TrackedRecord:
+        """A run as `track` follows it.
+
+        Raises
+        ------
+        DecayError
+            The motion does not settle on the record.
+        SimulationError
+            The motion between two samples cannot be computed.
+        """
+        if run not in self._outcomes:
+            try:
+                self._outcomes[run] = track(self.runs[run], self.result, run)
+            except SysidTribError as error:
+                self._outcomes[run] = error
+        outcome = self._outcomes[run]
+        if isinstance(outcome, SysidTribError):
+            raise outcome
+        return outcome
+
+
+def track(decay: xr.Dataset, result: xr.Dataset, run: int = 0, every: int = 1) -> TrackedRecord:
     """Follow a record by an identified model with its random force.
 
     Parameters
@@ -74,8 +125,8 @@ def track(decay: xr.Dataset, result: xr.Dataset, run: int = 0, density: float | 
         Any identification; one that says nothing of a random force has none.
     run : int
         Which of its runs the decay is, for noise and random force.
-    density : float, (rad/s^2)^2/Hz, optional
-        Of the random force, in the place of the result's.
+    every : int
+        Of so many samples one is taken.
 
     Raises
     ------
@@ -89,27 +140,43 @@ def track(decay: xr.Dataset, result: xr.Dataset, run: int = 0, density: float | 
     The iterated extended Kalman smoother (Bell 1994): linear about a path, the next path is the smoothed
     motion. Without a random force that is least squares on the start, by multiple shooting.
     """
+    decay = decay.isel(time=slice(None, None, every))
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
     model = model_of(result)
     frequency = model.reference_frequency
-    force = random_force_of(result, run) if density is None else RandomForce(density)
-    per_tau = force.per_tau(frequency)
+    per_tau = random_force_of(result, run).per_tau(frequency)
     # A record without noise is still one of finite digits.
-    sensor = sensor_noise_of(result, run)
+    sensor = sensor_noise_of(result, run).of_every(every, len(time))
     noise = max(sensor.innovation, 1e-12 * float(np.max(np.abs(angle))))
     path = spline_path(model, time, angle)
     per_run = np.array([path[0, 0], frequency * path[0, 1], 0.0])
+    linear = linearised_about(model, time, angle, path, per_run, NO_PARAMETERS)
+    linear = replace(linear, sensor_filter=sensor.filter_)
+    return _settled(TrackedRecord(model, time, angle, linear, np.zeros(3), 0.0, noise, per_tau))
+
+
+def _settled(tracked: TrackedRecord) -> TrackedRecord:
+    """The record about the motion at which its smoothing comes to rest."""
+    tolerance = PATH_SETTLED * tracked.noise
     for _ in range(MAX_SMOOTHINGS):
-        linear = linearised_about(model, time, angle, path, per_run, NO_PARAMETERS)
-        linear = replace(linear, sensor_filter=sensor.filter_)
-        deviation, _ = linear.rows(per_tau / noise**2).solution()
-        change = linear.smoothed_motion(per_tau / noise**2, deviation) - linear.path
+        linear = tracked.linear
+        deviation, _ = linear.rows(tracked.ratio).solution()
+        change = linear.smoothed_motion(tracked.ratio, deviation) - linear.path
         if not np.all(np.isfinite(change)):
             break
-        if np.max(np.abs(change[:, 0])) <= PATH_SETTLED * noise and abs(deviation[2]) <= PATH_SETTLED * noise:
-            return TrackedRecord(model, time, angle, linear, deviation, per_run[2], noise, per_tau)
-        path, per_run = linear.path + change, per_run + deviation
+        if np.max(np.abs(change[:, 0])) <= tolerance and abs(deviation[2]) <= tolerance:
+            return replace(tracked, deviation=deviation)
+        tracked = _linear_about(tracked, linear.path + change, tracked.zero + deviation[2])
     raise DecayError(
         "The motion of this identification does not settle on the record; its forces do not describe it. "
         "Offer others, or a shorter window."
     )
+
+
+def _linear_about(tracked: TrackedRecord, path: Array, zero: float) -> TrackedRecord:
+    """The record linear about another path, with another zero of the sensor."""
+    model = tracked.model
+    per_run = np.array([path[0, 0], model.reference_frequency * path[0, 1], zero])
+    linear = linearised_about(model, tracked.time, tracked.angle, path, per_run, NO_PARAMETERS)
+    linear = replace(linear, sensor_filter=tracked.linear.sensor_filter)
+    return replace(tracked, linear=linear, zero=zero)

@@ -13,11 +13,10 @@ from typing import Any
 import numpy as np
 
 from sysid_trib.arrays import Array, Index, Mask
-from sysid_trib.forces.formulas import NUMPY, Functions
+from sysid_trib.forces.formulas import ANALYTIC, IMAGINARY_STEP, NUMPY, SWITCHING, Functions
 from sysid_trib.simulation.equations import SMOOTHED, Motion
 from sysid_trib.simulation.model import Model
 
-IMAGINARY_STEP = 1e-100
 # Powers up to this one are products.
 LARGEST_PRODUCT = 5
 
@@ -41,13 +40,7 @@ FUNCTIONS: Functions = {
 }
 
 # The same where no sign is given: branches by the real part.
-BRANCHING: Functions = {
-    **FUNCTIONS,
-    "sign": lambda u: np.sign(np.real(u)),
-    "abs": lambda u: np.sign(np.real(u)) * u,
-    "min": lambda a, b: np.where(np.real(a) < np.real(b), a, b),
-    "max": lambda a, b: np.where(np.real(a) > np.real(b), a, b),
-}
+BRANCHING: Functions = {**FUNCTIONS, **{name: ANALYTIC[name] for name in SWITCHING}}
 
 
 @dataclass(frozen=True)

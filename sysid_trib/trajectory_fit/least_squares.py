@@ -1,5 +1,6 @@
 """Least squares of motions on records, over a window that grows where the first guess is far."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -7,6 +8,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from sysid_trib.arrays import Array
+from sysid_trib.trajectory_fit.parameters import Parameters
 from sysid_trib.trajectory_fit.problem import FitProblem
 
 # Parts of the record to which the fit is extended in turn, so that a phase slip cannot trap it.
@@ -16,6 +18,8 @@ FOLLOWED = 0.1
 MAX_EVALUATIONS = 60
 # Steps, in units of the solution, below which a fit is done.
 CONVERGED = 1e-12
+# A parameter that is nearer to a bound than this part of its standard error is stopped by it.
+NEAR_BOUND = 1e-3
 
 
 @dataclass(frozen=True)
@@ -96,3 +100,20 @@ def fitted(
 def rms(values: Array) -> float:
     """Root mean square."""
     return float(np.sqrt(np.mean(values**2)))
+
+
+def stopped_by_bounds(
+    parameters: Parameters, fit: Fit, bounds: Mapping[str, tuple[float, float]]
+) -> dict[str, float]:
+    """Parameters that would pass one of the given bounds if they could, and that bound."""
+    covariance = parameters.covariance(fit.sensitivity, fit.values)
+    free = parameters.free
+    step = np.zeros(len(parameters))
+    step[free] = -covariance[np.ix_(free, free)] @ (fit.sensitivity.T @ fit.residual)
+    stopped = {}
+    for name, (low, high) in bounds.items():
+        value, i = fit.values[parameters.index(name)], parameters.index(name)
+        near = NEAR_BOUND * np.sqrt(fit.residual @ fit.residual / len(fit.residual) * covariance[i, i])
+        if i in free and not low + near < value + step[i] < high - near:
+            stopped[name] = low if value - low < high - value else high
+    return stopped

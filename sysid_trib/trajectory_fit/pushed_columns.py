@@ -2,7 +2,8 @@
 
 The noise of the rows is the operator on the sensor's noise, plus integrals of the random force. The most
 likely noise of the sensor (best linear unbiased prediction, Robinson 1991) is subtracted from the record:
-that is the smoothed motion, and the columns are taken along it.
+that is the smoothed motion, and the columns are taken along it. They are expected values: the sign of a speed
+that is known to so many rad only goes from -1 to 1 within that, near rest over many samples.
 """
 
 from collections.abc import Sequence
@@ -14,27 +15,23 @@ from scipy.signal import lfilter
 
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import DecayError, SimulationError
-from sysid_trib.noise.colour import NoisePair, sensor_colour
-from sysid_trib.noise.random_force import RandomForce, RandomForceOption
-from sysid_trib.noise.residual_noise import NoiseModel
+from sysid_trib.noise.random_force import RandomForceOption
 from sysid_trib.noise.smoothing import smooth
-from sysid_trib.noise.variance_ratio import VarianceRatio, WhiteRows, held_ratio, ratio_span, variance_ratio
+from sysid_trib.noise.smoothing_error import smoothed_rate_error
 from sysid_trib.regression.constraint_map import ConstraintMap
-from sysid_trib.regression.linearisation import DeviationOperator, deviation_matrices
+from sysid_trib.regression.linearisation import DeviationOperator, sensor_slope
 from sysid_trib.regression.problem import NearbyMotion, ReferenceTrajectory, RunRegression, Runs
-from sysid_trib.regression.rows import Rows, run_weights, stack_rows, weak_rows
+from sysid_trib.regression.rows import Rows, run_weights, stack_rows
 from sysid_trib.regression.solution import Solution, solve
-from sysid_trib.regression.weak_form import cholesky_factor, covariance_band, whiten
+from sysid_trib.trajectory_fit.ratio_errors import covariance_by_ratios
 from sysid_trib.trajectory_fit.refined_columns import has_slipped, simulated, step_in_errors
+from sysid_trib.trajectory_fit.two_noises import with_noises
 
 MAX_SMOOTHED_PATHS = 12
 # Round in which the colour of the sensor's noise is estimated, by a motion that is no longer the first guess.
 COLOUR_ROUND = 1
 # Points of each sample's cell at which forces that jump are averaged.
-POINTS_OF_CELL = 16
-# Lines of the spectrum above the swing say what the sensor's noise is, within the swing's band it may differ:
-# they count as so many samples.
-DEGREES_OF_PRIOR = 5
+POINTS_OF_CELL = 34
 
 
 @dataclass(frozen=True)
@@ -49,11 +46,15 @@ class PushedRegression:
         About these motions; of them the last solution is still to be taken.
     settled : bool
         Whether the estimate has stopped moving.
+    by_ratios : (force + 1, force + 1) array of float
+        What ratios of the two variances that are not known exactly add to the covariance of the last
+        solution.
     """
 
     runs: Runs
     rows: Rows
     settled: bool
+    by_ratios: Array
 
 
 def regress_pushed(
@@ -88,17 +89,19 @@ def regress_pushed(
         runs, sensitivities = tuple(run for run, _ in anchored), [near for _, near in anchored]
         # Beside a density that is given, as in records that are simulated, the sensor's noise is white.
         colour = turn == COLOUR_ROUND and isinstance(option, str)
-        pairs = [_with_noises(run, active, constraints, option, colour) for run in runs]
-        runs, operators = tuple(run for run, _ in pairs), [operator for _, operator in pairs]
-        rows = stack_rows(runs, [weak_rows(run, near) for run, near in zip(runs, operators, strict=True)])
+        weighed = [with_noises(run, active, constraints, option, colour=colour) for run in runs]
+        runs = tuple(each_run.run for each_run in weighed)
+        rows = stack_rows(runs, [each_run.rows for each_run in weighed])
         solution = solve(rows, runs[0], active, constraints)
         after = solution.applied_to(runs)
         settled = bool(np.all(np.abs(step_in_errors(runs, after, rows, solution)) <= 1.0))
-        last = PushedRegression(runs, rows, settled)
-        if settled and turn >= COLOUR_ROUND:
+        if (settled and turn >= COLOUR_ROUND) or turn == MAX_SMOOTHED_PATHS - 1:
             break
-        runs = _smoothed(after, operators, solution)
-    return last
+        runs = _smoothed(after, [each_run.operator for each_run in weighed], solution)
+    by_ratios = np.zeros_like(solution.covariance)
+    if isinstance(option, str):
+        by_ratios = covariance_by_ratios(weighed, solution, active, constraints)
+    return PushedRegression(runs, rows, settled, by_ratios)
 
 
 def _beside_motion(
@@ -108,9 +111,12 @@ def _beside_motion(
     problem, path = run.problem, run.reference
     features = problem.features(run.frequency)
 
-    def columns(x: Array, v: Array) -> Array:
+    def columns(x: Array, v: Array, rate_error: float = 0.0) -> Array:
         acceleration = np.gradient(v, problem.form.tau)
-        return features.cell_averages(problem.elapsed, x, v, acceleration, POINTS_OF_CELL)
+        forces = features.cell_averages(
+            problem.elapsed, x, v, acceleration, points=POINTS_OF_CELL, rate_error=rate_error
+        )
+        return problem.with_sensor_terms(forces, x, v)
 
     try:
         beside, sensitivity = simulated(run, active, sensitivity)
@@ -123,83 +129,19 @@ def _beside_motion(
     free = beside.reference
     k = (run.frequency / problem.nominal_frequency) ** 2
     along = columns(free.x, free.v)
-    near = NearbyMotion(free.x, k * (free.x + along @ beside.coefficients))
+    force = k * (free.x + along @ beside.acting)
     if run.noises is None:
         # The first path: the free motion itself.
+        near = NearbyMotion(free.x, force)
         reference = ReferenceTrajectory(free.x, free.v, along, exact=False, near=near)
     else:
-        reference = ReferenceTrajectory(path.x, path.v, columns(path.x, path.v), exact=False, near=near)
+        # Friction holds a body that rests with what it takes, no more.
+        near = NearbyMotion(free.x, np.where(free.v == 0.0, 0.0, force))
+        error = smoothed_rate_error(run.noises.ratio, float(np.median(np.diff(problem.form.tau))))
+        expected = columns(path.x, path.v, error)
+        reference = ReferenceTrajectory(path.x, path.v, expected, exact=False, near=near)
     # The zero of the sensor is that of the rows, which know the random force.
     return replace(beside, reference=reference, offset=run.offset), sensitivity
-
-
-def _sensors(run: RunRegression) -> list[NoiseModel]:
-    """What the sensor's noise may be by what the free motion leaves: with a random force, and without.
-
-    By what the spline leaves where no free motion follows the record.
-    """
-    problem, near = run.problem, run.reference.near
-    tau = problem.form.tau * (run.frequency / problem.nominal_frequency)
-    if near is None:
-        unexplained = problem.angle - smooth(problem.form.tau, problem.angle).x
-        return [NoiseModel(float(np.std(unexplained)), np.ones(1))]
-    deviation = problem.angle - run.offset - near.x
-    pushed, free = (sensor_colour(deviation, tau, random_force=pushed) for pushed in (True, False))
-    return [pushed] if len(pushed.filter_) == len(free.filter_) == 1 else [pushed, free]
-
-
-def _with_noises(
-    run: RunRegression, active: Mask, constraints: ConstraintMap, option: RandomForceOption, colour: bool
-) -> tuple[RunRegression, DeviationOperator]:
-    """The run with its two noises, by the restricted likelihood of its own rows; its operator.
-
-    With `colour` the sensor's noise is estimated anew first.
-    """
-    if colour:
-        sensors = _sensors(run)
-    else:
-        sensors = [NoiseModel(run.problem.noise, np.ones(1)) if run.noises is None else run.noises.sensor]
-    tried = [_with_ratio(run, sensor, active, constraints, option) for sensor in sensors]
-    best, operator = min(tried, key=lambda pair: pair[0].ratio.deviance)
-    # A random force must be better than none beside whatever noise of the sensor.
-    none = min(noises.ratio.deviance + noises.ratio.gain for noises, _ in tried)
-    ratio = replace(best.ratio, gain=none - best.ratio.deviance)
-    return replace(run, noises=replace(best, ratio=ratio)), operator
-
-
-def _with_ratio(
-    run: RunRegression,
-    sensor: NoiseModel,
-    active: Mask,
-    constraints: ConstraintMap,
-    option: RandomForceOption,
-) -> tuple[NoisePair, DeviationOperator]:
-    """The ratio of the two variances beside a sensor's noise of one colour, and the operator with both."""
-    last = None if run.noises is None else run.noises.ratio
-    kept, form = constraints.keep(active), run.problem.form
-    no_ratio = VarianceRatio(0.0, 1.0, np.nan, np.nan, 0.0)
-    matrix, acting = deviation_matrices(replace(run, noises=NoisePair(no_ratio, sensor)))
-    weak = weak_rows(run, DeviationOperator(matrix, acting, np.empty(0)))
-    free = weak.columns @ (weak.scale[:, None] * kept.matrix)
-    target = weak.target - weak.columns @ (weak.scale * kept.constant)
-    table = np.column_stack([free, weak.nuisances, target])
-    band = covariance_band(acting @ acting.T)
-    prior = np.zeros((DEGREES_OF_PRIOR, table.shape[1]))
-    prior[:, -1] = sensor.innovation
-
-    def rows(ratio: float) -> WhiteRows:
-        factor = cholesky_factor(band, form.gram, ratio)
-        white = np.concatenate([whiten(factor, table), prior])
-        return WhiteRows(white[:, -1], white[:, :-1], 2.0 * float(np.sum(np.log(factor[0]))))
-
-    if isinstance(option, str):
-        low, high = ratio_span(float(form.tau[-1] - form.tau[0]), float(np.median(np.diff(form.tau))))
-        ratio = variance_ratio(rows, low, high, last.ratio if last else None)
-    else:
-        per_tau = RandomForce(float(option)).per_tau(run.problem.nominal_frequency)
-        ratio = held_ratio(rows, per_tau, last.variance if last else None)
-    factor = cholesky_factor(band, form.gram, ratio.ratio)
-    return NoisePair(ratio, sensor), DeviationOperator(matrix, acting, factor)
 
 
 def _smoothed(runs: Runs, operators: Sequence[DeviationOperator], solution: Solution) -> Runs:
@@ -218,7 +160,7 @@ def _along_smoothed(run: RunRegression, operator: DeviationOperator, residual: A
     innovation = -(operator.acting.T @ cho_solve_banded((operator.factor, True), residual))
     noise = innovation if run.noises is None else lfilter([1.0], run.noises.filter_, innovation)
     try:
-        change = smooth(problem.form.tau, problem.angle - run.offset - path.x - noise)
+        change = smooth(problem.form.tau, (run.measured - path.x - noise) / sensor_slope(run))
     except DecayError:
         return run
     v = path.v + change.v * (problem.nominal_frequency / run.frequency)

@@ -15,17 +15,17 @@ import numpy as np
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, SimulationError
-from sysid_trib.noise.random_force import RandomForce, RandomForceOption
-from sysid_trib.noise.variance_ratio import (
-    VarianceRatio,
-    WhiteRows,
-    held_ratio,
-    ratio_span,
-    variance_ratio,
-)
+from sysid_trib.noise.random_force import RandomForceOption
 from sysid_trib.state_space.kalman import LinearModel
 from sysid_trib.state_space.linearised import Derivatives, linearised_about, spline_path
 from sysid_trib.trajectory_fit.parameters import Parameters
+from sysid_trib.trajectory_fit.pushed_step import (
+    Iterate,
+    PushedRun,
+    covariance_by_ratio,
+    iterate,
+    with_gains_over_colours,
+)
 
 MAX_ITERATIONS = 24
 # A step this small, in standard errors, changes nothing.
@@ -36,34 +36,6 @@ PATIENCE = 10
 # By what the relaxation changes where a step turns back, and where it goes on, by the cosine of their angle.
 SHORTER, LONGER, TURNED = 0.5, 1.5, 0.3
 LEAST_PART = 0.05
-
-
-@dataclass(frozen=True)
-class PushedRun:
-    """One run, linear about its smoothed path.
-
-    Attributes
-    ----------
-    linear : LinearModel
-        With the columns of all common parameters, then of the run's own.
-    ratio : VarianceRatio
-        per_tau of the random force over the variance of the sensor's noise.
-    deviation : (column,) array of float
-        Of the parameters from where it is linear.
-    """
-
-    linear: LinearModel
-    ratio: VarianceRatio
-    deviation: Array
-
-    def smoothed_motion(self) -> Array:
-        """The path at the parameters of most likelihood, (sample, state)."""
-        return self.linear.smoothed_motion(self.ratio.ratio, self.deviation)
-
-    def innovations(self) -> Array:
-        """What is predicted wrongly one sample ahead, (sample,), rad."""
-        innovations, columns, _ = self.linear.innovations(self.ratio.ratio)
-        return np.asarray(innovations - columns @ self.deviation)
 
 
 @dataclass(frozen=True)
@@ -134,10 +106,10 @@ def fit_random_motion(
                 ]
         except SimulationError as error:
             raise DecayError(f"No motion of these forces follows the record ({error})") from None
-        before, now = now, _iterate(parameters, values, linear, densities, now)
+        before, now = now, iterate(parameters, values, linear, densities, now)
         best = now if best is None or now.remaining < best.remaining else best
         if best.remaining <= (SETTLED if number < PATIENCE else NEARLY_SETTLED):
-            return best.fit(parameters)
+            return _fit(parameters, best, densities)
         part = _relaxed(part, before, now)
         paths = [run.linear.path + part * (run.smoothed_motion() - run.linear.path) for run in now.runs]
         values = _stepped(parameters, values, part * now.step)
@@ -146,67 +118,20 @@ def fit_random_motion(
     )
 
 
-@dataclass(frozen=True)
-class Iterate:
-    """Where the iteration is, and the step that it would take.
-
-    Attributes
-    ----------
-    values : (parameter,) array of float
-    runs : tuple of PushedRun
-    rows : WhiteRows
-        Normalised innovations of all runs, as a regression on the free parameters.
-    step : (free,) array of float
-        Of the free parameters.
-    covariance : (free, free) array of float
-        Of the free parameters, without limits.
-    """
-
-    values: Array
-    runs: tuple[PushedRun, ...]
-    rows: WhiteRows
-    step: Array
-    covariance: Array
-
-    @property
-    def remaining(self) -> float:
-        """The step in standard errors, of the parameter where it is largest."""
-        return float(np.max(np.abs(self.step) / np.sqrt(np.diag(self.covariance))))
-
-    def fit(self, parameters: Parameters) -> RandomMotionFit:
-        """The fit after the last step, which is among its errors."""
-        jacobian = parameters.by_free(np.eye(len(self.values)), self.values)
-        covariance = self.covariance + np.outer(self.step, self.step)
-        return RandomMotionFit(
-            _stepped(parameters, self.values, self.step),
-            jacobian @ covariance @ jacobian.T,
-            self.runs,
-            self.rows.design @ self.step - self.rows.target,
-            self.rows.design,
-        )
-
-
-def _iterate(
-    parameters: Parameters,
-    values: Array,
-    linear: Sequence[LinearModel],
-    densities: Sequence[float | None],
-    before: Iterate | None,
-) -> Iterate:
-    """Ratio of each run, then the step of all parameters."""
-    jacobian = parameters.by_free(np.eye(len(values)), values)
-    blocks = [jacobian[_places(parameters, run)] for run in range(len(linear))]
-    frequency = parameters.model(values).reference_frequency
-    last = [run.ratio for run in before.runs] if before else [None] * len(linear)
-    ratios = [
-        _ratio(model, block, density, frequency, of_run)
-        for model, block, density, of_run in zip(linear, blocks, densities, last, strict=True)
-    ]
-    rows = _stacked(linear, blocks, ratios)
-    step, covariance = _step_within(parameters, values, rows)
-    deviations = [block @ step for block in blocks]
-    runs = tuple(PushedRun(*parts) for parts in zip(linear, ratios, deviations, strict=True))
-    return Iterate(values, runs, rows, step, covariance)
+def _fit(parameters: Parameters, best: Iterate, densities: Sequence[float | None]) -> RandomMotionFit:
+    """The fit after the last step, which is among its errors; so is a density that is not known exactly."""
+    jacobian = parameters.by_free(np.eye(len(best.values)), best.values)
+    covariance = best.covariance + np.outer(best.step, best.step)
+    for run, density in enumerate(densities):
+        if density is None:
+            covariance = covariance + covariance_by_ratio(parameters, best, run)
+    return RandomMotionFit(
+        _stepped(parameters, best.values, best.step),
+        jacobian @ covariance @ jacobian.T,
+        with_gains_over_colours(parameters, best),
+        best.rows.design @ best.step - best.rows.target,
+        best.rows.design,
+    )
 
 
 def _relaxed(part: float, before: Iterate | None, now: Iterate) -> float:
@@ -223,11 +148,6 @@ def _relaxed(part: float, before: Iterate | None, now: Iterate) -> float:
 
 def _frequency_is_free(parameters: Parameters) -> bool:
     return parameters.reference_frequency is None
-
-
-def _places(parameters: Parameters, run: int) -> list[int]:
-    """Places in the vector of all parameters that the columns of a run have."""
-    return [*range(len(parameters.common)), *range(len(parameters))[parameters.of_run(run)]]
 
 
 def _linear_models(
@@ -251,61 +171,6 @@ def _density(random_force: RandomForceOption | Sequence[float], run: int) -> flo
     if random_force == "off":
         return 0.0
     return float(random_force) if isinstance(random_force, int | float) else float(random_force[run])
-
-
-def _ratio(
-    model: LinearModel, block: Array, density: float | None, frequency: float, last: VarianceRatio | None
-) -> VarianceRatio:
-    """The ratio of variances of one run, by its own restricted likelihood or by a given density."""
-
-    def rows(ratio: float) -> WhiteRows:
-        white = model.rows(ratio)
-        design = white.design @ block
-        return replace(white, design=design[:, np.any(design != 0.0, axis=0)])
-
-    if density is None:
-        kicks = model.steps.diffusion[:, 1, 1]
-        # A body that friction holds is not pushed.
-        kicks = kicks[kicks > 0.0]
-        if not len(kicks):
-            raise DecayError("Friction of this size holds the body all the time; take random_force='off'.")
-        low, high = ratio_span(float(np.sum(kicks)), float(np.median(kicks)))
-        return variance_ratio(rows, low, high, last.ratio if last else None)
-    return held_ratio(rows, RandomForce(density).per_tau(frequency), last.variance if last else None)
-
-
-def _stacked(
-    linear: Sequence[LinearModel], blocks: Sequence[Array], ratios: Sequence[VarianceRatio]
-) -> WhiteRows:
-    """Normalised innovations of all runs as one regression on the free parameters."""
-    of_runs = [model.rows(ratio.ratio) for model, ratio in zip(linear, ratios, strict=True)]
-    sizes = [np.sqrt(ratio.variance) for ratio in ratios]
-    target = np.concatenate([rows.target / size for rows, size in zip(of_runs, sizes, strict=True)])
-    design = np.concatenate(
-        [rows.design @ block / size for rows, block, size in zip(of_runs, blocks, sizes, strict=True)]
-    )
-    return WhiteRows(target, design, 0.0)
-
-
-def _step_within(parameters: Parameters, values: Array, rows: WhiteRows) -> tuple[Array, Array]:
-    """Step of the free parameters within their limits, and their covariance without limits.
-
-    Parameters that would pass a limit go to it, and the others are solved again.
-    """
-    step, inverse = rows.solution()
-    now = values[parameters.free]
-    low, high = (limit[parameters.free] - now for limit in parameters.limits)
-    passed = (step < low) | (step > high)
-    if passed.any():
-        limited = np.clip(step, low, high)
-        rest = replace(
-            rows,
-            target=rows.target - rows.design[:, passed] @ limited[passed],
-            design=rows.design[:, ~passed],
-        )
-        limited[~passed] = np.clip(rest.solution()[0], low[~passed], high[~passed])
-        step = limited
-    return step, inverse
 
 
 def _stepped(parameters: Parameters, values: Array, step: Array) -> Array:

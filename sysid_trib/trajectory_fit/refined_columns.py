@@ -61,7 +61,7 @@ def refine_columns(
         rows = weak_regression(runs, operators)
         solution = solve(rows, runs[0], active, constraints)
         after = solution.applied_to(runs)
-        change = _common_values(after) - _common_values(runs)
+        change = common_values(after) - common_values(runs)
         step = step_in_errors(runs, after, rows, solution)
         if np.all(np.abs(step) <= 1.0):
             return runs, rows, True
@@ -73,18 +73,18 @@ def refine_columns(
 
 def has_slipped(run: RunRegression) -> bool:
     """Whether the motion of a run's model is out of phase with the record."""
-    residual = run.problem.angle - run.offset - run.reference.x
+    residual = run.measured - run.reference.x
     return bool(np.sqrt(np.mean(residual**2)) > SLIPPED * np.sqrt(np.mean(run.problem.angle**2)))
 
 
-def _common_values(runs: Runs) -> Array:
+def common_values(runs: Runs) -> Array:
     """Coefficients and reference frequency."""
     return np.append(runs[0].coefficients, runs[0].frequency)
 
 
 def step_in_errors(before: Runs, after: Runs, rows: Rows, solution: Solution) -> Array:
     """Change of coefficients and frequency, (force + 1,), over the smallest that still counts."""
-    return (_common_values(after) - _common_values(before)) / _still_counts(after, rows, solution)
+    return (common_values(after) - common_values(before)) / _still_counts(after, rows, solution)
 
 
 def _still_counts(runs: Runs, rows: Rows, solution: Solution) -> Array:
@@ -96,7 +96,7 @@ def _still_counts(runs: Runs, rows: Rows, solution: Solution) -> Array:
 
 
 def _further(runs: Runs, by: Array, constraints: ConstraintMap) -> Runs:
-    common = _common_values(runs) + by
+    common = common_values(runs) + by
     coefficients, frequency = constraints.impose(common[:-1]), float(common[-1])
     return tuple(replace(run, coefficients=coefficients, frequency=frequency) for run in runs)
 
@@ -130,13 +130,20 @@ def simulated(run: RunRegression, active: Mask, sensitivity: Array | None) -> tu
     sensitivity : (sample, 2) array of float
     """
     problem = run.problem
-    pairs = zip(problem.library.symbols, run.coefficients.tolist(), active, strict=True)
+    acting = active & ~problem.of_sensor
+    pairs = zip(problem.library.symbols, run.coefficients.tolist(), acting, strict=True)
     model = Model(problem.library, {s: c for s, c, kept in pairs if kept}, run.frequency, problem.shapes)
     motion = fit_start(
-        model, problem.time, problem.angle, run.start, offset=run.offset, sensitivity=sensitivity
+        model,
+        problem.time,
+        run.measured + run.offset,
+        run.start,
+        offset=run.offset,
+        sensitivity=sensitivity,
     )
     features = problem.features(run.frequency)
-    columns = features.evaluate(problem.elapsed, motion.x, motion.v, motion.hidden)
+    forces = features.evaluate(problem.elapsed, motion.x, motion.v, motion.hidden)
+    columns = problem.with_sensor_terms(forces, motion.x, motion.v)
     reference = ReferenceTrajectory(motion.x, motion.v, columns, exact=True)
     start = motion.angle, motion.rate
     return replace(run, reference=reference, start=start, offset=motion.offset), motion.sensitivity

@@ -13,6 +13,7 @@ from sysid_trib.methods.scope import Method
 from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.results.per_run import group_names, noise_of_run
 from sysid_trib.results.variables import variable
+from sysid_trib.state_space.tracked import FollowedRuns
 from sysid_trib.trajectory_fit.initial_conditions import FittedMotion
 from sysid_trib.validation.compared_part import ComparedPart, compared_part, fitted_motions
 from sysid_trib.validation.cross_check_statistics import comparison, ties
@@ -23,6 +24,8 @@ from sysid_trib.validation.verdict import random_force_groups, verdict_on_record
 # Significance level of a residual that is not white noise; beyond so many noise levels (RMS) it is large.
 RESIDUAL_LEVEL = 1e-3
 LARGE = 1.5
+# Simulated records by which the difference of two methods is judged.
+SIMULATED_RECORDS = 32
 
 
 def identify(decay: Decays, library: ForceLibrary, method: Method) -> xr.Dataset:
@@ -68,7 +71,7 @@ def check_method(method: Any, function: str) -> None:
 
 
 def cross_check(
-    decay: Decays, first: xr.Dataset, second: xr.Dataset, *, draws: int = 32, seed: int = 0
+    decay: Decays, first: xr.Dataset, second: xr.Dataset, *, draws: int = SIMULATED_RECORDS, seed: int = 0
 ) -> xr.DataTree:
     """Hold two identifications of one decay, or of the same runs, against each other.
 
@@ -123,18 +126,18 @@ def cross_check(
     if part.duration is not None:
         compared.attrs["compared_stretch"] = part.duration
     moving = list(zip(*whole.motions, strict=True))
-    of_runs = [
-        residuals(run, dict(zip(names, results, strict=True)), of_run, noise_of_run(second, at), at)
-        for at, (run, of_run) in enumerate(zip(runs, moving, strict=True))
-    ]
+    followed = {
+        name: FollowedRuns(dict(enumerate(runs)), result) for name, result in zip(names, results, strict=True)
+    }
+    of_runs = [residuals(followed, of_run, noise_of_run(second, at), at) for at, of_run in enumerate(moving)]
     compared = compared.merge(pooled(of_runs))
     verdict = verdict_of(compared.p_value.item())
     made = {"first": names[0], "second": names[1], "verdict": verdict, "draws": draws, "seed": seed}
     compared.attrs = made | compared.attrs
     compared.attrs |= {"explained": _explained(compared)} | ties(runs, second)
-    pushed = random_force_groups(runs, second)
+    pushed = random_force_groups(followed[names[1]])
     explained = compared.attrs["explained"]
-    compared.attrs["verdict_on_record"] = verdict_on_record(explained, runs, second, pushed)
+    compared.attrs["verdict_on_record"] = verdict_on_record(explained, followed[names[1]], pushed)
     records = [_with_motions(run, names, of_run) for run, of_run in zip(runs, moving, strict=True)]
     groups = dict(zip(group_names("record", len(runs)), records, strict=True))
     groups |= dict(zip(group_names("envelope", len(runs)), [envelope(run) for run in runs], strict=True))

@@ -131,7 +131,7 @@ def _block_losses(residual: Array, block: int) -> Array:
 
 def counted_from(library: ForceLibrary, seconds: float) -> ForceLibrary:
     """The forces with `t` of their formulas moved, for a motion that starts so much later."""
-    if not any(force.holds_time for force in library):
+    if seconds == 0.0 or not any(force.holds_time for force in library):
         return library
     data = tomllib.loads(library.to_toml())
 

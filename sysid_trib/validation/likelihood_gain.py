@@ -10,9 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import qr
+from scipy.signal import lfilter
 from scipy.stats import chi2
 
 from sysid_trib.arrays import Array, Index
+from sysid_trib.noise.autoregression import memory_samples
 from sysid_trib.noise.variance_ratio import VarianceRatio
 from sysid_trib.state_space.kalman import LinearModel
 from sysid_trib.state_space.wander import wander_about
@@ -55,9 +57,12 @@ class Gains:
 
 
 def simulated_records(linear: LinearModel, ratio: float, draws: int, random: np.random.Generator) -> Array:
-    """Records of noise alone, (sample, draw), in units of the sensor's noise."""
+    """Records of noise alone, (sample, draw), in units of the innovations of the sensor's noise."""
     wander = wander_about(linear, ratio, random, draws)
-    return wander + random.standard_normal(wander.shape)
+    # Coloured noise has a past before the first sample.
+    past = memory_samples(linear.sensor_filter)
+    white = random.standard_normal((past + len(wander), draws))
+    return np.asarray(wander + lfilter([1.0], linear.sensor_filter, white, axis=0)[past:])
 
 
 @dataclass(frozen=True)
@@ -123,7 +128,7 @@ def likelihood_gains(trial: TrialModel, sets: Mapping[str, Index], null: Varianc
     sets : mapping of str to (index,) array of int
         Which of the columns are tried together.
     null : VarianceRatio
-        Of the model without them.
+        Of the model without them; where that has no random force, none is beside the columns either.
 
     Returns
     -------
@@ -133,10 +138,11 @@ def likelihood_gains(trial: TrialModel, sets: Mapping[str, Index], null: Varianc
     nuisances, tried, _, _ = trial.white(null.ratio)
     further = _independent(nuisances, tried)
     chosen = {name: np.intersect1d(index, further) for name, index in sets.items()}
-    logarithms = _logarithms(null)
-    ratios = [0.0, *np.exp(logarithms)]
-    table = np.array([trial.deviances(list(chosen.values()), float(ratio)) for ratio in ratios])
-    least = np.minimum(_least(logarithms, table[1:]), table[0])
+    least = trial.deviances(list(chosen.values()), 0.0)
+    if null.ratio > 0.0:
+        logarithms = _logarithms(null)
+        table = [trial.deviances(list(chosen.values()), float(ratio)) for ratio in np.exp(logarithms)]
+        least = np.minimum(_least(logarithms, np.array(table)), least)
     gains = np.maximum(least[0] - least[1:], 0.0)
     return {
         name: Gains(float(gain[0]), gain[1:], len(index))

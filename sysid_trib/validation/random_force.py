@@ -9,12 +9,13 @@ from scipy.stats import chi2
 from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
 from sysid_trib.noise.random_force import DENSITY_UNITS, RandomForce, random_force_of
-from sysid_trib.noise.variance_ratio import VarianceRatio, ratio_span, variance_ratio
+from sysid_trib.noise.variance_ratio import VarianceRatio
 from sysid_trib.results.variables import Variables, variable
 from sysid_trib.state_space.bands import parameters_of
 from sysid_trib.state_space.kalman import LinearModel
+from sysid_trib.state_space.likely_ratio import likely_ratio
 from sysid_trib.state_space.linearised import Derivatives, linearised_about
-from sysid_trib.state_space.tracked import TrackedRecord, track
+from sysid_trib.state_space.tracked import FollowedRuns, TrackedRecord, track
 from sysid_trib.state_space.trial_forces import TrialForces, trial_forces
 from sysid_trib.validation.likelihood_gain import likelihood_gains, simulated_records, trial_model
 from sysid_trib.validation.random_force_size import size_p_values
@@ -69,31 +70,31 @@ def random_force_dependence(
     """
     if not random_force_of(result, run):
         raise UsageError("This identification has no random force; take random_force='auto'.")
-    return dependence_on_motion(decay, result, run, seed)
+    return dependence_on_motion(FollowedRuns({run: decay}, result), run, seed)
 
 
-def dependence_on_motion(decay: xr.Dataset, result: xr.Dataset, run: int, seed: int = 0) -> xr.Dataset:
+def dependence_on_motion(followed: FollowedRuns, run: int, seed: int = 0) -> xr.Dataset:
     """`random_force_dependence`, of what is left of the motion even where the result has no random force.
 
-    The test has a random force of its own in any case, with white noise of the sensor.
+    The test has a random force of its own in any case, beside the sensor's noise of the result's colour.
     """
+    decay, result = followed.runs[run], followed.result
     every = _every(decay, result)
-    tracked = track(decay.isel(time=slice(None, None, every)), result, run)
+    tracked = followed.tracked(run) if every == 1 else track(decay, result, run, every)
     tau = tracked.model.reference_frequency * (tracked.time - tracked.time[0])
     forces = trial_forces(tracked.linear, tau)
     linear = _with_parameters(tracked, result, forces)
-    null = _ratio(linear)
-    # Free coefficients may leave no random force at all.
-    of_force, of_size = dict.fromkeys(ON, 1.0), dict.fromkeys(ON, 1.0)
-    chi_square, degrees_of_freedom = 0.0, 0
+    # All parameters are free.
+    null = likely_ratio(linear)
+    records = simulated_records(linear, null.ratio, NULL_DRAWS, np.random.default_rng(seed))
+    trial = trial_model(linear, forces.by_column, records)
+    sets = {on: np.flatnonzero(forces.on == on) for on in ("angle", "speed", "time")}
+    gains = likelihood_gains(trial, sets | {"any": np.arange(len(forces.on))}, null)
+    of_force = dict.fromkeys(ON, 1.0) | {on: gain.p_value for on, gain in gains.items()}
+    # Free coefficients may leave no random force at all, and nothing that has a size.
+    of_size = dict.fromkeys(ON, 1.0)
     if null.ratio > 0.0:
-        records = simulated_records(linear, null.ratio, NULL_DRAWS, np.random.default_rng(seed))
-        trial = trial_model(linear, forces.by_column, records)
-        sets = {on: np.flatnonzero(forces.on == on) for on in ("angle", "speed", "time")}
-        gains = likelihood_gains(trial, sets | {"any": np.arange(len(forces.on))}, null)
-        of_force |= {on: gain.p_value for on, gain in gains.items()}
         of_size |= size_p_values(trial, null.ratio, tau)
-        chi_square, degrees_of_freedom = gains["any"].chi_square, gains["any"].columns
     of_force["amplitude"] = of_size["angle"] = float("nan")
     p_value = min(1.0, 2.0 * min(of_force["any"], of_size["any"]))
     p_values = [[of_aspect[on] for on in ON] for of_aspect in (of_force, of_size)]
@@ -103,8 +104,8 @@ def dependence_on_motion(decay: xr.Dataset, result: xr.Dataset, run: int, seed: 
         "dependence_p_value": variable(
             ("aspect", "on"), p_values, "p-value of no dependence of the random force", "1"
         ),
-        "chi_square": variable((), chi_square, text, "1"),
-        "degrees_of_freedom": variable((), degrees_of_freedom, "degrees of freedom", "1"),
+        "chi_square": variable((), gains["any"].chi_square, text, "1"),
+        "degrees_of_freedom": variable((), gains["any"].columns, "degrees of freedom", "1"),
         **_density_variables(linear, tracked, null),
     }
     return xr.Dataset(variables, {"aspect": list(ASPECTS), "on": list(ON)}, {"every": every})
@@ -136,6 +137,7 @@ def _with_parameters(tracked: TrackedRecord, result: xr.Dataset, forces: TrialFo
     by_column[:, :2, :directions] += forces.stiffness * free[-1]
     return replace(
         linear,
+        sensor_filter=tracked.linear.sensor_filter,
         start=linear.start @ basis,
         by_column=by_column,
         observed_parameters=linear.observed_parameters @ basis,
@@ -155,13 +157,6 @@ def _free_directions(covariance: Array) -> Array:
     scaled = covariance / np.outer(np.where(size > 0.0, size, 1.0), np.where(size > 0.0, size, 1.0))
     values, vectors = np.linalg.eigh(scaled)
     return np.asarray(size[:, None] * vectors[:, values > HELD_DIRECTION])
-
-
-def _ratio(linear: LinearModel) -> VarianceRatio:
-    """The ratio of the two variances of most likelihood, all parameters free."""
-    kicks = linear.steps.diffusion[:, 1, 1]
-    low, high = ratio_span(float(np.sum(kicks)), float(np.median(kicks)))
-    return variance_ratio(linear.rows, low, high)
 
 
 def _density_variables(linear: LinearModel, tracked: TrackedRecord, null: VarianceRatio) -> Variables:

@@ -54,6 +54,8 @@ def _disturbances(trial: TrialModel, ratio: float) -> Array:
     white = records - basis @ (basis.T @ records)
     linear = trial.linear
     gain, variance = linear.gains(ratio)
-    source = linear.observed[:, :, None] * (white / np.sqrt(variance)[:, None])[:, None, :]
-    smoothed = linear.recursion(gain, source, backward=True)[1:]
+    observed, _ = linear.with_sensor_states
+    source = observed[:, :, None] * (white / np.sqrt(variance)[:, None])[:, None, :]
+    # The states of coloured noise are no motion.
+    smoothed = linear.recursion(gain, source, backward=True)[1:, : linear.path.shape[1]]
     return np.asarray(np.einsum("kad,kab,kbd->kd", smoothed, linear.steps.diffusion, smoothed, optimize=True))

@@ -14,7 +14,7 @@ from sysid_trib.noise.sensor_noise import sensor_noise_of
 from sysid_trib.records.runs import root_mean_square
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.variables import variable
-from sysid_trib.state_space.tracked import track
+from sysid_trib.state_space.tracked import FollowedRuns
 from sysid_trib.trajectory_fit.initial_conditions import FittedMotion, first_guess, fit_start
 
 # A model departs from the record where the RMS over half a period is beyond this many noise levels.
@@ -122,26 +122,20 @@ def fitted_motion(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> Fitted
 
 
 def residuals(
-    decay: xr.Dataset,
-    results: Mapping[str, xr.Dataset],
-    motions: Sequence[FittedMotion | None],
-    noise: float,
-    run: int = 0,
+    followed: Mapping[str, FollowedRuns], motions: Sequence[FittedMotion | None], noise: float, run: int = 0
 ) -> xr.Dataset:
-    """Residual of each model: RMS, RMS over the noise, first departure, and p-value of white noise.
+    """Residual of each model in a run: RMS, RMS over the noise, first departure, p-value of white noise.
 
     Parameters
     ----------
-    decay : Dataset
-        `angle(time)`.
-    results : mapping of str to Dataset
-        Identifications by their names.
+    followed : mapping of str to FollowedRuns
+        The runs with each identification, by its name.
     motions : sequence of FittedMotion, or None
         Of their models; a model without a motion has nan.
     noise : float, rad
         Of one sample.
     run : int
-        Which of the results' runs the decay is.
+        Which of the results' runs.
 
     Notes
     -----
@@ -150,14 +144,14 @@ def residuals(
     standard deviation that of the noise.
     """
     rows = [
-        _of_innovations(decay, result, run)
-        if random_force_of(result, run) or sensor_noise_of(result, run).warm_up
-        else _of_free_motion(decay, motion, noise)
-        for result, motion in zip(results.values(), motions, strict=True)
+        _of_innovations(pair, run)
+        if random_force_of(pair.result, run) or sensor_noise_of(pair.result, run).warm_up
+        else _of_free_motion(pair.runs[run], motion, noise)
+        for pair, motion in zip(followed.values(), motions, strict=True)
     ]
     columns = zip(RESIDUALS.items(), np.array(rows).T, strict=True)
     variables = {name: variable("model", column, *texts) for (name, texts), column in columns}
-    return xr.Dataset(variables, {"model": list(results)})
+    return xr.Dataset(variables, {"model": list(followed)})
 
 
 def _of_free_motion(decay: xr.Dataset, motion: FittedMotion | None, noise: float) -> tuple[float, ...]:
@@ -171,11 +165,11 @@ def _of_free_motion(decay: xr.Dataset, motion: FittedMotion | None, noise: float
     return rms, rms / noise, departure, _white_noise_p_value(residual, noise, width)
 
 
-def _of_innovations(decay: xr.Dataset, result: xr.Dataset, run: int) -> tuple[float, ...]:
+def _of_innovations(followed: FollowedRuns, run: int) -> tuple[float, ...]:
     """What `RESIDUALS` lists, of the innovations beside a random force (see `innovations`)."""
-    time = decay.time.values
+    time = followed.runs[run].time.values
     try:
-        tracked = track(decay, result, run)
+        tracked = followed.tracked(run)
     except SysidTribError:
         return np.nan, np.nan, float(time[0]), 0.0
     innovation, deviation = tracked.innovations()

@@ -75,6 +75,11 @@ class Scatter:
         return statistic, float(f_distribution.sf(ratio, count, rest))
 
 
+def fewest_records(count: int) -> int:
+    """Of so many quantities, records by which the difference of two identifications can be judged."""
+    return 2 * count + 2
+
+
 def scatter(
     runs: Sequence[xr.Dataset],
     results: Sequence[xr.Dataset],
@@ -139,7 +144,7 @@ def scatter(
     for draw in range(draws):
         with suppress(SysidTribError):
             drawn.append(identified(draw))
-    least = 2 * len(bias) + 2 if pushed else FEWEST_RECORDS
+    least = fewest_records(len(bias)) if pushed else FEWEST_RECORDS
     if len(drawn) < least:
         return Scatter.missing(len(bias), len(drawn))
     if pushed:

@@ -1,6 +1,6 @@
 """What is said of a record: it is explained, explained with a random force, or not explained."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 
 import numpy as np
@@ -12,9 +12,10 @@ from sysid_trib.noise.level import sensor_noise
 from sysid_trib.noise.random_force import RandomForce, random_force_of
 from sysid_trib.results.per_run import group_names, noise_of_run
 from sysid_trib.results.variables import text_variable
-from sysid_trib.state_space.bands import SETTLING_PERIODS, prediction_bands
-from sysid_trib.state_space.innovations import innovations
-from sysid_trib.validation.random_force import ASPECTS, ON, dependence_on_motion, random_force_dependence
+from sysid_trib.state_space.bands import SETTLING_PERIODS, bands_of
+from sysid_trib.state_space.innovations import innovations_of
+from sysid_trib.state_space.tracked import FollowedRuns
+from sysid_trib.validation.random_force import ASPECTS, ON, dependence_on_motion
 
 # Level at which a random force depends on something, and at which there is one at all.
 DEPENDENCE_LEVEL = 0.01
@@ -30,15 +31,13 @@ def is_found(force: RandomForce) -> bool:
     return bool(force) and not force.p_value >= DEPENDENCE_LEVEL
 
 
-def random_force_groups(runs: Sequence[xr.Dataset], result: xr.Dataset) -> dict[str, xr.Dataset]:
+def random_force_groups(followed: FollowedRuns) -> dict[str, xr.Dataset]:
     """What a random force is judged and drawn by, as groups of a tree; none where none is found.
 
     Parameters
     ----------
-    runs : sequence of Dataset
-        The decays that the result is of.
-    result : Dataset
-        An identification.
+    followed : FollowedRuns
+        All runs of an identification.
 
     Returns
     -------
@@ -47,26 +46,26 @@ def random_force_groups(runs: Sequence[xr.Dataset], result: xr.Dataset) -> dict[
         `innovations`, `prediction_bands` of each run (`innovations_1`, ... of several), left out of a run
         whose motion does not settle, or that is too short.
     """
+    result, runs = followed.result, followed.runs
     if not is_found(random_force_of(result)):
         return {}
     groups: dict[str, xr.Dataset] = {}
     names = [group_names(name, len(runs)) for name in ("innovations", "prediction_bands")]
     tested, reasons = [], []
-    for at, (decay, of_innovations, of_bands) in enumerate(zip(runs, *names, strict=True)):
-        reason = ""
+    for (at, decay), of_innovations, of_bands in zip(runs.items(), *names, strict=True):
         try:
-            groups[of_innovations] = innovations(decay, result, at)
-            depends = random_force_dependence(decay, result, at) if random_force_of(result, at) else None
-            tested.append(_untested(1.0) if depends is None else depends)
+            tracked = followed.tracked(at)
+            groups[of_innovations] = innovations_of(decay, tracked)
+            depends = dependence_on_motion(followed, at) if random_force_of(result, at) else None
         except SysidTribError as error:
-            reason = str(error)
             tested.append(_untested(np.nan))
-        reasons.append(reason)
-        if reason:
+            reasons.append(str(error))
             continue
+        tested.append(_untested(1.0) if depends is None else depends)
+        reasons.append("")
         # Of a record too short to predict anything there is no figure.
         with suppress(SysidTribError):
-            groups[of_bands] = prediction_bands(decay, result, _horizons(decay, result), run=at)
+            groups[of_bands] = bands_of(tracked, result, _horizons(decay, result), run=at)
     together = xr.concat(tested, "run", combine_attrs="override")
     return {"random_force": together.assign(reason=text_variable("run", reasons, "why not tested")), **groups}
 
@@ -90,43 +89,39 @@ def _horizons(decay: xr.Dataset, result: xr.Dataset) -> Array:
     return np.asarray(np.arange(1, max(2, int(longest / PREDICTION_STEP))) * PREDICTION_STEP, dtype=float)
 
 
-def verdict_on_record(
-    explained: str, runs: Sequence[xr.Dataset], result: xr.Dataset, groups: Mapping[str, xr.Dataset]
-) -> str:
+def verdict_on_record(explained: str, followed: FollowedRuns, groups: Mapping[str, xr.Dataset]) -> str:
     """One of `VERDICTS`.
 
     Parameters
     ----------
     explained : {"yes", "partly", "no"}
         Whether the residual, beside a random force the innovations, is noise.
-    runs : sequence of Dataset
-        The decays that the result is of.
-    result : Dataset
-        The identification.
+    followed : FollowedRuns
+        All runs of the identification.
     groups : mapping of str to Dataset
         Of `random_force_groups`.
     """
     if "random_force" not in groups:
-        return VERDICTS[0] if explained == "yes" and not _noise_hides_a_force(runs, result) else VERDICTS[2]
+        return VERDICTS[0] if explained == "yes" and not _noise_hides_a_force(followed) else VERDICTS[2]
     independent = p_value_of_dependence(groups["random_force"]) >= DEPENDENCE_LEVEL
     return VERDICTS[1] if explained != "no" and independent else VERDICTS[2]
 
 
-def _noise_hides_a_force(runs: Sequence[xr.Dataset], result: xr.Dataset) -> bool:
+def _noise_hides_a_force(followed: FollowedRuns) -> bool:
     """Whether what was found to be noise of the sensor is larger than the sensor's, and goes with the motion.
 
     A method that finds the colour of the noise beside a random force takes a slow force for either.
     """
-    if "random_force_density" not in result:
+    if "random_force_density" not in followed.result:
         return False
-    for at, decay in enumerate(runs):
-        if noise_of_run(result, at) <= LOUD * sensor_noise(decay):
+    for at, decay in followed.runs.items():
+        if noise_of_run(followed.result, at) <= LOUD * sensor_noise(decay):
             continue
         try:
-            tested = dependence_on_motion(decay, result, at)
+            tested = dependence_on_motion(followed, at)
         except SysidTribError:
             return True
-        if len(runs) * tested.p_value.item() < DEPENDENCE_LEVEL:
+        if len(followed.runs) * tested.p_value.item() < DEPENDENCE_LEVEL:
             return True
     return False
 

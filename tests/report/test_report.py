@@ -133,7 +133,8 @@ def test_hostile_names_are_text(results):
     tree["record"].attrs["source"] = '</script><script>alert("x")</script><img src="http://a.b/c">'
     tree.attrs["command"] = "sysid-trib identify '<b>.csv'"
     parsed = Page(page(tree))
-    assert not any("http" in address for address in parsed.addresses)
+    # The letters of a picture may hold any word.
+    assert [a for a in parsed.addresses if not a.startswith(("data:image/png;base64,", "#"))] == []
     assert "<script>alert" not in page(tree)
 
 

@@ -1,0 +1,257 @@
+"""Is white acceleration enough? What random force measured free decays ask for.
+
+python benchmarks/random_force_kinds.py [--only WORD] [--simulated N] [--drawn N]
+
+By how much the restricted deviance of `Direct`'s rows is lower where a second random force stands beside the
+white one: in proportion to a speed, an angle or an amplitude, of finite correlation time, a wandering
+equilibrium. First with the model of each record alone, then with free coefficients for all that goes with the
+motion (harmonics of its phase times polynomials of its amplitude): a force that was left out goes with it.
+Halves of a record stand for repeats. Below, the largest gains in N records that are simulated from the
+identified model, with white acceleration alone; and the medians in N draws of rows (along the same motion)
+whose random force is of a kind alone: what the test would have seen.
+"""
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import xarray as xr
+from measured import BOTH, records_folder
+from numpy.polynomial.legendre import legvander
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+from scipy.linalg import cholesky, solve_triangular
+from scipy.optimize import minimize
+
+from sysid_trib import free_decay, methods, model_of, read_record, simulate
+from sysid_trib.forces.constraints import Constraints
+from sysid_trib.forces.to_identify import forces_to_identify
+from sysid_trib.noise.variance_ratio import WhiteRows
+from sysid_trib.regression.constraint_map import constraint_map
+from sysid_trib.regression.linearisation import deviation_matrix, linearised
+from sysid_trib.regression.problem import begin
+from sysid_trib.regression.rows import rows_about, weak_regression
+from sysid_trib.regression.solution import solve
+from sysid_trib.regression.weak_form import coloured
+from sysid_trib.trajectory_fit.pushed_columns import regress_pushed
+
+Array = NDArray[np.float64]
+
+HARMONICS, POLYNOMIALS = 6, 4
+# First guesses of the logarithm of the second force's size over the white one's.
+SIZES = (-6.0, -3.0, 0.0, 3.0)
+EVALUATIONS = 60
+# A random force that is drawn, over the sensor's noise in the rows.
+DRAWN_SIZE = 5.0
+
+
+@dataclass(frozen=True)
+class Record:
+    """A measured record, how it is read, and the model that its physics suggests."""
+
+    title: str
+    file: str
+    columns: dict[str, str]
+    window: tuple[float | None, float | None]
+    stride: int
+    forces: str
+
+    def decay(self) -> xr.Dataset:
+        """The free decay, every so many samples."""
+        read = read_record(records_folder() / self.file, **self.columns)
+        return free_decay(read, window=self.window).isel(time=slice(None, None, self.stride))
+
+
+SWING, FILM = "single_pendulum/free_swing.csv", "string_pendulum/run_1.txt"
+SHIP = "roll_decay/model_test_21337.csv"
+RECORDS = (
+    Record("Ship model", SHIP, {"angle": "phi"}, (25.0, 78.0), 5, "lambda delta epsilon"),
+    Record("Bob on a string", FILM, {}, (None, None), 1, "zeta delta gravity sensor_curve sensor_cubic"),
+    Record("Steel pendulum", SWING, {}, (15.0, 75.0), 20, "lambda zeta delta gravity sensor_curve"),
+)
+
+
+@dataclass(frozen=True)
+class DenseRows:
+    """Rows of a record along its smoothed motion, with dense covariances of them.
+
+    Attributes
+    ----------
+    table : (row, column) array of float
+        Columns of all that is free, then the target.
+    sensor : (row, row) array of float
+        Covariance by the sensor's noise.
+    value : (row, sample) array of float
+        Integrals against the test functions.
+    tau, x, v, amplitude : (sample,) array of float
+        The smoothed motion; its amplitude on the mean of half a period.
+    """
+
+    table: Array
+    sensor: Array
+    value: Array
+    tau: Array
+    x: Array
+    v: Array
+    amplitude: Array
+
+    def with_all_that_goes_with_the_motion(self) -> "DenseRows":
+        """The rows with free coefficients for every force that is a function of phase and amplitude."""
+        phase, level = np.arctan2(-self.v, self.x), np.log(self.amplitude)
+        of_amplitude = legvander(2.0 * (level - level.min()) / np.ptp(level) - 1.0, POLYNOMIALS - 1)
+        waves = [f(n * phase) for n in range(HARMONICS + 1) for f in ((np.cos, np.sin) if n else (np.cos,))]
+        forces = [self.amplitude * part * wave for part in of_amplitude.T for wave in waves]
+        free = np.column_stack([self.table[:, :-1], self.value @ np.stack(forces, axis=1)])
+        basis, size, _ = np.linalg.svd(free / np.linalg.norm(free, axis=0), full_matrices=False)
+        return replace(self, table=np.column_stack([basis[:, size > 1e-8 * size[0]], self.table[:, -1]]))
+
+    def in_proportion(self, weight: Array) -> Array:
+        """Covariance by white acceleration times a weight at each sample."""
+        return (self.value * (weight**2 / np.gradient(self.tau))) @ self.value.T
+
+    def correlated(self, time: float) -> Array:
+        """Covariance by a force that forgets within `time` (of tau); a Brownian path if it is infinite."""
+        since = self.tau - self.tau[0]
+        if np.isinf(time):
+            return self.value @ np.minimum.outer(since, since) @ self.value.T
+        return self.value @ np.exp(-np.abs(np.subtract.outer(since, since)) / time) @ self.value.T
+
+    def deviance(self, covariance: Array) -> float:
+        """Minus twice the logarithm of the restricted likelihood, the scale of the covariance profiled."""
+        factor = cholesky(covariance, lower=True, check_finite=False)
+        white = solve_triangular(factor, self.table, lower=True, check_finite=False)
+        determinant = 2.0 * float(np.sum(np.log(np.diag(factor))))
+        return WhiteRows(white[:, -1], white[:, :-1], determinant).restricted_deviance()[0]
+
+    def gains(self) -> list[float]:
+        """By how much the deviance is lower with each of `KINDS` beside white acceleration."""
+        white = self._sized(self.in_proportion(np.ones_like(self.tau)))
+
+        def alone(size: Array) -> float:
+            return self.deviance(self.sensor + np.exp(size[0]) * white)
+
+        start = min(range(-10, 14, 2), key=lambda size: alone(np.array([size])))
+        best = minimize(alone, [float(start)], method="Nelder-Mead", options={"maxfev": EVALUATIONS})
+        return [
+            best.fun - self._beside(white, float(best.x[0]), self._sized(kind(self)))
+            for kind in KINDS.values()
+        ]
+
+    def drawn(self, kind: str, random: np.random.Generator) -> "DenseRows":
+        """The rows with noise in place of the record: the sensor's, and a random force of one kind alone."""
+        force = self._sized(KINDS[kind](self) if kind else self.in_proportion(np.ones_like(self.tau)))
+        factor = cholesky(self.sensor + DRAWN_SIZE * force, lower=True)
+        noise = factor @ random.standard_normal(len(factor))
+        return replace(self, table=np.column_stack([self.table[:, :-1], noise]))
+
+    def _beside(self, white: Array, size: float, other: Array) -> float:
+        """Least deviance with both forces; no more than that of the white one at its best."""
+
+        def both(sizes: Array) -> float:
+            return self.deviance(self.sensor + np.exp(sizes[0]) * white + np.exp(sizes[1]) * other)
+
+        first = min(((size, size + more) for more in SIZES), key=lambda sizes: both(np.array(sizes)))
+        found = minimize(both, first, method="Nelder-Mead", options={"maxfev": EVALUATIONS})
+        without = self.deviance(self.sensor + np.exp(size) * white)
+        return min(float(found.fun), without)
+
+    def _sized(self, covariance: Array) -> Array:
+        """A covariance as large as the sensor's, on the mean of all rows."""
+        return covariance * (np.trace(self.sensor) / np.trace(covariance))
+
+
+KINDS: dict[str, Callable[[DenseRows], Array]] = {
+    "speed": lambda rows: rows.in_proportion(np.abs(rows.v)),
+    "speed^2": lambda rows: rows.in_proportion(rows.v**2),
+    "angle": lambda rows: rows.in_proportion(np.abs(rows.x)),
+    "amplitude": lambda rows: rows.in_proportion(rows.amplitude),
+    "amplitude^2": lambda rows: rows.in_proportion(rows.amplitude**2),
+    "correlated, 1/w": lambda rows: rows.correlated(1.0),
+    "correlated, 10/w": lambda rows: rows.correlated(10.0),
+    "wandering equilibrium": lambda rows: rows.correlated(np.inf),
+}
+
+
+def dense_rows(decay: xr.Dataset, forces: str) -> DenseRows:
+    """Rows of a record as `Direct` has them beside a random force."""
+    library = forces_to_identify(BOTH.select(forces.split()), None, sensors=True)
+    constraints, every = constraint_map(Constraints({}, {}, {}), library, {}), np.ones(len(library), bool)
+    runs = begin([decay], library, constraints, reference_frequency=None, shapes={})
+    rows = weak_regression(runs, [linearised(run) for run in runs])
+    runs = solve(rows, runs[0], every, constraints).applied_to(runs)
+    run = regress_pushed(runs, every, constraints, "auto").runs[0]
+    matrix = deviation_matrix(run)
+    acting, weak = coloured(matrix, run.noises.filter_), rows_about(run, matrix)
+    form, path = run.problem.form, run.reference
+    half = max(3, round(np.pi / float(np.median(np.diff(form.tau)))))
+    padded = np.pad(np.hypot(path.x, path.v), half, mode="edge")
+    amplitude = np.convolve(padded, np.ones(half) / half, "same")[half:-half]
+    table = np.column_stack([weak.columns, weak.nuisances, weak.target])
+    sensor = (acting @ acting.T).toarray()
+    return DenseRows(table, sensor, form.value.toarray(), form.tau, path.x, path.v, amplitude)
+
+
+def alike(decay: xr.Dataset, forces: str, seed: int) -> xr.Dataset:
+    """A record simulated from the model that is identified, with white acceleration and noise."""
+    result = methods.Direct(random_force="auto").identify(decay, BOTH.select(forces.split()))
+    start, density = result.start_angle.item(), result.random_force_density.item()
+    time = decay.time.values
+    motion = simulate(
+        model_of(result), time, start, rate=result.start_rate.item(), random_force=density, seed=seed
+    )
+    noise = result.noise.item() * np.random.default_rng(seed).standard_normal(len(time))
+    return xr.Dataset({"angle": ("time", motion.angle.values + noise)}, {"time": time})
+
+
+def rows_of_table(title: str, rows: DenseRows) -> list[list[str]]:
+    """Gains with the model alone, and beside all that goes with the motion."""
+    both = {"the model": rows, "all that goes with the motion": rows.with_all_that_goes_with_the_motion()}
+    return [[title, name, *(f"{gain:.0f}" for gain in each.gains())] for name, each in both.items()]
+
+
+def add_drawn(table: Table, rows: DenseRows, draws: int) -> None:
+    """Median gains of rows with a random force of each kind, beside all that goes with the motion."""
+    rows, random = rows.with_all_that_goes_with_the_motion(), np.random.default_rng(0)
+    for kind in ("", *KINDS) if draws else ():
+        median = np.median([rows.drawn(kind, random).gains() for _ in range(draws)], axis=0)
+        table.add_row(f"{draws} drawn: {kind or 'white'}", "all", *(f"{gain:.0f}" for gain in median))
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--only", default="", help="records whose title has this word")
+    parser.add_argument("--simulated", type=int, default=0, metavar="N", help="simulated records of each")
+    parser.add_argument("--drawn", type=int, default=0, metavar="N", help="draws of rows with each kind")
+    asked = parser.parse_args()
+    console = Console(width=200)
+    for record in RECORDS:
+        if asked.only.lower() not in record.title.lower():
+            continue
+        decay = record.decay()
+        middle = decay.sizes["time"] // 2
+        parts = {
+            "": decay,
+            ", first half": decay.isel(time=slice(middle)),
+            ", rest": decay.isel(time=slice(middle, None)),
+        }
+        table = Table("record", "beside", *KINDS, title=record.title)
+        for name, part in parts.items():
+            for row in rows_of_table(record.title + name, dense_rows(part, record.forces)):
+                table.add_row(*row)
+        drawn = []
+        for seed in range(asked.simulated):
+            drawn.append(rows_of_table("", dense_rows(alike(decay, record.forces, seed), record.forces)))
+        for each in zip(*drawn, strict=True):
+            largest = np.max([[float(gain) for gain in row[2:]] for row in each], axis=0)
+            table.add_row(f"{len(each)} simulated", each[0][1], *(f"{gain:.0f}" for gain in largest))
+        add_drawn(table, dense_rows(decay, record.forces), asked.drawn)
+        console.print(table)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,141 @@
+"""Internal states of a force along a densely sampled motion, by linear steps from sample to sample.
+
+One state may have any rate: its whole course is linearised and solved again until it settles. Several states
+follow one after another where their rates are linear with constant coefficients. Either way each is a scalar
+recurrence, a triangular banded system.
+"""
+
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from scipy.linalg import get_lapack_funcs, schur
+
+from sysid_trib.arrays import Array
+from sysid_trib.averaging.collocation import MAX_NEWTON
+from sysid_trib.forces.force import Force
+from sysid_trib.forces.formulas import Names
+
+# Radau's method of order 3 (Hairer and Wanner 1996, IV.5): stages at a third and at the end of a step. It is
+# stiffly accurate: a state that follows at once is followed.
+RADAU_STAGES = (1.0 / 3.0, 1.0)
+RADAU_WEIGHTS = ((5.0 / 12.0, -1.0 / 12.0), (3.0 / 4.0, 1.0 / 4.0))
+# Newton's iteration ends where what is not linear moves the state by less than this part of its size; the
+# steps themselves are not as good.
+NEWTON_TOLERANCE = 1e-6
+
+
+@lru_cache(maxsize=1024)
+def is_stepped(force: Force) -> bool:
+    """Whether `stepped_states` can follow a force, by its formulas.
+
+    It has no memory that depends on a state, and one state, or several with constant coefficients.
+    """
+    if any(f.names & set(force.state) for f in force.memory.values()):
+        return False
+    with np.errstate(all="ignore"):
+        jacobian = [f.derivative(force.test_points, k) for f in force.state.values() for k in force.state]
+    return len(jacobian) < 2 or all(np.allclose(d, np.ravel(d)[0], rtol=1e-9, atol=1e-12) for d in jacobian)
+
+
+def stepped_states(force: Force, step: Array, names: Names, start: Mapping[str, float]) -> dict[str, Array]:
+    """States of a force at the samples of a motion.
+
+    Parameters
+    ----------
+    force : Force
+        One that `is_stepped`.
+    step : (step,) array of float
+        Differences of tau.
+    names : mapping of str to array of float
+        x, v, t and memory at the stages of each step, (stage, step); shape parameters.
+    start : mapping of str to float
+        First value of each state.
+
+    Returns
+    -------
+    dict of str to (sample,) array
+        Not finite where the states could not be followed.
+    """
+    if not force.state:
+        return {}
+    with np.errstate(all="ignore"):
+        states = (_newton if len(force.state) == 1 else _triangular)(force, step, names, start)
+    return dict(zip(force.state, states, strict=True))
+
+
+def _newton(force: Force, step: Array, names: Names, start: Mapping[str, float]) -> Array:
+    """The only state, (1, sample), by Newton's iteration on its whole course."""
+    ((name, rate),) = force.state.items()
+    stages = np.full((2, step.size), start[name])
+    change = step * rate.evaluate({**names, name: stages})
+    for _ in range(MAX_NEWTON):
+        pull = step * rate.derivative({**names, name: stages}, name)
+        state, new = _radau_steps(start[name], change - pull * stages, pull)
+        linear = change + pull * (new - stages)
+        stages, change = new, step * rate.evaluate({**names, name: new})
+        # A rate that is linear in the state ends here in the first round.
+        rest = np.sum(np.abs(change - linear) / (1.0 + np.abs(pull)), axis=-1).max()
+        if rest <= NEWTON_TOLERANCE * np.abs(new).max():
+            return state[None]
+        if not np.isfinite(rest):
+            break
+    return np.full((1, step.size + 1), np.nan)
+
+
+def _triangular(force: Force, step: Array, names: Names, start: Mapping[str, float]) -> Array:
+    """States with constant coefficients, (state, sample).
+
+    Schur's form is triangular, so that the last follows alone and each other one is driven by those after it;
+    unlike eigenvectors it serves where two eigenvalues are equal, as at critical damping.
+    """
+    rates = force.state
+    rest: dict[str, Any] = {**names, **dict.fromkeys(rates, 0.0)}
+    here = {k: np.ravel(value)[0] for k, value in rest.items()}
+    jacobian = np.array([[f.derivative(here, k) for k in rates] for f in rates.values()])
+    if not np.all(np.isfinite(jacobian)):
+        return np.full((len(rates), step.size + 1), np.nan)
+    triangle, vectors = schur(jacobian, output="complex")
+    inverse = vectors.conj().T
+    push = np.stack([np.broadcast_to(f.evaluate(rest), (2, step.size)) for f in rates.values()])
+    push, first = np.tensordot(inverse, push, 1), inverse @ [start[k] for k in rates]
+    states, stages = np.zeros((len(rates), step.size + 1), complex), np.zeros_like(push)
+    for i in reversed(range(len(rates))):
+        length = step * _stretch(step * triangle[i, i])
+        driven = push[i] + np.tensordot(triangle[i, i + 1 :], stages[i + 1 :], 1)
+        states[i], stages[i] = _radau_steps(first[i], length * driven, length * triangle[i, i])
+    return np.asarray((vectors @ states).real)
+
+
+def _stretch(pull: Array) -> Array:
+    """What a step is to be multiplied by, so that y' = pull y is multiplied by exp(pull) exactly.
+
+    Such nonstandard steps (Mickens 1994) keep the frequency and the damping of every resonance; Radau's own
+    damp it by abs(pull)**4 / 72 at each step. Where a step is too long to resolve the decay they are better.
+    """
+    end = np.exp(pull)
+    # Radau's factor (1 + q / 3) / (1 - 2 q / 3 + q**2 / 6) is exp(pull): the root q that vanishes with pull.
+    root = 6.0 * np.expm1(pull) / (1.0 + 2.0 * end + np.sqrt(1.0 + (10.0 - 2.0 * end) * end))
+    return np.divide(root, pull, out=np.ones_like(pull), where=(pull != 0.0) & (np.abs(pull) < 1.0))
+
+
+def _radau_steps(start: complex, push: Array, pull: Array) -> tuple[Array, Array]:
+    """y at the samples and, (stage, step), at the stages, where step times rate is push + pull y.
+
+    `push` : (stage, step); `pull` : (stage, step) or (step,).
+    """
+    (a, b), (c, d) = RADAU_WEIGHTS
+    early, late = np.broadcast_to(pull, push.shape)
+    first, second = a * push[0] + b * push[1], c * push[0] + d * push[1]
+    # The rates of both stages hold both: two equations in two values, of which the second ends the step.
+    diagonal, below = 1.0 - a * early, c * early
+    determinant = diagonal * (1.0 - d * late) - b * late * below
+    factor = (diagonal + below) / determinant
+    added = (diagonal * second + below * first) / determinant
+    # y[n + 1] - factor[n] y[n] = added[n]
+    band = np.ones((2, factor.size + 1), factor.dtype)
+    band[1, :-1] = -factor
+    (solve,) = get_lapack_funcs(("tbtrs",), (band, added))
+    y = np.asarray(solve(band, np.append(start, added)[:, None], uplo="L", diag="U")[0][:, 0])
+    return y, np.stack([(y[:-1] + first + b * late * y[1:]) / diagonal, y[1:]])

@@ -1,0 +1,92 @@
+"""Errors beside a random force whose size is not known exactly, and columns of a motion near rest."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from kicked_motion import kicked_motion, smooth_forces
+from scipy.linalg import expm
+from scipy.special import erf
+
+import sysid_trib as st
+from sysid_trib.noise.random_force import RandomForce
+from sysid_trib.noise.ratio_posterior import ratio_posterior
+from sysid_trib.noise.smoothing_error import smoothed_rate_error
+from sysid_trib.noise.variance_ratio import VarianceRatio, WhiteRows, variance_ratio
+from sysid_trib.regression.pysindy_features import ForceFeatures
+
+W, NOISE = 8.87, 2e-4
+FORCES = st.load_library("contact_forces")
+
+
+def test_ratios_that_are_open_have_the_law_of_few_kicks():
+    kicks, quiet = 9, 4000
+    by_kick = np.r_[np.ones(kicks), np.zeros(quiet)]
+    signs = np.resize([1.0, -1.0], kicks + quiet)
+
+    def rows(ratio):
+        root = np.sqrt(1.0 + ratio * by_kick)
+        # Ten thousand times the sensor's noise: of the kicks all is known but their number.
+        return WhiteRows(
+            signs * np.where(by_kick, 1e4, 1.0) / root, np.empty((len(root), 0)), 2.0 * np.log(root).sum()
+        )
+
+    ratios = ratio_posterior(rows, variance_ratio(rows, 1e-2, 1e12))
+    variance = sum(node.weight * node.ratio * node.variance for node in ratios)
+    assert sum(node.weight for node in ratios) == pytest.approx(1.0, abs=1e-12)
+    # That of an inverse chi-square.
+    assert variance == pytest.approx(1e8 * kicks / (kicks - 2), rel=0.02)
+
+
+def test_a_ratio_without_an_upper_end_leaves_errors_as_they_are():
+    none = VarianceRatio(0.0, 1.0, np.nan, np.nan, 0.0, 0.0)
+    assert ratio_posterior(lambda ratio: WhiteRows(np.ones(9), np.ones((9, 1)), 0.0), none) == []
+
+
+@pytest.mark.parametrize("ratio", [1e-3, 1.0, 50.0])
+def test_error_of_the_smoothed_speed_is_that_of_the_smoother(ratio):
+    step, samples, middle = 0.02, 3000, 1500
+    transition = expm(step * np.array([[0.0, 1.0], [-1.0, 0.0]]))
+    kicks = ratio * NOISE**2 * np.array([[step**3 / 3.0, step**2 / 2.0], [step**2 / 2.0, step]])
+    # Information of the record before and after a sample, each by a Kalman filter.
+    covariances = []
+    for forward in (transition, np.linalg.inv(transition)):
+        covariance = np.eye(2)
+        for _ in range(min(middle, samples - middle)):
+            gain = covariance[:, 0] / (covariance[0, 0] + NOISE**2)
+            covariance = covariance - np.outer(gain, covariance[0])
+            covariance = forward @ covariance @ forward.T + kicks
+        covariances.append(covariance)
+    seen = np.diag([NOISE**-2, 0.0])
+    smoothed = np.linalg.inv(sum(np.linalg.inv(covariance) for covariance in covariances) + seen)
+    estimate = VarianceRatio(ratio, NOISE**2, np.nan, np.nan, 0.0)
+    assert smoothed_rate_error(estimate, step) == pytest.approx(np.sqrt(smoothed[1, 1]), rel=0.05)
+
+
+def test_no_random_force_leaves_no_error_of_the_speed():
+    assert smoothed_rate_error(VarianceRatio(0.0, 1.0, np.nan, np.nan, 0.0), 0.1) == 0.0
+
+
+def test_sign_of_a_speed_that_is_not_known_exactly_is_its_mean():
+    features = ForceFeatures(FORCES.select(["lambda"]), reference_frequency=W)
+    time, speed, error = np.arange(50) * 0.01, np.linspace(-5e-4, 5e-4, 50), 2e-4
+    mean = features.cell_averages(time, np.zeros(50), speed, np.zeros(50), points=34, rate_error=error)[:, 0]
+    assert mean == pytest.approx(erf(speed / (error * np.sqrt(2.0))), abs=0.06)
+
+
+def test_direct_settles_on_records_that_friction_stops():
+    truth = {"lambda": 1e-3, "zeta": 5e-5, "delta": 2e-3, "nu": 1e-2, "epsilon": -0.1}
+    library, time = FORCES.select(truth), np.arange(400) * 2.0 * np.pi / W / 20
+    stop = st.simulate(st.Model(library, truth, W), time, 0.06).stop_time.item()
+    density = RandomForce.density_of(2.0 * (20.0 * NOISE) ** 2 / (W * time[-1]), W)
+    friction, forces = truth["lambda"], smooth_forces(truth)
+    motions = kicked_motion(time, W, forces, friction, density, range(6), start=(0.06, 0.0))[0]
+    scores, settled = [], []
+    for seed, motion in enumerate(motions):
+        angle = motion + NOISE * np.random.default_rng(seed).standard_normal(len(time))
+        decay = xr.Dataset({"angle": ("time", angle)}, {"time": time}).sel(time=slice(0.0, stop))
+        result = st.identify(decay, library, st.methods.Direct(random_force="auto"))
+        settled.append(result.attrs["refined"] == "True")
+        scores.append((result.coefficient.values - list(truth.values())) / result.standard_error.values)
+    # With the sign of the smoothed speed one in six did.
+    assert sum(settled) >= 5
+    assert np.sqrt(np.mean(np.square(scores))) < 1.5

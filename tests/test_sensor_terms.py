@@ -1,0 +1,105 @@
+"""Terms of the sensor beside forces: what is measured is x + coefficient * h(x, v, t)."""
+
+import json
+from dataclasses import replace
+
+import command_line
+import numpy as np
+import pytest
+import xarray as xr
+from helpers import rms_range
+
+import sysid_trib as st
+from sysid_trib.errors import DecayError
+from sysid_trib.methods import Averaging, Direct, FrequencyShift, LogarithmicDecrement, Trajectory
+
+SIX = st.load_library("contact_forces")
+LIBRARY = replace(SIX, forces=(*SIX.forces, *st.load_library("candidate_effects").forces))
+W, NOISE = 4.0, 5e-4
+TIME = np.arange(1200) * 0.04
+# A camera askew behind a lens, that reads its lines in turn.
+TRUTH = {"zeta": 2e-3, "delta": 0.02, "epsilon": -0.16}
+TERMS = {"sensor_curve": 0.04, "sensor_cubic": -0.05, "shutter": 0.02}
+
+
+def record(seed=None, *, density=0.0, truth=TRUTH | TERMS):
+    model = st.Model(LIBRARY, truth, W)
+    angle = st.simulate(model, TIME, 0.6, random_force=density, seed=seed or 0).angle.values
+    if seed is not None:
+        angle = angle + NOISE * np.random.default_rng([seed, 3]).standard_normal(len(TIME))
+    return xr.Dataset({"angle": ("time", angle)}, {"time": TIME})
+
+
+def errors(result, truth=TRUTH | TERMS):
+    result = result.sel(force=list(truth))
+    return (result.coefficient.values - list(truth.values())) / result.standard_error.values
+
+
+@pytest.mark.parametrize("method", [Direct(), Trajectory()], ids=lambda m: m.scope.label)
+def test_a_record_without_noise_has_the_coefficients(method):
+    result = method.identify(record(), LIBRARY.select(TRUTH | TERMS))
+    truth = np.array(list((TRUTH | TERMS).values()))
+    assert result.coefficient.values == pytest.approx(truth, rel=1e-4)
+
+
+@pytest.mark.parametrize("density", [0.0, 1e-4])
+def test_errors_are_those_that_are_stated(density):
+    method = Direct(random_force="auto" if density else "off")
+    seeds = range(12)
+    z = np.array(
+        [errors(method.identify(record(s, density=density), LIBRARY.select(TRUTH | TERMS))) for s in seeds]
+    )
+    low, high = rms_range(z.shape[0])
+    size = np.sqrt(np.mean(z**2, axis=0))
+    assert np.all(size > low)
+    assert np.all(size < high)
+
+
+def test_both_methods_agree_beside_a_random_force():
+    library, decay = LIBRARY.select(TRUTH | TERMS), record(1, density=1e-4)
+    direct, trajectory = (m(random_force="auto").identify(decay, library) for m in (Direct, Trajectory))
+    apart = np.abs(direct.coefficient - trajectory.coefficient) / trajectory.standard_error
+    assert float(apart.max()) < 0.3
+    assert direct.standard_error.values == pytest.approx(trajectory.standard_error.values, rel=0.1)
+    assert np.all(np.abs(errors(trajectory)) < 4.0)
+
+
+def test_a_curve_that_is_left_out_is_taken_for_a_force():
+    result = Direct().identify(record(0), LIBRARY.select([*TRUTH, "even_drag"]))
+    assert abs(errors(result, {"even_drag": 0.0})) > 10.0
+    beside = Direct().identify(record(0), LIBRARY.select([*TRUTH, *TERMS, "even_drag"]))
+    assert abs(errors(beside, {"even_drag": 0.0})) < 4.0
+
+
+def test_sensor_terms_can_be_fixed_tied_and_dropped():
+    decay, library = record(2), LIBRARY.select(TRUTH | TERMS)
+    held = Direct(fix=TERMS).identify(decay, library)
+    assert held.coefficient.sel(force=list(TERMS)).values.tolist() == list(TERMS.values())
+    assert np.all(np.abs(errors(held, TRUTH)) < 4.0)
+    chosen = Direct(significance=0.01).identify(decay, LIBRARY.select([*TRUTH, *TERMS, "sensor_drift"]))
+    assert not chosen.active.sel(force="sensor_drift")
+    assert chosen.active.sel(force="sensor_curve")
+
+
+@pytest.mark.parametrize("method", [Averaging(), FrequencyShift(), LogarithmicDecrement()])
+def test_methods_of_amplitudes_and_frequencies_refuse_them(method):
+    with pytest.raises(DecayError, match="'sensor_curve' is a sensor term"):
+        method.identify(record(0), LIBRARY.select(["zeta", "epsilon", "sensor_curve"]))
+
+
+def test_a_sensor_term_alone_is_no_model():
+    with pytest.raises(DecayError, match="No force is left"):
+        Direct().identify(record(0), LIBRARY.select(["sensor_curve"]))
+
+
+def test_the_command_line_takes_forces_and_terms_of_the_libraries_that_come_along(tmp_path):
+    truth = {k: (TRUTH | TERMS)[k] for k in ("zeta", "epsilon", "sensor_curve")}
+    file = command_line.write_csv(tmp_path / "record.csv", TIME, record(3, truth=truth).angle.values)
+    asked = ("identify", file, "--forces", ",".join(truth), "--random-force", "off", "--equilibrium", "0")
+    said = command_line.run(*asked, "--json")
+    assert said.status == 0, said.err
+    methods = json.loads(said.out)["methods"]
+    assert set(methods) == {"trajectory", "direct"}
+    for method in methods.values():
+        term = method["coefficients"]["sensor_curve"]
+        assert abs(term["value"] - truth["sensor_curve"]) < 4.0 * term["standard_error"]

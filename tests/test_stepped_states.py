@@ -1,0 +1,133 @@
+"""States by linear steps from sample to sample, many columns at once, against collocation."""
+
+import itertools
+
+import numpy as np
+import pytest
+from candidates import force
+
+from sysid_trib import load_library
+from sysid_trib.averaging.internal_states import GivenMotion, states_along, values_along
+from sysid_trib.averaging.stepped_states import is_stepped
+from sysid_trib.forces.formulas import parse
+
+EFFECTS = load_library("candidate_effects")
+HISTORIES = [effect.symbol for effect in EFFECTS if not effect.memoryless]
+# A damped motion with its exact rate, as densely sampled as reference motions are.
+TAU = np.arange(0.0, 60.0, 0.033)
+SWING = 0.3 * np.exp(-0.01 * TAU)
+X, V = SWING * np.cos(TAU), -SWING * (np.sin(TAU) + 0.01 * np.cos(TAU))
+MOTION = GivenMotion(TAU, X, V, TAU)
+
+
+def grid(effect):
+    """Least, middle and largest values of the shape parameters, in all combinations."""
+    columns = [
+        np.geomspace(s.low, s.high, 3) if s.low > 0.0 else np.linspace(s.low, s.high, 3)
+        for s in effect.shape.values()
+    ]
+    names = [f"{effect.symbol}.{k}" for k in effect.shape]
+    return [dict(zip(names, map(float, row), strict=True)) for row in itertools.product(*columns)]
+
+
+def collocated(effect, shapes):
+    hidden = states_along(effect, TAU, X, V, shapes, time=TAU)
+    return effect.value(X, V, TAU, shapes=shapes, hidden=hidden)
+
+
+@pytest.mark.parametrize("symbol", HISTORIES)
+def test_steps_follow_every_force_of_the_library(symbol):
+    effect = EFFECTS[symbol]
+    columns = grid(effect)
+    values = values_along(MOTION, effect, columns)
+    exact = np.stack([collocated(effect, shapes) for shapes in columns], axis=1)
+    error = np.linalg.norm(values - exact, axis=0) / np.linalg.norm(exact, axis=0)
+    # Slips of 1e-4 rad fall between two samples.
+    assert error.max() < 0.02
+    assert np.median(error) < 3e-3
+
+
+@pytest.mark.parametrize(
+    ("states", "worst"),
+    [
+        ({"z": "v - 300*abs(v)*abs(z)**3*z"}, 3e-4),
+        ({"z": "v - tanh(z/0.01)"}, 1e-4),
+        ({"z": "v - min(z, 0.05)"}, 1e-4),
+        # Critical damping: two equal eigenvalues and one eigenvector.
+        ({"z": "u", "u": "-x - z - 2*u"}, 3e-5),
+        ({"z": "u", "u": "y", "y": "x - z - u - y"}, 3e-5),
+        # Stiff beside slow.
+        ({"z": "v - u", "u": "z/100 - 1000*u"}, 3e-5),
+        ({"z": "u", "u": "-x"}, 1e-4),
+    ],
+    ids=lambda value: " ".join(value.values()) if isinstance(value, dict) else "",
+)
+def test_steps_follow_any_rate_of_one_state_and_constant_coefficients_of_several(states, worst):
+    effect = force("z", state=states)
+    (values,) = values_along(MOTION, effect, [{}]).T
+    exact = collocated(effect, {})
+    assert np.linalg.norm(values - exact) < worst * np.linalg.norm(exact)
+
+
+@pytest.mark.parametrize("k", [0.0, 0.3, 1.0, 10.0])
+def test_a_resonance_rings_with_its_own_frequency_and_damping(k):
+    effect = force("z", state={"z": "u - 0.001*z", "u": f"-{k}**2*z - 0.001*u"}, start={"z": "1"})
+    (values,) = values_along(MOTION, effect, [{}]).T
+    # Radau's own steps take a quarter of the amplitude at k = 10 within this time.
+    np.testing.assert_allclose(values, np.exp(-0.001 * TAU) * np.cos(k * TAU), atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("symbol", "shape", "values"),
+    [
+        ("dahl", "s", (0.01, 0.0, 0.02)),
+        ("bouc_wen_2", "b", (30.0, 0.0, 900.0)),
+        ("resonator", "k", (0.5, np.inf, 3.0)),
+        ("masing", "m", (1.5, np.nan, 2.0)),
+    ],
+)
+def test_a_column_that_is_not_finite_does_not_touch_the_others(symbol, shape, values):
+    effect = EFFECTS[symbol]
+    defaults = {f"{symbol}.{k}": value for k, value in effect.shape_values().items()}
+    columns = [defaults | {f"{symbol}.{shape}": value} for value in values]
+    first, second, third = values_along(MOTION, effect, columns).T
+    assert not np.all(np.isfinite(second))
+    np.testing.assert_array_equal([first, third], values_along(MOTION, effect, columns[::2]).T)
+    assert np.all(np.isfinite([first, third]))
+
+
+@pytest.mark.parametrize("rate", ["1 + 9*z*z", "v - 0.1*sign(z)"])
+def test_a_course_that_does_not_settle_is_no_number(rate):
+    values = values_along(MOTION, force("z", state={"z": rate}), [{}])
+    assert values.shape == (TAU.size, 1)
+    assert np.all(np.isnan(values))
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"state": {"z": "v - (z - x)"}, "memory": {"m": "z"}},
+        {"state": {"z": "u", "u": "-x - z*z"}},
+        {"state": {"z": "u", "u": "-x - abs(v)*z"}},
+    ],
+    ids=["memory of a state", "two states, not linear", "coefficients that vary"],
+)
+def test_what_steps_cannot_follow_is_said_beforehand(given):
+    effect = force("z", **given)
+    assert not is_stepped(effect)
+    assert values_along(MOTION, effect, [{}]) is None
+
+
+@pytest.mark.parametrize(
+    ("text", "derivative"),
+    [
+        ("v - 3*abs(v)*abs(z)*z", lambda v, z: -6.0 * np.abs(v * z)),
+        ("max(z, v) + min(z, v)*z", lambda v, z: np.where(z > v, 1.0 + v, 2.0 * z)),
+        ("sign(z)*exp(-z**2)", lambda v, z: -2.0 * np.abs(z) * np.exp(-(z**2))),
+        ("sign(v)", lambda v, z: 0.0 * z),
+    ],
+)
+def test_derivatives_are_those_of_the_branch(text, derivative):
+    v, z = np.random.default_rng(3).normal(size=(2, 50))
+    formula = parse(text, frozenset("vz"), frozenset(), text)
+    np.testing.assert_allclose(formula.derivative({"v": v, "z": z}, "z"), derivative(v, z), rtol=1e-13)
