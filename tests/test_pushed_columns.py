@@ -191,7 +191,7 @@ def test_lines_above_a_band_have_the_likelihood_of_samples():
 
     truth = np.array([1.0, -0.8])
     assert lines.noise(truth).innovation == pytest.approx(NOISE, rel=0.06)
-    filter_, least = most_likely_colour(deviance, np.array([1.0, -0.3]))
+    filter_, least = most_likely_colour(deviance, [np.array([1.0, -0.3])], samples=lines.independent)
     assert least == deviance(filter_)
     assert deviance(truth) - 6.0 < least <= deviance(truth)
     # 14 of 20 parts of the band, of lines that a Hann window makes depend on each other.
@@ -218,7 +218,7 @@ def test_a_search_among_colours_stays_stationary(order):
         return 10.0 * np.sum(filter_)
 
     start = np.array([1.0, -0.9, *np.zeros(order - 1)])
-    filter_, least = most_likely_colour(deviance, start)
+    filter_, least = most_likely_colour(deviance, [start], samples=4000)
     assert least < 10.0 * np.sum(start)
     assert max(tried) < 1.0
     assert len(filter_) == order + 1

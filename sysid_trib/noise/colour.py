@@ -4,7 +4,7 @@ The sensor's noise is an autoregression; the random force moves an oscillator, w
 both sides of its resonance. Lines near harmonics of the motion, where forces act, say nothing of either.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,6 +31,10 @@ INDEPENDENT_PART = 2.0 / 3.0
 # First step of a search among colours, in units of arctanh(partial autocorrelation), and where it ends: in
 # these units and in the deviance.
 COLOUR_STEP, COLOUR_TOLERANCE = 0.05, 0.02
+# A long record tells a colour to less than that: the first step then is so many standard errors.
+FIRST_STEP_IN_ERRORS = 3.0
+# Of a gain that is far beyond chance only its size is wanted, to this part.
+PART_OF_GAIN = 0.01
 # Largest partial autocorrelation in a search: a walk has no variance that its first sample could have.
 MOST_CORRELATED = 0.999
 # Steps of time that differ by more than this part have no autoregression.
@@ -102,6 +106,10 @@ class Lines:
         """Of the covariance of these samples, in units of the variance of the innovations (Whittle)."""
         return -2.0 * INDEPENDENT_PART * float(np.sum(self.count * np.log(self._gain(filter_))))
 
+    def colour(self, order: int) -> Array:
+        """Whitening filter of the most likely autoregression of an order, by the lines alone."""
+        return _whittle(self, np.zeros_like(self.line), order)[1].filter_
+
     def _gain(self, filter_: Array) -> Array:
         turns = np.exp(-2j * np.pi * np.multiply.outer(self.line, np.arange(len(filter_))))
         return np.asarray(np.abs(turns @ filter_) ** 2)
@@ -117,28 +125,46 @@ def lines_above(deviation: Array, tau: Array, band: float) -> Lines:
     return _averaged(line[above], power[above])
 
 
-def most_likely_colour(deviance: Callable[[Array], float], start: Array) -> tuple[Array, float]:
+def most_likely_colour(
+    deviance: Callable[[Array], float], starts: Sequence[Array], *, samples: float, least: float = np.inf
+) -> tuple[Array, float]:
     """Whitening filter of least deviance, and that.
 
     Parameters
     ----------
     deviance : callable
         Minus twice the logarithm of the likelihood of a filter (tap,), all else profiled.
-    start : (tap,) array of float
-        First guess, of the same order; it is improved by Nelder and Mead's search (1965).
+    starts : sequence of (tap,) arrays of float
+        First guesses, of one order; the best is improved by Nelder and Mead's search (1965).
+    samples : float
+        Number of independent samples that tell the colour.
+    least : float
+        Deviance of another explanation: how far it is from that need be known to a part of itself alone.
     """
-    order = len(start) - 1
+    known = [deviance(start) for start in starts]
+    value, best = min(known), starts[int(np.argmin(known))]
+    order = len(best) - 1
     if not order:
-        return start, deviance(start)
+        return best, value
+    step = min(COLOUR_STEP, FIRST_STEP_IN_ERRORS / np.sqrt(samples))
 
     def filter_at(parameters: Array) -> Array:
         return _filter(MOST_CORRELATED * np.tanh(parameters))
 
-    best = np.arctanh(np.clip(_partial(start) / MOST_CORRELATED, -MOST_CORRELATED, MOST_CORRELATED))
-    simplex = best + COLOUR_STEP * np.concatenate([np.zeros((1, order)), np.eye(order)])
-    options = {"initial_simplex": simplex, "xatol": COLOUR_STEP, "fatol": COLOUR_TOLERANCE}
-    least = minimize(lambda at: deviance(filter_at(at)), best, method="Nelder-Mead", options=options)
-    return filter_at(least.x), float(least.fun)
+    while True:
+        tolerance = _colour_tolerance(value - least)
+        at = np.arctanh(np.clip(_partial(best) / MOST_CORRELATED, -MOST_CORRELATED, MOST_CORRELATED))
+        simplex = at + step * np.concatenate([np.zeros((1, order)), np.eye(order)])
+        options = {"initial_simplex": simplex, "xatol": COLOUR_STEP, "fatol": tolerance}
+        minimum = minimize(lambda at: deviance(filter_at(at)), at, method="Nelder-Mead", options=options)
+        # A start that is more correlated than the search goes may be the best.
+        value, best = min((value, best), (float(minimum.fun), filter_at(minimum.x)), key=lambda pair: pair[0])
+        if _colour_tolerance(value - least) > 0.5 * tolerance:
+            return best, value
+
+
+def _colour_tolerance(gain: float) -> float:
+    return max(COLOUR_TOLERANCE, PART_OF_GAIN * gain)
 
 
 def sensor_colour(deviation: Array, tau: Array, *, random_force: bool) -> NoiseModel:

@@ -18,6 +18,8 @@ from sysid_trib.state_space.linearised import Derivatives, linearised_about, spl
 MAX_SMOOTHINGS = 12
 # The path is settled where it moves by less than this part of the sensor's noise.
 PATH_SETTLED = 0.01
+# Where friction holds and frees the body in turn, changes come back: after so many without a smaller one.
+SMOOTHINGS_WITHOUT_GAIN = 3
 # Angle and rate at the first sample, zero of the sensor.
 NO_PARAMETERS = Derivatives((), frequency=False)
 
@@ -158,6 +160,7 @@ def track(decay: xr.Dataset, result: xr.Dataset, run: int = 0, every: int = 1) -
 def _settled(tracked: TrackedRecord) -> TrackedRecord:
     """The record about the motion at which its smoothing comes to rest."""
     tolerance = PATH_SETTLED * tracked.noise
+    changes: list[float] = []
     for _ in range(MAX_SMOOTHINGS):
         linear = tracked.linear
         deviation, _ = linear.rows(tracked.ratio).solution()
@@ -166,6 +169,9 @@ def _settled(tracked: TrackedRecord) -> TrackedRecord:
             break
         if np.max(np.abs(change[:, 0])) <= tolerance and abs(deviation[2]) <= tolerance:
             return replace(tracked, deviation=deviation)
+        changes.append(float(np.max(np.abs(change))))
+        if np.argmin(changes) < len(changes) - SMOOTHINGS_WITHOUT_GAIN:
+            break
         tracked = _linear_about(tracked, linear.path + change, tracked.zero + deviation[2])
     raise DecayError(
         "The motion of this identification does not settle on the record; its forces do not describe it. "

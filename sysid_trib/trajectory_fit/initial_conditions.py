@@ -11,6 +11,8 @@ from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 
 MAX_ROUNDS = 8
+# A last step of the start, in parts of the swing.
+SETTLED_START = 1e-5
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,7 @@ def fit_start(
     *,
     offset: float | None = 0.0,
     sensitivity: Array | None = None,
+    settled: float = SETTLED_START,
 ) -> FittedMotion:
     """Least squares of a record on the initial conditions of a model's motion.
 
@@ -78,6 +81,8 @@ def fit_start(
         First guess of the sensor's zero; None holds it at zero.
     sensitivity : (sample, 2) array of float, optional
         Of a model nearby; by differences where left out.
+    settled : float
+        Last step of the start, in parts of the swing, after which no other is taken.
 
     Returns
     -------
@@ -105,7 +110,7 @@ def fit_start(
         begin = begin + steps[:2] * min(1.0, 0.5 / max(longest, 1e-300))
         zero += float(steps[2]) if offset is not None else 0.0
         motion = trajectory(model, time, *begin)
-        if longest < 1e-5:
+        if longest < settled:
             break
         if longest > 1e-2:
             sensitivity = None

@@ -30,6 +30,8 @@ from sysid_trib.trajectory_fit.two_noises import with_noises
 MAX_SMOOTHED_PATHS = 12
 # Round in which the colour of the sensor's noise is estimated, by a motion that is no longer the first guess.
 COLOUR_ROUND = 1
+# Samples a period that suffice for the start of a motion that need only be near.
+STARTS_PER_PERIOD = 40
 # Points of each sample's cell at which forces that jump are averaged.
 POINTS_OF_CELL = 34
 
@@ -119,7 +121,7 @@ def _beside_motion(
         return problem.with_sensor_terms(forces, x, v)
 
     try:
-        beside, sensitivity = simulated(run, active, sensitivity)
+        beside, sensitivity = simulated(run, active, sensitivity, _samples_of_start(run))
         followed = not has_slipped(beside)
     except SimulationError:
         followed = False
@@ -142,6 +144,14 @@ def _beside_motion(
         reference = ReferenceTrajectory(path.x, path.v, expected, exact=False, near=near)
     # The zero of the sensor is that of the rows, which know the random force.
     return replace(beside, reference=reference, offset=run.offset), sensitivity
+
+
+def _samples_of_start(run: RunRegression) -> int | None:
+    """Of how many samples one is taken for the start of a free motion that a random force leads away from."""
+    if run.noises is None or not run.noises.ratio.ratio:
+        return None
+    per_period = 2.0 * np.pi / float(np.median(np.diff(run.problem.form.tau)))
+    return max(1, int(per_period / STARTS_PER_PERIOD))
 
 
 def _smoothed(runs: Runs, operators: Sequence[DeviationOperator], solution: Solution) -> Runs:

@@ -164,7 +164,7 @@ def _with_gain(run: PushedRun, block: Array) -> PushedRun:
             linear = replace(run.linear, sensor_filter=colour)
             return _rows_by_ratio(linear, block)(of).restricted_deviance()[0]
 
-        return most_likely_colour(deviance, filter_)[1]
+        return most_likely_colour(deviance, [filter_], samples=len(run.linear.record))[1]
 
     gain = max(0.0, least_deviance(0.0) - least_deviance(ratio.ratio))
     return replace(run, ratio=replace(ratio, gain=gain))

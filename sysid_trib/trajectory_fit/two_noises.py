@@ -5,6 +5,7 @@ that of the lines of the spectrum above their band. Without a random force the c
 that were held while the ratio is sought would lend its own error to the random force.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -182,7 +183,6 @@ def _colours(likelihood: RowsLikelihood) -> tuple[NoiseModel, NoiseModel, float 
     likelihood = replace(likelihood, shared_level=True)
     lines = likelihood.lines
     penalty = np.log(len(likelihood.table) + lines.independent)
-    first = min((likelihood.ratio(guess, None) for guess in guesses), key=lambda ratio: ratio.deviance)
 
     def beside(filter_: Array) -> float:
         return likelihood.ratio(lines.noise(filter_), first.ratio).deviance
@@ -193,8 +193,17 @@ def _colours(likelihood: RowsLikelihood) -> tuple[NoiseModel, NoiseModel, float 
     def criterion(fit: tuple[Array, float]) -> float:
         return fit[1] + penalty * (len(fit[0]) - 1)
 
-    orders = {len(guess.filter_): guess.filter_ for guess in guesses}.values()
-    pushed, still = ([most_likely_colour(of, order) for order in orders] for of in (beside, unpushed))
+    orders = {len(guess.filter_): guess.filter_ for guess in guesses}
+    starts = [(guess, lines.colour(taps - 1)) for taps, guess in orders.items()]
+    samples = len(likelihood.table) + lines.independent
+    ratios = (likelihood.ratio(lines.noise(by_lines), None) for _, by_lines in starts)
+    first = min(ratios, key=lambda ratio: ratio.deviance)
+
+    def searched(deviance: Callable[[Array], float], least: float) -> list[tuple[Array, float]]:
+        return [most_likely_colour(deviance, of, samples=samples, least=least) for of in starts]
+
+    still = searched(unpushed, first.deviance)
+    pushed = searched(beside, np.inf)
     best, without = min(pushed, key=criterion), min(still, key=criterion)
     taps = len(best[0])
     if len(without[0]) != taps and criterion(without) < criterion(best) + penalty:
