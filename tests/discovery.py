@@ -57,8 +57,12 @@ def trials_with(model: Model) -> tuple[list[TrialEffect], Array]:
 def rows_about(model: Model, time: Array = TIME, start: float = 0.3) -> RunRows:
     """Rows of a model's exact record about its exact motion."""
     motion = trajectory(model, time, start, 0.0)
-    path = path_of(time, motion.angle, W, WHITE).follow(motion.position)
-    return run_rows(path, *trials_with(model))
+    trials, truth = trials_with(model)
+    path = path_of(time, motion.angle, W, WHITE)
+    # Twice: reversals are found along the path.
+    for _ in range(2):
+        path = path.follow(motion.position, trials, truth[:-1])
+    return run_rows(path, trials, truth)
 
 
 def start_model(runs: Sequence[xr.Dataset], forces: ForceLibrary = BASE) -> FittedModel:

@@ -164,7 +164,9 @@ def test_innovations_of_coloured_noise_are_white():
     result = st.identify(decay, library, Direct(random_force="auto"))
     innovations = st.innovations(decay, result)
     assert innovations.ljung_box_p_value.item() > 0.01
-    assert innovations.innovation_rms.item() < 0.75 * result.noise.item()
+    # Of 480 samples: three errors.
+    assert innovations.innovation_rms.item() == pytest.approx(NOISE, rel=0.1)
+    assert innovations.innovation_rms.item() < 0.8 * result.noise.item()
 
 
 def test_trajectory_takes_no_coloured_noise_for_a_random_force():

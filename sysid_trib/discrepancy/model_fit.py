@@ -141,12 +141,12 @@ class FittedModel:
         ]
 
     def next_paths(self, part: float = 1.0) -> list[RecordPath]:
-        """The records without the most likely noise of their sensors, or a part of the way there."""
+        """The most likely motions, or a part of the way there."""
         paths = []
         for at, (rows, residual) in enumerate(zip(self.rows, self.residuals(), strict=True)):
-            noise = rows.most_likely_noise(residual, float(self.likelihood.ratios[at]))
-            motion = rows.path.angle - self.sensor_errors(at) - noise
-            paths.append(rows.path.follow(part * motion + (1.0 - part) * rows.path.at_samples[0]))
+            ratio = float(self.likelihood.ratios[at])
+            motion = rows.smoothed_motion(residual, self.sensor_errors(at), ratio, part)
+            paths.append(rows.path.follow(motion, self.trials, self.coefficients))
         return paths
 
     def next_trials(self) -> list[TrialEffect]:
@@ -181,8 +181,8 @@ def fit_model(
 
     Notes
     -----
-    The next path is the record without the most likely noise of its sensor, in the model at hand: without a
-    random force it becomes a free motion (Newton's method on all samples), with one the smoothed motion.
+    The next path is the most likely motion of the model at hand: without a random force it becomes a free
+    motion (Newton's method on all samples), with one the smoothed motion.
     """
     guess = np.zeros(len(trials) + 1) if first is None else first
     model = _fitted_along(paths, trials, guess, frequency_free)

@@ -5,9 +5,9 @@ deviations,
 
     A d + integral psi (x'' + (1 + kappa) x + sum c h) = A noise + integral psi (random force).
 
-All that is sought, forces and errors of the sensor alike, is a column of these rows. The path is a spline:
-its derivatives are exact, so that no simulation is needed; what it differs from the motion counts in second
-order alone.
+All that is sought, forces and errors of the sensor alike, is a column of these rows. The path is a spline,
+beside the jumps that dry friction gives its acceleration: its derivatives are exact, so that no simulation is
+needed; what it differs from the motion counts in second order alone.
 """
 
 from collections.abc import Sequence
@@ -21,6 +21,7 @@ from scipy.interpolate import BSpline, make_lsq_spline
 
 from sysid_trib.arrays import Array
 from sysid_trib.averaging.internal_states import GivenMotion, states_along, values_along
+from sysid_trib.discrepancy.jumps import NO_JUMPS, Jumps, jumps_along
 from sysid_trib.discrepancy.trials import TrialEffect
 from sysid_trib.errors import DecayError, SysidTribError
 from sysid_trib.noise.residual_noise import NoiseModel
@@ -35,8 +36,8 @@ from sysid_trib.regression.weak_form import (
 
 # Points of a period at which forces are evaluated: some are felt in a small part of it.
 INTEGRAND_POINTS = 360
-# Parts of a cell between two points over which a force that switches is averaged.
-CELL_PARTS = (np.arange(4) + 0.5) / 4.0 - 0.5
+# Parts of a cell between two points over which a force that switches there is averaged.
+CELL_PARTS = (np.arange(32) + 0.5) / 32.0 - 0.5
 
 
 class Points(NamedTuple):
@@ -62,13 +63,15 @@ class RecordPath:
         To which coefficients refer; tau = frequency * time.
     form : WeakForm
     spline : BSpline
-        The path, over tau.
+        The path without its jumps, over tau.
     sensor : NoiseModel
         Noise of the sensor; of its level there is but a guess.
     origin : float, s
         From which the `t` of formulas counts.
     intervals : int
         Between the knots of path and test functions: these stay where they are when the frequency changes.
+    jumps : Jumps
+        Of its acceleration.
     per_period : int
         Points of a period at which forces are evaluated, at least.
     """
@@ -81,6 +84,7 @@ class RecordPath:
     sensor: NoiseModel
     origin: float
     intervals: int
+    jumps: Jumps = NO_JUMPS
     per_period: int = INTEGRAND_POINTS
 
     @property
@@ -88,18 +92,28 @@ class RecordPath:
         """The `t` of formulas, (sample,), s."""
         return self.time - self.origin
 
+    def motion_at(self, tau: Array, order: int = 0) -> Array:
+        """The path or a derivative by tau, (point,), rad."""
+        return np.asarray(self.spline(tau, order) + self.jumps.value(tau, order))
+
+    def elapsed_at(self, tau: Array) -> Array:
+        """The `t` of formulas, (point,), s."""
+        return tau / self.frequency + float(self.time[0]) - self.origin
+
     @cached_property
     def at_samples(self) -> tuple[Array, Array]:
         """x and x' at the samples, (sample,) each, rad."""
-        return self.spline(self.form.tau), self.spline(self.form.tau, 1)
+        return self.motion_at(self.form.tau), self.motion_at(self.form.tau, 1)
 
     @cached_property
     def points(self) -> Points:
-        """The path where forces are evaluated."""
+        """The path where forces are evaluated; its acceleration is the mean of the cell about each point."""
         tau, integrals = integrals_between_samples(self.form.tau, self.intervals, self.per_period)
-        x, v, acceleration = (self.spline(tau, order) for order in range(3))
-        time = tau / self.frequency + float(self.time[0]) - self.origin
-        return Points(tau, x, v, acceleration, time, integrals)
+        x, v = self.motion_at(tau), self.motion_at(tau, 1)
+        half = 0.5 * (tau[1] - tau[0])
+        rise = self.jumps.value(tau + half, 1) - self.jumps.value(tau - half, 1)
+        acceleration = self.spline(tau, 2) + rise / (2.0 * half)
+        return Points(tau, x, v, acceleration, self.elapsed_at(tau), integrals)
 
     @cached_property
     def motion(self) -> GivenMotion:
@@ -155,20 +169,18 @@ class RecordPath:
         return values
 
     def _memoryless(self, trial: TrialEffect) -> Array:
-        force, points = trial.force, self.points
-        if not force.surfaces:
-            return force.value(points.x, points.v, points.time, shapes=trial.shapes)
-        step = points.tau[1] - points.tau[0]
-        parts = [
-            force.value(
-                points.x + s * step * points.v,
-                points.v + s * step * points.acceleration,
-                points.time,
-                shapes=trial.shapes,
-            )
-            for s in CELL_PARTS
-        ]
-        return np.asarray(np.mean(parts, axis=0))
+        force, (tau, x, v, _, time, _) = trial.force, self.points
+        values = np.array(force.value(x, v, time, shapes=trial.shapes))
+        crossed = np.zeros(len(tau) + 1, dtype=bool)
+        for surface in trial.surfaces(x, v, time) if force.surfaces else ():
+            crossed[1:-1] |= np.diff(np.sign(surface)) != 0.0
+        cells = np.flatnonzero(crossed[1:] | crossed[:-1])
+        if len(cells):
+            fine = (tau[cells, None] + (tau[1] - tau[0]) * CELL_PARTS).ravel()
+            motion = self.motion_at(fine), self.motion_at(fine, 1), self.elapsed_at(fine)
+            within = force.value(*motion, shapes=trial.shapes)
+            values[cells] = within.reshape(len(cells), -1).mean(axis=1)
+        return values
 
     def _collocated(self, trials: Sequence[TrialEffect], rows: Sequence[int]) -> Array:
         columns = []
@@ -182,15 +194,21 @@ class RecordPath:
                 columns.append(np.full(len(tau), np.nan))
         return np.stack(columns, axis=1)
 
-    def follow(self, motion: Array) -> "RecordPath":
-        """The path through a motion at the samples, (sample,)."""
-        return replace(self, spline=_spline(self.form.tau, motion, self.intervals))
+    def follow(self, motion: Array, trials: Sequence[TrialEffect], coefficients: Array) -> "RecordPath":
+        """The path through a motion at the samples, (sample,), with the jumps that forces give this path."""
+        tau = self.points.tau
+        jumps = jumps_along(tau, self.motion_at, self.elapsed_at, trials, coefficients)
+        spline = _spline(self.form.tau, motion - jumps.value(self.form.tau), self.intervals)
+        return replace(self, spline=spline, jumps=jumps)
 
     def rescaled(self, frequency: float) -> "RecordPath":
         """The same with coefficients that refer to another frequency."""
         form = build_weak_form(frequency * (self.time - self.time[0]), self.intervals)
-        spline = _spline(form.tau, self.at_samples[0], self.intervals)
-        return replace(self, frequency=frequency, form=form, spline=spline)
+        # Over tau the acceleration, and so its jumps, are smaller where the frequency is higher.
+        part = frequency / self.frequency
+        jumps = Jumps(part * self.jumps.tau, self.jumps.size / part**2)
+        spline = _spline(form.tau, self.at_samples[0] - jumps.value(form.tau), self.intervals)
+        return replace(self, frequency=frequency, form=form, spline=spline, jumps=jumps)
 
 
 def path_of(

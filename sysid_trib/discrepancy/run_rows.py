@@ -6,13 +6,14 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg import cho_solve_banded
-from scipy.signal import lfilter
+from scipy.interpolate import BSpline
+from scipy.sparse.linalg import spsolve
 
 from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.likelihood import Likelihood, RunProducts, products_of
 from sysid_trib.discrepancy.paths import RecordPath
 from sysid_trib.discrepancy.trials import TrialEffect
+from sysid_trib.noise.smoothing import SPLINE_DEGREE
 from sysid_trib.regression.weak_form import cholesky_factor, coloured, covariance_band, whiten
 
 # Points of a period at which candidates are evaluated that are only compared.
@@ -67,11 +68,37 @@ class RunRows:
         factor = cholesky_factor(self.band, self.path.form.gram, float(likelihood.ratios[run]))
         return whiten(factor, table) / np.sqrt(likelihood.variances[run])
 
-    def most_likely_noise(self, residual: Array, ratio: float) -> Array:
-        """Noise of the sensor, (sample,), by best linear prediction from what columns leave, (row,)."""
-        factor = cholesky_factor(self.band, self.path.form.gram, ratio)
-        innovations = -(self.acting.T @ cho_solve_banded((factor, True), residual))
-        return np.asarray(lfilter([1.0], self.path.sensor.filter_, innovations))
+    def smoothed_motion(self, residual: Array, errors: Array, ratio: float, part: float = 1.0) -> Array:
+        """The most likely motion at the samples, (sample,), or a part of the way there from the path.
+
+        Parameters
+        ----------
+        residual : (row,) array of float
+            What a model leaves of the rows.
+        errors : (sample,) array of float, rad
+            Of the sensor, its zero among them.
+        ratio : float
+            Of the random force to the noise of the sensor.
+        part : float
+
+        Notes
+        -----
+        Of all splines beside the path the one with the least squares of the sensor's innovations and of the
+        random force together; without a random force its rows vanish, and it is a free motion of the model.
+        The multipliers of the rows in this saddle point are the random force over its covariance.
+        """
+        tau, filter_ = self.path.form.tau, self.path.sensor.filter_
+        basis = BSpline.design_matrix(tau, self.path.spline.t, SPLINE_DEGREE)
+        whitening = sp.diags_array(filter_, offsets=-np.arange(len(filter_)), shape=(len(tau), len(tau)))
+        white, felt = (whitening @ basis).tocsr(), self.operator @ basis
+        unexplained = self.path.angle - errors - self.path.at_samples[0]
+        gram = self.path.form.gram
+        lower = sp.diags_array(gram, offsets=-np.arange(len(gram)), shape=(len(residual), len(residual)))
+        force = ratio * (lower + sp.tril(lower, -1).T)
+        system = sp.block_array([[white.T @ white, felt.T], [felt, -force]], format="csc")
+        right = np.concatenate([white.T @ (whitening @ unexplained), residual + self.operator @ beyond])
+        step = spsolve(system, right)[: basis.shape[1]]
+        return np.asarray(self.path.at_samples[0] + part * (basis @ step))
 
 
 def run_rows(path: RecordPath, trials: Sequence[TrialEffect], guess: Array) -> RunRows:

@@ -29,6 +29,11 @@ class TrialEffect:
     force: Force
     shapes: Mapping[str, float]
 
+    def surfaces(self, x: Array, v: Array, t: Array) -> list[Array]:
+        """Values of the switching surfaces of a force without states at points, (point,) each."""
+        point = {"x": x, "v": v, "t": t} | self.force.shape_values(self.shapes)
+        return [np.broadcast_to(surface.evaluate(point), x.shape) for surface in self.force.surfaces]
+
 
 def trials_of(candidates: Iterable[Force], frequencies: Sequence[float], w: float) -> list[TrialEffect]:
     """Every candidate at a grid of its shape parameters.

@@ -12,7 +12,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
-from scipy.interpolate import BSpline
+from scipy.interpolate import BSpline, make_interp_spline
 from scipy.signal import lfilter
 
 from sysid_trib.arrays import Array
@@ -23,6 +23,11 @@ from sysid_trib.noise.smoothing import SPLINE_DEGREE, knot_intervals, knot_seque
 # With fewer samples than this a row, rows would nearly depend on each other; with many more, those of a
 # record of 20 samples a period would not resolve the third harmonic of the motion.
 SAMPLES_PER_ROW = 1.5
+# The first and last rows have knots on top of each other: samples are interpolated there by splines of this
+# degree and integrated in so many parts of a step, else each would be wrong by a hundredth.
+END_ROWS, END_DEGREE, END_PARTS = SPLINE_DEGREE - 2, 7, 6
+# Beside a gap, a step longer than so many others, there is nothing to interpolate.
+LONGEST_STEP = 1.5
 # Samples up to which a weak form is kept for the next record on the same grid: some 40 MB.
 MOST_KEPT = 100_000
 
@@ -72,7 +77,31 @@ def _kept(tau: bytes, intervals: int) -> WeakForm:
 
 
 def _built(tau: Array, intervals: int) -> WeakForm:
-    return WeakForm(tau, *(_integrals(tau, tau, intervals, order) for order in range(3)))
+    return WeakForm(tau, *(_sample_integrals(tau, intervals, order) for order in range(3)))
+
+
+def _sample_integrals(tau: Array, intervals: int, order: int) -> sp.csr_matrix:
+    """Integrals against a derivative of the test functions from values at the samples, (row, sample)."""
+    inside = _integrals(tau, tau, intervals, order)
+    turned = tau[0] + tau[-1] - tau[::-1]
+    first, last = _first_rows(tau, intervals, order), _first_rows(turned, intervals, order)
+    if first is None or last is None or inside.shape[0] < 2 * END_ROWS:
+        return inside
+    last = (-1.0) ** order * last[::-1, ::-1]
+    return sp.vstack([first, inside[END_ROWS:-END_ROWS], last]).tocsr()
+
+
+def _first_rows(tau: Array, intervals: int, order: int) -> sp.csr_matrix | None:
+    """The first rows, (row, sample), from samples that are interpolated; None beside a gap."""
+    end = knot_sequence(tau, intervals)[END_ROWS + 2 + SPLINE_DEGREE]
+    used = max(END_DEGREE + 1, int(np.searchsorted(tau, end)) + 1)
+    steps = np.diff(tau[:used])
+    if used > len(tau) or steps.max() > LONGEST_STEP * np.median(steps):
+        return None
+    points = _between_samples(tau[:used], END_PARTS)
+    between = make_interp_spline(tau[:used], np.eye(used), END_DEGREE)(points)
+    rows = sp.csr_matrix(_integrals(points, tau, intervals, order)[:END_ROWS] @ between)
+    return sp.hstack([rows, sp.csr_matrix((END_ROWS, len(tau) - used))]).tocsr()
 
 
 @lru_cache(maxsize=8)
@@ -107,9 +136,13 @@ def integrals_between_samples(tau: Array, intervals: int, per_period: float) -> 
 
 
 def _fine_integrals(tau: Array, intervals: int, parts: int) -> tuple[Array, sp.csr_matrix]:
-    samples = np.arange(len(tau))
-    points = np.interp(np.arange(parts * (len(tau) - 1) + 1) / parts, samples, tau)
+    points = _between_samples(tau, parts)
     return points, _integrals(points, tau, intervals, 0)
+
+
+def _between_samples(tau: Array, parts: int) -> Array:
+    """Each step of tau in equal parts, (point,)."""
+    return np.interp(np.arange(parts * (len(tau) - 1) + 1) / parts, np.arange(len(tau)), tau)
 
 
 def _integrals(points: Array, tau: Array, intervals: int, order: int) -> sp.csr_matrix:
