@@ -96,7 +96,7 @@ class RunRows:
         lower = sp.diags_array(gram, offsets=-np.arange(len(gram)), shape=(len(residual), len(residual)))
         force = ratio * (lower + sp.tril(lower, -1).T)
         system = sp.block_array([[white.T @ white, felt.T], [felt, -force]], format="csc")
-        right = np.concatenate([white.T @ (whitening @ unexplained), residual + self.operator @ beyond])
+        right = np.concatenate([white.T @ (whitening @ unexplained), residual + self.operator @ unexplained])
         step = spsolve(system, right)[: basis.shape[1]]
         return np.asarray(self.path.at_samples[0] + part * (basis @ step))
 

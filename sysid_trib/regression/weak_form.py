@@ -27,7 +27,7 @@ SAMPLES_PER_ROW = 1.5
 # degree and integrated in so many parts of a step, else each would be wrong by a hundredth.
 END_ROWS, END_DEGREE, END_PARTS = SPLINE_DEGREE - 2, 7, 6
 # Beside a gap, a step longer than so many others, there is nothing to interpolate.
-LONGEST_STEP = 1.5
+MOST_UNEVEN = 1.5
 # Samples up to which a weak form is kept for the next record on the same grid: some 40 MB.
 MOST_KEPT = 100_000
 
@@ -96,7 +96,7 @@ def _first_rows(tau: Array, intervals: int, order: int) -> sp.csr_matrix | None:
     end = knot_sequence(tau, intervals)[END_ROWS + 2 + SPLINE_DEGREE]
     used = max(END_DEGREE + 1, int(np.searchsorted(tau, end)) + 1)
     steps = np.diff(tau[:used])
-    if used > len(tau) or steps.max() > LONGEST_STEP * np.median(steps):
+    if used > len(tau) or steps.max() > MOST_UNEVEN * np.median(steps):
         return None
     points = _between_samples(tau[:used], END_PARTS)
     between = make_interp_spline(tau[:used], np.eye(used), END_DEGREE)(points)
