@@ -78,13 +78,23 @@ class _Follower:
         self.five = tuple(base.get(k, 0.0) for k in ("lambda", "zeta", "delta", "nu", "epsilon"))
         self.c = math.copysign(1.0, start)
         self.s = 0.0
+        # Random force at present (rad).
+        self.kick = 0.0
         self.released()
 
     def slope(self, tau: float, y: list[float], s: float | None = None) -> list[float]:
         s, c = self.s if s is None else s, self.c
         x, v = y[0], y[1]
         solid, viscous, drag, nu, epsilon = self.five
-        pull = -x - solid * s - 2.0 * viscous * v - drag * s * v * v - nu * c * x * x - epsilon * x * x * x
+        pull = (
+            self.kick
+            - x
+            - solid * s
+            - 2.0 * viscous * v
+            - drag * s * v * v
+            - nu * c * x * x
+            - epsilon * x * x * x
+        )
         found, at = [v, 0.0], 2
         for effect, coefficient in self.effects:
             z = y[at : at + effect.states]
@@ -176,14 +186,21 @@ def motion(
     step: float,
     count: int,
     parts: int | None = None,
+    kicks: np.ndarray | None = None,
 ) -> Motion:
-    """The motion from rest at `start` (rad), `count` samples `step` apart in tau."""
+    """The motion from rest at `start` (rad), `count` samples `step` apart in tau.
+
+    `kicks` : (sample, part), a random force (rad) in each of the parts of a step.
+    """
     follower = _Follower(oscillator, effects, start)
     parts = parts or max([effect.parts for effect, _ in effects], default=1)
+    parts = parts if kicks is None else kicks.shape[1]
     x, v = np.empty(count), np.empty(count)
     x[0], v[0] = start, 0.0
     for i in range(1, count):
-        for _ in range(parts):
+        for part in range(parts):
+            if kicks is not None:
+                follower.kick = float(kicks[i, part])
             follower.advance(step / parts)
         x[i], v[i] = follower.y[0], follower.y[1]
         if not abs(x[i]) < 2.0 * abs(start):

@@ -1,0 +1,149 @@
+"""The confirmation set: records that nobody tuned to, drawn from the hash of the program that is tested.
+
+python -m benchmarks.blind.confirmation [--records N] [--jobs N] [--salt HASH] [--keep FILE] [--report]
+
+Frequency, amplitude, noise, length, runs and random force vary over wide ranges (`wide_draws.py`), by the
+integrator of the blind tests; what names the effects sees files alone, and predicts the last third of a run.
+The strength z of an effect is the root of the deviance that the truth gains beside both noises (`seen.py`).
+Rows are appended to FILE as they come, failures too, and a study that was stopped goes on where it was. By
+default the salt is `git rev-parse HEAD` and FILE build/confirmation-HASH.jsonl. With --report nothing is run.
+"""
+
+import argparse
+import json
+import multiprocessing
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import traceback
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from types import FrameType
+from typing import Any, NoReturn
+
+import numpy as np
+
+if __package__ in (None, "", "benchmarks.blind"):
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+    __package__ = "blind"
+
+from blind.confirmation_report import report
+from blind.naming import named_blind
+from blind.wide_cases import Drawn, draw_case
+from sysid_trib.errors import SysidTribError
+
+# Seconds after which a record is given up, and counted as a failure.
+LIMIT = 300
+# Records of a worker: compiled motions are kept, some 100 MB in ten records.
+RECORDS = 25
+ROOT = Path(__file__).resolve().parents[2]
+
+
+class TooLongError(Exception):
+    """A record that takes longer than the limit."""
+
+
+@contextmanager
+def limited(seconds: int) -> Iterator[None]:
+    def give_up(number: int, frame: FrameType | None) -> NoReturn:
+        raise TooLongError(f"more than {seconds} s")
+
+    signal.signal(signal.SIGALRM, give_up)
+    signal.alarm(seconds)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+
+
+def run(place: tuple[str, int]) -> dict[str, Any]:
+    """Draw a record, write its files, have them named: the answers beside what was found."""
+    salt, number = place
+    begin = time.perf_counter()
+    row: dict[str, Any] = {"number": number}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            with limited(LIMIT):
+                case = draw_case(salt, number)
+        except Exception:
+            return row | {"not_drawn": traceback.format_exc()}
+        row |= _answers(case) | {"drawing": time.perf_counter() - begin}
+        begin = time.perf_counter()
+        try:
+            with limited(LIMIT):
+                row["found"] = look(case)
+        except SysidTribError as error:
+            row["refused"] = f"{type(error).__name__}: {error}"
+        except Exception:
+            row["error"] = traceback.format_exc()
+    return row | {"seconds": time.perf_counter() - begin}
+
+
+def _answers(case: Drawn) -> dict[str, Any]:
+    experiment = asdict(case.experiment)
+    del experiment["oscillator"]
+    return {
+        "kind": case.kind,
+        "w": case.experiment.oscillator.w,
+        "base": case.experiment.oscillator.base,
+        "experiment": experiment | {"weights": case.experiment.weights.tolist()},
+        "hidden": [asdict(one) for one in case.hidden],
+        "left_out": case.left_out,
+        "left_by_others": case.left_by_others,
+    }
+
+
+def look(case: Drawn) -> dict[str, Any]:
+    """What is named from the case's files."""
+    with tempfile.TemporaryDirectory() as folder:
+        paths = []
+        for number, angle in enumerate(case.angles):
+            paths.append(Path(folder) / f"run_{number}.csv")
+            data = np.stack([case.experiment.time, angle], axis=1)
+            np.savetxt(paths[-1], data, "%.12g", ",", header="time (s),angle (rad)", comments="")
+        return named_blind(paths, list(case.experiment.oscillator.base), case.left_out)
+
+
+def study(salt: str, numbers: Sequence[int], keep: Path, jobs: int) -> None:
+    """Run the records that FILE does not have."""
+    keep.parent.mkdir(parents=True, exist_ok=True)
+    done = {row["number"] for row in kept(keep)}
+    left = [(salt, number) for number in numbers if number not in done]
+    context = multiprocessing.get_context("spawn")
+    with context.Pool(jobs, maxtasksperchild=RECORDS) as pool:
+        for came, row in enumerate(pool.imap_unordered(run, left), 1):
+            with keep.open("a") as file:
+                file.write(json.dumps(row) + "\n")
+            print(f"{came} of {len(left)}", end="\r", file=sys.stderr, flush=True)
+
+
+def kept(keep: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in keep.read_text().splitlines()] if keep.exists() else []
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--records", type=int, default=1000, metavar="N")
+    parser.add_argument("--first", type=int, default=0, metavar="N", help="number of the first record")
+    parser.add_argument("--jobs", type=int, default=1, metavar="N")
+    parser.add_argument("--salt", metavar="HASH")
+    parser.add_argument("--keep", type=Path, metavar="FILE")
+    parser.add_argument("--report", action="store_true", help="of what there is")
+    options = parser.parse_args()
+    head = ["git", "-C", str(ROOT), "rev-parse", "HEAD"]
+    salt = options.salt or subprocess.run(head, capture_output=True, check=True, text=True).stdout.strip()
+    keep = options.keep or ROOT / "build" / f"confirmation-{salt[:12]}.jsonl"
+    if not options.report:
+        numbers = range(options.first, options.first + options.records)
+        study(salt, numbers, keep, options.jobs)
+    print(report(kept(keep), salt, keep.with_suffix(".png")))
+
+
+if __name__ == "__main__":
+    main()
