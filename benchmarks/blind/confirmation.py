@@ -74,7 +74,8 @@ def run(place: tuple[str, int]) -> dict[str, Any]:
         except Exception:
             return row | {"not_drawn": traceback.format_exc()}
         row |= _answers(case) | {"drawing": time.perf_counter() - begin}
-        begin = time.perf_counter()
+        # Of the processor: a record does not wait for what else the machine does.
+        begin = time.process_time()
         try:
             with limited(LIMIT):
                 row["found"] = look(case)
@@ -82,7 +83,7 @@ def run(place: tuple[str, int]) -> dict[str, Any]:
             row["refused"] = f"{type(error).__name__}: {error}"
         except Exception:
             row["error"] = traceback.format_exc()
-    return row | {"seconds": time.perf_counter() - begin}
+    return row | {"seconds": time.process_time() - begin}
 
 
 def _answers(case: Drawn) -> dict[str, Any]:
