@@ -33,8 +33,10 @@ from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.trajectory_fit.initial_conditions import first_guess, fit_start
 
 MAX_CORRECTIONS = 20
+# Corrections by whose differences the next is shortened or lengthened.
+MIXED_CORRECTIONS = 4
 # Steps that end the correction: of the standard errors, or of the values where there is next to no noise.
-SETTLED_ERRORS, SETTLED_VALUES = 1e-3, 1e-9
+SETTLED_ERRORS, SETTLED_VALUES = 5e-3, 1e-9
 # Rounds in which values and random force follow each other. A smaller step of the density, of its standard
 # error, ends them.
 WANDER_ROUNDS, SETTLED_DENSITY = 3, 0.1
@@ -180,6 +182,8 @@ def _corrected(
     errors = np.sqrt(np.diag(first.covariance(first.error_factors())))
     settled = SETTLED_ERRORS * errors + SETTLED_VALUES * np.abs(first.values)
     values = first.values
+    tried: list[Array] = []
+    steps: list[Array] = []
     for _ in range(MAX_CORRECTIONS):
         model = auxiliary.model(values)
         simulated = []
@@ -190,9 +194,10 @@ def _corrected(
             again = auxiliary.measure(xr.Dataset({"angle": ("time", angle)}, {"time": time}))
             simulated.append(_as_measured(again, envelope))
         fit = auxiliary.fit(simulated)
-        step = first.values - fit.values
-        values = values + step
-        if np.all(np.abs(step) <= settled):
+        tried.append(values)
+        steps.append(first.values - fit.values)
+        values = _accelerated(tried, steps, np.where(settled > 0.0, settled, 1.0))
+        if np.all(np.abs(steps[-1]) <= settled):
             # What the auxiliary model leaves of a motion of its own is no sign of another force.
             residuals = {
                 group: [
@@ -210,6 +215,17 @@ def _corrected(
             }
             return values, replace(fit, residuals=residuals, equations=equations)
     raise SysidTribError("the correction did not settle")
+
+
+def _accelerated(tried: Sequence[Array], steps: Sequence[Array], unit: Array) -> Array:
+    """Where steps that are nearly linear in the values vanish (Anderson 1965); the first step as it is.
+
+    Of a motion that is pushed far the steps themselves converge slowly, or lead away.
+    """
+    recent = slice(-1 - MIXED_CORRECTIONS, None)
+    by_values, by_steps = (np.diff(np.array(known[recent]), axis=0).T for known in (tried, steps))
+    part = np.linalg.lstsq(by_steps / unit[:, None], steps[-1] / unit, rcond=None)[0]
+    return np.asarray(tried[-1] + steps[-1] - (by_values + by_steps) @ part)
 
 
 def _first_swings(decay: xr.Dataset, frequency: float) -> tuple[Array, Array]:

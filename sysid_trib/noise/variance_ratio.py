@@ -19,6 +19,8 @@ SMALLEST_WANDER = 0.03
 LARGEST_KICK = 10.0
 # Rounds for the sensor's variance beside a random force that is given.
 VARIANCE_ROUNDS = 6
+# A change of it, in parts, that moves nothing.
+SETTLED_VARIANCE = 1e-4
 # Distance of the first values tried, in the logarithm of the ratio; a maximum of the likelihood is wider.
 FIRST_GRID = 2.0
 LOG_TOLERANCE = 0.02
@@ -180,7 +182,10 @@ def held_ratio(rows: Callable[[float], WhiteRows], per_tau: float, variance: flo
         variance = rows(0.0).restricted_deviance()[1]
     deviance = float("nan")
     for _ in range(VARIANCE_ROUNDS if per_tau else 1):
+        before = variance
         deviance, variance = rows(per_tau / variance).restricted_deviance()
+        if abs(variance - before) < SETTLED_VARIANCE * variance:
+            break
     return VarianceRatio(per_tau / variance, variance, float("nan"), float("nan"), 0.0, deviance)
 
 

@@ -23,6 +23,8 @@ from sysid_trib.state_space.vector_field import VectorField
 
 # Periods that the filter has for the start and the sensor's zero before the first prediction.
 SETTLING_PERIODS = 2.0
+# In tau: of a prediction, which is known to parts of a thousand, no more is asked.
+LONGEST_SUBSTEP = 0.4
 
 
 @dataclass(frozen=True)
@@ -109,7 +111,7 @@ def bands_of(
     names, of_parameters = parameters_of(result)
     time, w = tracked.time, tracked.model.reference_frequency
     leads = 2.0 * np.pi / w * ahead
-    targets = np.array([[_nearest(time, time[k] + lead) for lead in leads] for k in starts])
+    targets = _nearest(time, time[starts][:, None] + leads)
     times = np.where(targets >= 0, time[targets], time[starts][:, None] + leads)
     field = VectorField(tracked.model, names, frequency=True)
     predicted, variance = np.empty(times.shape), np.empty(times.shape)
@@ -177,12 +179,12 @@ def _origins(tracked: TrackedRecord, longest: float, origins: Sequence[float] | 
     return np.searchsorted(time, times + 1e-9 * period, side="right") - 1
 
 
-def _nearest(time: Array, wanted: float) -> int:
-    """Index of the nearest sample; -1 where the record has none within half a step of it."""
-    at = int(np.clip(np.searchsorted(time, wanted), 1, len(time) - 1))
-    at -= int(wanted - time[at - 1] < time[at] - wanted)
+def _nearest(time: Array, wanted: Array) -> Index:
+    """Indices of the nearest samples; -1 where the record has none within half a step."""
+    at = np.clip(np.searchsorted(time, wanted), 1, len(time) - 1)
+    at = at - (wanted - time[at - 1] < time[at] - wanted)
     half = 0.51 * float(np.median(np.diff(time)))
-    return at if abs(time[at] - wanted) <= half else -1
+    return np.where(np.abs(time[at] - wanted) <= half, at, -1)
 
 
 def _filtered(tracked: TrackedRecord, starts: Index) -> tuple[Array, Array]:
@@ -237,7 +239,7 @@ def _nothing_yet(origins: int, size: int, parameters: int) -> tuple[Array, Array
 
 def _advanced(field: VectorField, now: Ahead, tau: Array, length: Array) -> Ahead:
     """The motions a stretch further, with all that moves them."""
-    steps = steps_over(field, tau, length, now.states)
+    steps = steps_over(field, tau, length, now.states, longest=LONGEST_SUBSTEP)
     onward = steps.transition
     return Ahead(
         steps.end,

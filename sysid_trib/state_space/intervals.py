@@ -59,7 +59,9 @@ def steps_between(
     return steps_over(field, w * (time[:-1] - time[0]), w * np.diff(time), states)
 
 
-def steps_over(field: VectorField, tau: Array, length: Array, states: Array) -> Steps:
+def steps_over(
+    field: VectorField, tau: Array, length: Array, states: Array, *, longest: float = SUBSTEP
+) -> Steps:
     """Exact motion over any intervals.
 
     Parameters
@@ -69,6 +71,8 @@ def steps_over(field: VectorField, tau: Array, length: Array, states: Array) -> 
         Beginning and length of each.
     states : (interval, state) array of float
         At the beginnings; one more where the intervals follow each other.
+    longest : float
+        Longest substep in tau.
 
     Returns
     -------
@@ -82,7 +86,7 @@ def steps_over(field: VectorField, tau: Array, length: Array, states: Array) -> 
     size, count = field.size, len(tau)
     front = _begin(field, states[:count].T.astype(float), tau)
     remaining = length.copy()
-    density = np.maximum(1.0 / SUBSTEP, _stiffness(field, states, count))
+    density = np.maximum(1.0 / longest, _stiffness(field, states, count))
     substep = length / np.maximum(1.0, np.ceil(density * length))
     switchings = np.zeros(count, int)
     moving = np.arange(count)

@@ -49,6 +49,8 @@ class LinearModel:
     start: Array
     by_column: Array
     sensor_filter: Array = field(default_factory=lambda: np.ones(1))
+    # Rows and the smoothed motion of one ratio have one filter.
+    _last: dict[float, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @cached_property
     def mismatch(self) -> Array:
@@ -57,9 +59,12 @@ class LinearModel:
 
     def _filtered(self, ratio: float) -> Any:
         """statsmodels' filter, of which gains and covariances are asked: they do not depend on the record."""
-        covariance = ratio * self.steps.diffusion
-        model = statsmodels_model(self.observed, self.steps.transition, covariance, self.sensor_filter)
-        return model.filter()
+        if ratio not in self._last:
+            covariance = ratio * self.steps.diffusion
+            model = statsmodels_model(self.observed, self.steps.transition, covariance, self.sensor_filter)
+            self._last.clear()
+            self._last[ratio] = model.filter()
+        return self._last[ratio]
 
     @cached_property
     def with_sensor_states(self) -> tuple[Array, Array]:
