@@ -207,7 +207,7 @@ def test_two_wrong_effects_are_exchanged_for_the_right_pair():
     model, fits = wrong_model(with_two(), *effects)
     for _ in range(4):
         current = screen(model, [force for force in FEW if force.symbol not in effects])
-        step = exchange_effects(current, effects, fits, 4)
+        step = exchange_effects(current, effects, fits, 4, LEVEL)
         if step is None:
             break
         model, effects = step
@@ -218,7 +218,7 @@ def test_two_wrong_effects_are_exchanged_for_the_right_pair():
 def test_an_effect_that_explains_nothing_is_dropped():
     model, fits = wrong_model(with_effect({}, seed=9), "even_spring")
     current = screen(model, [force for force in FEW if force.symbol != "even_spring"])
-    dropped, effects = exchange_effects(current, ("even_spring",), fits, 4)
+    dropped, effects = exchange_effects(current, ("even_spring",), fits, 4, LEVEL)
     assert effects == ()
     assert dropped.deviance == pytest.approx(fits.start.deviance, abs=0.5)
 

@@ -3,11 +3,12 @@
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import xarray as xr
 
 from sysid_trib.discrepancy.decimation import decimated
-from sysid_trib.discrepancy.holdout import Prediction, predicted
+from sysid_trib.discrepancy.holdout import REFUTED, Prediction, better_by, predicted
 from sysid_trib.discrepancy.model_fit import FittedModel, refitted
 from sysid_trib.discrepancy.paths import RecordPath
 from sysid_trib.discrepancy.search import Search, search
@@ -110,7 +111,7 @@ def discover(
         "method": "discover",
         "options": json.dumps(options | {"reference_frequency": reference_frequency}),
         "candidates": offered.to_toml(),
-        "verdict": verdict_of(done, level),
+        "verdict": verdict_of(done, level, predictions),
         "converged": str(done.converged),
         "max_effects": max_effects,
         "left_out": left_out,
@@ -147,10 +148,21 @@ def _refitted(model: FittedModel, runs: Sequence[xr.Dataset]) -> FittedModel:
     return refitted(model, [whole(run, rows.path) for run, rows in zip(runs, model.rows, strict=True)])
 
 
-def verdict_of(done: Search, level: float = FAMILY_LEVEL) -> str:
-    """`explained`, `unknown effect` or `nothing missing`."""
-    # Names that nearly cancel each other may imitate one that is not in the library.
-    if done.collinear or done.outstanding or done.screenings[-1].omnibus.p_value < level:
+def verdict_of(done: Search, level: float = FAMILY_LEVEL, predictions: Sequence[Prediction] = ()) -> str:
+    """`explained`, `unknown effect` or `nothing missing`.
+
+    Parameters
+    ----------
+    done : Search
+    level : float
+        Of the test of what the final model leaves.
+    predictions : sequence of Prediction
+        Of what was held out, by each of its models.
+    """
+    # Names that nearly cancel each other, or that do not predict, may imitate one that is not in the library.
+    refuted = any(better_by(after, before) < REFUTED for before, after in pairwise(predictions))
+    missing = done.outstanding or done.screenings[-1].omnibus.p_value < level
+    if done.collinear or refuted or missing:
         return "unknown effect"
     return "explained" if done.effects else "nothing missing"
 

@@ -65,7 +65,7 @@ def _is_physical(model: FittedModel, base: int) -> bool:
 
 
 def exchange_effects(
-    current: Screening, effects: tuple[str, ...], fits: Fits, max_effects: int
+    current: Screening, effects: tuple[str, ...], fits: Fits, max_effects: int, level: float
 ) -> tuple[FittedModel, tuple[str, ...]] | None:
     """The model without an effect or two, or with others in their place, if that is more likely.
 
@@ -78,6 +78,8 @@ def exchange_effects(
     fits : Fits
     max_effects : int
         No more than so many remain.
+    level : float
+        Where there are more than before, what each explains is beyond chance at this level.
 
     Returns
     -------
@@ -99,9 +101,39 @@ def exchange_effects(
         if fitted is None:
             continue
         score = evidence(fitted, after)
-        if score < here - LEAST_GAIN and (best is None or score < best[0]):
+        better = score < here - LEAST_GAIN and (best is None or score < best[0])
+        if better and (len(after) <= len(effects) or max(_chances(current, fitted, after)) < level):
             best = (score, after, fitted)
     return None if best is None else (best[2], best[1])
+
+
+def not_beyond_chance(
+    current: Screening, effects: tuple[str, ...], fits: Fits, level: float
+) -> tuple[FittedModel, tuple[str, ...]] | None:
+    """The model without the effect that chance would do as well as most likely; None if there is none."""
+    chances = _chances(current, current.model, effects)
+    if max(chances, default=0.0) < level:
+        return None
+    worst = effects[int(np.argmax(chances))]
+    fitted = fits.of(current.model, (worst,), ())
+    if fitted is None:
+        return None
+    gain = fitted.deviance - current.model.deviance
+    force = next(t.force for t in current.model.trials if t.force.symbol == worst)
+    if current.p_value_of(gain, force) < level:
+        return None
+    return fitted, tuple(symbol for symbol in effects if symbol != worst)
+
+
+def _chances(current: Screening, model: FittedModel, effects: Sequence[str]) -> list[float]:
+    """Probability that chance explains as much as each effect beside the others, along the model's path."""
+    products = [rows.products(table) for rows, table in zip(model.rows, model.tables, strict=True)]
+    chances = []
+    for symbol in effects:
+        gain = likelihood(products, _kept(model, (symbol,))).deviance - model.deviance
+        force = next(t.force for t in model.trials if t.force.symbol == symbol)
+        chances.append(current.p_value_of(gain, force))
+    return chances
 
 
 def better_rival(

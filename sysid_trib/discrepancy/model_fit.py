@@ -18,8 +18,8 @@ MOST_PATHS = 12
 # Rounds after which a path goes half of its way.
 WHOLE_STEPS = 3
 SETTLED_DEVIANCE = 0.1
-# Part of its square by which a frequency may differ from the reference, and rounds to get there.
-SAME_REFERENCE, RESCALINGS = 1e-7, 4
+# Part of its standard error by which a frequency may differ from the reference, and rounds to get there.
+SAME_REFERENCE, RESCALINGS = 0.02, 4
 # Largest step of a shape parameter in a round, in parts of its range; difference for its column.
 SHAPE_STEP, SHAPE_DIFFERENCE = 0.1, 1e-4
 
@@ -65,6 +65,12 @@ class FittedModel:
     def columns(self) -> int:
         """Number of its columns: trials, nuisances, steps of the shapes."""
         return len(self.likelihood.coefficients)
+
+    @property
+    def stiffness_error(self) -> float:
+        """Standard error of the stiffness; 0 where the frequency is held."""
+        at = len(self.trials)
+        return float(np.sqrt(self.likelihood.covariance[at, at])) if self.frequency_free else 0.0
 
     @property
     def shape_columns(self) -> list[tuple[int, str, int]]:
@@ -272,6 +278,6 @@ def refitted(model: FittedModel, paths: Sequence[RecordPath] | None = None) -> F
         paths = None
         first = np.append(model.coefficients, 0.0)
         model = fit_model(near, model.trials, frequency_free=model.frequency_free, first=first)
-        if abs(model.stiffness) < SAME_REFERENCE:
+        if abs(model.stiffness) <= SAME_REFERENCE * model.stiffness_error:
             break
     return model

@@ -20,6 +20,7 @@ import scipy.sparse as sp
 from scipy.interpolate import BSpline, make_lsq_spline
 
 from sysid_trib.arrays import Array
+from sysid_trib.averaging.collocation import Index
 from sysid_trib.averaging.internal_states import GivenMotion, states_along, values_along
 from sysid_trib.discrepancy.jumps import NO_JUMPS, Jumps, jumps_along
 from sysid_trib.discrepancy.trials import TrialEffect
@@ -169,18 +170,30 @@ class RecordPath:
         return values
 
     def _memoryless(self, trial: TrialEffect) -> Array:
-        force, (tau, x, v, _, time, _) = trial.force, self.points
+        force, (_, x, v, _, time, _) = trial.force, self.points
         values = np.array(force.value(x, v, time, shapes=trial.shapes))
-        crossed = np.zeros(len(tau) + 1, dtype=bool)
-        for surface in trial.surfaces(x, v, time) if force.surfaces else ():
-            crossed[1:-1] |= np.diff(np.sign(surface)) != 0.0
-        cells = np.flatnonzero(crossed[1:] | crossed[:-1])
-        if len(cells):
-            fine = (tau[cells, None] + (tau[1] - tau[0]) * CELL_PARTS).ravel()
-            motion = self.motion_at(fine), self.motion_at(fine, 1), self.elapsed_at(fine)
+        if force.surfaces:
+            cells, motion = self._crossed_cells(trial)
             within = force.value(*motion, shapes=trial.shapes)
-            values[cells] = within.reshape(len(cells), -1).mean(axis=1)
+            values[cells] = within.reshape(len(cells), len(CELL_PARTS)).mean(axis=1)
         return values
+
+    @cached_property
+    def _cells(self) -> dict[bytes, tuple[Index, tuple[Array, Array, Array]]]:
+        return {}
+
+    def _crossed_cells(self, trial: TrialEffect) -> tuple[Index, tuple[Array, Array, Array]]:
+        """Cells in which a force switches, and x, v and time in their parts; of the same cells once."""
+        tau, x, v, _, time, _ = self.points
+        crossed = np.zeros(len(tau) + 1, dtype=bool)
+        for surface in trial.surfaces(x, v, time):
+            crossed[1:-1] |= np.diff(np.signbit(surface))
+        key = np.packbits(crossed).tobytes()
+        if key not in self._cells:
+            cells = np.flatnonzero(crossed[1:] | crossed[:-1])
+            fine = (tau[cells, None] + (tau[1] - tau[0]) * CELL_PARTS).ravel()
+            self._cells[key] = cells, (self.motion_at(fine), self.motion_at(fine, 1), self.elapsed_at(fine))
+        return self._cells[key]
 
     def _collocated(self, trials: Sequence[TrialEffect], rows: Sequence[int]) -> Array:
         columns = []

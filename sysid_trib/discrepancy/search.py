@@ -7,7 +7,15 @@ import numpy as np
 
 from sysid_trib.discrepancy.collinearity import collinear_effects
 from sysid_trib.discrepancy.evidence import evidence
-from sysid_trib.discrepancy.exchange import FAR, SLACK, Fits, better_rival, exchange_effects, rivals_of
+from sysid_trib.discrepancy.exchange import (
+    FAR,
+    SLACK,
+    Fits,
+    better_rival,
+    exchange_effects,
+    not_beyond_chance,
+    rivals_of,
+)
 from sysid_trib.discrepancy.likelihood import likelihood
 from sysid_trib.discrepancy.model_fit import FittedModel, fit_model, refitted
 from sysid_trib.discrepancy.screening import Screening, screen
@@ -71,16 +79,18 @@ def search(
     fits = Fits(start)
     model, effects = start, tuple[str, ...]()
     fits.kept[frozenset()] = start
-    screenings: list[Screening] = []
+    kept: dict[tuple[str, ...], Screening] = {}
     rivals: dict[str, dict[str, float]] = {}
     converged = False
     for _ in range(MOST_MOVES):
         tell(f"candidates beside {', '.join(effects) or 'the start model'}")
         current = screen(model, [f for f in candidates if f.symbol not in effects], seed)
-        screenings.append(current)
-        step = exchange_effects(current, effects, fits, max_effects)
+        kept[tuple(sorted(effects))] = current
+        step = exchange_effects(current, effects, fits, max_effects, level)
         if step is None and len(effects) < max_effects:
             step = _added(current, effects, fits, level)
+        if step is None:
+            step = not_beyond_chance(current, effects, fits, level)
         if step is None:
             tell("rivals of each effect")
             rivals = {symbol: rivals_of(current, effects, symbol, fits) for symbol in effects}
@@ -89,20 +99,23 @@ def search(
         if step is None:
             break
         model, effects = step
+    last = kept.get(tuple(sorted(effects))) or screen(
+        model, [f for f in candidates if f.symbol not in effects], seed
+    )
     if not converged:
-        screenings.append(screen(model, [f for f in candidates if f.symbol not in effects], seed))
-        rivals = {symbol: rivals_of(screenings[-1], effects, symbol, fits) for symbol in effects}
-    last = screenings[-1]
+        rivals = {symbol: rivals_of(last, effects, symbol, fits) for symbol in effects}
     effects = _by_weight(last, effects)
     failed = sorted({*fits.failed} - {*effects})
     models = _models(model, effects)
     tell("candidates beside each model")
-    between = [
-        screen(models[at], [f for f in candidates if f.symbol not in effects[:at]], seed)
-        for at in range(1, len(effects))
+    sequence = [effects[:at] for at in range(len(effects))]
+    before = [
+        kept.get(tuple(sorted(named)))
+        or screen(models[at], [f for f in candidates if f.symbol not in named], seed)
+        for at, named in enumerate(sequence)
     ]
     return Search(
-        [*screenings[:1], *between, last] if effects else [last],
+        [*before, last],
         models,
         effects,
         rivals,

@@ -82,9 +82,13 @@ def ranking_data(tree: xr.DataTree, selection_step: int) -> xr.Dataset:
 
 
 def rankings_data(tree: xr.DataTree) -> list[xr.Dataset]:
-    """The ranking at the selection steps at which an effect of the final model was chosen, and at the end."""
+    """The ranking at the selection steps at which an effect of the final model was chosen, and at the end.
+
+    That at the end is left out if every candidate is in the model.
+    """
     chosen = tree["steps"].selection_step.values.tolist() if tree["steps"].attrs["count"] else []
-    return [ranking_data(tree, step) for step in (*sorted(set(chosen)), -1)]
+    rankings = [ranking_data(tree, step) for step in (*sorted(set(chosen)), -1)]
+    return rankings if rankings[-1].sizes["candidate"] or len(rankings) == 1 else rankings[:-1]
 
 
 def _title(tree: xr.DataTree, selection_step: int) -> str:
