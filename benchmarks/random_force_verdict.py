@@ -1,14 +1,15 @@
 """Is "explained with a random force" said where it is true, and not where a force was left out?
 
-python benchmarks/random_force_verdict.py [SEEDS] [FIRST SEED] [NOISE]
+python benchmarks/random_force_verdict.py [SEEDS] [FIRST SEED] [NOISE] [--method METHOD] [--left-out]
 
-NOISE of the sensor: white, or AR(0.8). First motions with nothing beside it: they are explained. Then
-motions that are pushed by a white force alone: p-values of `random_force_dependence` are uniform. Then
-motions without a random force in which one effect of the library acts that the model has not: its coefficient
-is 60 to 200 standard errors of a fit that offers it (Cramér-Rao bound in white noise as strong as that of the
-sensor at the frequency of the swing).
+NOISE of the sensor: white, or AR(0.8); --left-out: the last part alone. First motions with nothing beside it:
+they are explained. Then motions that are pushed by a white force alone: p-values of `random_force_dependence`
+are uniform. Then motions without a random force in which one effect of the library acts that the model has
+not: its coefficient is 60 to 200 standard errors of a fit that offers it (Cramér-Rao bound in white noise as
+strong as that of the sensor at the frequency of the swing).
 """
 
+import argparse
 import sys
 import time as clock
 from collections import Counter
@@ -30,6 +31,10 @@ TRUTH = {"zeta": 5e-3, "delta": 2e-3, "epsilon": -0.1}
 OFFERED = st.load_library("contact_forces").select(TRUTH)
 ZERO = st.load_library("candidate_effects")["bias"]
 TIME = np.arange(PERIODS * PER_PERIOD) * 2.0 * np.pi / W / PER_PERIOD
+METHODS = {
+    "trajectory": st.methods.Trajectory(random_force="auto"),
+    "direct": st.methods.Direct(random_force="auto"),
+}
 # Autocorrelation of the sensor's noise from sample to sample.
 NOISES = {"white": 0.0, "AR(0.8)": 0.8}
 
@@ -134,14 +139,25 @@ def with_effect(force: st.Force, random: np.random.Generator, noise: float) -> s
     return st.Model(library, TRUTH | {force.symbol: factor * coefficient}, W, shapes)
 
 
-if __name__ == "__main__":
-    given = (*sys.argv[1:4], *("20", "0", "white")[len(sys.argv) - 1 :])
-    seeds, noise = range(int(given[1]), int(given[1]) + int(given[0])), given[2]
-    start = clock.process_time()
-    for method in (st.methods.Trajectory(random_force="auto"), st.methods.Direct(random_force="auto")):
-        print(f"{type(method).__name__}, {noise} noise")
-        print(undisturbed(method, noise, seeds), flush=True)
-        for wander in (1, 5, 20):
-            print(pushed(method, noise, wander, seeds), flush=True)
-        print(left_out(method, noise, seeds), flush=True)
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("seeds", type=int, nargs="?", default=20)
+    parser.add_argument("first", type=int, nargs="?", default=0)
+    parser.add_argument("noise", choices=NOISES, nargs="?", default="white")
+    parser.add_argument("--method", choices=METHODS, help="one of the two")
+    parser.add_argument("--left-out", action="store_true")
+    asked = parser.parse_args()
+    seeds, start = range(asked.first, asked.first + asked.seeds), clock.process_time()
+    for name in [asked.method] if asked.method else METHODS:
+        method = METHODS[name]
+        print(f"{name}, {asked.noise} noise")
+        if not asked.left_out:
+            print(undisturbed(method, asked.noise, seeds), flush=True)
+            for wander in (1, 5, 20):
+                print(pushed(method, asked.noise, wander, seeds), flush=True)
+        print(left_out(method, asked.noise, seeds), flush=True)
     print(f"{clock.process_time() - start:.0f} s")
+
+
+if __name__ == "__main__":
+    main()

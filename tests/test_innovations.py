@@ -151,6 +151,32 @@ def test_bands_hold_what_was_measured(pushed):
     assert (bands.predicted_standard_error.mean("origin") > 0.9 * wander).all()
 
 
+@pytest.mark.parametrize("symbol", ["delta", "sensor_curve"])
+def test_the_band_holds_what_another_coefficient_predicts_of_the_same_record(symbol, pushed):
+    """With another curve of the sensor, or another force, the same samples are those of another motion."""
+    _, decay, _ = pushed
+    curve = st.load_library("candidate_effects")["sensor_curve"]
+    forces = st.ForceLibrary("with the sensor's curve", (*FORCES, curve))
+    result = st.identify(decay, forces, st.methods.Direct(random_force=DENSITY))
+    zero = xr.zeros_like(result.covariance)
+    known = result.assign(
+        covariance=zero,
+        frequency_covariance=xr.zeros_like(result.frequency_covariance),
+        reference_frequency_standard_error=0.0,
+    )
+    error, origins = 1e-5, [float(TIME[at]) for at in (200, 310, 423)]
+    variance = zero.copy()
+    variance.loc[{"force": symbol, "other_force": symbol}] = error**2
+    other = known.assign(coefficient=known.coefficient + error * (known.force == symbol))
+    here, there, wide = (
+        st.prediction_bands(decay, r, [1.0, 3.0], origins=origins)
+        for r in (known, other, known.assign(covariance=variance))
+    )
+    added = wide.predicted_standard_error**2 - here.predicted_standard_error**2
+    change = np.abs(there.predicted - here.predicted)
+    assert np.sqrt(added).values == pytest.approx(change.values, rel=0.03, abs=0.02 * change.values.max())
+
+
 def test_a_prediction_uses_no_sample_after_its_origin(pushed):
     _, decay, result = pushed
     # Linear about the smoothed motion, which knows them all: to first order nothing of it is left.

@@ -1,7 +1,7 @@
 """Predictions of a record from what was measured before, with bands that grow by the random force."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,8 +16,8 @@ from sysid_trib.results.per_run import noise_of_run
 from sysid_trib.results.schema import asymptotic_frequency, library_of
 from sysid_trib.results.variables import variable, with_error
 from sysid_trib.state_space.intervals import steps_over
-from sysid_trib.state_space.kalman import set_signal, statsmodels_model
-from sysid_trib.state_space.linearised import Derivatives, sensor_on
+from sysid_trib.state_space.kalman import LinearModel, set_signal, statsmodels_model
+from sysid_trib.state_space.linearised import Derivatives, linearised_about, sensor_on
 from sysid_trib.state_space.tracked import TrackedRecord, track
 from sysid_trib.state_space.vector_field import VectorField
 
@@ -107,8 +107,9 @@ def bands_of(
     """`prediction_bands` of a record that was followed before, so many periods ahead: ascending."""
     tracked = tracked.with_density(_expected_density(random_force_of(result, run)))
     starts = _origins(tracked, float(ahead[-1]), origins)
-    states, covariance = _filtered(tracked, starts)
     names, of_parameters = parameters_of(result)
+    by = Derivatives(names, frequency=True)
+    states, covariance, by_states = _filtered(tracked, starts, by)
     time, w = tracked.time, tracked.model.reference_frequency
     leads = 2.0 * np.pi / w * ahead
     targets = _nearest(time, time[starts][:, None] + leads)
@@ -116,18 +117,17 @@ def bands_of(
     field = VectorField(tracked.model, names, frequency=True)
     predicted, variance = np.empty(times.shape), np.empty(times.shape)
     size = states.shape[1] - 1
-    now = Ahead(states[:, :size], *_nothing_yet(len(starts), size, len(names) + 1))
+    still = np.broadcast_to(np.eye(size), (len(starts), size, size))
+    now = Ahead(states[:, :size], still, by_states[:, :size], np.zeros_like(still))
     at = time[starts]
     for j in range(len(leads)):
         now, at = _advanced(field, now, w * (at - time[0]), w * (times[:, j] - at)), times[:, j]
-        shown, observed, by_sensor = sensor_on(
-            tracked.model, at - time[0], now.states, Derivatives(names, frequency=True)
-        )
+        shown, observed, by_sensor = sensor_on(tracked.model, at - time[0], now.states, by)
         predicted[:, j] = shown + states[:, size]
         by_start = np.concatenate(
             [np.einsum("oa,oab->ob", observed, now.transition), np.ones((len(starts), 1))], axis=1
         )
-        by_parameter = np.einsum("oa,oap->op", observed, now.sensitivity)
+        by_parameter = np.einsum("oa,oap->op", observed, now.sensitivity) + by_states[:, size]
         by_parameter[:, :-1] += by_sensor
         variance[:, j] = (
             np.einsum("oa,oab,ob->o", by_start, covariance, by_start)
@@ -187,13 +187,15 @@ def _nearest(time: Array, wanted: Array) -> Index:
     return np.where(np.abs(time[at] - wanted) <= half, at, -1)
 
 
-def _filtered(tracked: TrackedRecord, starts: Index) -> tuple[Array, Array]:
-    """States with the sensor's zero behind them, from the samples up to each start, and their covariance.
+def _filtered(tracked: TrackedRecord, starts: Index, by: Derivatives) -> tuple[Array, Array, Array]:
+    """States with the sensor's zero behind them, from the samples up to each start.
 
-    (start, state + 1) and (start, state + 1, state + 1). Nothing is known of the motion and the zero before
-    the first sample: their standard deviation there is the swing.
+    (start, state + 1), their covariance, and their derivatives by coefficients and frequency: with another
+    curve of the sensor, or another force, the same samples are those of another motion. Nothing is known of
+    the motion and the zero before the first sample: their standard deviation there is the swing.
     """
-    linear, steps = tracked.linear, tracked.linear.steps
+    linear = _by_parameters(tracked, by)
+    steps = linear.steps
     samples, size = linear.path.shape
     transition = np.zeros((samples - 1, size + 1, size + 1))
     transition[:, :size, :size] = steps.transition
@@ -204,14 +206,29 @@ def _filtered(tracked: TrackedRecord, starts: Index) -> tuple[Array, Array]:
     first = np.zeros((size + 1, size + 1))
     swing = float(np.max(np.abs(tracked.angle))) / tracked.noise
     first[[0, 1, size], [0, 1, size]] = swing**2
-    model = statsmodels_model(observed, transition, noise, linear.sensor_filter, first=first)
-    added = np.column_stack([linear.mismatch, np.zeros(samples - 1)])
-    set_signal(model, linear.record, added, np.zeros(size + 1))
-    filtered: Any = model.filter()
-    states = np.column_stack([linear.path, np.full(samples, tracked.zero)])[starts]
     motion = slice(0, size + 1)
-    covariance = tracked.noise**2 * np.moveaxis(filtered.filtered_state_cov[motion, motion], -1, 0)[starts]
-    return states + filtered.filtered_state[motion].T[starts], covariance
+
+    def filtered(record: Array, added: Array) -> Any:
+        # Of a second record that it is given statsmodels takes no notice.
+        model = statsmodels_model(observed, transition, noise, linear.sensor_filter, first=first)
+        set_signal(model, record, np.column_stack([added, np.zeros(samples - 1)]), np.zeros(size + 1))
+        return model.filter()
+
+    of_record = filtered(linear.record, linear.mismatch)
+    covariance = tracked.noise**2 * np.moveaxis(of_record.filtered_state_cov[motion, motion], -1, 0)[starts]
+    changes = of_record.filtered_state[motion].T[starts]
+    columns = zip(linear.observed_parameters.T[:-3], np.moveaxis(linear.by_column, 2, 0)[:-3], strict=True)
+    slopes = [filtered(-shown, added).filtered_state[motion].T[starts] for shown, added in columns]
+    states = np.column_stack([linear.path, np.full(samples, tracked.zero)])[starts]
+    return states + changes, covariance, np.stack(slopes, axis=2)
+
+
+def _by_parameters(tracked: TrackedRecord, by: Derivatives) -> LinearModel:
+    """The record linear about its path, in its parameters too."""
+    model, path = tracked.model, tracked.linear.path
+    per_run = np.array([path[0, 0], model.reference_frequency * path[0, 1], tracked.zero])
+    linear = linearised_about(model, tracked.time, tracked.angle, path, per_run, by)
+    return replace(linear, sensor_filter=tracked.linear.sensor_filter)
 
 
 def parameters_of(result: xr.Dataset) -> tuple[tuple[str, ...], Array]:
@@ -230,11 +247,6 @@ def parameters_of(result: xr.Dataset) -> tuple[tuple[str, ...], Array]:
         whole[count, :count] = whole[:count, count] = with_frequency
         whole[count, count] = w_error**2
     return tuple(symbols), np.nan_to_num(whole)
-
-
-def _nothing_yet(origins: int, size: int, parameters: int) -> tuple[Array, Array, Array]:
-    identity = np.broadcast_to(np.eye(size), (origins, size, size))
-    return identity, np.zeros((origins, size, parameters)), np.zeros((origins, size, size))
 
 
 def _advanced(field: VectorField, now: Ahead, tau: Array, length: Array) -> Ahead:
