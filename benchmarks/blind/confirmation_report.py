@@ -254,13 +254,21 @@ def _coverage_table(ran: Sequence[Row]) -> str:
         "| 95 % intervals of base coefficients | random force | cover | coefficients |",
         "| --- | --- | --- | --- |",
     ]
-    for title, kinds in (
-        ("nothing hidden", ("nothing",)),
-        ("one effect hidden, offered", ("effect", "strong")),
-        ("truth left out or of no library", ("left out", "outside")),
+
+    def is_first(row: Row) -> bool:
+        return (
+            bool(row["found"]["steps"]) and row["found"]["steps"][0]["symbol"] == row["hidden"][0]["symbol"]
+        )
+
+    for title, kinds, of in (
+        ("nothing hidden", ("nothing",), lambda row: True),
+        ("one effect hidden, its name comes first", ("effect", "strong"), is_first),
+        ("one effect hidden, another name or none", ("effect", "strong"), lambda row: not is_first(row)),
+        ("truth left out or of no library", ("left out", "outside"), lambda row: True),
     ):
         for wander in (False, True):
-            some = [row for row in ran if row["kind"].startswith(kinds) and pushed(row) == wander]
+            of_kind = [row for row in ran if row["kind"].startswith(kinds) and pushed(row) == wander]
+            some = [row for row in of_kind if of(row)]
             cover = [
                 abs(row["found"]["base"][name] - true) < 1.96 * row["found"]["base_errors"][name]
                 for row in some
