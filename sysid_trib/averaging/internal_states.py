@@ -142,6 +142,32 @@ def values_along(motion: GivenMotion, force: Force, shapes: Sequence[Mapping[str
     return np.stack(columns).T
 
 
+def tangent_along(motion: GivenMotion, force: Force, shapes: Mapping[str, float]) -> tuple[Array, Array]:
+    """By how much a history-dependent force changes with the angle and its rate, (sample,) each.
+
+    Parameters
+    ----------
+    motion : GivenMotion
+        Densely sampled.
+    force : Force
+        Of one that is not `is_stepped` it is zero.
+    shapes : mapping of str to float
+
+    Notes
+    -----
+    Of a small change that swings at the frequency of the motion, w = 1: states of the Jacobian J that are
+    driven by g v + k x change by (i - J)^-1 (i g + k) of it, so that a state which relaxes at once damps, and
+    one that does not is a spring. Memory is held.
+    """
+    if not is_stepped(force):
+        return np.zeros_like(motion.tau), np.zeros_like(motion.tau)
+    with np.errstate(all="ignore"):
+        history = _History(motion, force, force.shape_values(shapes))
+        memory = {k: m[:, 0] for k, m in history.memory_at_samples(1).items()}
+        of_x, of_v = history.tangent(memory)
+    return np.nan_to_num(of_x, posinf=0.0, neginf=0.0), np.nan_to_num(of_v, posinf=0.0, neginf=0.0)
+
+
 class _History:
     """States and memory of a force along a motion, for one value of each shape parameter or for many."""
 
@@ -175,11 +201,33 @@ class _History:
 
     def stepped_value(self, memory: Mapping[str, Array]) -> Array:
         """The force at the samples, its states followed by steps from sample to sample."""
+        return np.broadcast_to(self.force.formula.evaluate(self._stepped(memory)), self.motion.tau.shape)
+
+    def _stepped(self, memory: Mapping[str, Array]) -> dict[str, Any]:
+        """Variables of the formulas at the samples."""
         # A step lies between two reversals but for the one that holds it; there the new memory rules.
         names = self.motion.at_stages | self.shapes | {k: m[1:] for k, m in memory.items()}
         states = stepped_states(self.force, np.diff(self.motion.tau), names, self.start)
-        h = self.force.formula.evaluate(self.motion.at_samples | self.shapes | dict(memory) | states)
-        return np.broadcast_to(h, self.motion.tau.shape)
+        return self.motion.at_samples | self.shapes | dict(memory) | states
+
+    def tangent(self, memory: Mapping[str, Array]) -> tuple[Array, Array]:
+        """Derivatives of the force by angle and rate, (sample,) each; see `tangent_along`."""
+        force, names = self.force, self._stepped(memory)
+        samples, order = self.motion.tau.shape, tuple(force.state)
+        h = {k: np.broadcast_to(force.formula.derivative(names, k), samples) for k in ("x", "v", *order)}
+        if not order:
+            return h["x"], h["v"]
+        rates = {
+            k: np.array([np.broadcast_to(f.derivative(names, k), samples) for f in force.state.values()])
+            for k in ("x", "v", *order)
+        }
+        jacobian = np.stack([rates[k] for k in order], axis=-1).transpose(1, 0, 2)
+        driven = (1j * rates["v"] + rates["x"]).T[:, :, None]
+        finite = np.all(np.isfinite(jacobian), axis=(1, 2))
+        system = 1j * np.eye(len(order)) - np.where(finite[:, None, None], jacobian, 0.0)
+        change = np.linalg.solve(system, driven)[:, :, 0]
+        total = np.sum(np.stack([h[k] for k in order], axis=1) * change, axis=1)
+        return h["x"] + total.real, h["v"] + total.imag
 
     def memory(self, states: Mapping[str, Array]) -> dict[str, Array]:
         """Memory in each segment of the motion, (segment, ...), given the states at the reversals."""

@@ -41,9 +41,11 @@ class Fits:
         key = frozenset(t.force.symbol for t in trials) - base
         if key not in self.kept:
             model = self._fitted(near, trials)
-            if model is None:
+            # A fit that leaves what is physical has not failed: the effect does not explain the record.
+            physical = model is None or _is_physical(model, len(base))
+            if model is None or (physical and not model.settled):
                 self.failed += [trial.force.symbol for trial in add]
-            self.kept[key] = model if model is None or _is_physical(model, len(base)) else None
+            self.kept[key] = model if model is not None and model.settled and physical else None
         return self.kept[key]
 
     def _fitted(self, near: FittedModel, trials: Sequence[TrialEffect]) -> FittedModel | None:
@@ -54,7 +56,7 @@ class Fits:
             model = fit_model(paths, trials, frequency_free=near.frequency_free, first=first)
         except (SysidTribError, np.linalg.LinAlgError, ValueError):
             return None
-        return model if model.settled and np.isfinite(model.deviance) else None
+        return model if np.isfinite(model.deviance) else None
 
 
 def _is_physical(model: FittedModel, base: int) -> bool:
@@ -79,7 +81,8 @@ def exchange_effects(
     max_effects : int
         No more than so many remain.
     level : float
-        Where there are more than before, what each explains is beyond chance at this level.
+        Where there are more than before, what each explains is beyond chance at this level, and the model is
+        more likely by what leaves chance outside of a credible set.
 
     Returns
     -------
@@ -101,8 +104,10 @@ def exchange_effects(
         if fitted is None:
             continue
         score = evidence(fitted, after)
-        better = score < here - LEAST_GAIN and (best is None or score < best[0])
-        if better and (len(after) <= len(effects) or max(_chances(current, fitted, after)) < level):
+        more = len(after) > len(effects)
+        needed = OUTSIDE_OF_SET if more else LEAST_GAIN
+        better = score < here - needed and (best is None or score < best[0])
+        if better and (not more or max(_chances(current, fitted, after)) < level):
             best = (score, after, fitted)
     return None if best is None else (best[2], best[1])
 
@@ -123,6 +128,19 @@ def not_beyond_chance(
     if current.p_value_of(gain, force) < level:
         return None
     return fitted, tuple(symbol for symbol in effects if symbol != worst)
+
+
+def chance_in_set(
+    effects: tuple[str, ...], rivals: dict[str, dict[str, float]], fits: Fits
+) -> tuple[FittedModel, tuple[str, ...]] | None:
+    """The model without the effect whose credible set chance is in; None if there is none."""
+    beside = {symbol: costs.get("", np.inf) for symbol, costs in rivals.items()}
+    symbol = min(beside, key=beside.__getitem__, default="")
+    if not symbol or beside[symbol] >= OUTSIDE_OF_SET:
+        return None
+    after = tuple(other for other in effects if other != symbol)
+    fitted = fits.kept.get(frozenset(after))
+    return None if fitted is None else (fitted, after)
 
 
 def _chances(current: Screening, model: FittedModel, effects: Sequence[str]) -> list[float]:

@@ -94,7 +94,8 @@ def _scored(model: FittedModel, path: RecordPath, run: int) -> tuple[Array, Reco
         white = whiten(factor, np.column_stack([unexplained, zero]))
         offset = float(white[:, 1] @ white[:, 0] / (white[:, 1] @ white[:, 1]))
         error = path.sensor_values([model.trials[at] for at in sensors]) @ model.coefficients[sensors]
-        motion = rows.smoothed_motion(unexplained - offset * zero, offset + error, ratio)
+        slopes = path.sensor_slopes(model.trials, model.coefficients)
+        motion = rows.smoothed_motion(unexplained - offset * zero, offset + error, slopes, ratio)
         path = path.follow(motion, model.trials, model.coefficients)
     innovation = (white[:, 0] - offset * white[:, 1]) / np.sqrt(variance)
     return -0.5 * innovation**2 - np.log(factor[0]) - 0.5 * np.log(variance), path

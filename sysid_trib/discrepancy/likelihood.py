@@ -62,8 +62,17 @@ class RunProducts:
         tried = np.flatnonzero(self.ratios == ratio)
         if len(tried):
             return np.asarray(self.products[tried[0]])
-        weights = CubicSpline(np.log(self.ratios[1:]), np.eye(len(self.ratios) - 1))(np.log(ratio))
-        return np.asarray(np.tensordot(weights, self.products[1:], 1))
+        return np.asarray(np.tensordot(self._weights(ratio), self.products[1:], 1))
+
+    def log_determinant_at(self, ratio: float) -> float:
+        """The same of the covariance, over that of white noise of the sensor alone."""
+        tried = np.flatnonzero(self.ratios == ratio)
+        if len(tried):
+            return float(self.log_determinant[tried[0]])
+        return float(self._weights(ratio) @ self.log_determinant[1:])
+
+    def _weights(self, ratio: float) -> Array:
+        return np.asarray(CubicSpline(np.log(self.ratios[1:]), np.eye(len(self.ratios) - 1))(np.log(ratio)))
 
     def of(self, columns: Array) -> Array:
         """Products of the target and some columns, (ratio, column + 1, column + 1)."""
@@ -155,7 +164,9 @@ def likelihood(runs: Sequence[RunProducts], columns: Sequence[int]) -> Likelihoo
     other, the ratios of the others held, until the deviance settles.
     """
     parts = [run.of(np.asarray(columns, dtype=int)) for run in runs]
-    size = np.sqrt(np.maximum(sum(np.einsum("gii->i", part) for part in parts), 1e-300))
+    size = np.sqrt(np.maximum(sum(np.einsum("gii->i", part) for part in parts), 0.0))
+    # A column without effect keeps its size; the ridge holds it.
+    size = np.where(size > 0.0, size, 1.0)
     size[0] = 1.0
     parts = [part / np.outer(size, size) for part in parts]
     at = [len(run.ratios) // 2 for run in runs]
@@ -170,18 +181,27 @@ def likelihood(runs: Sequence[RunProducts], columns: Sequence[int]) -> Likelihoo
         if len(runs) == 1 or before - best < DEVIANCE_SETTLED:
             break
     ratios, errors, gains = np.zeros((3, len(runs)))
-    deviance = best
     for r, run in enumerate(runs):
         deviances, _ = _over_ratios(runs, parts, at, variances, r)
         ratios[r], least, errors[r] = _between(run.ratios, deviances, at[r])
-        gains[r], deviance = deviances[0] - least, deviance + least - best
+        gains[r] = deviances[0] - least
     of_columns = np.concatenate([[0], np.asarray(columns, dtype=int)])
     there = [
         run.at(float(ratio))[np.ix_(of_columns, of_columns)] / np.outer(size, size)
         for run, ratio in zip(runs, ratios, strict=True)
     ]
-    coefficients, covariance = _solution(there, variances)
-    variances = [_variance(run, part, coefficients) for run, part in zip(runs, there, strict=True)]
+    # At these ratios, whichever of those tried were nearest: else a fit could not settle.
+    deviance = np.inf
+    for _ in range(RATIO_ROUNDS):
+        before = deviance
+        coefficients, covariance = _solution(there, variances)
+        variances = [_variance(run, part, coefficients) for run, part in zip(runs, there, strict=True)]
+        deviance = sum(
+            run.degrees_of_freedom * np.log(variance) + run.log_determinant_at(float(ratio))
+            for run, variance, ratio in zip(runs, variances, ratios, strict=True)
+        )
+        if len(runs) == 1 or before - deviance < DEVIANCE_SETTLED:
+            break
     coefficients, covariance = _solution(there, variances)
     scale = size[1:]
     return Likelihood(

@@ -18,6 +18,8 @@ MOST_PATHS = 12
 # Rounds after which a path goes half of its way.
 WHOLE_STEPS = 3
 SETTLED_DEVIANCE = 0.1
+# A kink of a force may have the path swing about where it settles: then the best two rounds agree to this.
+NEARLY_SETTLED = 1.0
 # Part of its standard error by which a frequency may differ from the reference, and rounds to get there.
 SAME_REFERENCE, RESCALINGS = 0.02, 4
 # Largest step of a shape parameter in a round, in parts of its range; difference for its column.
@@ -151,7 +153,8 @@ class FittedModel:
         paths = []
         for at, (rows, residual) in enumerate(zip(self.rows, self.residuals(), strict=True)):
             ratio = float(self.likelihood.ratios[at])
-            motion = rows.smoothed_motion(residual, self.sensor_errors(at), ratio, part)
+            errors = self.sensor_errors(at), rows.path.sensor_slopes(self.trials, self.coefficients)
+            motion = rows.smoothed_motion(residual, *errors, ratio, part)
             paths.append(rows.path.follow(motion, self.trials, self.coefficients))
         return paths
 
@@ -192,6 +195,7 @@ def fit_model(
     """
     guess = np.zeros(len(trials) + 1) if first is None else first
     model = _fitted_along(paths, trials, guess, frequency_free)
+    rounds = []
     for turn in range(MOST_PATHS):
         guess = np.append(model.coefficients, model.stiffness)
         # A history-dependent force may have the path swing about where it settles.
@@ -201,7 +205,9 @@ def fit_model(
         model = after
         if settled:
             return model
-    return replace(model, settled=False)
+        rounds.append(model)
+    best, next_best = sorted(rounds, key=lambda fitted: fitted.deviance)[:2]
+    return replace(best, settled=next_best.deviance - best.deviance < NEARLY_SETTLED)
 
 
 def _fitted_along(

@@ -21,7 +21,7 @@ from scipy.interpolate import BSpline, make_lsq_spline
 
 from sysid_trib.arrays import Array
 from sysid_trib.averaging.collocation import Index
-from sysid_trib.averaging.internal_states import GivenMotion, states_along, values_along
+from sysid_trib.averaging.internal_states import GivenMotion, states_along, tangent_along, values_along
 from sysid_trib.discrepancy.jumps import NO_JUMPS, Jumps, jumps_along
 from sysid_trib.discrepancy.trials import TrialEffect
 from sysid_trib.errors import DecayError, SysidTribError
@@ -137,8 +137,20 @@ class RecordPath:
             (t.force, float(c)) for t, c in zip(trials, coefficients, strict=True) if t.force.kind == "force"
         ]
         shapes = {k: value for trial in trials for k, value in trial.shapes.items()}
-        of_x, of_v = derivatives_along(forces, shapes, self.elapsed, *self.at_samples)
-        return noise_operator(self.form, of_x + stiffness, of_v)
+        _, x, v, _, time, _ = self.points
+        of_x, of_v = derivatives_along(forces, shapes, time, x, v)
+        for trial, c in zip(trials, coefficients, strict=True):
+            if trial.force.kind == "force" and not trial.force.memoryless and c:
+                past_x, past_v = tangent_along(self.motion, trial.force, trial.shapes)
+                of_x, of_v = of_x + c * past_x, of_v + c * past_v
+        return noise_operator(self.form, self._at_samples(of_x) + stiffness, self._at_samples(of_v))
+
+    def _at_samples(self, values: Array) -> Array:
+        """Means about the samples of values at points, (sample,): a stiffness may jump between samples."""
+        parts = (len(values) - 1) // (len(self.time) - 1)
+        weights = 1.0 - np.abs(np.arange(1 - parts, parts)) / parts
+        means = np.convolve(values, weights, "same") / np.convolve(np.ones(len(values)), weights, "same")
+        return np.asarray(means[::parts])
 
     def columns(self, trials: Sequence[TrialEffect], operator: sp.csr_matrix) -> Array:
         """Rows of each trial with a coefficient of 1, (row, trial); nan where it cannot be followed."""
@@ -153,6 +165,15 @@ class RecordPath:
         """Errors of the sensor of coefficient 1 at the samples, (sample, trial), rad."""
         values = [t.force.value(*self.at_samples, self.elapsed, shapes=t.shapes) for t in trials]
         return np.stack(values, axis=1) if values else np.zeros((len(self.time), 0))
+
+    def sensor_slopes(self, trials: Sequence[TrialEffect], coefficients: Array) -> tuple[Array, Array]:
+        """By which errors of the sensor grow with the angle and with its rate, (sample,) each."""
+        (x, v), slopes = self.at_samples, np.zeros((2, len(self.time)))
+        for trial, c in zip(trials, coefficients, strict=True):
+            if trial.force.kind == "sensor":
+                names = {"x": x, "v": v, "t": self.elapsed} | trial.force.shape_values(trial.shapes)
+                slopes += c * np.array([trial.force.formula.derivative(names, k) for k in "xv"])
+        return slopes[0], slopes[1]
 
     def force_values(self, trials: Sequence[TrialEffect]) -> Array:
         """Forces of coefficient 1 along the path, (point, trial), rad; nan where one cannot be followed."""

@@ -6,15 +6,19 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.interpolate import BSpline
 from scipy.sparse.linalg import spsolve
 
 from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.likelihood import Likelihood, RunProducts, products_of
 from sysid_trib.discrepancy.paths import RecordPath
 from sysid_trib.discrepancy.trials import TrialEffect
-from sysid_trib.noise.smoothing import SPLINE_DEGREE
-from sysid_trib.regression.weak_form import cholesky_factor, coloured, covariance_band, whiten
+from sysid_trib.regression.weak_form import (
+    cholesky_factor,
+    coloured,
+    covariance_band,
+    spline_design,
+    whiten,
+)
 
 # Points of a period at which candidates are evaluated that are only compared.
 SCREENED = 120
@@ -68,7 +72,14 @@ class RunRows:
         factor = cholesky_factor(self.band, self.path.form.gram, float(likelihood.ratios[run]))
         return whiten(factor, table) / np.sqrt(likelihood.variances[run])
 
-    def smoothed_motion(self, residual: Array, errors: Array, ratio: float, part: float = 1.0) -> Array:
+    def smoothed_motion(
+        self,
+        residual: Array,
+        errors: Array,
+        slopes: tuple[Array, Array],
+        ratio: float,
+        part: float = 1.0,
+    ) -> Array:
         """The most likely motion at the samples, (sample,), or a part of the way there from the path.
 
         Parameters
@@ -77,6 +88,8 @@ class RunRows:
             What a model leaves of the rows.
         errors : (sample,) array of float, rad
             Of the sensor, its zero among them.
+        slopes : pair of (sample,) array of float
+            By which these errors grow with the angle and with its rate.
         ratio : float
             Of the random force to the noise of the sensor.
         part : float
@@ -88,9 +101,10 @@ class RunRows:
         The multipliers of the rows in this saddle point are the random force over its covariance.
         """
         tau, filter_ = self.path.form.tau, self.path.sensor.filter_
-        basis = BSpline.design_matrix(tau, self.path.spline.t, SPLINE_DEGREE)
+        basis, rate = (spline_design(tau, self.path.spline.t, order) for order in range(2))
+        seen = basis + sp.diags_array(slopes[0]) @ basis + sp.diags_array(slopes[1]) @ rate
         whitening = sp.diags_array(filter_, offsets=-np.arange(len(filter_)), shape=(len(tau), len(tau)))
-        white, felt = (whitening @ basis).tocsr(), self.operator @ basis
+        white, felt = (whitening @ seen).tocsr(), self.operator @ basis
         unexplained = self.path.angle - errors - self.path.at_samples[0]
         gram = self.path.form.gram
         lower = sp.diags_array(gram, offsets=-np.arange(len(gram)), shape=(len(residual), len(residual)))

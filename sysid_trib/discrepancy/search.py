@@ -6,12 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid_trib.discrepancy.collinearity import collinear_effects
-from sysid_trib.discrepancy.evidence import evidence
+from sysid_trib.discrepancy.evidence import OUTSIDE_OF_SET, evidence
 from sysid_trib.discrepancy.exchange import (
     FAR,
     SLACK,
     Fits,
     better_rival,
+    chance_in_set,
     exchange_effects,
     not_beyond_chance,
     rivals_of,
@@ -74,7 +75,8 @@ def search(
 ) -> Search:
     """Add, exchange and drop effects until no move raises the evidence of the model.
 
-    An effect is added where what it gains is beyond chance at `level`, corrected for the number of tests.
+    An effect is added where what it gains is beyond chance at `level`, corrected for the number of tests,
+    and nothing in its place is outside of its credible set; where that no longer holds it is dropped.
     """
     fits = Fits(start)
     model, effects = start, tuple[str, ...]()
@@ -94,7 +96,7 @@ def search(
         if step is None:
             tell("rivals of each effect")
             rivals = {symbol: rivals_of(current, effects, symbol, fits) for symbol in effects}
-            step = better_rival(current, effects, rivals, fits)
+            step = better_rival(current, effects, rivals, fits) or chance_in_set(effects, rivals, fits)
         converged = step is None
         if step is None:
             break
@@ -120,7 +122,7 @@ def search(
         effects,
         rivals,
         tuple(failed),
-        _outstanding(last, fits, level),
+        _outstanding(last, effects, fits, level),
         collinear_effects(last.model, last.products, effects),
         converged,
     )
@@ -157,28 +159,36 @@ def _models(final: FittedModel, effects: Sequence[str]) -> list[FittedModel]:
     return models
 
 
-def _outstanding(last: Screening, fits: Fits, level: float) -> tuple[str, ...]:
-    """Candidates that would gain more than chance beside the final model, fitted exactly."""
-    symbols = []
-    for at in [at for at in last.best() if last.p_values[at] < level][:FITTED]:
-        trial = last.trials[at]
-        fitted = fits.of(last.model, (), [trial])
-        gain = None if fitted is None else last.model.deviance - fitted.deviance
-        without_fit = gain is None and trial.force.symbol in fits.failed
-        if without_fit or (gain is not None and last.p_value_of(gain, trial.force) < level):
-            symbols.append(trial.force.symbol)
-    return tuple(symbols)
+def _outstanding(last: Screening, effects: tuple[str, ...], fits: Fits, level: float) -> tuple[str, ...]:
+    """Candidates that are missing from the final model, or whose fits beside it failed."""
+    failed = [last.trials[at].force.symbol for at in last.best() if last.p_values[at] < level]
+    missing = [after[-1] for _, after, _ in _beyond_chance(last, effects, fits, level)]
+    return (*missing, *(symbol for symbol in failed[:FITTED] if symbol in fits.failed))
 
 
 def _added(
     current: Screening, effects: tuple[str, ...], fits: Fits, level: float
 ) -> tuple[FittedModel, tuple[str, ...]] | None:
-    """The model with the most likely effect more, if what it gains is beyond chance."""
+    """The model with the most likely effect more; None if there is none beyond chance."""
+    tried = _beyond_chance(current, effects, fits, level)
+    if not tried:
+        return None
+    _, after, fitted = min(tried, key=lambda candidate: candidate[0])
+    return fitted, after
+
+
+def _beyond_chance(
+    current: Screening, effects: tuple[str, ...], fits: Fits, level: float
+) -> list[tuple[float, tuple[str, ...], FittedModel]]:
+    """Evidence, effects and model with one candidate more, of those that may be the most likely.
+
+    What it gains is beyond chance, and leaves that no place in its credible set.
+    """
     model = current.model
     likeliest = [at for at in current.best() if current.p_values[at] < level]
     if not likeliest:
-        return None
-    most = current.gains[likeliest[0]]
+        return []
+    most, here = current.gains[likeliest[0]], evidence(model, effects)
     near = [at for at in likeliest if current.gains[at] > most - FAR - SLACK * most][:FITTED]
     tried = []
     for at in near:
@@ -186,11 +196,8 @@ def _added(
         fitted = fits.of(model, (), [trial])
         if fitted is None:
             continue
-        gain = model.deviance - fitted.deviance
-        if current.p_value_of(gain, trial.force) < level:
-            after = (*effects, trial.force.symbol)
-            tried.append((evidence(fitted, after), after, fitted))
-    if not tried:
-        return None
-    _, after, fitted = min(tried, key=lambda candidate: candidate[0])
-    return fitted, after
+        gain, after = model.deviance - fitted.deviance, (*effects, trial.force.symbol)
+        score = evidence(fitted, after)
+        if current.p_value_of(gain, trial.force) < level and score < here - OUTSIDE_OF_SET:
+            tried.append((score, after, fitted))
+    return tried

@@ -151,7 +151,7 @@ def _integrals(points: Array, tau: Array, intervals: int, order: int) -> sp.csr_
     weights = sp.diags_array(np.gradient(points) * _end_weights(len(points)))
     # The first two and last two clamped splines have a value or a slope at the ends: they are left out.
     keep = slice(2, len(knots) - SPLINE_DEGREE - 1 - 2)
-    return (_design(points, knots, order).T.tocsr()[keep] @ weights).tocsr()
+    return (spline_design(points, knots, order).T.tocsr()[keep] @ weights).tocsr()
 
 
 def noise_operator(form: WeakForm, stiffness: Array, damping: Array) -> sp.csr_matrix:
@@ -267,8 +267,8 @@ def whiten(factor: Array, columns: Array) -> Array:
     return np.asarray(solved).reshape(columns.shape)
 
 
-def _design(tau: Array, knots: Array, order: int) -> sp.csr_matrix:
-    """Values of the `order`-th derivative of every B-spline at every sample, (sample, spline)."""
+def spline_design(tau: Array, knots: Array, order: int) -> sp.csr_matrix:
+    """Values of the `order`-th derivative of every B-spline of `SPLINE_DEGREE` at points, (point, spline)."""
     design = BSpline.design_matrix(tau, knots[order : len(knots) - order], SPLINE_DEGREE - order)
     # d/dx B_{i,p} = p (B_{i,p-1}/(t_{i+p}-t_i) - B_{i+1,p-1}/(t_{i+p+1}-t_{i+1})), from low to high degree.
     for lift in range(order, 0, -1):
