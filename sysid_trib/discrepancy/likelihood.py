@@ -181,6 +181,7 @@ def likelihood(runs: Sequence[RunProducts], columns: Sequence[int]) -> Likelihoo
         if len(runs) == 1 or before - best < DEVIANCE_SETTLED:
             break
     ratios, errors, gains = np.zeros((3, len(runs)))
+    least = best
     for r, run in enumerate(runs):
         deviances, _ = _over_ratios(runs, parts, at, variances, r)
         ratios[r], least, errors[r] = _between(run.ratios, deviances, at[r])
@@ -190,18 +191,18 @@ def likelihood(runs: Sequence[RunProducts], columns: Sequence[int]) -> Likelihoo
         run.at(float(ratio))[np.ix_(of_columns, of_columns)] / np.outer(size, size)
         for run, ratio in zip(runs, ratios, strict=True)
     ]
-    # At these ratios, whichever of those tried were nearest: else a fit could not settle.
-    deviance = np.inf
+    # Of several runs at these ratios, whichever of those tried were nearest: else a fit could not settle.
+    deviance, before = least if len(runs) == 1 else np.inf, np.inf
     for _ in range(RATIO_ROUNDS):
-        before = deviance
         coefficients, covariance = _solution(there, variances)
         variances = [_variance(run, part, coefficients) for run, part in zip(runs, there, strict=True)]
+        if len(runs) == 1 or before - deviance < DEVIANCE_SETTLED:
+            break
+        before = deviance
         deviance = sum(
             run.degrees_of_freedom * np.log(variance) + run.log_determinant_at(float(ratio))
             for run, variance, ratio in zip(runs, variances, ratios, strict=True)
         )
-        if len(runs) == 1 or before - deviance < DEVIANCE_SETTLED:
-            break
     coefficients, covariance = _solution(there, variances)
     scale = size[1:]
     return Likelihood(

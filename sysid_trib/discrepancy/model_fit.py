@@ -19,7 +19,7 @@ MOST_PATHS = 12
 WHOLE_STEPS = 3
 SETTLED_DEVIANCE = 0.1
 # A kink of a force may have the path swing about where it settles: then the best two rounds agree to this.
-NEARLY_SETTLED = 1.0
+ROUNDS_AGREE = 1.0
 # Part of its standard error by which a frequency may differ from the reference, and rounds to get there.
 SAME_REFERENCE, RESCALINGS = 0.02, 4
 # Largest step of a shape parameter in a round, in parts of its range; difference for its column.
@@ -207,7 +207,7 @@ def fit_model(
             return model
         rounds.append(model)
     best, next_best = sorted(rounds, key=lambda fitted: fitted.deviance)[:2]
-    return replace(best, settled=next_best.deviance - best.deviance < NEARLY_SETTLED)
+    return replace(best, settled=next_best.deviance - best.deviance < ROUNDS_AGREE)
 
 
 def _fitted_along(
