@@ -11,8 +11,10 @@ from sysid_trib.plots.motion_data import drawn_samples
 from sysid_trib.plots.style import Style
 
 RECORD_GREY, BAND_GREY = "#b3b3b3", "#e4e4e4"
-# Heights of a panel, px: usual, of residuals, and of a list without its rows; and of a row.
+# Heights of a panel, px: usual, of residuals, and of a list without its rows; and of a row. A list that is
+# shorter than its axis is not legible.
 PANEL_HEIGHT_PX, RESIDUAL_HEIGHT_PX, LIST_HEIGHT_PX, ROW_HEIGHT_PX = 300, 220, 70, 19
+FEWEST_ROWS = 3
 DASHES = {"-": "solid", "--": "dashed"}
 # Matplotlib's marks by bokeh's names.
 MARKERS = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle"}
@@ -122,7 +124,7 @@ def log_axis(on: plotting.figure, low: float, high: float) -> None:
 
 def list_panel(x_label: str, rows: Sequence[str], *, log: str = "") -> plotting.figure:
     """Empty axes, as high as there are rows."""
-    height = LIST_HEIGHT_PX + ROW_HEIGHT_PX * len(rows)
+    height = LIST_HEIGHT_PX + ROW_HEIGHT_PX * max(FEWEST_ROWS, len(rows))
     return panel(x_label, "", rows=rows, log=log, height=height)
 
 
