@@ -16,6 +16,8 @@ BINS = {"8-12": (8.0, 12.0), "12-20": (12.0, 20.0), "> 20": (20.0, np.inf)}
 CLEAR = 20.0
 # Seconds above which a record is too slow.
 SLOW = 60.0
+# In the place of what is found where an error ended the search.
+FAILED = {"verdict": "none", "steps": []}
 # Edges of stated probabilities in the reliability diagram.
 EDGES = np.array([0.0, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0])
 
@@ -24,10 +26,12 @@ def report(rows: Sequence[Row], salt: str, figure: Path) -> str:
     """Tables as markdown, and the failures; the reliability diagram goes into `figure`."""
     drawn = [row for row in rows if "not_drawn" not in row]
     ran = [row for row in drawn if "found" in row]
+    # A record without a verdict is a miss in every share that it belongs to.
+    counted = [row if "found" in row else row | {"found": FAILED} for row in drawn]
     points = reliability(ran)
     parts = [
         f"Salt {salt}, {len(rows)} records, of which {len(ran)} came to a verdict.",
-        _bars(ran),
+        _bars(counted),
         _ends(rows, drawn),
         _reliability_table(points),
         _coverage_table(ran),
