@@ -360,16 +360,18 @@ def test_arrest_is_near_the_stop_of_the_exact_motion():
 @pytest.mark.parametrize("noise", [1e-5, 1e-3])
 @pytest.mark.parametrize("kappa", [0.02, 0.2])
 def test_a_slipping_contact_has_the_fingerprint(kappa, noise):
-    # A record of Masing's hysteresis (m = 2), identified with the six forces.
+    # Records of Masing's hysteresis (m = 2), identified with the six forces. Of one the ratio has an error of
+    # up to a tenth.
     model = Model(every_force(), {"zeta": 0.01, "masing": kappa}, W)
-    time = np.arange(0.0, 25.0, 0.01)
-    angle = trajectory(model, time, 0.3).position + noise * np.random.default_rng(4).standard_normal(
-        time.size
-    )
-    result = Direct().identify(xr.Dataset({"angle": ("time", angle)}, {"time": time}), load_library())
-    found = slip_fingerprint(result)
-    assert found.ratio.item() == pytest.approx(SLIP_RATIO, rel=0.16)
-    assert found.attrs["verdict"] == "compatible"
+    time, ratios = np.arange(0.0, 25.0, 0.01), []
+    motion = trajectory(model, time, 0.3).position
+    for seed in range(8):
+        angle = motion + noise * np.random.default_rng(seed).standard_normal(time.size)
+        result = Direct().identify(xr.Dataset({"angle": ("time", angle)}, {"time": time}), load_library())
+        found = slip_fingerprint(result)
+        ratios.append(found.ratio.item())
+        assert found.attrs["verdict"] == "compatible"
+    assert np.mean(ratios) == pytest.approx(SLIP_RATIO, rel=0.16)
 
 
 @pytest.mark.parametrize(
