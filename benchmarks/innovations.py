@@ -44,7 +44,7 @@ def main() -> None:
         if asked.only not in record.title:
             continue
         decay = replace(record, stride=STRIDES.get(record.title, record.stride)).decay()
-        result = st.identify(decay, BOTH.select(record.forces.split()), METHODS[asked.method])
+        result = st.identify(decay, BOTH.select(record.models.split()), METHODS[asked.method])
         ahead = st.innovations(decay, result)
         correlation = ahead.autocorrelation.values[:LAGS]
         most = int(np.argmax(np.abs(correlation)))

@@ -58,6 +58,11 @@ class Record:
     stride: int
     models: str
 
+    def decay(self, stride: int | None = None) -> xr.Dataset:
+        """The free decay, every so many samples."""
+        read = read_record(records_folder() / self.file, **self.columns)
+        return free_decay(read, window=self.window).isel(time=slice(None, None, stride or self.stride))
+
 
 SWING = """lambda delta gravity
 lambda zeta delta gravity
@@ -177,10 +182,9 @@ def contestants(record: Record, w: float) -> list[tuple[str, str, Callable]]:
     return rows
 
 
-def table_of(record: Record, folder: Path, quick: bool, progress: Progress) -> Table:
+def table_of(record: Record, quick: bool, progress: Progress) -> Table:
     """Every method on one record."""
-    decay = free_decay(read_record(folder / record.file, **record.columns), window=record.window)
-    decay = decay.isel(time=slice(None, None, record.stride * (4 if quick and record.stride > 1 else 1)))
+    decay = record.decay(record.stride * (4 if quick and record.stride > 1 else 1))
     t, angle = decay.time.values, decay.angle.values
     split = int(np.searchsorted(t, t[0] + (t[-1] - t[0]) * 2 / 3, side="right"))
     train = decay.isel(time=slice(split))
@@ -206,10 +210,10 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="every fourth of the pendulum's samples")
     parser.add_argument("--only", metavar="WORDS", default="", help="records whose title holds these words")
     options = parser.parse_args()
-    folder, console = records_folder(), Console()
+    console = Console()
     chosen = [r for r in RECORDS if options.only.lower() in r.title.lower()]
     with Progress(console=Console(stderr=True), transient=True) as progress:
-        tables = [table_of(record, folder, options.quick, progress) for record in chosen]
+        tables = [table_of(record, options.quick, progress) for record in chosen]
     for table in tables:
         console.print(table)
 

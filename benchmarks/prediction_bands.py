@@ -101,7 +101,7 @@ def main() -> None:
     table = Table("95 % bands", "records", "failed", *(f"{h} ahead (%; RMS error/stated)" for h in HORIZONS))
     if asked.measured:
         for record in RECORDS:
-            library, decay = BOTH.select(record.forces.split()), record.decay()
+            library, decay = BOTH.select(record.models.split()), record.decay()
             p = dependence(decay, library, method)
             table.add_row(*row_of(f"{record.title}, p {p:.2g}", [decay], library, method))
     else:

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
-from measured import BOTH, records_folder
+from measured import BOTH, Record
 from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 from rich.console import Console
@@ -25,7 +25,7 @@ from rich.table import Table
 from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import minimize
 
-from sysid_trib import free_decay, methods, model_of, read_record, simulate
+from sysid_trib import methods, model_of, simulate
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.to_identify import forces_to_identify
 from sysid_trib.noise.variance_ratio import WhiteRows
@@ -45,23 +45,6 @@ SIZES = (-6.0, -3.0, 0.0, 3.0)
 EVALUATIONS = 60
 # A random force that is drawn, over the sensor's noise in the rows.
 DRAWN_SIZE = 5.0
-
-
-@dataclass(frozen=True)
-class Record:
-    """A measured record, how it is read, and the model that its physics suggests."""
-
-    title: str
-    file: str
-    columns: dict[str, str]
-    window: tuple[float | None, float | None]
-    stride: int
-    forces: str
-
-    def decay(self) -> xr.Dataset:
-        """The free decay, every so many samples."""
-        read = read_record(records_folder() / self.file, **self.columns)
-        return free_decay(read, window=self.window).isel(time=slice(None, None, self.stride))
 
 
 SWING, FILM = "single_pendulum/free_swing.csv", "string_pendulum/run_1.txt"
@@ -241,15 +224,15 @@ def main() -> None:
         }
         table = Table("record", "beside", *KINDS, title=record.title)
         for name, part in parts.items():
-            for row in rows_of_table(record.title + name, dense_rows(part, record.forces)):
+            for row in rows_of_table(record.title + name, dense_rows(part, record.models)):
                 table.add_row(*row)
         drawn = []
         for seed in range(asked.simulated):
-            drawn.append(rows_of_table("", dense_rows(alike(decay, record.forces, seed), record.forces)))
+            drawn.append(rows_of_table("", dense_rows(alike(decay, record.models, seed), record.models)))
         for each in zip(*drawn, strict=True):
             largest = np.max([[float(gain) for gain in row[2:]] for row in each], axis=0)
             table.add_row(f"{len(each)} simulated", each[0][1], *(f"{gain:.0f}" for gain in largest))
-        add_drawn(table, dense_rows(decay, record.forces), asked.drawn)
+        add_drawn(table, dense_rows(decay, record.models), asked.drawn)
         console.print(table)
 
 

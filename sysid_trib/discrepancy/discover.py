@@ -3,16 +3,16 @@
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import pairwise
 
+import numpy as np
 import xarray as xr
 
 from sysid_trib.discrepancy.decimation import decimated
-from sysid_trib.discrepancy.holdout import REFUTED, Prediction, better_by, predicted
+from sysid_trib.discrepancy.holdout import REFUTED, Prediction, improvements, predicted
 from sysid_trib.discrepancy.model_fit import FittedModel, refitted
-from sysid_trib.discrepancy.paths import RecordPath
+from sysid_trib.discrepancy.paths import RecordPath, path_of_run
 from sysid_trib.discrepancy.search import Search, search
-from sysid_trib.discrepancy.start_model import first_path, fit_start_model
+from sysid_trib.discrepancy.start_model import fit_start_model
 from sysid_trib.discrepancy.to_xarray import groups_of
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import Force, ForceLibrary
@@ -143,7 +143,7 @@ def _origin(part: xr.Dataset, runs: Sequence[xr.Dataset]) -> float:
 
 def _refitted(model: FittedModel, runs: Sequence[xr.Dataset]) -> FittedModel:
     def whole(run: xr.Dataset, near: RecordPath) -> RecordPath:
-        return replace(first_path(run, near.frequency, near.origin), sensor=near.sensor)
+        return path_of_run(run, near.frequency, near.sensor, near.origin)
 
     return refitted(model, [whole(run, rows.path) for run, rows in zip(runs, model.rows, strict=True)])
 
@@ -160,7 +160,7 @@ def verdict_of(done: Search, level: float = FAMILY_LEVEL, predictions: Sequence[
         Of what was held out, by each of its models.
     """
     # Names that nearly cancel each other, or that do not predict, may imitate one that is not in the library.
-    refuted = any(better_by(after, before) < REFUTED for before, after in pairwise(predictions))
+    refuted = np.any(improvements(predictions) < REFUTED)
     missing = done.outstanding or done.screenings[-1].omnibus.p_value < level
     if done.collinear or refuted or missing:
         return "unknown effect"

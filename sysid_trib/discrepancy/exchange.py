@@ -8,7 +8,7 @@ import numpy as np
 
 from sysid_trib.discrepancy.columns_beside import each_beside, projected
 from sysid_trib.discrepancy.evidence import OUTSIDE_OF_SET, evidence
-from sysid_trib.discrepancy.likelihood import likelihood
+from sysid_trib.discrepancy.likelihood import RunProducts, likelihood
 from sysid_trib.discrepancy.model_fit import FittedModel, fit_model
 from sysid_trib.discrepancy.screening import Screening, is_physical, strengths
 from sysid_trib.discrepancy.trials import TrialEffect
@@ -107,7 +107,7 @@ def exchange_effects(
         more = len(after) > len(effects)
         needed = OUTSIDE_OF_SET if more else LEAST_GAIN
         better = score < here - needed and (best is None or score < best[0])
-        if better and (not more or max(_chances(current, fitted, after)) < level):
+        if better and (not more or max(_p_values(current, _own_products(fitted), fitted, after)) < level):
             best = (score, after, fitted)
     return None if best is None else (best[2], best[1])
 
@@ -116,16 +116,13 @@ def not_beyond_chance(
     current: Screening, effects: tuple[str, ...], fits: Fits, level: float
 ) -> tuple[FittedModel, tuple[str, ...]] | None:
     """The model without the effect that chance would do as well as most likely; None if there is none."""
-    chances = _chances(current, current.model, effects)
+    model = current.model
+    chances = _p_values(current, current.products, model, effects)
     if max(chances, default=0.0) < level:
         return None
     worst = effects[int(np.argmax(chances))]
-    fitted = fits.of(current.model, (worst,), ())
-    if fitted is None:
-        return None
-    gain = fitted.deviance - current.model.deviance
-    force = next(t.force for t in current.model.trials if t.force.symbol == worst)
-    if current.p_value_of(gain, force) < level:
+    fitted = fits.of(model, (worst,), ())
+    if fitted is None or _p_value(current, model, worst, fitted.deviance) < level:
         return None
     return fitted, tuple(symbol for symbol in effects if symbol != worst)
 
@@ -143,15 +140,26 @@ def chance_in_set(
     return None if fitted is None else (fitted, after)
 
 
-def _chances(current: Screening, model: FittedModel, effects: Sequence[str]) -> list[float]:
-    """Probability that chance explains as much as each effect beside the others, along the model's path."""
-    products = [rows.products(table) for rows, table in zip(model.rows, model.tables, strict=True)]
-    chances = []
-    for symbol in effects:
-        gain = likelihood(products, _kept(model, (symbol,))).deviance - model.deviance
-        force = next(t.force for t in model.trials if t.force.symbol == symbol)
-        chances.append(current.p_value_of(gain, force))
-    return chances
+def _p_values(
+    current: Screening, products: Sequence[RunProducts], model: FittedModel, effects: Sequence[str]
+) -> list[float]:
+    """Probability that chance explains as much as each effect beside the others, along the model's path.
+
+    `products` : whose first columns are the model's.
+    """
+    without = [likelihood(products, kept_columns(model, (symbol,))).deviance for symbol in effects]
+    pairs = zip(effects, without, strict=True)
+    return [_p_value(current, model, symbol, deviance) for symbol, deviance in pairs]
+
+
+def _p_value(current: Screening, model: FittedModel, symbol: str, without: float) -> float:
+    """Probability that chance explains as much as an effect of a model, by the deviance without it."""
+    force = model.trials[model.columns_of(symbol)[0]].force
+    return current.p_value_of(without - model.deviance, force)
+
+
+def _own_products(model: FittedModel) -> list[RunProducts]:
+    return [rows.products(table) for rows, table in zip(model.rows, model.tables, strict=True)]
 
 
 def better_rival(
@@ -183,7 +191,7 @@ def rivals_of(current: Screening, effects: tuple[str, ...], symbol: str, fits: F
     return likelier
 
 
-def _kept(model: FittedModel, gone: Sequence[str]) -> list[int]:
+def kept_columns(model: FittedModel, gone: Sequence[str]) -> list[int]:
     """Columns of the products that stay without some effects."""
     dropped = {column for symbol in gone for column in model.columns_of(symbol)}
     return [1 + column for column in range(model.columns) if column not in dropped]
@@ -199,7 +207,7 @@ def _in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float, list
 
     Relative to the present model; the best trial of each candidate, the best first, without what is far.
     """
-    model, kept = current.model, _kept(current.model, gone)
+    model, kept = current.model, kept_columns(current.model, gone)
     bare = likelihood(current.products, kept)
     without = bare.deviance - model.deviance
     scores = [(without - _penalty(model, len(gone)), list[int]())]
@@ -217,7 +225,7 @@ def _in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float, list
 
 def _pairs_in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float, list[int]]]:
     """The same of two candidates in the place of effects; which, by the noise of the present model."""
-    model, kept = current.model, _kept(current.model, gone)
+    model, kept = current.model, kept_columns(current.model, gone)
     trials = current.in_place
     columns = [0, *(current.first_trial + at for at in trials)]
     _, rest = projected(current.products, model.likelihood, kept, columns)

@@ -1,7 +1,8 @@
 """What has not been seen, predicted: by the likelihood of its rows, and by a free run."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import xarray as xr
@@ -9,9 +10,8 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.free_motion import free_motion, model_of_fit
 from sysid_trib.discrepancy.model_fit import FittedModel
-from sysid_trib.discrepancy.paths import RecordPath
+from sysid_trib.discrepancy.paths import RecordPath, path_of_run
 from sysid_trib.discrepancy.run_rows import run_rows
-from sysid_trib.discrepancy.start_model import first_path
 from sysid_trib.errors import SysidTribError
 from sysid_trib.noise.smoothing import KNOTS_PER_PERIOD
 from sysid_trib.records.runs import root_mean_square
@@ -68,8 +68,8 @@ def predicted(
     """
     scores, residuals = [], []
     for part, origin, run in zip(parts, origins, runs, strict=True):
-        path = first_path(part, frequency, origin).rescaled(model.rows[0].path.frequency)
-        path = replace(path, sensor=model.rows[run].path.sensor)
+        near = model.rows[run].path
+        path = path_of_run(part, frequency, near.sensor, origin).rescaled(near.frequency)
         scored, path = _scored(model, path, run)
         scores.append(scored)
         try:
@@ -99,6 +99,11 @@ def _scored(model: FittedModel, path: RecordPath, run: int) -> tuple[Array, Reco
         path = path.follow(motion, model.trials, model.coefficients)
     innovation = (white[:, 0] - offset * white[:, 1]) / np.sqrt(variance)
     return -0.5 * innovation**2 - np.log(factor[0]) - 0.5 * np.log(variance), path
+
+
+def improvements(predictions: Sequence[Prediction]) -> Array:
+    """By how many of its errors each prediction is better than the one before it, (prediction - 1,)."""
+    return np.array([better_by(after, before) for before, after in pairwise(predictions)])
 
 
 def better_by(after: Prediction, before: Prediction) -> float:

@@ -77,7 +77,13 @@ def jumps_along(
         for trial, c in zip(trials, coefficients, strict=True)
         if trial.force.kind == "force" and trial.force.memoryless and trial.force.surfaces
     ]
-    places = [_crossings(tau, motion, elapsed, trial) for trial, _ in switching]
+    # Many forces switch with the same speed: each surface is followed once.
+    surfaces = {key: surface for trial, _ in switching for key, surface in trial.surfaces().items()}
+
+    def along(surface: Callable[[Array, Array, Array], Array]) -> Callable[[Array], Array]:
+        return lambda at: surface(motion(at, 0), motion(at, 1), elapsed(at))
+
+    places = [_crossings(tau, along(surface)) for surface in surfaces.values()]
     crossed = np.unique(np.concatenate(places)) if places else np.empty(0)
     if not len(crossed):
         return NO_JUMPS
@@ -92,28 +98,17 @@ def jumps_along(
     return Jumps(crossed, size)
 
 
-def _crossings(
-    tau: Array,
-    motion: Callable[[Array, int], Array],
-    elapsed: Callable[[Array], Array],
-    trial: TrialEffect,
-) -> Array:
-    """Where a motion crosses the surfaces of a force, (crossing,)."""
-
-    def surfaces(at: Array) -> list[Array]:
-        return trial.surfaces(motion(at, 0), motion(at, 1), elapsed(at))
-
-    places = []
-    for number, values in enumerate(surfaces(tau)):
-        at = np.flatnonzero(np.diff(np.sign(values)) != 0.0)
-        low, high, ends = tau[at], tau[at + 1], (values[at], values[at + 1])
-        middle = low
-        for _ in range(SECANTS):
-            slope = np.where(ends[1] == ends[0], 1.0, ends[1] - ends[0])
-            middle = low - ends[0] * (high - low) / slope
-            there = surfaces(middle)[number]
-            before = np.sign(there) == np.sign(ends[0])
-            low, high = np.where(before, middle, low), np.where(before, high, middle)
-            ends = np.where(before, there, ends[0]), np.where(before, ends[1], there)
-        places.append(middle)
-    return np.concatenate(places)
+def _crossings(tau: Array, surface: Callable[[Array], Array]) -> Array:
+    """Where a surface along a motion has its zeros, (crossing,)."""
+    values = surface(tau)
+    at = np.flatnonzero(np.diff(np.sign(values)) != 0.0)
+    low, high, ends = tau[at], tau[at + 1], (values[at], values[at + 1])
+    middle = low
+    for _ in range(SECANTS):
+        slope = np.where(ends[1] == ends[0], 1.0, ends[1] - ends[0])
+        middle = low - ends[0] * (high - low) / slope
+        there = surface(middle)
+        before = np.sign(there) == np.sign(ends[0])
+        low, high = np.where(before, middle, low), np.where(before, high, middle)
+        ends = np.where(before, there, ends[0]), np.where(before, ends[1], there)
+    return middle

@@ -193,6 +193,7 @@ def likelihood(runs: Sequence[RunProducts], columns: Sequence[int]) -> Likelihoo
     ]
     # Of several runs at these ratios, whichever of those tried were nearest: else a fit could not settle.
     deviance, before = least if len(runs) == 1 else np.inf, np.inf
+    determinants = [run.log_determinant_at(float(q)) for run, q in zip(runs, ratios, strict=True)]
     for _ in range(RATIO_ROUNDS):
         coefficients, covariance = _solution(there, variances)
         variances = [_variance(run, part, coefficients) for run, part in zip(runs, there, strict=True)]
@@ -200,8 +201,8 @@ def likelihood(runs: Sequence[RunProducts], columns: Sequence[int]) -> Likelihoo
             break
         before = deviance
         deviance = sum(
-            run.degrees_of_freedom * np.log(variance) + run.log_determinant_at(float(ratio))
-            for run, variance, ratio in zip(runs, variances, ratios, strict=True)
+            run.degrees_of_freedom * np.log(variance) + determinant
+            for run, variance, determinant in zip(runs, variances, determinants, strict=True)
         )
     coefficients, covariance = _solution(there, variances)
     scale = size[1:]

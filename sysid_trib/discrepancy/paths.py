@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
+import xarray as xr
 from scipy.interpolate import BSpline, make_lsq_spline
 
 from sysid_trib.arrays import Array
@@ -207,8 +208,8 @@ class RecordPath:
         """Cells in which a force switches, and x, v and time in their parts; of the same cells once."""
         tau, x, v, _, time, _ = self.points
         crossed = np.zeros(len(tau) + 1, dtype=bool)
-        for surface in trial.surfaces(x, v, time):
-            crossed[1:-1] |= np.diff(np.signbit(surface))
+        for surface in trial.surfaces().values():
+            crossed[1:-1] |= np.diff(np.signbit(surface(x, v, time)))
         key = np.packbits(crossed).tobytes()
         if key not in self._cells:
             cells = np.flatnonzero(crossed[1:] | crossed[:-1])
@@ -243,6 +244,13 @@ class RecordPath:
         jumps = Jumps(part * self.jumps.tau, self.jumps.size / part**2)
         spline = _spline(form.tau, self.at_samples[0] - jumps.value(form.tau), self.intervals)
         return replace(self, frequency=frequency, form=form, spline=spline, jumps=jumps)
+
+
+def path_of_run(
+    run: xr.Dataset, frequency: float, sensor: NoiseModel, origin: float | None = None
+) -> RecordPath:
+    """`path_of` of a run with `angle(time)`."""
+    return path_of(run.time.values.astype(float), run.angle.values.astype(float), frequency, sensor, origin)
 
 
 def path_of(

@@ -14,6 +14,7 @@ from sysid_trib.discrepancy.exchange import (
     better_rival,
     chance_in_set,
     exchange_effects,
+    kept_columns,
     not_beyond_chance,
     rivals_of,
 )
@@ -81,13 +82,19 @@ def search(
     fits = Fits(start)
     model, effects = start, tuple[str, ...]()
     fits.kept[frozenset()] = start
-    kept: dict[tuple[str, ...], Screening] = {}
+    screenings: dict[frozenset[str], Screening] = {}
+
+    def screened(model: FittedModel, named: Sequence[str]) -> Screening:
+        if frozenset(named) not in screenings:
+            rest = [force for force in candidates if force.symbol not in named]
+            screenings[frozenset(named)] = screen(model, rest, seed)
+        return screenings[frozenset(named)]
+
     rivals: dict[str, dict[str, float]] = {}
     converged = False
     for _ in range(MOST_MOVES):
         tell(f"candidates beside {', '.join(effects) or 'the start model'}")
-        current = screen(model, [f for f in candidates if f.symbol not in effects], seed)
-        kept[tuple(sorted(effects))] = current
+        current = screened(model, effects)
         step = exchange_effects(current, effects, fits, max_effects, level)
         if step is None and len(effects) < max_effects:
             step = _added(current, effects, fits, level)
@@ -101,21 +108,14 @@ def search(
         if step is None:
             break
         model, effects = step
-    last = kept.get(tuple(sorted(effects))) or screen(
-        model, [f for f in candidates if f.symbol not in effects], seed
-    )
+    last = screened(model, effects)
     if not converged:
         rivals = {symbol: rivals_of(last, effects, symbol, fits) for symbol in effects}
     effects = _by_weight(last, effects)
     failed = sorted({*fits.failed} - {*effects})
     models = _models(model, effects)
     tell("candidates beside each model")
-    sequence = [effects[:at] for at in range(len(effects))]
-    before = [
-        kept.get(tuple(sorted(named)))
-        or screen(models[at], [f for f in candidates if f.symbol not in named], seed)
-        for at, named in enumerate(sequence)
-    ]
+    before = [screened(models[at], effects[:at]) for at in range(len(effects))]
     return Search(
         [*before, last],
         models,
@@ -131,15 +131,12 @@ def search(
 def _by_weight(last: Screening, effects: Sequence[str]) -> tuple[str, ...]:
     """The effects in the order in which each lowers the deviance most beside those before it."""
     model, ordered = last.model, list[str]()
-    columns = {symbol: {1 + column for column in model.columns_of(symbol)} for symbol in effects}
     while len(ordered) < len(effects):
         rest = [symbol for symbol in effects if symbol not in ordered]
 
         def deviance_of(symbol: str, rest: Sequence[str] = tuple(rest)) -> float:
-            gone = set().union(*(columns[other] for other in rest if other != symbol))
-            return likelihood(
-                last.products, [c for c in range(1, 1 + model.columns) if c not in gone]
-            ).deviance
+            gone = [other for other in rest if other != symbol]
+            return likelihood(last.products, kept_columns(model, gone)).deviance
 
         ordered.append(min(rest, key=deviance_of))
     return tuple(ordered)

@@ -31,17 +31,17 @@ def fit_start_model(
         The reference frequency, held; None has it fitted.
     """
     nominal = frequency or float(np.median([swing_frequency(run) for run in runs]))
-    paths = [first_path(run, nominal) for run in runs]
+    paths = [_first_path(run, nominal) for run in runs]
     trials = [TrialEffect(force, default_shapes(force)) for force in forces]
     return refitted(fit_model(paths, trials, frequency_free=frequency is None))
 
 
-def first_path(run: xr.Dataset, frequency: float, origin: float | None = None) -> RecordPath:
+def _first_path(run: xr.Dataset, frequency: float) -> RecordPath:
     """A run as a path, with the noise of its sensor: by the spectrum above what the path follows."""
     time, angle = run.time.values.astype(float), run.angle.values.astype(float)
     tau = frequency * (time - time[0])
     sensor = colour_above(angle - smooth(tau, angle).x, tau, ABOVE)
-    return path_of(time, angle, frequency, sensor, origin)
+    return path_of(time, angle, frequency, sensor)
 
 
 def default_shapes(force: Force) -> dict[str, float]:

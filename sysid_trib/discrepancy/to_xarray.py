@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from functools import partial
-from itertools import pairwise
 
 import numpy as np
 import xarray as xr
@@ -13,7 +12,7 @@ from sysid_trib.discrepancy.demodulation import demodulate
 from sysid_trib.discrepancy.detectability import detectability, texts_of
 from sysid_trib.discrepancy.evidence import credible, probabilities
 from sysid_trib.discrepancy.free_motion import FreeMotion, free_motions, model_identification
-from sysid_trib.discrepancy.holdout import REFUTED, Prediction, better_by
+from sysid_trib.discrepancy.holdout import REFUTED, Prediction, improvements
 from sysid_trib.discrepancy.homogeneity_test import homogeneity
 from sysid_trib.discrepancy.model_fit import FittedModel
 from sysid_trib.discrepancy.screening import Screening
@@ -148,7 +147,7 @@ def _steps(
     collinear = np.isin(search.effects, search.collinear)
     residual = [root_mean_square(np.concatenate([run.residual for run in of_model])) for of_model in motions]
     white = _whitened(search)
-    improved = [better_by(after, before) for before, after in pairwise(predictions)]
+    improved = improvements(predictions)
     density = [_density(model) for model in search.models]
     column = partial(variable, "step")
     of_density = "one-sided density of the random force {}, on the mean"
@@ -169,7 +168,7 @@ def _steps(
         "random_force_after": column(density[1:], of_density.format("after"), DENSITY_UNITS),
         "collinear": column(collinear, "whether it is not separately identifiable"),
         "prediction_z": column(improved, "better prediction of what was held out, in standard errors", "1"),
-        "worsens_holdout": column(np.array(improved) < REFUTED, "whether it makes the prediction worse"),
+        "worsens_holdout": column(improved < REFUTED, "whether it makes the prediction worse"),
     }
     texts = texts_of(forces, STEP_TEXTS)
     data |= {name: text_variable("step", text, f"{name} of the effect") for name, text in texts.items()}

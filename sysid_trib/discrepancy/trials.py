@@ -1,7 +1,7 @@
 """Candidates as trials: each force or sensor effect, at a grid of values of its shape parameters."""
 
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +10,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.averaging.stepped_states import is_stepped
 from sysid_trib.discrepancy.frequency_parameters import is_frequency, is_resonance
 from sysid_trib.forces.force import Force, Shape
+from sysid_trib.forces.formulas import Formula
 
 # Values of one shape parameter (fewer where each is followed in time on its own, which is slow); of several,
 # so many combinations at most. They are starting values: the best are fitted.
@@ -29,10 +30,21 @@ class TrialEffect:
     force: Force
     shapes: Mapping[str, float]
 
-    def surfaces(self, x: Array, v: Array, t: Array) -> list[Array]:
-        """Values of the switching surfaces of a force without states at points, (point,) each."""
-        point = {"x": x, "v": v, "t": t} | self.force.shape_values(self.shapes)
-        return [np.broadcast_to(surface.evaluate(point), x.shape) for surface in self.force.surfaces]
+    def surfaces(self) -> dict[tuple[str, tuple[float, ...]], Callable[[Array, Array, Array], Array]]:
+        """Switching surfaces of a force without states, of x, v and t, by their text and shape values."""
+        shapes = self.force.shape_values(self.shapes)
+
+        def value_of(surface: Formula) -> Callable[[Array, Array, Array], Array]:
+            return lambda x, v, t: np.broadcast_to(
+                surface.evaluate({"x": x, "v": v, "t": t} | shapes), x.shape
+            )
+
+        return {
+            (surface.text, tuple(value for name, value in shapes.items() if name in surface.names)): value_of(
+                surface
+            )
+            for surface in self.force.surfaces
+        }
 
 
 def trials_of(candidates: Iterable[Force], frequencies: Sequence[float], w: float) -> list[TrialEffect]:

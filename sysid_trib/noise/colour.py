@@ -203,14 +203,7 @@ def sensor_colour(deviation: Array, tau: Array, *, random_force: bool) -> NoiseM
     if _is_uneven(tau) or len(lines.line) < 10 * (MAX_COLOUR + 2) or white.innovation == 0.0:
         return white
     away = (1.0 - (2.0 * np.pi * lines.line / step) ** 2) ** 2
-    response = random_force / (away + (2.0 * spacing) ** 2)
-    best = _whittle(lines, response, 0)
-    for order in range(1, MAX_COLOUR + 1):
-        fit = _whittle(lines, response, order)
-        if fit[0] >= best[0]:
-            break
-        best = fit
-    return best[1]
+    return _likeliest_colour(lines, random_force / (away + (2.0 * spacing) ** 2))
 
 
 def colour_above(deviation: Array, tau: Array, band: float) -> NoiseModel:
@@ -233,7 +226,11 @@ def colour_above(deviation: Array, tau: Array, band: float) -> NoiseModel:
     lines = lines_above(deviation, tau, band)
     if np.sum(lines.count) < FEWEST_LINES:
         return NoiseModel(float(np.std(deviation)), np.ones(1))
-    response = np.zeros_like(lines.line)
+    return _likeliest_colour(lines, np.zeros_like(lines.line))
+
+
+def _likeliest_colour(lines: Lines, response: Array) -> NoiseModel:
+    """Noise of the order beyond which lines are no more likely, beside a response to a random force."""
     best = _whittle(lines, response, 0)
     for order in range(1, MAX_COLOUR + 1):
         fit = _whittle(lines, response, order)
