@@ -54,9 +54,10 @@ def test_both_models_are_true_and_the_methods_agree():
 def test_the_difference_is_taken_at_one_reference_frequency():
     tree = paper_check()
     averaging, direct = tree["averaging"], tree["direct"]
-    ratio = direct.reference_frequency.item() / averaging.reference_frequency.item()
-    moved = direct.coefficient.values * ratio ** np.array([2.0, 1.0, 0.0, 2.0, 2.0])
-    expected = averaging.coefficient.values - moved
+    # That of the model whose records are simulated, the second's.
+    ratio = averaging.reference_frequency.item() / direct.reference_frequency.item()
+    moved = averaging.coefficient.values * ratio ** np.array([2.0, 1.0, 0.0, 2.0, 2.0])
+    expected = moved - direct.coefficient.values
     np.testing.assert_allclose(tree["comparison"].difference.values[:-1], expected, rtol=1e-6, atol=1e-12)
 
 

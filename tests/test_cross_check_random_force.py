@@ -11,6 +11,7 @@ from sysid_trib.methods import Averaging, Direct, Trajectory
 from sysid_trib.noise.random_force import RandomForce
 from sysid_trib.printing.identification import identification_sentences
 from sysid_trib.printing.runs import runs_json, runs_sentences
+from sysid_trib.results.common_reference import comparison_values
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.state_space.wander import wander
 from sysid_trib.validation.compared_part import (
@@ -65,8 +66,13 @@ def test_wander_is_that_of_kicked_motions():
 def test_records_of_a_result_with_a_random_force_are_pushed(record, pair):
     free, known = pair
     compared = st.cross_check(record, free, known, draws=16)["comparison"]
-    assert compared.attrs["simulated_records"] == 16
-    assert compared.attrs["verdict"] in ("agree", "disagree")
+    # Two forces and the frequency: eight records are the fewest, and enough where they leave no doubt.
+    assert compared.attrs["simulated_records"] == 8
+    assert compared.p_value > 0.1
+    off = free.assign(coefficient=free.coefficient + 8.0 * known.standard_error)
+    doubtful = st.cross_check(record, off, known, draws=16)["comparison"]
+    assert doubtful.attrs["simulated_records"] == 16
+    assert doubtful.attrs["verdict"] == "disagree"
     # Records with the sensor's noise alone let the difference scatter far less.
     unknowing = known.drop_vars([n for n in known.data_vars if n.startswith("random_force")])
     quiet = st.cross_check(record, free, unknowing, draws=16)["comparison"]
@@ -74,6 +80,21 @@ def test_records_of_a_result_with_a_random_force_are_pushed(record, pair):
     drawn, rest = (c.standard_error.sel(quantity="delta").item() for c in (compared, quiet))
     assert compared.attrs["errors"] == "simulated"
     assert drawn > 2.0 * rest
+
+
+def test_a_wrong_frequency_is_a_difference_like_that_of_the_records(record, pair):
+    # Averaging leaves the frequency of a motion that hardly decays open: all are compared at one frequency.
+    free, known = pair
+    off = free.assign(
+        reference_frequency=1.1 * free.reference_frequency,
+        asymptotic_frequency=1.1 * free.asymptotic_frequency,
+        refers_to=1.1 * free.refers_to,
+    )
+    compared = st.cross_check(record, off, known, draws=8)["comparison"]
+    at_one = [
+        comparison_values(of, ["zeta", "delta"], known.reference_frequency.item()) for of in (off, known)
+    ]
+    assert compared.difference.values == pytest.approx(at_one[0] - at_one[1])
 
 
 def test_the_random_force_is_held_in_the_simulated_records(pair):

@@ -29,8 +29,9 @@ from sysid_trib.regression.half_period_noise import (
 )
 from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.results.variables import variable
+from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
-from sysid_trib.trajectory_fit.initial_conditions import first_guess, fit_start
+from sysid_trib.trajectory_fit.initial_conditions import FittedMotion, first_guess, fit_start
 
 MAX_CORRECTIONS = 20
 # Corrections by whose differences the next is shortened or lengthened.
@@ -178,7 +179,7 @@ def _corrected(
     """
     frequency = float(first.values[-1])
     beginnings = [_first_swings(decay, frequency) for decay in decays]
-    starts = [first_guess(*part, frequency) for part in beginnings]
+    begun: Sequence[FittedMotion | None] = [None] * len(decays)
     errors = np.sqrt(np.diag(first.covariance(first.error_factors())))
     settled = SETTLED_ERRORS * errors + SETTLED_VALUES * np.abs(first.values)
     values = first.values
@@ -186,9 +187,10 @@ def _corrected(
     steps: list[Array] = []
     for _ in range(MAX_CORRECTIONS):
         model = auxiliary.model(values)
+        motions = [_begun(model, part, frequency, last) for part, last in zip(beginnings, begun, strict=True)]
+        begun = motions
         simulated = []
-        for decay, part, start, envelope in zip(decays, beginnings, starts, measured, strict=True):
-            motion = fit_start(model, *part, start, offset=None)
+        for decay, motion, envelope in zip(decays, motions, measured, strict=True):
             time = decay.time.values.astype(float)
             angle = trajectory(model, time, motion.angle, motion.rate).angle
             again = auxiliary.measure(xr.Dataset({"angle": ("time", angle)}, {"time": time}))
@@ -215,6 +217,15 @@ def _corrected(
             }
             return values, replace(fit, residuals=residuals, equations=equations)
     raise SysidTribError("the correction did not settle")
+
+
+def _begun(
+    model: Model, part: tuple[Array, Array], frequency: float, last: FittedMotion | None
+) -> FittedMotion:
+    """The motion of a model from the start that the first swings of a record have, from the last one on."""
+    if last is None:
+        return fit_start(model, *part, first_guess(*part, frequency), offset=None)
+    return fit_start(model, *part, (last.angle, last.rate), offset=None, sensitivity=last.sensitivity)
 
 
 def _accelerated(tried: Sequence[Array], steps: Sequence[Array], unit: Array) -> Array:

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -16,7 +15,7 @@ from sysid_trib.results.per_run import noise_of_run
 from sysid_trib.results.schema import asymptotic_frequency, library_of
 from sysid_trib.results.variables import variable, with_error
 from sysid_trib.state_space.intervals import steps_over
-from sysid_trib.state_space.kalman import LinearModel, set_signal, statsmodels_model
+from sysid_trib.state_space.kalman import LinearModel, filter_gains, statsmodels_model
 from sysid_trib.state_space.linearised import Derivatives, linearised_about, sensor_on
 from sysid_trib.state_space.tracked import TrackedRecord, track
 from sysid_trib.state_space.vector_field import VectorField
@@ -206,21 +205,24 @@ def _filtered(tracked: TrackedRecord, starts: Index, by: Derivatives) -> tuple[A
     first = np.zeros((size + 1, size + 1))
     swing = float(np.max(np.abs(tracked.angle))) / tracked.noise
     first[[0, 1, size], [0, 1, size]] = swing**2
+    filter_ = statsmodels_model(observed, transition, noise, linear.sensor_filter, first=first).filter()
+    # The record, and what the parameters show and add, go through one filter.
+    signals = np.column_stack([linear.record, -linear.observed_parameters[:, :-3]])
+    added = np.concatenate([linear.mismatch[:, :, None], linear.by_column[:, :, :-3]], axis=2)
+    with_zero = replace(linear, steps=replace(steps, transition=transition), observed=observed)
+    gain, variance = filter_gains(filter_)
+    source = np.zeros((*gain.shape, signals.shape[1]))
+    source[1:] = gain[:-1, :, None] * signals[:-1, None]
+    source[1:, :size] += added
+    predicted = with_zero.recursion(gain, source)
+    shown = with_zero.with_sensor_states[0]
+    innovations = (signals - np.einsum("na,nac->nc", shown, predicted)) / variance[:, None]
+    weight = np.einsum("abn,nb->na", filter_.predicted_state_cov[..., :samples], shown)
     motion = slice(0, size + 1)
-
-    def filtered(record: Array, added: Array) -> Any:
-        # Of a second record that it is given statsmodels takes no notice.
-        model = statsmodels_model(observed, transition, noise, linear.sensor_filter, first=first)
-        set_signal(model, record, np.column_stack([added, np.zeros(samples - 1)]), np.zeros(size + 1))
-        return model.filter()
-
-    of_record = filtered(linear.record, linear.mismatch)
-    covariance = tracked.noise**2 * np.moveaxis(of_record.filtered_state_cov[motion, motion], -1, 0)[starts]
-    changes = of_record.filtered_state[motion].T[starts]
-    columns = zip(linear.observed_parameters.T[:-3], np.moveaxis(linear.by_column, 2, 0)[:-3], strict=True)
-    slopes = [filtered(-shown, added).filtered_state[motion].T[starts] for shown, added in columns]
+    changes = (predicted + weight[:, :, None] * innovations[:, None])[starts, motion]
+    covariance = tracked.noise**2 * np.moveaxis(filter_.filtered_state_cov[motion, motion], -1, 0)[starts]
     states = np.column_stack([linear.path, np.full(samples, tracked.zero)])[starts]
-    return states + changes, covariance, np.stack(slopes, axis=2)
+    return states + changes[..., 0], covariance, changes[..., 1:]
 
 
 def _by_parameters(tracked: TrackedRecord, by: Derivatives) -> LinearModel:

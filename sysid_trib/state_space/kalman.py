@@ -77,7 +77,7 @@ class LinearModel:
 
         In units of the variance of the sensor's noise, of its innovations where that is coloured.
         """
-        return _gains(self._filtered(ratio))
+        return filter_gains(self._filtered(ratio))
 
     def rows(self, ratio: float) -> WhiteRows:
         """Normalised innovations of the record, and of the columns, for a ratio per_tau / variance."""
@@ -144,7 +144,7 @@ class LinearModel:
         By the fixed-interval smoother of de Jong (1989): the filter's recursion, and its transpose backwards.
         """
         filtered = self._filtered(ratio)
-        gain, variance = _gains(filtered)
+        gain, variance = filter_gains(filtered)
         record, added, start = self.driven(parameters)
         size = self.path.shape[1]
         source = np.zeros((*gain.shape, 1))
@@ -165,7 +165,7 @@ class LinearModel:
         return record, self.mismatch + self.by_column @ parameters, self.start @ parameters
 
 
-def _gains(filtered: Any) -> tuple[Array, Array]:
+def filter_gains(filtered: Any) -> tuple[Array, Array]:
     """Gain of the prediction (sample, state) and variance of the innovations (sample,) of statsmodels."""
     return filtered.kalman_gain[:, 0].T, filtered.forecasts_error_cov[0, 0]
 

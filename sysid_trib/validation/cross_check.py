@@ -87,7 +87,7 @@ def cross_check(
     DataTree with groups `record` (with each model's simulated angle), `envelope` (`record_1`, `envelope_1`,
     `record_2`, ... of several runs), one group a method, and
     `comparison`: over `quantity` (each force, and the asymptotic frequency) the `difference` first - second
-    at the first's reference frequency, the `expected_difference` (biases of the methods, on a simulated
+    at the second's reference frequency, the `expected_difference` (biases of the methods, on a simulated
     record without noise), the `standard_error` of the difference and `z`; `chi_square`,
     `degrees_of_freedom`, `p_value`; over `model` the `residual_rms` (rad) of the simulated model,
     `residual_over_noise` and `departure_time` (s). Its attrs say what the methods cannot tell apart by
@@ -113,7 +113,8 @@ def cross_check(
     to white acceleration of that density, noise of the sensor. Each method holds its own random force there.
     The expected difference is then the mean over the records; the verdict is by those that both methods
     identified (attrs: `simulated_records`), and by the chi-square distribution where the covariances are the
-    stated ones (`errors`: simulated or stated); unknown below 2 k + 2 records for k quantities. The residual
+    stated ones (`errors`: simulated or stated); unknown below 2 k + 2 records for k quantities. Where so many
+    have a p-value above 0.1 no others are drawn; a smaller one is that of all. The residual
     of a result with a random force is what it predicts wrongly one sample ahead, over its own error.
     """
     runs, results = as_runs(decay), (first, second)

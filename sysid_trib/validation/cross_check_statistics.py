@@ -27,17 +27,18 @@ def comparison(
 
     `motions` : of each result, in each run.
     """
-    first, second = results
+    second = results[1]
     kept = comparable(*results)
-    frequency = first.reference_frequency.item()
-    difference = comparison_values(first, kept, frequency) - comparison_values(second, kept, frequency)
-    count = len(difference)
     # The second's model is the truth of the simulated records, or the first's if that has no motion.
     # Where a bias could not be removed, what to expect is not known.
     failed = any(str(r.attrs.get("first_order_bias_removed", "")).startswith("no:") for r in results)
     computed = [[motion for motion in of_result if motion is not None] for of_result in motions]
     pairs = zip(results[::-1], computed[::-1], strict=True)
     moving = [pair for pair in pairs if len(pair[1]) == len(runs)]
+    truth = moving[0][0] if moving else second
+    frequency = truth.reference_frequency.item()
+    difference = np.subtract(*(comparison_values(result, kept, frequency) for result in results))
+    count = len(difference)
     known = Scatter.missing(count, 0)
     if moving and not failed:
         known = scatter(runs, results, moving[0], kept, draws=draws, seed=seed)

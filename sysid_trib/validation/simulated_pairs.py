@@ -24,6 +24,8 @@ FEWEST_RECORDS = 3
 # Errors that exceed those of 32 records by less than this ratio do so by chance.
 LARGEST_CHANCE = 1.5
 EXCESS_LEVEL = 0.01
+# Where the fewest records that decide give a larger p-value, no others are drawn.
+CLEAR_AGREEMENT = 0.1
 
 # An identification, and its motion in each run.
 Truth: TypeAlias = tuple[xr.Dataset, Sequence[FittedMotion]]
@@ -117,7 +119,9 @@ def scatter(
     -----
     Where the truth has a random force its records are pushed. What to expect is then the mean over the
     records, whose own error is 1/n of their covariance; and as Hotelling's statistic wants more records than
-    quantities, fewer than 2 k + 2 for k quantities decide nothing.
+    quantities, fewer than 2 k + 2 for k quantities decide nothing. Where the first 2 k + 2 have a p-value
+    above 0.1, no others are drawn; else the p-value is that of all. So it is below any level a with the
+    probability a at most: what is below 0.1 is the p-value of all records, what is above that of the first.
     """
     frequency, random = truth[0].reference_frequency.item(), np.random.default_rng(seed)
     simulated = simulated_runs(runs, *truth, draws=draws, seed=seed)
@@ -140,11 +144,18 @@ def scatter(
     if not pushed:
         with suppress(SysidTribError):
             without_noise = np.subtract(*identified(None))
-    drawn = []
+    least = fewest_records(len(bias)) if pushed else FEWEST_RECORDS
+    drawn: list[Array] = []
+
+    def clearly_agree() -> bool:
+        known = _of_pushed(results, kept, bias, np.array(drawn))
+        return known.chi_square(np.subtract(*values(results)))[1] > CLEAR_AGREEMENT
+
     for draw in range(draws):
         with suppress(SysidTribError):
             drawn.append(identified(draw))
-    least = fewest_records(len(bias)) if pushed else FEWEST_RECORDS
+            if pushed and len(drawn) == least and clearly_agree():
+                break
     if len(drawn) < least:
         return Scatter.missing(len(bias), len(drawn))
     if pushed:
