@@ -13,6 +13,7 @@ from sysid_trib.discrepancy.model_fit import FittedModel
 from sysid_trib.discrepancy.paths import path_of
 from sysid_trib.discrepancy.run_rows import RunRows, run_rows
 from sysid_trib.discrepancy.search import Search, search
+from sysid_trib.discrepancy.settings import DEFAULTS, Settings
 from sysid_trib.discrepancy.start_model import fit_start_model
 from sysid_trib.discrepancy.trials import TrialEffect
 from sysid_trib.noise.residual_noise import NoiseModel
@@ -23,7 +24,6 @@ BASE = CONTACT.select(FIVE)
 EVERY = {force.symbol: force for force in (*CONTACT, *EFFECTS)}
 # 25 samples a period, 31 periods.
 TIME = np.arange(800) / 40.0
-LEVEL = 0.01
 WHITE = NoiseModel(NOISE, np.ones(1))
 
 
@@ -65,18 +65,20 @@ def rows_about(model: Model, time: Array = TIME, start: float = 0.3) -> RunRows:
     return run_rows(path, trials, truth)
 
 
-def start_model(runs: Sequence[xr.Dataset], forces: ForceLibrary = BASE) -> FittedModel:
-    return fit_start_model(runs, forces.forces, None)
+def start_model(
+    runs: Sequence[xr.Dataset], forces: ForceLibrary = BASE, settings: Settings = DEFAULTS
+) -> FittedModel:
+    return fit_start_model(runs, forces.forces, None, settings)
 
 
 def searched(runs, candidates: ForceLibrary = EFFECTS, forces: ForceLibrary = BASE) -> Search:
-    return search(start_model(runs, forces), candidates.forces, max_effects=4, level=LEVEL, seed=0)
+    return search(start_model(runs, forces), candidates.forces)
 
 
 def credible_set(found: Search, symbol: str) -> set[str]:
     """Candidates in an effect's place; "" is none of them."""
     costs = found.rivals[symbol]
-    inside = credible(probabilities(list(costs.values())))
+    inside = credible(probabilities(list(costs.values())), DEFAULTS.credible)
     return {name for name, within in zip(costs, inside, strict=True) if within}
 
 

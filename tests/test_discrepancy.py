@@ -9,7 +9,6 @@ from discovery import (
     CONTACT,
     EFFECTS,
     EVERY,
-    LEVEL,
     TIME,
     active,
     coefficients_of,
@@ -26,13 +25,15 @@ from helpers import FIVE, NOISE, W, decay, library_of_formulas, paper_run, rms, 
 from kicked_motion import kicked_motion, smooth_forces
 
 from sysid_trib import discover
-from sysid_trib.discrepancy import exchange, search as search_module
+from sysid_trib.discrepancy import exchange
 from sysid_trib.discrepancy.decimation import decimated
 from sysid_trib.discrepancy.discover import verdict_of
 from sysid_trib.discrepancy.exchange import Fits, exchange_effects, rivals_of
 from sysid_trib.discrepancy.frequency_parameters import has_frequency_parameter, is_frequency, is_resonance
-from sysid_trib.discrepancy.holdout import REFUTED, better_by, predicted
+from sysid_trib.discrepancy.holdout import better_by, predicted
 from sysid_trib.discrepancy.screening import independent_tests, screen
+from sysid_trib.discrepancy.search import search
+from sysid_trib.discrepancy.settings import DEFAULTS, Settings
 from sysid_trib.discrepancy.trials import TrialEffect, trials_of
 from sysid_trib.errors import SimulationError
 from sysid_trib.simulation.simulate import trajectory
@@ -44,7 +45,7 @@ FEW = EFFECTS.select(["cubic_damping", "inertia", "even_spring", "stiffness_drif
 
 
 def verdict(found):
-    return verdict_of(found, LEVEL)
+    return verdict_of(found)
 
 
 def test_a_frequency_is_known_by_its_formula():
@@ -207,7 +208,7 @@ def test_two_wrong_effects_are_exchanged_for_the_right_pair():
     model, fits = wrong_model(with_two(), *effects)
     for _ in range(4):
         current = screen(model, [force for force in FEW if force.symbol not in effects])
-        step = exchange_effects(current, effects, fits, 4, LEVEL)
+        step = exchange_effects(current, effects, fits)
         if step is None:
             break
         model, effects = step
@@ -218,7 +219,7 @@ def test_two_wrong_effects_are_exchanged_for_the_right_pair():
 def test_an_effect_that_explains_nothing_is_dropped():
     model, fits = wrong_model(with_effect({}, seed=9), "even_spring")
     current = screen(model, [force for force in FEW if force.symbol != "even_spring"])
-    dropped, effects = exchange_effects(current, ("even_spring",), fits, 4, LEVEL)
+    dropped, effects = exchange_effects(current, ("even_spring",), fits)
     assert effects == ()
     assert dropped.deviance == pytest.approx(fits.start.deviance, abs=0.5)
 
@@ -236,11 +237,12 @@ def test_chance_is_in_the_place_of_a_weak_effect_and_not_of_a_strong_one():
     assert costs[0] < costs[1]
 
 
-def test_a_search_that_is_cut_short_says_so(monkeypatch):
-    monkeypatch.setattr(search_module, "MOST_MOVES", 1)
-    found = searched([with_two()], FEW)
+def test_a_search_that_is_cut_short_says_so():
+    start = start_model([with_two()], settings=Settings(most_moves=1))
+    found = search(start, FEW.forces)
     assert not found.converged
     assert len(found.effects) == 1
+    assert not found.out_of_time
     # The screenings are one before each move, and that of the final model.
     assert len(found.screenings) == 2
 
@@ -308,7 +310,7 @@ def test_an_effect_that_ends_is_refuted_by_what_follows():
     bare, drifting, rest = learned(run, "damping_drift")
     assert bare.deviance - drifting.deviance > 30.0
     scores = [predicted(model, [rest], [0.0], [0], W) for model in (bare, drifting)]
-    assert better_by(scores[1], scores[0]) < REFUTED
+    assert better_by(scores[1], scores[0]) < -DEFAULTS.refuted
 
 
 def test_discover_is_blind_to_the_last_third_unless_asked():
@@ -320,7 +322,7 @@ def test_discover_is_blind_to_the_last_third_unless_asked():
         assert tree.attrs["verdict"] == "explained"
         assert tree.attrs["converged"] == "True"
         assert tree["steps"].symbol.values.tolist() == ["even_spring"]
-        assert tree["steps"].prediction_z.item() > REFUTED
+        assert tree["steps"].prediction_z.item() > -DEFAULTS.refuted
         assert not tree["steps"].worsens_holdout.item()
         assert tree["steps"].gain.item() > 50.0
         assert tree["steps"].random_force_after.item() <= tree["steps"].random_force_before.item()

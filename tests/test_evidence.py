@@ -19,9 +19,10 @@ from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
 from sysid_trib.averaging.internal_states import values_along
-from sysid_trib.discrepancy.evidence import CREDIBLE, credible, evidence, probabilities
+from sysid_trib.discrepancy.evidence import credible, evidence, probabilities
 from sysid_trib.discrepancy.likelihood import likelihood
 from sysid_trib.discrepancy.run_rows import nuisances
+from sysid_trib.discrepancy.settings import DEFAULTS
 from sysid_trib.discrepancy.trials import TrialEffect, from_unit, to_unit, trials_of
 from sysid_trib.simulation.simulate import trajectory
 
@@ -32,11 +33,11 @@ WITH_A_PAST = [force.symbol for force in EFFECTS if not force.memoryless]
 @given(arrays(float, st.integers(1, 30), elements=st.floats(-50.0, 50.0)))
 def test_a_credible_set_is_the_smallest_that_is_probable_enough(costs):
     each = probabilities(costs)
-    inside = credible(each)
+    inside = credible(each, DEFAULTS.credible)
     assert each.sum() == pytest.approx(1.0)
-    assert each[inside].sum() >= CREDIBLE - 1e-12
+    assert each[inside].sum() >= DEFAULTS.credible - 1e-12
     # Without its least probable member it is not.
-    assert each[inside].sum() - each[inside].min() < CREDIBLE
+    assert each[inside].sum() - each[inside].min() < DEFAULTS.credible
     assert each[inside].min() >= each[~inside].max(initial=0.0)
 
 

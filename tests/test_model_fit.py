@@ -208,7 +208,7 @@ def test_runs_that_agree_differ_by_chance_alone():
     """What runs of their own explain of noise is a chi-square of as many degrees of freedom."""
     total, freedom, before = 0.0, 0, exact(model_of(FIVE))
     for seed in range(4):
-        told = homogeneity([start_model([decay(TIME, before, seed + 100 * at) for at in range(2)])], 0.01)
+        told = homogeneity([start_model([decay(TIME, before, seed + 100 * at) for at in range(2)])])
         assert told.degrees_of_freedom.item() == len(FIVE) + 1
         total, freedom = total + told.chi_square.item(), freedom + told.degrees_of_freedom.item()
     low, high = rms_range(freedom)
@@ -218,7 +218,7 @@ def test_runs_that_agree_differ_by_chance_alone():
 def test_runs_that_differ_are_told():
     worn = FIVE | {"zeta": FIVE["zeta"] + 2e-4}
     runs = [decay(TIME, exact(model_of(c)), seed) for seed, c in enumerate((FIVE, worn))]
-    told = homogeneity([start_model(runs)], 0.01)
+    told = homogeneity([start_model(runs)])
     assert told.differ.item()
     assert told.most.item() == "zeta"
 

@@ -9,10 +9,10 @@ from hypothesis import given, settings, strategies as st
 from sysid_trib.discrepancy.columns_beside import each_beside, projected
 from sysid_trib.discrepancy.likelihood import (
     DEVIANCE_SETTLED,
-    ROWS_OF_LEVEL,
     likelihood,
     products_of,
 )
+from sysid_trib.discrepancy.settings import DEFAULTS
 from sysid_trib.noise.variance_ratio import ratio_span
 from sysid_trib.regression.weak_form import build_weak_form, covariance_band, noise_operator
 
@@ -52,7 +52,7 @@ def dense_deviance(table, b, variance, ratio):
     rest = table[:, 0] - table[:, 1:] @ b
     squares = rest @ np.linalg.solve(covariance, rest)
     determinant = np.linalg.slogdet(covariance)[1] - np.linalg.slogdet(SENSOR)[1]
-    return squares + determinant + ROWS_OF_LEVEL * (LEVEL**2 / variance + np.log(variance))
+    return squares + determinant + DEFAULTS.level_rows * (LEVEL**2 / variance + np.log(variance))
 
 
 def profiled(table, ratio):
@@ -61,8 +61,8 @@ def profiled(table, ratio):
     white = np.linalg.solve(root, table)
     b = np.linalg.lstsq(white[:, 1:], white[:, 0], rcond=None)[0]
     rest = white[:, 0] - white[:, 1:] @ b
-    count = len(rest) + ROWS_OF_LEVEL
-    variance = (rest @ rest + ROWS_OF_LEVEL * LEVEL**2) / count
+    count = len(rest) + DEFAULTS.level_rows
+    variance = (rest @ rest + DEFAULTS.level_rows * LEVEL**2) / count
     covariance = variance * np.linalg.inv(white[:, 1:].T @ white[:, 1:])
     return dense_deviance(table, b, variance, ratio) - count, b, covariance, variance
 

@@ -8,13 +8,6 @@ from sysid_trib.discrepancy.columns_beside import projected
 from sysid_trib.discrepancy.likelihood import RunProducts
 from sysid_trib.discrepancy.model_fit import FittedModel
 
-# An effect is collinear if less than this part of what is outside of the start model's columns is outside
-# of those of the other effects, too.
-INDEPENDENT = 0.5
-# Collinear effects can still be named if each is determined to so many standard errors: two arbitrary ones
-# that a fit combines to imitate a third nearly cancel, and are not.
-DETERMINED = 30.0
-
 
 def collinear_effects(
     model: FittedModel, products: Sequence[RunProducts], effects: Sequence[str]
@@ -48,6 +41,6 @@ def collinear_effects(
             for gone in (others, every[symbol])
         ]
         z = abs(model.coefficients[at]) / max(errors[at], 1e-300)
-        if sizes[1] < INDEPENDENT * sizes[0] and z < DETERMINED:
+        if sizes[1] < model.settings.independent * sizes[0] and z < model.settings.determined:
             collinear.append(symbol)
     return collinear

@@ -8,9 +8,7 @@ from scipy.interpolate import CubicSpline
 
 from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.likelihood import (
-    RATIO_STEP,
     RIDGE,
-    ROWS_OF_LEVEL,
     Likelihood,
     RunProducts,
 )
@@ -70,7 +68,7 @@ def each_beside(
         for g, products in enumerate(part):
             b, beta, _ = solved[g if len(runs) == 1 else 0]
             squares = _left_by(products, b, beta, inside)
-            variance[g] = (np.maximum(squares, 0.0) + ROWS_OF_LEVEL * run.level**2) / run.degrees_of_freedom
+            variance[g] = (np.maximum(squares, 0.0) + run.level_rows * run.level**2) / run.degrees_of_freedom
             deviances[g] = run.degrees_of_freedom * np.log(variance[g]) + run.log_determinant[g]
         least, place = _least(run.ratios, deviances)
         deviance += least
@@ -154,7 +152,7 @@ def _least(ratios: Array, deviances: Array) -> tuple[Array, Array]:
     best = np.argmin(between, axis=0)
     least = between[best, np.arange(between.shape[1])]
     with_force = least < deviances[0]
-    place = np.where(with_force, 1.0 + (fine[best] - logs[0]) / RATIO_STEP, 0.0)
+    place = np.where(with_force, 1.0 + (fine[best] - logs[0]) / (logs[1] - logs[0]), 0.0)
     return np.minimum(least, deviances[0]), place
 
 

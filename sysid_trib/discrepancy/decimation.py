@@ -5,22 +5,21 @@ import xarray as xr
 from scipy.signal import savgol_filter
 
 from sysid_trib.decays.equilibrium import with_half_periods
+from sysid_trib.discrepancy.settings import DEFAULTS
 
-# Samples a period that are kept; a record is decimated from twice as many on.
-KEPT_PER_PERIOD = 60
 # Largest unevenness of the time steps for which local means may be taken.
 EVEN_STEPS = 1e-3
 
 
-def decimated(decay: xr.Dataset) -> xr.Dataset:
-    """The decay with some sixty samples a period, each from a parabola through its neighbours.
+def decimated(decay: xr.Dataset, per_period: int = DEFAULTS.samples_per_period) -> xr.Dataset:
+    """The decay with some `per_period` samples a period, each from a parabola through its neighbours.
 
     A parabola over a sixtieth of a period follows the swing to a part in a million (Savitzky and Golay 1964),
     and no sample enters two of them: noise stays white, and its level falls. attrs: `decimated`.
     """
     time, angle, halves = with_half_periods(decay)
     steps = np.diff(time)
-    factor = int(2.0 * np.median(halves.duration) / np.median(steps) / KEPT_PER_PERIOD)
+    factor = int(2.0 * np.median(halves.duration) / np.median(steps) / per_period)
     if factor < 2:
         return decay
     width = factor if factor % 2 else factor - 1

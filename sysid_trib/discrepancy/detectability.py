@@ -6,7 +6,6 @@ from operator import attrgetter
 import numpy as np
 import xarray as xr
 
-from sysid_trib.discrepancy.evidence import OUTSIDE_OF_SET
 from sysid_trib.discrepancy.screening import Screening
 from sysid_trib.forces.force import Force
 from sysid_trib.results.variables import PER_FORCE_UNIT, text_variable, variable
@@ -39,7 +38,7 @@ def detectability(screening: Screening) -> xr.Dataset:
     testable = np.array([not screening.reasons[i] for i in at])
     cosine = np.abs(screening.correlation[np.ix_(at, at)])
     np.fill_diagonal(cosine, 1.0)
-    nearest = np.sqrt(1.0 - OUTSIDE_OF_SET / NAMED**2)
+    nearest = np.sqrt(1.0 - screening.model.settings.outside_of_set / NAMED**2)
     alike = (cosine > nearest) & testable[:, None] & testable & ~np.eye(len(symbols), dtype=bool)
     detectable = np.where(testable, DETECTED * screening.errors[at], np.nan)
     single, both = "candidate", ("candidate", "other")

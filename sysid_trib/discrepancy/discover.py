@@ -1,17 +1,20 @@
 """Find where model and record differ, name the missing effect, add it: the gap shrinks."""
 
 import json
+import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from sysid_trib.discrepancy.decimation import decimated
-from sysid_trib.discrepancy.holdout import REFUTED, Prediction, improvements, predicted
+from sysid_trib.discrepancy.holdout import Prediction, improvements, predicted
 from sysid_trib.discrepancy.model_fit import FittedModel, refitted
 from sysid_trib.discrepancy.paths import RecordPath, path_of_run
 from sysid_trib.discrepancy.search import Search, search
+from sysid_trib.discrepancy.settings import DEFAULTS, Settings
 from sysid_trib.discrepancy.start_model import fit_start_model
 from sysid_trib.discrepancy.to_xarray import groups_of
 from sysid_trib.errors import UsageError
@@ -21,9 +24,6 @@ from sysid_trib.records.runs import Decays, as_runs, one_or_all
 from sysid_trib.results.schema import provenance
 from sysid_trib.validation.holdout import split
 
-# Family-wise level of error of a name.
-FAMILY_LEVEL = 0.01
-
 
 def discover(
     decay: Decays,
@@ -31,11 +31,13 @@ def discover(
     candidates: ForceLibrary,
     *,
     reference_frequency: float | None = None,
-    max_effects: int = 4,
+    max_effects: int | None = None,
     holdout: Decays = (),
     refit: bool = False,
-    level: float = FAMILY_LEVEL,
-    seed: int = 0,
+    level: float | None = None,
+    seed: int | None = None,
+    time_limit: float = np.inf,
+    settings: Settings = DEFAULTS,
     tell: Callable[[str], None] = lambda text: None,
 ) -> xr.DataTree:
     """Find, name and add what a model lacks to explain a decay, or runs of one experiment.
@@ -50,17 +52,17 @@ def discover(
         What may be missing. Those that the model has are not offered, and named in the result.
     reference_frequency : float, rad/s, optional
         w, held; else it is fitted.
-    max_effects : int
-        Effects added at most.
     holdout : xr.Dataset or sequence of xr.Dataset
         Runs that take no part in fitting or naming, and are predicted by each model. Without any the last
         third of each run takes no part.
     refit : bool
         Fit the models that were found again, to the whole runs.
-    level : float
-        Family-wise significance level of each test.
-    seed : int
-        Of the drawing that counts independent tests.
+    max_effects, level, seed : int, float, int, optional
+        Effects added at most, family-wise significance level, drawing: in the place of the settings'.
+    time_limit : float, s
+        After which the search fits no further model, and what it has is described.
+    settings : Settings
+        What else decides.
     tell : callable
         Called with a few words as the work goes on.
 
@@ -68,8 +70,9 @@ def discover(
     -------
     xr.DataTree
         Of records decimated to some sixty samples a period (attrs `decimated`). attrs: `verdict`
-        (`explained`, `unknown effect`, `nothing missing`), `converged`, `left_out`, `failed_fits`. Groups:
-        `record` (`record_1`, ... of several runs) with `simulated_angle(model)` before and after;
+        (`explained`, `unknown effect`, `nothing missing`), `converged`, `out_of_time` (the limit that ended
+        the search), `settings` (JSON), `left_out`, `failed_fits`. Groups: `record`
+        (`record_1`, ... of several runs) with `simulated_angle(model)` before and after;
         `discrepancy` and `discrepancy_after`, where model and record differ (see `demodulation.demodulate`);
         `detectability`, `detectability_after`; `ranking` of candidates before each effect and at the end;
         `steps`, the effects added; `before` and `after`, the identifications; `omnibus`, the tests that know
@@ -82,7 +85,12 @@ def discover(
     DecayError
         The decay cannot support the start model.
     """
-    runs = [decimated(run) for run in as_runs(decay)]
+    if not time_limit > 0.0:
+        raise UsageError(f"A time limit of {time_limit:g} s leaves no time to search; give a positive one.")
+    asked: dict[str, Any] = {"max_effects": max_effects, "level": level, "seed": seed}
+    settings = replace(settings, **{k: value for k, value in asked.items() if value is not None})
+    deadline = time.monotonic() + time_limit
+    runs = [decimated(run, settings.samples_per_period) for run in as_runs(decay)]
     if not len(model_forces):
         raise UsageError("The start model has no force; give at least one, such as a viscous one.")
     model = forces_to_identify(model_forces, reference_frequency)
@@ -90,11 +98,11 @@ def discover(
     if not len(offered):
         raise UsageError("No candidate is left beside the forces of the model; offer another library.")
     unseen = as_runs(holdout) if isinstance(holdout, xr.Dataset) or len(holdout) else []
-    parts = [decimated(part) for part in unseen]
+    parts = [decimated(part, settings.samples_per_period) for part in unseen]
     seen = runs if unseen else [split(run)[0] for run in runs]
     tell("fit of the start model")
-    start = fit_start_model(seen, model.forces, reference_frequency)
-    done = search(start, offered.forces, max_effects=max_effects, level=level, seed=seed, tell=tell)
+    start = fit_start_model(seen, model.forces, reference_frequency, settings)
+    done = search(start, offered.forces, deadline=deadline, tell=tell)
     tell("hold-out")
     predictions = _predictions(done, runs, parts)
     if refit and not unseen:
@@ -102,18 +110,22 @@ def discover(
         done = replace(done, models=[_refitted(model, runs) for model in done.models])
         seen = runs
     tell("where model and record differ")
-    groups = groups_of(runs, seen, done, predictions, offered, level, reference_frequency)
+    groups = groups_of(runs, seen, done, predictions, offered, reference_frequency)
     tree = xr.DataTree.from_dict(groups)
     third = f"the last third{' of each run' * (len(runs) > 1)}"
-    options = {"max_effects": max_effects, "level": level, "seed": seed, "refit": refit}
     tree.attrs = {
         **provenance(None, one_or_all(runs), model),
         "method": "discover",
-        "options": json.dumps(options | {"reference_frequency": reference_frequency}),
+        "options": json.dumps(
+            {name: getattr(settings, name) for name in asked}
+            | {"refit": refit, "reference_frequency": reference_frequency}
+        ),
+        "settings": json.dumps(asdict(settings)),
         "candidates": offered.to_toml(),
-        "verdict": verdict_of(done, level, predictions),
+        "verdict": verdict_of(done, predictions),
         "converged": str(done.converged),
-        "max_effects": max_effects,
+        "out_of_time": f"{time_limit:g} s" if done.out_of_time else "",
+        "max_effects": settings.max_effects,
         "left_out": left_out,
         "failed_fits": list(done.failed),
         "held_out": f"{len(unseen)} run{'s' * (len(unseen) > 1)}" if unseen else third,
@@ -148,20 +160,19 @@ def _refitted(model: FittedModel, runs: Sequence[xr.Dataset]) -> FittedModel:
     return refitted(model, [whole(run, rows.path) for run, rows in zip(runs, model.rows, strict=True)])
 
 
-def verdict_of(done: Search, level: float = FAMILY_LEVEL, predictions: Sequence[Prediction] = ()) -> str:
+def verdict_of(done: Search, predictions: Sequence[Prediction] = ()) -> str:
     """`explained`, `unknown effect` or `nothing missing`.
 
     Parameters
     ----------
     done : Search
-    level : float
-        Of the test of what the final model leaves.
     predictions : sequence of Prediction
         Of what was held out, by each of its models.
     """
     # Names that nearly cancel each other, or that do not predict, may imitate one that is not in the library.
-    refuted = np.any(improvements(predictions) < REFUTED)
-    missing = done.outstanding or done.screenings[-1].omnibus.p_value < level
+    settings = done.models[0].settings
+    refuted = np.any(improvements(predictions) < -settings.refuted)
+    missing = done.outstanding or done.screenings[-1].omnibus.p_value < settings.level
     if done.collinear or refuted or missing:
         return "unknown effect"
     return "explained" if done.effects else "nothing missing"

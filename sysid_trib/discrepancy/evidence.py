@@ -7,11 +7,6 @@ import numpy as np
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.discrepancy.model_fit import FittedModel
 
-# A credible set holds the truth with this probability, if it is among the candidates and all were as likely.
-CREDIBLE = 0.95
-# Of two candidates, one whose evidence is less likely by this (minus twice the logarithm) is outside of it.
-OUTSIDE_OF_SET = 2.0 * float(np.log(CREDIBLE / (1.0 - CREDIBLE)))
-
 
 def evidence(model: FittedModel, effects: Sequence[str]) -> float:
     """Minus twice the logarithm of the evidence of a model, for its effects beside those of the start.
@@ -52,10 +47,10 @@ def probabilities(costs: Sequence[float]) -> Array:
     return np.asarray(weight / weight.sum())
 
 
-def credible(probability: Array) -> Mask:
-    """Which models are in the smallest set that holds the truth with the probability `CREDIBLE`."""
+def credible(probability: Array, part: float) -> Mask:
+    """Which models are in the smallest set that holds the truth with the probability `part`."""
     order = np.argsort(-probability, kind="stable")
     before = np.cumsum(probability[order]) - probability[order]
     inside = np.zeros(len(probability), dtype=bool)
-    inside[order] = before < CREDIBLE
+    inside[order] = before < part
     return inside

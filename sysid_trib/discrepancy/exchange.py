@@ -3,42 +3,43 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
+from time import monotonic
 
 import numpy as np
 
 from sysid_trib.discrepancy.columns_beside import each_beside, projected
-from sysid_trib.discrepancy.evidence import OUTSIDE_OF_SET, evidence
+from sysid_trib.discrepancy.evidence import evidence
 from sysid_trib.discrepancy.likelihood import RunProducts, likelihood
 from sysid_trib.discrepancy.model_fit import FittedModel, fit_model
 from sysid_trib.discrepancy.screening import Screening, is_physical, strengths
 from sysid_trib.discrepancy.trials import TrialEffect
 from sysid_trib.errors import SysidTribError
 
-# Models of a move, and in the place of one effect, that are fitted exactly.
-TRIED, IN_PLACE = 6, 10
-# Pairs whose likelihood is computed along the present path.
-PAIRS = 20
-# Along one path columns are linear in an effect: off by up to this part of what it explains.
-SLACK = 0.1
-# A model that is less likely by this is outside of every credible set, whatever its rivals.
-FAR = OUTSIDE_OF_SET + 4.0
-# A move must lower the evidence by more than fits are uncertain.
-LEAST_GAIN = 0.1
-
 
 @dataclass
 class Fits:
-    """Exact fits of a search, each done once: by the symbols of the effects; and what could not be fitted."""
+    """Exact fits of a search, each done once: by the symbols of the effects; and what could not be fitted.
+
+    After the deadline, by `time.monotonic`, none is done.
+    """
 
     start: FittedModel
+    deadline: float = np.inf
     kept: dict[frozenset[str], FittedModel | None] = field(default_factory=dict)
     failed: list[str] = field(default_factory=list)
+
+    @property
+    def out_of_time(self) -> bool:
+        """Whether the deadline has passed."""
+        return monotonic() > self.deadline
 
     def of(self, near: FittedModel, drop: Sequence[str], add: Sequence[TrialEffect]) -> FittedModel | None:
         """A model near another one, with forces dropped and added; None if there is none."""
         trials = [t for t in near.trials if t.force.symbol not in drop] + list(add)
         base = {t.force.symbol for t in self.start.trials}
         key = frozenset(t.force.symbol for t in trials) - base
+        if key not in self.kept and self.out_of_time:
+            return None
         if key not in self.kept:
             model = self._fitted(near, trials)
             # A fit that leaves what is physical has not failed: the effect does not explain the record.
@@ -63,13 +64,17 @@ def _is_physical(model: FittedModel, base: int) -> bool:
     """Whether the forces beside the first ones, those of the start model, may have their coefficients."""
     relative_force = strengths(model, [table[:, : len(model.trials)] for table in model.tables])
     effects = zip(model.trials, model.coefficients.tolist(), relative_force.tolist(), strict=True)
-    return all(is_physical(trial.force, c, size) for trial, c, size in list(effects)[base:])
+    strongest = model.settings.strongest
+    return all(is_physical(trial.force, c, size, strongest) for trial, c, size in list(effects)[base:])
 
 
 def exchange_effects(
-    current: Screening, effects: tuple[str, ...], fits: Fits, max_effects: int, level: float
+    current: Screening, effects: tuple[str, ...], fits: Fits
 ) -> tuple[FittedModel, tuple[str, ...]] | None:
     """The model without an effect or two, or with others in their place, if that is more likely.
+
+    Where there are more than before, what each explains is beyond chance, and the model is more likely by
+    what leaves chance outside of a credible set.
 
     Parameters
     ----------
@@ -78,11 +83,6 @@ def exchange_effects(
     effects : tuple of str
         Its effects beside the start model's.
     fits : Fits
-    max_effects : int
-        No more than so many remain.
-    level : float
-        Where there are more than before, what each explains is beyond chance at this level, and the model is
-        more likely by what leaves chance outside of a credible set.
 
     Returns
     -------
@@ -94,10 +94,10 @@ def exchange_effects(
     proposed: list[tuple[float, tuple[str, ...], list[int]]] = []
     for gone in (*((s,) for s in effects), *combinations(effects, 2)):
         proposed += [(score, gone, at) for score, at in _in_place(current, gone)]
-        if len(effects) - len(gone) + 2 <= max_effects:
+        if len(effects) - len(gone) + 2 <= model.settings.max_effects:
             proposed += [(score, gone, at) for score, at in _pairs_in_place(current, gone)]
     best: tuple[float, tuple[str, ...], FittedModel] | None = None
-    for _, gone, at in sorted(proposed, key=lambda scored: scored[0])[:TRIED]:
+    for _, gone, at in sorted(proposed, key=lambda scored: scored[0])[: model.settings.fitted]:
         trials = [current.trials[i] for i in at]
         after = tuple(s for s in effects if s not in gone) + tuple(t.force.symbol for t in trials)
         fitted = fits.of(model, gone, trials)
@@ -105,24 +105,26 @@ def exchange_effects(
             continue
         score = evidence(fitted, after)
         more = len(after) > len(effects)
-        needed = OUTSIDE_OF_SET if more else LEAST_GAIN
+        needed = model.settings.outside_of_set if more else model.settings.least_gain
         better = score < here - needed and (best is None or score < best[0])
-        if better and (not more or max(_p_values(current, _own_products(fitted), fitted, after)) < level):
+        if better and (
+            not more or max(_p_values(current, _own_products(fitted), fitted, after)) < model.settings.level
+        ):
             best = (score, after, fitted)
     return None if best is None else (best[2], best[1])
 
 
 def not_beyond_chance(
-    current: Screening, effects: tuple[str, ...], fits: Fits, level: float
+    current: Screening, effects: tuple[str, ...], fits: Fits
 ) -> tuple[FittedModel, tuple[str, ...]] | None:
     """The model without the effect that chance would do as well as most likely; None if there is none."""
     model = current.model
     chances = _p_values(current, current.products, model, effects)
-    if max(chances, default=0.0) < level:
+    if max(chances, default=0.0) < model.settings.level:
         return None
     worst = effects[int(np.argmax(chances))]
     fitted = fits.of(model, (worst,), ())
-    if fitted is None or _p_value(current, model, worst, fitted.deviance) < level:
+    if fitted is None or _p_value(current, model, worst, fitted.deviance) < model.settings.level:
         return None
     return fitted, tuple(symbol for symbol in effects if symbol != worst)
 
@@ -133,7 +135,7 @@ def chance_in_set(
     """The model without the effect whose credible set chance is in; None if there is none."""
     beside = {symbol: costs.get("", np.inf) for symbol, costs in rivals.items()}
     symbol = min(beside, key=beside.__getitem__, default="")
-    if not symbol or beside[symbol] >= OUTSIDE_OF_SET:
+    if not symbol or beside[symbol] >= fits.start.settings.outside_of_set:
         return None
     after = tuple(other for other in effects if other != symbol)
     fitted = fits.kept.get(frozenset(after))
@@ -171,7 +173,7 @@ def better_rival(
     """The model with a rival in an effect's place that is more likely; None if there is none."""
     every = [(excess, symbol, name) for symbol, costs in rivals.items() for name, excess in costs.items()]
     excess, symbol, name = min(every, default=(0.0, "", ""))
-    if excess > -LEAST_GAIN:
+    if excess > -current.model.settings.least_gain:
         return None
     after = tuple(s for s in effects if s != symbol) + ((name,) if name else ())
     fitted = fits.kept[frozenset(after)]
@@ -182,9 +184,11 @@ def rivals_of(current: Screening, effects: tuple[str, ...], symbol: str, fits: F
     """Evidence with each candidate in an effect's place, over its own; of nothing in its place under ""."""
     here = evidence(current.model, effects)
     likelier = {symbol: 0.0}
-    for _, at in _in_place(current, (symbol,))[:IN_PLACE]:
+    for _, at in _in_place(current, (symbol,))[: current.model.settings.fitted]:
         trials = [current.trials[i] for i in at]
         fitted = fits.of(current.model, (symbol,), trials)
+        if fitted is None and fits.out_of_time:
+            continue
         names = [trial.force.symbol for trial in trials]
         after = (*(s for s in effects if s != symbol), *names)
         likelier["".join(names)] = np.inf if fitted is None else evidence(fitted, after) - here
@@ -215,12 +219,16 @@ def _in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float, list
     for at, deviance, coefficient in zip(
         current.in_place, beside.deviance.tolist(), beside.coefficients.tolist(), strict=True
     ):
-        if is_physical(current.trials[at].force, coefficient, current.relative_force[at]):
+        if current.allows(at, coefficient):
             scores.append((deviance - model.deviance + _penalty(model, 1 - len(gone)), [at]))
     best: dict[str, tuple[float, list[int]]] = {}
     for scored in sorted(scores, key=lambda scored: scored[0]):
         best.setdefault(current.trials[scored[1][0]].force.symbol if scored[1] else "", scored)
-    return [scored for scored in best.values() if scored[0] < SLACK * max(0.0, without) + FAR]
+    return [
+        scored
+        for scored in best.values()
+        if scored[0] < model.settings.slack * max(0.0, without) + model.settings.far
+    ]
 
 
 def _pairs_in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float, list[int]]]:
@@ -243,15 +251,12 @@ def _pairs_in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float
     distinct = outside > 1e-6 * size[first] * size[second]
     gains = np.where(distinct, gains / np.where(distinct, outside, 1.0), 0.0)
     scores = []
-    for i in np.argsort(-gains)[:PAIRS].tolist():
+    for i in np.argsort(-gains)[: model.settings.pairs].tolist():
         pair = [trials[first[i]], trials[second[i]]]
         likelier = likelihood(current.products, [*kept, *(current.first_trial + at for at in pair)])
         coefficients = likelier.coefficients[-2:]
-        able = all(
-            is_physical(current.trials[at].force, c, current.relative_force[at])
-            for at, c in zip(pair, coefficients, strict=True)
-        )
+        able = all(current.allows(at, c) for at, c in zip(pair, coefficients, strict=True))
         score = likelier.deviance - model.deviance + _penalty(model, 2 - len(gone))
-        if able and score < FAR:
+        if able and score < model.settings.far:
             scores.append((score, pair))
     return scores

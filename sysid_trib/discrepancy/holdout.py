@@ -19,8 +19,6 @@ from sysid_trib.regression.weak_form import cholesky_factor, whiten
 
 # Rounds of the path of a part that is predicted.
 PATH_ROUNDS = 3
-# A mean score that is worse by so many of its errors is worse (Diebold and Mariano 1995).
-REFUTED = -2.0
 
 
 @dataclass(frozen=True)

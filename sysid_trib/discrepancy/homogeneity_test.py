@@ -14,15 +14,13 @@ from sysid_trib.results.variables import chi_square_test, text_variable, variabl
 DISTINCT = 1e-10
 
 
-def homogeneity(models: Sequence[FittedModel], level: float) -> xr.Dataset:
+def homogeneity(models: Sequence[FittedModel]) -> xr.Dataset:
     """Test of each model for runs that differ, by small deviations.
 
     Parameters
     ----------
     models : sequence of FittedModel
         Of several runs each; the last is the final one.
-    level : float
-        Significance level below which the runs differ.
 
     Returns
     -------
@@ -43,7 +41,11 @@ def homogeneity(models: Sequence[FittedModel], level: float) -> xr.Dataset:
     return xr.Dataset(
         {
             **test,
-            "differ": variable("model", test["p_value"][1] < level, "whether the p-value is below the level"),
+            "differ": variable(
+                "model",
+                test["p_value"][1] < models[0].settings.level,
+                "whether the p-value is below the level",
+            ),
             "most": text_variable("model", most, "parameter that differs most"),
             "gain": variable("model", [*gains, np.nan], "deviance explained by the next effect", "1"),
         }

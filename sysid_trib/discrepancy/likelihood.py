@@ -12,13 +12,12 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from sysid_trib.arrays import Array
+from sysid_trib.discrepancy.settings import DEFAULTS, Settings
 from sysid_trib.noise.variance_ratio import ratio_span
 from sysid_trib.regression.weak_form import WeakForm, cholesky_factor, whiten
 
-# Distance of the ratios tried, in their logarithm, and of those between them where a spline is evaluated.
-RATIO_STEP, BETWEEN_STEP = 1.5, 0.03
-# The level of the sensor's noise, known beforehand from its spectrum, counts as so many rows.
-ROWS_OF_LEVEL = 5.0
+# Distance of the ratios, in their logarithm, at which a spline between those tried is evaluated.
+BETWEEN_STEP = 0.03
 # Rounds in which the variances of several runs settle beside each other, and the fall of the deviance at
 # which they have.
 RATIO_ROUNDS, DEVIANCE_SETTLED = 20, 0.01
@@ -41,6 +40,8 @@ class RunProducts:
     rows : int
     level : float, rad
         Of the innovations of the sensor's noise, as its spectrum has it.
+    level_rows : float
+        As which that level counts.
     """
 
     products: Array
@@ -48,11 +49,12 @@ class RunProducts:
     ratios: Array
     rows: int
     level: float
+    level_rows: float
 
     @property
     def degrees_of_freedom(self) -> float:
         """Rows, with those that the level counts."""
-        return self.rows + ROWS_OF_LEVEL
+        return self.rows + self.level_rows
 
     def at(self, ratio: float) -> Array:
         """Products in the covariance of any ratio, (column, column): a spline over those tried.
@@ -80,7 +82,9 @@ class RunProducts:
         return self.products[:, at[:, None], at]
 
 
-def products_of(band: Array, white_band: Array, table: Array, form: WeakForm, level: float) -> RunProducts:
+def products_of(
+    band: Array, white_band: Array, table: Array, form: WeakForm, level: float, settings: Settings = DEFAULTS
+) -> RunProducts:
     """Products of a run's columns.
 
     Parameters
@@ -91,10 +95,11 @@ def products_of(band: Array, white_band: Array, table: Array, form: WeakForm, le
         The target, then columns.
     form : WeakForm
     level : float, rad
+    settings : Settings
     """
     steps = np.diff(form.tau)
     low, high = ratio_span(float(form.tau[-1] - form.tau[0]), float(np.median(steps)))
-    logs = np.arange(np.log(low), np.log(high), RATIO_STEP)
+    logs = np.arange(np.log(low), np.log(high), settings.ratio_step)
     ratios = np.concatenate([[0.0], np.exp(logs)])
     reference = _log_determinant(cholesky_factor(white_band))
     products, determinants = [], []
@@ -103,7 +108,9 @@ def products_of(band: Array, white_band: Array, table: Array, form: WeakForm, le
         white = whiten(factor, table)
         products.append(white.T @ white)
         determinants.append(_log_determinant(factor) - reference)
-    return RunProducts(np.array(products), np.array(determinants), ratios, len(table), level)
+    return RunProducts(
+        np.array(products), np.array(determinants), ratios, len(table), level, settings.level_rows
+    )
 
 
 def _log_determinant(factor: Array) -> float:
@@ -229,7 +236,7 @@ def _solution(parts: Sequence[Array], variances: Sequence[float]) -> tuple[Array
 def _variance(run: RunProducts, products: Array, b: Array) -> float:
     """The most likely variance of a run beside coefficients."""
     squares = products[0, 0] - 2.0 * b @ products[1:, 0] + b @ products[1:, 1:] @ b
-    return float((max(squares, 0.0) + ROWS_OF_LEVEL * run.level**2) / run.degrees_of_freedom)
+    return float((max(squares, 0.0) + run.level_rows * run.level**2) / run.degrees_of_freedom)
 
 
 def _over_ratios(
@@ -255,7 +262,7 @@ def _over_ratios(
             "gi,gij,gj->g", b, np.broadcast_to(part[:, 1:, 1:], information.shape), b
         )
         dof = run.degrees_of_freedom
-        variance_of[q] = (np.maximum(squares, 0.0) + ROWS_OF_LEVEL * run.level**2) / dof
+        variance_of[q] = (np.maximum(squares, 0.0) + run.level_rows * run.level**2) / dof
         determinant = run.log_determinant if q == r else run.log_determinant[at[q]]
         deviance = deviance + dof * np.log(variance_of[q]) + determinant
     return deviance, variance_of

@@ -9,21 +9,19 @@ from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.likelihood import Likelihood, RunProducts, likelihood
 from sysid_trib.discrepancy.paths import RecordPath
 from sysid_trib.discrepancy.run_rows import RunRows, nuisances, run_rows
+from sysid_trib.discrepancy.settings import Settings
 from sysid_trib.discrepancy.trials import TrialEffect, end_of_range, from_unit, slope_of_unit, to_unit
 from sysid_trib.noise.residual_noise import NoiseModel
 from sysid_trib.records.runs import root_mean_square
 
-# Rounds of path and parameters in turn, and the change of the deviance below which they have settled.
-MOST_PATHS = 12
 # Rounds after which a path goes half of its way.
 WHOLE_STEPS = 3
-SETTLED_DEVIANCE = 0.1
 # A kink of a force may have the path swing about where it settles: then the best two rounds agree to this.
 ROUNDS_AGREE = 1.0
 # Part of its standard error by which a frequency may differ from the reference, and rounds to get there.
 SAME_REFERENCE, RESCALINGS = 0.02, 4
-# Largest step of a shape parameter in a round, in parts of its range; difference for its column.
-SHAPE_STEP, SHAPE_DIFFERENCE = 0.1, 1e-4
+# Difference of a shape parameter for its column, in parts of its range.
+SHAPE_DIFFERENCE = 1e-4
 
 
 @dataclass(frozen=True)
@@ -57,6 +55,11 @@ class FittedModel:
     frequency_free: bool
     likelihood: Likelihood
     settled: bool = True
+
+    @property
+    def settings(self) -> Settings:
+        """Of the search."""
+        return self.rows[0].path.settings
 
     @property
     def deviance(self) -> float:
@@ -163,7 +166,9 @@ class FittedModel:
         shapes = [dict(trial.shapes) for trial in self.trials]
         for at, name, column in self.shape_columns:
             trial, key = self.trials[at], f"{self.trials[at].force.symbol}.{name}"
-            step = np.clip(self.likelihood.coefficients[column], -SHAPE_STEP, SHAPE_STEP)
+            step = np.clip(
+                self.likelihood.coefficients[column], -self.settings.shape_step, self.settings.shape_step
+            )
             part = np.clip(to_unit(trial.force.shape[name], trial.shapes[key]) + step, 0.0, 1.0)
             shapes[at][key] = float(from_unit(trial.force.shape[name], part))
         return [replace(trial, shapes=table) for trial, table in zip(self.trials, shapes, strict=True)]
@@ -196,12 +201,12 @@ def fit_model(
     guess = np.zeros(len(trials) + 1) if first is None else first
     model = _fitted_along(paths, trials, guess, frequency_free)
     rounds = []
-    for turn in range(MOST_PATHS):
+    for turn in range(paths[0].settings.rounds):
         guess = np.append(model.coefficients, model.stiffness)
         # A history-dependent force may have the path swing about where it settles.
         nearer = model.next_paths(1.0 if turn < WHOLE_STEPS else 0.5)
         after = _fitted_along(nearer, model.next_trials(), guess, frequency_free)
-        settled = abs(after.deviance - model.deviance) < SETTLED_DEVIANCE
+        settled = abs(after.deviance - model.deviance) < paths[0].settings.least_gain
         model = after
         if settled:
             return model

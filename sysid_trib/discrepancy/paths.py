@@ -24,6 +24,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.averaging.collocation import Index
 from sysid_trib.averaging.internal_states import GivenMotion, states_along, tangent_along, values_along
 from sysid_trib.discrepancy.jumps import NO_JUMPS, Jumps, jumps_along
+from sysid_trib.discrepancy.settings import DEFAULTS, Settings
 from sysid_trib.discrepancy.trials import TrialEffect
 from sysid_trib.errors import DecayError, SysidTribError
 from sysid_trib.noise.residual_noise import NoiseModel
@@ -36,8 +37,6 @@ from sysid_trib.regression.weak_form import (
     noise_operator,
 )
 
-# Points of a period at which forces are evaluated: some are felt in a small part of it.
-INTEGRAND_POINTS = 360
 # Parts of a cell between two points over which a force that switches there is averaged.
 CELL_PARTS = (np.arange(32) + 0.5) / 32.0 - 0.5
 
@@ -72,10 +71,9 @@ class RecordPath:
         From which the `t` of formulas counts.
     intervals : int
         Between the knots of path and test functions: these stay where they are when the frequency changes.
+    settings : Settings
     jumps : Jumps
         Of its acceleration.
-    per_period : int
-        Points of a period at which forces are evaluated, at least.
     """
 
     time: Array
@@ -86,8 +84,8 @@ class RecordPath:
     sensor: NoiseModel
     origin: float
     intervals: int
+    settings: Settings
     jumps: Jumps = NO_JUMPS
-    per_period: int = INTEGRAND_POINTS
 
     @property
     def elapsed(self) -> Array:
@@ -110,7 +108,9 @@ class RecordPath:
     @cached_property
     def points(self) -> Points:
         """The path where forces are evaluated; its acceleration is the mean of the cell about each point."""
-        tau, integrals = integrals_between_samples(self.form.tau, self.intervals, self.per_period)
+        tau, integrals = integrals_between_samples(
+            self.form.tau, self.intervals, self.settings.points_per_period
+        )
         x, v = self.motion_at(tau), self.motion_at(tau, 1)
         half = 0.5 * (tau[1] - tau[0])
         rise = self.jumps.value(tau + half, 1) - self.jumps.value(tau - half, 1)
@@ -247,21 +247,31 @@ class RecordPath:
 
 
 def path_of_run(
-    run: xr.Dataset, frequency: float, sensor: NoiseModel, origin: float | None = None
+    run: xr.Dataset,
+    frequency: float,
+    sensor: NoiseModel,
+    origin: float | None = None,
+    settings: Settings = DEFAULTS,
 ) -> RecordPath:
     """`path_of` of a run with `angle(time)`."""
-    return path_of(run.time.values.astype(float), run.angle.values.astype(float), frequency, sensor, origin)
+    time, angle = run.time.values.astype(float), run.angle.values.astype(float)
+    return path_of(time, angle, frequency, sensor, origin, settings)
 
 
 def path_of(
-    time: Array, angle: Array, frequency: float, sensor: NoiseModel, origin: float | None = None
+    time: Array,
+    angle: Array,
+    frequency: float,
+    sensor: NoiseModel,
+    origin: float | None = None,
+    settings: Settings = DEFAULTS,
 ) -> RecordPath:
     """A record with its least-squares spline as the path; see `RecordPath`."""
     tau = frequency * (time - time[0])
     intervals = knot_intervals(tau)
     form, spline = build_weak_form(tau, intervals), _spline(tau, angle, intervals)
     since = float(time[0]) if origin is None else origin
-    return RecordPath(time, angle, frequency, form, spline, sensor, since, intervals)
+    return RecordPath(time, angle, frequency, form, spline, sensor, since, intervals, settings)
 
 
 def _spline(tau: Array, motion: Array, intervals: int) -> BSpline:

@@ -20,9 +20,6 @@ from sysid_trib.regression.weak_form import (
     whiten,
 )
 
-# Points of a period at which candidates are evaluated that are only compared.
-SCREENED = 120
-
 
 @dataclass(frozen=True)
 class RunRows:
@@ -59,13 +56,18 @@ class RunRows:
         return self.path.columns(trials, self.operator)
 
     def coarse_columns(self, trials: Sequence[TrialEffect]) -> Array:
-        """The same from fewer points of the path, as far as they serve to compare."""
-        return replace(self.path, per_period=SCREENED).columns(trials, self.operator)
+        """The same from a third of the points, as far as they serve to compare."""
+        settings = self.path.settings
+        fewer = replace(settings, points_per_period=settings.points_per_period // 3)
+        return replace(self.path, settings=fewer).columns(trials, self.operator)
 
     def products(self, columns: Array) -> RunProducts:
         """Products of the target and columns, (row, column)."""
         table = np.column_stack([self.target, columns])
-        return products_of(self.band, self.white_band, table, self.path.form, self.path.sensor.innovation)
+        path = self.path
+        return products_of(
+            self.band, self.white_band, table, path.form, path.sensor.innovation, path.settings
+        )
 
     def whitened(self, table: Array, likelihood: Likelihood, run: int) -> Array:
         """Columns (row, column) in which the noises of a run are white and of unit variance."""

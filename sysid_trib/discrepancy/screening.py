@@ -11,25 +11,16 @@ from scipy.stats import chi2, norm
 from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.columns_beside import correlation_of, each_beside, projected
 from sysid_trib.discrepancy.frequency_parameters import has_frequency_parameter
-from sysid_trib.discrepancy.likelihood import Likelihood, RunProducts, likelihood
+from sysid_trib.discrepancy.likelihood import RunProducts, likelihood
 from sysid_trib.discrepancy.model_fit import FittedModel
 from sysid_trib.discrepancy.omnibus_test import OmnibusTest, omnibus, trial_columns
 from sysid_trib.discrepancy.trials import TrialEffect, trials_of
 from sysid_trib.forces.force import Force
 
-# A column of which less than this part is outside of those of the model is not testable: it is not followed
-# more closely than to a thousandth.
-TESTABLE = 1e-3
 SAME_EFFECT = "not testable on this record: parameters of the model have the same effect"
 # Draws of the largest score of noise, and the quantile at which it is compared with independent tests.
 NOISE_DRAWS, TAIL = 4000, 0.01
-# Lines of the spectrum at which a force of a frequency of its own is tried.
-LINES_TRIED = 3
-# Frequencies within a line, of any phase, that differ by chance (Davies 1987): per line looked at.
-CHANCES_OF_LINE = 2.5
 NOT_FINITE = "it is not finite on this motion"
-# A force of more than this part of the restoring one is no missing effect, but cancels another.
-STRONGEST = 1.0
 
 
 @dataclass(frozen=True)
@@ -99,26 +90,33 @@ class Screening:
         """Trials that can be tested, or that might in the place of an effect which has the same column."""
         return [at for at, reason in enumerate(self.reasons) if reason in ("", SAME_EFFECT)]
 
+    def allows(self, at: int, coefficient: float) -> bool:
+        """Whether physics allows a trial this coefficient."""
+        strongest = self.model.settings.strongest
+        return is_physical(self.trials[at].force, coefficient, self.relative_force[at], strongest)
+
     def p_value_of(self, gain: float, force: Force) -> float:
-        """Probability of such a gain by chance in any of the tests."""
+        """Probability of such a gain by chance in any of the tests.
+
+        A frequency that is fitted has so many more as the largest of a spectrum between its lines has
+        (Davies 1987; Baluev 2008, eq. 6).
+        """
         p_value = self.tests * float(chi2.sf(gain, 1))
         if has_frequency_parameter(force):
-            lines = sum(run.rows // 2 for run in self.products)
-            p_value += CHANCES_OF_LINE * lines * float(np.exp(-0.5 * gain))
+            lines = 0.5 * sum(run.rows for run in self.products)
+            p_value += lines * float(np.sqrt(np.pi / 6.0 * gain) * np.exp(-0.5 * gain))
         return min(1.0, p_value)
 
 
-def screen(model: FittedModel, candidates: Sequence[Force], seed: int = 0) -> Screening:
+def screen(model: FittedModel, candidates: Sequence[Force]) -> Screening:
     """Hold candidates against a model, at grids of their shape parameters.
 
     Parameters
     ----------
     model : FittedModel
     candidates : sequence of Force
-    seed : int
-        Of the drawing that counts independent tests.
     """
-    trials = trials_of(candidates, _lines(model), model.rows[0].path.frequency)
+    trials = trials_of(candidates, _lines(model), model.rows[0].path.frequency, model.settings)
     columns = [rows.coarse_columns(trials) for rows in model.rows]
     good = np.all([np.all(np.isfinite(column), axis=0) for column in columns], axis=0)
     columns = [np.where(good, column, 0.0) for column in columns]
@@ -133,21 +131,27 @@ def screen(model: FittedModel, candidates: Sequence[Force], seed: int = 0) -> Sc
     whole = likelihood(products, base)
     part, rest = projected(products, whole, base, [*offered, *trial_forces])
     reasons = ["" if finite else NOT_FINITE for finite in good]
-    for at in np.flatnonzero(good & (part[: len(trials)] < TESTABLE)):
+    for at in np.flatnonzero(good & (part[: len(trials)] < model.settings.testable)):
         reasons[at] = SAME_EFFECT
     relative_force = strengths(model, columns)
-    gains, coefficients, errors = _gains(products, base, whole, trials, reasons, relative_force)
     able = np.array([not reason for reason in reasons], dtype=bool)
+    beside = each_beside(products, base, offered, whole)
+    physical = [
+        is_physical(trial.force, c, relative, model.settings.strongest)
+        for trial, c, relative in zip(trials, beside.coefficients, relative_force, strict=True)
+    ]
+    gains = np.where(able & np.array(physical, dtype=bool), whole.deviance - beside.deviance, 0.0)
+    gains = np.maximum(0.0, gains)
     correlation = correlation_of(rest[: len(trials), : len(trials)])
-    tests = independent_tests(correlation[np.ix_(able, able)], seed)
+    tests = independent_tests(correlation[np.ix_(able, able)], model.settings.seed)
     test = omnibus(products, base, trial_forces, part[len(trials) :], whole, model.white_residuals())
     screening = Screening(
         model=model,
         trials=trials,
         reasons=reasons,
         gains=gains,
-        coefficients=coefficients,
-        errors=errors,
+        coefficients=np.where(able, beside.coefficients, 0.0),
+        errors=np.where(able, beside.errors, np.nan),
         outside=part[: len(trials)],
         correlation=correlation,
         relative_force=relative_force,
@@ -166,31 +170,13 @@ def _numbered(tables: Sequence[Array]) -> list[list[int]]:
     return [list(range(start, end)) for start, end in pairwise(ends)]
 
 
-def _gains(
-    products: Sequence[RunProducts],
-    base: Sequence[int],
-    whole: Likelihood,
-    trials: Sequence[TrialEffect],
-    reasons: Sequence[str],
-    relative_force: Array,
-) -> tuple[Array, Array, Array]:
-    """What each trial gains beside the model, its coefficient and its error, (trial,) each."""
-    beside = each_beside(products, base, range(1 + len(base), 1 + len(base) + len(trials)), whole)
-    gains = np.maximum(0.0, whole.deviance - beside.deviance)
-    for at, trial in enumerate(trials):
-        if reasons[at] or not is_physical(trial.force, beside.coefficients[at], relative_force[at]):
-            gains[at] = 0.0
-    tested = np.array([not reason for reason in reasons], dtype=bool)
-    return gains, np.where(tested, beside.coefficients, 0.0), np.where(tested, beside.errors, np.nan)
-
-
-def is_physical(force: Force, coefficient: float, relative_force: float) -> bool:
+def is_physical(force: Force, coefficient: float, relative_force: float, strongest: float) -> bool:
     """Whether a force may have this coefficient: one that only takes energy is not negative.
 
-    `strength` : of the force of coefficient 1, over the restoring force.
+    `relative_force` : of the force of coefficient 1, over the restoring force; `strongest` one may be.
     """
     drives = force.passive and coefficient < 0.0
-    return not drives and (force.kind == "sensor" or abs(coefficient) * relative_force < STRONGEST)
+    return not drives and (force.kind == "sensor" or abs(coefficient) * relative_force < strongest)
 
 
 def strengths(model: FittedModel, columns: Sequence[Array]) -> Array:
@@ -223,6 +209,7 @@ def _lines(model: FittedModel) -> list[float]:
         frequency = 2.0 * np.pi * np.arange(len(power)) / 4.0 / duration
         peaks, _ = find_peaks(power, distance=8)
         strongest += [
-            (float(power[at]), float(frequency[at])) for at in peaks[np.argsort(-power[peaks])[:LINES_TRIED]]
+            (float(power[at]), float(frequency[at]))
+            for at in peaks[np.argsort(-power[peaks])[: model.settings.lines]]
         ]
-    return [w for _, w in sorted(strongest, reverse=True)[:LINES_TRIED]]
+    return [w for _, w in sorted(strongest, reverse=True)[: model.settings.lines]]

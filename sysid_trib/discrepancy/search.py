@@ -6,10 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid_trib.discrepancy.collinearity import collinear_effects
-from sysid_trib.discrepancy.evidence import OUTSIDE_OF_SET, evidence
+from sysid_trib.discrepancy.evidence import evidence
 from sysid_trib.discrepancy.exchange import (
-    FAR,
-    SLACK,
     Fits,
     better_rival,
     chance_in_set,
@@ -22,11 +20,6 @@ from sysid_trib.discrepancy.likelihood import likelihood
 from sysid_trib.discrepancy.model_fit import FittedModel, fit_model, refitted
 from sysid_trib.discrepancy.screening import Screening, screen
 from sysid_trib.forces.force import Force
-
-# Moves of a search at most, after which it says that it has not converged.
-MOST_MOVES = 20
-# Candidates of a move that are fitted exactly.
-FITTED = 6
 
 
 @dataclass(frozen=True)
@@ -53,6 +46,8 @@ class Search:
         Effects that are not separately identifiable.
     converged : bool
         Whether no move was left that raises the evidence.
+    out_of_time : bool
+        Whether the search ended at its deadline.
     """
 
     screenings: list[Screening]
@@ -63,23 +58,23 @@ class Search:
     outstanding: tuple[str, ...]
     collinear: list[str]
     converged: bool
+    out_of_time: bool
 
 
 def search(
     start: FittedModel,
     candidates: Sequence[Force],
     *,
-    max_effects: int,
-    level: float,
-    seed: int,
+    deadline: float = np.inf,
     tell: Callable[[str], None] = lambda text: None,
 ) -> Search:
     """Add, exchange and drop effects until no move raises the evidence of the model.
 
-    An effect is added where what it gains is beyond chance at `level`, corrected for the number of tests,
-    and nothing in its place is outside of its credible set; where that no longer holds it is dropped.
+    An effect is added where what it gains is beyond chance, corrected for the number of tests,
+    and nothing in its place is outside of its credible set; where that no longer holds it is dropped. After
+    `deadline`, by `time.monotonic`, no further model is fitted.
     """
-    fits = Fits(start)
+    fits = Fits(start, deadline)
     model, effects = start, tuple[str, ...]()
     fits.kept[frozenset()] = start
     screenings: dict[frozenset[str], Screening] = {}
@@ -87,24 +82,24 @@ def search(
     def screened(model: FittedModel, named: Sequence[str]) -> Screening:
         if frozenset(named) not in screenings:
             rest = [force for force in candidates if force.symbol not in named]
-            screenings[frozenset(named)] = screen(model, rest, seed)
+            screenings[frozenset(named)] = screen(model, rest)
         return screenings[frozenset(named)]
 
     rivals: dict[str, dict[str, float]] = {}
     converged = False
-    for _ in range(MOST_MOVES):
+    for _ in range(start.settings.most_moves):
         tell(f"candidates beside {', '.join(effects) or 'the start model'}")
         current = screened(model, effects)
-        step = exchange_effects(current, effects, fits, max_effects, level)
-        if step is None and len(effects) < max_effects:
-            step = _added(current, effects, fits, level)
+        step = exchange_effects(current, effects, fits)
+        if step is None and len(effects) < start.settings.max_effects:
+            step = _added(current, effects, fits)
         if step is None:
-            step = not_beyond_chance(current, effects, fits, level)
+            step = not_beyond_chance(current, effects, fits)
         if step is None:
             tell("rivals of each effect")
             rivals = {symbol: rivals_of(current, effects, symbol, fits) for symbol in effects}
             step = better_rival(current, effects, rivals, fits) or chance_in_set(effects, rivals, fits)
-        converged = step is None
+        converged = step is None and not fits.out_of_time
         if step is None:
             break
         model, effects = step
@@ -122,9 +117,10 @@ def search(
         effects,
         rivals,
         tuple(failed),
-        _outstanding(last, effects, fits, level),
+        _outstanding(last, effects, fits),
         collinear_effects(last.model, last.products, effects),
         converged,
+        fits.out_of_time,
     )
 
 
@@ -156,18 +152,20 @@ def _models(final: FittedModel, effects: Sequence[str]) -> list[FittedModel]:
     return models
 
 
-def _outstanding(last: Screening, effects: tuple[str, ...], fits: Fits, level: float) -> tuple[str, ...]:
+def _outstanding(last: Screening, effects: tuple[str, ...], fits: Fits) -> tuple[str, ...]:
     """Candidates that are missing from the final model, or whose fits beside it failed."""
-    failed = [last.trials[at].force.symbol for at in last.best() if last.p_values[at] < level]
-    missing = [after[-1] for _, after, _ in _beyond_chance(last, effects, fits, level)]
-    return (*missing, *(symbol for symbol in failed[:FITTED] if symbol in fits.failed))
+    failed = [
+        last.trials[at].force.symbol for at in last.best() if last.p_values[at] < last.model.settings.level
+    ]
+    missing = [after[-1] for _, after, _ in _beyond_chance(last, effects, fits)]
+    return (*missing, *(symbol for symbol in failed[: last.model.settings.fitted] if symbol in fits.failed))
 
 
 def _added(
-    current: Screening, effects: tuple[str, ...], fits: Fits, level: float
+    current: Screening, effects: tuple[str, ...], fits: Fits
 ) -> tuple[FittedModel, tuple[str, ...]] | None:
     """The model with the most likely effect more; None if there is none beyond chance."""
-    tried = _beyond_chance(current, effects, fits, level)
+    tried = _beyond_chance(current, effects, fits)
     if not tried:
         return None
     _, after, fitted = min(tried, key=lambda candidate: candidate[0])
@@ -175,26 +173,26 @@ def _added(
 
 
 def _beyond_chance(
-    current: Screening, effects: tuple[str, ...], fits: Fits, level: float
+    current: Screening, effects: tuple[str, ...], fits: Fits
 ) -> list[tuple[float, tuple[str, ...], FittedModel]]:
     """Evidence, effects and model with one candidate more, of those that may be the most likely.
 
     What it gains is beyond chance, and leaves that no place in its credible set.
     """
-    model = current.model
-    likeliest = [at for at in current.best() if current.p_values[at] < level]
+    model, settings = current.model, current.model.settings
+    likeliest = [at for at in current.best() if current.p_values[at] < settings.level]
     if not likeliest:
         return []
     most, here = current.gains[likeliest[0]], evidence(model, effects)
-    near = [at for at in likeliest if current.gains[at] > most - FAR - SLACK * most][:FITTED]
+    near = [at for at in likeliest if current.gains[at] > most * (1.0 - settings.slack) - settings.far]
     tried = []
-    for at in near:
+    for at in near[: settings.fitted]:
         trial = current.trials[at]
         fitted = fits.of(model, (), [trial])
         if fitted is None:
             continue
         gain, after = model.deviance - fitted.deviance, (*effects, trial.force.symbol)
         score = evidence(fitted, after)
-        if current.p_value_of(gain, trial.force) < level and score < here - OUTSIDE_OF_SET:
+        if current.p_value_of(gain, trial.force) < settings.level and score < here - settings.outside_of_set:
             tried.append((score, after, fitted))
     return tried

@@ -12,7 +12,7 @@ from sysid_trib.discrepancy.demodulation import demodulate
 from sysid_trib.discrepancy.detectability import detectability, texts_of
 from sysid_trib.discrepancy.evidence import credible, probabilities
 from sysid_trib.discrepancy.free_motion import FreeMotion, free_motions, model_identification
-from sysid_trib.discrepancy.holdout import REFUTED, Prediction, improvements
+from sysid_trib.discrepancy.holdout import Prediction, improvements
 from sysid_trib.discrepancy.homogeneity_test import homogeneity
 from sysid_trib.discrepancy.model_fit import FittedModel
 from sysid_trib.discrepancy.screening import Screening
@@ -23,8 +23,6 @@ from sysid_trib.records.runs import root_mean_square
 from sysid_trib.results.per_run import group_names
 from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, text_variable, variable, with_error
 
-# An effect of fewer standard errors in the final model is not significant there.
-SIGNIFICANT_Z = 3.0
 STEP_TEXTS = ("symbol", "name", "family", "kind", "unit", "formula")
 # In an effect's place: nothing, and a random force takes the blame.
 CHANCE = "random force"
@@ -36,7 +34,6 @@ def groups_of(
     search: Search,
     predictions: Sequence[Prediction],
     offered: ForceLibrary,
-    level: float,
     frequency: float | None,
 ) -> dict[str, xr.Dataset]:
     """What `discover` returns, group by group.
@@ -51,14 +48,14 @@ def groups_of(
         groups[f"discrepancy{when}"] = demodulate(of_model)
     for when, _, screening in ends:
         groups[f"detectability{when}"] = detectability(screening)
-    groups["ranking"] = _ranking(search, offered, level)
+    groups["ranking"] = _ranking(search, offered)
     groups["steps"] = _steps(search, motions, predictions, offered)
-    groups["omnibus"] = _omnibus(search, level)
+    groups["omnibus"] = _omnibus(search)
     for name, at in (("before", 0), ("after", -1)):
         groups[name] = model_identification(search.models[at], motions[at], seen, frequency)
     groups["holdout"] = _holdout(motions[-1], predictions)
     if len(runs) > 1:
-        groups["homogeneity"] = homogeneity(search.models, level)
+        groups["homogeneity"] = homogeneity(search.models)
     return groups
 
 
@@ -76,7 +73,7 @@ def _records(seen: Sequence[xr.Dataset], motions: Sequence[Sequence[FreeMotion]]
     return records
 
 
-def _ranking(search: Search, offered: ForceLibrary, level: float) -> xr.Dataset:
+def _ranking(search: Search, offered: ForceLibrary) -> xr.Dataset:
     """Score, p-value, coefficient and shapes of every candidate before each effect and at the end."""
     symbols = list(offered.symbols)
     names = [f"{force.symbol}.{name}" for force in offered for name in force.shape]
@@ -94,6 +91,7 @@ def _ranking(search: Search, offered: ForceLibrary, level: float) -> xr.Dataset:
                 coefficient[i, j] = screening.coefficients[at]
     step, both = "selection_step", ("selection_step", "candidate")
     tests = np.array([screening.tests for screening in search.screenings])
+    level = search.models[0].settings.level
     limit = norm.isf(level / (2.0 * tests))
     family_wise = "family-wise significance level at which an effect is named"
     gained = "score, the root of the deviance that it gains"
@@ -156,7 +154,9 @@ def _steps(
         "coefficient": column(values[places], "coefficient in the final model", PER_FORCE_UNIT),
         "standard_error": column(errors[places], "standard error of the coefficient", PER_FORCE_UNIT),
         "z": column(z, "coefficient over its standard error", "1"),
-        "significant": column(np.abs(z) >= SIGNIFICANT_Z, "whether it is significant in the end"),
+        "significant": column(
+            np.abs(z) >= norm.isf(0.5 * final.settings.level), "whether it is significant in the end"
+        ),
         "gain": column(gains, "by how much the effect lowers the deviance", "1"),
         "p_value": column(p_value, "p-value of what the effect explains, corrected", "1"),
         "selection_step": column(chosen, "selection step at which the effect was chosen", "1"),
@@ -168,7 +168,9 @@ def _steps(
         "random_force_after": column(density[1:], of_density.format("after"), DENSITY_UNITS),
         "collinear": column(collinear, "whether it is not separately identifiable"),
         "prediction_z": column(improved, "better prediction of what was held out, in standard errors", "1"),
-        "worsens_holdout": column(improved < REFUTED, "whether it makes the prediction worse"),
+        "worsens_holdout": column(
+            improved < -final.settings.refuted, "whether it makes the prediction worse"
+        ),
     }
     texts = texts_of(forces, STEP_TEXTS)
     data |= {name: text_variable("step", text, f"{name} of the effect") for name, text in texts.items()}
@@ -215,7 +217,7 @@ def _competition(search: Search, offered: ForceLibrary) -> Variables:
     for at, symbol in enumerate(search.effects):
         rivals = search.rivals[symbol]
         likely = probabilities(list(rivals.values()))
-        inside = credible(likely)
+        inside = credible(likely, search.models[0].settings.credible)
         for name, excess, p, tied in zip(rivals, rivals.values(), likely, inside, strict=True):
             if not name:
                 p_value_of[at] = p if tied else 0.0
@@ -252,7 +254,7 @@ def _step_shapes(search: Search) -> Variables:
     return with_error("shape", ("step", "shape_parameter"), (pair[0], pair[1]), "shape parameter", "")
 
 
-def _omnibus(search: Search, level: float) -> xr.Dataset:
+def _omnibus(search: Search) -> xr.Dataset:
     """At each selection step the tests that know no candidate."""
     tests = [screening.omnibus for screening in search.screenings]
     p_value = np.array([test.p_value for test in tests])
@@ -260,7 +262,9 @@ def _omnibus(search: Search, level: float) -> xr.Dataset:
         {
             "z": variable(("selection_step", "trial_force"), [test.z for test in tests], "score", "1"),
             "p_value": variable("selection_step", p_value, "p-value of all together", "1"),
-            "significant": variable("selection_step", p_value < level, "whether it is below the level"),
+            "significant": variable(
+                "selection_step", p_value < search.models[0].settings.level, "whether it is below the level"
+            ),
         },
         {"trial_force": list(tests[0].names)},
     )

@@ -9,18 +9,12 @@ import numpy as np
 from sysid_trib.arrays import Array
 from sysid_trib.averaging.stepped_states import is_stepped
 from sysid_trib.discrepancy.frequency_parameters import is_frequency, is_resonance
+from sysid_trib.discrepancy.settings import DEFAULTS, Settings
 from sysid_trib.forces.force import Force, Shape
 from sysid_trib.forces.formulas import Formula
 
-# Values of one shape parameter (fewer where each is followed in time on its own, which is slow); of several,
-# so many combinations at most. They are starting values: the best are fitted.
-VALUES = 13
-FEWER = 7
-COMBINATIONS = 24
 # Part of a range within which a shape parameter is at its end.
 END = 1e-9
-# Frequencies of a resonance beside those of lines: it may be so broad that it makes none.
-BROAD = 3
 
 
 @dataclass(frozen=True)
@@ -47,7 +41,9 @@ class TrialEffect:
         }
 
 
-def trials_of(candidates: Iterable[Force], frequencies: Sequence[float], w: float) -> list[TrialEffect]:
+def trials_of(
+    candidates: Iterable[Force], frequencies: Sequence[float], w: float, settings: Settings = DEFAULTS
+) -> list[TrialEffect]:
     """Every candidate at a grid of its shape parameters.
 
     Parameters
@@ -57,11 +53,12 @@ def trials_of(candidates: Iterable[Force], frequencies: Sequence[float], w: floa
         At which a force that is periodic in time is tried, and a resonance too.
     w : float, rad/s
         Reference frequency, in units of which a resonance is.
+    settings : Settings
     """
     trials = []
     for force in candidates:
-        grids = [_grid(force, name, frequencies, w) for name in force.shape]
-        most = max(COMBINATIONS, len(frequencies) * VALUES)
+        grids = [_grid(force, name, frequencies, w, settings) for name in force.shape]
+        most = max(settings.combinations, len(frequencies) * settings.shape_values)
         while np.prod([len(grid) for grid in grids], dtype=int) > most:
             longest = int(np.argmax([len(grid) for grid in grids]))
             grids[longest] = grids[longest][::2]
@@ -71,15 +68,18 @@ def trials_of(candidates: Iterable[Force], frequencies: Sequence[float], w: floa
     return trials
 
 
-def _grid(force: Force, name: str, frequencies: Sequence[float], w: float) -> Array:
+def _grid(force: Force, name: str, frequencies: Sequence[float], w: float, settings: Settings) -> Array:
     shape = force.shape[name]
     if is_frequency(force, name):
         inside = [q for q in frequencies if shape.low <= q <= shape.high]
         return np.array(inside or [shape.default])
     if is_resonance(force, name):
         inside = [q / w for q in frequencies if shape.low <= q / w <= shape.high]
-        return np.sort([*inside, *np.geomspace(shape.low, shape.high, BROAD)])
-    count = VALUES if force.memoryless or is_stepped(force) else FEWER
+        # It may be so broad that it makes no line.
+        return np.sort([*inside, *np.geomspace(shape.low, shape.high, settings.lines)])
+    # Fewer where each is followed in time by itself, which is slow.
+    fast = force.memoryless or is_stepped(force)
+    count = settings.shape_values if fast else (settings.shape_values + 1) // 2
     return from_unit(shape, np.linspace(0.0, 1.0, count))
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from sysid_trib.discrepancy.evidence import OUTSIDE_OF_SET
+from sysid_trib.discrepancy.settings import DEFAULTS
 from sysid_trib.plots.style import LEGEND, SERIES, THRESHOLD, axes
 
 
@@ -28,7 +28,7 @@ def distinction(differences: xr.DataArray, ax: Axes | None = None) -> Axes:
     drawn = [(symbol, values) for symbol, values in competing.items() if values.any()]
     for (symbol, values), series in zip(drawn, cycle(SERIES)):
         ax.plot(varied.values, values, label=symbol, markersize=4, linewidth=1.0, **series)
-    separable = float(np.sqrt(OUTSIDE_OF_SET))
+    separable = float(np.sqrt(DEFAULTS.outside_of_set))
     ax.axhline(separable, zorder=0, **THRESHOLD)
     end = varied.values[-1], separable
     ax.annotate("separable above", end, (0, 3), textcoords="offset points", ha="right", fontsize=8)
