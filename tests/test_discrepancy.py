@@ -1,6 +1,8 @@
 """The search: what is hidden is named, what is not there is not, and the evidence decides."""
 
-from dataclasses import replace
+import json
+from dataclasses import asdict, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -35,7 +37,8 @@ from sysid_trib.discrepancy.screening import independent_tests, screen
 from sysid_trib.discrepancy.search import search
 from sysid_trib.discrepancy.settings import DEFAULTS, Settings
 from sysid_trib.discrepancy.trials import TrialEffect, trials_of
-from sysid_trib.errors import SimulationError
+from sysid_trib.errors import SimulationError, UsageError
+from sysid_trib.printing.discovery_verdict import verdict_sentences
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation.holdout import split
 
@@ -245,6 +248,29 @@ def test_a_search_that_is_cut_short_says_so():
     assert not found.out_of_time
     # The screenings are one before each move, and that of the final model.
     assert len(found.screenings) == 2
+
+
+def test_a_search_ends_at_its_time_limit():
+    run = with_two()
+    tree = discover(run, BASE, FEW, time_limit=1e-3)
+    assert tree.attrs["out_of_time"] == "0.001 s"
+    assert tree.attrs["converged"] == "False"
+    assert tree.attrs["verdict"] == "unknown effect"
+    assert tree["steps"].attrs["count"] == 0
+    told = " ".join(verdict_sentences(tree))
+    assert "ended at its time limit of 0.001 s" in told
+    with pytest.raises(UsageError, match="time limit of 0 s"):
+        discover(run, BASE, FEW, time_limit=0.0)
+
+
+def test_settings_are_few_documented_and_stored():
+    page = (Path(__file__).parents[1] / "docs" / "discovery.md").read_text()
+    for row in Settings.table():
+        assert f"| `{row[0]}` | {' | '.join(row[1:])} |" in page
+    assert len(Settings.table()) <= 25
+    given = Settings(slack=0.2)
+    tree = discover(with_effect({}, seed=1), BASE, FEW, max_effects=0, settings=given)
+    assert json.loads(tree.attrs["settings"]) == asdict(replace(given, max_effects=0))
 
 
 def test_a_force_that_only_takes_energy_never_drives():

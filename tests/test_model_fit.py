@@ -24,6 +24,7 @@ from kicked_motion import kicked_motion, smooth_forces
 
 from sysid_trib import cramer_rao_bound, simulate
 from sysid_trib.discrepancy.homogeneity_test import homogeneity
+from sysid_trib.discrepancy.jumps import Jumps, jumps_along
 from sysid_trib.discrepancy.model_fit import fit_model
 from sysid_trib.discrepancy.paths import path_of
 from sysid_trib.discrepancy.run_rows import nuisances
@@ -278,3 +279,27 @@ def test_simulated_random_forces_of_the_package_are_found():
     found = start_model([noisy], library(*SMOOTH)).likelihood
     density = RandomForce.density_of(float(found.ratios[0] * found.variances[0]), W)
     assert abs(np.log(density / (10.0 * DENSITY))) < 4.0 * found.ratio_errors[0]
+
+
+def test_a_crossing_is_found_where_another_jump_bends_the_motion():
+    """Else a path with dry friction moves from round to round, and its deviance with it."""
+    bent = Jumps(np.array([0.497]), np.array([-40.0]))
+
+    def motion(tau, order):
+        line = np.stack([0.1 * tau - 0.5 * tau**2 * 0.2, 0.1 - 0.2 * tau, np.full_like(tau, -0.2)])
+        return line[order] + bent.value(tau, order)
+
+    friction = [TrialEffect(EVERY["lambda"], {})]
+    jumps = jumps_along(np.arange(11) / 10.0, motion, lambda tau: tau, friction, np.ones(1))
+    np.testing.assert_allclose(jumps.tau, 0.497 + (0.1 - 0.2 * 0.497) / 40.2, rtol=1e-12)
+    assert jumps.size == pytest.approx([2.0])
+
+
+@pytest.mark.parametrize("curve", [-1.2, 1.2])
+def test_strong_errors_of_the_sensor_are_fitted(curve):
+    """The record rises by a quarter of the angle on one side, nearly twice as fast as it on the other."""
+    base = {"zeta": 4e-3, "epsilon": 0.2}
+    run = with_effect({"sensor_curve": curve}, seed=2, base=base)
+    model = start_model([run], library(*base, "sensor_curve"))
+    assert model.settled
+    assert np.all(np.abs(deviations(model, base | {"sensor_curve": curve})) < 4.5)

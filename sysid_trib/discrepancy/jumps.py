@@ -4,14 +4,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize.elementwise import find_root
 
 from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.trials import TrialEffect
 
 # Part of the motion's speed by which the states just before and just after a surface differ from it.
 ASIDE = 1e-6
-# By which a crossing between two close points is found: the motion is nearly straight there.
-SECANTS = 3
 
 
 @dataclass(frozen=True)
@@ -102,13 +101,5 @@ def _crossings(tau: Array, surface: Callable[[Array], Array]) -> Array:
     """Where a surface along a motion has its zeros, (crossing,)."""
     values = surface(tau)
     at = np.flatnonzero(np.diff(np.sign(values)) != 0.0)
-    low, high, ends = tau[at], tau[at + 1], (values[at], values[at + 1])
-    middle = low
-    for _ in range(SECANTS):
-        slope = np.where(ends[1] == ends[0], 1.0, ends[1] - ends[0])
-        middle = low - ends[0] * (high - low) / slope
-        there = surface(middle)
-        before = np.sign(there) == np.sign(ends[0])
-        low, high = np.where(before, middle, low), np.where(before, high, middle)
-        ends = np.where(before, there, ends[0]), np.where(before, ends[1], there)
-    return middle
+    # The jump of another round may bend the motion between two points.
+    return np.asarray(find_root(surface, (tau[at], tau[at + 1])).x)

@@ -37,6 +37,8 @@ from sysid_trib.regression.weak_form import (
     noise_operator,
 )
 
+# A sensor that falls while the angle rises is none; a fit may pass by there.
+LEAST_SENSOR_GAIN = 0.05
 # Parts of a cell between two points over which a force that switches there is averaged.
 CELL_PARTS = (np.arange(32) + 0.5) / 32.0 - 0.5
 
@@ -133,7 +135,10 @@ class RecordPath:
         return np.asarray(self.points.integrals @ self.points.x)
 
     def operator(self, trials: Sequence[TrialEffect], coefficients: Array, stiffness: float) -> sp.csr_matrix:
-        """The operator of small deviations of a model, (row, sample)."""
+        """The operator of small deviations of a record from a model, (row, sample).
+
+        A motion deviates by less than the record where errors of the sensor grow with the angle.
+        """
         forces = [
             (t.force, float(c)) for t, c in zip(trials, coefficients, strict=True) if t.force.kind == "force"
         ]
@@ -144,7 +149,9 @@ class RecordPath:
             if trial.force.kind == "force" and not trial.force.memoryless and c:
                 past_x, past_v = tangent_along(self.motion, trial.force, trial.shapes)
                 of_x, of_v = of_x + c * past_x, of_v + c * past_v
-        return noise_operator(self.form, self._at_samples(of_x) + stiffness, self._at_samples(of_v))
+        of_motion = noise_operator(self.form, self._at_samples(of_x) + stiffness, self._at_samples(of_v))
+        gain = self.sensor_gain(trials, coefficients)
+        return (of_motion @ sp.diags_array(1.0 / gain)).tocsr() if np.any(gain != 1.0) else of_motion
 
     def _at_samples(self, values: Array) -> Array:
         """Means about the samples of values at points, (sample,): a stiffness may jump between samples."""
@@ -175,6 +182,10 @@ class RecordPath:
                 names = {"x": x, "v": v, "t": self.elapsed} | trial.force.shape_values(trial.shapes)
                 slopes += c * np.array([trial.force.formula.derivative(names, k) for k in "xv"])
         return slopes[0], slopes[1]
+
+    def sensor_gain(self, trials: Sequence[TrialEffect], coefficients: Array) -> Array:
+        """By how much the record rises with the angle, (sample,)."""
+        return np.asarray(np.maximum(1.0 + self.sensor_slopes(trials, coefficients)[0], LEAST_SENSOR_GAIN))
 
     def force_values(self, trials: Sequence[TrialEffect]) -> Array:
         """Forces of coefficient 1 along the path, (point, trial), rad; nan where one cannot be followed."""

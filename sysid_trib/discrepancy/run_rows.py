@@ -29,12 +29,15 @@ class RunRows:
     ----------
     path : RecordPath
     operator, acting : (row, sample) sparse array of float
-        Of small deviations, on the sensor's noise and on its innovations.
+        Of small deviations of the record, on the sensor's noise and on its innovations.
+    gain : (sample,) array of float
+        By which the record rises with the angle, in the operator.
     """
 
     path: RecordPath
     operator: sp.csr_matrix
     acting: sp.csr_matrix
+    gain: Array
 
     @cached_property
     def band(self) -> Array:
@@ -106,7 +109,7 @@ class RunRows:
         basis, rate = (spline_design(tau, self.path.spline.t, order) for order in range(2))
         seen = basis + sp.diags_array(slopes[0]) @ basis + sp.diags_array(slopes[1]) @ rate
         whitening = sp.diags_array(filter_, offsets=-np.arange(len(filter_)), shape=(len(tau), len(tau)))
-        white, felt = (whitening @ seen).tocsr(), self.operator @ basis
+        white, felt = (whitening @ seen).tocsr(), self.operator @ (sp.diags_array(self.gain) @ basis)
         unexplained = self.path.angle - errors - self.path.at_samples[0]
         gram = self.path.form.gram
         lower = sp.diags_array(gram, offsets=-np.arange(len(gram)), shape=(len(residual), len(residual)))
@@ -120,7 +123,8 @@ class RunRows:
 def run_rows(path: RecordPath, trials: Sequence[TrialEffect], guess: Array) -> RunRows:
     """The rows of a run beside a model of coefficients and stiffness `guess`, (trial + 1,)."""
     operator = path.operator(trials, guess[:-1], guess[-1])
-    return RunRows(path, operator, coloured(operator, path.sensor.filter_))
+    gain = path.sensor_gain(trials, guess[:-1])
+    return RunRows(path, operator, coloured(operator, path.sensor.filter_), gain)
 
 
 def nuisances(rows: RunRows, run: int, runs: int, frequency_free: bool) -> Array:

@@ -41,7 +41,7 @@ class Search:
         Candidates whose fits failed.
     outstanding : tuple of str
         Candidates that would gain more than chance, and are not in the model: no more effects were asked for,
-        or their fits failed.
+        their fits failed, or there was no time.
     collinear : list of str
         Effects that are not separately identifiable.
     converged : bool
@@ -153,12 +153,19 @@ def _models(final: FittedModel, effects: Sequence[str]) -> list[FittedModel]:
 
 
 def _outstanding(last: Screening, effects: tuple[str, ...], fits: Fits) -> tuple[str, ...]:
-    """Candidates that are missing from the final model, or whose fits beside it failed."""
+    """Candidates that are missing from the final model, or whose fits beside it failed or had no time."""
     failed = [
         last.trials[at].force.symbol for at in last.best() if last.p_values[at] < last.model.settings.level
     ]
     missing = [after[-1] for _, after, _ in _beyond_chance(last, effects, fits)]
-    return (*missing, *(symbol for symbol in failed[: last.model.settings.fitted] if symbol in fits.failed))
+    return (
+        *missing,
+        *(
+            symbol
+            for symbol in failed[: last.model.settings.fitted]
+            if symbol in fits.failed or fits.out_of_time
+        ),
+    )
 
 
 def _added(

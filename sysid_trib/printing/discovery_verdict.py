@@ -34,7 +34,22 @@ def verdict_sentences(tree: xr.DataTree, *, details: bool = True) -> list[str]:
     list of str
     """
     sentences = _unknown_effect(tree, details) if tree.attrs["verdict"] == "unknown effect" else _closed(tree)
-    return [*sentences, *_outstanding(tree), *heterogeneity_sentences(tree), _model(tree)]
+    return [
+        *sentences,
+        *_ended_early(tree),
+        *_outstanding(tree),
+        *heterogeneity_sentences(tree),
+        _model(tree),
+    ]
+
+
+def _ended_early(tree: xr.DataTree) -> list[str]:
+    """That the search has not converged, and why."""
+    if tree.attrs["converged"] == "True":
+        return []
+    limit = tree.attrs["out_of_time"]
+    why = f"at its time limit of {limit}" if limit else "after as many moves as its settings allow"
+    return [f"The search ended {why}, before it had converged."]
 
 
 def _last(tree: xr.DataTree, group: str) -> xr.Dataset:
@@ -119,6 +134,8 @@ def _outstanding(tree: xr.DataTree) -> list[str]:
     reason = (
         f"no more than {most} effects were asked for (--max-effects)"
         if tree["steps"].attrs["count"] >= most
+        else "there was no time to fit them"
+        if tree.attrs["out_of_time"]
         else "fitted in full, none reduces the gap as its score promises"
     )
     return [f"By their scores, these candidates stand out: {_highest(strong.z)}; {reason}."]
