@@ -52,13 +52,17 @@ def discover(
         What may be missing. Those that the model has are not offered, and named in the result.
     reference_frequency : float, rad/s, optional
         w, held; else it is fitted.
+    max_effects : int, optional
+        Effects added at most, in the place of the settings'.
     holdout : xr.Dataset or sequence of xr.Dataset
         Runs that take no part in fitting or naming, and are predicted by each model. Without any the last
         third of each run takes no part.
     refit : bool
         Fit the models that were found again, to the whole runs.
-    max_effects, level, seed : int, float, int, optional
-        Effects added at most, family-wise significance level, drawing: in the place of the settings'.
+    level : float, optional
+        Family-wise significance level of each test, in the place of the settings'.
+    seed : int, optional
+        Of the drawing that counts independent tests, in the place of the settings'.
     time_limit : float, s
         After which the search fits no further model, and what it has is described.
     settings : Settings
