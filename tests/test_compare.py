@@ -15,12 +15,8 @@ from sysid_trib import Model, compare, identify, load_library, plots
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.methods import Averaging, Direct, LinearDecrement, LogarithmicDecrement, WuDecrement
 from sysid_trib.noise.level import sensor_noise
-from sysid_trib.printing.comparison import (
-    coefficient_table,
-    comparison_sentences,
-    difference_table,
-    quality_table,
-)
+from sysid_trib.printing.comparison import coefficient_table, difference_table, quality_table
+from sysid_trib.printing.comparison_sentences import comparison_sentences
 from sysid_trib.results.files import load, save
 from sysid_trib.simulation.model import rescaling_factors
 from sysid_trib.validation.compare import _by_label, every_method

@@ -9,7 +9,7 @@ from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods import Averaging, Direct, Trajectory
 from sysid_trib.noise.random_force import RandomForce
-from sysid_trib.printing.identification import identification_sentences
+from sysid_trib.printing.cross_check import identification_sentences
 from sysid_trib.printing.runs import runs_json, runs_sentences
 from sysid_trib.results.common_reference import comparison_values
 from sysid_trib.simulation.simulate import trajectory

@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+import xarray as xr
 from command_line import run, write_csv
 from helpers import FIVE, W, library_of_formulas, paper_run
 
@@ -19,7 +20,9 @@ from sysid_trib.printing.discovery_story import discovery_blocks, discovery_stor
 from sysid_trib.printing.discovery_tables import ranking_table, strongest
 from sysid_trib.printing.layers import Layer
 from sysid_trib.printing.layout import coefficient_text
+from sysid_trib.printing.next_step import SECOND_RECORD, next_step
 from sysid_trib.printing.residual import noise_of, residual_of
+from sysid_trib.results.discoveries import credible_set
 from sysid_trib.results.files import save
 from sysid_trib.simulation.simulate import trajectory
 
@@ -205,7 +208,7 @@ def test_json_follows_the_schema(twin):
 def test_saved_and_read_back_the_same(twin, tmp_path):
     save(twin[0], tmp_path / "again.nc")
     assert load(tmp_path / "again.nc").identical(twin[0])
-    assert discovery_json(twin[0]) == twin[1]
+    assert discovery_json(twin[0]) | {"next": twin[0].attrs["next"]} == twin[1]
 
 
 def test_figures_are_written(folder, tmp_path):
@@ -214,7 +217,7 @@ def test_figures_are_written(folder, tmp_path):
     names = {path.name for path in (tmp_path / "new" / "figures").iterdir()}
     assert names == {
         f"{name}.{ending}"
-        for name in ("story", "discovery", "disagreement", "ranking", "forecast")
+        for name in ("overview", "story", "discovery", "disagreement", "ranking", "forecast")
         for ending in ("pdf", "png")
     }
 
@@ -517,3 +520,60 @@ def test_bad_candidates(folder, tmp_path):
     ending = run("discover", folder / "plain.csv", "--library", same, "--candidates", same)
     assert ending.status == 2
     assert "No candidate is left" in ending.complaint
+
+
+def test_a_p_value_is_that_of_the_coefficient_beside_the_others(twin):
+    tree = twin[0].copy(deep=True)
+    steps = tree["steps"].to_dataset()
+    # The first effect explained nothing before the second was there.
+    tree["steps"] = xr.DataTree(
+        steps.assign(z=("step", [-4980.0, 20.0]), p_value=("step", [1.0, 1e-9]), gain=("step", [-0.3, 9e4]))
+    )
+    told = story(tree)
+    line = next(line for line in told.splitlines() if "z = -4.98e+03" in line)
+    assert "corrected p < 1e-300" in line
+    assert "corrected p = 1" not in told
+    assert "explains nothing before the effects below are added" in told
+    assert discovery_json(tree)["steps"][0]["p_value"] == 0.0
+
+
+def test_a_named_effect_is_the_most_probable_and_no_probability_is_nought(twin):
+    tree = twin[0].copy(deep=True)
+    steps = tree["steps"].to_dataset().copy(deep=True)
+    steps.credible.loc[{"step": 0, "candidate": "gravity"}] = True
+    steps.tie_probability.loc[{"step": 0, "candidate": "gravity"}] = 0.998
+    steps.tie_probability.loc[{"step": 0, "candidate": "nu"}] = 0.002
+    tree["steps"] = xr.DataTree(steps)
+    told = story(tree)
+    assert "1. gravity (fitted by nu)" in told
+    assert "nu < 0.01, gravity 1.00" in told
+    assert "0.00" not in told.split("equal prior")[1].splitlines()[0]
+    assert "Explained: with gravity (fitted by nu) and epsilon" in told
+
+
+def test_a_discovery_that_decides_nothing_says_so(twin):
+    tree = twin[0].copy(deep=True)
+    after = tree["after"].to_dataset()
+    tree["after"] = xr.DataTree(after.assign(standard_error=10.0 * abs(after.coefficient)))
+    tree.attrs["verdict"] = "nothing missing"
+    assert "The record decides nothing" in story(tree)
+    assert next_step(tree).command == "identify"
+
+
+def test_the_next_step_after_a_discovery(twin):
+    tree = twin[0].copy(deep=True)
+    tied = any(len(credible_set(tree["steps"].to_dataset().isel(step=at))) > 1 for at in range(2))
+    # The example is no file beside which another could be given.
+    assert next_step(tree).command == "identify"
+    tree["record"].attrs["record_checksum"] = "of a file"
+    assert next_step(tree).records == ((SECOND_RECORD,) if tied else ())
+    tree.attrs["verdict"] = "unknown effect"
+    steps = tree["steps"].to_dataset()
+    tree["steps"] = xr.DataTree(steps.assign(credible=steps.candidate == steps.symbol))
+    assert "plot" in next_step(tree).options
+    ranking = tree["ranking"].to_dataset()
+    tree["ranking"] = xr.DataTree(ranking.assign(significant=xr.ones_like(ranking.significant)))
+    tree.attrs["max_effects"] = 2
+    assert next_step(tree).options == {"max-effects": "4"}
+    tree.attrs["verdict"] = "explained"
+    assert next_step(tree).options["forces"] == ",".join(tree["after"].force.values)

@@ -16,11 +16,9 @@ from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.methods.scope import with_random_force
 from sysid_trib.noise.random_force import RandomForce, random_force_of
 from sysid_trib.noise.residual_noise import NoiseModel
-from sysid_trib.printing.identification import (
-    identification_json,
-    identification_sentences,
-    verdict_sentence,
-)
+from sysid_trib.printing.cross_check import identification_sentences
+from sysid_trib.printing.identification import identification_json
+from sysid_trib.printing.model_verdict import verdict_sentence
 from sysid_trib.state_space.linearised import Derivatives, linearised_about
 from sysid_trib.state_space.tracked import FollowedRuns, track
 from sysid_trib.state_space.trial_forces import trial_forces

@@ -2,7 +2,8 @@
 
 from functools import partial
 
-from sysid_trib.commands.destination import Destination
+from sysid_trib.commands.destination import Destination, figures_of_runs
+from sysid_trib.commands.next_command import keep_next
 from sysid_trib.commands.options import ConstraintOptions, DecayOptions, ModelOptions, with_options
 from sysid_trib.commands.terminal import progress, record_sentences
 
@@ -29,9 +30,13 @@ def compare(
         tree = comparison.compare(
             decays, offered, methods, contactless=contactless, constraints=constraints, tell=tell
         )
+    keep_next(tree, given, model, constraint)
     destination.deliver(
         tree,
         lambda: comparison_blocks(tree, record_sentences(tree, sources)),
         lambda: comparison_json(tree),
-        lambda plots: [("comparison", partial(plots.comparison, tree))],
+        lambda plots: [
+            *figures_of_runs(tree, "overview", plots.overview),
+            ("comparison", partial(plots.comparison, tree)),
+        ],
     )

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sysid_trib.commands.options import option
-from sysid_trib.commands.terminal import command_line, print_blocks, print_written
+from sysid_trib.commands.terminal import command_line, print_blocks, print_written, printable
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.printing.layers import Block, Layer
 
@@ -90,13 +90,16 @@ class Destination:
 
             for name, draw in figures(plots):
                 files.write_figure(draw(), self.plot / name)
+        following = tree.attrs.get("next", "")
         if self.as_json:
-            print(json.dumps(data(), indent=2, allow_nan=False))
+            print(json.dumps(data() | {"next": following}, indent=2, allow_nan=False))
             return
         layer = Layer.QUIET if self.quiet else Layer.EXPLAIN if self.explain else Layer.DEFAULT
         print_blocks(blocks(), layer)
         if layer is Layer.DEFAULT:
             print("More: --explain.")
+        if following:
+            print(f"Next: {printable(following)}")
         print_written(self.output, self.plot)
 
 

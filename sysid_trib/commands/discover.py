@@ -5,6 +5,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sysid_trib.commands.destination import Destination, figures_of_runs
+from sysid_trib.commands.next_command import keep_next
 from sysid_trib.commands.options import DEFAULT_LIBRARY, DecayOptions, option, with_options
 
 if TYPE_CHECKING:
@@ -70,6 +71,7 @@ def discover(*, given: DecayOptions, asked: SearchOptions, destination: Destinat
         )
     if asked.holdout is not None:
         tree.attrs["held_out"] = discovery_inputs.window_text(asked.holdout, len(held))
+    keep_next(tree, given, asked)
     destination.deliver(
         tree,
         lambda: discovery_blocks(tree, record_sentences(tree, sources)),
@@ -81,6 +83,7 @@ def discover(*, given: DecayOptions, asked: SearchOptions, destination: Destinat
 def _figures(tree: "xr.DataTree", plots: Any) -> list[Any]:
     whole = {"disagreement": plots.disagreement, "ranking": plots.rankings, "forecast": plots.forecasts}
     return [
+        *figures_of_runs(tree, "overview", plots.overview),
         *figures_of_runs(tree, "story", plots.story),
         *figures_of_runs(tree, "discovery", plots.discovery),
         *((name, partial(draw, tree)) for name, draw in whole.items()),

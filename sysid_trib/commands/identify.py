@@ -5,6 +5,7 @@ from typing import Annotated
 import typer
 
 from sysid_trib.commands.destination import Destination, figures_of_runs, random_force_figures
+from sysid_trib.commands.next_command import keep_next
 from sysid_trib.commands.options import ConstraintOptions, DecayOptions, ModelOptions, with_options
 
 
@@ -58,11 +59,13 @@ def identify(
         )
     if contactless is not None:
         tree = map_identifications(tree, lambda result: with_contactless_frequency(result, *contactless))
+    keep_next(tree, given, model, constraint)
     destination.deliver(
         tree,
         lambda: identification_blocks(tree, record_sentences(tree, sources), inertia),
         lambda: identification_json(tree, inertia),
         lambda plots: [
+            *figures_of_runs(tree, "overview", plots.overview),
             *figures_of_runs(tree, "identification", plots.identification),
             *random_force_figures(tree, plots),
         ],

@@ -6,6 +6,8 @@ from scipy.stats import norm
 
 from sysid_trib.errors import UsageError
 from sysid_trib.physics.model_estimate import model_estimate
+from sysid_trib.results.schema import library_of
+from sysid_trib.results.significance import significant
 from sysid_trib.results.variables import variable, with_error
 
 # nu/delta of a contact that slips from its rim inwards.
@@ -18,6 +20,34 @@ FINGERPRINT_LEVEL = 0.01
 # A ratio tells something if its quadratic friction is so many errors from zero, and it is known this well.
 SIGNIFICANT_FRICTION = 3.0
 SHARP = 1.0 / 3.0
+# Conservative forces of a contact, to leading orders: another one changes the stiffness with amplitude too.
+CONTACT_STIFFNESS = ("x", "x*abs(x)", "x**3")
+
+
+def speaks_of_slip(result: xr.Dataset) -> bool:
+    """Whether the ratio nu/delta of an identification can say anything of partial slip.
+
+    Parameters
+    ----------
+    result : Dataset
+        An identification.
+
+    Notes
+    -----
+    Partial slip is a loop of Masing's kind about a backbone k x - kappa x^2 (see `slip_fingerprint`): it has
+    a contact with a stiffness k > 0, takes energy (delta > 0) and softens (nu < 0). So the ratio speaks of
+    slip only where the contact's stiffness was measured, beside the frequency without contact; where nu and
+    delta are both significant; and where nothing else changes the stiffness with amplitude, as gravity or a
+    magnet.
+    """
+    library = library_of(result)
+    roles = [library.role(formula) for formula in ("x", "x*abs(x)", "v*abs(v)")]
+    if any(force is None for force in roles):
+        return False
+    if any(f.character == "conservative" and not any(map(f.matches, CONTACT_STIFFNESS)) for f in library):
+        return False
+    at = [library.symbols.index(force.symbol) for force in roles if force is not None]
+    return bool(np.all(significant(result)[at]) and np.all(result.coefficient.values[at] * [1, -1, 1] > 0.0))
 
 
 def slip_fingerprint(result: xr.Dataset) -> xr.Dataset:

@@ -11,6 +11,7 @@ from .motion_figures import (
     record as record,
     residual as residual,
 )
+from .overview import overview as overview, residual_surface as residual_surface
 from .paper import (
     averaged_decay as averaged_decay,
     frequency_shift as frequency_shift,

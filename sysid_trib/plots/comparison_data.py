@@ -85,6 +85,8 @@ class ComparisonData:
 def comparison_data(tree: xr.DataTree) -> ComparisonData:
     """A result of `compare` as figures draw it."""
     table = tree["comparison"].to_dataset()
+    # A method that failed must not set a scale.
+    table = table.isel(method=np.flatnonzero((table.failure == "") | (table.method == table.attrs["best"])))
     results = [table[name].notnull() for name in ("coefficient", ASYMPTOTIC, *PREDICTION)]
     there = [column.any("force") if "force" in column.dims else column for column in results]
     table = table.isel(method=np.flatnonzero(np.any(there, axis=0)))

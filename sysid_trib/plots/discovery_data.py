@@ -11,6 +11,8 @@ from sysid_trib.results.discoveries import added_effects, credible_set, shapes_o
 MOST_CANDIDATES = 15
 # A score beyond so many thresholds asks for a logarithmic axis.
 LOGARITHMIC_BEYOND = 5.0
+# Scores that are all beyond so many thresholds are shown without it, with so much of their range below them.
+ALL_BEYOND, ROOM_BELOW = 1.5, 0.2
 # A cell of fewer samples has no mean; colours end where so many percent of the cells lie within.
 FEWEST_IN_CELL = 5
 COLOUR_PERCENT = 98.0
@@ -57,7 +59,8 @@ def ranking_data(tree: xr.DataTree, selection_step: int) -> xr.Dataset:
         `size(candidate)`, which is |z|, `kind(candidate)`, a key of `CANDIDATE_MARKS`, and
         `shapes(candidate)`, the shape parameters as text; `threshold`, the |z| beyond which a candidate is
         named. Attributes: `title`, when the step was; `logarithmic`, whether scores ask for a logarithmic
-        axis; `low`, the least that the axis shows, and `high`, the largest |z| or the threshold.
+        axis; `low`, the least that the axis shows (not zero, nor the threshold, where all scores are far
+        beyond it), and `high`, the largest |z| or the threshold.
     """
     scores = tree["ranking"].to_dataset().isel(selection_step=selection_step)
     named, competing = _named(tree, selection_step)
@@ -74,10 +77,14 @@ def ranking_data(tree: xr.DataTree, selection_step: int) -> xr.Dataset:
     ]
     columns = {"size": size, "kind": np.array(kind, dtype=str), "shapes": np.array(shapes, dtype=str)}
     shown = shown.assign({name: ("candidate", column) for name, column in columns.items()})
-    logarithmic = bool(np.max(size, initial=0.0) > LOGARITHMIC_BEYOND * threshold)
-    # Scores in their hundreds and a threshold of four need a logarithm, else it hides the differences.
-    low = min([0.5 * threshold, *(0.7 * size)]) if logarithmic else 0.0
-    title, high = _title(tree, selection_step), max([threshold, *size])
+    title, high, low = _title(tree, selection_step), max([threshold, *size]), 0.0
+    logarithmic = bool(high > LOGARITHMIC_BEYOND * threshold)
+    if size.size and size.min() > ALL_BEYOND * threshold:
+        # An axis from zero, or a logarithm, would hide in what the candidates differ.
+        logarithmic, low = False, float(size.min() - ROOM_BELOW * max(np.ptp(size), 0.05 * high))
+    elif logarithmic:
+        # Scores in their hundreds and a threshold of four need a logarithm, else it hides the differences.
+        low = min([0.5 * threshold, *(0.7 * size)])
     return shown.assign_attrs(title=title, logarithmic=logarithmic, low=low, high=high)
 
 

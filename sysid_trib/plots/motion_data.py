@@ -1,6 +1,6 @@
 """A record and the motions of its models as numbers to draw, the same on paper and on a page."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,10 +14,14 @@ from sysid_trib.arrays import Array
 from sysid_trib.decays.half_sines import envelope as half_sine_envelope
 from sysid_trib.errors import SysidTribError
 from sysid_trib.plots.style import MODEL_LINES, Style
-from sysid_trib.results.per_run import noise_of_run, record_groups
+from sysid_trib.results.discoveries import added_effects
+from sysid_trib.results.per_run import record_groups
+from sysid_trib.validation.breakdown import breakdown, run_record_noise
 
 # Points of a curve: as many as a wide screen has, for each the least and the largest of its stretch.
 MOST_POINTS = 6000
+# Effects that a legend names.
+MOST_NAMES = 2
 
 
 @dataclass(frozen=True)
@@ -55,9 +59,19 @@ class MotionData:
         """Angle of a model, rad."""
         return self.data.simulated_angle.sel(model=model).values
 
+    @property
+    def units(self) -> str:
+        """Unit of the record."""
+        return str(self.data.angle.attrs.get("units", "rad"))
+
+    @property
+    def small_units(self) -> tuple[float, str]:
+        """Factor and unit of what is small beside the record."""
+        return (1e3, "mrad") if self.units == "rad" else (1.0, self.units)
+
     def residual(self, model: str) -> Array:
-        """Record minus model, mrad."""
-        return 1e3 * (self.angle - self.motion(model))
+        """Record minus model, in small units."""
+        return self.small_units[0] * (self.angle - self.motion(model))
 
     @cached_property
     def half_periods(self) -> Mapping[str, xr.Dataset]:
@@ -89,17 +103,25 @@ def motion_data(tree: xr.DataTree, run: int) -> MotionData:
     """The record of a run with the models of a cross-check, or those before and after of a discovery."""
     data = tree[record_groups(tree)[run]].to_dataset()
     if "steps" in tree.children:
-        names, label, noise = ("before", "after"), "model {}", data.residual_noise.item()
+        names = ("before", "after")
+        labels = {"before": "start model", "after": f"with {_few(added_effects(tree))}"}
+        shown = [np.isfinite(data.simulated_angle.sel(model=name).values).all() for name in names]
     else:
         checked = tree["comparison"].attrs
-        names, label = (checked["first"], checked["second"]), "{}"
-        noise = noise_of_run(tree[checked["second"]].to_dataset(), run)
-    lines = {
-        name: style
-        for name, style in zip(names, MODEL_LINES, strict=True)
-        if np.isfinite(data.simulated_angle.sel(model=name).values).all()
-    }
-    return MotionData(data, noise, lines, {name: label.format(name) for name in names})
+        names = (checked["first"], checked["second"])
+        labels = {name: name for name in names}
+        # A model that broke down must not set a scale.
+        shown = [not breakdown(tree, name) for name in names]
+    lines = {name: style for name, style, drawn in zip(names, MODEL_LINES, shown, strict=True) if drawn}
+    noise = run_record_noise(tree, run)
+    return MotionData(data, noise, lines, labels)
+
+
+def _few(effects: Sequence[str]) -> str:
+    """Names of effects, the first of many."""
+    if len(effects) > MOST_NAMES:
+        return f"{', '.join(effects[: MOST_NAMES - 1])} and {len(effects) - MOST_NAMES + 1} more"
+    return " and ".join(effects) or "no effect"
 
 
 def drawn_samples(values: Array) -> NDArray[np.intp]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -57,14 +58,21 @@ def curve(ax: Axes, time: Array, values: Array, style: Style) -> None:
 
 
 def _motion_figure(drawn: MotionData, residuals: Sequence[Sequence[str]]) -> Figure:
-    """Record, a panel for each group of models' residuals, and below them envelope and frequency."""
-    figure = new_figure(7.2, 6.4 + 1.2 * len(residuals))
-    rows = ["AA", *("BB", "CC")[: len(residuals)], "DE"]
-    heights = [1.2, *[0.8] * len(residuals), 1.2]
+    """Record, a panel for each group of models' residuals; envelope and frequency, and what models miss."""
+    figure = new_figure(7.2, 7.6 + 1.2 * len(residuals))
+    rows = ["AA", *("BB", "CC")[: len(residuals)], "DE", "FG"]
+    heights = [1.2, *[0.8] * len(residuals), 1.2, 0.8]
     panels = list(figure.subplot_mosaic(";".join(rows), height_ratios=heights).values())
-    draw_in_time(panels[:-2], drawn, residuals)
-    _envelope(panels[-2], drawn)
-    _frequency(panels[-1], drawn)
+    draw_in_time(panels[:-4], drawn, residuals)
+    *_, envelopes, frequencies, amplitude_missed, frequency_missed = panels
+    _envelope(envelopes, drawn)
+    _frequency(frequencies, drawn)
+    _missed(amplitude_missed, drawn, "instant_time", "amplitude")
+    _missed(frequency_missed, drawn, "amplitude", "frequency")
+    for upper, lower in ((envelopes, amplitude_missed), (frequencies, frequency_missed)):
+        lower.set_xlim(upper.get_xlim())
+        upper.set_xlabel("")
+        upper.tick_params(labelbottom=False)
     letter(panels)
     return figure
 
@@ -145,7 +153,7 @@ def _record(ax: Axes, drawn: MotionData) -> Axes:
     curve(ax, drawn.time, drawn.angle, RECORD_POINTS)
     for name, style in drawn.lines.items():
         curve(ax, drawn.time, drawn.motion(name), {"linewidth": 0.8, "label": drawn.labels[name], **style})
-    ax.set(xlabel="time (s)", ylabel="angle (rad)", xlim=(drawn.time[0], drawn.time[-1]))
+    ax.set(xlabel="time (s)", ylabel=f"angle ({drawn.units})", xlim=(drawn.time[0], drawn.time[-1]))
     # Above the panel: inside there is no room that the oscillation leaves free.
     ax.legend(ncols=3, **LEGEND)
     return ax
@@ -158,10 +166,11 @@ def _residual(ax: Axes, drawn: MotionData, models: Sequence[str]) -> Axes:
             style = dict(drawn.lines[name]) | ({"linestyle": "-"} if len(models) == 1 else {})
             look = {"linewidth": 0.6, "label": drawn.labels[name], **style}
             curve(ax, drawn.time, drawn.residual(name), look)
-    band = ax.axhspan(-2e3 * drawn.noise, 2e3 * drawn.noise, color="0.85", zorder=0)
+    factor, unit = drawn.small_units
+    band = ax.axhspan(-2.0 * factor * drawn.noise, 2.0 * factor * drawn.noise, color="0.85", zorder=0)
     ax.legend([band], ["± 2 noise levels"], **LEGEND)
     model = f"model\n{models[0]}" if len(models) == 1 else "model"
-    label = f"record \N{MINUS SIGN} {model} (mrad)"
+    label = f"record \N{MINUS SIGN} {model} ({unit})"
     ax.set(xlabel="time (s)", ylabel=label, xlim=(drawn.time[0], drawn.time[-1]))
     return ax
 
@@ -180,7 +189,34 @@ def _frequency(ax: Axes, drawn: MotionData) -> Axes:
     if "record" in drawn.half_periods:
         highest = drawn.half_periods["record"].amplitude.values.max()
         ax.set(xlim=(0.0, 1.05 * highest), ylim=drawn.frequency_limits())
-    ax.set(xlabel="amplitude (rad)", ylabel="frequency (rad/s)")
+    ax.set(xlabel=f"amplitude ({drawn.units})", ylabel="frequency (rad/s)")
+    return ax
+
+
+def _missed(ax: Axes, drawn: MotionData, x: str, y: str) -> Axes:
+    """Half periods of the record minus those of each model, with the record's errors.
+
+    On one axis they lie on each other where a model is nearly right.
+    """
+    factor, unit = drawn.small_units if y == "amplitude" else (1e3, "mrad/s")
+    measured, ends = drawn.half_periods.get("record"), []
+    for name, fits in drawn.half_periods.items():
+        if measured is None or name == "record":
+            continue
+        order = np.argsort(fits[x].values)
+        model = np.interp(measured[x].values, fits[x].values[order], fits[y].values[order])
+        missed = factor * (measured[y].values - model)
+        error = factor * measured[f"{y}_standard_error"].values
+        bar: Style = {"fmt": "o", "color": drawn.lines[name]["color"], "linewidth": BAR_WIDTH, **OPEN_MARKS}
+        ax.errorbar(measured[x].values, missed, error, **bar)
+        # Outliers at the noise floor are outside.
+        ends += [*np.percentile(missed, [3, 97]), *(side * 2.0 * float(np.median(error)) for side in (-1, 1))]
+    if ends:
+        room = 0.4 * (max(ends) - min(ends))
+        ax.set_ylim(min(ends) - room, max(ends) + room)
+    ax.axhline(0.0, color="0.6", linewidth=BAR_WIDTH)
+    label = "time (s)" if x == "instant_time" else f"amplitude ({drawn.units})"
+    ax.set(xlabel=label, ylabel=f"record \N{MINUS SIGN} model\n({unit})")
     return ax
 
 

@@ -54,20 +54,26 @@ def _ranking(ax: Axes, data: xr.Dataset) -> Axes:
     sizes, kinds = data["size"].values.tolist(), data.kind.values.tolist()
     for row, (size, kind) in enumerate(zip(sizes, kinds, strict=True)):
         look = style.CANDIDATE_MARKS[kind]
-        ax.plot([data.low, size], [row, row], "-", color=look["color"], linewidth=0.8)
+        if data.low == 0.0 or data.logarithmic:
+            # A bar would be as long as it must not be where the axis starts elsewhere.
+            ax.plot([data.low, size], [row, row], "-", color=look["color"], linewidth=0.8)
         ax.plot([size], [row], linestyle="", **look)
         # Three digits, and no power of ten as long as there is room without.
         digits = f"{float(f'{size:.3g}'):g}"
         text = ax.annotate(digits, (size, row), (5, 0), fontsize=6, **style.BESIDE_POINT)
         text.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.4})
-    ax.axvline(data.threshold.item(), **style.THRESHOLD)
+    threshold = data.threshold.item()
+    if data.low < threshold:
+        ax.axvline(threshold, **style.THRESHOLD)
     style.name_rows(ax, data.candidate.values.tolist())
     if data.logarithmic:
         ax.set(xscale="log", xlim=(data.low, data.high * (data.high / data.low) ** 0.2))
         style.logarithmic_ticks(ax.xaxis, data.low, data.high)
     else:
-        ax.set_xlim(0.0, 1.15 * data.high)
-    ax.set_xlabel("score |z|")
+        ax.set_xlim(data.low, data.high + 0.15 * (data.high - data.low))
+        ax.grid(axis="y", color="0.93", linewidth=0.5)
+        ax.set_axisbelow(True)
+    ax.set_xlabel(f"score |z| (threshold {threshold:.3g})", fontsize=8)
     ax.tick_params(labelsize=7, which="both")
     return ax
 

@@ -6,6 +6,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from sysid_trib.printing.comparison_sentences import (
+    FREQUENCY_SYMBOL,
+    comparison_sentences,
+    effective_sentence,
+    explanation_sentences,
+    method_widenings,
+)
 from sysid_trib.printing.layers import ALWAYS, USUALLY, Block, Layer
 from sysid_trib.printing.layout import (
     by_label,
@@ -20,17 +27,11 @@ from sysid_trib.printing.layout import (
     value_with_error,
 )
 from sysid_trib.results.per_run import record_groups
-from sysid_trib.validation.comparison_table import column_power
-from sysid_trib.validation.cross_check import LARGE
+from sysid_trib.validation.comparison_table import applied_methods, column_power
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-FREQUENCY_SYMBOL = "w_inf"
-# A difference is mentioned if it is larger than so many standard errors of both methods.
-APART = 3.0
-# A prediction is as good if its RMS is larger by less than this, or not significantly at this level.
-ALIKE, ALIKE_LEVEL = 1.01, 0.01
 JSON_SCALARS = (
     *("reference_frequency", "asymptotic_frequency", "reference_frequency_standard_error"),
     *("asymptotic_frequency_standard_error", "asymptotic_frequency_z", "residual_rms"),
@@ -44,15 +45,9 @@ QUALITY = (
     "RMS residual (record minus simulated model) of the whole record (all); of a model identified from the "
     "first two thirds, on these (train) and on the last third (held out)"
 )
-JSON_TEXTS = ("reason", "bias", "identifies", "neglects", "cannot_tell_apart", "assumes")
+JSON_TEXTS = ("reason", "failure", "bias", "identifies", "neglects", "cannot_tell_apart", "assumes")
 # Keys of the JSON where they differ from the names of the variables.
 SCOPE_KEYS = {"identifies": "sees", "neglects": "blind_to"}
-CAUSES = {
-    "neglect": "These methods neglect forces, and the forces that they know take their place (see remarks)",
-    "bias": "The probable cause is a bias that these methods leave in (see remarks)",
-    "form": "They know the same forces: probably these do not have the form of what acts, and each method "
-    "weighs the residual in its own way",
-}
 
 
 def comparison_blocks(tree: xr.DataTree, sources: Sequence[str]) -> list[Block]:
@@ -75,11 +70,15 @@ def comparison_blocks(tree: xr.DataTree, sources: Sequence[str]) -> list[Block]:
     return [
         Block([verdict], ALWAYS),
         Block(sources),
+        Block(effective_sentence(tree), ALWAYS),
         *(Block(content, layers[title], title) for title, content in comparison_tables(tree).items()),
         Block(
             constraint_sentences(tree[label].ds for label in _applied(tree).method.values.tolist()), USUALLY
         ),
-        Block([*_explained(table, ("bias", "form")), *identifiability_warnings(table.attrs)], Layer.DEFAULT),
+        Block(
+            [*explanation_sentences(table, ("bias", "form")), *identifiability_warnings(table.attrs)],
+            Layer.DEFAULT,
+        ),
         Block(sentences, Layer.EXPLAIN),
     ]
 
@@ -96,19 +95,21 @@ def comparison_tables(tree: xr.DataTree) -> dict[str, "Table"]:
 def coefficient_table(tree: xr.DataTree) -> "Table":
     """Coefficients with errors: a row a method, a column a force with its power of ten in the head.
 
-    A method that does not apply has no row here; `quality_table` says why.
+    A method that does not apply, or failed, has no row here; `quality_table` says why.
     """
     table = _applied(tree)
+    widened = np.array(list(method_widenings(tree).values()))
     columns = {}
     for symbol, row in by_label(table, "force").items():
         power = column_power(row)
         scale = 10.0**power
-        pairs = zip(row.coefficient.values / scale, row.standard_error.values / scale, strict=True)
+        pairs = zip(row.coefficient.values / scale, widened * row.standard_error.values / scale, strict=True)
         unit = [row.unit.item()] if row.unit.item() != "1" else []
         parts = " ".join([*([f"1e{power:+03d}"] if power else []), *unit])
         head = f"{symbol} ({parts})" if parts else symbol
         columns[head] = [value_with_error(float(value), float(error)) for value, error in pairs]
-    frequencies = [quantity(row, "asymptotic_frequency") for row in by_label(table, "method").values()]
+    rows = zip(by_label(table, "method").values(), widened, strict=True)
+    frequencies = [quantity(row, "asymptotic_frequency", widened=factor) for row, factor in rows]
     return _method_table(table, columns | {f"{FREQUENCY_SYMBOL} (rad/s)": frequencies})
 
 
@@ -133,38 +134,17 @@ def quality_table(tree: xr.DataTree) -> "Table":
         "phase (periods)": (table.phase_error / (2.0 * np.pi), "{:.2f}".format),
         "time (s)": (table.time_taken, "{:#.2g}".format),
     }
+    given = table.method.isin(applied_methods(table).method.values).values | (table.failure == "").values
     columns = {
-        head: [as_text(value) if np.isfinite(value) else "-" for value in values.values.tolist()]
+        head: [as_text(x) if np.isfinite(x) else "-" for x in np.where(given, values.values, np.nan).tolist()]
         for head, (values, as_text) in numbered.items()
     }
     neglected = [f"neglects {text}" if text else "" for text in table.neglects.values.tolist()]
-    remarks = zip(table.reason.values.tolist(), table.bias.values.tolist(), neglected, strict=True)
-    columns["remarks"] = ["; ".join(filter(None, texts)) for texts in remarks]
+    failed = [f"failed: {text}" if text else "" for text in table.failure.values.tolist()]
+    texts = (failed, table.reason.values.tolist(), table.bias.values.tolist(), neglected)
+    remarks = zip(*texts, strict=True)
+    columns["remarks"] = ["; ".join(filter(None, remark)) for remark in remarks]
     return _method_table(table, columns, words=["remarks"])
-
-
-def comparison_sentences(tree: xr.DataTree) -> list[str]:
-    """The comparison in plain sentences: which method predicts best, which differ and probably why."""
-    table = tree["comparison"].ds
-    sentences = [_prediction(tree), *_explained(table, tuple(CAUSES))]
-    owner = table.attrs["common_frequency_of"]
-    origin = "given" if owner == "given" else f"w of {owner}"
-    sentences.append(
-        f"Coefficients refer to {table.common_frequency.item():.6g} rad/s ({origin}). Their differences are "
-        "over the errors of both methods, taken as independent. All methods saw the same noise: these "
-        "numbers are rather too small."
-    )
-    if symbol := table.attrs["exchangeable_with_the_frequency"]:
-        sentences.append(
-            f"No method can identify {symbol}: in a single record, it cannot be separated from the "
-            "frequency. Give --omega0 (frequency without contact) to identify it."
-        )
-    return sentences + identifiability_warnings(table.attrs)
-
-
-def _explained(table: xr.Dataset, causes: Sequence[str]) -> list[str]:
-    """What the verdict and the tables do not say: what predicts as well, the noise, what differs and why."""
-    return [*_as_good(table), _explanation(table), *_by_accident(table), *_differences(table, causes)]
 
 
 def comparison_json(tree: xr.DataTree) -> dict[str, Any]:
@@ -194,10 +174,8 @@ def comparison_json(tree: xr.DataTree) -> dict[str, Any]:
 
 
 def _applied(tree: xr.DataTree) -> xr.Dataset:
-    """The comparison, of methods that gave a coefficient or a frequency."""
-    table = tree["comparison"].ds
-    applied = table.coefficient.notnull().any("force") | table.asymptotic_frequency.notnull()
-    return table.isel(method=np.flatnonzero(applied.values))
+    """The comparison, of methods that gave a coefficient or a frequency and did not fail."""
+    return applied_methods(tree["comparison"].to_dataset())
 
 
 def _method_table(table: xr.Dataset, columns: dict[str, list[str]], words: Sequence[str] = ()) -> "Table":
@@ -215,85 +193,3 @@ def _signed(z: float, best: bool) -> str:
 
 def _ratio(value: float) -> str:
     return f"{value:#.3g}".rstrip(".") if value < 1000.0 else f"{value:.0f}"
-
-
-def _prediction(tree: xr.DataTree) -> str:
-    table, groups = tree["comparison"].ds, record_groups(tree)
-    starts = " and ".join(f"{tree[group].holdout_start.item():.4g} s" for group in groups)
-    third = "The last third" if len(groups) == 1 else "The last third of each run"
-    best = by_label(table, "method")[table.attrs["best"]]
-    if np.isnan(best.holdout_rms.item()):
-        return f"No method could be tested on {third.lower()}, held out."
-    ratio = best.holdout_over_noise.item()
-    explain = "explain" if ratio <= LARGE else "do not explain"
-    return (
-        f"{third}, held out from {starts} on, is predicted best by {table.attrs['best']}: RMS residual "
-        f"{1e3 * best.holdout_rms.item():.3g} mrad, {ratio:.3g} times the noise. These forces {explain} it."
-    )
-
-
-def _as_good(table: xr.Dataset) -> list[str]:
-    methods = by_label(table, "method")
-    best = methods.pop(table.attrs["best"])
-    limit = ALIKE * best.holdout_over_noise.item()
-    labels = [
-        label
-        for label, row in methods.items()
-        if row.holdout_over_noise.item() <= limit or row.holdout_p_value.item() > ALIKE_LEVEL
-    ]
-    if not labels:
-        return []
-    return [f"These predict as well (at most 1 % worse, or p > {ALIKE_LEVEL:g}): {', '.join(labels)}."]
-
-
-def _by_accident(table: xr.Dataset) -> list[str]:
-    """A model that is poor on the whole record may still follow its last swings, and errors be wide."""
-    ratios = table.residual_over_noise.fillna(np.inf)
-    best, least = table.attrs["best"], table.method.values[int(np.argmin(ratios.values))].item()
-    ratio = ratios.sel({"method": best}).item() / ratios.min().item()
-    if not ratio > LARGE:
-        return []
-    return [
-        f"But on the whole record, the residual of {best} is {ratio:.2g} times that of {least}: its "
-        "prediction is good by accident, and differences from it say little."
-    ]
-
-
-def _explanation(table: xr.Dataset) -> str:
-    """What the noise is, and what it means that the forces do not explain the record."""
-    best = by_label(table, "method")[table.attrs["best"]]
-    levels = np.atleast_1d(table.run_noise.values if "run_noise" in table else table.noise.values)
-    whose = "the record" if len(levels) == 1 else "each run"
-    sizes = " and ".join(f"{1e3 * level:.2g}" for level in levels.tolist())
-    noise = f"The noise is that of {whose}: {sizes} mrad a sample, from {table.attrs['noise_from']}."
-    ratio = best.holdout_over_noise.item()
-    if np.isnan(ratio):
-        ratio = best.residual_over_noise.item()
-    if ratio <= LARGE:
-        return noise
-    labels = [label for label, row in by_label(table, "method").items() if row.white_noise.item()]
-    errors = f" Errors stated by {' and '.join(labels)} are too small: they assume white noise."
-    return (
-        f"{noise} The residual is {ratio:.3g} times as large: a force is missing or has another form, or the "
-        f"record holds slower disturbances.{errors if labels else ''}"
-    )
-
-
-def _differences(table: xr.Dataset, causes: Sequence[str]) -> list[str]:
-    """Methods that differ from the best by more than the errors, by the probable cause."""
-    best = table.attrs["best"]
-    by_cause: dict[str, list[str]] = {cause: [] for cause in CAUSES}
-    for label, row in by_label(table, "method").items():
-        z = dict(zip(table.force.values.tolist(), row.z.values.tolist(), strict=True))
-        z[FREQUENCY_SYMBOL] = row.asymptotic_frequency_z.item()
-        far = ", ".join(name for name, value in z.items() if abs(value) > APART)
-        if far:
-            cause = "neglect" if row.neglects.item() else "bias" if row.bias.item() else "form"
-            by_cause[cause].append(f"{label} ({far})")
-    if not any(by_cause.values()):
-        return [f"No coefficient differs from those of {best} by more than {APART:g} standard errors."]
-    return [
-        f"More than {APART:g} standard errors from {best}: {'; '.join(by_cause[cause])}. {CAUSES[cause]}."
-        for cause in causes
-        if by_cause[cause]
-    ]

@@ -5,6 +5,7 @@ from typing import Any
 
 import xarray as xr
 
+from sysid_trib.printing.discovery_tables import p_value_in_final_model
 from sysid_trib.printing.layout import by_label, number, numbers, quantity_json, records_json
 from sysid_trib.printing.residual import noise_of, residual_of
 from sysid_trib.printing.runs import homogeneity_json
@@ -25,8 +26,9 @@ def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
         "steps": [_step_json(tree, at) for at in range(tree["steps"].attrs["count"])],
         "verdict": tree.attrs["verdict"],
         "converged": tree.attrs["converged"] == "True",
-        "noise": number(tree["after"].noise.item()),
+        "noise": number(noise_of(tree)),
         "residual_noise": number(noise_of(tree)),
+        "noise_with_its_colour": number(tree["holdout"].residual_noise.item()),
         "residual": number(residual_of(tree, "after")),
         "model": _model_json(tree["after"].to_dataset()),
         "start_model": _model_json(tree["before"].to_dataset()),
@@ -64,6 +66,7 @@ def _step_json(tree: xr.DataTree, at: int) -> dict[str, Any]:
     return {
         **{name: step[name].item() for name in STEP_WORDS},
         **numbers(step, STEP_NUMBERS),
+        "p_value": number(p_value_in_final_model(tree, at)),
         "shapes": {name: number(value) for name, value in shapes_of(step, symbol).items()},
         "probability": probabilities.pop(symbol),
         "indistinguishable_from": [

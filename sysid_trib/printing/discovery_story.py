@@ -6,11 +6,25 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.printing.detectability import detectability_sentences, remedy
-from sysid_trib.printing.discovery_tables import RANKING, effects_table, formula_text, ranking_table
+from sysid_trib.printing.discovery_tables import (
+    RANKING,
+    effect_name,
+    effects_table,
+    formula_text,
+    p_value_in_final_model,
+    ranking_table,
+)
 from sysid_trib.printing.discovery_verdict import verdict_sentences
 from sysid_trib.printing.layers import ALWAYS, Block, Layer
 from sysid_trib.printing.layout import coefficient_text, p_value_text
-from sysid_trib.printing.residual import in_mrad, noise_of, residual_of, residual_sentences, times_noise
+from sysid_trib.printing.residual import (
+    in_mrad,
+    noise_of,
+    residual_of,
+    residual_sentences,
+    slow_noise_sentences,
+    times_noise,
+)
 from sysid_trib.printing.runs import step_heterogeneity_sentences
 from sysid_trib.results.discoveries import candidates_of, credible_set, failed_competitors
 
@@ -66,6 +80,7 @@ def _start(tree: xr.DataTree) -> list[str]:
     return [
         f"The start model ({forces}) leaves a gap of {in_mrad(residual)} (RMS): "
         f"{times_noise(residual, noise)} of {in_mrad(noise)}.",
+        *slow_noise_sentences(tree),
         *residual_sentences(tree, "discrepancy"),
     ]
 
@@ -76,9 +91,9 @@ def _step(tree: xr.DataTree, at: int) -> list[str]:
     family = "error of the sensor" if step.kind.item() == "sensor" else step.family.item()
     what = f" ({family})" if family else ""
     return [
-        f"{at + 1}. {step.symbol.item()}, {step['name'].item()} {formula_text(step)}{what}: "
-        f"{coefficient_text(step)}, z = {step.z.item():.3g} (of the coefficient), "
-        f"corrected p {p_value_text(step.p_value.item())} (of what it explains).",
+        f"{at + 1}. {effect_name(step)}, {step['name'].item()} {formula_text(step)}{what}: "
+        f"{coefficient_text(step)}, z = {step.z.item():.3g}, "
+        f"corrected p {p_value_text(p_value_in_final_model(tree, at))}.",
         f"   Adding it takes the gap from {_shrinking(tree, at)}.",
         f"   {_random_force(step)}",
         *(f"   {remark}" for remark in _step_remarks(tree, at)),
@@ -88,7 +103,10 @@ def _step(tree: xr.DataTree, at: int) -> list[str]:
 def _random_force(step: xr.Dataset) -> str:
     """What the effect leaves of the random force."""
     before, after = step.random_force_before.item(), step.random_force_after.item()
-    gain = f"It lowers the deviance by {step.gain.item():.3g}"
+    lowered = step.gain.item()
+    if lowered <= 0.0:
+        return "It explains nothing before the effects below are added."
+    gain = f"It lowers the deviance by {lowered:.3g}"
     if before == 0.0:
         return f"{gain}; no random force was blamed for it." if after == 0.0 else f"{gain}."
     if after == 0.0:
@@ -113,7 +131,8 @@ def _step_remarks(tree: xr.DataTree, at: int) -> list[str]:
     remarks += _competing(tree, step)
     if (probability := step.chance_probability.item()) > 0.0:
         remarks.append(
-            f"No force in its place, a random force taking the blame, has the probability {probability:.2f}."
+            "No force in its place, a random force taking the blame, has the probability "
+            f"{_probability(probability)}."
         )
     if failed := failed_competitors(step):
         remarks.append(f"In place of {symbol} these were tried, but their fits failed: {', '.join(failed)}.")
@@ -132,9 +151,14 @@ def _competing(tree: xr.DataTree, step: xr.Dataset) -> list[str]:
     pairs = list(probabilities.items())[: COMPETING + 1]
     return [
         f"{symbol} cannot be separated from: {named}{more}.",
-        f"With equal prior probabilities: {', '.join(f'{s} {probability:.2f}' for s, probability in pairs)}.",
+        f"With equal prior probabilities: {', '.join(f'{s} {_probability(p)}' for s, p in pairs)}.",
         remedy([offered[s] for s in probabilities]),
     ]
+
+
+def _probability(value: float) -> str:
+    """A probability of two digits, which is never nought."""
+    return "< 0.01" if value < 0.01 else f"{value:.2f}"
 
 
 def _shrinking(tree: xr.DataTree, at: int) -> str:

@@ -4,16 +4,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
+from scipy.stats import norm
 
 from sysid_trib.printing.layout import coefficient_text, p_value_text, text_table
 from sysid_trib.printing.residual import noise_of
-from sysid_trib.results.discoveries import added_effects, shapes_of
+from sysid_trib.results.discoveries import added_effects, credible_set, likeliest_effect, shapes_of
 
 if TYPE_CHECKING:
     from rich.table import Table
 
 # Candidates in the table: those of the highest score at any step, and at the last.
 ROWS, LAST = 10, 3
+# An effect that is more probable by so much than the one that was fitted has the name.
+LIKELIER = 0.5
 RANKING = "Named and strongest candidates, |z| before each step and at the end (-: in the model, or untested)"
 
 
@@ -25,8 +28,8 @@ def effects_table(tree: xr.DataTree) -> "Table":
         step = tree["steps"].to_dataset().isel(step=at)
         residuals = ((step.residual_before.item(), step.residual_after.item()), (held[at], held[at + 1]))
         ratios = [" to ".join(f"{residual / noise:.3g}" for residual in pair) for pair in residuals]
-        words = [step.symbol.item(), step["name"].item(), formula_text(step), coefficient_text(step)]
-        rows.append([*words, p_value_text(step.p_value.item(), ""), *ratios])
+        words = [effect_name(step), step["name"].item(), formula_text(step), coefficient_text(step)]
+        rows.append([*words, p_value_text(p_value_in_final_model(tree, at), ""), *ratios])
     heads = [
         "effect",
         "name",
@@ -37,6 +40,25 @@ def effects_table(tree: xr.DataTree) -> "Table":
         "held out / noise",
     ]
     return text_table(heads, rows, whole=(0,), numbers=(3, 4, 5, 6))
+
+
+def p_value_in_final_model(tree: xr.DataTree, at: int) -> float:
+    """P-value of a named effect, by its coefficient over its error beside all others of the final model.
+
+    That of the order in which effects were added says little: one may explain nothing before another is in.
+    Corrected for the number of tests of its selection step (Bonferroni).
+    """
+    step = tree["steps"].to_dataset().isel(step=at)
+    tests = tree["ranking"].independent_tests.values[int(step.selection_step)]
+    return min(1.0, 2.0 * float(tests) * float(norm.sf(abs(step.z.item()))))
+
+
+def effect_name(step: xr.Dataset) -> str:
+    """Symbol of an effect; one that is less probable than another stands for that one."""
+    symbol, likeliest = step.symbol.item(), likeliest_effect(step)
+    # Fits that are as good as each other have no order.
+    better = credible_set(step)[likeliest] - credible_set(step)[symbol] > LIKELIER
+    return f"{likeliest} (fitted by {symbol})" if better else symbol
 
 
 def formula_text(step: xr.Dataset) -> str:

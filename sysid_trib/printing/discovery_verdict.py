@@ -3,6 +3,7 @@
 import numpy as np
 import xarray as xr
 
+from sysid_trib.printing.discovery_tables import effect_name
 from sysid_trib.printing.layout import coefficient_text, p_value_text, quantity
 from sysid_trib.printing.residual import (
     force_type_sentences,
@@ -13,9 +14,14 @@ from sysid_trib.printing.residual import (
 )
 from sysid_trib.printing.runs import heterogeneity_sentences
 from sysid_trib.results.discoveries import added_effects
+from sysid_trib.results.significance import determines
 
 # Forces of the omnibus test, and candidates, that are named where they stand out.
 MOST_NAMED = 3
+UNDECIDED = (
+    "The record decides nothing: no coefficient of the model differs from zero, and no candidate stands out. "
+    "A longer motion, from a larger amplitude, would."
+)
 UNSEEN = "An effect that is weaker than its detectable coefficient may be present and unseen."
 
 
@@ -60,7 +66,10 @@ def _last(tree: xr.DataTree, group: str) -> xr.Dataset:
 def _closed(tree: xr.DataTree) -> list[str]:
     """Nothing more stands out of the residual."""
     residual = times_noise(residual_of(tree, "after"), noise_of(tree))
-    effects = added_effects(tree)
+    steps = tree["steps"].to_dataset()
+    effects = [effect_name(steps.isel(step=at)) for at in range(steps.attrs["count"])]
+    if not determines(tree["after"].to_dataset()):
+        return [UNDECIDED, UNSEEN]
     headline = (
         f"Explained: with {' and '.join(effects)} the gap is {residual}."
         if effects

@@ -7,14 +7,16 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from sysid_trib.errors import LibraryError
+from sysid_trib.forces.force import Force
 from sysid_trib.physics.crossing import crossovers
 from sysid_trib.physics.energy import arrest_time, dissipated_energy
 from sysid_trib.physics.error_propagation import amplitude_row
-from sysid_trib.physics.fingerprint import SIGNIFICANT_FRICTION, slip_fingerprint
+from sysid_trib.physics.fingerprint import SIGNIFICANT_FRICTION, slip_fingerprint, speaks_of_slip
 from sysid_trib.physics.force_weights import weights
 from sysid_trib.physics.units import physical_units
 from sysid_trib.printing.layout import by_label, numbers, quantity, quantity_json
 from sysid_trib.results.schema import library_of
+from sysid_trib.results.significance import significant
 
 # A share below this is not worth a word.
 SMALL = 5e-4
@@ -23,7 +25,7 @@ ENERGIES = ("total_energy", "lost_fraction")
 
 
 def physics_sentences(result: xr.Dataset, amplitude: ArrayLike, inertia: float | None = None) -> list[str]:
-    """The physics of an identification in plain sentences.
+    """The physics of an identification in plain sentences, of the forces that are significant.
 
     Parameters
     ----------
@@ -52,11 +54,12 @@ def physics_sentences(result: xr.Dataset, amplitude: ArrayLike, inertia: float |
         for end in ends:
             sentences += _weights(result, end)
         sentences += _energy(result, ends[0], inertia)
-        sentences += _crossovers(crossovers(result), ends)
-        sentences.append(_arrest(arrest_time(result, ends[0])))
+        sentences += _crossovers(crossovers(result), ends, _significant(result))
+        if _arrest_is_decided(result):
+            sentences.append(_arrest(arrest_time(result, ends[0])))
     except LibraryError as error:
         sentences.append(f"Nothing more can be computed: {error}")
-    if _holds_fingerprint(result):
+    if speaks_of_slip(result):
         sentences.append(_fingerprint(slip_fingerprint(result)))
     if inertia is not None:
         sentences.append(_si_units(physical_units(result, inertia)))
@@ -112,7 +115,7 @@ def physics_json(result: xr.Dataset, amplitude: ArrayLike, inertia: float | None
         }
     except LibraryError as error:
         data = {"refused": str(error)}
-    if _holds_fingerprint(result):
+    if speaks_of_slip(result):
         slip = slip_fingerprint(result)
         scalars = numbers(slip, ("slip_ratio", "z", "p_value", "significance"))
         data["slip_fingerprint"] = {"ratio": quantity_json(slip, "ratio"), **scalars, **slip.attrs}
@@ -127,9 +130,20 @@ def _ends(amplitude: ArrayLike) -> list[float]:
     return sorted({float(a.max()), float(a.min())}, reverse=True)
 
 
-def _holds_fingerprint(result: xr.Dataset) -> bool:
-    library = library_of(result)
-    return all(library.role(formula) is not None for formula in ("x*abs(x)", "v*abs(v)"))
+def _significant(result: xr.Dataset) -> list[str]:
+    """Symbols of the forces that differ from zero."""
+    return result.force.values[significant(result)].tolist()
+
+
+def _arrest_is_decided(result: xr.Dataset) -> bool:
+    """Whether what stops a motion in a finite time, a friction of degree below 1, is known to act."""
+    known = dict(zip(result.force.values.tolist(), significant(result).tolist(), strict=True))
+    stopping = [f.symbol for f in library_of(result) if f.character == "dissipative" and _stops(f)]
+    return all(known[symbol] for symbol in stopping)
+
+
+def _stops(force: Force) -> bool:
+    return force.degree is not None and force.degree < 1.0
 
 
 def _pairs(values: xr.Dataset) -> list[xr.Dataset]:
@@ -138,6 +152,7 @@ def _pairs(values: xr.Dataset) -> list[xr.Dataset]:
 
 def _weights(result: xr.Dataset, amplitude: float) -> list[str]:
     by_force = by_label(weights(result, amplitude), "force")
+    by_force = {symbol: by_force[symbol] for symbol in _significant(result) if symbol in by_force}
     parts = []
     for weight, what in (("decay_share", "decay"), ("frequency_share", "frequency shift")):
         # NaN, where no force acts, is not larger than anything.
@@ -158,10 +173,12 @@ def _energy(result: xr.Dataset, amplitude: float, inertia: float | None) -> list
     return [f"A cycle at {amplitude:.3g} rad dissipates {percent} of the energy I w^2 a^2/2{joule}."]
 
 
-def _crossovers(values: xr.Dataset, ends: list[float]) -> list[str]:
-    """Where two forces weigh the same; an amplitude that the motion does not pass is only extrapolated."""
+def _crossovers(values: xr.Dataset, ends: list[float], symbols: list[str]) -> list[str]:
+    """Where two of the forces weigh the same; an amplitude that the motion does not pass is extrapolated."""
     sentences = []
     for pair in _pairs(values):
+        if not {pair["first"].item(), pair["second"].item()} <= set(symbols):
+            continue
         rules = [
             f"{quantity(pair.sel(rule=rule), 'amplitude', ' rad')} {name}"
             for rule, name in (("averaged", "on average"), ("peak force", "by peak force"))

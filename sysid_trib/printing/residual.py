@@ -5,6 +5,8 @@ import xarray as xr
 
 from sysid_trib.printing.force_types import force_type_sentence
 from sysid_trib.results.per_run import record_groups
+from sysid_trib.validation.breakdown import record_noise
+from sysid_trib.validation.verdict import LOUD
 
 UNKNOWN = "The gap does not follow the motion: it is vibration from outside, or noise of another kind."
 # Places that a sentence names; a gap that is everywhere needs none.
@@ -26,8 +28,19 @@ def residual_of(tree: xr.DataTree, model: str) -> float:
 
 
 def noise_of(tree: xr.DataTree) -> float:
-    """Noise of one sample beside which residuals are judged, rad: coloured noise counts."""
-    return float(tree["holdout"].residual_noise.item())
+    """Noise of one sample beside which residuals are shown, rad: that of the records."""
+    return record_noise(tree)
+
+
+def slow_noise_sentences(tree: xr.DataTree) -> list[str]:
+    """That a part of the gap is slow noise of the sensor, where its noise is coloured."""
+    noise, whole = noise_of(tree), float(tree["holdout"].residual_noise)
+    if whole <= LOUD * noise:
+        return []
+    return [
+        f"The sensor's noise is coloured: with its slow part it is {in_mrad(whole)} a sample, "
+        f"{times_noise(whole, noise)}."
+    ]
 
 
 def in_mrad(angle: float) -> str:

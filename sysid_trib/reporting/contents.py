@@ -9,19 +9,17 @@ import xarray as xr
 
 from sysid_trib import plots
 from sysid_trib.plots.motion_data import MOST_POINTS, motion_data
-from sysid_trib.printing.comparison import comparison_sentences, comparison_tables
+from sysid_trib.printing.comparison import comparison_tables
+from sysid_trib.printing.comparison_sentences import comparison_sentences
+from sysid_trib.printing.cross_check import amplitudes, consequences, identification_sentences
 from sysid_trib.printing.discovery_story import discovery_story
 from sysid_trib.printing.discovery_tables import RANKING, ranking_table
-from sysid_trib.printing.identification import (
-    amplitudes,
-    consequences,
-    identification_sentences,
-    identification_table,
-)
+from sysid_trib.printing.identification import identification_table
 from sysid_trib.printing.physics import physics_sentences
 from sysid_trib.printing.random_force import random_force_sentences
 from sysid_trib.printing.runs import runs_sentences, runs_table
 from sysid_trib.reporting.compared import prediction_panel, quantity_panels
+from sysid_trib.reporting.glance import glance_figures
 from sysid_trib.reporting.motions import motion_panels, record_panel
 from sysid_trib.reporting.parts import Figures, Section, as_table
 from sysid_trib.reporting.pushed import random_force_figures
@@ -66,6 +64,7 @@ def _cross_checked(tree: xr.DataTree) -> list[Section]:
     second = tree[tree["comparison"].attrs["second"]].to_dataset()
     table = as_table("Coefficients by both methods", identification_table(tree))
     made = [
+        _at_a_glance(tree),
         Section("Coefficients", [reference_sentence(second)], [table]),
         Section("Record and models", figures=_motions(tree, together=True)),
     ]
@@ -100,6 +99,7 @@ def _compared(tree: xr.DataTree) -> list[Section]:
     predicted = Figures(CAPTIONS["held_out"] + _decimated(tree, 0), [*records, prediction_panel(tree)], [])
     by_method = Figures(CAPTIONS["by_method"], quantity_panels(tree), [plots.comparison(tree)])
     return [
+        _at_a_glance(tree),
         Section("Coefficients by method", figures=[by_method], tables=tables[:2]),
         Section("Prediction of what was held out", figures=[predicted], tables=tables[2:]),
     ]
@@ -122,9 +122,16 @@ def _discovered(tree: xr.DataTree) -> list[Section]:
     # Without a step the story has no heading for it, but candidates were scored.
     titles = [title for title in dict.fromkeys([*figures, *story]) if title != "Verdict"]
     return [
-        Section(title, story.get(title, []), tables.get(title, []), figures.get(title, []))
-        for title in titles
+        _at_a_glance(tree),
+        *(Section(t, story.get(t, []), tables.get(t, []), figures.get(t, [])) for t in titles),
     ]
+
+
+def _at_a_glance(tree: xr.DataTree) -> Section:
+    """The forces of each run, and what is missing."""
+    runs = range(len(record_groups(tree)))
+    figures = [glance_figures(tree, run, f"{_of_run(tree, run)}{CAPTIONS['glance']}") for run in runs]
+    return Section("The forces", figures=figures)
 
 
 def _motions(tree: xr.DataTree, *, together: bool) -> list[Figures]:

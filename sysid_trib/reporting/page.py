@@ -76,7 +76,7 @@ def _rendered(tree: xr.DataTree) -> str:
     return environment.get_template("page.html").render(
         title=title,
         records=provenance.kept_records(tree) or [{"source": "; ".join(tree.attrs.get("record_source", []))}],
-        summary=summary(tree),
+        summary=[*summary(tree), *_next(tree)],
         sections=sections,
         divs=divs,
         on_paper=[
@@ -90,6 +90,11 @@ def _rendered(tree: xr.DataTree) -> str:
         command=tree.attrs.get("command", ""),
         python=reproducing.python_text(tree),
     )
+
+
+def _next(tree: xr.DataTree) -> list[str]:
+    """The command that follows, where a command made the result."""
+    return [f"Next: {tree.attrs['next']}"] if tree.attrs.get("next") else []
 
 
 def _png(figure: Figure) -> str:

@@ -21,7 +21,7 @@ PROVENANCE_TERMS = {
 }
 LIBRARY = ("library_title", "library_source")
 # Elsewhere on the page, or long.
-ELSEWHERE = ("method", "options", "library", "candidates", "command", "verdict")
+ELSEWHERE = ("method", "options", "library", "candidates", "command", "verdict", "next")
 
 
 def kept_records(tree: xr.DataTree) -> list[Mapping[Any, Any]]:

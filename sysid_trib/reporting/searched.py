@@ -50,21 +50,24 @@ def _map(tree: xr.DataTree, after: bool) -> plotting.figure:
 
 def _ranking(data: xr.Dataset) -> plotting.figure:
     rows, log = data.candidate.values.tolist(), "x" if data.logarithmic else ""
-    made = drawing.list_panel(f"score |z| {data.title}", rows, log=log)
+    label = f"score |z| {data.title} (threshold {data.threshold.item():.3g})"
+    made = drawing.list_panel(label, rows, log=log)
     if data.logarithmic:
         drawing.log_axis(made, data.low, 1.2 * data.high)
     else:
-        made.x_range.update(start=0.0, end=1.2 * data.high)
+        made.x_range.update(start=data.low, end=data.high + 0.2 * (data.high - data.low))
     tooltips = [("@y", "@name"), ("z", "@z{%.4g}"), ("corrected p", "@p{%.2g}"), ("shapes", "@shapes")]
     for kind, style in CANDIDATE_MARKS.items():
         shown = data.isel(candidate=data.kind.values == kind)
         if shown.sizes["candidate"]:
             symbols, size = shown.candidate.values.tolist(), shown["size"].values
-            made.segment([data.low] * len(size), symbols, size, symbols, color=style["color"])
+            if data.low == 0.0 or data.logarithmic:
+                made.segment([data.low] * len(size), symbols, size, symbols, color=style["color"])
             columns = {"x": size, "y": symbols, "z": shown.z.values, "p": shown.p_value.values}
             columns |= {"name": shown["name"].values, "shapes": shown.shapes.values}
             drawing.tell(made, [drawing.marks(made, columns, style, size=8)], tooltips)
-    drawing.threshold(made, data.threshold.item())
+    if data.low < data.threshold:
+        drawing.threshold(made, data.threshold.item())
     return made
 
 

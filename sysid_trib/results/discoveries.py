@@ -38,6 +38,12 @@ def credible_set(step: xr.Dataset) -> dict[str, float]:
     return {effect: likely.pop(effect), **likely}
 
 
+def likeliest_effect(step: xr.Dataset) -> str:
+    """The most probable of the effects that may be the truth in the place of a step's effect, or itself."""
+    likely = credible_set(step)
+    return max(likely, key=lambda symbol: likely[symbol])
+
+
 def failed_competitors(step: xr.Dataset) -> list[str]:
     """Candidates that were tried in the place of a step's effect, but whose fits failed."""
     return step.candidate.values[np.isposinf(step.penalised_deviance.values)].tolist()

@@ -22,6 +22,7 @@ PARTS = (
 # Of several texts or truths of a method: name of the variable, and what it says.
 TEXTS = {
     "reason": "why numbers are missing, or not to be trusted",
+    "failure": "why its model says nothing of the record, though it neglects no force",
     "bias": "known bias that is left in",
     "identifies": "forces identified, and by what",
     "neglects": "forces offered that are left out",
@@ -75,6 +76,16 @@ def best_of(trials: Sequence[Trial]) -> Trial:
         return min(held_out, key=lambda trial: trial.holdout.over_noise)
     decided = [trial for trial in trials if trial.result is not None]
     return min(decided, key=lambda trial: np.nan_to_num(trial.whole.over_noise, nan=np.inf))
+
+
+def applied_methods(table: xr.Dataset) -> xr.Dataset:
+    """The methods of a comparison that gave a coefficient or a frequency, and whose models did not fail.
+
+    The one that predicts best stays, whatever it does on the whole: the others are held against it.
+    """
+    applied = table.coefficient.notnull().any("force") | table.asymptotic_frequency.notnull()
+    failed = (table.failure != "") & (table.method != table.attrs["best"])
+    return table.isel(method=np.flatnonzero((applied & ~failed).values))
 
 
 def column_power(column: xr.Dataset) -> int:
@@ -183,7 +194,7 @@ def _each_run(trials: Sequence[Trial], noises: Sequence[float]) -> Variables:
 
 def _texts(trial: Trial) -> dict[str, str | bool]:
     """`TEXTS` of a method: those of its scope, what it makes of the forces offered, its own."""
-    outcome = {"reason": trial.reason, "bias": _bias(trial.result)}
+    outcome = {"reason": trial.reason, "failure": trial.failure, "bias": _bias(trial.result)}
     return {**vars(trial.scope), **vars(trial.forces), **outcome}
 
 

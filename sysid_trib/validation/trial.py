@@ -14,6 +14,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.scope import ForceScope, Method, MethodScope, constrained, force_scope, scope_of
 from sysid_trib.records.runs import one_or_all
 from sysid_trib.results.contactless import with_contactless_frequency
+from sysid_trib.validation.breakdown import DIVERGES, no_nearer_than_rest
 from sysid_trib.validation.holdout import RunInParts, predicted
 from sysid_trib.validation.residuals import ModelResidual, ModelResiduals, residual_of
 
@@ -39,6 +40,8 @@ class Trial:
         third. Without runs where there is no motion.
     reason : str
         Why there are none, or why they are not to be trusted.
+    failure : str
+        Why its model says nothing of the record although it neglects no force; empty if it does.
     """
 
     label: str
@@ -50,6 +53,7 @@ class Trial:
     train: ModelResiduals
     holdout: ModelResiduals
     reason: str = ""
+    failure: str = ""
 
 
 def try_method(
@@ -83,7 +87,18 @@ def try_method(
     if contactless is not None:
         result = with_contactless_frequency(result, *contactless)
     # The reason against the whole comes first; the prediction only adds to it.
-    return replace(trial, result=result, whole=whole, reason=reason or part_reason)
+    failure = "" if forces.neglects else _failure(runs, whole)
+    return replace(trial, result=result, whole=whole, reason=reason or part_reason, failure=failure)
+
+
+def _failure(runs: Sequence[RunInParts], whole: ModelResiduals) -> str:
+    """Why a model that neglects nothing says nothing of the records (see `breakdown`)."""
+    if not whole.runs:
+        return DIVERGES
+    for at, (run, motion) in enumerate(zip(runs, whole.runs, strict=True)):
+        if reason := no_nearer_than_rest(run.decay.angle.values, motion.residual):
+            return reason.format(f" of run {at + 1}" if len(runs) > 1 else "")
+    return ""
 
 
 def _identified(

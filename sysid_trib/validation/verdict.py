@@ -1,4 +1,4 @@
-"""What is said of a record: it is explained, explained with a random force, or not explained."""
+"""What is said of a record: explained, explained with a random force, not explained, or undetermined."""
 
 from collections.abc import Mapping
 from contextlib import suppress
@@ -11,6 +11,7 @@ from sysid_trib.errors import SysidTribError
 from sysid_trib.noise.level import sensor_noise
 from sysid_trib.noise.random_force import RandomForce, random_force_of
 from sysid_trib.results.per_run import group_names, noise_of_run
+from sysid_trib.results.significance import determines
 from sysid_trib.results.variables import text_variable
 from sysid_trib.state_space.bands import SETTLING_PERIODS, bands_of
 from sysid_trib.state_space.innovations import innovations_of
@@ -21,7 +22,7 @@ from sysid_trib.validation.random_force import ASPECTS, ON, dependence_on_motion
 DEPENDENCE_LEVEL = 0.01
 # Noise of so many times that of the sensor is more than an error of its estimate.
 LOUD = 1.5
-VERDICTS = ("explained", "explained with a random force", "not explained")
+VERDICTS = ("explained", "explained with a random force", "not explained", "undetermined")
 # Predictions are this far ahead at most, and this close to each other (periods).
 LONGEST_PREDICTION, PREDICTION_STEP = 10.0, 0.25
 
@@ -90,7 +91,7 @@ def _horizons(decay: xr.Dataset, result: xr.Dataset) -> Array:
 
 
 def verdict_on_record(explained: str, followed: FollowedRuns, groups: Mapping[str, xr.Dataset]) -> str:
-    """One of `VERDICTS`.
+    """One of `VERDICTS`; a record that decides no coefficient explains nothing, whatever is left of it.
 
     Parameters
     ----------
@@ -101,10 +102,18 @@ def verdict_on_record(explained: str, followed: FollowedRuns, groups: Mapping[st
     groups : mapping of str to Dataset
         Of `random_force_groups`.
     """
-    if "random_force" not in groups:
-        return VERDICTS[0] if explained == "yes" and not _noise_hides_a_force(followed) else VERDICTS[2]
-    independent = p_value_of_dependence(groups["random_force"]) >= DEPENDENCE_LEVEL
-    return VERDICTS[1] if explained != "no" and independent else VERDICTS[2]
+    if "random_force" in groups:
+        independent = p_value_of_dependence(groups["random_force"]) >= DEPENDENCE_LEVEL
+        verdict = VERDICTS[1] if explained != "no" and independent else VERDICTS[2]
+    else:
+        verdict = VERDICTS[0] if explained == "yes" and not _noise_hides_a_force(followed) else VERDICTS[2]
+    if determines(followed.result):
+        return verdict
+    # No model of these forces could have been contradicted: its rows leave but the noise, although the motion
+    # of coefficients that are not known may diverge.
+    rows = float(followed.result.get("birge_ratio", np.inf))
+    quiet = rows <= LOUD and "random_force" not in groups
+    return VERDICTS[3] if quiet or verdict != VERDICTS[2] else verdict
 
 
 def _noise_hides_a_force(followed: FollowedRuns) -> bool:

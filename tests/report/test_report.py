@@ -13,9 +13,9 @@ from helpers import lengthened
 
 import sysid_trib as st
 from sysid_trib.plots.motion_data import MOST_POINTS, drawn_samples
-from sysid_trib.printing.comparison import comparison_sentences
+from sysid_trib.printing.comparison_sentences import comparison_sentences
+from sysid_trib.printing.cross_check import identification_sentences
 from sysid_trib.printing.discovery_story import discovery_story
-from sysid_trib.printing.identification import identification_sentences
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.reporting.page import page
 

@@ -1,0 +1,225 @@
+"""A result at a glance: the record, what is left of it, the forces, and the force that is missing."""
+
+from itertools import cycle
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.colors import TwoSlopeNorm
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatterSciNotation, NullFormatter
+
+from sysid_trib.plots.discovery_data import COLOUR_PERCENT
+from sysid_trib.plots.force_map import DOT_BEYOND
+from sysid_trib.plots.motion_figures import draw_in_time
+from sysid_trib.plots.overview_data import INTERVAL, OverviewData, overview_data
+from sysid_trib.plots.style import (
+    BLUE,
+    LEGEND,
+    MODEL_LINES,
+    ORANGE,
+    SERIES,
+    axes,
+    in_latex,
+    letter,
+    line,
+    new_figure,
+)
+from sysid_trib.printing.layout import value_with_error
+
+# Widths (inch): a page, and below which all panels stand in one column.
+FULL_WIDTH, TWO_COLUMNS = 7.2, 5.0
+ROW_HEIGHT, FONT_SIZE = 1.75, 7.5
+# A coefficient is drawn from so far below zero to so far above it, in units of its value.
+COEFFICIENT_RANGE = (-0.5, 3.6)
+TOO_FEW = "too few samples a period"
+# A force of a smaller part of the power is not drawn.
+LEAST_POWER = 1e-5
+EFFECTIVE_TITLE = "The model does not explain the record."
+SMALL_LEGEND: dict[str, Any] = LEGEND | {
+    "fontsize": FONT_SIZE,
+    "columnspacing": 0.9,
+    "handlelength": 1.6,
+    "handletextpad": 0.3,
+}
+
+
+def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figure:
+    """A result at a glance, one figure for `cross_check`, `compare` and `discover`.
+
+    Record and model; the residual; each force's share of the decay and of the frequency shift against
+    amplitude; its power over time; coefficients with 95 % intervals; and the force that is still missing,
+    over angle and rate, with its uncertainty.
+
+    Parameters
+    ----------
+    tree : xr.DataTree
+        Result of `cross_check`, `compare` or `discover`.
+    run : int
+        Which of several runs, from 0.
+    width : float, inch
+        A narrow figure, as that of a column of 88 mm (3.46), has all panels below each other.
+    """
+    data = overview_data(tree, run)
+    rows = ["AA", "BB", "CD", "EF", "GH"] if width >= TWO_COLUMNS else list("ABCDEFGH")
+    with mpl.rc_context({"font.size": FONT_SIZE, "axes.titlesize": FONT_SIZE + 0.5}):
+        figure = new_figure(width, ROW_HEIGHT * len(rows))
+        panels = figure.subplot_mosaic(";".join(rows))
+        shown = [[name] for name in data.motion.lines][-1:] if "steps" in tree.children else None
+        draw_in_time([panels["A"], panels["B"]], data.motion, shown or [list(data.motion.lines)])
+        panels["A"].legend(ncols=3, **SMALL_LEGEND)
+        _shares(panels["C"], data, "decay_share", "share of the decay (%)")
+        _shares(panels["D"], data, "frequency_share", "share of the shift (%)")
+        _power(panels["E"], data)
+        _coefficients(panels["F"], data)
+        _surface(panels["G"], data)
+        _profiles(panels["H"], data)
+        titles = [*[""] * 6, "what is missing; dots: beyond 3 errors", ""]
+        letter(panels.values(), titles, fontsize=FONT_SIZE + 0.5)
+        if not data.holds:
+            figure.suptitle(EFFECTIVE_TITLE, fontsize=FONT_SIZE, color="0.3")
+    return figure
+
+
+def residual_surface(tree: xr.DataTree, ax: Axes | None = None, run: int = 0) -> Axes:
+    """The force that a model lacks over angle and rate; dots mark cells beyond three standard errors.
+
+    Parameters
+    ----------
+    tree : xr.DataTree
+        Result of `cross_check`, `compare` or `discover`.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on.
+    run : int
+        Which of several runs, from 0.
+    """
+    return _surface(axes(ax), overview_data(tree, run))
+
+
+def _no_data(ax: Axes, text: str) -> Axes:
+    ax.text(0.5, 0.5, text, ha="center", va="center", color="0.4", transform=ax.transAxes)
+    ax.set(xticks=[], yticks=[])
+    return ax
+
+
+def _series(forces: list[str]) -> dict[str, Any]:
+    return dict(zip(forces, cycle(SERIES)))
+
+
+def _shares(ax: Axes, data: OverviewData, quantity: str, label: str) -> Axes:
+    """Share of each force with a band of one standard error, against amplitude."""
+    if data.weighed is None or not np.isfinite(data.weighed[quantity].values).any():
+        return _no_data(ax, "no force acts here")
+    amplitude = data.weighed.amplitude.values
+    for symbol, series in _series(data.weighed.force.values.tolist()).items():
+        part, error = (100.0 * data.weighed[name].sel(force=symbol).values for name in _pair(quantity))
+        if np.any(np.abs(part) > 0.0):
+            ax.plot(amplitude, part, label=in_latex(symbol), **line(series))
+            look: dict[str, Any] = {"color": series["color"], "alpha": 0.2, "linewidth": 0}
+            ax.fill_between(amplitude, part - error, part + error, **look)
+    ax.axhline(0.0, color="0.8", linewidth=0.6, zorder=0)
+    low, high = ax.get_ylim()
+    ax.set(xlabel=f"amplitude ({data.units})", ylabel=label, xlim=(amplitude[0], amplitude[-1]))
+    # Errors of shares may exceed all that a share can be.
+    ax.set_ylim(max(low, -110.0), min(high, 110.0))
+    ax.legend(ncols=6, **SMALL_LEGEND)
+    return ax
+
+
+def _power(ax: Axes, data: OverviewData) -> Axes:
+    """What each force takes, by a logarithm; a force that gives is drawn thin."""
+    if data.power is None:
+        return _no_data(ax, "no force acts here")
+    time, largest = data.power.time.values, float(np.abs(data.power.power).max())
+    for symbol, series in _series(data.power.force.values.tolist()).items():
+        power = data.power.power.sel(force=symbol).values
+        if np.any(np.abs(power) > LEAST_POWER * largest):
+            gives = np.median(power) < 0.0
+            look = line(series) | ({"linewidth": 0.6} if gives else {})
+            ax.plot(time, np.abs(power), label=f"{in_latex(symbol)}{' (gives)' if gives else ''}", **look)
+    label = f"power over $I\\omega^2$ ({data.units}²/s)"
+    ax.set(xlabel="time (s)", ylabel=label, xlim=(time[0], time[-1]), yscale="log")
+    low = max(ax.get_ylim()[0], LEAST_POWER * largest)
+    ax.set_ylim(low, 2.0 * largest)
+    # Labels between decades run into each other; less than a decade has few others.
+    ax.yaxis.set_minor_formatter(NullFormatter() if largest > 5.0 * low else LogFormatterSciNotation())
+    ax.legend(ncols=4, **SMALL_LEGEND)
+    return ax
+
+
+def _coefficients(ax: Axes, data: OverviewData) -> Axes:
+    """Each coefficient over its value by the main identification, with 95 % intervals, and in numbers."""
+    if not data.results:
+        return _no_data(ax, "all methods failed")
+    main, widened = list(data.results.values())[-1], list(data.widened.values())[-1]
+    symbols = main.force.values.tolist()
+    for at, ((name, result), style) in enumerate(zip(data.results.items(), _styles(data), strict=True)):
+        shift = 0.3 * (at - 0.5 * (len(data.results) - 1))
+        for row, symbol in enumerate(symbols):
+            scale = main.coefficient.sel(force=symbol).item()
+            if symbol in result.force and scale != 0.0:
+                of_force = result.sel(force=symbol)
+                error = INTERVAL * data.widened[name] * abs(of_force.standard_error.item() / scale)
+                bar: dict[str, Any] = {"fmt": "o", "markersize": 3, "linewidth": 1.0, "capsize": 1.5}
+                bar |= {"color": style["color"], "label": name if row == 0 else None}
+                ax.errorbar(of_force.coefficient.item() / scale, row + shift, xerr=error, **bar)
+    note: dict[str, Any] = {"ha": "right", "va": "center", "fontsize": FONT_SIZE - 1}
+    for row, symbol in enumerate(symbols):
+        of_force = main.sel(force=symbol)
+        text = value_with_error(of_force.coefficient.item(), widened * of_force.standard_error.item())
+        unit = "" if of_force.unit.item() == "1" else f" {of_force.unit.item()}"
+        written = ax.text(0.99, row, f"{text}{unit}", transform=ax.get_yaxis_transform(), **note)
+        written.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.5})
+    ax.axvline(0.0, color="0.6", linewidth=0.6, linestyle=":")
+    ax.axvline(1.0, color="0.85", linewidth=0.6, zorder=0)
+    ax.set_yticks(range(len(symbols)), [in_latex(symbol) for symbol in symbols])
+    ax.set(xlim=COEFFICIENT_RANGE, xticks=[0, 1, 2], ylim=(len(symbols) - 0.4, -0.7))
+    ax.set_xlabel("coefficient over its value, 95 % intervals")
+    ax.legend(ncols=2, **SMALL_LEGEND)
+    return ax
+
+
+def _surface(ax: Axes, data: OverviewData) -> Axes:
+    """Mean force over angle and rate, and dots where it is beyond three standard errors."""
+    if data.missing is None:
+        return _no_data(ax, TOO_FEW)
+    missing, (factor, unit) = data.missing, data.motion.small_units
+    x, v, force = missing.x.values, missing.v.values, factor * missing.force.values
+    limit = float(np.nanpercentile(np.abs(force), COLOUR_PERCENT)) or 1.0
+    mesh = ax.pcolormesh(x, v, force.T, cmap="RdBu_r", norm=TwoSlopeNorm(0.0, -limit, limit), rasterized=True)
+    at_x, at_v = np.nonzero(np.abs(force) > DOT_BEYOND * factor * missing.force_standard_error.values)
+    ax.plot(x[at_x], v[at_v], ".", color="black", markersize=2.0)
+    bar = ax.figure.colorbar(mesh, ax=ax, extend="both", pad=0.02)
+    bar.set_label(f"force over $I\\omega^2$ ({unit})")
+    ax.set(xlabel=f"angle ({data.units})", ylabel=f"rate over $\\omega$ ({data.units})")
+    return ax
+
+
+def _profiles(ax: Axes, data: OverviewData) -> Axes:
+    """The same over angle and over rate alone, with 95 % intervals."""
+    if data.missing is None:
+        return _no_data(ax, TOO_FEW)
+    factor, unit = data.motion.small_units
+    for name, label, color in (("x", "over angle", BLUE), ("v", "over rate", ORANGE)):
+        at = data.missing[name].values
+        force, error = (factor * data.missing[k].values for k in _pair(f"force_of_{name}"))
+        bar: dict[str, Any] = {"fmt": ".-", "markersize": 3, "linewidth": 0.8, "capsize": 1.5}
+        ax.errorbar(at, force, INTERVAL * error, color=color, label=label, **bar)
+    ax.axhline(0.0, color="0.6", linewidth=0.6)
+    ax.set(xlabel=f"angle, or rate over $\\omega$ ({data.units})", ylabel=f"mean force ({unit})")
+    ax.legend(ncols=2, **SMALL_LEGEND)
+    return ax
+
+
+def _pair(name: str) -> tuple[str, str]:
+    return name, f"{name}_standard_error"
+
+
+def _styles(data: OverviewData) -> list[Any]:
+    """The styles of identifications: those of their motions."""
+    if len(data.results) == 1:
+        return [data.motion.lines.get(next(iter(data.results)), MODEL_LINES[1])]
+    pairs = zip(data.results, MODEL_LINES, strict=True)
+    return [data.motion.lines.get(name, style) for name, style in pairs]

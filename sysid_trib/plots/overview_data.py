@@ -1,0 +1,132 @@
+"""What an overview of a result shows, as numbers to draw, the same on paper and on a page."""
+
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.arrays import Array
+from sysid_trib.errors import SysidTribError
+from sysid_trib.physics.energy import dissipated_energy
+from sysid_trib.physics.force_weights import weights
+from sysid_trib.plots.motion_data import MotionData, motion_data
+from sysid_trib.plots.style import MODEL_LINES
+from sysid_trib.printing.model_verdict import holds, kept_results, widenings
+from sysid_trib.results.per_run import record_groups
+from sysid_trib.results.significance import determines
+from sysid_trib.validation.breakdown import run_record_noise
+from sysid_trib.validation.cross_check import LARGE
+from sysid_trib.validation.residual_force import residual_force
+from sysid_trib.validation.residuals import fitted_motion
+
+# Amplitudes between which shares are drawn, instants at which power is.
+DRAWN_AMPLITUDES, DRAWN_INSTANTS = 60, 120
+# Standard errors of a 95 % interval.
+INTERVAL = 1.96
+
+
+@dataclass(frozen=True)
+class OverviewData:
+    """A result at a glance.
+
+    Attributes
+    ----------
+    motion : MotionData
+        The record and the models that are drawn.
+    results : mapping of str to Dataset
+        Identifications whose coefficients are shown, the main one last; none where all have failed.
+    widened : mapping of str to float
+        By how much their errors are widened.
+    weighed : Dataset, or None
+        `weights` of the main one over amplitude; none where a force is not finite there.
+    power : Dataset, or None
+        Over `time` and `force`: `power`, the mean over a cycle of what each force takes, over I w^2.
+    missing : Dataset, or None
+        `residual_force`; none where the samples do not determine the motion.
+    holds : bool
+        Whether the model explains the record.
+    """
+
+    motion: MotionData
+    results: Mapping[str, xr.Dataset]
+    widened: Mapping[str, float]
+    weighed: xr.Dataset | None
+    power: xr.Dataset | None
+    missing: xr.Dataset | None
+    holds: bool
+
+    @property
+    def units(self) -> str:
+        """Unit of the record."""
+        return self.motion.units
+
+
+def overview_data(tree: xr.DataTree, run: int = 0) -> OverviewData:
+    """The overview of a run in a result of `cross_check`, `compare` or `discover`.
+
+    Parameters
+    ----------
+    tree : DataTree
+        The result.
+    run : int
+        Which of several runs, from 0.
+    """
+    record = tree[record_groups(tree)[run]].to_dataset()
+    if "steps" in tree.children:
+        results, explained = (
+            {"final model": tree["after"].to_dataset()},
+            tree.attrs["verdict"] != "unknown effect",
+        )
+        explained = explained and determines(results["final model"])
+        drawn, widened = motion_data(tree, run), dict.fromkeys(results, 1.0)
+    elif "best" in tree["comparison"].attrs:
+        best = tree["comparison"].attrs["best"]
+        results, drawn = {best: tree[best].to_dataset()}, _best_motion(tree, run)
+        widened = dict.fromkeys(results, 1.0)
+        explained = bool(tree["comparison"].holdout_over_noise.sel({"method": best}) <= LARGE)
+    else:
+        results, drawn, explained = kept_results(tree), motion_data(tree, run), holds(tree)
+        widened = widenings(tree, results)
+    main = next(reversed(results.values()), None)
+    # A model that failed has no weights, but what it lacks can be seen.
+    of_surface = main if main is not None else tree[tree["comparison"].attrs["second"]].to_dataset()
+    weighed = power = missing = None
+    with suppress(SysidTribError):
+        missing = residual_force(record[["angle"]], of_surface, run)
+    with suppress(SysidTribError):
+        if main is not None and "record" in drawn.half_periods:
+            halves = drawn.half_periods["record"]
+            weighed = weights(main, _amplitudes(halves.amplitude.values))
+            power = _power(main, halves)
+    return OverviewData(drawn, results, widened, weighed, power, missing, explained)
+
+
+def _best_motion(tree: xr.DataTree, run: int) -> MotionData:
+    """The record with the motion of the method that predicts best."""
+    best = tree["comparison"].attrs["best"]
+    record = tree[record_groups(tree)[run]].to_dataset()
+    motion = fitted_motion(record, tree[best].to_dataset(), run)
+    noise = run_record_noise(tree, run)
+    if motion is None:
+        return MotionData(record, noise, {}, {best: best})
+    angle = (("model", "time"), (motion.x + motion.offset)[None])
+    shown = record.assign_coords(model=[best]).assign(simulated_angle=angle)
+    return MotionData(shown, noise, {best: MODEL_LINES[1]}, {best: best})
+
+
+def _amplitudes(amplitude: Array) -> Array:
+    return np.linspace(float(amplitude.min()), float(amplitude.max()), DRAWN_AMPLITUDES)
+
+
+def _power(result: xr.Dataset, halves: xr.Dataset) -> xr.Dataset:
+    """What each force takes on the mean over a cycle: its energy of a cycle over the period."""
+    time, amplitude = halves.instant_time.values, halves.amplitude.values
+    at = np.linspace(time[0], time[-1], DRAWN_INSTANTS)
+    energy = dissipated_energy(result, np.interp(at, time, amplitude))
+    frequency = result.reference_frequency.item() / (2.0 * np.pi)
+    power = energy[["energy", "energy_standard_error"]].rename(
+        energy="power", energy_standard_error="power_standard_error"
+    )
+    return (frequency * power).assign_coords(time=("amplitude", at)).swap_dims(amplitude="time")

@@ -1,0 +1,161 @@
+"""Methods side by side in plain sentences: which predicts best, which differ and probably why."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.printing.layout import by_label, identifiability_warnings
+from sysid_trib.printing.model_verdict import EFFECTIVE
+from sysid_trib.results.per_run import record_groups
+from sysid_trib.validation.breakdown import widening
+from sysid_trib.validation.comparison_table import applied_methods
+from sysid_trib.validation.cross_check import LARGE
+
+FREQUENCY_SYMBOL = "w_inf"
+# A difference is mentioned if it is larger than so many standard errors of both methods.
+APART = 3.0
+# A prediction is as good if its RMS is larger by less than this, or not significantly at this level.
+ALIKE, ALIKE_LEVEL = 1.01, 0.01
+CAUSES = {
+    "neglect": "These methods neglect forces, and the forces that they know take their place (see remarks)",
+    "bias": "The probable cause is a bias that these methods leave in (see remarks)",
+    "form": "They know the same forces: probably these do not have the form of what acts, and each method "
+    "weighs the residual in its own way",
+}
+
+
+def comparison_sentences(tree: xr.DataTree) -> list[str]:
+    """The comparison in plain sentences: which method predicts best, which differ and probably why."""
+    table = tree["comparison"].ds
+    sentences = [_prediction(tree), *explanation_sentences(table, tuple(CAUSES))]
+    owner = table.attrs["common_frequency_of"]
+    origin = "given" if owner == "given" else f"w of {owner}"
+    sentences.append(
+        f"Coefficients refer to {table.common_frequency.item():.6g} rad/s ({origin}). Their differences are "
+        "over the errors of both methods, taken as independent. All methods saw the same noise: these "
+        "numbers are rather too small."
+    )
+    if symbol := table.attrs["exchangeable_with_the_frequency"]:
+        sentences.append(
+            f"No method can identify {symbol}: in a single record, it cannot be separated from the "
+            "frequency. Give --omega0 (frequency without contact) to identify it."
+        )
+    return sentences + identifiability_warnings(table.attrs)
+
+
+def explanation_sentences(table: xr.Dataset, causes: Sequence[str]) -> list[str]:
+    """What the verdict and the tables do not say: what predicts as well, the noise, what differs and why."""
+    return [*_as_good(table), _explanation(table), *_by_accident(table), *_differences(table, causes)]
+
+
+def _ratio_of_best(table: xr.Dataset) -> float:
+    """What the method that predicts best leaves of the part held out, or of the whole, over the noise."""
+    best = by_label(table, "method")[table.attrs["best"]]
+    ratio = best.holdout_over_noise.item()
+    return float(best.residual_over_noise.item() if np.isnan(ratio) else ratio)
+
+
+def method_widenings(tree: xr.DataTree) -> dict[str, float]:
+    """By how much errors are widened where no method explains the record; 1 if one neglects a force."""
+    table = applied_methods(tree["comparison"].to_dataset())
+    rows = by_label(table, "method")
+    if _ratio_of_best(table) <= LARGE:
+        return dict.fromkeys(rows, 1.0)
+    return {
+        label: 1.0
+        if row.neglects.item() or np.isnan(row.residual_over_noise.item())
+        else widening(tree[label].to_dataset(), row.residual_over_noise.item())
+        for label, row in rows.items()
+    }
+
+
+def effective_sentence(tree: xr.DataTree) -> list[str]:
+    """What coefficients are where no method explains the record."""
+    if _ratio_of_best(applied_methods(tree["comparison"].to_dataset())) <= LARGE:
+        return []
+    factors = [f"{label} {factor:.3g}" for label, factor in method_widenings(tree).items() if factor > 1.0]
+    widened = (
+        f"; errors are widened by what is left of the record: {', '.join(factors)} times" if factors else ""
+    )
+    return [f"{EFFECTIVE}{widened}."]
+
+
+def _prediction(tree: xr.DataTree) -> str:
+    table, groups = tree["comparison"].ds, record_groups(tree)
+    starts = " and ".join(f"{tree[group].holdout_start.item():.4g} s" for group in groups)
+    third = "The last third" if len(groups) == 1 else "The last third of each run"
+    best = by_label(table, "method")[table.attrs["best"]]
+    if np.isnan(best.holdout_rms.item()):
+        return f"No method could be tested on {third.lower()}, held out."
+    ratio = best.holdout_over_noise.item()
+    explain = "explain" if ratio <= LARGE else "do not explain"
+    return (
+        f"{third}, held out from {starts} on, is predicted best by {table.attrs['best']}: RMS residual "
+        f"{1e3 * best.holdout_rms.item():.3g} mrad, {ratio:.3g} times the noise. These forces {explain} it."
+    )
+
+
+def _as_good(table: xr.Dataset) -> list[str]:
+    methods = by_label(table, "method")
+    best = methods.pop(table.attrs["best"])
+    limit = ALIKE * best.holdout_over_noise.item()
+    labels = [
+        label
+        for label, row in methods.items()
+        if row.holdout_over_noise.item() <= limit or row.holdout_p_value.item() > ALIKE_LEVEL
+    ]
+    if not labels:
+        return []
+    return [f"These predict as well (at most 1 % worse, or p > {ALIKE_LEVEL:g}): {', '.join(labels)}."]
+
+
+def _by_accident(table: xr.Dataset) -> list[str]:
+    """A model that is poor on the whole record may still follow its last swings, and errors be wide."""
+    ratios = table.residual_over_noise.fillna(np.inf)
+    best, least = table.attrs["best"], table.method.values[int(np.argmin(ratios.values))].item()
+    ratio = ratios.sel({"method": best}).item() / ratios.min().item()
+    if not ratio > LARGE:
+        return []
+    return [
+        f"But on the whole record, the residual of {best} is {ratio:.2g} times that of {least}: its "
+        "prediction is good by accident, and differences from it say little."
+    ]
+
+
+def _explanation(table: xr.Dataset) -> str:
+    """What the noise is, and what it means that the forces do not explain the record."""
+    levels = np.atleast_1d(table.run_noise.values if "run_noise" in table else table.noise.values)
+    whose = "the record" if len(levels) == 1 else "each run"
+    sizes = " and ".join(f"{1e3 * level:.2g}" for level in levels.tolist())
+    noise = f"The noise is that of {whose}: {sizes} mrad a sample, from {table.attrs['noise_from']}."
+    ratio = _ratio_of_best(table)
+    if ratio <= LARGE:
+        return noise
+    kept = by_label(applied_methods(table), "method")
+    labels = [label for label, row in kept.items() if row.white_noise.item()]
+    errors = f" Errors stated by {' and '.join(labels)} are too small: they assume white noise."
+    return (
+        f"{noise} The residual is {ratio:.3g} times as large: a force is missing or has another form, or the "
+        f"record holds slower disturbances.{errors if labels else ''}"
+    )
+
+
+def _differences(table: xr.Dataset, causes: Sequence[str]) -> list[str]:
+    """Methods that differ from the best by more than the errors, by the probable cause."""
+    best = table.attrs["best"]
+    by_cause: dict[str, list[str]] = {cause: [] for cause in CAUSES}
+    for label, row in by_label(applied_methods(table), "method").items():
+        z = dict(zip(table.force.values.tolist(), row.z.values.tolist(), strict=True))
+        z[FREQUENCY_SYMBOL] = row.asymptotic_frequency_z.item()
+        far = ", ".join(name for name, value in z.items() if abs(value) > APART)
+        if far:
+            cause = "neglect" if row.neglects.item() else "bias" if row.bias.item() else "form"
+            by_cause[cause].append(f"{label} ({far})")
+    if not any(by_cause.values()):
+        return [f"No coefficient differs from those of {best} by more than {APART:g} standard errors."]
+    return [
+        f"More than {APART:g} standard errors from {best}: {'; '.join(by_cause[cause])}. {CAUSES[cause]}."
+        for cause in causes
+        if by_cause[cause]
+    ]

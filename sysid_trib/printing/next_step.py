@@ -1,0 +1,142 @@
+"""What to do after a result: the next command, and why."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.printing.model_verdict import failures, holds
+from sysid_trib.results.discoveries import candidates_of, credible_set
+from sysid_trib.results.per_run import record_groups
+from sysid_trib.results.schema import library_of, shape_values_of
+from sysid_trib.results.significance import determines
+from sysid_trib.validation.cross_check import LARGE
+
+# A file that the user is to measure first.
+SECOND_RECORD = "SECOND_RECORD.csv"
+# More effects than were asked for, where candidates still stand out.
+MORE_EFFECTS = 2
+
+
+@dataclass(frozen=True)
+class NextStep:
+    """A command that follows from a result.
+
+    Attributes
+    ----------
+    command : str
+        Its name.
+    reason : str
+        What it is for, in a few words.
+    options : mapping of str to str
+        By name; they replace those of the command that has run.
+    records : tuple of str
+        Further records.
+    without : tuple of str
+        Options of the command that has run which are left out.
+    """
+
+    command: str
+    reason: str
+    options: Mapping[str, str] = field(default_factory=dict)
+    records: tuple[str, ...] = ()
+    without: tuple[str, ...] = ()
+
+
+def next_step(tree: xr.DataTree) -> NextStep:
+    """The command that follows from a result of `cross_check`, `compare` or `discover`.
+
+    Parameters
+    ----------
+    tree : DataTree
+        The result.
+    """
+    if "steps" in tree.children:
+        return _after_discovery(tree)
+    if "best" in tree["comparison"].attrs:
+        return _after_comparison(tree)
+    return _after_identification(tree)
+
+
+def _after_identification(tree: xr.DataTree) -> NextStep:
+    checked = tree["comparison"].ds
+    second = tree[checked.attrs["second"]].to_dataset()
+    if checked.attrs["verdict_on_record"] == "undetermined":
+        return _after_nothing(second)
+    if not holds(tree):
+        return NextStep("discover", "names what is missing", without=("forces",))
+    failed = failures(tree)
+    if failed:
+        name = next(iter(failed))
+        return NextStep("identify", f"the part that {name} follows", {"window": _followed(tree, name)})
+    return NextStep("compare", "every method, and how it predicts a part that is held out")
+
+
+def _after_nothing(result: xr.Dataset) -> NextStep:
+    """After a record that decides none of its forces: with fewer of them."""
+    library = library_of(result, whole=True)
+    viscous = library.role("2*v") or library.role("v")
+    if viscous is not None and result.force.values.tolist() != [viscous.symbol]:
+        reason = "fewer forces, and all of the record"
+        return NextStep("identify", reason, {"forces": viscous.symbol}, without=("window",))
+    reason = f"{SECOND_RECORD}: a longer motion, from a larger amplitude"
+    return NextStep("identify", reason, records=(SECOND_RECORD,), without=("window",))
+
+
+def _followed(tree: xr.DataTree, model: str) -> str:
+    """The thirds of the record that a model follows, as a window; the last where it follows none."""
+    record = tree[record_groups(tree)[0]]
+    time, angle = record.time.values, record.angle.values
+    missed = angle - record.simulated_angle.sel(model=model).values
+    edges = np.linspace(time[0], time[-1], 4)
+    parts = zip(np.array_split(angle, 3), np.array_split(missed, 3), strict=True)
+    followed = [bool(np.sum(residual**2) < np.sum(motion**2)) for motion, residual in parts]
+    if not followed[0]:
+        return f"{edges[2]:.4g}:"
+    return f"{edges[0]:.4g}:{edges[followed.index(False) if False in followed else 3]:.4g}"
+
+
+def _after_comparison(tree: xr.DataTree) -> NextStep:
+    table = tree["comparison"].ds
+    best = table.sel({"method": table.attrs["best"]})
+    ratio = best.holdout_over_noise.item()
+    ratio = best.residual_over_noise.item() if np.isnan(ratio) else ratio
+    reason = "tests further effects" if ratio <= LARGE else "names what is missing"
+    return NextStep("discover", reason, without=("forces",))
+
+
+def _after_discovery(tree: xr.DataTree) -> NextStep:
+    tied = _tied(tree)
+    if tied:
+        reason = f"{SECOND_RECORD}: the measurement that separates {' and '.join(tied[:2])}, see above"
+        return NextStep("discover", reason, records=(SECOND_RECORD,))
+    after = tree["after"].to_dataset()
+    if tree.attrs["verdict"] == "unknown effect":
+        outstanding = bool(tree["ranking"].significant.isel(selection_step=-1).any())
+        most = tree.attrs["max_effects"]
+        if outstanding and tree["steps"].attrs["count"] >= most:
+            return NextStep("discover", "adds further effects", {"max-effects": str(most + MORE_EFFECTS)})
+        reason = "figure 1 shows the force that no candidate names"
+        return NextStep("discover", reason, {"plot": "figures"})
+    if not determines(after):
+        return _after_nothing(after)
+    forces = ",".join(after.force.values.tolist())
+    shapes = ",".join(f"{name}={value:.6g}" for name, value in shape_values_of(after).items())
+    options = {"forces": forces} | ({"set": shapes} if shapes else {})
+    return NextStep("identify", "two methods, held against each other", options)
+
+
+def _tied(tree: xr.DataTree) -> list[str]:
+    """An effect and those that it cannot be separated from; nothing where every name is certain.
+
+    Nothing for a record that is no file, beside which another could be given.
+    """
+    if not all(tree[group].attrs.get("record_checksum") for group in record_groups(tree)):
+        return []
+    offered = candidates_of(tree).symbols
+    for at in range(tree["steps"].attrs["count"]):
+        credible = list(credible_set(tree["steps"].to_dataset().isel(step=at)))
+        if len(credible) > 1:
+            return [symbol for symbol in credible if symbol in offered]
+    return []

@@ -1,0 +1,289 @@
+"""Verdicts lead on: what is said of a model that holds, or does not, and the command that follows."""
+
+import dataclasses
+import json
+import shlex
+from functools import cache
+
+import numpy as np
+import pytest
+import xarray as xr
+from command_line import run, write_csv
+from helpers import FIVE, W, decay, paper_run
+from known_results import PAPER, known
+
+import sysid_trib as st
+from sysid_trib.commands.next_command import command_after
+from sysid_trib.commands.options import ConstraintOptions, DecayOptions, ModelOptions
+from sysid_trib.forces.library import parse_library
+from sysid_trib.noise.level import sensor_noise
+from sysid_trib.physics.fingerprint import speaks_of_slip
+from sysid_trib.plots.motion_data import motion_data
+from sysid_trib.printing.comparison import coefficient_table, quality_table
+from sysid_trib.printing.cross_check import consequences, identification_sentences
+from sysid_trib.printing.identification import identification_json, identification_table
+from sysid_trib.printing.model_verdict import (
+    failures,
+    holds,
+    residual_over_noise,
+    verdict_sentence,
+    widenings,
+)
+from sysid_trib.printing.next_step import SECOND_RECORD, NextStep, next_step
+from sysid_trib.printing.physics import physics_sentences
+from sysid_trib.results.contactless import with_contactless_frequency
+from sysid_trib.results.significance import determines, significant
+from sysid_trib.validation.breakdown import breakdown, no_nearer_than_rest, record_noise, widening
+
+FORCES = st.load_library()
+
+
+def checked(record, library=FORCES, **options):
+    methods = (st.methods.Averaging(**options), st.methods.Direct(**options))
+    return st.cross_check(record, *(st.identify(record, library, method) for method in methods), draws=16)
+
+
+@cache
+def explained():
+    return checked(paper_run(FIVE).decay(7))
+
+
+@cache
+def unexplained():
+    return checked(paper_run(FIVE).decay(7), FORCES.select(["lambda", "zeta"]), random_force="off")
+
+
+@cache
+def undetermined():
+    """Two periods of a motion below its noise's detail: no coefficient is known."""
+    time = np.arange(0.0, 3.5, 0.02)
+    return checked(decay(time, 0.01 * np.cos(W * time), 3, 1e-3), FORCES.select(["lambda", "zeta", "delta"]))
+
+
+def with_motion(tree, model, angle):
+    """The result with another motion of one of its models."""
+    changed = tree.copy(deep=True)
+    at = tree["record"].model.values.tolist().index(model)
+    changed["record"].simulated_angle.values[at] = angle
+    return changed
+
+
+def words(table):
+    return [[str(cell) for cell in column.cells] for column in table.columns]
+
+
+# The next step.
+
+
+def test_an_explained_record_leads_to_every_method():
+    assert holds(explained())
+    assert next_step(explained()).command == "compare"
+
+
+def test_a_record_that_is_not_explained_leads_to_discover():
+    assert not holds(unexplained())
+    assert next_step(unexplained()).command == "discover"
+
+
+def test_a_record_that_decides_nothing_leads_to_fewer_forces_and_then_to_a_longer_one():
+    tree = undetermined()
+    assert tree["comparison"].attrs["verdict_on_record"] == "undetermined"
+    assert "does not decide" in verdict_sentence(tree)
+    assert not determines(tree["direct"].to_dataset())
+    following = next_step(tree)
+    assert (following.command, dict(following.options)) == ("identify", {"forces": "zeta"})
+    alone = tree.copy()
+    alone["direct"] = xr.DataTree(tree["direct"].to_dataset().sel(force=["zeta"], other_force=["zeta"]))
+    assert next_step(alone).records == (SECOND_RECORD,)
+
+
+def test_a_failed_method_leads_to_the_part_that_it_follows():
+    tree, angle = explained(), explained()["record"].angle.values
+    time = tree["record"].time.values
+    late = with_motion(tree, "averaging", np.where(time < 10.0, angle, -angle))
+    assert "averaging" in failures(late)
+    start, stop = (float(end) for end in next_step(late).options["window"].split(":"))
+    assert (start, stop) == (pytest.approx(time[0]), pytest.approx(time[-1] / 3, rel=0.01))
+
+
+def test_the_next_command_takes_over_what_was_given(tmp_path):
+    record = tmp_path / "a swing.csv"
+    given = dataclasses.replace(DecayOptions(), records=[record], angle="theta", units="deg", window="2:60")
+    model = dataclasses.replace(ModelOptions(), forces="zeta", omega0="8.87±0.02")
+    constraint = dataclasses.replace(ConstraintOptions(), fix=["zeta=0.01", "lambda=0"])
+    groups = (given, model, constraint)
+    compare = shlex.split(command_after(NextStep("compare", ""), groups))
+    assert compare[:3] == ["sysid-trib", "compare", str(record)]
+    for pair in (["--angle", "theta"], ["--window", "2:60"], ["--fix", "zeta=0.01"], ["--fix", "lambda=0"]):
+        assert " ".join(pair) in " ".join(compare)
+    assert "8.87±0.02" in compare
+    discover = shlex.split(command_after(NextStep("discover", "", without=("forces",)), groups))
+    assert "--units" in discover
+    # These are no options of discover, or not wanted.
+    assert not {"--forces", "--omega0", "--fix"} & set(discover)
+    other = command_after(NextStep("identify", "", {"window": "3:"}, ("b.csv",)), groups)
+    assert "2:60" not in other
+    assert other.endswith("--window 3:")
+    assert f"{shlex.quote(str(record))} b.csv" in other
+
+
+def test_the_last_line_is_the_next_command_and_runs(tmp_path):
+    path = write_csv(tmp_path / "swing.csv", time=np.arange(0.0, 12.0, 0.02))
+    ending = run("identify", path, "--forces", "zeta", "--quiet", "-o", tmp_path / "result.nc")
+    last = [line for line in ending.out.splitlines() if line.startswith("Next: ")]
+    assert len(last) == 1
+    command = shlex.split(last[0].removeprefix("Next: "), comments=True)
+    assert command[:3] == ["sysid-trib", "compare", str(path)]
+    assert command[3:] == ["--forces", "zeta"]
+    told = json.loads(run("identify", path, "--forces", "zeta", "--json").out)
+    assert told["next"] == last[0].removeprefix("Next: ")
+    st.report(st.load(tmp_path / "result.nc"), tmp_path / "report.html")
+    assert "Next: sysid-trib compare" in (tmp_path / "report.html").read_text()
+
+
+# A model that does not explain the record.
+
+
+def test_coefficients_of_a_model_that_does_not_explain_are_widened_and_this_is_said():
+    tree = unexplained()
+    results = {name: tree[name].to_dataset() for name in ("averaging", "direct")}
+    factors = widenings(tree, results)
+    text = " ".join(identification_sentences(tree))
+    assert "does not explain the record: they are effective values" in text
+    data = identification_json(tree)
+    for name, factor in factors.items():
+        assert data["methods"][name]["widening"] == factor
+        whole = max(residual_over_noise(tree, name), results[name].birge_ratio.item())
+        assert whole > 100.0
+        assert f"errors of {name} are {whole:.3g} times those by the noise" in text
+    assert set(widenings(explained(), results).values()) == {1.0}
+
+
+def test_widening_is_the_residual_over_the_noise_and_not_twice():
+    plain = known(PAPER)
+    assert widening(plain, 12.0) == 12.0
+    assert widening(plain, 0.5) == 1.0
+    assert widening(plain.assign(birge_ratio=4.0), 12.0) == 3.0
+    assert widening(plain.assign(birge_ratio=20.0), 12.0) == 1.0
+    density = {"density": 1e-5, "standard_error": 1e-6, "p_value": 1e-9}
+    pushed = plain.assign({f"random_force_{name}": value for name, value in density.items()})
+    assert widening(pushed, 12.0) == 1.0
+
+
+def test_what_follows_is_said_of_models_that_hold():
+    assert any("weigh the same" in line for line in consequences(explained(), None))
+    assert consequences(unexplained(), None) == [
+        "Weights, crossovers and arrest are not given: the model does not explain the record."
+    ]
+    assert "refused" in identification_json(unexplained())["consequences"]
+    assert "weights" in identification_json(explained())["consequences"]
+
+
+def test_what_follows_is_said_of_significant_forces():
+    errors = np.diag([1.0, 1e-4, 1e-3, 1e-3, 1e-3, 1e-3]) ** 2
+    result = known(PAPER, errors)
+    assert significant(result).tolist() == [False, True, True, True, True]
+    text = " ".join(physics_sentences(result, [0.02, 0.3]))
+    assert "zeta and delta weigh the same" in text
+    # lambda may be zero: nothing is said of it, nor of the arrest that it would decide.
+    assert "lambda" not in text
+    assert "stop" not in text
+    errors[0, 0] = 1e-14
+    assert "stop" in " ".join(physics_sentences(known(PAPER, errors), [0.02, 0.3]))
+
+
+# Methods that break down.
+
+
+def test_a_motion_no_nearer_than_rest_is_a_breakdown():
+    time = np.arange(0.0, 30.0, 0.01)
+    angle = 0.3 * np.exp(-0.05 * time) * np.cos(W * time)
+    assert no_nearer_than_rest(angle, 0.9 * angle) == ""
+    for name, part in zip(("first", "second", "last"), np.array_split(np.arange(len(time)), 3), strict=True):
+        residual = np.zeros_like(angle)
+        residual[part] = 1.01 * angle[part]
+        assert f"over the {name} third" in no_nearer_than_rest(angle, residual)
+    assert "diverges" in no_nearer_than_rest(angle, np.full_like(angle, np.nan))
+
+
+def test_a_method_that_failed_is_neither_tabulated_nor_drawn():
+    tree = with_motion(explained(), "averaging", -3.0 * explained()["record"].angle.values)
+    assert breakdown(tree, "averaging")
+    assert not breakdown(tree, "direct")
+    heads = [str(column.header) for column in identification_table(tree).columns]
+    assert heads == ["force", "formula", "direct"]
+    text = " ".join(identification_sentences(tree))
+    assert "Averaging failed: over the first third its motion is no nearer to the record than rest" in text
+    assert "agree" not in text
+    drawn = motion_data(tree, 0)
+    assert list(drawn.lines) == ["direct"]
+    assert identification_json(tree)["methods"]["averaging"]["failed"]
+
+
+def test_a_method_that_failed_is_not_compared():
+    run_ = paper_run(FIVE)
+    tree = st.compare(run_.decay(7), FORCES, [st.methods.Direct(), st.methods.Averaging()])
+    other = next(m for m in ("direct", "averaging") if m != tree["comparison"].attrs["best"])
+    table = tree["comparison"].to_dataset()
+    assert set(table.failure.values) == {""}
+    texts = np.where(table.method == other, "its motion diverges", "")
+    tree["comparison"] = xr.DataTree(table.assign(failure=("method", texts)))
+    assert other not in words(coefficient_table(tree))[0]
+    rows = dict(zip(*(words(quality_table(tree))[at] for at in (0, -1)), strict=True))
+    assert "failed: its motion diverges" in rows[other]
+    assert other not in st.plots.comparison(tree).axes[0].get_yticklabels()
+
+
+# One noise.
+
+
+def test_there_is_one_noise():
+    tree = explained()
+    noise = sensor_noise(tree["record"].to_dataset())
+    assert record_noise(tree) == noise
+    assert motion_data(tree, 0).noise == noise
+    assert identification_json(tree)["cross_check"]["noise"] == noise
+    compared = st.compare(tree["record"].to_dataset()[["angle"]], FORCES, [st.methods.Direct()])
+    assert compared["comparison"].noise.item() == pytest.approx(noise)
+    assert f"noise: {noise:.2g} rad" in words(identification_table(tree))[1]
+
+
+# The fingerprint of slip.
+
+GRAVITY = {"symbol": "gravity", "formula": "sin(x) - x"}
+
+
+def sharp(coefficients, library=None):
+    count = len(coefficients) + 1
+    return known(coefficients, 1e-10 * np.eye(count), library=library)
+
+
+@pytest.mark.parametrize(
+    ("coefficients", "speaks"),
+    [
+        ({"zeta": 0.01, "delta": 0.04, "alpha": 0.2, "nu": -0.09}, True),
+        ({"zeta": 0.01, "delta": 0.04, "alpha": -0.2, "nu": -0.09}, False),
+        ({"zeta": 0.01, "delta": 0.04, "alpha": 0.2, "nu": 0.09}, False),
+        ({"zeta": 0.01, "delta": -0.04, "alpha": 0.2, "nu": -0.09}, False),
+        ({"zeta": 0.01, "delta": 1e-5, "alpha": 0.2, "nu": -0.09}, False),
+        ({"zeta": 0.01, "delta": 0.04, "nu": -0.09}, False),
+    ],
+)
+def test_slip_needs_a_contact_that_softens_and_takes_energy(coefficients, speaks):
+    result = sharp(coefficients)
+    assert speaks_of_slip(result) is speaks
+    assert any("slip" in line for line in physics_sentences(result, 0.3)) is speaks
+
+
+def test_slip_is_not_said_of_a_pendulum():
+    six = [{"symbol": f.symbol, "formula": f.formula.text} for f in FORCES]
+    library = parse_library({"force": [*six, GRAVITY]}, "pendulum")
+    slipping = {"zeta": 0.01, "delta": 0.04, "alpha": 0.2, "nu": -0.09}
+    assert speaks_of_slip(sharp(slipping, library))
+    assert not speaks_of_slip(sharp(slipping | {"gravity": 1.0}, library))
+
+
+def test_slip_is_said_with_a_contactless_frequency_alone():
+    result = sharp({"zeta": 0.01, "delta": 0.04, "nu": -0.09})
+    assert not speaks_of_slip(result)
+    assert speaks_of_slip(with_contactless_frequency(result, 8.87, 0.01))
