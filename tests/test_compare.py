@@ -321,7 +321,9 @@ def test_command(tmp_path):
         assert sum(line.startswith(f"{label}  ") for line in lines) == 3, label
     assert "Coefficients refer to" in ending.out
     assert "alpha" in ending.out
-    assert {path.name for path in (tmp_path / "figures").iterdir()} == {"comparison.pdf", "comparison.png"}
+    assert {path.name for path in (tmp_path / "figures").iterdir()} == {
+        f"{name}.{kind}" for name in ("comparison", "overview") for kind in ("pdf", "png")
+    }
     assert "comparison" in load(tmp_path / "example.nc").children
 
 

@@ -241,13 +241,14 @@ def test_story_in_one_picture(twin):
 def test_figure_of_the_gap_shows_the_records(twin):
     tree = twin[0]
     panels = plots.discovery(tree).axes
-    assert len(panels) == 5
+    assert len(panels) == 7
     record = tree["record"].to_dataset()
     drawn = {line.get_label(): line.get_ydata() for line in panels[0].lines}
     np.testing.assert_array_equal(drawn["record"], record.angle.values)
     for model, panel in (("before", panels[1]), ("after", panels[2])):
         moved = record.simulated_angle.sel(model=model).values
-        np.testing.assert_array_equal(drawn[f"model {model}"], moved)
+        label = {"before": "start model", "after": "with nu and epsilon"}[model]
+        np.testing.assert_array_equal(drawn[label], moved)
         np.testing.assert_allclose(panel.lines[0].get_ydata(), 1e3 * (record.angle.values - moved))
         assert "(mrad)" in panel.get_ylabel()
 
@@ -284,8 +285,16 @@ def test_ranking_shows_the_scores_with_their_threshold(twin):
         points = [line for line in ax.lines if line.get_linestyle() == "None"]
         z = tree["ranking"].z.isel(selection_step=scan).sel(candidate=labels).values
         np.testing.assert_allclose([line.get_xdata()[0] for line in points], np.abs(z))
-        dashed = next(line for line in ax.lines if line.get_linestyle() == "--")
-        assert dashed.get_xdata()[0] == tree["ranking"].threshold.values[scan]
+        threshold = tree["ranking"].threshold.values[scan]
+        assert f"(threshold {threshold:.3g})" in ax.get_xlabel()
+        dashed = [line for line in ax.lines if line.get_linestyle() == "--"]
+        if ax.get_xlim()[0] < threshold:
+            assert dashed[0].get_xdata()[0] == threshold
+        else:
+            # All are far beyond it: the axis shows in what they differ.
+            assert not dashed
+            low, high = ax.get_xlim()
+            assert np.ptp(np.abs(z)) > 0.5 * (high - low)
         assert labels[:3] == strongest(tree["ranking"].to_dataset().isel(selection_step=[scan]), 3)
         assert np.nanmax(np.abs(tree["ranking"].z.isel(selection_step=scan))) == np.max(np.abs(z))
     # A move may exchange effects: each was chosen for good at a step of its own.

@@ -1,7 +1,5 @@
 """Half-sines give the envelope, its rate and the frequency, with standard errors that are true."""
 
-import time as clock
-
 import helpers
 import numpy as np
 import pytest
@@ -262,23 +260,6 @@ def test_measured(data_folder, file, angle, window, count, first, last):
     for index, (extremum, frequency) in ((0, first), (-1, last)):
         assert result["extremum"][index].item() == pytest.approx(extremum, rel=0.02)
         assert result["frequency"][index].item() == pytest.approx(frequency, rel=0.01)
-
-
-def test_quick():
-    time = np.arange(25_000) / 1000.0
-    decay = decay_of(time, damped(time) + 1e-3 * np.random.default_rng(0).standard_normal(time.size))
-
-    def fastest(function):
-        took = []
-        for _ in range(7):
-            start = clock.process_time()
-            function(decay)
-            took.append(clock.process_time() - start)
-        return min(took)
-
-    # Measured 0.005 s and 0.008 s; the bars leave room for a busy machine.
-    assert fastest(free_decay) < 0.05
-    assert fastest(envelope) < 0.08
 
 
 def test_half_periods_are_found_once_for_the_same_numbers():

@@ -28,6 +28,8 @@ class Destination:
     ----------
     output : Path or None
         Result file.
+    csv, latex : Path or None
+        Table of the coefficients; the same with the equation.
     plot : Path or None
         Folder of the figures.
     as_json, explain, quiet : bool
@@ -36,6 +38,8 @@ class Destination:
 
     output: Path | None = option("FILE", "Where to write.", flags=("-o", "--output"))
     as_json: bool = option(None, "Print the result as JSON, and nothing else.", False, flags=("--json",))
+    csv: Path | None = option("FILE", "Where to write coefficients and frequencies as a table (CSV).")
+    latex: Path | None = option("FILE", "Where to write the table and the equation for LaTeX.")
     plot: Path | None = option("DIR", "Folder for the figures (PDF and PNG).")
     explain: bool = option(None, "Print all that was tested, and what follows.", False, flags=("--explain",))
     quiet: bool = option(None, "Print the verdict and the table alone.", False, flags=("--quiet",))
@@ -58,6 +62,8 @@ class Destination:
         if self.explain and self.quiet:
             raise UsageError("--explain prints more and --quiet prints less: choose one.")
         check_output(self.output, ".nc", reads=records)
+        check_output(self.csv, ".csv", reads=records, flag="--csv")
+        check_output(self.latex, ".tex", reads=records, flag="--latex")
         check_folder(self.plot)
 
     def deliver(
@@ -85,6 +91,7 @@ class Destination:
         tree.attrs["command"] = command_line()
         if self.output is not None:
             files.save(tree, self.output)
+        self._export(tree)
         if self.plot is not None:
             from sysid_trib import plots
 
@@ -100,7 +107,16 @@ class Destination:
             print("More: --explain.")
         if following:
             print(f"Next: {printable(following)}")
-        print_written(self.output, self.plot)
+        print_written(self.output, self.csv, self.latex, self.plot)
+
+    def _export(self, tree: "xr.DataTree") -> None:
+        """Write the tables that are asked for."""
+        from sysid_trib.printing.exported import csv_text, latex_text
+        from sysid_trib.results.files import write_file
+
+        for place, text_of in ((self.csv, csv_text), (self.latex, latex_text)):
+            if place is not None:
+                write_file(place, text_of(tree).encode())
 
 
 def figures_of_runs(
@@ -131,19 +147,21 @@ def random_force_figures(tree: "xr.DataTree", plots: Any) -> "list[tuple[str, Ca
     ]
 
 
-def check_output(target: Path | None, ending: str, *, reads: Sequence[Path] = ()) -> None:
+def check_output(target: Path | None, ending: str, *, reads: Sequence[Path] = (), flag: str = "-o") -> None:
     """Refuse a file that cannot be written before the work is done, not after."""
     if target is None:
         return
     if target.is_dir():
-        raise RecordError(f"{target}: cannot be written, it is a directory; name a file in it with -o.")
+        raise RecordError(f"{target}: cannot be written, it is a directory; name a file in it with {flag}.")
     if target.suffix.lower() not in ending.split():
         raise UsageError(f"{target}: the ending must be {ending.replace(' ', ' or ')}.")
     if not os.access(target.parent, os.W_OK | os.X_OK):
         reason = "is not writable" if target.parent.is_dir() else "does not exist"
-        raise RecordError(f"{target}: cannot be written, its folder {reason}; choose another place with -o.")
+        raise RecordError(
+            f"{target}: cannot be written, its folder {reason}; choose another place with {flag}."
+        )
     if target.exists() and any(record.exists() and target.samefile(record) for record in reads):
-        raise RecordError(f"{target}: the result would replace the record; choose another place with -o.")
+        raise RecordError(f"{target}: the result would replace the record; choose another place with {flag}.")
 
 
 def check_folder(folder: Path | None) -> None:

@@ -38,6 +38,7 @@ class SearchOptions:
     )
     level: float = option("P", "Family-wise significance level of each test.", 0.01)
     reference_frequency: float | None = option("RAD/S", "Reference frequency, held; default: fitted.")
+    time_limit: float | None = option("S", "Ends the search with what it has after so long; default: none.")
 
 
 @with_options
@@ -50,6 +51,7 @@ def discover(*, given: DecayOptions, asked: SearchOptions, destination: Destinat
     from sysid_trib.printing.discovery_story import discovery_blocks
 
     checks.check_positive(asked.reference_frequency, "--reference-frequency")
+    checks.check_positive(asked.time_limit, "--time-limit")
     discovery_inputs.check_level(asked.level)
     forces = EXAMPLE_FORCES if asked.forces is None and not given.records else asked.forces
     start = discovery_inputs.start_forces(asked.library, forces, asked.reference_frequency)
@@ -67,6 +69,7 @@ def discover(*, given: DecayOptions, asked: SearchOptions, destination: Destinat
             holdout=held,
             refit=asked.refit,
             level=asked.level,
+            time_limit=asked.time_limit or float("inf"),
             tell=tell,
         )
     if asked.holdout is not None:

@@ -24,9 +24,9 @@ def identify(
     import xarray as xr
 
     from sysid_trib.commands import checks
-    from sysid_trib.commands.terminal import record_sentences
+    from sysid_trib.commands.terminal import progress, record_sentences
     from sysid_trib.methods import Averaging, Direct, Trajectory
-    from sysid_trib.methods.scope import constrained, with_random_force
+    from sysid_trib.methods.scope import constrained, scope_of, with_random_force
     from sysid_trib.printing.identification import identification_blocks, identification_json
     from sysid_trib.records.runs import one_or_all
     from sysid_trib.results.contactless import with_contactless_frequency
@@ -49,14 +49,19 @@ def identify(
     )
     methods = [with_random_force(constrained(method, constraints), random_force) for method in pair]
     decay = one_or_all(decays)
-    results = [method.identify(decay, offered) for method in methods]
     # A fit of the motion takes seconds: no more simulated records than decide whether the two agree.
     draws = SIMULATED_RECORDS if shown_as_it_is else min(SIMULATED_RECORDS, fewest_records(len(offered) + 1))
-    tree = cross_check(decay, *results, draws=draws)
-    if len(decays) > 1:
-        tree["runs"] = xr.DataTree(
-            run_agreement(decays, tree[tree["comparison"].attrs["second"]].to_dataset())
-        )
+    with progress() as tell:
+        results = []
+        for method in methods:
+            tell(f"identification by {scope_of(method).label}")
+            results.append(method.identify(decay, offered))
+        tell(f"both methods held against each other, on {draws} simulated records")
+        tree = cross_check(decay, *results, draws=draws)
+        if len(decays) > 1:
+            tell("each run by itself")
+            second = tree[tree["comparison"].attrs["second"]].to_dataset()
+            tree["runs"] = xr.DataTree(run_agreement(decays, second))
     if contactless is not None:
         tree = map_identifications(tree, lambda result: with_contactless_frequency(result, *contactless))
     keep_next(tree, given, model, constraint)

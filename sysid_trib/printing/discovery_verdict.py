@@ -4,6 +4,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.printing.discovery_tables import effect_name
+from sysid_trib.printing.equation import equation_text
 from sysid_trib.printing.layout import coefficient_text, p_value_text, quantity
 from sysid_trib.printing.residual import (
     force_type_sentences,
@@ -46,6 +47,7 @@ def verdict_sentences(tree: xr.DataTree, *, details: bool = True) -> list[str]:
         *_outstanding(tree),
         *heterogeneity_sentences(tree),
         _model(tree),
+        f"Equation: {equation_text(tree['after'].to_dataset())}.",
     ]
 
 

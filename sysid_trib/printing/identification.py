@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.printing.cross_check import agreement_sentences, amplitudes, consequences, unit_of
+from sysid_trib.printing.equation import equation_text
 from sysid_trib.printing.layers import ALWAYS, USUALLY, Block, Layer
 from sysid_trib.printing.layout import (
     by_label,
@@ -69,6 +70,7 @@ def identification_blocks(
     ]
     if kept_results(tree):
         blocks.append(Block(identification_table(tree), ALWAYS))
+        blocks.append(Block([f"Equation: {equation_text(list(kept_results(tree).values())[-1])}."], USUALLY))
     blocks += [
         Block(key, Layer.DEFAULT),
         Block(details, Layer.EXPLAIN),

@@ -63,7 +63,7 @@ def read_table(path: Path) -> FileTable:
         package = f"the package {error.name}" if error.name else "a further package"
         raise RecordError(
             f"{path.name}: to read this format {package} is needed; install it with "
-            'pip install "sysid-trib[files]".'
+            "pip install pyarrow npTDMS."
         ) from error
     except PermissionError:
         raise RecordError(f"{path}: you may not read this file; change its permissions.") from None

@@ -1,0 +1,137 @@
+"""Tables and equations that leave the program: they hold the numbers of the result."""
+
+import csv
+import io
+import re
+
+import numpy as np
+import pytest
+from command_line import run, write_csv
+from helpers import FIVE, W, paper_run
+from known_results import PAPER, known
+
+import sysid_trib as st
+from sysid_trib.printing.equation import equation_latex, equation_text, rounded
+from sysid_trib.printing.exported import csv_text, latex_text
+from sysid_trib.results.contactless import with_contactless_frequency
+from sysid_trib.validation.residual_force import model_force
+
+FORCES = st.load_library()
+ERRORS = np.diag([1e-6, 1e-4, 1e-3, 1e-3, 5e-3, 1e-3]) ** 2
+
+
+def balanced(text):
+    return all(
+        text.count(a) == text.count(b) for a, b in (("{", "}"), (r"\begin", r"\end"), (r"\left", r"\right"))
+    )
+
+
+def test_the_equation_is_the_model():
+    result = known(PAPER, ERRORS)
+    inside = re.search(r"x'' = -w\^2 \((.*)\), v = x'/w, w = ([\d.]+) rad/s", equation_text(result))
+    x, v = np.array([0.1, -0.2, 0.3]), np.array([0.3, 0.1, -0.2])
+    total = eval(inside[1], {"x": x, "v": v, "sign": np.sign, "abs": np.abs})
+    expected = x + model_force(st.model_of(result), np.array([0.0, 1.0, 2.0]), x, v, np.zeros(3))
+    np.testing.assert_allclose(total, expected, atol=1e-3)
+    assert float(inside[2]) == pytest.approx(W, abs=1e-2)
+
+
+def test_a_stiffness_that_is_in_the_frequency_is_not_in_the_equation():
+    result = with_contactless_frequency(known(PAPER, ERRORS), 8.87, 0.01)
+    assert "alpha" in result.force
+    assert equation_text(result) == equation_text(known(PAPER, ERRORS))
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "text"),
+    [
+        (0.0097, 0.0002, "0.00970"),
+        (-2.31e-5, 4.2e-6, "-2.31e-05"),
+        (9.91, 0.0, "9.91"),
+        (250.0, 30.0, "250"),
+        (0.0, 1.0, "0"),
+    ],
+)
+def test_a_number_has_two_digits_of_its_error(value, error, text):
+    assert rounded(value, error) == text
+
+
+def test_the_equation_for_latex_is_balanced_and_has_no_e():
+    text = equation_latex(known(PAPER, ERRORS))
+    assert balanced(text)
+    assert r"\times 10^{-5}" in text
+    assert not re.search(r"\de[-+]?\d", text)
+    assert text.count(r"\quad") == len(PAPER)
+
+
+@pytest.fixture(scope="module")
+def tree():
+    record = paper_run(FIVE).decay(7)
+    pair = [method.identify(record, FORCES) for method in (st.methods.Averaging(), st.methods.Direct())]
+    return st.cross_check(record, *pair, draws=16)
+
+
+def test_a_table_holds_all_digits(tree):
+    rows = list(csv.DictReader(io.StringIO(csv_text(tree))))
+    found = {(row["method"], row["quantity"]): row for row in rows}
+    for name in ("averaging", "direct"):
+        for symbol in FIVE:
+            force = tree[name].to_dataset().sel(force=symbol)
+            row = found[name, symbol]
+            assert float(row["value"]) == force.coefficient.item()
+            assert float(row["standard_error"]) == force.standard_error.item()
+        assert float(found[name, "asymptotic_frequency"]["value"]) == tree[name].asymptotic_frequency.item()
+    assert {row["widening"] for row in rows} == {"1.0"}
+
+
+def test_a_table_for_latex(tree):
+    text = latex_text(tree)
+    assert balanced(text)
+    head = r"\begin{tabular}{lcc}"
+    assert text.startswith(head)
+    assert " & averaging & direct " in text
+    lines = text.partition(r"\midrule")[2].partition(r"\bottomrule")[0].strip().splitlines()
+    assert all(line.count("&") == 2 and line.endswith(r"\\") for line in lines)
+    assert len(lines) == len(FIVE) + 2
+
+
+def test_many_methods_are_rows(tree):
+    record = tree["record"].to_dataset()[["angle"]]
+    methods = [
+        st.methods.Direct(),
+        st.methods.Averaging(),
+        st.methods.FrequencyShift(),
+        st.methods.WuDecrement(),
+    ]
+    text = latex_text(st.compare(record, FORCES, methods))
+    assert r"\begin{tabular}{l" + "c" * (len(FIVE) + 2) + "}" in text
+    assert "direct & $" in text
+
+
+def test_commands_write_them(tmp_path):
+    path = write_csv(tmp_path / "swing.csv", time=np.arange(0.0, 12.0, 0.02))
+    places = {flag: tmp_path / f"result.{ending}" for flag, ending in (("--csv", "csv"), ("--latex", "tex"))}
+    ending = run("identify", path, "--forces", "zeta", *(word for pair in places.items() for word in pair))
+    assert ending.status == 0, ending.err
+    assert "Equation: x'' = -w^2 (x + 0.0" in ending.out
+    for place in places.values():
+        assert f"Written: {place}" in ending.out
+    assert places["--csv"].read_text().startswith("method,quantity")
+    assert r"\begin{equation}" in places["--latex"].read_text()
+
+
+@pytest.mark.parametrize(("flag", "name"), [("--csv", "table.txt"), ("--latex", "table.csv")])
+def test_another_ending_is_refused(tmp_path, flag, name):
+    path = write_csv(tmp_path / "swing.csv")
+    assert "ending must be" in run("identify", path, flag, tmp_path / name).complaint
+
+
+def test_a_table_never_replaces_the_record(tmp_path):
+    path = write_csv(tmp_path / "swing.csv")
+    before = path.read_bytes()
+    assert "with --csv" in run("identify", path, "--csv", path).complaint
+    assert path.read_bytes() == before
+
+
+def test_a_time_limit_must_be_a_time():
+    assert "--time-limit" in run("discover", "--time-limit", "-1").complaint
