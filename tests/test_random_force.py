@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.special import erf
 
 import sysid_trib as st
 from sysid_trib.errors import DecayError, UsageError
@@ -13,6 +14,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.noise.random_force import RandomForce, check_random_force, random_force_of
 from sysid_trib.noise.variance_ratio import WhiteRows, variance_ratio
 from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.state_space.expected_steps import expected_steps
 from sysid_trib.state_space.intervals import steps_between
 from sysid_trib.state_space.kalman import set_signal, statsmodels_model
 from sysid_trib.state_space.likely_ratio import likely_ratio
@@ -355,3 +357,45 @@ def test_direct_with_a_density_by_hand():
 def test_the_strong_form_takes_no_random_force():
     with pytest.raises(UsageError, match="form='weak'"):
         st.methods.Direct(form="strong", random_force=1e-4)
+
+
+def test_expected_steps_have_the_mean_of_the_friction():
+    # Within a short step x hardly moves: friction acts with lambda erf(v / (error sqrt 2)) on average.
+    friction, error, h = 1e-2, 1e-3, 1e-3
+    model, speeds = model_with(**{"lambda": friction}), 1e-3 * np.array([-2.0, -0.7, 0.0, 0.4, 1.2, 9.0])
+    for v in speeds:
+        states = np.array([[0.0, v], [0.0, v]])
+        steps = expected_steps(model, np.array([0.0, h / W]), states, error)
+        mean = (v - steps.end[0, 1]) / (friction * h)
+        assert mean == pytest.approx(erf(v / (error * np.sqrt(2.0))), abs=0.09)
+        # The derivative of friction that has its sign is zero: what is left is the law of the speeds.
+        assert 0.0 < steps.transition[0, 1, 1] <= 1.0
+
+
+def test_steps_of_a_speed_that_is_known_are_exact():
+    model, time = model_with(**{"lambda": 1e-3, "delta": 2e-3}), np.arange(200) * 0.02
+    states = states_of(model, time)
+    exact, far = steps_between(model, time, states), np.abs(states[:, 1]) > 1e-3
+    for error in (0.0, 1e-5):
+        steps = expected_steps(model, time, states, error)
+        same = slice(None) if error == 0.0 else far[:-1] & far[1:] & (states[:-1, 1] * states[1:, 1] > 0.0)
+        assert np.array_equal(steps.end[same], exact.end[same])
+        assert np.array_equal(steps.diffusion[same], exact.diffusion[same])
+    assert not np.array_equal(steps.end, exact.end)
+
+
+def test_the_filtered_motion_knows_no_later_sample():
+    linear, _ = linear_record()
+    later = linear.record.copy()
+    later[40:] += 1.0
+    both = [replace(linear, record=record) for record in (linear.record, later)]
+    deviation = np.zeros(linear.start.shape[1])
+    filtered, smoothed = (
+        [getattr(model, name)(0.1, deviation) for model in both]
+        for name in ("filtered_motion", "smoothed_motion")
+    )
+    assert np.array_equal(filtered[0][0][:40], filtered[1][0][:40])
+    assert np.abs(filtered[0][0][40:] - filtered[1][0][40:]).min() > 0.0
+    assert np.abs(smoothed[0][39] - smoothed[1][39]).max() > 1e-3
+    # The last sample has no later one.
+    assert filtered[0][0][-1] == pytest.approx(smoothed[0][-1], abs=1e-12)

@@ -10,11 +10,11 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.linalg import solve_discrete_lyapunov
 from scipy.linalg.lapack import dtbtrs
 
 from sysid_trib.arrays import Array
 from sysid_trib.noise.variance_ratio import WhiteRows
+from sysid_trib.state_space.sensor_states import SensorNoise
 from sysid_trib.state_space.steps import Steps
 
 
@@ -143,8 +143,25 @@ class LinearModel:
 
         By the fixed-interval smoother of de Jong (1989): the filter's recursion, and its transpose backwards.
         """
-        filtered = self._filtered(ratio)
-        gain, variance = filter_gains(filtered)
+        predicted, surprise = self._surprised(ratio, parameters)
+        gain, _ = self.gains(ratio)
+        return self._corrected(ratio, predicted, self.recursion(gain, surprise, backward=True))
+
+    def filtered_motion(self, ratio: float, parameters: Array) -> tuple[Array, Array]:
+        """The path by the samples up to each one, at given deviations of the parameters.
+
+        Returns
+        -------
+        path : (sample, state) array of float
+        rate_error : (sample,) array of float
+            Standard error of v on it, in units of that of the sensor's noise.
+        """
+        path = self._corrected(ratio, *self._surprised(ratio, parameters))
+        return path, np.sqrt(np.maximum(self._filtered(ratio).filtered_state_cov[1, 1], 0.0))
+
+    def _surprised(self, ratio: float, parameters: Array) -> tuple[Array, Array]:
+        """States predicted from the past, and what each innovation tells of them, (sample, state, 1) each."""
+        gain, variance = self.gains(ratio)
         record, added, start = self.driven(parameters)
         size = self.path.shape[1]
         source = np.zeros((*gain.shape, 1))
@@ -154,9 +171,13 @@ class LinearModel:
         predicted = self.recursion(gain, source)
         observed = self.with_sensor_states[0]
         innovations = record - np.einsum("na,na->n", observed, predicted[..., 0])
-        later = self.recursion(gain, (observed * (innovations / variance)[:, None])[..., None], backward=True)
-        covariance = filtered.predicted_state_cov[:size, :, : len(record)]
-        change = predicted[:, :size, 0] + np.einsum("abn,nb->na", covariance, later[..., 0])
+        return predicted, (observed * (innovations / variance)[:, None])[..., None]
+
+    def _corrected(self, ratio: float, predicted: Array, surprise: Array) -> Array:
+        """The path with what innovations tell of the predicted states, (sample, state)."""
+        samples, size = self.path.shape
+        covariance = self._filtered(ratio).predicted_state_cov[:size, :, :samples]
+        change = predicted[:, :size, 0] + np.einsum("abn,nb->na", covariance, surprise[..., 0])
         return np.asarray(self.path + change)
 
     def driven(self, parameters: Array) -> tuple[Array, Array, Array]:
@@ -168,62 +189,6 @@ class LinearModel:
 def filter_gains(filtered: Any) -> tuple[Array, Array]:
     """Gain of the prediction (sample, state) and variance of the innovations (sample,) of statsmodels."""
     return filtered.kalman_gain[:, 0].T, filtered.forecasts_error_cov[0, 0]
-
-
-@dataclass(frozen=True)
-class SensorNoise:
-    """Autoregressive noise of the sensor as further states: its last values, in units of its innovations.
-
-    White noise has none.
-
-    Attributes
-    ----------
-    filter_ : (order + 1,) array of float
-        Whitens it.
-    """
-
-    filter_: Array
-
-    @property
-    def order(self) -> int:
-        """Number of states."""
-        return len(self.filter_) - 1
-
-    @property
-    def shown(self) -> Array:
-        """What the sensor shows of the states, (order,)."""
-        return np.eye(1, self.order)[0]
-
-    @property
-    def transition(self) -> Array:
-        """Companion matrix (order, order)."""
-        return np.concatenate([-self.filter_[None, 1:], np.eye(self.order)[:-1]])[: self.order]
-
-    @property
-    def driven(self) -> Array:
-        """Covariance that each step adds, (order, order)."""
-        return np.outer(self.shown, self.shown)
-
-    @property
-    def first(self) -> Array:
-        """Covariance at the first sample: the stationary one, (order, order)."""
-        if not self.order:
-            return self.driven
-        return np.asarray(solve_discrete_lyapunov(self.transition, self.driven))
-
-    def behind(self, vectors: Array, further: Array) -> Array:
-        """Vectors of states (..., state), with entries of these states behind them."""
-        return np.concatenate([vectors, np.broadcast_to(further, (*vectors.shape[:-1], self.order))], axis=-1)
-
-    def beside(self, matrices: Array, further: Array) -> Array:
-        """Matrices of states (..., state, state), with a block of these states."""
-        if not self.order:
-            return matrices
-        size = matrices.shape[-1]
-        whole = np.zeros((*matrices.shape[:-2], size + self.order, size + self.order))
-        whole[..., :size, :size] = matrices
-        whole[..., size:, size:] = further
-        return whole
 
 
 def statsmodels_model(

@@ -14,7 +14,7 @@ from sysid_trib.forces.formulas import IMAGINARY_STEP
 from sysid_trib.noise.smoothing import smooth
 from sysid_trib.simulation.equations import Motion
 from sysid_trib.simulation.model import Model
-from sysid_trib.state_space.intervals import steps_between
+from sysid_trib.state_space.expected_steps import expected_steps
 from sysid_trib.state_space.kalman import LinearModel
 from sysid_trib.state_space.vector_field import BRANCHING
 
@@ -24,7 +24,7 @@ LONG_STEP = 2.5
 
 @dataclass(frozen=True)
 class Derivatives:
-    """By which parameters a record is linearised; the start and the sensor's zero follow them.
+    """How a record is linearised: by these parameters, the start and the sensor's zero behind them.
 
     Attributes
     ----------
@@ -32,10 +32,13 @@ class Derivatives:
         Coefficients and shape parameters.
     frequency : bool
         Whether the reference frequency comes next.
+    rate_error : float or (sample,) array of float, rad
+        Standard error of v on the path: where forces switch with v, steps are averaged over it.
     """
 
     names: tuple[str, ...]
     frequency: bool
+    rate_error: Array | float = 0.0
 
     @property
     def count(self) -> int:
@@ -108,7 +111,7 @@ def linearised_about(
     w, size = model.reference_frequency, path.shape[1]
     started = path.copy()
     started[0] = _start(model, per_run, size)
-    steps = steps_between(model, time, started, by.names, frequency=by.frequency)
+    steps = expected_steps(model, time, started, by.rate_error, by.names, frequency=by.frequency)
     by_column = np.zeros((len(time) - 1, size, by.count))
     by_column[:, :, :-3] = steps.sensitivity
     start = np.zeros((size, by.count))

@@ -17,7 +17,7 @@ from sysid_trib.trajectory_fit.parameters import Parameters
 
 @dataclass(frozen=True)
 class PushedRun:
-    """One run, linear about its smoothed path.
+    """One run, linear about its filtered path.
 
     Attributes
     ----------
@@ -33,9 +33,13 @@ class PushedRun:
     ratio: VarianceRatio
     deviation: Array
 
-    def smoothed_motion(self) -> Array:
-        """The path at the parameters of most likelihood, (sample, state)."""
-        return self.linear.smoothed_motion(self.ratio.ratio, self.deviation)
+    def filtered_motion(self) -> tuple[Array, Array]:
+        """The path by the samples up to each one (sample, state), and the standard error of v (sample,), rad.
+
+        At the parameters of most likelihood.
+        """
+        path, rate_error = self.linear.filtered_motion(self.ratio.ratio, self.deviation)
+        return path, np.sqrt(self.ratio.variance) * rate_error
 
     def innovations(self) -> Array:
         """What is predicted wrongly one sample ahead, (sample,), rad."""
