@@ -42,6 +42,8 @@ class GivenMotion:
         zeros = self.v.roots(extrapolate=False)
         # Not the release itself: there the start values hold.
         self.reversals = np.unique(zeros[np.isfinite(zeros) & (zeros > tau[0] + 1e-9)])
+        # What was followed for its tangent is asked for again.
+        self.followed: dict[tuple[str, tuple[float, ...]], dict[str, Any]] = {}
 
     def names(self, tau: Array) -> dict[str, Any]:
         """Variables of the formulas that the motion gives."""
@@ -137,8 +139,9 @@ def values_along(motion: GivenMotion, force: Force, shapes: Sequence[Mapping[str
         # Column by column: what is not finite in one leaves the others alone.
         columns = []
         for i in range(len(shapes)):
+            known = motion.followed.get((force.symbol, tuple(float(q[i]) for q in values.values())))
             history = _History(motion, force, {k: q[i] for k, q in values.items()})
-            columns.append(history.stepped_value({k: m[:, i] for k, m in memory.items()}))
+            columns.append(history.stepped_value({k: m[:, i] for k, m in memory.items()}, known))
     return np.stack(columns).T
 
 
@@ -162,9 +165,11 @@ def tangent_along(motion: GivenMotion, force: Force, shapes: Mapping[str, float]
     if not is_stepped(force):
         return np.zeros_like(motion.tau), np.zeros_like(motion.tau)
     with np.errstate(all="ignore"):
-        history = _History(motion, force, force.shape_values(shapes))
+        values = force.shape_values(shapes)
+        history = _History(motion, force, values)
         memory = {k: m[:, 0] for k, m in history.memory_at_samples(1).items()}
-        of_x, of_v = history.tangent(memory)
+        names = motion.followed[force.symbol, tuple(values.values())] = history.stepped(memory)
+        of_x, of_v = history.tangent(names)
     return np.nan_to_num(of_x, posinf=0.0, neginf=0.0), np.nan_to_num(of_v, posinf=0.0, neginf=0.0)
 
 
@@ -199,20 +204,21 @@ class _History:
         memory = {k: np.reshape(m, (rows, -1)) for k, m in self.memory({}).items()}
         return {k: np.broadcast_to(m, (rows, count))[segment] for k, m in memory.items()}
 
-    def stepped_value(self, memory: Mapping[str, Array]) -> Array:
-        """The force at the samples, its states followed by steps from sample to sample."""
-        return np.broadcast_to(self.force.formula.evaluate(self._stepped(memory)), self.motion.tau.shape)
+    def stepped_value(self, memory: Mapping[str, Array], known: dict[str, Any] | None) -> Array:
+        """The force at the samples, its states followed by steps from sample to sample if not yet known."""
+        names = known or self.stepped(memory)
+        return np.broadcast_to(self.force.formula.evaluate(names), self.motion.tau.shape)
 
-    def _stepped(self, memory: Mapping[str, Array]) -> dict[str, Any]:
+    def stepped(self, memory: Mapping[str, Array]) -> dict[str, Any]:
         """Variables of the formulas at the samples."""
         # A step lies between two reversals but for the one that holds it; there the new memory rules.
         names = self.motion.at_stages | self.shapes | {k: m[1:] for k, m in memory.items()}
         states = stepped_states(self.force, np.diff(self.motion.tau), names, self.start)
         return self.motion.at_samples | self.shapes | dict(memory) | states
 
-    def tangent(self, memory: Mapping[str, Array]) -> tuple[Array, Array]:
+    def tangent(self, names: dict[str, Any]) -> tuple[Array, Array]:
         """Derivatives of the force by angle and rate, (sample,) each; see `tangent_along`."""
-        force, names = self.force, self._stepped(memory)
+        force = self.force
         samples, order = self.motion.tau.shape, tuple(force.state)
         h = {k: np.broadcast_to(force.formula.derivative(names, k), samples) for k in ("x", "v", *order)}
         if not order:

@@ -15,7 +15,7 @@ from sysid_trib.discrepancy.model_fit import FittedModel, refitted
 from sysid_trib.discrepancy.paths import RecordPath, path_of_run
 from sysid_trib.discrepancy.search import Search, search
 from sysid_trib.discrepancy.settings import DEFAULTS, Settings
-from sysid_trib.discrepancy.start_model import fit_start_model
+from sysid_trib.discrepancy.start_model import fit_start_model, recoloured
 from sysid_trib.discrepancy.to_xarray import groups_of
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import Force, ForceLibrary
@@ -107,6 +107,10 @@ def discover(
     tell("fit of the start model")
     start = fit_start_model(seen, model.forces, reference_frequency, settings)
     done = search(start, offered.forces, deadline=deadline, tell=tell)
+    if not done.effects and verdict_of(done) == "unknown effect":
+        tell("colour of the sensor's noise")
+        # What nothing explains may be noise of a colour that its few lines did not show.
+        done = search(recoloured(start), offered.forces, deadline=deadline, tell=tell)
     tell("hold-out")
     predictions = _predictions(done, runs, parts)
     if refit and not unseen:

@@ -6,6 +6,7 @@ import numpy as np
 
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.discrepancy.model_fit import FittedModel
+from sysid_trib.forces.force import Force
 
 
 def evidence(model: FittedModel, effects: Sequence[str]) -> float:
@@ -25,16 +26,21 @@ def evidence(model: FittedModel, effects: Sequence[str]) -> float:
     logarithm where that spans a decade: their factor is the part of the range that the record leaves, which
     is not more than all of it.
     """
-    rows = sum(rows.path.form.rows for rows in model.rows)
     total = model.deviance
     for symbol in effects:
         at, *shapes = model.columns_of(symbol)
-        total += np.log(rows) - 2.0 * np.log(2.0) * model.trials[at].force.passive
+        total += least_penalty(model, [model.trials[at].force])
         if shapes:
             covariance = model.likelihood.covariance[np.ix_(shapes, shapes)]
             within = np.linalg.pinv(2.0 * np.pi * covariance, hermitian=True)
             total += float(np.linalg.slogdet(np.eye(len(shapes)) + within)[1])
     return float(total)
+
+
+def least_penalty(model: FittedModel, forces: Sequence[Force]) -> float:
+    """What so many effects add to the evidence of a model of the same rows, their shapes aside."""
+    rows = sum(rows.path.form.rows for rows in model.rows)
+    return float(sum(np.log(rows) - 2.0 * np.log(2.0) * force.passive for force in forces))
 
 
 def probabilities(costs: Sequence[float]) -> Array:

@@ -8,7 +8,7 @@ from time import monotonic
 import numpy as np
 
 from sysid_trib.discrepancy.columns_beside import each_beside, projected
-from sysid_trib.discrepancy.evidence import evidence
+from sysid_trib.discrepancy.evidence import evidence, least_penalty
 from sysid_trib.discrepancy.likelihood import RunProducts, likelihood
 from sysid_trib.discrepancy.model_fit import FittedModel, fit_model
 from sysid_trib.discrepancy.screening import Screening, is_physical, strengths
@@ -20,28 +20,35 @@ from sysid_trib.errors import SysidTribError
 class Fits:
     """Exact fits of a search, each done once: by the symbols of the effects; and what could not be fitted.
 
-    After the deadline, by `time.monotonic`, none is done.
+    After the deadline, by `time.monotonic`, none is done. What does not reach the deviance that was asked
+    for is neither kept nor failed, but `unlikely`, with that deviance.
     """
 
     start: FittedModel
     deadline: float = np.inf
     kept: dict[frozenset[str], FittedModel | None] = field(default_factory=dict)
     failed: list[str] = field(default_factory=list)
+    unlikely: dict[frozenset[str], float] = field(default_factory=dict)
 
     @property
     def out_of_time(self) -> bool:
         """Whether the deadline has passed."""
         return monotonic() > self.deadline
 
-    def of(self, near: FittedModel, drop: Sequence[str], add: Sequence[TrialEffect]) -> FittedModel | None:
-        """A model near another one, with forces dropped and added; None if there is none."""
+    def of(
+        self, near: FittedModel, drop: Sequence[str], add: Sequence[TrialEffect], worst: float = np.inf
+    ) -> FittedModel | None:
+        """A model near another one, with forces dropped and added; None if it does not reach `worst`."""
         trials = [t for t in near.trials if t.force.symbol not in drop] + list(add)
         base = {t.force.symbol for t in self.start.trials}
         key = frozenset(t.force.symbol for t in trials) - base
-        if key not in self.kept and self.out_of_time:
+        if key not in self.kept and (self.out_of_time or self.unlikely.get(key, -np.inf) >= worst):
             return None
         if key not in self.kept:
-            model = self._fitted(near, trials)
+            model = self._fitted(near, trials, worst)
+            if model is not None and not model.settled and model.deviance > worst:
+                self.unlikely[key] = worst
+                return None
             # A fit that leaves what is physical has not failed: the effect does not explain the record.
             physical = model is None or _is_physical(model, len(base))
             if model is None or (physical and not model.settled):
@@ -49,12 +56,12 @@ class Fits:
             self.kept[key] = model if model is not None and model.settled and physical else None
         return self.kept[key]
 
-    def _fitted(self, near: FittedModel, trials: Sequence[TrialEffect]) -> FittedModel | None:
+    def _fitted(self, near: FittedModel, trials: Sequence[TrialEffect], worst: float) -> FittedModel | None:
         known = dict(zip([t.force.symbol for t in near.trials], near.coefficients.tolist(), strict=True))
         first = np.array([*(known.get(t.force.symbol, 0.0) for t in trials), near.stiffness])
         paths = [rows.path for rows in near.rows]
         try:
-            model = fit_model(paths, trials, frequency_free=near.frequency_free, first=first)
+            model = fit_model(paths, trials, frequency_free=near.frequency_free, first=first, worst=worst)
         except (SysidTribError, np.linalg.LinAlgError, ValueError):
             return None
         return model if np.isfinite(model.deviance) else None
@@ -100,7 +107,8 @@ def exchange_effects(
     for _, gone, at in sorted(proposed, key=lambda scored: scored[0])[: model.settings.fitted]:
         trials = [current.trials[i] for i in at]
         after = tuple(s for s in effects if s not in gone) + tuple(t.force.symbol for t in trials)
-        fitted = fits.of(model, gone, trials)
+        aim = here if best is None else best[0]
+        fitted = fits.of(model, gone, trials, worst=deviance_of(aim, model, after, trials))
         if fitted is None:
             continue
         score = evidence(fitted, after)
@@ -182,17 +190,28 @@ def better_rival(
 
 def rivals_of(current: Screening, effects: tuple[str, ...], symbol: str, fits: Fits) -> dict[str, float]:
     """Evidence with each candidate in an effect's place, over its own; of nothing in its place under ""."""
-    here = evidence(current.model, effects)
+    model = current.model
+    here = evidence(model, effects)
     likelier = {symbol: 0.0}
     for _, at in _in_place(current, (symbol,))[: current.model.settings.fitted]:
         trials = [current.trials[i] for i in at]
-        fitted = fits.of(current.model, (symbol,), trials)
-        if fitted is None and fits.out_of_time:
-            continue
         names = [trial.force.symbol for trial in trials]
         after = (*(s for s in effects if s != symbol), *names)
+        worst = deviance_of(here + model.settings.far, model, after, trials)
+        fitted = fits.of(model, (symbol,), trials, worst)
+        if fitted is None and frozenset(after) not in fits.kept:
+            # Outside of every credible set, or there was no time.
+            continue
         likelier["".join(names)] = np.inf if fitted is None else evidence(fitted, after) - here
     return likelier
+
+
+def deviance_of(
+    score: float, model: FittedModel, effects: Sequence[str], added: Sequence[TrialEffect]
+) -> float:
+    """Deviance above which a model of these effects does not reach an evidence, whatever its shapes."""
+    forces = [trial.force for trial in (*model.trials, *added) if trial.force.symbol in effects]
+    return score - least_penalty(model, forces)
 
 
 def kept_columns(model: FittedModel, gone: Sequence[str]) -> list[int]:
@@ -201,9 +220,9 @@ def kept_columns(model: FittedModel, gone: Sequence[str]) -> list[int]:
     return [1 + column for column in range(model.columns) if column not in dropped]
 
 
-def _penalty(model: FittedModel, effects: int) -> float:
-    """What so many effects cost in the evidence, their shapes aside."""
-    return effects * float(np.log(sum(rows.path.form.rows for rows in model.rows)))
+def _of_effect(model: FittedModel) -> float:
+    """What an effect costs in the evidence, its sign and its shapes aside."""
+    return float(np.log(sum(rows.path.form.rows for rows in model.rows)))
 
 
 def _in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float, list[int]]]:
@@ -214,13 +233,13 @@ def _in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float, list
     model, kept = current.model, kept_columns(current.model, gone)
     bare = likelihood(current.products, kept)
     without = bare.deviance - model.deviance
-    scores = [(without - _penalty(model, len(gone)), list[int]())]
+    scores = [(without - len(gone) * _of_effect(model), list[int]())]
     beside = each_beside(current.products, kept, [current.first_trial + at for at in current.in_place], bare)
     for at, deviance, coefficient in zip(
         current.in_place, beside.deviance.tolist(), beside.coefficients.tolist(), strict=True
     ):
         if current.allows(at, coefficient):
-            scores.append((deviance - model.deviance + _penalty(model, 1 - len(gone)), [at]))
+            scores.append((deviance - model.deviance + (1 - len(gone)) * _of_effect(model), [at]))
     best: dict[str, tuple[float, list[int]]] = {}
     for scored in sorted(scores, key=lambda scored: scored[0]):
         best.setdefault(current.trials[scored[1][0]].force.symbol if scored[1] else "", scored)
@@ -256,7 +275,7 @@ def _pairs_in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float
         likelier = likelihood(current.products, [*kept, *(current.first_trial + at for at in pair)])
         coefficients = likelier.coefficients[-2:]
         able = all(current.allows(at, c) for at, c in zip(pair, coefficients, strict=True))
-        score = likelier.deviance - model.deviance + _penalty(model, 2 - len(gone))
+        score = likelier.deviance - model.deviance + (2 - len(gone)) * _of_effect(model)
         if able and score < model.settings.far:
             scores.append((score, pair))
     return scores

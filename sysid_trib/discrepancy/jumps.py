@@ -4,13 +4,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize.elementwise import find_root
 
 from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.trials import TrialEffect
 
 # Part of the motion's speed by which the states just before and just after a surface differ from it.
 ASIDE = 1e-6
+# By which a crossing between two close points is found to rounding.
+HALVINGS = 36
 
 
 @dataclass(frozen=True)
@@ -101,5 +102,10 @@ def _crossings(tau: Array, surface: Callable[[Array], Array]) -> Array:
     """Where a surface along a motion has its zeros, (crossing,)."""
     values = surface(tau)
     at = np.flatnonzero(np.diff(np.sign(values)) != 0.0)
-    # The jump of another round may bend the motion between two points.
-    return np.asarray(find_root(surface, (tau[at], tau[at + 1])).x)
+    low, high = tau[at], tau[at + 1]
+    # By halves: the jump of another round may bend the motion between two points, which misleads secants.
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        before = np.sign(surface(middle)) == np.sign(values[at])
+        low, high = np.where(before, middle, low), np.where(before, high, middle)
+    return np.asarray(0.5 * (low + high))

@@ -16,8 +16,6 @@ from sysid_trib.records.runs import root_mean_square
 
 # Rounds after which a path goes half of its way.
 WHOLE_STEPS = 3
-# A kink of a force may have the path swing about where it settles: then the best two rounds agree to this.
-ROUNDS_AGREE = 1.0
 # Part of its standard error by which a frequency may differ from the reference, and rounds to get there.
 SAME_REFERENCE, RESCALINGS = 0.02, 4
 # Difference of a shape parameter for its column, in parts of its range.
@@ -161,14 +159,12 @@ class FittedModel:
             paths.append(rows.path.follow(motion, self.trials, self.coefficients))
         return paths
 
-    def next_trials(self) -> list[TrialEffect]:
-        """The trials with their shapes a step further, within their ranges."""
+    def next_trials(self, reach: float) -> list[TrialEffect]:
+        """The trials with their shapes a step further, of `reach` at most, within their ranges."""
         shapes = [dict(trial.shapes) for trial in self.trials]
         for at, name, column in self.shape_columns:
             trial, key = self.trials[at], f"{self.trials[at].force.symbol}.{name}"
-            step = np.clip(
-                self.likelihood.coefficients[column], -self.settings.shape_step, self.settings.shape_step
-            )
+            step = np.clip(self.likelihood.coefficients[column], -reach, reach)
             part = np.clip(to_unit(trial.force.shape[name], trial.shapes[key]) + step, 0.0, 1.0)
             shapes[at][key] = float(from_unit(trial.force.shape[name], part))
         return [replace(trial, shapes=table) for trial, table in zip(self.trials, shapes, strict=True)]
@@ -180,6 +176,7 @@ def fit_model(
     *,
     frequency_free: bool,
     first: Array | None = None,
+    worst: float = np.inf,
 ) -> FittedModel:
     """Fit coefficients, shapes, frequency and both variances of each run along smoothed motions.
 
@@ -192,6 +189,8 @@ def fit_model(
     frequency_free : bool
     first : (trial + 1,) array of float, optional
         First guess of the coefficients and the stiffness, for the operator of small deviations.
+    worst : float
+        A fit that will not reach this deviance, by what its last round gained, is given up.
 
     Notes
     -----
@@ -199,20 +198,24 @@ def fit_model(
     motion (Newton's method on all samples), with one the smoothed motion.
     """
     guess = np.zeros(len(trials) + 1) if first is None else first
-    model = _fitted_along(paths, trials, guess, frequency_free)
-    rounds = []
-    for turn in range(paths[0].settings.rounds):
+    model, settings = _fitted_along(paths, trials, guess, frequency_free), paths[0].settings
+    rounds, reach = [], settings.shape_step
+    for turn in range(settings.rounds):
         guess = np.append(model.coefficients, model.stiffness)
         # A history-dependent force may have the path swing about where it settles.
         nearer = model.next_paths(1.0 if turn < WHOLE_STEPS else 0.5)
-        after = _fitted_along(nearer, model.next_trials(), guess, frequency_free)
-        settled = abs(after.deviance - model.deviance) < paths[0].settings.least_gain
-        model = after
-        if settled:
+        after = _fitted_along(nearer, model.next_trials(reach), guess, frequency_free)
+        fall, model = model.deviance - after.deviance, after
+        if abs(fall) < settings.least_gain:
             return model
+        if turn > 1 and model.deviance - 2.0 * abs(fall) > worst:
+            return replace(model, settled=False)
+        # Shapes are stepped along tangents: one that leads up was too long.
+        reach *= 0.5 if turn and fall < 0.0 else 1.0
         rounds.append(model)
+    # Else they swing about: what the best two differ by is to be less than what a credible set resolves.
     best, next_best = sorted(rounds, key=lambda fitted: fitted.deviance)[:2]
-    return replace(best, settled=next_best.deviance - best.deviance < ROUNDS_AGREE)
+    return replace(best, settled=next_best.deviance - best.deviance < 0.5 * settings.outside_of_set)
 
 
 def _fitted_along(

@@ -11,6 +11,7 @@ from sysid_trib.discrepancy.exchange import (
     Fits,
     better_rival,
     chance_in_set,
+    deviance_of,
     exchange_effects,
     kept_columns,
     not_beyond_chance,
@@ -192,14 +193,15 @@ def _beyond_chance(
         return []
     most, here = current.gains[likeliest[0]], evidence(model, effects)
     near = [at for at in likeliest if current.gains[at] > most * (1.0 - settings.slack) - settings.far]
-    tried = []
+    tried = list[tuple[float, tuple[str, ...], FittedModel]]()
     for at in near[: settings.fitted]:
         trial = current.trials[at]
-        fitted = fits.of(model, (), [trial])
+        named = (*effects, trial.force.symbol)
+        aim = min([here - settings.outside_of_set, *(score for score, *_ in tried)])
+        fitted = fits.of(model, (), [trial], deviance_of(aim, model, named, [trial]))
         if fitted is None:
             continue
-        gain, after = model.deviance - fitted.deviance, (*effects, trial.force.symbol)
-        score = evidence(fitted, after)
+        gain, score = model.deviance - fitted.deviance, evidence(fitted, named)
         if current.p_value_of(gain, trial.force) < settings.level and score < here - settings.outside_of_set:
-            tried.append((score, after, fitted))
+            tried.append((score, named, fitted))
     return tried

@@ -32,7 +32,7 @@ class Settings:
         0.1, "part of its gain by which a column may be off, before its exact fit", "curvature along one path"
     )
     fitted: int = setting(
-        8,
+        6,
         "candidates of a move, or in an effect's place, that are fitted",
         "sets hold hardly more than three",
     )

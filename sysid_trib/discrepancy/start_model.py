@@ -1,18 +1,24 @@
 """The start of a search: the model that is given, fitted beside both noises."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
 
+from sysid_trib.arrays import Array
+from sysid_trib.discrepancy.likelihood import Likelihood, likelihood
 from sysid_trib.discrepancy.model_fit import FittedModel, fit_model, refitted
 from sysid_trib.discrepancy.paths import RecordPath, path_of
+from sysid_trib.discrepancy.run_rows import RunRows
 from sysid_trib.discrepancy.settings import DEFAULTS, Settings
 from sysid_trib.discrepancy.trials import TrialEffect
 from sysid_trib.forces.force import Force
-from sysid_trib.noise.colour import colour_above
+from sysid_trib.noise.colour import MAX_COLOUR, colour_above, most_likely_colour
 from sysid_trib.noise.level import swing_frequency
+from sysid_trib.noise.residual_noise import NoiseModel
 from sysid_trib.noise.smoothing import KNOTS_PER_PERIOD, smooth
+from sysid_trib.regression.weak_form import coloured
 
 # Harmonics that the spline of a path follows, at least in part.
 ABOVE = 0.5 * KNOTS_PER_PERIOD + 2.0
@@ -39,6 +45,42 @@ def fit_start_model(
     paths = [_first_path(run, nominal, settings) for run in runs]
     trials = [TrialEffect(force, default_shapes(force)) for force in forces]
     return refitted(fit_model(paths, trials, frequency_free=frequency is None))
+
+
+def recoloured(model: FittedModel) -> FittedModel:
+    """The model beside noise of the sensor of the colour that makes its rows likeliest.
+
+    Where samples of a period are few, or the noise as 1/f, the spectrum above what a path follows does not
+    tell it. An order of the autoregression has the penalty of the Bayesian information criterion.
+    """
+    sensors = [_likeliest_sensor(model, run) for run in range(len(model.rows))]
+    paths = [replace(rows.path, sensor=sensor) for rows, sensor in zip(model.rows, sensors, strict=True)]
+    first = np.append(model.coefficients, model.stiffness)
+    return refitted(fit_model(paths, model.trials, frequency_free=model.frequency_free, first=first))
+
+
+def _likeliest_sensor(model: FittedModel, run: int) -> NoiseModel:
+    """Noise of a run of the likeliest colour, of the order that its rows ask for."""
+    rows, table = model.rows[run], model.tables[run]
+    # Of a level that another colour gave nothing is known.
+    settings, columns = replace(model.settings, level_rows=0.0), range(1, 1 + table.shape[1])
+
+    def likelihood_of(filter_: Array) -> Likelihood:
+        path = replace(rows.path, settings=settings)
+        coloured_rows = RunRows(path, rows.operator, coloured(rows.operator, filter_), rows.gain)
+        return likelihood([coloured_rows.products(table)], columns)
+
+    samples, best, filter_ = len(rows.path.time), np.inf, np.ones(1)
+    for order in range(MAX_COLOUR + 1):
+        start, given = np.eye(1, order + 1)[0], np.zeros(order + 1)
+        given[: len(rows.path.sensor.filter_)] = rows.path.sensor.filter_[: order + 1]
+        starts = [start, np.append(filter_, np.zeros(order + 1 - len(filter_))), given]
+        tried, deviance = most_likely_colour(
+            lambda at: likelihood_of(at).deviance, starts, samples=float(rows.path.form.rows)
+        )
+        if deviance + order * np.log(samples) < best:
+            best, filter_ = deviance + order * float(np.log(samples)), tried
+    return NoiseModel(float(np.sqrt(likelihood_of(filter_).variances[0])), filter_)
 
 
 def _first_path(run: xr.Dataset, frequency: float, settings: Settings) -> RecordPath:

@@ -112,21 +112,24 @@ def derivatives_along(
     for force, coefficient in forces:
         if force.kind == "sensor" or not force.memoryless or coefficient == 0.0:
             continue
-        for i, (name, along) in enumerate((("x", x), ("v", v))):
+        names = {"x": x, "v": v, "t": time} | force.shape_values(shapes)
+        for i, name in enumerate("xv"):
             if name not in force.formula.names:
                 continue
-
-            def h(value: Array, force: Force = force, i: int = i) -> Array:
-                point = (value, v) if i == 0 else (x, value)
-                return force.value(*point, time, shapes=shapes)
-
-            # A step in proportion never crosses zero, where the jump is.
-            step = 1e-5 * np.where(along == 0.0, 1.0, along)
-            slope = (h(along + step) - h(along)) / step
-            jump = h(np.full_like(along, 1e-12)) - h(np.full_like(along, -1e-12))
-            # The swing is about a centre that the jump shifts by half of itself: near rest that is its size.
-            width = JUMP_WIDTH * (amplitude + 0.5 * np.abs(coefficient * jump))
-            bump = np.clip(1.0 - (along / width) ** 2, 0.0, None)
-            slope = slope + jump * bump**2 * 15.0 / (16.0 * width)
+            with np.errstate(all="ignore"):
+                slope = np.broadcast_to(force.formula.derivative(names, name), x.shape)
+            # Where a power is singular the motion is for an instant.
+            slope = np.where(np.isfinite(slope), slope, 0.0)
+            if force.formula.surfaces:
+                along = names[name]
+                sides = [np.full_like(x, side) for side in (-1e-12, 1e-12)]
+                points = [(side, v) if name == "x" else (x, side) for side in sides]
+                before, after = (force.value(*point, time, shapes=shapes) for point in points)
+                jump = after - before
+                # The swing is about a centre that the jump shifts by half of itself: near rest that is its
+                # size.
+                width = JUMP_WIDTH * (amplitude + 0.5 * np.abs(coefficient * jump))
+                bump = np.clip(1.0 - (along / width) ** 2, 0.0, None)
+                slope = slope + jump * bump**2 * 15.0 / (16.0 * width)
             derivatives[i] = derivatives[i] + coefficient * slope
     return derivatives[0], derivatives[1]
