@@ -37,7 +37,7 @@ from blind.naming import named_blind
 from blind.wide_cases import Drawn, draw_case
 from sysid_trib.errors import SysidTribError
 
-# Seconds after which a record is given up, and counted as a failure.
+# Seconds of the processor after which a record is given up, and counted as a failure.
 LIMIT = 300
 # Records of a worker: compiled motions are kept, some 100 MB in ten records.
 RECORDS = 25
@@ -53,12 +53,13 @@ def limited(seconds: int) -> Iterator[None]:
     def give_up(number: int, frame: FrameType | None) -> NoReturn:
         raise TooLongError(f"more than {seconds} s")
 
-    signal.signal(signal.SIGALRM, give_up)
-    signal.alarm(seconds)
+    # Of the processor, whatever else the machine does.
+    signal.signal(signal.SIGPROF, give_up)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
     try:
         yield
     finally:
-        signal.alarm(0)
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
 
 
 def run(place: tuple[str, int]) -> dict[str, Any]:
