@@ -3,7 +3,7 @@ from . import methods as methods, plots as plots
 from .averaging.envelope_prediction import predict_envelope as predict_envelope
 from .averaging.identifiability import indistinguishable as indistinguishable
 from .averaging.signatures import signature as signature
-from .decays.free_decay import free_decay as free_decay
+from .decays.free_decay import free_decay as free_decay, free_decays as free_decays
 from .decays.half_sines import envelope as envelope
 from .discrepancy.discover import discover as discover
 from .forces.force import Force as Force, ForceLibrary as ForceLibrary
@@ -20,7 +20,12 @@ from .physics.linear_systems import (
 )
 from .physics.sliding import sliding_coefficients as sliding_coefficients
 from .physics.units import inertia_with_mass as inertia_with_mass, physical_units as physical_units
-from .records.read import read_record as read_record, scale_translation as scale_translation
+from .records.read import (
+    Reading as Reading,
+    read_record as read_record,
+    read_records as read_records,
+    scale_translation as scale_translation,
+)
 from .regression.pysindy_features import ForceFeatures as ForceFeatures
 from .reporting.page import report as report
 from .results.contactless import with_contactless_frequency as with_contactless_frequency

@@ -216,7 +216,7 @@ def test_degrees_and_their_equilibrium(tmp_path):
     path = write_csv(tmp_path / "deg.csv", time, angle, "time (s),angle (deg)")
     ending = run("identify", path, "--equilibrium", "180", "--forces", "zeta")
     assert ending.status == 0
-    assert f"Record: {path}, angle in deg from column angle (deg)." in ending.out.splitlines()
+    assert f"Record: {path}, angle in deg from column angle (deg); 100 Hz clock." in ending.out.splitlines()
     assert "centred on 3.14159 as given rad" in ending.out
 
 

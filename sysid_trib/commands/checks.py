@@ -1,19 +1,14 @@
-"""What the command line reads: records, libraries, values with errors, settings of a model."""
+"""What the command line reads: libraries, values with errors, settings of a model."""
 
 import re
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from sysid_trib.commands.options import ConstraintOptions, DecayOptions, ModelOptions
-from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.commands.options import ConstraintOptions, ModelOptions
+from sysid_trib.errors import UsageError
 from sysid_trib.forces.library import load_library
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from sysid_trib.forces.constraints import Constraints
     from sysid_trib.forces.force import ForceLibrary
     from sysid_trib.noise.random_force import RandomForceOption
@@ -22,66 +17,6 @@ if TYPE_CHECKING:
 LEAST, MOST = 1e-9, 1e9
 PLUS_MINUS = re.compile(r"\s*(?:±|\+/-|\+-)\s*")
 SHIPPED = ("contact_forces", "candidate_effects")
-# Options that say how a record is to be read.
-COLUMNS = ("time", "angle", "signal", "units", "sampling_rate", "time_units")
-
-
-def read_decays(
-    given: DecayOptions, reference_frequency: float | None = None
-) -> "tuple[list[xr.Dataset], list[str]]":
-    """Read free decays of the files, or of the embedded example.
-
-    Parameters
-    ----------
-    given : DecayOptions
-        The files, none for the embedded example, and how to read them.
-    reference_frequency : float, rad/s, optional
-        Refused where the record cannot show it.
-
-    Returns
-    -------
-    decays : list of xr.Dataset
-        The decays.
-    sentences : list of str
-        What each of them is.
-    """
-    decays, sentences = zip(*(_read_decay(given, record) for record in given.records or (None,)), strict=True)
-    sums = [decay.attrs.get("record_checksum") for decay in decays]
-    for at, record in enumerate(given.records):
-        # Its noise would count as if it were another's.
-        if sums[at] in sums[:at]:
-            raise UsageError(f"{record} is given twice; runs of one experiment are different records.")
-    for decay in decays:
-        _check_reference(reference_frequency, decay)
-    return list(decays), list(sentences)
-
-
-def _read_decay(given: DecayOptions, record: Path | None) -> "tuple[xr.Dataset, str]":
-    from sysid_trib.decays.free_decay import free_decay
-    from sysid_trib.records.columns import ANGLE_UNITS
-    from sysid_trib.records.read import read_record
-    from sysid_trib.simulation.example import paper_twin
-
-    limits = parse_window(given.window, "--window")
-    centre: float | str = given.equilibrium
-    if centre != "auto":
-        centre = parse_number(given.equilibrium, "--equilibrium")
-    columns = {name: getattr(given, name) for name in COLUMNS}
-    if record is None:
-        idle = [k for k, v in columns.items() if v is not None and (k, v) != ("signal", "angle")]
-        if idle:
-            raise UsageError(f"--{idle[0].replace('_', '-')} is for a RECORD, and none is given.")
-        read = paper_twin()
-        sentence = f"Embedded example: {read.attrs['source']}; {read.attrs['synthetic']}."
-    else:
-        read = read_record(record, **columns)
-        unit = read.attrs["angle_unit_in_file"]
-        sentence = f"Record: {record}, {given.signal} in {unit} from column {read.attrs['angle_column']}."
-        if not isinstance(centre, str):
-            centre *= ANGLE_UNITS.get(unit.removesuffix("/s"), 1.0)
-    if read.angle.attrs.get("units") != "rad":
-        raise DecayError(f"{record}: a position in m must be scaled first (scale_translation in Python).")
-    return free_decay(read, window=limits, equilibrium=centre), sentence
 
 
 def offered_forces(library: str, forces: str | None, alpha: bool) -> "ForceLibrary":
@@ -145,18 +80,6 @@ def asked_model(
     constraints = Constraints.from_texts(given.fix, given.bound, given.tie)
     constraints.check(forces_to_identify(offered, model.reference_frequency, sensors=True))
     return offered, shapes, constraints, contactless
-
-
-def _check_reference(frequency: float | None, decay: "xr.Dataset") -> None:
-    """Refuse a reference frequency that the record cannot show."""
-    time = decay.time.values
-    slowest = 2.0 * np.pi / (time[-1] - time[0])
-    fastest = 0.5 * slowest * (len(time) - 1)
-    if frequency is not None and not slowest <= frequency <= fastest:
-        raise UsageError(
-            f"--reference-frequency '{frequency:g}': this record shows {slowest:.3g} to "
-            f"{fastest:.3g} rad/s; mind that it is in rad/s, not Hz."
-        )
 
 
 def parse_window(text: str, option: str) -> tuple[float | None, float | None]:

@@ -14,6 +14,7 @@ def compare(
 ) -> None:
     """Identify the forces of a decay by every method, and test each on a part that it has not seen."""
     from sysid_trib.commands import checks
+    from sysid_trib.commands.record_inputs import read_decays
     from sysid_trib.methods.scope import with_random_force
     from sysid_trib.printing.comparison import comparison_blocks, comparison_json
     from sysid_trib.validation import compare as comparison
@@ -21,7 +22,7 @@ def compare(
     offered, shapes, constraints, contactless = checks.asked_model(model, constraint)
     random_force = checks.parse_random_force(model.random_force)
     destination.check(given.records)
-    decays, sources = checks.read_decays(given, model.reference_frequency)
+    decays, sources = read_decays(given, model.reference_frequency)
     methods = {
         label: with_random_force(method, random_force)
         for label, method in comparison.every_method(model.reference_frequency, shapes).items()

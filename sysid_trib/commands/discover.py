@@ -45,6 +45,7 @@ class SearchOptions:
 def discover(*, given: DecayOptions, asked: SearchOptions, destination: Destination) -> None:
     """Find what a model lacks to explain a decay, name it, add it, and say how far the gap shrinks."""
     from sysid_trib.commands import checks, discovery_inputs
+    from sysid_trib.commands.record_inputs import read_decays
     from sysid_trib.commands.terminal import progress, record_sentences
     from sysid_trib.discrepancy.discover import discover
     from sysid_trib.printing.discovery_json import discovery_json
@@ -57,7 +58,7 @@ def discover(*, given: DecayOptions, asked: SearchOptions, destination: Destinat
     start = discovery_inputs.start_forces(asked.library, forces, asked.reference_frequency)
     offered = discovery_inputs.offered_candidates(asked.library, asked.candidates, start)
     destination.check(given.records)
-    decays, sources = checks.read_decays(given, asked.reference_frequency)
+    decays, sources = read_decays(given, asked.reference_frequency)
     seen, held = discovery_inputs.held_out(decays, asked.holdout)
     with progress() as tell:
         tree = discover(

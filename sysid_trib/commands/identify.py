@@ -24,6 +24,7 @@ def identify(
     import xarray as xr
 
     from sysid_trib.commands import checks
+    from sysid_trib.commands.record_inputs import read_decays
     from sysid_trib.commands.terminal import progress, record_sentences
     from sysid_trib.methods import Averaging, Direct, Trajectory
     from sysid_trib.methods.scope import constrained, scope_of, with_random_force
@@ -39,7 +40,7 @@ def identify(
     offered, shapes, constraints, contactless = checks.asked_model(model, constraint)
     random_force = checks.parse_random_force(model.random_force)
     destination.check(given.records)
-    decays, sources = checks.read_decays(given, model.reference_frequency)
+    decays, sources = read_decays(given, model.reference_frequency)
     # Amplitudes and frequencies tell no term of the sensor from a force: with one, the motion is fitted.
     shown_as_it_is = all(force.kind == "force" for force in offered)
     other = Averaging if shown_as_it_is else Trajectory

@@ -57,13 +57,25 @@ class DecayOptions:
         },
     )
     time: str | None = option("COLUMN", "Time column, by name or number from 0.")
-    angle: str | None = option("COLUMN", "Angle (or rate) column, by name or number.")
-    signal: str = option("angle|rate", "What was measured.", "angle")
-    units: str | None = option("rad|deg", "Unit of the angle; default: the header's, or rad.")
+    angle: str | None = option("COLUMN", "Column of the signal, by name or number.")
+    signal: str | None = option(
+        "angle|displacement|rate|acceleration", "What was measured; default: what unit and name say."
+    )
+    units: str | None = option(
+        "rad|deg|mm|px|V|au|rad/s|g|...",
+        "Unit of the signal; default: the header's, or what its numbers say.",
+    )
     sampling_rate: float | None = option("HZ", "Sampling rate, where there is no time column.")
     time_units: str | None = option("s|ms|us|min", "Unit of time; default: the header's, or s.")
     window: str = option("START:STOP", "Part of the record in s; either side may be empty.", ":")
     equilibrium: str = option("VALUE|auto", "Equilibrium angle, in the unit of the record's column.", "auto")
+    decay: int | None = option(
+        "N", "Which decay of a file that holds several; default: all, as runs.", least=1
+    )
+    keep_outliers: bool = option(
+        None, "Keep samples that leap out of the swing.", False, flags=("--keep-outliers",)
+    )
+    length: float | None = option("M", "Length of a pendulum: a displacement becomes an angle.")
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,15 @@ import numpy as np
 
 from sysid_trib.arrays import Array
 from sysid_trib.decays.equilibrium import Swing, signed_extrema
-from sysid_trib.errors import DecayError, RecordError
+from sysid_trib.decays.half_periods import IntArray
+from sysid_trib.errors import DecayError
 
 # Three full periods: five whole half periods and a part of one at either end.
 FEWEST_EXTREMA = 5
 FEWEST_PER_HALF_PERIOD = 3
-STEP_TOLERANCE = 0.02
+# A drive holds the amplitude for so many half periods at least, and within this part.
+DRIVEN_HALF_PERIODS = 8
+DRIVEN_TOLERANCE = 0.03
 # A hand takes a few periods at most.
 HAND_HALF_PERIODS = 8
 # Friction alone stops a swing that, at its last pace, would end within so many half periods.
@@ -19,19 +22,25 @@ NATURAL_HALF_PERIODS = 4.0
 PACE_TOLERANCE = 0.03
 
 
-def refuse_outliers(time: Array, angle: Array, source: str) -> None:
-    """Refuse single samples that leap out of the swing and back: least squares would follow them."""
-    middle = 0.5 * (angle[2:] + angle[:-2])
-    swing = float(np.ptp(np.percentile(angle, [1.0, 99.0])))
-    leap = np.abs(angle[1:-1] - middle)
-    # Off both neighbours alike, by half the swing: no motion that is sampled at all does this.
-    outliers = np.flatnonzero((leap > 0.5 * swing) & (leap > 2.0 * np.abs(angle[2:] - angle[:-2])))
-    if outliers.size:
-        at = outliers[0] + 1
-        raise DecayError(
-            f"{source}: the sample at {time[at]:.6g} s leaps to {angle[at]:.4g} and back ({outliers.size} "
-            "such in all); remove them from the file, or choose a window without them (--window)."
-        )
+def after_the_drive(time: Array, angle: Array, swing: Swing) -> Swing:
+    """Leave out what comes before the decay if the amplitude is held until there, as a drive holds it."""
+    run = swing.run
+    if run.stop - run.start < DRIVEN_HALF_PERIODS + FEWEST_EXTREMA:
+        return swing
+    peak = np.abs(signed_extrema(time, angle - swing.equilibrium, swing.halves.select(run)))
+    scatter = 3.0 * swing.oscillation.smoothed_noise + 0.5 * swing.oscillation.step
+    held = float(np.median(peak[:DRIVEN_HALF_PERIODS]))
+    allowed = DRIVEN_TOLERANCE * held + scatter
+    away = np.abs(peak - held) > allowed
+    end = int(np.argmax(away)) if away.any() else peak.size
+    if end < DRIVEN_HALF_PERIODS or end > peak.size - FEWEST_EXTREMA:
+        return swing
+    after = slice(end - 1, end - 1 + FEWEST_EXTREMA)
+    pace = -float(np.polyfit(np.arange(FEWEST_EXTREMA), peak[after], 1)[0])
+    # At the pace of what follows the amplitude would have left what is allowed several times over.
+    if pace * end < 8.0 * allowed:
+        return swing
+    return replace(swing, run=slice(run.start + end - 1, run.stop))
 
 
 def after_the_largest(time: Array, angle: Array, swing: Swing, source: str) -> Swing:
@@ -63,7 +72,8 @@ def after_the_largest(time: Array, angle: Array, swing: Swing, source: str) -> S
     if fall < 1e-4 * peak[first] + scatter / np.sqrt(quarter):
         change = -200.0 * fall / peak[first] / (count - first)
         raise DecayError(
-            f"{source}: the oscillation does not decay: of {peak[first]:.3g}, {change:.2g} % a period."
+            f"{source}: the oscillation does not decay: of {peak[first]:.3g}, {change:.2g} % a period; "
+            "is it driven? A free decay is needed."
         )
     swing = replace(swing, run=slice(run.start + first, run.stop))
     _refuse_pushes(peak[first:], swing, source)
@@ -80,27 +90,46 @@ def _refuse_pushes(peak: Array, swing: Swing, source: str) -> None:
             instant = swing.halves.crossing[swing.run.start + side + 2 * int(rises[0])]
             raise DecayError(
                 f"{source}: the amplitude rises again at {instant:.4g} s, from {lowest[rises[0]]:.3g} to "
-                f"{same[rises[0]]:.3g}; a free decay does not: end the window before or start it after."
+                f"{same[rises[0]]:.3g}; a free decay does not: two modes beat, or it was pushed; end the "
+                "window before, or start it after."
             )
 
 
-def refuse_clipping(time: Array, angle: Array, swing: Swing, source: str) -> None:
-    """Refuse flat tops at one and the same extreme value in three or more half periods."""
+def after_clipping(time: Array, angle: Array, swing: Swing, source: str) -> Swing:
+    """Leave out half periods with flat tops at one and the same extreme value, three or more of them.
+
+    Raises
+    ------
+    DecayError
+        Nothing is left.
+    """
+    last = swing.run.start
+    if swing.run.stop - last < FEWEST_EXTREMA:
+        return swing
+    for side in (1, -1):
+        clipped = _clipped(time, angle, swing, side)
+        if clipped.size >= 3:
+            last = max(last, swing.run.start + int(clipped[-1]) + 1)
+    if swing.run.stop - last < FEWEST_EXTREMA and last > swing.run.start:
+        limits = f"{angle.min():.6g} or {angle.max():.6g}"
+        raise DecayError(
+            f"{source}: its half periods are clipped at {limits}, to the end; record with a wider range."
+        )
+    return replace(swing, run=slice(last, swing.run.stop))
+
+
+def _clipped(time: Array, angle: Array, swing: Swing, side: int) -> IntArray:
+    """Half periods of the run, of one sign, that stay at the extreme value for longer than a cosine would."""
     starts, stops = swing.halves.select(swing.run).samples(time)
-    sign = swing.halves.sign[swing.run]
     part = slice(int(starts[0]), int(stops[-1]))
-    for side, limit in ((1, angle[part].max()), (-1, angle[part].min())):
-        at_limit = np.concatenate(([0], np.cumsum(np.abs(angle - limit) <= 1e-9 * np.ptp(angle))))
-        flat = (at_limit[stops] - at_limit[starts])[sign == side]
-        height = side * (limit - swing.equilibrium)
-        # A cosine stays within a quantisation step of its top for this part of a half period.
-        within = max(0.0, 1.0 - swing.oscillation.step / max(height, 1e-300))
-        usual = 2.0 / np.pi * np.arccos(within) * np.median(stops - starts)
-        if np.count_nonzero(flat > 1.5 * usual + 2) >= 3:
-            raise DecayError(
-                f"{source}: {np.count_nonzero(flat)} half periods are clipped at {limit:.6g}; "
-                "start the window after them, or record with a wider range."
-            )
+    limit = angle[part].max() if side > 0 else angle[part].min()
+    at_limit = np.concatenate(([0], np.cumsum(np.abs(angle - limit) <= 1e-9 * np.ptp(angle))))
+    flat = at_limit[stops] - at_limit[starts]
+    height = side * (limit - swing.equilibrium)
+    # A cosine stays within a quantisation step of its top for this part of a half period.
+    within = max(0.0, 1.0 - swing.oscillation.step / max(height, 1e-300))
+    usual = 2.0 / np.pi * np.arccos(within) * np.median(stops - starts)
+    return np.flatnonzero((flat > 1.5 * usual + 2) & (swing.halves.sign[swing.run] == side))
 
 
 def before_the_hand(swing: Swing) -> slice | None:
@@ -138,26 +167,3 @@ def _nearly_stopped(swing: Swing, half: int) -> bool:
     peak = swing.halves.peak
     pace = (peak[half - 4] - peak[half]) / 4.0
     return bool(peak[half] < NATURAL_HALF_PERIODS * pace + 4.0 * swing.oscillation.floor)
-
-
-def check_sampling(time: Array, source: str) -> None:
-    """Refuse time steps more than 2 % from their median: a gap, dropped frames, or a coarse clock.
-
-    Raises
-    ------
-    RecordError
-        With the worst step, where it is, and the remedy.
-    """
-    steps = np.diff(time)
-    median = float(np.median(steps))
-    # A clock printed with a few digits is off by rounding; 1e-9 s keeps the limit itself on the good side.
-    worst = int(np.argmax(np.abs(steps - median)))
-    if abs(steps[worst] - median) <= STEP_TOLERANCE * median + 1e-9:
-        return
-    raise RecordError(
-        f"{source}: a time step of {steps[worst]:.3g} s at {time[worst]:.6g} s, "
-        f"but {median:.3g} s is usual and 2 % is allowed. "
-        "Keep a part without gaps, --window START:STOP (window= in Python), "
-        "resample first (record.interp in Python), or give the sampling rate if the time column is wrong, "
-        "--sampling-rate HZ (sampling_rate=)."
-    )

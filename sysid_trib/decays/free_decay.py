@@ -1,30 +1,27 @@
-"""The free decay within a record: from the release to the stop, about its equilibrium."""
-
-from dataclasses import dataclass
+"""The free decays within a record: from the release to the stop, about their equilibrium."""
 
 import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
 from sysid_trib.decays import checks
+from sysid_trib.decays.cleaning import Indices, new_frames, pulses, spikes
+from sysid_trib.decays.decay_dataset import CutDecay, decay_dataset
 from sysid_trib.decays.equilibrium import Swing, find_swing
-from sysid_trib.decays.half_periods import noise_level
-from sysid_trib.decays.half_sines import with_standard_error
+from sysid_trib.decays.free_part import free_part
+from sysid_trib.decays.half_periods import dominant_periods
+from sysid_trib.decays.uniform import Piece, uniform_pieces
 from sysid_trib.errors import DecayError, UsageError
 
-# rad or m, far below any measurement; the squares of still smaller numbers underflow.
-SMALLEST_SWING = 1e-15
-
-
-@dataclass(frozen=True)
-class Part:
-    """First sample of the free motion, one past its last, what was cut, and the stop for good (or nan)."""
-
-    start: int
-    stop: int
-    before: str
-    after: str
-    stop_time: float = float("nan")
+# In any unit; the squares of still smaller numbers underflow.
+SMALLEST_SWING = 1e-150
+# What is left of a record is searched for another decay if it is of this part of the first one's amplitude,
+SMALLEST_FURTHER = 0.2
+# of the same period within this part,
+PERIOD_TOLERANCE = 0.25
+# and lasts for so many periods.
+FEWEST_PERIODS = 4.0
+MOST_DECAYS = 60
 
 
 def free_decay(
@@ -32,8 +29,11 @@ def free_decay(
     *,
     window: tuple[float | None, float | None] = (None, None),
     equilibrium: float | str = "auto",
+    keep_outliers: bool = False,
 ) -> xr.Dataset:
     """Cut a record to its free decay and centre it on its equilibrium.
+
+    Of several decays in one record it is the one that travels farthest; `free_decays` gives them all.
 
     Parameters
     ----------
@@ -41,57 +41,196 @@ def free_decay(
         With ``angle(time)``.
     window : s
         Times between which to look; None for the record's end.
-    equilibrium : rad, or "auto"
+    equilibrium : in the unit of the angle, or "auto"
         ``auto``: the robust mean of (b[i-1] + 2 b[i] + b[i+1])/4 over signed extrema. It is not the rest
         position, which dry friction may put anywhere in the stick band.
+    keep_outliers : bool
+        Whether single samples that leap out of the swing and back are kept.
 
     Returns
     -------
     Dataset
-        The record from the release to the stop, ``angle`` centred, times unchanged; scalars ``equilibrium``
-        and ``equilibrium_standard_error`` (nan if given), ``stop_time`` if it stopped for good; attrs
-        ``free_decay``: a sentence on what was cut. A record that is free from its first sample on loses none.
+        The record from the release to the stop, ``angle`` centred, times unchanged where they are even within
+        2 %; scalars ``equilibrium`` and ``equilibrium_standard_error`` (nan if given), ``stop_time`` if it
+        stopped for good; attrs ``free_decay``: a sentence on what was cut or mended. A record that is free
+        from its first sample on loses none.
 
     Raises
     ------
     UsageError
         The window is no interval.
-    RecordError
-        Uneven time steps within the window.
     DecayError
-        Less than three periods, or flat, only noise, not decaying, growing, clipped.
+        Less than three periods, or flat, only noise, not decaying, growing, clipped, pulses.
+    """
+    decays = free_decays(record, window=window, equilibrium=equilibrium, keep_outliers=keep_outliers)
+    longest = max(decays, key=lambda decay: float(np.abs(np.diff(decay.angle.values)).sum()))
+    if len(decays) > 1:
+        others = f" It is the one of {len(decays)} decays that travels farthest; free_decays gives all."
+        longest.attrs["free_decay"] += others
+    return longest
+
+
+def free_decays(
+    record: xr.Dataset,
+    *,
+    window: tuple[float | None, float | None] = (None, None),
+    equilibrium: float | str = "auto",
+    keep_outliers: bool = False,
+) -> list[xr.Dataset]:
+    """Every free decay of a record, in order: parted by gaps, by hands, or by a new release.
+
+    Parameters
+    ----------
+    record, window, equilibrium, keep_outliers
+        As in `free_decay`.
+
+    Raises
+    ------
+    UsageError, DecayError
+        As `free_decay`.
     """
     source = str(record.attrs.get("source", "record"))
     inside = _in_window(record, window, source)
-    time, angle = inside["time"].to_numpy().astype(float), inside["angle"].to_numpy().astype(float)
+    # Where a rate or an acceleration was measured, it shows the swing best: its noise is white.
+    measured = inside[inside.attrs.get("measured", "angle")]
+    time, angle = inside["time"].to_numpy().astype(float), measured.to_numpy().astype(float)
     _check_signal(time, angle, source)
     value = None if equilibrium == "auto" else _given(equilibrium)
+    if value is not None and measured.name != "angle":
+        raise UsageError(
+            f"{source}: no equilibrium can be given where the angle is integrated; leave it out."
+        )
     if value is not None and not angle.min() < value < angle.max():
         raise DecayError(
             f"{source}: an equilibrium of {value:g} is outside of the record, which runs from "
             f"{angle.min():.4g} to {angle.max():.4g} {inside['angle'].attrs.get('units', 'rad')}; "
             "correct it, or let it be found (auto)."
         )
-    swing = find_swing(time, angle, value)
+    kept, said = _kept_samples(time, angle, keep_outliers)
+    time, angle = time[kept], angle[kept]
+    periods = dominant_periods(time, angle)
+    period = periods[0] if periods else float(time[-1] - time[0])
+    breaks = np.atleast_1d(np.asarray(record.attrs.get("breaks", ()), dtype=float))
+    pieces = uniform_pieces(time, angle, period, tuple(breaks))
+    decays = _decays_of(pieces, value, source)
+    if len(pieces) > 1:
+        said.append(f"gaps part the record into {len(pieces)} pieces, {len(decays)} of them decays")
+    return [decay_dataset(inside, decay, "; ".join(said)) for decay in decays]
+
+
+def _kept_samples(time: Array, angle: Array, keep_outliers: bool) -> "tuple[Indices, list[str]]":
+    """Indices of the samples that are kept, and sentences on the others."""
+    kept, said = np.arange(time.size), []
+    frames = new_frames(angle)
+    if frames is not None:
+        kept = frames
+        said.append(f"values are held over rows: the {frames.size} new ones of {time.size} are used")
+    outliers = spikes(time[kept], angle[kept])
+    if outliers.size and not keep_outliers:
+        listed = ", ".join(f"{angle[kept][at]:.4g} at {time[kept][at]:.6g} s" for at in outliers[:3])
+        more = ", ..." if outliers.size > 3 else ""
+        count = "1 outlier" if outliers.size == 1 else f"{outliers.size} outliers"
+        said.append(f"{count} left out ({listed}{more}; --keep-outliers keeps them)")
+        kept = np.delete(kept, outliers)
+    return kept, said
+
+
+def _decays_of(pieces: list[Piece], value: float | None, source: str) -> list[CutDecay]:
+    """The decays of all pieces; where there is none, the reason why the longest is none."""
+    decays: list[CutDecay] = []
+    longest = max(pieces, key=lambda piece: piece.time.size)
+    try:
+        decays = _decays_in(longest, value, source)
+    except DecayError:
+        if len(pieces) == 1:
+            raise
+    for piece in pieces:
+        if piece is not longest:
+            decays += _further(piece, decays, value, source)
+    if not decays:
+        _first(longest, value, source)
+    return sorted(decays, key=lambda decay: decay.piece.time[decay.part.start])
+
+
+def _decays_in(piece: Piece, value: float | None, source: str) -> list[CutDecay]:
+    """The decay of a piece that travels farthest, and those before and after it."""
+    decays = [_first(piece, value, source)]
+    waiting = list(_beside(decays[0]))
+    while waiting and len(decays) < MOST_DECAYS:
+        rest = waiting.pop()
+        for decay in _further(rest, decays, value, source):
+            decays.append(decay)
+            waiting += _beside(decay)
+    return decays
+
+
+def _beside(decay: CutDecay) -> list[Piece]:
+    """What comes before a decay and after it."""
+    time, signal, part = decay.piece.time, decay.piece.signal, decay.part
+    sentence = decay.piece.sentence
+    return [
+        Piece(time[: part.start], signal[: part.start], sentence),
+        Piece(time[part.stop :], signal[part.stop :], sentence),
+    ]
+
+
+def _further(piece: Piece, decays: list[CutDecay], value: float | None, source: str) -> list[CutDecay]:
+    """The decay of a piece, if it is one like those that are known."""
+    known = decays[0].swing.oscillation.period if decays else 0.0
+    if piece.time.size < 20 or piece.time[-1] - piece.time[0] < FEWEST_PERIODS * known:
+        return []
+    if decays and np.ptp(piece.signal) < SMALLEST_FURTHER * np.ptp(decays[0].piece.signal):
+        return []
+    try:
+        decay = _first(piece, value, source)
+    except DecayError:
+        return []
+    if not decays:
+        return [decay]
+    halves, first = decay.swing.halves.peak[decay.swing.run], decays[0].swing.halves.peak[decays[0].swing.run]
+    alike = abs(decay.swing.oscillation.period / known - 1.0) < PERIOD_TOLERANCE
+    return [decay] if alike and halves.max() > SMALLEST_FURTHER * first.max() else []
+
+
+def _first(piece: Piece, value: float | None, source: str) -> CutDecay:
+    """The decay that a piece holds, or the reason why it holds none."""
+    time, signal = piece.time, piece.signal
+    if pulses(signal):
+        raise DecayError(
+            f"{source}: the signal rests at one level and leaves it in pulses, as that of a light barrier "
+            "does: it is not a displacement, from which a decay could be read; choose another column."
+        )
+    swing = find_swing(time, signal, value)
     if swing is None:
         raise DecayError(
             f"{source}: no oscillation stands out of the noise; check the column and the window."
         )
-    swing = checks.after_the_largest(time, angle, swing, source)
-    checks.refuse_outliers(time, angle, source)
-    checks.refuse_clipping(time, angle, swing, source)
-    part = _free_part(time, angle - swing.equilibrium, swing)
-    decay = inside.isel(time=slice(part.start, part.stop)).copy()
-    attrs = decay["angle"].attrs
-    decay["angle"] = (decay["angle"] - swing.equilibrium).assign_attrs(attrs)
-    units = str(attrs.get("units", "rad"))
-    equilibrium_of = swing.equilibrium, swing.standard_error
-    decay = decay.assign(with_standard_error((), "equilibrium", *equilibrium_of, units, "equilibrium"))
-    if np.isfinite(part.stop_time):
-        stop_attrs = {"units": "s", "long_name": "time at which it stopped for good"}
-        decay["stop_time"] = ((), part.stop_time, stop_attrs)
-    decay.attrs["free_decay"] = _sentence(time, part, swing, units)
-    return decay
+    swing = checks.after_the_drive(time, signal, swing)
+    swing = checks.after_clipping(time, signal, swing, source)
+    swing = checks.after_the_largest(time, signal, swing, source)
+    return CutDecay(piece, swing, free_part(time, signal - swing.equilibrium, swing))
+
+
+def swing_within(time: Array, signal: Array) -> Swing | None:
+    """The swing of a signal if it holds a free decay, else None; in a unit and times of any kind.
+
+    Parameters
+    ----------
+    time : (sample,) array of float
+        Rising.
+    signal : (sample,) array of float
+    """
+    if signal.size < 20 or np.ptp(signal) <= max(1e-12 * np.max(np.abs(signal)), SMALLEST_SWING):
+        return None
+    kept, _ = _kept_samples(time, signal, keep_outliers=False)
+    periods = dominant_periods(time[kept], signal[kept])
+    if not periods:
+        return None
+    try:
+        decays = _decays_of(uniform_pieces(time[kept], signal[kept], periods[0]), None, "")
+    except DecayError:
+        return None
+    return max((decay.swing for decay in decays), key=lambda swing: float(swing.halves.peak[swing.run].sum()))
 
 
 def _given(equilibrium: float | str) -> float:
@@ -125,95 +264,7 @@ def _check_signal(time: Array, angle: Array, source: str) -> None:
     bad = np.flatnonzero(~np.isfinite(angle))
     if bad.size:
         raise DecayError(f"{source}: the angle at {time[bad[0]]:.6g} s is not a finite number; cut it out.")
-    checks.check_sampling(time, source)
+    if np.any(np.diff(time) <= 0.0):
+        raise DecayError(f"{source}: its times do not rise; sort them.")
     if np.ptp(angle) <= max(1e-12 * np.max(np.abs(angle)), SMALLEST_SWING):
         raise DecayError(f"{source}: the angle is flat at {angle[0]:.6g}; choose another column or window.")
-
-
-def _free_part(time: Array, angle: Array, swing: Swing) -> Part:
-    halves, run = swing.halves, swing.run
-    smoothed, centred = swing.oscillation.time, swing.oscillation.signal - swing.equilibrium
-    start, before = 0, ""
-    if run.start > 1 or not _mirrors(smoothed, centred, swing, leading=True):
-        inside = (smoothed >= halves.crossing[run.start]) & (smoothed <= halves.crossing[run.start + 1])
-        top = smoothed[inside][np.argmax(np.abs(centred[inside]))]
-        start = int(np.searchsorted(time, top))
-        before = f"the {time[start] - time[0]:.4g} s before the first free extremum"
-    if run.stop == halves.sign.size - 1 and _mirrors(smoothed, centred, swing, leading=False):
-        return Part(start, time.size, before, "")
-    free = checks.before_the_hand(swing)
-    if free is not None:
-        stop = int(np.searchsorted(time, halves.crossing[free.stop]))
-        cut = f"the last {time[-1] - time[stop - 1]:.4g} s, in which not friction but a hand, it seems,"
-        return Part(start, stop, before, f"{cut} stops it")
-    stop, stop_time = _find_stop(time, angle, swing)
-    if np.isfinite(stop_time):
-        after = f"the {time[-1] - stop_time:.4g} s after it stopped for good"
-        return Part(start, stop, before, after, stop_time)
-    stop = int(np.searchsorted(time, halves.crossing[run.stop]))
-    small = halves.peak[run.stop - 1] < 4.0 * swing.oscillation.floor
-    reason = "in which it is lost in the noise" if small else "in which it does not swing freely"
-    return Part(start, stop, before, f"the last {time[-1] - time[stop - 1]:.4g} s {reason}")
-
-
-def _mirrors(time: Array, angle: Array, swing: Swing, *, leading: bool) -> bool:
-    """Whether an end of the record is the mirror image, through a zero crossing, of the swing next to it.
-
-    Free motion under odd forces is, up to the decay; motion held, pushed or stopped by hand or by friction is
-    not.
-    """
-    halves, run = swing.halves, swing.run
-    peak, duration = halves.peak[run], halves.duration[run]
-    crossing = halves.crossing[run.start] if leading else halves.crossing[run.stop]
-    # Two half periods further the sign is the same: an error of the equilibrium does not look like decay.
-    near, further = (0, 2) if leading else (-1, -3)
-    outside = time < crossing if leading else time > crossing
-    away = np.abs(time[outside] - crossing)
-    if away.size == 0:
-        return True
-    if away.max() > 1.5 * duration[near]:
-        return False
-    decay = np.log(peak[near] / peak[further]) / (2.0 * duration[near])
-    inwards = crossing + away if leading else crossing - away
-    mirrored = -np.interp(inwards, time, angle) * np.exp(2.0 * decay * away)
-    drift = 6.0 * float(np.nan_to_num(swing.standard_error))
-    allowed = 0.08 * peak[near] + 5.0 * swing.oscillation.smoothed_noise + swing.oscillation.step + drift
-    return bool(np.all(np.abs(angle[outside] - mirrored) < allowed))
-
-
-def _find_stop(time: Array, angle: Array, swing: Swing) -> tuple[int, float]:
-    """First sample of the stuck tail, and its time; nan if the motion did not stop but fade or go on."""
-    halves, run = swing.halves, swing.run
-    end, duration = halves.crossing[run.stop], float(halves.duration[run.stop - 1])
-    first, last = np.searchsorted(time, (end + duration, end + 12.0 * duration))
-    if last - first < 5:
-        return time.size, np.nan
-    rest = float(np.median(angle[first + 2 * (last - first) // 3 : last]))
-    # In the rest itself there may be no noise at all, and on the way to it no repeated value.
-    noise = noise_level(time[first:last], angle[first:last])
-    allowed = max(4.5 * noise, 1.2 * swing.oscillation.step, 1e-9)
-    away = np.flatnonzero(np.abs(angle[:last] - rest) > allowed)
-    stop = int(away[-1]) + 1 if away.size else 0
-    # Motion that a single sample's noise hides may still show in the averages.
-    oscillation = swing.oscillation
-    least = max(oscillation.floor, oscillation.step, 1e-9)
-    hidden = np.abs(oscillation.signal - swing.equilibrium - rest) > least
-    hidden &= oscillation.time < time[last - 1]
-    stop = max(stop, int(np.searchsorted(time, oscillation.time[hidden].max(initial=time[0]))))
-    if stop >= last or time[stop] > end + 5.0 * duration or time[last - 1] - time[stop] < duration:
-        return time.size, np.nan
-    # Fading below the noise looks the same unless the next extremum would have been seen, or the rest is off
-    # centre.
-    peak = halves.peak[run]
-    expected = peak[-1] ** 2 / peak[-2]
-    centred = 3.0 * float(np.nan_to_num(swing.standard_error))
-    off_centre = abs(rest) > centred + 3.0 * oscillation.smoothed_noise + 0.5 * oscillation.step
-    seen = expected > centred + 2.0 * oscillation.floor or off_centre
-    return (stop, float(time[stop])) if seen else (time.size, np.nan)
-
-
-def _sentence(time: Array, part: Part, swing: Swing, units: str) -> str:
-    cut = " and ".join(text for text in (part.before, part.after) if text)
-    kept = f"kept {time[part.start]:.6g} s to {time[part.stop - 1]:.6g} s ({part.stop - part.start} samples)"
-    error = f" ± {swing.standard_error:.2g}" if np.isfinite(swing.standard_error) else " as given"
-    return f"Free decay: {kept}; cut {cut or 'nothing'}; centred on {swing.equilibrium:.6g}{error} {units}."

@@ -22,9 +22,11 @@ from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.to_identify import forces_to_identify
 from sysid_trib.records.runs import Decays, as_runs, one_or_all
 from sysid_trib.results.schema import provenance
+from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.validation.holdout import split
 
 
+@in_units_of_the_motion
 def discover(
     decay: Decays,
     model_forces: ForceLibrary,

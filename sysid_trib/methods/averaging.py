@@ -24,6 +24,7 @@ from sysid_trib.regression.averaged import averaged_equations, slopes_of_equatio
 from sysid_trib.regression.constraint_map import ConstraintMap, constraint_map
 from sysid_trib.regression.half_period_noise import DENSITY, HalfPeriodEquations
 from sysid_trib.regression.weak_form import whiten, whitener
+from sysid_trib.results.signal_scale import in_units_of_the_motion
 
 SCOPE = MethodScope(
     label="averaging",
@@ -92,6 +93,7 @@ class Averaging:
         if not isinstance(self.random_force, str) and self.frequency == "last":
             raise UsageError("frequency='last' takes no random_force; take frequency='fit', or leave it out.")
 
+    @in_units_of_the_motion
     def identify(self, decay: Decays, library: ForceLibrary) -> xr.Dataset:
         """Identify the forces of `library` from a decay with `angle(time)`, or from several runs.
 

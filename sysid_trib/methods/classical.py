@@ -18,6 +18,7 @@ from sysid_trib.methods.indirect import as_identification, indirect_estimate
 from sysid_trib.methods.scope import Method, MethodScope, scope_of
 from sysid_trib.noise.random_force import RandomForceOption, check_random_force
 from sysid_trib.regression.relations import Equations, solve
+from sysid_trib.results.signal_scale import in_units_of_the_motion
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,7 @@ class ClassicalMethod:
     def __post_init__(self) -> None:
         check_random_force(self.random_force)
 
+    @in_units_of_the_motion
     def identify(self, decay: xr.Dataset, library: ForceLibrary) -> xr.Dataset:
         """Identify the forces that the method describes, those of its `FORMULAS`.
 

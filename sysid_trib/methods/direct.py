@@ -29,6 +29,7 @@ from sysid_trib.regression.rows import Rows, stack_rows, strong_rows, weak_regre
 from sysid_trib.regression.solution import Solution, select, solve, with_errors_of_dropped
 from sysid_trib.results.per_run import start_variables
 from sysid_trib.results.schema import Estimate, identification
+from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import Variables
 from sysid_trib.trajectory_fit.pushed_columns import PushedRegression, regress_pushed
 from sysid_trib.trajectory_fit.refined_columns import refine_columns
@@ -114,6 +115,7 @@ class Direct:
     def _takes_random_force(self) -> bool:
         return self.form == "weak" and self.refine
 
+    @in_units_of_the_motion
     def identify(self, decay: Decays, library: ForceLibrary) -> xr.Dataset:
         """Identify the forces of `library` from a decay, or from several runs.
 

@@ -20,6 +20,7 @@ from sysid_trib.methods.scope import MethodScope
 from sysid_trib.methods.wu_decrement import energy_balance
 from sysid_trib.noise.random_force import RandomForceOption, check_random_force
 from sysid_trib.regression.relations import Equations
+from sysid_trib.results.signal_scale import in_units_of_the_motion
 
 # Friction by which the simulated amplitude shrinks as the record's does; it is not reported.
 FORMULAS = {f"damping_beside_{p}": formula for p, formula in enumerate(("sign(v)", "2*v", "v*abs(v)"))}
@@ -70,6 +71,7 @@ class FrequencyShift:
     def __post_init__(self) -> None:
         check_random_force(self.random_force)
 
+    @in_units_of_the_motion
     def identify(self, decay: xr.Dataset, library: ForceLibrary) -> xr.Dataset:
         """Identify the conservative forces of `library` from a decay with `angle(time)`.
 

@@ -22,6 +22,7 @@ from sysid_trib.noise.sensor_noise import sensor_noise_of
 from sysid_trib.records.runs import Decays, as_runs, root_mean_square
 from sysid_trib.results.birge import birge_ratio
 from sysid_trib.results.schema import model_of
+from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.simulation.model import Model
 from sysid_trib.trajectory_fit.initial_conditions import first_guess
 from sysid_trib.trajectory_fit.least_squares import Fit, fitted, grown, rms, stopped_by_bounds
@@ -107,6 +108,7 @@ class Trajectory:
         """The random force that is fitted: none beside noise that is whitened as it is."""
         return self.random_force if self.noise == "white" else "off"
 
+    @in_units_of_the_motion
     def identify(self, decay: Decays, library: ForceLibrary) -> xr.Dataset:
         """Identify the forces of `library` from a decay with `angle(time)`, or from several runs.
 

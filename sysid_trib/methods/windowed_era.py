@@ -16,6 +16,7 @@ from sysid_trib.noise.level import sensor_noise
 from sysid_trib.records.runs import root_mean_square
 from sysid_trib.results.birge import birge_ratio
 from sysid_trib.results.schema import Estimate, identification
+from sysid_trib.results.signal_scale import in_units_of_the_motion
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,7 @@ class WindowedERA:
         several_runs=False,
     )
 
+    @in_units_of_the_motion
     def identify(self, decay: xr.Dataset, library: ForceLibrary) -> xr.Dataset:
         """Identify the force of formula `2*v` of `library` from a decay with `angle(time)`.
 

@@ -37,6 +37,8 @@ FIRST_STEP_IN_ERRORS = 3.0
 PART_OF_GAIN = 0.01
 # Largest partial autocorrelation in a search: a walk has no variance that its first sample could have.
 MOST_CORRELATED = 0.999
+# Trials of a search for each tap: where noise is all but a random walk (an integrated rate's) it would creep.
+MOST_TRIALS = 25
 # Steps of time that differ by more than this part have no autoregression.
 UNEVEN = 1e-3
 
@@ -155,11 +157,12 @@ def most_likely_colour(
         tolerance = _colour_tolerance(value - least)
         at = np.arctanh(np.clip(_partial(best) / MOST_CORRELATED, -MOST_CORRELATED, MOST_CORRELATED))
         simplex = at + step * np.concatenate([np.zeros((1, order)), np.eye(order)])
-        options = {"initial_simplex": simplex, "xatol": COLOUR_STEP, "fatol": tolerance}
+        most = MOST_TRIALS * order
+        options = {"initial_simplex": simplex, "xatol": COLOUR_STEP, "fatol": tolerance, "maxfev": most}
         minimum = minimize(lambda at: deviance(filter_at(at)), at, method="Nelder-Mead", options=options)
         # A start that is more correlated than the search goes may be the best.
         value, best = min((value, best), (float(minimum.fun), filter_at(minimum.x)), key=lambda pair: pair[0])
-        if _colour_tolerance(value - least) > 0.5 * tolerance:
+        if minimum.nfev >= most or _colour_tolerance(value - least) > 0.5 * tolerance:
             return best, value
 
 

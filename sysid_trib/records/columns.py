@@ -1,52 +1,76 @@
-"""Which columns of a table hold time and angle, in which units, and their numbers."""
+"""Which columns of a table are times and signal, where names, units and the swing make that certain."""
 
-import re
-from datetime import datetime
+from dataclasses import dataclass
 
 import numpy as np
 
 from sysid_trib.arrays import Array
-from sysid_trib.errors import RecordError, UsageError
+from sysid_trib.decays.cleaning import unwrapped
+from sysid_trib.decays.equilibrium import Swing
+from sysid_trib.decays.free_decay import swing_within
+from sysid_trib.errors import RecordError, SysidTribError, UsageError
+from sysid_trib.records.clock import read_clock
+from sysid_trib.records.headers import is_time, names_quantity, split_header
+from sysid_trib.records.numbers import is_clock_time, is_numeric, numbers
 from sysid_trib.records.tables import FileTable
+from sysid_trib.records.units import SignalUnit, signal_unit
 
-TIME_NAMES = {"time", "t", "times", "timestamp", "seconds", "elapsed", "elapsed time", "zeit", "temps"}
-ANGLE_NAMES = {"angle", "theta", "phi", "θ", "φ", "ϕ", "roll", "angular position", "rotation", "winkel"}
-RATE_NAMES = {"rate", "angular rate", "angular velocity", "omega", "ω", "gyro", "theta dot", "thetadot"}
-_DEGREE = float(np.pi / 180.0)
-TIME_UNITS = {
-    **dict.fromkeys(("s", "sec", "second", "seconds"), 1.0),
-    **dict.fromkeys(("ms", "msec", "millisecond", "milliseconds"), 1e-3),
-    **dict.fromkeys(("us", "µs", "microsecond", "microseconds"), 1e-6),
-    **dict.fromkeys(("ns", "nanosecond", "nanoseconds"), 1e-9),
-    **dict.fromkeys(("min", "minute", "minutes"), 60.0),
-}
-ANGLE_UNITS = {
-    **dict.fromkeys(("rad", "radian", "radians"), 1.0),
-    **dict.fromkeys(("mrad", "milliradian", "milliradians"), 1e-3),
-    **dict.fromkeys(("deg", "degree", "degrees", "°", "dps"), _DEGREE),
-}
-LENGTH_UNITS = {"m": 1.0, "metre": 1.0, "meter": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
-# By option: factor to SI of each unit, the unit where none is stated, and those that errors name.
-UNITS = {
-    "units": (ANGLE_UNITS | LENGTH_UNITS, "rad", "rad, deg, mrad, m or mm"),
-    "time_units": (TIME_UNITS, "s", "s, ms, us or min"),
-}
-_RATE = re.compile(
-    r"(?:^|[\s\[({_/])(dps|(?:m?rad(?:ians?)?|deg(?:rees?)?|°|[cmuµ]?m)"
-    r"(?:\s*[/*·]\s*|[\s_]+|[\s_]*per[\s_]*)s(?:ec|econds?)?(?:\^?-1|⁻¹)?)\s*[\])}]?$"
-)
+# Of columns in one unit, one is the signal if it swings so many times as far as any other.
+DOMINANT = 5.0
+# Two columns are one signal twice.
+SAME_SIGNAL = 0.9999
+# Columns that are looked at.
+MOST_JUDGED = 40
+LISTED = 12
+FEWEST_NUMBERS = 3
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """The columns of one run.
+
+    Attributes
+    ----------
+    time : str or None
+        Name of the time column; None if there is none, or a sampling rate stands for it.
+    signal : str
+        Name of the signal's column.
+    sentence : str
+        Why it is this one; nothing where there is no other.
+    """
+
+    time: str | None
+    signal: str
+    sentence: str = ""
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """A column that could be the signal: its header, numbers, and how it swings."""
+
+    name: str
+    base: str
+    unit: SignalUnit | None
+    values: Array
+    swing: Swing | None
+
+    @property
+    def amplitude(self) -> float:
+        return 0.5 * float(np.ptp(np.nanpercentile(self.values, [0.5, 99.5])))
+
+    @property
+    def period(self) -> float:
+        return self.swing.oscillation.period if self.swing else np.inf
+
+    @property
+    def quantity(self) -> str:
+        return self.unit.quantity if self.unit and self.unit.known else names_quantity(self.base)
 
 
 def choose_columns(
-    table: FileTable,
-    source: str,
-    *,
-    time: str | int | None,
-    angle: str | int | None,
-    signal: str,
-    timeless: bool,
-) -> tuple[str | None, str]:
-    """Names of the time and the angle column: given, recognised, or the first and the second.
+    table: FileTable, source: str, *, time: str | int | None, angle: str | int | None, signal: str | None
+) -> list[Chosen]:
+    """The columns of each run in a table: as given, or where one alone can be meant.
 
     Parameters
     ----------
@@ -54,49 +78,170 @@ def choose_columns(
         What the file holds.
     source : str
         Name of the file, for messages.
-    time : str or int, optional
-        Name or number of the time column.
-    angle : str or int, optional
-        Name or number of the angle column.
-    signal : str
-        `angle` or `rate`.
-    timeless : bool
-        Whether a sampling rate is given: the time column is then only recognised to be ignored.
+    time, angle : str or int, optional
+        Name or number (from 0) of the columns of time and signal.
+    signal : str, optional
+        The quantity that is wanted.
+
+    Raises
+    ------
+    UsageError
+        There is no such column, or several could be the signal: they are listed.
+    RecordError
+        There is no column for a signal.
     """
-    names = list(table.columns)
-    angle_name = None if angle is None else find_column(table, angle, source)
-    time_name = None if time is None else find_column(table, time, source)
-    if time_name is None:
-        time_name = _usual_time(table, [name for name in names if name != angle_name], timeless)
-    if angle_name is None:
-        angle_name = _usual_angle([name for name in names if name != time_name], signal, source)
-    return None if timeless else time_name, angle_name
-
-
-def _usual_time(table: FileTable, names: list[str], timeless: bool) -> str | None:
-    usual = [name for name in names if split_header(name)[0] in TIME_NAMES]
-    if usual:
-        return usual[0]
-    if len(table.columns) == 1:
-        return None
-    first = np.asarray(table.columns[names[0]])
-    # An angle that swings cannot rise throughout: such a column is the time that a sampling rate replaces.
-    rises = first.dtype.kind in "fiu" and bool(np.all(np.diff(first.astype(float)) >= 0))
-    return names[0] if rises or not timeless else None
-
-
-def _usual_angle(names: list[str], signal: str, source: str) -> str:
+    times = _time_columns(table)
+    given_time = None if time is None else find_column(table, time, source)
+    if angle is not None:
+        name = find_column(table, angle, source)
+        return [Chosen(given_time or _time_of(name, [t for t in times if t != name], table), name)]
+    if given_time is not None:
+        times = [given_time]
+    names = [name for name in table.columns if name not in times and is_numeric(table.columns[name])]
     if not names:
-        raise RecordError(f"{source}: there is no column for the {signal} beside the time.")
-    usual = RATE_NAMES if signal == "rate" else ANGLE_NAMES
-    named = [name for name in names if split_header(name)[0] in usual]
-    exact = [name for name in named if split_header(name)[0] == signal]
-    if len(named) > 1 and len(exact) != 1:
-        raise UsageError(
-            f"{source}: columns {' and '.join(named)} could each be the {signal}; "
-            "name one, --angle NAME (angle= in Python)."
+        raise RecordError(f"{source}: there is no column for the angle beside the time.")
+    runs = _runs_side_by_side(names, times, table)
+    if runs:
+        return [Chosen(*run, "runs side by side") for run in runs]
+    if len(names) == 1:
+        return [Chosen(_time_of(names[0], times, table), names[0])]
+    made = (_candidate(table, name, _time_of(name, times, table), source) for name in names[:MOST_JUDGED])
+    candidates = [candidate for candidate in made if candidate is not None]
+    if not candidates:
+        # Each of them holds a text: the refusal says where.
+        return [Chosen(_time_of(names[0], times, table), names[0])]
+    chosen, why = _certain(candidates, signal, source)
+    return [Chosen(_time_of(chosen.name, times, table), chosen.name, why)]
+
+
+def _time_columns(table: FileTable) -> list[str]:
+    """Names of the columns of time: by their headers, else the first one that rises throughout."""
+    names = list(table.columns)
+    units = {name: table.units.get(name, "") or split_header(name)[1] for name in names}
+    named = [
+        name
+        for name in names
+        if is_time(split_header(name)[0], units[name]) or is_clock_time(table.columns[name])
+    ]
+    if named or len(names) == 1:
+        return named
+    rising = [name for name in names[:3] if _rises(table.columns[name])]
+    # A number of the row stands before the time.
+    if (
+        len(rising) > 1
+        and len(names) > 2
+        and np.all(np.diff(np.asarray(table.columns[rising[0]], float)) == 1)
+    ):
+        return rising[1:2]
+    return rising[:1]
+
+
+def _rises(values: object) -> bool:
+    column = np.asarray(values)
+    if column.dtype.kind not in "fiu":
+        return False
+    steps = np.diff(column[np.isfinite(column.astype(float))].astype(float))
+    return bool(steps.size and np.all(steps >= 0) and np.any(steps > 0))
+
+
+def _time_of(name: str, times: list[str], table: FileTable) -> str | None:
+    """The time column that stands next before a column, else the first."""
+    order = list(table.columns)
+    fitting = [t for t in times if np.size(table.columns[t]) == np.size(table.columns[name])] or times
+    before = [t for t in fitting if order.index(t) < order.index(name)]
+    return before[-1] if before else fitting[0] if fitting else None
+
+
+def _runs_side_by_side(names: list[str], times: list[str], table: FileTable) -> list[tuple[str, str]]:
+    """Time and signal of each run where a table holds the same pair of columns several times."""
+    pairs = [(_time_of(name, times, table) or "", name) for name in names]
+    headers = {split_header(name) for name in names}
+    numbered = all(any(sign.isdigit() for sign in name) for name in names)
+    several = len(pairs) > 1 and len({time for time, _ in pairs}) == len(pairs) == len(times)
+    return pairs if several and len(headers) == 1 and numbered and ":" in names[0] else []
+
+
+def _candidate(table: FileTable, name: str, time: str | None, source: str) -> _Candidate | None:
+    """A column with its header and swing; None if it holds a text, or next to no numbers."""
+    base, unit = split_header(name)
+    swing = None
+    try:
+        values = numbers(table.columns[name], name, source)
+    except SysidTribError:
+        return None
+    if np.count_nonzero(np.isfinite(values)) < FEWEST_NUMBERS:
+        return None
+    try:
+        stamps = np.arange(values.size) if time is None else numbers(table.columns[time], time, source)
+        if stamps.size != values.size:
+            return _Candidate(name, base, signal_unit(table.units.get(name, "") or unit), values, None)
+        clock = read_clock(stamps.astype(float), 1.0, source)
+        good = np.isfinite(values[clock.rows])
+        whole, _ = unwrapped(
+            values[clock.rows][good], 360.0 if np.nanmax(np.abs(values)) > 10.0 else 2.0 * np.pi
         )
-    return (exact or named or names)[0]
+        swing = swing_within(clock.time[good], whole)
+    except SysidTribError:
+        pass
+    return _Candidate(name, base, signal_unit(table.units.get(name, "") or unit), values, swing)
+
+
+def _certain(candidates: list[_Candidate], signal: str | None, source: str) -> tuple[_Candidate, str]:
+    """The one column that can be meant, and why."""
+    moving = [c for c in candidates if c.amplitude > 0.0] or candidates
+    pool = [c for c in moving if c.swing is not None] or moving
+    if signal is not None:
+        pool = [c for c in pool if c.quantity == signal] or pool
+    named = [c for c in pool if c.quantity == "angle" and names_quantity(c.base) == "angle"]
+    others = f"of {len(candidates)} columns" if len(candidates) > 1 else ""
+    if len(pool) == 1:
+        return pool[0], f"the one {others} that swings as a decay" if others and pool[0].swing else ""
+    if len(named) == 1:
+        return named[0], f"named as an angle, {others}"
+    pool = _without_copies(named or pool)
+    if len(pool) == 1:
+        return pool[0], f"of the columns that swing alike, {others}"
+    units = {c.unit.text if c.unit else "" for c in pool}
+    largest, second = sorted(pool, key=lambda c: c.amplitude)[:-3:-1]
+    if len(units) == 1 and largest.amplitude > DOMINANT * second.amplitude:
+        return largest, f"it swings {largest.amplitude / second.amplitude:.2g} times as far as any other"
+    if not any(c.swing for c in pool):
+        # None is a decay: the first one's refusal says why.
+        return (named or pool)[0], ""
+    raise UsageError(
+        f"{source}: {_listed(pool)} could each be the signal; name one, such as "
+        f'--angle "{pool[0].name}" (angle= in Python).'
+    )
+
+
+def _without_copies(pool: list[_Candidate]) -> list[_Candidate]:
+    """Without columns that repeat another one in other units, or swing twice as often (y of a pendulum)."""
+    ranked = sorted(pool, key=lambda c: (c.quantity != "angle", c.unit is None))
+    kept: list[_Candidate] = []
+    for column in ranked:
+        alike = any(_repeats(column, other) for other in kept)
+        doubled = any(abs(other.period / column.period - 2.0) < 0.1 for other in pool)
+        if not alike and not doubled:
+            kept.append(column)
+    return [c for c in pool if c in kept] or pool[:1]
+
+
+def _repeats(column: _Candidate, other: _Candidate) -> bool:
+    if column.values.size != other.values.size:
+        return False
+    good = np.isfinite(column.values) & np.isfinite(other.values)
+    if not np.count_nonzero(good) or not np.ptp(column.values[good]) or not np.ptp(other.values[good]):
+        return False
+    return bool(abs(np.corrcoef(column.values[good], other.values[good])[0, 1]) > SAME_SIGNAL)
+
+
+def _listed(pool: list[_Candidate]) -> str:
+    texts = []
+    for column in pool[:LISTED]:
+        low, high = np.nanpercentile(column.values, [0.0, 100.0])
+        period = f", period {column.period:.4g}" if column.swing else ""
+        texts.append(f"{column.name} ({low:.4g} to {high:.4g}{period})")
+    return " and ".join([", ".join(texts[:-1]), texts[-1]] if len(texts) > 1 else texts)
 
 
 def find_column(table: FileTable, wanted: str | int, source: str) -> str:
@@ -112,123 +257,7 @@ def find_column(table: FileTable, wanted: str | int, source: str) -> str:
                 return matches[0]
     if str(wanted).isdigit() and int(wanted) < len(names):
         return names[int(wanted)]
-    listed = ", ".join(f"{number}: {name}" for number, name in enumerate(names[:12])) + (
-        ", ..." if len(names) > 12 else ""
+    listed = ", ".join(f"{number}: {name}" for number, name in enumerate(names[:LISTED])) + (
+        ", ..." if len(names) > LISTED else ""
     )
     raise UsageError(f"{source}: there is no single column {str(wanted)!r}; its columns are {listed}.")
-
-
-def split_header(name: str) -> tuple[str, str]:
-    """Base name and unit of a header such as `angle (deg)`, `Time [ms]`, `t / s` or `time_ms`.
-
-    Both in lower case; "per second" of a rate is taken off its unit.
-    """
-    text = name.strip().lower().replace("μ", "µ")
-    text = re.sub(r"(rad|deg|degrees|°)(/|[_ ](per[_ ])?)s(ec)?$", r"\1", text)
-    match = re.fullmatch(r"(.*?)\s*[\[({]\s*([^\[\](){}]*?)\s*[\])}]", text)
-    bracket = match is not None and not match[2].isdigit()
-    if not bracket:
-        match = re.fullmatch(r"(.+?)\s*/\s*(\S+)", text) or re.fullmatch(r"(.+)[_ ](\S+)", text)
-    base, unit = (match[1], plain_unit(match[2])) if match else (text, "")
-    if not bracket and unit not in (TIME_UNITS | ANGLE_UNITS | LENGTH_UNITS):
-        base, unit = text, ""
-    base = re.split(r"[./](?=\D)", base)[-1]
-    return base.replace("_", " ").strip(), unit
-
-
-def plain_unit(unit: str) -> str:
-    """Unit in lower case, without "per second" and without an epoch."""
-    unit = re.sub(r" since .*", "", unit.strip().lower().replace("μ", "µ"))
-    return re.sub(r"\s*(?:/|_|per|\*|·|\s)\s*(?:s|sec|seconds?)(?:\^?-1|⁻¹)?$", "", unit)
-
-
-def refuse_rate(table: FileTable, name: str, source: str) -> None:
-    """Refuse a column in a unit per second where an angle or a position is wanted."""
-    for text in (table.units.get(name, ""), name):
-        match = _RATE.search(text.strip().lower().replace("μ", "µ"))
-        if match:
-            raise UsageError(
-                f"{source}: the header of column {name} says {match[1]}: a rate; "
-                "use --signal rate (signal= in Python)."
-            )
-
-
-def si_numbers(
-    table: FileTable, name: str, source: str, *, option: str, wanted: str | None
-) -> tuple[Array, str]:
-    """The finite numbers of a column in SI units, and the unit that they have in the file.
-
-    The unit is as the option says, as the file says, or the default. Dates become seconds since the first.
-
-    Parameters
-    ----------
-    table : FileTable
-        What the file holds.
-    name : str
-        Name of the column.
-    source : str
-        Name of the file, for messages.
-    option : {"units", "time_units"}
-        Name of the option that gives the unit, in Python.
-    wanted : str, optional
-        The unit that it gives.
-
-    Raises
-    ------
-    UsageError
-        The option contradicts the header.
-    RecordError
-        The unit is unknown. Text, a missing or an infinite value; the message says in which row (from 1,
-        below the header).
-    """
-    known, default, offered = UNITS[option]
-    flag = f"--{option.replace('_', '-')}"
-    dated = np.asarray(table.columns[name]).dtype.kind == "M"
-    stated = plain_unit(table.units.get(name, "")) or split_header(name)[1]
-    if wanted and stated in known and not dated and not _same(stated, wanted, known):
-        raise UsageError(
-            f"{source}: the header of column {name} says {stated}, but {flag} says {wanted} ({option}= in "
-            "Python); leave the option out or correct the header."
-        )
-    unit = wanted or stated
-    if unit in ("", "1", "none", "-") or (not wanted and dated):
-        unit = default
-    if unit not in known:
-        raise RecordError(
-            f"{source}: the unit {unit!r} of column {name} is unknown; give {flag} ({option}= in Python): "
-            f"{offered}."
-        )
-    return _numbers(table, name, source) * known[unit], unit
-
-
-def _same(first: str, other: str, known: dict[str, float]) -> bool:
-    return known[first] == known[other] and (first in LENGTH_UNITS) == (other in LENGTH_UNITS)
-
-
-def _numbers(table: FileTable, name: str, source: str) -> Array:
-    values = np.asarray(table.columns[name])
-    if values.dtype == object and all(isinstance(value, datetime) for value in values):
-        values = values.astype("datetime64[us]")
-    if values.dtype.kind == "M":
-        return np.asarray((values - values[0]) / np.timedelta64(1, "ns"), dtype=float) * 1e-9
-    if values.dtype.kind not in "fiu":
-        values = np.array([_number(value, name, row, source) for row, value in enumerate(values, 1)])
-    values = values.astype(np.float64)
-    bad = np.flatnonzero(~np.isfinite(values))
-    if bad.size:
-        text = "infinite" if np.isinf(values[bad[0]]) else "missing or not a number"
-        raise RecordError(
-            f"{source}: row {bad[0] + 1} of column {name} is {text} ({bad.size} such rows); "
-            "cut them out, or keep the part between them."
-        )
-    return values
-
-
-def _number(value: object, name: str, row: int, source: str) -> float:
-    try:
-        return float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        raise RecordError(
-            f"{source}: row {row} of column {name} holds {str(value)[:30]!r}, not a number; "
-            "correct it or cut it out."
-        ) from None

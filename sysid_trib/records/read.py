@@ -1,21 +1,82 @@
-"""Records: an angle over time from a file, with its units and provenance."""
+"""Records: an angle or displacement over time from a file, with its unit, and how it was understood."""
 
 import hashlib
 import os
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
-from scipy.interpolate import CubicSpline
 
 from sysid_trib.arrays import Array
+from sysid_trib.decays.cleaning import unwrapped
 from sysid_trib.decays.equilibrium import find_swing
+from sysid_trib.decays.integration import integrated
 from sysid_trib.errors import RecordError, UsageError
-from sysid_trib.records.columns import LENGTH_UNITS, UNITS, choose_columns, refuse_rate, si_numbers
-from sysid_trib.records.tables import read_table
+from sysid_trib.records.assumed_units import assumed_unit, circle_radius, time_factor
+from sysid_trib.records.clock import Clock, read_clock
+from sysid_trib.records.columns import Chosen, choose_columns
+from sysid_trib.records.headers import noted_rate, noted_unit, split_header
+from sysid_trib.records.numbers import numbers
+from sysid_trib.records.tables import FileTable, read_table
+from sysid_trib.records.units import (
+    INTEGRATIONS,
+    METRES,
+    OFFERED_TIME_UNITS,
+    OFFERED_UNITS,
+    SIGNALS,
+    TIME_UNITS,
+    SignalUnit,
+    plain_unit,
+    signal_unit,
+)
 
 LARGEST_AMPLITUDE = 4.0 * np.pi
+RATE_TOLERANCE = 0.01
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How a file is to be read; what is not given is taken from the file.
+
+    Attributes
+    ----------
+    time, angle : str or int, optional
+        Columns of time and signal, by name or number from 0.
+    signal : {"angle", "displacement", "rate", "acceleration"}, optional
+        What was measured.
+    units : str, optional
+        Unit of the signal.
+    sampling_rate : float, Hz, optional
+        Instead of a time column.
+    time_units : {"s", "ms", "us", "min"}, optional
+        Unit of the time column.
+    length : float, m, optional
+        Of a pendulum: turns a displacement in a unit of length into an angle.
+    """
+
+    time: str | int | None = None
+    angle: str | int | None = None
+    signal: str | None = None
+    units: str | None = None
+    sampling_rate: float | None = None
+    time_units: str | None = None
+    length: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.signal is not None and self.signal not in SIGNALS:
+            raise UsageError(f"signal {self.signal!r} is unknown: give {', '.join(SIGNALS)}.")
+        if self.time_units is not None and self.time_units not in TIME_UNITS:
+            raise UsageError(f"time units {self.time_units!r} are unknown: give {OFFERED_TIME_UNITS}.")
+        if self.units is not None and signal_unit(self.units) is None:
+            raise UsageError(f"units {self.units!r} are unknown: give {OFFERED_UNITS}.")
+        if self.sampling_rate is not None and not 1e-9 <= self.sampling_rate <= 1e9:
+            raise UsageError(
+                f"sampling rate {self.sampling_rate:g}: give a positive number of samples a second."
+            )
+        if self.length is not None and not 0.0 < self.length < 1e6:
+            raise UsageError(f"length {self.length:g}: give the pendulum's length in m.")
 
 
 def read_record(
@@ -23,10 +84,11 @@ def read_record(
     *,
     time: str | int | None = None,
     angle: str | int | None = None,
-    signal: str = "angle",
+    signal: str | None = None,
     units: str | None = None,
     sampling_rate: float | None = None,
     time_units: str | None = None,
+    length: float | None = None,
 ) -> xr.Dataset:
     """Read an oscillation from a file.
 
@@ -35,130 +97,228 @@ def read_record(
     path : str or path
         Text or CSV, MATLAB, Excel, netCDF, HDF5, Parquet or TDMS; the content decides, not the name.
     time : str or int, optional
-        Name of the time column, or its number from 0. If not given, it is recognised by its usual names, else
-        it is the first column. The columns of MATLAB and HDF5 files are named like `data.Y[0]`.
+        Name of the time column, or its number from 0. If not given, it is recognised by its name or because
+        it rises. The columns of MATLAB and HDF5 files are named like `data.Y[0]`.
     angle : str or int, optional
-        Name or number of the angle column; else recognised, or the second.
-    signal : {"angle", "rate"}
-        What the column `angle` holds. The rate of a gyroscope is integrated, without its bias.
-    units : {"rad", "deg", "mrad", "m", "mm"}, optional
-        Unit of that column (of a rate: per second), where the file does not say it; if not given either, rad.
-        A position in m is for `scale_translation`.
+        Name or number of the signal's column; else the one that can be meant alone.
+    signal : {"angle", "displacement", "rate", "acceleration"}, optional
+        What was measured; else what unit and name say. A rate is integrated once and an acceleration twice,
+        without the drift of their bias.
+    units : str, optional
+        Its unit, where the file does not say it: rad, deg, mrad, mm, px, V, au, rad/s, g, ...
     sampling_rate : float, Hz, optional
         Instead of a time column.
     time_units : {"s", "ms", "us", "min"}, optional
         Where the file does not say it; if not given either, s.
+    length : float, m, optional
+        Of a pendulum: turns a displacement in a unit of length into an angle.
 
     Returns
     -------
     Dataset
-        `angle(time)` and, for a gyroscope, `rate(time)` as measured. Times are those of the file.
+        `angle(time)` in rad, or a displacement in the file's unit (its attribute `units`), and `rate(time)`
+        or `acceleration(time)` where that was measured. Times are those of the file. Attrs say how it was
+        understood: `signal`, `angle_unit_in_file`, `clock`, `reading`.
 
     Raises
     ------
     UsageError
-        An unknown column, option or file; an option that contradicts the header.
+        An unknown column, option or file; an option that contradicts the header; several columns that could
+        be the signal; several runs side by side (`read_records` gives all).
     RecordError
-        A file without such a record: malformed, not finite, times out of order, impossible units.
+        A file without such a record: malformed, not finite, times out of order.
     """
-    path = Path(path)
-    _check_options(signal, units, sampling_rate, time_units)
-    if time is not None and sampling_rate is not None:
-        raise UsageError(f"{path.name}: give a time column or a sampling rate, not both.")
-    table, source = read_table(path), path.name
-    time_name, angle_name = choose_columns(
-        table, source, time=time, angle=angle, signal=signal, timeless=sampling_rate is not None
-    )
-    if signal == "angle":
-        refuse_rate(table, angle_name, source)
-    values, unit = si_numbers(table, angle_name, source, option="units", wanted=units)
-    time_unit = "s"
-    if time_name is not None:
-        instants, time_unit = si_numbers(table, time_name, source, option="time_units", wanted=time_units)
-    elif sampling_rate is not None:
-        instants = np.arange(values.size) / sampling_rate
-    else:
-        raise RecordError(f"{source}: there is no time column; give the sampling rate (--sampling-rate HZ).")
-    check_times(instants, source, samples=values.size)
-    attrs: dict[str, Any] = {
-        "source": source,
-        "record_checksum": hashlib.sha256(path.read_bytes()).hexdigest(),
-        "signal": signal,
-        "time_column": time_name or f"none, {sampling_rate:g} Hz",
-        "time_unit_in_file": time_unit,
-        "angle_column": angle_name,
-        "angle_unit_in_file": unit if signal == "angle" else f"{unit}/s",
-    }
-    return _record(instants, values, "m" if unit in LENGTH_UNITS else "rad", attrs)
-
-
-def _check_options(
-    signal: str, units: str | None, sampling_rate: float | None, time_units: str | None
-) -> None:
-    if signal not in ("angle", "rate"):
-        raise UsageError(f"signal {signal!r} is unknown: give angle or rate.")
-    for option, wanted in (("units", units), ("time_units", time_units)):
-        known, _, offered = UNITS[option]
-        if wanted is not None and wanted not in known:
-            raise UsageError(f"{option.replace('_', ' ')} {wanted!r} are unknown: give {offered}.")
-    if sampling_rate is not None and not 1e-9 <= sampling_rate <= 1e9:
-        raise UsageError(f"sampling rate {sampling_rate:g}: give a positive number of samples a second.")
-
-
-def _record(time: Array, values: Array, unit: str, attrs: dict[str, Any]) -> xr.Dataset:
-    record = xr.Dataset(coords={"time": ("time", time, {"units": "s", "long_name": "time"})}, attrs=attrs)
-    if attrs["signal"] == "rate":
-        record["rate"] = ("time", values, {"units": f"{unit}/s", "long_name": "rate as measured"})
-        swing = find_swing(time, values)
-        bias = float(np.median(values)) if swing is None else swing.equilibrium
-        values = CubicSpline(time, values - bias).antiderivative()(time)
-        record.attrs["rate_bias"] = bias
-        record.attrs["integration"] = (
-            f"angle integrated (spline) from the rate less its bias of {bias:.6g} {unit}/s"
+    how = Reading(time, angle, signal, units, sampling_rate, time_units, length)
+    records = read_records(path, how)
+    if len(records) > 1:
+        names = ", ".join(str(record.attrs["angle_column"]) for record in records)
+        raise UsageError(
+            f"{Path(path).name}: {len(records)} runs side by side ({names}); name a column, or take all with "
+            "read_records."
         )
-    name = "angle" if unit == "rad" else "position"
-    record["angle"] = ("time", values, {"units": unit, "long_name": name})
-    amplitude = 0.5 * float(np.ptp(values))
-    if unit == "rad" and amplitude > LARGEST_AMPLITUDE:
-        raise RecordError(
-            f"{attrs['source']}: an amplitude of {amplitude:.3g} rad (column {attrs['angle_column']}) is too "
-            "much for an oscillation; if it is in degrees say so, --units deg (units= in Python), "
-            "else choose another column, --angle NAME (angle=)."
-        )
-    return record
+    return records[0]
 
 
-def check_times(time: Array, source: str, *, samples: int) -> None:
-    """Refuse times that are not as many as the samples, or that stand still or run backwards.
+def read_records(path: str | os.PathLike[str], how: Reading | None = None) -> list[xr.Dataset]:
+    """Read every run of a file: one, or several side by side.
 
     Parameters
     ----------
-    time : (sample,) array of float, s
-        The times.
-    source : str
-        Name of the file, for messages.
-    samples : int
-        Number of angles.
+    path : str or path
+        As in `read_record`.
+    how : Reading, optional
+        How it is to be read.
 
     Raises
     ------
-    RecordError
-        With the row (from 1) and the time at which it happens.
+    UsageError, RecordError
+        As `read_record`.
     """
-    if time.size != samples:
-        raise RecordError(
-            f"{source}: {time.size} times but {samples} angles; choose columns that belong together."
-        )
-    if samples < 2:
+    how = how or Reading()
+    path = Path(path)
+    if how.time is not None and how.sampling_rate is not None:
+        raise UsageError(f"{path.name}: give a time column or a sampling rate, not both.")
+    table, source = read_table(path), path.name
+    chosen = choose_columns(table, source, time=how.time, angle=how.angle, signal=how.signal)
+    checksum = hashlib.sha256(path.read_bytes()).hexdigest()
+    records = []
+    for number, columns in enumerate(chosen):
+        record = _read(table, columns, how, source)
+        # Two runs of one file are two records.
+        record.attrs["record_checksum"] = checksum if len(chosen) == 1 else f"{checksum}-{number + 1}"
+        records.append(record)
+    return records
+
+
+def _read(table: FileTable, columns: Chosen, how: Reading, source: str) -> xr.Dataset:
+    values = numbers(table.columns[columns.signal], columns.signal, source)
+    clock, time_unit, said = _clock(table, columns, how, values, source)
+    kept = np.isfinite(values[clock.rows])
+    missing = int(np.count_nonzero(~kept))
+    said = [columns.sentence, *said]
+    if missing:
+        said.append(f"{missing} values missing" if missing > 1 else "1 value missing")
+    time, values = clock.time[kept], values[clock.rows][kept]
+    if values.size < 2:
         raise RecordError(f"{source}: a single sample is not a record.")
-    bad = np.flatnonzero(np.diff(time) <= 0)
-    if bad.size:
-        row = int(bad[0])
-        what = "is repeated" if time[row + 1] == time[row] else f"is followed by {time[row + 1]:.9g} s"
+    unit, why = _unit(table, columns, how, time, values, source)
+    values = values * unit.factor
+    if unit.quantity == "angle":
+        values, cuts = unwrapped(values, 2.0 * np.pi)
+        said += [f"put together again where it was cut at a whole turn ({cuts} times)"] if cuts else []
+    attrs: dict[str, Any] = {
+        "source": source,
+        "signal": unit.quantity,
+        "time_column": columns.time or f"none, {1.0 / np.median(np.diff(time)):g} Hz",
+        "time_unit_in_file": time_unit,
+        "angle_column": columns.signal,
+        "angle_unit_in_file": unit.text,
+        "clock": "; ".join(clock.sentences),
+        "reading": "; ".join(text for text in (*said, why) if text),
+    }
+    if clock.breaks:
+        attrs["breaks"] = list(clock.breaks)
+    return _record(time, values, unit, attrs, how.length)
+
+
+def _clock(
+    table: FileTable, columns: Chosen, how: Reading, values: Array, source: str
+) -> tuple[Clock, str, list[str]]:
+    """Times of the rows, the unit they have in the file, and what is to be said of it."""
+    noted = noted_rate(table.notes)
+    if columns.time is None or (how.sampling_rate is not None and _idle(table, columns.time, values.size)):
+        rate = how.sampling_rate or noted
+        if rate is None:
+            raise RecordError(
+                f"{source}: there is no time column; give the sampling rate (--sampling-rate HZ)."
+            )
+        said = [] if how.sampling_rate else [f"sampling rate of {rate:g} Hz from its notes"]
+        rows = np.arange(values.size)
+        return Clock(rows / rate, rows, (), (f"{rate:g} Hz",)), "s", said
+    stamps = numbers(table.columns[columns.time], columns.time, source)
+    if stamps.size != values.size:
         raise RecordError(
-            f"{source}: time must rise, but {time[row]:.9g} s in row {row + 1} {what}; "
-            "sort the rows, drop the repeated ones, or give the sampling rate instead."
+            f"{source}: {stamps.size} times but {values.size} angles; choose columns that belong together."
         )
+    unit, factor, why = time_factor(table, columns.time, how.time_units, source)
+    if how.sampling_rate is not None:
+        rows = np.flatnonzero(np.isfinite(stamps))
+        counted = max(float(np.ptp(stamps[rows])) * factor, 1e-300)
+        # A coarse clock's last stamp lasts for as many samples as the others do.
+        rate = (rows.size - rows.size / np.unique(stamps[rows]).size) / counted
+        if abs(how.sampling_rate / rate - 1.0) > RATE_TOLERANCE + 1.0 / rows.size:
+            raise UsageError(
+                f"{source}: the time stamps of column {columns.time} say {rate:.6g} Hz, but --sampling-rate "
+                f"says {how.sampling_rate:g} Hz (sampling_rate= in Python); leave the option out, or give "
+                "the unit of the stamps, --time-units."
+            )
+        return Clock(rows / how.sampling_rate, rows, (), (f"{how.sampling_rate:g} Hz as given",)), unit, []
+    clock = read_clock(stamps, factor, source)
+    return clock, unit, [why] if why else []
+
+
+def _idle(table: FileTable, name: str, samples: int) -> bool:
+    """Whether a time column cannot contradict a sampling rate: it is of another length, or does not move."""
+    stamps = np.asarray(table.columns[name])
+    return stamps.size != samples or stamps.dtype.kind not in "fiu" or bool(np.ptp(stamps) == 0)
+
+
+def _unit(
+    table: FileTable, columns: Chosen, how: Reading, time: Array, values: Array, source: str
+) -> tuple[SignalUnit, str]:
+    """Unit of the signal: as the option says, as the file says, or as its numbers let one assume."""
+    name = columns.signal
+    base, in_header = split_header(name)
+    stated = signal_unit(table.units.get(name, "") or in_header or noted_unit(table.notes))
+    given = None if how.units is None else signal_unit(how.units)
+    if given and how.signal and given.quantity in ("angle", "displacement") and how.signal != given.quantity:
+        # "deg" of a rate is deg/s.
+        given = SignalUnit(given.text, how.signal, given.position, given.factor, given.known)
+    if given and stated and stated.known and _differs(stated, given):
+        raise UsageError(
+            f"{source}: the header of column {name} says {stated.text}, but --units says {how.units} (units= "
+            "in Python); leave the option out or correct the header."
+        )
+    unit, why = given or stated, ""
+    if unit is None:
+        unit, why = assumed_unit(base, time, values, circle_radius(table, name), how.signal)
+    if how.signal is not None and how.signal != unit.quantity:
+        per_second = "/s" if how.signal == "rate" else "/s^2" if how.signal == "acceleration" else ""
+        if unit.quantity in ("angle", "displacement") and per_second:
+            unit = SignalUnit(f"{unit.text}{per_second}", how.signal, unit.position, unit.factor, unit.known)
+        elif stated is not None and stated.known:
+            raise UsageError(
+                f"{source}: the header of column {name} says {stated.text}: {_article(stated.quantity)}; but "
+                f"--signal says {how.signal} (signal= in Python); leave the option out."
+            )
+    swing = 0.5 * float(np.ptp(values)) * unit.factor
+    if unit.quantity == "angle" and swing > LARGEST_AMPLITUDE and unit.text.lower().startswith("rad"):
+        raise RecordError(
+            f"{source}: an amplitude of {swing:.3g} rad (column {name}) is too much for an oscillation; if "
+            "it is in degrees say so with --units deg (units= in Python), if it is no angle name its unit."
+        )
+    return unit, why
+
+
+def _differs(stated: SignalUnit, given: SignalUnit) -> bool:
+    same_kind = stated.position == given.position and np.isclose(stated.factor, given.factor)
+    return not (
+        same_kind and (stated.quantity == given.quantity or plain_unit(stated.text) == plain_unit(given.text))
+    )
+
+
+def _article(quantity: str) -> str:
+    return f"an {quantity}" if quantity[0] in "a" else f"a {quantity}"
+
+
+def _record(
+    time: Array, values: Array, unit: SignalUnit, attrs: dict[str, Any], length: float | None
+) -> xr.Dataset:
+    record = xr.Dataset(coords={"time": ("time", time, {"units": "s", "long_name": "time"})}, attrs=attrs)
+    position, times = unit.position, INTEGRATIONS[unit.quantity]
+    if times:
+        measured = f"{position}/s" if times == 1 else f"{position}/s^2"
+        long_name = f"{unit.quantity} as measured"
+        record[unit.quantity] = ("time", values, {"units": measured, "long_name": long_name})
+        swing = find_swing(time, values)
+        bias = float(np.median(values)) if swing is None else swing.equilibrium
+        period = float(np.ptp(time)) if swing is None else swing.oscillation.period
+        values = values - bias
+        for _ in range(times):
+            values = integrated(time, values, period)
+        record.attrs["measured"] = unit.quantity
+        record.attrs[f"{unit.quantity}_bias"] = bias
+        count = "once" if times == 1 else "twice"
+        record.attrs["integrations"] = times
+        record.attrs["integration"] = (
+            f"integrated {count}, without the drift of its bias (splines, knots two periods apart)"
+        )
+    if length is not None and position in METRES:
+        values, position = values * METRES[position] / length, "rad"
+        record.attrs["length"] = length
+    name = "angle" if position == "rad" else "displacement"
+    record["angle"] = ("time", values, {"units": position, "long_name": name})
+    return record
 
 
 def scale_translation(record: xr.Dataset, mass: float, natural_frequency: float, load: float) -> xr.Dataset:
@@ -167,7 +327,7 @@ def scale_translation(record: xr.Dataset, mass: float, natural_frequency: float,
     Parameters
     ----------
     record : Dataset
-        `angle(time)` in m.
+        `angle(time)` in a unit of length.
     mass : float, kg
         m.
     natural_frequency : float, rad/s
@@ -183,20 +343,18 @@ def scale_translation(record: xr.Dataset, mass: float, natural_frequency: float,
     Raises
     ------
     UsageError
-        The record is not a position in m, or a value is not positive.
+        The record is not a position in a unit of length, or a value is not positive.
     """
     source = record.attrs.get("source", "record")
-    if record["angle"].attrs.get("units") != "m":
+    unit = str(record["angle"].attrs.get("units"))
+    if unit not in METRES:
         raise UsageError(f"{source}: only a position can be scaled; read the record with units=m (or mm).")
     for name, value in (("mass", mass), ("natural frequency", natural_frequency), ("load", load)):
         if not (np.isfinite(value) and value > 0):
             raise UsageError(f"{name} of {value}: give a positive number.")
-    factor = mass * natural_frequency**2 / load
+    factor = METRES[unit] * mass * natural_frequency**2 / load
     scaled = record.copy()
-    meanings = {"angle": ("rad", "scaled position"), "rate": ("rad/s", "scaled rate as measured")}
-    for name, (unit, meaning) in meanings.items():
-        if name in record:
-            scaled[name] = (record[name] * factor).assign_attrs(units=unit, long_name=meaning)
+    scaled["angle"] = (record["angle"] * factor).assign_attrs(units="rad", long_name="scaled position")
     scaled.attrs = record.attrs | {
         "translation": f"angle = m w0^2 x / P with m = {mass:g} kg, w0 = {natural_frequency:g} rad/s, "
         f"P = {load:g} N",

@@ -1,6 +1,6 @@
 """Tables of numbers from files of many formats; the content decides, not the name."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -24,10 +24,13 @@ class FileTable:
         Columns by name, in the order of the file.
     units : dict of str to str
         Their units, where the file states them beside the names.
+    notes : tuple of str
+        What else it says: comment lines, texts and scalars as `name = value`.
     """
 
     columns: ColumnValues
     units: dict[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
 
 def read_table(path: Path) -> FileTable:
@@ -98,26 +101,34 @@ def _read_text(path: Path) -> FileTable:
     return _from_frame(*read_text(path))
 
 
-def _from_frame(frame: pd.DataFrame, names: list[str] | None) -> FileTable:
+def _from_frame(frame: pd.DataFrame, names: list[str] | None, notes: Sequence[str] = ()) -> FileTable:
     """Columns by their names, or else by number from 0."""
     columns: ColumnValues = {}
     for index, name in zip(range(frame.shape[1]), names or map(str, range(frame.shape[1])), strict=False):
         columns[name if name and name not in columns else f"{name}#{index}"] = frame.iloc[:, index].to_numpy()
-    return FileTable(columns)
+    return FileTable(columns, {}, tuple(notes))
 
 
 def _read_excel(path: Path) -> FileTable:
-    sheet = pd.read_excel(path, header=None, engine="openpyxl").dropna(how="all").dropna(axis=1, how="all")
-    numbers = sheet.map(lambda cell: isinstance(cell, (int, float)) and cell == cell)
+    """The sheet with the most rows of numbers."""
+    sheets = pd.read_excel(path, header=None, engine="openpyxl", sheet_name=None)
+    cut = [sheet.dropna(how="all").dropna(axis=1, how="all") for sheet in sheets.values()]
+    parts = [(sheet, sheet.map(_is_number)) for sheet in cut]
+    sheet, numbers = max(parts, key=lambda part: int(part[1].any(axis=1).sum()))
     full = np.flatnonzero(numbers.all(axis=1))
     some = np.flatnonzero(numbers.any(axis=1))
     if not some.size:
-        raise RecordError(f"{path.name}: no rows of numbers were found on its first sheet.")
+        raise RecordError(f"{path.name}: no rows of numbers were found on its sheets.")
     start = int(full[0] if full.size else some[0])
     while start > 0 and numbers.iloc[start - 1].any():
         start -= 1
     names = [str(cell) for cell in sheet.iloc[start - 1]] if start else None
-    return _from_frame(sheet.iloc[start:], names)
+    notes = [" ".join(str(cell) for cell in row if cell == cell) for row in sheet.iloc[:start].to_numpy()]
+    return _from_frame(sheet.iloc[start:].infer_objects(), names, notes)
+
+
+def _is_number(cell: Any) -> bool:
+    return isinstance(cell, (int, float)) and cell == cell
 
 
 def _read_parquet(path: Path) -> FileTable:
@@ -139,8 +150,17 @@ def _read_netcdf(path: Path) -> FileTable:
 def _read_matlab(path: Path) -> FileTable:
     from scipy.io import loadmat
 
-    content = loadmat(path, simplify_cells=True)
-    return FileTable(dict(_flatten({k: v for k, v in content.items() if not k.startswith("__")})))
+    content = {k: v for k, v in loadmat(path, simplify_cells=True).items() if not k.startswith("__")}
+    return FileTable(dict(_flatten(content)), {}, tuple(_notes(content)))
+
+
+def _notes(value: Any, name: str = "") -> Iterator[str]:
+    """Scalars and texts, as `name = value`."""
+    if isinstance(value, dict):
+        for key, item in value.items():
+            yield from _notes(item, str(key))
+    elif isinstance(value, (str, int, float, np.number)):
+        yield f"{name} = {value}"
 
 
 def _flatten(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
@@ -180,7 +200,8 @@ def _read_hdf5(path: Path) -> FileTable:
 
     with h5py.File(path, "r") as file:
         columns = dict(_flatten(content(file, file)))
-    return FileTable(columns, units)
+        notes = tuple(f"{name} = {value}" for name, value in file.attrs.items() if np.ndim(value) == 0)
+    return FileTable(columns, units, notes)
 
 
 def _read_tdms(path: Path) -> FileTable:

@@ -12,8 +12,8 @@ FORMATS = "text or CSV, MATLAB, Excel (.xlsx), netCDF, HDF5, Parquet, TDMS"
 DELIMITERS = (";", "\t", ",", None)
 
 
-def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None]:
-    """Rows of numbers of a text file, and the names of their columns if it states them.
+def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
+    """Rows of numbers of a text file, the names of their columns if it states them, and the lines above.
 
     Parameters
     ----------
@@ -58,7 +58,8 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None]:
     # A delimiter at the end of every line makes an empty last column.
     if frame.shape[1] > 1 and frame.iloc[:, -1].isna().all():
         frame = frame.iloc[:, :-1]
-    return frame, header if header is not None and len(header) >= frame.shape[1] else None
+    named = header is not None and len(header) >= frame.shape[1]
+    return frame, header if named else None, lines[:start]
 
 
 def _is_comment(line: str) -> bool:
@@ -125,6 +126,13 @@ def _header(before: list[str], delimiter: str | None, width: int) -> list[str] |
         text = line.lstrip("#%/! \t") if _is_comment(line) else line
         separator = "," if delimiter is None and "," in text else delimiter
         fields = _fields(text, separator)
+        if (
+            len(fields) == 1
+            and width > 1
+            and text.strip().count(".") == width - 1
+            and " " not in text.strip()
+        ):
+            fields = text.strip().split(".")
         if len(fields) != width and not (len(fields) == 1 and delimiter == ","):
             break
         header.append(fields)

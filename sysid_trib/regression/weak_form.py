@@ -29,6 +29,8 @@ END_ROWS, END_DEGREE, END_PARTS = SPLINE_DEGREE - 2, 7, 6
 # Beside a gap, a step longer than so many others, there is nothing to interpolate.
 MOST_UNEVEN = 1.5
 # Samples up to which a weak form is kept for the next record on the same grid: some 40 MB.
+# Numbers that are filtered at once.
+MOST_DENSE = 4_000_000
 MOST_KEPT = 100_000
 
 
@@ -190,26 +192,26 @@ def coloured(operator: sp.csr_matrix, filter_: Array) -> sp.csr_matrix:
 
     Notes
     -----
-    A filter that runs backwards over each row. Rows that are far from each other go through it in one sum.
+    A filter that runs backwards over each row, over blocks of rows side by side.
     """
     if len(filter_) == 1:
         return operator
     rows, samples = operator.shape
     operator = operator.sorted_indices()
     first, last = operator.indices[operator.indptr[:-1]], operator.indices[operator.indptr[1:] - 1]
-    tail = min(memory_samples(filter_), samples)
-    start = np.maximum(0, first - tail)
-    apart = int(np.max(np.searchsorted(start, last, side="right") - np.arange(rows)))
-    parts = []
-    for group in range(apart):
-        chosen = np.arange(group, rows, apart)
-        together = np.asarray(operator[chosen].sum(axis=0)).ravel()
-        carried = lfilter([1.0], filter_, together[::-1])[::-1]
-        length = last[chosen] - start[chosen] + 1
-        at = np.repeat(start[chosen] - np.append(0, np.cumsum(length)[:-1]), length) + np.arange(length.sum())
-        parts.append((np.repeat(chosen, length), at, carried[at]))
-    row, column, value = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return sp.csr_matrix((value, (row, column)), operator.shape)
+    length = last - np.maximum(0, first - min(memory_samples(filter_), samples)) + 1
+    values, columns = [], []
+    for block in np.array_split(np.arange(rows), 1 + int(np.sum(length)) // MOST_DENSE):
+        # Each row from its end backwards, so that all begin in one column.
+        entries = operator[block].tocoo()
+        backwards = np.zeros((len(block), int(length[block].max())))
+        backwards[entries.row, last[block][entries.row] - entries.col] = entries.data
+        carried = lfilter([1.0], filter_, backwards, axis=1)
+        inside = np.arange(backwards.shape[1]) < length[block][:, None]
+        values.append(carried[inside])
+        columns.append((last[block][:, None] - np.arange(backwards.shape[1]))[inside])
+    pointers = np.append(0, np.cumsum(length))
+    return sp.csr_matrix((np.concatenate(values), np.concatenate(columns), pointers), operator.shape)
 
 
 def covariance_band(covariance: sp.csr_matrix) -> Array:

@@ -13,6 +13,7 @@ from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.noise.random_force import RandomForce, random_force_of
 from sysid_trib.results.per_run import noise_of_run
 from sysid_trib.results.schema import asymptotic_frequency, library_of
+from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import variable, with_error
 from sysid_trib.state_space.intervals import steps_over
 from sysid_trib.state_space.kalman import LinearModel, filter_gains, statsmodels_model
@@ -46,6 +47,7 @@ class Ahead:
     diffusion: Array
 
 
+@in_units_of_the_motion
 def prediction_bands(
     decay: xr.Dataset,
     result: xr.Dataset,

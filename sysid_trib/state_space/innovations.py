@@ -7,6 +7,7 @@ import xarray as xr
 from scipy.stats import chi2
 
 from sysid_trib.arrays import Array, Index
+from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import variable, with_error
 from sysid_trib.state_space.kalman import set_signal, statsmodels_model
 from sysid_trib.state_space.tracked import TrackedRecord, track
@@ -14,6 +15,7 @@ from sysid_trib.state_space.tracked import TrackedRecord, track
 LAGS = 20
 
 
+@in_units_of_the_motion
 def innovations(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> xr.Dataset:
     """What an identification predicts wrongly one sample ahead, and the random force over time.
 

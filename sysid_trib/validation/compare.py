@@ -15,6 +15,7 @@ from sysid_trib.methods.scope import Method, scope_of
 from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.results.per_run import group_names
 from sysid_trib.results.schema import library_of
+from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.validation.comparison_table import method_table
 from sysid_trib.validation.cross_check import check_method
 from sysid_trib.validation.cross_check_statistics import ties
@@ -53,6 +54,7 @@ def every_method(
     return methods
 
 
+@in_units_of_the_motion
 def compare(
     decay: Decays,
     library: ForceLibrary,

@@ -12,6 +12,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.scope import Method
 from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.results.per_run import group_names, noise_of_run
+from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import variable
 from sysid_trib.state_space.tracked import FollowedRuns
 from sysid_trib.trajectory_fit.initial_conditions import FittedMotion
@@ -70,6 +71,7 @@ def check_method(method: Any, function: str) -> None:
         raise UsageError(f"{function} wants a method such as methods.Direct(), not {method!r}.")
 
 
+@in_units_of_the_motion
 def cross_check(
     decay: Decays, first: xr.Dataset, second: xr.Dataset, *, draws: int = SIMULATED_RECORDS, seed: int = 0
 ) -> xr.DataTree:

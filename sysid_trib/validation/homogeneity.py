@@ -20,6 +20,7 @@ from sysid_trib.results.common_reference import (
     stated_covariance,
 )
 from sysid_trib.results.schema import library_of
+from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import Variables, chi_square_test, variable, with_error
 from sysid_trib.validation.density_agreement import density_agreement, random_force_of_each
 
@@ -32,6 +33,7 @@ MIXED_UNITS = "1; rad/s for the frequency"
 FORCE_UNITS = "see the force's unit"
 
 
+@in_units_of_the_motion
 def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Dataset:
     """Test whether the runs of one experiment have the same forces.
 
@@ -131,6 +133,7 @@ def _homogeneity(values: Array, covariances: Array) -> tuple[float, float]:
     return statistic, float((len(values) - 1) * values.shape[1])
 
 
+@in_units_of_the_motion
 def difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
     """Contrast of two identifications: a contact run minus a contactless one, say.
 

@@ -10,6 +10,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
 from sysid_trib.noise.random_force import DENSITY_UNITS, RandomForce, random_force_of
 from sysid_trib.noise.variance_ratio import VarianceRatio
+from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import Variables, variable
 from sysid_trib.state_space.bands import parameters_of
 from sysid_trib.state_space.kalman import LinearModel
@@ -29,6 +30,7 @@ ON = ("angle", "speed", "amplitude", "time", "any")
 ASPECTS = ("force", "size")
 
 
+@in_units_of_the_motion
 def random_force_dependence(
     decay: xr.Dataset, result: xr.Dataset, run: int = 0, *, seed: int = 0
 ) -> xr.Dataset:

@@ -1,0 +1,113 @@
+"""The records of a command: files, or the embedded example, and the decays in them."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sysid_trib.commands.checks import parse_number, parse_window
+from sysid_trib.commands.options import DecayOptions
+from sysid_trib.errors import UsageError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+# Options that say how a record is to be read.
+READING = ("time", "angle", "signal", "units", "sampling_rate", "time_units", "length")
+
+
+def read_decays(
+    given: DecayOptions, reference_frequency: float | None = None
+) -> "tuple[list[xr.Dataset], list[str]]":
+    """Read free decays of the files, or of the embedded example.
+
+    Parameters
+    ----------
+    given : DecayOptions
+        The files, none for the embedded example, and how to read them.
+    reference_frequency : float, rad/s, optional
+        Refused where the record cannot show it.
+
+    Returns
+    -------
+    decays : list of xr.Dataset
+        The decays: those of a file that holds several are runs as well.
+    sentences : list of str
+        What each of them is.
+    """
+    decays: list[xr.Dataset] = []
+    sentences: list[str] = []
+    sums: list[str] = []
+    for record in given.records or (None,):
+        read, sentence = _read(given, record)
+        checksum = str(read[0].attrs.get("record_checksum"))
+        # Its noise would count as if it were another's.
+        if checksum in sums:
+            raise UsageError(f"{record} is given twice; runs of one experiment are different records.")
+        sums.append(checksum)
+        those = [decay for part in read for decay in _decays(given, part)]
+        chosen = _chosen(those, given.decay, record)
+        decays += chosen
+        several = f" {len(those)} decays{', one of them taken' if len(chosen) == 1 else ''}."
+        sentences += [sentence + (several if len(those) > 1 else "")] * len(chosen)
+    if len({str(decay.angle.attrs.get("units")) for decay in decays}) > 1:
+        raise UsageError("The records are in different units; runs of one experiment are in one (--units).")
+    for decay in decays:
+        _check_reference(reference_frequency, decay)
+    return decays, sentences
+
+
+def _read(given: DecayOptions, record: Path | None) -> "tuple[list[xr.Dataset], str]":
+    """The runs of a file, or the embedded example, and what they are."""
+    from sysid_trib.records.read import Reading, read_records
+    from sysid_trib.simulation.example import paper_twin
+
+    how = {name: getattr(given, name) for name in READING}
+    if record is None:
+        idle = [k for k, v in how.items() if v is not None]
+        if idle:
+            raise UsageError(f"--{idle[0].replace('_', '-')} is for a RECORD, and none is given.")
+        read = paper_twin()
+        return [read], f"Embedded example: {read.attrs['source']}; {read.attrs['synthetic']}."
+    runs = read_records(record, Reading(**how))
+    attrs = runs[0].attrs
+    column = attrs["angle_column"]
+    facts = [f"{attrs['signal']} in {attrs['angle_unit_in_file']} from column {column}", attrs["clock"]]
+    facts += [attrs[name] for name in ("reading", "integration") if attrs.get(name)]
+    return runs, f"Record: {record}, {'; '.join(facts)}."
+
+
+def _decays(given: DecayOptions, record: "xr.Dataset") -> "list[xr.Dataset]":
+    from sysid_trib.decays.free_decay import free_decays
+    from sysid_trib.records.units import signal_unit
+
+    limits = parse_window(given.window, "--window")
+    centre: float | str = given.equilibrium
+    if centre != "auto":
+        unit = signal_unit(str(record.attrs.get("angle_unit_in_file", "rad")))
+        centre = parse_number(given.equilibrium, "--equilibrium") * (unit.factor if unit else 1.0)
+    return free_decays(record, window=limits, equilibrium=centre, keep_outliers=given.keep_outliers)
+
+
+def _chosen(decays: "list[xr.Dataset]", number: int | None, record: Path | None) -> "list[xr.Dataset]":
+    """All decays of a file, or the one that is asked for."""
+    if number is None:
+        return decays
+    if number > len(decays):
+        count = "1 decay" if len(decays) == 1 else f"{len(decays)} decays"
+        raise UsageError(
+            f"--decay {number}: {record or 'the example'} holds {count}; give 1 to {len(decays)}."
+        )
+    return [decays[number - 1]]
+
+
+def _check_reference(frequency: float | None, decay: "xr.Dataset") -> None:
+    """Refuse a reference frequency that the record cannot show."""
+    time = decay.time.values
+    slowest = 2.0 * np.pi / (time[-1] - time[0])
+    fastest = 0.5 * slowest * (len(time) - 1)
+    if frequency is not None and not slowest <= frequency <= fastest:
+        raise UsageError(
+            f"--reference-frequency '{frequency:g}': this record shows {slowest:.3g} to "
+            f"{fastest:.3g} rad/s; mind that it is in rad/s, not Hz."
+        )

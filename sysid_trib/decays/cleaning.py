@@ -1,0 +1,130 @@
+"""Samples that are no motion: spikes, a bad first or last sample, frames that are held, a wrapped angle."""
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid_trib.arrays import Array
+from sysid_trib.decays.half_periods import noise_level, quantisation_step
+
+Indices: TypeAlias = NDArray[np.int64]
+
+# Off what its neighbours say by this part of the swing: neither motion nor impact does this in one sample.
+SPIKE_SHARE = 0.2
+# Weights of the four neighbours of a sample (cubic), and of the four that follow the first.
+INSIDE = np.array([-1.0, 4.0, 4.0, -1.0]) / 6.0
+AT_END = np.array([4.0, -6.0, 4.0, -1.0])
+# Noise levels.
+SPIKE_NOISE = 15.0
+# Most a new frame moves, in steps of the sensor, where repeated values are its quantisation.
+QUANTISED_STEPS = 3.0
+WRAP_SHARE = 0.75
+# Pulses are so many times shorter than what is between them; a swing's two sides last alike.
+PULSE_RATIO = 3.0
+FEWEST_CROSSINGS = 12
+# Samples in a row that are bad together, at most.
+MOST_ROUNDS = 4
+
+
+def spikes(time: Array, signal: Array) -> Indices:
+    """Indices of samples that leap out of the swing and back, and of a bad first or last one.
+
+    Parameters
+    ----------
+    time : (sample,) array of float, s
+    signal : (sample,) array of float
+        In any unit.
+    """
+    if signal.size < 20:
+        return np.zeros(0, dtype=np.int64)
+    swing = float(np.ptp(np.percentile(signal, [1.0, 99.0])))
+    least = max(SPIKE_SHARE * swing, SPIKE_NOISE * noise_level(time, signal))
+    kept = np.arange(signal.size)
+    bad = np.zeros(signal.size, dtype=bool)
+    # A spike disturbs what is expected of its neighbours: the largest goes first, then they are judged anew.
+    for _ in range(MOST_ROUNDS):
+        if kept.size < 20:
+            return np.zeros(0, dtype=np.int64)
+        off = _off_neighbours(signal[kept])
+        candidates = (off > least) & _and_back(signal[kept], off)
+        if not candidates.any():
+            break
+        reach = np.lib.stride_tricks.sliding_window_view(np.pad(off, 2), 5).max(axis=1)
+        worst = kept[candidates & (off == reach)]
+        bad[worst] = True
+        kept = np.flatnonzero(~bad)
+    return np.flatnonzero(bad)
+
+
+def _and_back(signal: Array, off: Array) -> "NDArray[np.bool_]":
+    """Whether the neighbours of a sample are near each other: a step is no spike. True of the ends."""
+    back = np.ones(signal.size, dtype=bool)
+    back[1:-1] = off[1:-1] > 2.0 * np.abs(signal[2:] - signal[:-2])
+    return back
+
+
+def _off_neighbours(signal: Array) -> Array:
+    """Distance of each sample from the cubic through its four neighbours; of an end, through the next four.
+
+    Zero of the second from either end.
+    """
+    off = np.zeros(signal.size)
+    windows = np.lib.stride_tricks.sliding_window_view(signal, 5)
+    off[2:-2] = np.abs(windows[:, 2] - windows[:, [0, 1, 3, 4]] @ INSIDE)
+    off[0] = abs(signal[0] - signal[1:5] @ AT_END)
+    off[-1] = abs(signal[-1] - signal[-2:-6:-1] @ AT_END)
+    # The noise of an extrapolation is several times that of an interpolation.
+    off[[0, -1]] /= 3.0
+    return off
+
+
+def new_frames(signal: Array) -> Indices | None:
+    """First rows of values that are held over several rows (a live camera's frames); None if none are held.
+
+    Values repeat too where a fine clock meets a coarse sensor; but then a new value is the next step.
+    """
+    change = np.flatnonzero(np.diff(signal) != 0.0) + 1
+    if change.size < 20 or np.median(np.diff(change)) < 2.0:
+        return None
+    usual_step = float(np.median(np.abs(np.diff(signal)[change - 1])))
+    if usual_step <= QUANTISED_STEPS * quantisation_step(signal):
+        return None
+    return np.concatenate(([0], change))
+
+
+def unwrapped(angle: Array, turn: float) -> tuple[Array, int]:
+    """An angle that was cut at a whole turn, put together again, and the number of cuts.
+
+    Parameters
+    ----------
+    angle : (sample,) array of float
+        Within one turn where it was cut; missing values are nan.
+    turn : float
+        A whole turn in its unit.
+    """
+    good = np.isfinite(angle)
+    jumps = np.abs(np.diff(angle[good])) > WRAP_SHARE * turn
+    if not jumps.any() or np.ptp(angle[good]) > turn * (1.0 + 1e-6):
+        return angle, 0
+    whole = angle.copy()
+    whole[good] = np.unwrap(angle[good], period=turn)
+    # A spike of a whole turn and back is none.
+    if np.ptp(whole[good]) > 2.0 * turn:
+        return angle, 0
+    return whole, int(np.count_nonzero(jumps))
+
+
+def pulses(signal: Array) -> bool:
+    """Whether a signal rests at one level and leaves it in pulses, as light behind a barrier does."""
+    low, high = np.percentile(signal, [0.5, 99.5])
+    # Clearly on either side: noise about the middle is no crossing.
+    clear = np.flatnonzero(np.abs(signal - 0.5 * (low + high)) > 0.2 * (high - low))
+    above = signal[clear] > 0.5 * (low + high)
+    crossings = np.flatnonzero(np.diff(above))
+    if crossings.size < FEWEST_CROSSINGS:
+        return False
+    # By medians: a single long rest, before a release or after a stop, is none of them.
+    lasts, up = np.diff(clear[crossings]), above[crossings[:-1] + 1]
+    high_for, low_for = np.median(lasts[up]), np.median(lasts[~up])
+    return bool(max(high_for, low_for) > PULSE_RATIO * min(high_for, low_for))

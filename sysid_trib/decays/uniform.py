@@ -1,0 +1,91 @@
+"""Pieces of a record without gaps, each on a uniform clock."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from sysid_trib.arrays import Array
+
+# Deviation of a step from the usual one that the methods take as it is.
+STEP_TOLERANCE = 0.02
+# A gap of more than this part of a period parts a record: no polynomial knows what was in it.
+LONGEST_FILLED = 0.25
+FILL_DEGREE = 7
+# A step longer than this many usual ones has samples missing in it.
+PARTED_STEP = 1.5
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A part of a record without a long gap.
+
+    Attributes
+    ----------
+    time : (sample,) array of float, s
+        Steps that differ by 2 % at most.
+    signal : (sample,) array of float
+    sentence : str
+        What was done to make it so; nothing where it was so.
+    """
+
+    time: Array
+    signal: Array
+    sentence: str = ""
+
+
+def uniform_pieces(time: Array, signal: Array, period: float, breaks: tuple[float, ...] = ()) -> list[Piece]:
+    """Split a record at long gaps and put each piece on a uniform clock.
+
+    Parameters
+    ----------
+    time : (sample,) array of float, s
+        Rising, in any steps.
+    signal : (sample,) array of float
+    period : float, s
+        Of the oscillation: a gap of more than a quarter of it parts the record.
+    breaks : tuple of float, s
+        Further times at which a piece starts.
+
+    Notes
+    -----
+    Where steps differ by more than 2 %, samples on a uniform grid are those of the cubic spline through the
+    measured ones. In a short gap they are those of the polynomial of degree 7 that fits a quarter of a period
+    on either side best. The mean step stays, and so does the density of the noise at low frequency.
+    """
+    steps = np.diff(time)
+    usual = float(np.median(steps))
+    usual = float(np.mean(steps[steps <= PARTED_STEP * usual])) if usual > 0.0 else usual
+    longest = max(LONGEST_FILLED * period, PARTED_STEP * usual)
+    bounds = np.union1d(np.flatnonzero(steps > longest) + 1, np.searchsorted(time, breaks)).astype(int)
+    parts = np.split(np.arange(time.size), bounds)
+    return [_on_a_grid(time[part], signal[part], usual, period) for part in parts if part.size > 1]
+
+
+def is_uniform(time: Array) -> bool:
+    """Whether all steps are within 2 % of the median (1e-9 s keeps the limit itself on the good side)."""
+    steps = np.diff(time)
+    median = float(np.median(steps))
+    return bool(np.abs(steps - median).max(initial=0.0) <= STEP_TOLERANCE * median + 1e-9)
+
+
+def _on_a_grid(time: Array, signal: Array, usual: float, period: float) -> Piece:
+    if is_uniform(time):
+        return Piece(time, signal)
+    count = max(1, round((time[-1] - time[0]) / usual))
+    grid = np.linspace(time[0], time[-1], count + 1)
+    value = CubicSpline(time, signal)(grid)
+    filled = 0
+    for start in np.flatnonzero(np.diff(time) > PARTED_STEP * usual):
+        low, high = time[start], time[start + 1]
+        inside = (grid > low) & (grid < high)
+        near = (time >= low - LONGEST_FILLED * period) & (time <= high + LONGEST_FILLED * period)
+        if np.count_nonzero(near) > 2 * FILL_DEGREE:
+            fit = np.polynomial.Polynomial.fit(time[near], signal[near], FILL_DEGREE)
+            value[inside] = fit(grid[inside])
+        filled += int(np.count_nonzero(inside))
+    uneven = f"uneven steps: interpolated to {1.0 / (grid[1] - grid[0]):.5g} Hz"
+    gaps = f"{filled} missing samples filled from a quarter of a period on either side"
+    jitters = not is_uniform(np.delete(time, np.flatnonzero(np.diff(time) > PARTED_STEP * usual) + 1))
+    said = [text for text, is_so in ((uneven, jitters or not filled), (gaps, filled > 0)) if is_so]
+    return Piece(grid, value, " and ".join(said))

@@ -1,0 +1,93 @@
+"""How a coefficient and its shape parameters change with the unit of the signal."""
+
+import itertools
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from sysid_trib.forces.force import Force
+from sysid_trib.forces.formulas import Formula
+
+FACTORS = (2.0, 0.125)
+# Powers of the signal that shape parameters, and states and memory, may have.
+SHAPE_POWERS = (0.0, 1.0, -1.0, -2.0)
+HIDDEN_POWERS = (1.0, 0.0, 2.0)
+
+
+@dataclass(frozen=True)
+class SignalDegree:
+    """Powers of the signal's unit.
+
+    Attributes
+    ----------
+    force : float
+        Degree p of the force: its coefficient is in unit^(1-p).
+    shapes : dict of str to float
+        Power of each shape parameter.
+    """
+
+    force: float
+    shapes: dict[str, float]
+
+
+@lru_cache(maxsize=1024)
+def signal_degree(force: Force) -> SignalDegree | None:
+    """Degree of a force in the signal, its states and shape parameters scaled along; None if it has none.
+
+    Parameters
+    ----------
+    force : Force
+        `sin(x) - x` has none: it knows a radian. `tanh(v/s)` is of degree 0, with s of power 1. A degree that
+        depends on a shape parameter, as that of abs(v)**p, is none.
+    """
+    hidden = (*force.state, *force.memory)
+    for shape_powers in itertools.product(SHAPE_POWERS, repeat=len(force.shape)):
+        shapes = dict(zip(force.shape, shape_powers, strict=True))
+        for hidden_powers in itertools.product(HIDDEN_POWERS, repeat=len(hidden)):
+            powers = {"x": 1.0, "v": 1.0, **shapes, **dict(zip(hidden, hidden_powers, strict=True))}
+            degrees = {_degree(force, powers, points) for points in _points(force, shapes)}
+            if None not in degrees and len(degrees) == 1:
+                return SignalDegree(float(degrees.pop() or 0.0), shapes)
+    return None
+
+
+def _points(force: Force, shapes: dict[str, float]) -> list[dict[str, Any]]:
+    """Test points with pure numbers at their default and at either end."""
+    ends = ("default", "low", "high")
+    pure = [{k: getattr(force.shape[k], end) for k, p in shapes.items() if p == 0.0} for end in ends]
+    return [force.test_points | values for values in (pure if pure[0] else pure[:1])]
+
+
+def _degree(force: Force, powers: dict[str, float], points: dict[str, Any]) -> float | None:
+    """Degree of the force if states and memory keep their powers, else None."""
+    for name, formula in (*force.state.items(), *force.memory.items(), *force.start.items()):
+        if _power(formula, powers, points) not in (powers[name], np.inf):
+            return None
+    degree = _power(force.formula, powers, points)
+    return None if degree == np.inf else degree
+
+
+def _power(formula: Formula, powers: dict[str, float], points: dict[str, Any]) -> float | None:
+    """Power with which a formula scales; infinite of zero, which has every power."""
+    seen = set()
+    with np.errstate(all="ignore"):
+        here = np.broadcast_to(formula.evaluate(points), (64,))
+        if not np.any(here):
+            return np.inf
+        for factor in FACTORS:
+            rescaled = points | {
+                k: factor**p * np.asarray(points[k]) for k, p in powers.items() if k in points
+            }
+            there = np.broadcast_to(formula.evaluate(rescaled), (64,))
+            used = np.abs(here) > 1e-12
+            power = (
+                round(float(np.median(np.log(np.abs(there[used] / here[used])) / np.log(factor))), 6) + 0.0
+            )
+            if not np.isfinite(power):
+                return None
+            if not np.allclose(there, factor**power * here, rtol=1e-9, atol=1e-12 * factor**power):
+                return None
+            seen.add(power)
+    return seen.pop() if len(seen) == 1 else None

@@ -1,0 +1,161 @@
+"""Units that a file does not state: what its numbers and names let one assume, with the evidence."""
+
+import numpy as np
+
+from sysid_trib.arrays import Array
+from sysid_trib.decays.half_periods import dominant_periods
+from sysid_trib.errors import RecordError, UsageError
+from sysid_trib.records.headers import names_quantity, split_header
+from sysid_trib.records.numbers import is_clock_time
+from sysid_trib.records.tables import FileTable
+from sysid_trib.records.units import (
+    OFFERED_TIME_UNITS,
+    STANDARD_GRAVITY,
+    TIME_UNITS,
+    SignalUnit,
+    plain_unit,
+    signal_unit,
+)
+
+# Two columns lie on a circle about the origin if their radius scatters by less than this part of it,
+ROUND = 0.02
+# and its unit is one in which gravity comes out right, within this part.
+GRAVITY_TOLERANCE = 0.05
+# An accelerometer that rests shows gravity: near 1 in g, near 9.8 in m/s^2.
+REST_IN_G = (0.5, 1.2)
+
+
+def time_factor(table: FileTable, name: str, given: str | None, source: str) -> tuple[str, float, str]:
+    """Unit of a time column, its factor to s, and why where it was not stated.
+
+    Raises
+    ------
+    UsageError
+        The option contradicts the header.
+    RecordError
+        The unit is unknown.
+    """
+    dated = is_clock_time(table.columns[name])
+    base, in_header = split_header(name)
+    stated = plain_unit(table.units.get(name, "")) or in_header
+    stated = "" if stated in ("1", "none", "-") else stated
+    if given and stated in TIME_UNITS and not dated and TIME_UNITS[stated] != TIME_UNITS[given]:
+        raise UsageError(
+            f"{source}: the header of column {name} says {stated}, but --time-units says {given} "
+            "(time_units= in Python); leave the option out or correct the header."
+        )
+    if dated:
+        return "s", 1.0, ""
+    if given or stated:
+        unit = given or stated
+        if unit not in TIME_UNITS:
+            raise RecordError(
+                f"{source}: the unit {unit!r} of column {name} is unknown; give --time-units (time_units= in "
+                f"Python): {OFFERED_TIME_UNITS}."
+            )
+        return unit, TIME_UNITS[unit], ""
+    if base in ("millis", "micros"):
+        return ("ms", 1e-3, "") if base == "millis" else ("us", 1e-6, "")
+    return _beside_steps(table, name)
+
+
+def _beside_steps(table: FileTable, name: str) -> tuple[str, float, str]:
+    """The unit in which the steps of a time column are those that a column `dt (s)` states; else s."""
+    stamps = np.asarray(table.columns[name], dtype=float)
+    steps = np.diff(stamps[np.isfinite(stamps)])
+    usual = float(np.median(steps)) if steps.size else 0.0
+    for other in table.columns:
+        base, unit = split_header(other)
+        if base in ("dt", "delta t", "step") and unit in TIME_UNITS:
+            stated = float(np.nanmedian(np.asarray(table.columns[other], dtype=float))) * TIME_UNITS[unit]
+            for text in ("s", "ms", "us"):
+                if np.isclose(usual * TIME_UNITS[text], stated, rtol=0.01):
+                    return text, TIME_UNITS[text], f"time in {text}, by its steps in column {other}"
+    return "s", 1.0, ""
+
+
+def circle_radius(table: FileTable, name: str) -> float | None:
+    """Radius of the circle about the origin on which a column and another one lie; None if they do not."""
+    values = np.asarray(table.columns[name])
+    if values.dtype.kind not in "fiu":
+        return None
+    for other, column in table.columns.items():
+        beside = np.asarray(column)
+        if other == name or beside.dtype.kind not in "fiu" or beside.size != values.size:
+            continue
+        radius = np.hypot(values.astype(float), beside.astype(float))
+        middle = float(np.nanmean(radius))
+        moves = min(np.nanstd(values), np.nanstd(beside)) > ROUND / 10.0 * middle
+        if middle > 0.0 and moves and np.nanstd(radius) < ROUND / 10.0 * middle:
+            return middle
+    return None
+
+
+def assumed_unit(
+    base: str, time: Array, values: Array, radius: float | None, signal: str | None
+) -> tuple[SignalUnit, str]:
+    """Unit of a signal that nothing states, and the evidence for it.
+
+    Parameters
+    ----------
+    base : str
+        Name of the column.
+    time, values : (sample,) array of float, s and the column's unit
+    radius : float, optional
+        Of the circle on which it moves.
+    signal : str, optional
+        The quantity, if it is given.
+
+    Notes
+    -----
+    A bob on a circle of radius L about its pivot swings at w^2 = g/L: the unit of L is that in which g is
+    9.81 m/s^2. No pendulum swings farther than pi: a larger angle is in degrees.
+    """
+    quantity = signal or names_quantity(base)
+    half = 0.5 * float(np.ptp(np.percentile(values, [0.1, 99.9])))
+    if radius is not None and quantity in ("", "displacement"):
+        return _on_circle(time, values, radius)
+    if quantity in ("", "angle"):
+        if half > np.pi:
+            return _unit(
+                "deg"
+            ), f"unit not stated: in degrees, since an angle does not swing to {half:.3g} rad"
+        return _unit("rad"), "unit not stated: taken as rad"
+    if quantity == "displacement":
+        return SignalUnit(
+            "au", "displacement", "au", 1.0
+        ), "unit not stated: coefficients are in its unit, au"
+    if quantity == "rate":
+        periods = dominant_periods(time, values)
+        far = half * (periods[0] if periods else 1.0) / (2.0 * np.pi)
+        text = "deg/s" if far > np.pi else "rad/s"
+        return _unit(text), f"unit not stated: taken as {text}, which makes the swing {_swing(far, text)}"
+    rest = float(np.median(values))
+    in_g = REST_IN_G[0] < abs(rest) < REST_IN_G[1]
+    reason = f", since it swings about {rest:.3g}, as gravity would" if in_g else ""
+    return _unit("g" if in_g else "m/s^2"), f"unit not stated: taken as {'g' if in_g else 'm/s^2'}{reason}"
+
+
+def _on_circle(time: Array, values: Array, radius: float) -> tuple[SignalUnit, str]:
+    periods = dominant_periods(time, values)
+    gravity = radius * (2.0 * np.pi / periods[0]) ** 2 if periods else 0.0
+    for text, metres in (("m", 1.0), ("cm", 1e-2), ("mm", 1e-3)):
+        if abs(gravity * metres / STANDARD_GRAVITY - 1.0) < GRAVITY_TOLERANCE:
+            return _unit(text), (
+                f"unit not stated: in {text}, since it moves on a circle of radius {radius:.4g} and swings "
+                f"as a pendulum of {radius:.4g} {text} does"
+            )
+    return SignalUnit("au", "displacement", "au", 1.0), (
+        f"unit not stated: coefficients are in its unit, au; it moves on a circle of radius {radius:.4g}"
+    )
+
+
+def _swing(far: float, text: str) -> str:
+    return f"{far:.3g} {text.removesuffix('/s')}"
+
+
+def _unit(text: str) -> SignalUnit:
+    unit = signal_unit(text)
+    if unit is None:
+        raise RecordError(f"The unit {text!r} is unknown.")
+    return unit

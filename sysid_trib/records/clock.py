@@ -1,0 +1,155 @@
+"""What stamps say of the clock: uniform and rounded, jittering, doubled, set back, with rows missing."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid_trib.arrays import Array
+from sysid_trib.errors import RecordError
+
+# Stamps are decimal numbers: the step of their rounding is a power of ten.
+MOST_DIGITS = 9
+# A step longer than this many usual ones has rows missing in it.
+LACKING_STEP = 1.5
+# A clock that is set back this often is none: the rows are in no order.
+MOST_SET_BACK = 20
+UNEVEN_PART = 1e-9
+# s; stamps that started longer ago (epoch seconds) are counted from the first: no digit is lost to them.
+LONGEST_COUNTED = 1e6
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Times of a record.
+
+    Attributes
+    ----------
+    time : (sample,) array of float, s
+        Rising.
+    rows : (sample,) array of int
+        Rows of the file that they belong to.
+    breaks : tuple of float, s
+        Times at which the clock was set back: what comes after is a piece of its own.
+    sentences : tuple of str
+        What was seen.
+    """
+
+    time: Array
+    rows: "np.ndarray[tuple[int], np.dtype[np.int64]]"
+    breaks: tuple[float, ...] = ()
+    sentences: tuple[str, ...] = ()
+
+
+def read_clock(stamps: Array, factor: float, source: str) -> Clock:
+    """Times from stamps.
+
+    Parameters
+    ----------
+    stamps : (row,) array of float
+        In the unit of the file; nan where one is missing.
+    factor : float
+        Of that unit, in s.
+    source : str
+        Name of the file, for messages.
+
+    Raises
+    ------
+    RecordError
+        The rows are in no order of time, or too few.
+    """
+    rows = np.flatnonzero(np.isfinite(stamps))
+    given = stamps[rows]
+    sentences = []
+    repeated = np.flatnonzero(np.diff(given) == 0.0) + 1
+    if 2 * repeated.size > given.size:
+        raise RecordError(
+            f"{source}: most time stamps are repeated: the clock is coarser than the sampling; "
+            "give the sampling rate instead, --sampling-rate HZ (sampling_rate= in Python)."
+        )
+    if given.size < 2:
+        raise RecordError(f"{source}: a single sample is not a record.")
+    if repeated.size:
+        rows, given = np.delete(rows, repeated), np.delete(given, repeated)
+        sentences.append(f"{_rows(repeated.size)} with a repeated time stamp left out")
+    given, back = _rising(given, source)
+    if back.size:
+        where = ", ".join(f"{given[b - 1] * factor:.6g} s" for b in back[:3])
+        sentences.append(f"the clock is set back after {where}: used as {back.size + 1} pieces")
+    time, said = _without_rounding(given, np.append(0, back), _rounding(given))
+    time = time * factor
+    if abs(time[0]) > LONGEST_COUNTED:
+        sentences.append(f"counted from the first stamp, {given[0]:.10g}")
+        time = time - time[0]
+    breaks = tuple(float(time[b]) for b in back)
+    return Clock(time, rows, breaks, (*sentences, _said_rate(time, said)))
+
+
+def _rows(count: int) -> str:
+    return "1 row" if count == 1 else f"{count} rows"
+
+
+def _rising(given: Array, source: str) -> "tuple[Array, np.ndarray[tuple[int], np.dtype[np.int64]]]":
+    """Stamps that rise throughout, and where the clock was set back: from there they are shifted."""
+    steps = np.diff(given)
+    back = np.flatnonzero(steps < 0.0) + 1
+    if back.size > min(MOST_SET_BACK, given.size // 20):
+        row = int(back[0])
+        raise RecordError(
+            f"{source}: time must rise, but {given[row - 1]:.9g} s in row {row} is followed by "
+            f"{given[row]:.9g} s, and so {back.size} times; sort the rows, or give the sampling rate instead."
+        )
+    if not back.size:
+        return given, back
+    usual = float(np.median(steps))
+    shift = np.zeros(given.size)
+    shift[back] = usual - steps[back - 1]
+    return given + np.cumsum(shift), back
+
+
+def _rounding(given: Array) -> float:
+    """Step of the decimal rounding of stamps, 0 if they have more digits than `MOST_DIGITS`."""
+    largest = float(np.abs(given).max(initial=1e-300))
+    for digits in range(MOST_DIGITS + 1):
+        scaled = given * 10.0**digits
+        if np.all(np.abs(scaled - np.round(scaled)) <= 4e-16 * largest * 10.0**digits + 1e-9):
+            return float(10.0**-digits)
+    return 0.0
+
+
+def _without_rounding(
+    given: Array, starts: "np.ndarray[tuple[int], np.dtype[np.int64]]", rounding: float
+) -> tuple[Array, str]:
+    """The uniform clock whose rounded stamps these are, rows missing or not; else the stamps themselves."""
+    steps = np.diff(given)
+    usual = float(np.mean(steps[steps <= LACKING_STEP * np.median(steps)]))
+    if usual <= 0.0:
+        return given, ""
+    counts = np.maximum(1.0, np.round(steps / usual))
+    missing = int(np.sum(counts - 1))
+    index = np.concatenate(([0.0], np.cumsum(counts)))
+    lack = f"{_rows(missing)} missing" if missing else ""
+    if np.all(np.abs(steps - usual * counts) <= UNEVEN_PART * usual + 4e-16 * np.abs(given).max()):
+        return given, lack
+    # A line through all stamps, its steps counted again by what it says.
+    for _ in range(3):
+        slope, start = np.polyfit(index, given, 1)
+        if slope <= 0.0:
+            return given, ""
+        counts = np.maximum(1.0, np.round(steps / slope))
+        index = np.concatenate(([0.0], np.cumsum(counts)))
+    # Within the rounding the first stamp is as good a start as any: it is kept.
+    line = start + slope * index
+    if np.abs(given - line).max() <= 0.5 * rounding * (1.0 + 1e-6) + 1e-12 * abs(slope):
+        rounded = f"stamps rounded to {rounding:g}"
+        return line + (given[0] - line[0]), f"{rounded}; {lack}" if lack else rounded
+    worst = float(np.max(np.abs(steps - counts * slope)))
+    jitter = f"stamps jitter by up to {100.0 * worst / slope:.2g} % of a step, and are used as they are"
+    return given, jitter
+
+
+def _said_rate(time: Array, said: str) -> str:
+    steps = np.diff(time)
+    usual = float(np.mean(steps[steps <= LACKING_STEP * np.median(steps)]))
+    kind = "on average" if "jitter" in said else "clock"
+    rate = f"{1.0 / usual:.6g} Hz {kind}"
+    return f"{rate} ({said})" if said else rate

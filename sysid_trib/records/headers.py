@@ -1,0 +1,107 @@
+"""Headers of columns: a name and a unit; facts that stand in comments."""
+
+import re
+from collections.abc import Sequence
+
+from sysid_trib.records.units import ANGLE_UNITS, POSITION_UNITS, TIME_UNITS, plain_unit, signal_unit
+
+TIME_NAMES = {
+    *("time", "t", "times", "timestamp", "time stamp", "seconds", "elapsed", "elapsed time", "zeit", "temps"),
+    *("tempo", "tiempo", "uhrzeit", "date time", "datetime", "clock", "czas", "millis", "micros"),
+}
+ANGLE_NAMES = {
+    *("angle", "theta", "phi", "θ", "φ", "ϕ", "ϑ", "roll", "angular position", "rotation", "winkel", "ang"),
+    *("angular displacement", "auslenkwinkel", "angulo", "ángulo", "roll angle", "swing angle"),
+}
+RATE_NAMES = {
+    *("rate", "angular rate", "angular velocity", "omega", "ω", "gyro", "gyroscope", "theta dot", "thetadot"),
+    *("velocity", "speed", "winkelgeschwindigkeit", "geschwindigkeit"),
+}
+POSITION_NAMES = {
+    *("x", "y", "z", "displacement", "position", "deflection", "elongation", "pos", "weg", "auslenkung"),
+    *("distance", "height", "laser", "u", "voltage", "signal", "potential"),
+}
+ACCELERATION_NAMES = {
+    *("acceleration", "accel", "acc", "linear acceleration", "accelerometer", "beschleunigung", "a"),
+}
+QUANTITY_NAMES = {
+    "angle": ANGLE_NAMES,
+    "rate": RATE_NAMES,
+    "displacement": POSITION_NAMES,
+    "acceleration": ACCELERATION_NAMES,
+}
+_KNOWN = TIME_UNITS.keys() | ANGLE_UNITS.keys() | POSITION_UNITS.keys() | {"g", "dps", "%"}
+_RATE_NOTE = re.compile(
+    r"\b(?:fs|f_s|fps|sampl(?:e|ing)[ _]?(?:rate|frequency)|samplerate|abtastrate|frame[ _]?rate)\b"
+    r"\W{0,4}(\d[\d.]*(?:e[+-]?\d+)?)\s*(k?hz|khz)?",
+    re.IGNORECASE,
+)
+_UNIT_NOTE = re.compile(r"\bunits?\b\s*[:=]\s*['\"]?([^\s'\",;]+)", re.IGNORECASE)
+
+
+def split_header(name: str) -> tuple[str, str]:
+    """Name and unit of a header such as `angle (deg)`, `Time [ms]`, `t / s`, `time_ms` or `Winkel in Grad`.
+
+    Both in lower case; the name without a group before it (`run.time`, `Run 1: Time`).
+    """
+    text = name.strip().lower().replace("μ", "µ")
+    bracket = re.fullmatch(r"(.*?)\s*[\[({]\s*([^\[\](){}]*?)\s*[\])}]", text)
+    if bracket is not None and not bracket[2].isdigit():
+        base, unit = bracket[1], plain_unit(bracket[2])
+    else:
+        base, unit = _without_bracket(text)
+    base = re.split(r"[./](?=\D)|:\s+", base)[-1]
+    return re.sub(r"^\d+\s+", "", base.replace("_", " ").strip()), unit
+
+
+def _without_bracket(text: str) -> tuple[str, str]:
+    per = re.fullmatch(r"(.+?)[_ ](m?rad|deg|degrees|°|[cmuµ]?m)(?:/|[_ ](?:per[_ ])?)s(?:ec)?(\^?2)?", text)
+    if per is not None:
+        return per[1], f"{per[2]}/s{'^2' if per[3] else ''}"
+    for pattern in (r"(.+?)\s*/\s*(\S+)", r"(.+) in (\S+)", r"(.+)[_ ](\S+)"):
+        match = re.fullmatch(pattern, text)
+        if match is not None and _is_unit(match[2]):
+            return match[1], plain_unit(match[2])
+    return text, ""
+
+
+def _is_unit(text: str) -> bool:
+    unit = signal_unit(text)
+    return plain_unit(text) in _KNOWN or (unit is not None and unit.known)
+
+
+def names_quantity(base: str) -> str:
+    """The quantity that a name usually means (`angle`, `rate`, ...), or nothing.
+
+    Parameters
+    ----------
+    base : str
+        Of `split_header`. The axis at its end does not count: `gyroscope y`.
+    """
+    first = base.split(" ")[0]
+    for text in (base, re.sub(r"[ _]?(?:[xyz]|\d+|left|right)$", "", base), first if len(first) > 2 else ""):
+        for quantity, names in QUANTITY_NAMES.items():
+            if text in names:
+                return quantity
+    return ""
+
+
+def is_time(base: str, unit: str) -> bool:
+    """Whether a header is that of a time column."""
+    plain = re.sub(r"\s*\d+$", "", base)
+    return plain in TIME_NAMES or base in TIME_NAMES or (unit in TIME_UNITS and base.startswith("time"))
+
+
+def noted_rate(notes: Sequence[str]) -> float | None:
+    """Sampling rate (Hz) that comments or scalars of a file state, `fs = 200 Hz`."""
+    for note in notes:
+        match = _RATE_NOTE.search(note)
+        if match and float(match[1]) > 0.0:
+            return float(match[1]) * (1e3 if (match[2] or "").lower() == "khz" else 1.0)
+    return None
+
+
+def noted_unit(notes: Sequence[str]) -> str:
+    """Unit that comments or texts of a file state, `unit: rad`; nothing where none does."""
+    matches = (_UNIT_NOTE.search(note) for note in notes)
+    return next((match[1] for match in matches if match), "")

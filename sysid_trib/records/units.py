@@ -1,0 +1,103 @@
+"""Units as laboratories write them: which quantity a signal is, and its factor to the unit that is used."""
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+STANDARD_GRAVITY = 9.80665
+TIME_UNITS = {
+    **dict.fromkeys(("s", "sec", "secs", "second", "seconds", "sek", "sekunden"), 1.0),
+    **dict.fromkeys(("ms", "msec", "millis", "millisecond", "milliseconds"), 1e-3),
+    **dict.fromkeys(("us", "µs", "usec", "micros", "microsecond", "microseconds"), 1e-6),
+    **dict.fromkeys(("ns", "nanosecond", "nanoseconds"), 1e-9),
+    **dict.fromkeys(("min", "minute", "minutes"), 60.0),
+}
+_TURN = 2.0 * np.pi
+ANGLE_UNITS = {
+    **dict.fromkeys(("rad", "rads", "radian", "radians"), 1.0),
+    **dict.fromkeys(("mrad", "milliradian", "milliradians"), 1e-3),
+    **dict.fromkeys(("deg", "degs", "degree", "degrees", "°", "º", "grad", "grade"), _TURN / 360.0),
+    **dict.fromkeys(("rev", "revs", "turn", "turns", "revolutions"), _TURN),
+}
+# Positions keep the unit of the file: spellings by the name that results use.
+_POSITIONS = {
+    "m": ("m", "metre", "meter", "metres", "meters"),
+    "cm": ("cm", "centimetre", "centimeter"),
+    "mm": ("mm", "millimetre", "millimeter"),
+    "µm": ("um", "µm", "micron", "microns"),
+    "nm": ("nm",),
+    "in": ("in", "inch", "inches"),
+    "px": ("px", "pix", "pixel", "pixels"),
+    "V": ("v", "volt", "volts"),
+    "mV": ("mv", "millivolt", "millivolts"),
+    "au": ("au", "a.u.", "a.u", "arb", "arb.", "arb.u.", "arbitrary", "counts", "count", "adc", "raw"),
+}
+POSITION_UNITS = {spelling: name for name, spellings in _POSITIONS.items() for spelling in spellings}
+METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "µm": 1e-6, "nm": 1e-9, "in": 0.0254}
+# How often a signal is to be integrated to become an angle or a displacement.
+INTEGRATIONS = {"angle": 0, "displacement": 0, "rate": 1, "acceleration": 2}
+SIGNALS = tuple(INTEGRATIONS)
+OFFERED_UNITS = "rad, deg, mrad, m, mm, px, V, au, rad/s, deg/s, m/s^2 or g"
+OFFERED_TIME_UNITS = "s, ms, us or min"
+
+
+@dataclass(frozen=True)
+class SignalUnit:
+    """Unit of a signal.
+
+    Attributes
+    ----------
+    text : str
+        As the file has it.
+    quantity : {"angle", "displacement", "rate", "acceleration"}
+        What is measured in it.
+    position : str
+        Unit of the angle (rad) or displacement that it is, or becomes when it is integrated over s.
+    factor : float
+        To `position`, `position`/s or `position`/s^2.
+    known : bool
+        Whether the unit is one of those listed here; another one is that of a displacement.
+    """
+
+    text: str
+    quantity: str
+    position: str
+    factor: float
+    known: bool = True
+
+
+def signal_unit(text: str) -> SignalUnit | None:
+    """The unit that a text means; None of an empty one.
+
+    Parameters
+    ----------
+    text : str
+        Such as `°/s`, `m s^-2`, `Grad`, `px`, `g`, in any usual spelling.
+    """
+    plain = plain_unit(text)
+    if plain in ("", "1", "none", "-"):
+        return None
+    if plain in ("g", "g0", "gn", "mg"):
+        thousandth = 1e-3 if plain == "mg" else 1.0
+        return SignalUnit(text, "acceleration", "m", thousandth * STANDARD_GRAVITY)
+    if plain in ("dps", "rpm"):
+        return SignalUnit(text, "rate", "rad", _TURN / (360.0 if plain == "dps" else 60.0))
+    match = re.fullmatch(r"(.+?)/s(\^?2)?", plain)
+    base, quantity = (match[1], "acceleration" if match[2] else "rate") if match else (plain, "")
+    if base in ANGLE_UNITS:
+        return SignalUnit(text, quantity or "angle", "rad", ANGLE_UNITS[base])
+    if base in POSITION_UNITS:
+        return SignalUnit(text, quantity or "displacement", POSITION_UNITS[base], 1.0)
+    return SignalUnit(text, "displacement", text.strip(), 1.0, known=False)
+
+
+def plain_unit(text: str) -> str:
+    """A unit in lower case, with `/s` and `/s^2` for every way to write "per second"."""
+    plain = re.sub(r" since .*", "", text.strip().lower().replace("μ", "µ"))
+    plain = plain.replace("²", "^2").replace("**", "^").replace("⁻", "^-").replace("¹", "1")
+    plain = re.sub(r"\s*(?:/|\bper\b|_per_)\s*(?:sec(?:ond)?s?|s)\b", "/s", plain)
+    plain = re.sub(r"\s*/\s*\(?s\s*[*·]\s*s\)?", "/s^2", plain)
+    plain = re.sub(r"[\s_*·]+s(?:ec)?\s*\^?-([12])$", lambda m: "/s" + ("^2" if m[1] == "2" else ""), plain)
+    plain = re.sub(r"^(m?rad|deg|°|[cmuµ]?m)[\s_]s$", r"\1/s", plain)
+    return re.sub(r"\s+", " ", plain).strip()

@@ -1,0 +1,273 @@
+"""Displacements in any unit: computed in a unit of their own motion, and told in the unit of the record.
+
+Every tolerance of a computation means radians. A displacement of 1e-9 m or of 900 px is therefore counted in
+a power of two of its unit near the motion's own size, in which it looks like an angle; coefficients come back
+in the record's unit. A power of two rounds nothing, so that results are the same in every unit.
+"""
+
+import inspect
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar, cast
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.errors import UsageError
+from sysid_trib.forces.constraints import Constraints
+from sysid_trib.forces.force import Force, ForceLibrary
+from sysid_trib.forces.library import library_of_text
+from sysid_trib.forces.scaling import SignalDegree, signal_degree
+from sysid_trib.results.variables import PER_FORCE_UNIT
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+ANGLE_UNIT = "rad"
+# The largest displacement becomes 1/4 to 1/2: a usual angle in rad.
+USUAL_SIZE = 0.5
+# Variables in rad or rad/s that are no signal: phases and frequencies have no unit of length.
+NO_SIGNAL = ("phase", "frequency", "refers_to", "omega0")
+POWERS = {"rad": 1, "rad/s": 1, "rad/s^2": 1, "(rad/s^2)^2/Hz": 2}
+UNIT_ATTR, SIZE_ATTR = "signal_unit", "signal_size"
+
+
+def in_units_of_the_motion(function: Callable[P, R]) -> Callable[P, R]:
+    """A function of decays, results and libraries that computes displacements in a unit of their motion.
+
+    Parameters
+    ----------
+    function : callable
+        Takes and gives Datasets, DataTrees, lists of them, force libraries, methods. Angles pass as they are.
+
+    Raises
+    ------
+    UsageError
+        The function does if a force is asked for that knows a radian, `sin(x)`, where no angle was measured.
+    """
+    names = list(inspect.signature(function).parameters)
+
+    @wraps(function)
+    def run(*args: P.args, **kwargs: P.kwargs) -> R:
+        scale = _scale_of((*args, *kwargs.values()))
+        if scale is None:
+            return function(*args, **kwargs)
+        given = dict(zip(names, args, strict=False)) | kwargs
+        if isinstance(candidates := given.get("candidates"), ForceLibrary):
+            # What may be missing is offered as far as it can be; what is asked for is refused by name.
+            kept = tuple(force for force in candidates if scalable(force))
+            given["candidates"] = replace(candidates, forces=kept)
+        inside = {name: scale.inwards(argument) for name, argument in given.items()}
+        return cast(R, scale.outwards(function(**inside)))  # type: ignore[call-arg]
+
+    return run
+
+
+def counts_angles(decay: xr.Dataset) -> bool:
+    """Whether the signal of a decay is an angle in rad."""
+    return str(decay["angle"].attrs.get("units", ANGLE_UNIT)) == ANGLE_UNIT
+
+
+def scalable(force: Force) -> bool:
+    """Whether a force has a meaning for a displacement: whether it knows no radian."""
+    return signal_degree(force) is not None
+
+
+@dataclass(frozen=True)
+class _SignalScale:
+    """Unit of a record, and how much of it is counted as one; degrees of the forces by symbol."""
+
+    unit: str
+    size: float
+    degrees: dict[str, SignalDegree] = field(default_factory=dict)
+
+    def inwards(self, given: Any) -> Any:
+        """What is computed with."""
+        if isinstance(given, ForceLibrary):
+            refused = [force.symbol for force in given if not scalable(force)]
+            if refused:
+                raise UsageError(
+                    f"Force '{refused[0]}' is a function of an angle, but a displacement in {self.unit} was "
+                    "measured; leave it out, or give the pendulum's length, --length M (length= in Python)."
+                )
+            return given
+        if isinstance(given, xr.Dataset):
+            return self._dataset(given, 1.0 / self.size, self.unit, ANGLE_UNIT)
+        if isinstance(given, xr.DataTree):
+            return self._tree(given, 1.0 / self.size, self.unit, ANGLE_UNIT)
+        if isinstance(given, (list, tuple)):
+            return type(given)(self.inwards(item) for item in given)
+        if isinstance(given, dict):
+            return {key: self.inwards(item) for key, item in given.items()}
+        return self._method(given) if is_dataclass(given) and hasattr(given, "identify") else given
+
+    def outwards(self, made: Any) -> Any:
+        """What comes out, in the unit of the record."""
+        if isinstance(made, xr.Dataset):
+            return self._dataset(made, self.size, ANGLE_UNIT, self.unit)
+        if isinstance(made, xr.DataTree):
+            return self._tree(made, self.size, ANGLE_UNIT, self.unit)
+        if isinstance(made, (list, tuple)):
+            return type(made)(self.outwards(item) for item in made)
+        return made
+
+    def _tree(self, tree: xr.DataTree, factor: float, old: str, new: str) -> xr.DataTree:
+        groups = {node.path: node.to_dataset(inherit=False) for node in tree.subtree}
+        changed = xr.DataTree.from_dict({k: self._dataset(d, factor, old, new) for k, d in groups.items()})
+        return changed
+
+    def _dataset(self, data: xr.Dataset, factor: float, old: str, new: str) -> xr.Dataset:
+        """Every variable that is a signal, or a coefficient, times its factor; other ones as they are."""
+        changed = data.copy()
+        for name, variable in data.variables.items():
+            units = str(variable.attrs.get("units", ""))
+            power = _power(str(name), units, old)
+            if power:
+                attrs = dict(variable.attrs) | {"units": units.replace(old, new)}
+                changed[name] = (variable.dims, variable.values * factor**power, attrs)
+            elif units == PER_FORCE_UNIT or _per_force(str(name), units):
+                changed[name] = (
+                    variable.dims,
+                    variable.values * self._factors(data, variable, factor),
+                    variable.attrs,
+                )
+        changed = self._shapes(changed, factor)
+        if "unit" in data.coords and "force" in data.dims:
+            inside = new == ANGLE_UNIT
+            units_of = [
+                self._unit(s, u, inside) for s, u in zip(data.force.values, data.unit.values, strict=True)
+            ]
+            changed = changed.assign_coords(unit=("force", units_of, data.unit.attrs))
+        marks = {} if new == ANGLE_UNIT else {UNIT_ATTR: self.unit, SIZE_ATTR: self.size}
+        kept = {k: v for k, v in data.attrs.items() if k not in (UNIT_ATTR, SIZE_ATTR)}
+        changed.attrs = kept | marks
+        return changed
+
+    def _factors(self, data: xr.Dataset, variable: xr.Variable, factor: float) -> Any:
+        """Factor of each coefficient along the dimensions that count forces: unit^(1-p)."""
+        total: Any = 1.0
+        for at, dim in enumerate(variable.dims):
+            labels = _labels(data, str(dim))
+            if labels is not None:
+                powers = [self._coefficient_power(str(label)) for label in labels]
+                shape = [1] * len(variable.dims)
+                shape[at] = len(powers)
+                total = total * (factor ** np.array(powers)).reshape(shape)
+        return total
+
+    def _coefficient_power(self, symbol: str) -> float:
+        degree = self.degrees.get(symbol)
+        return 0.0 if degree is None else 1.0 - degree.force
+
+    def _unit(self, symbol: str, unit: str, inside: bool) -> str:
+        """Unit of a coefficient: a power of the signal's, and of s where it drifts."""
+        power = self._coefficient_power(symbol)
+        time = next((part for part in unit.split() if part.startswith("s-") or part == "s"), "")
+        if inside or not power:
+            return time or "1"
+        return f"{self.unit}{'' if power == 1 else f'^{power:g}'}{f' {time}' if time else ''}"
+
+    def _shapes(self, data: xr.Dataset, factor: float) -> xr.Dataset:
+        if "shape" not in data or "shape_parameter" not in data["shape"].dims:
+            return data
+        powers = np.array([self._shape_power(str(name)) for name in data.shape_parameter.values])
+        for name in ("shape", "shape_standard_error"):
+            if name in data:
+                data[name] = data[name] * factor**powers
+        return data
+
+    def _shape_power(self, name: str) -> float:
+        symbol, _, shape = name.partition(".")
+        degree = self.degrees.get(symbol)
+        return 0.0 if degree is None else degree.shapes.get(shape, 0.0)
+
+    def _method(self, method: Any) -> Any:
+        """A method whose options, given in the record's unit, are those of the scaled motion."""
+        names = {part.name for part in fields(method)}
+        changes: dict[str, Any] = {}
+        if "shapes" in names and method.shapes:
+            changes["shapes"] = {k: v * self.size ** -self._shape_power(k) for k, v in method.shapes.items()}
+        if "random_force" in names and not isinstance(method.random_force, str):
+            changes["random_force"] = method.random_force / self.size**2
+        constraints = Constraints(*(getattr(method, name, {}) for name in ("fix", "bounds", "tie")))
+        if constraints.ties:
+            raise UsageError(
+                f"A tie needs an angle, but a displacement in {self.unit} was measured; leave it out."
+            )
+        if constraints.fixed:
+            changes["fix"] = {k: v * self._of_parameter(k) for k, v in constraints.fixed.items()}
+        if constraints.bounds:
+            both = constraints.bounds.items()
+            changes["bounds"] = {
+                k: (low * self._of_parameter(k), high * self._of_parameter(k)) for k, (low, high) in both
+            }
+        return replace(method, **changes) if changes else method
+
+    def _of_parameter(self, name: str) -> float:
+        power = self._shape_power(name) if "." in name else self._coefficient_power(name)
+        return float(self.size**-power)
+
+
+def _scale_of(arguments: tuple[Any, ...]) -> _SignalScale | None:
+    """The scale of what is given: that of a result, or of the motions of decays; None of angles."""
+    datasets = list(_datasets(arguments))
+    known = [d for d in datasets if UNIT_ATTR in d.attrs]
+    decays = [d for d in datasets if "angle" in d and not counts_angles(d) and UNIT_ATTR not in d.attrs]
+    if not known and not decays:
+        return None
+    degrees = {force.symbol: degree for force in _forces(arguments) if (degree := signal_degree(force))}
+    if known:
+        return _SignalScale(str(known[0].attrs[UNIT_ATTR]), float(known[0].attrs[SIZE_ATTR]), degrees)
+    largest = max(float(np.abs(decay["angle"].values).max()) for decay in decays)
+    size = 2.0 ** np.ceil(np.log2(largest / USUAL_SIZE))
+    return _SignalScale(str(decays[0]["angle"].attrs["units"]), float(size), degrees)
+
+
+def _datasets(given: Any) -> Iterator[xr.Dataset]:
+    if isinstance(given, xr.Dataset):
+        yield given
+    elif isinstance(given, xr.DataTree):
+        yield from (node.to_dataset(inherit=False) for node in given.subtree)
+    elif isinstance(given, (list, tuple)):
+        for item in given:
+            yield from _datasets(item)
+    elif isinstance(given, dict):
+        yield from _datasets(list(given.values()))
+
+
+def _forces(given: Any) -> Iterator[Force]:
+    """Forces of libraries that are given, and of those that results hold."""
+    if isinstance(given, ForceLibrary):
+        yield from given
+    elif isinstance(given, (list, tuple)):
+        for item in given:
+            yield from _forces(item)
+    elif isinstance(given, dict):
+        yield from _forces(list(given.values()))
+    else:
+        for data in _datasets(given):
+            for name in ("library", "candidates"):
+                if name in data.attrs:
+                    yield from library_of_text(str(data.attrs[name]), "")
+
+
+def _power(name: str, units: str, old: str) -> int:
+    """Power of the signal in a variable's unit; zero of frequencies and phases."""
+    if any(part in name for part in NO_SIGNAL) or old not in units:
+        return 0
+    return POWERS.get(units.replace(old, ANGLE_UNIT), 0)
+
+
+def _per_force(name: str, units: str) -> bool:
+    """Whether a variable with a frequency's unit is one by coefficients: their covariance with it."""
+    return name == "frequency_covariance" or units == "1; rad/s for the frequency"
+
+
+def _labels(data: xr.Dataset, dim: str) -> Any:
+    """Symbols of the forces along a dimension; None if it counts something else."""
+    if dim in ("force", "other_force", "candidate", "quantity") and dim in data.coords:
+        return data[dim].values
+    if dim == "step" and "symbol" in data.variables and data["symbol"].dims == ("step",):
+        return data["symbol"].values
+    return None
