@@ -20,7 +20,7 @@ from sysid_trib.printing.random_force import random_force_sentences
 from sysid_trib.printing.runs import runs_sentences, runs_table
 from sysid_trib.reporting.compared import prediction_panel, quantity_panels
 from sysid_trib.reporting.glance import glance_figures
-from sysid_trib.reporting.motions import motion_panels, record_panel
+from sysid_trib.reporting.motions import half_period_panels, record_panel, time_panels
 from sysid_trib.reporting.parts import Figures, Section, as_table
 from sysid_trib.reporting.pushed import random_force_figures
 from sysid_trib.reporting.searched import detectability_panel, map_panels, ranking_panels
@@ -66,7 +66,7 @@ def _cross_checked(tree: xr.DataTree) -> list[Section]:
     made = [
         _at_a_glance(tree),
         Section("Coefficients", [reference_sentence(second)], [table]),
-        Section("Record and models", figures=_motions(tree, together=True)),
+        Section("Amplitude and frequency", figures=_half_periods(tree)),
     ]
     if "runs" in tree.children:
         runs = tree["runs"].to_dataset()
@@ -109,7 +109,7 @@ def _discovered(tree: xr.DataTree) -> list[Section]:
     story = discovery_story(tree)
     figures = {
         "Where model and record disagree": [
-            *_motions(tree, together=False),
+            *_motions(tree),
             Figures(CAPTIONS["force_map"], map_panels(tree), [plots.disagreement(tree)]),
         ],
         "What is missing": [Figures(CAPTIONS["scores"], ranking_panels(tree), [plots.rankings(tree)])],
@@ -130,19 +130,28 @@ def _discovered(tree: xr.DataTree) -> list[Section]:
 def _at_a_glance(tree: xr.DataTree) -> Section:
     """The forces of each run, and what is missing."""
     runs = range(len(record_groups(tree)))
-    figures = [glance_figures(tree, run, f"{_of_run(tree, run)}{CAPTIONS['glance']}") for run in runs]
-    return Section("The forces", figures=figures)
+    texts = [f"{_of_run(tree, run)}{CAPTIONS['glance']}{_decimated(tree, run)}" for run in runs]
+    return Section("At a glance", figures=[glance_figures(tree, *pair) for pair in enumerate(texts)])
 
 
-def _motions(tree: xr.DataTree, *, together: bool) -> list[Figures]:
-    """The record of each run with its models; residuals `together` in a panel or apart."""
-    draw = plots.identification if together else plots.discovery
-    caption = CAPTIONS["motions_together" if together else "motions_apart"]
+def _motions(tree: xr.DataTree) -> list[Figures]:
+    """The record of each run with the models before and after, each residual to its own scale."""
+    made = []
+    for run in range(len(record_groups(tree))):
+        drawn = motion_data(tree, run)
+        panels = [*time_panels(drawn, together=False), *half_period_panels(drawn)]
+        caption = f"{_of_run(tree, run)}{CAPTIONS['motions_apart']}{_decimated(tree, run)}"
+        made.append(Figures(caption, panels, [plots.discovery(tree, run)]))
+    return made
+
+
+def _half_periods(tree: xr.DataTree) -> list[Figures]:
+    """Amplitude and frequency of the half periods of each run, of record and models."""
     return [
         Figures(
-            f"{_of_run(tree, run)}{caption}{_decimated(tree, run)}",
-            motion_panels(motion_data(tree, run), together=together),
-            [draw(tree, run)],
+            f"{_of_run(tree, run)}{CAPTIONS['half_periods']}",
+            half_period_panels(motion_data(tree, run)),
+            [plots.identification(tree, run)],
         )
         for run in range(len(record_groups(tree)))
     ]

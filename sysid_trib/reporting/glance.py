@@ -15,6 +15,7 @@ from sysid_trib.plots.overview_data import INTERVAL, OverviewData, overview_data
 from sysid_trib.plots.style import BLUE, ORANGE, SERIES
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.reporting import drawing
+from sysid_trib.reporting.motions import time_panels
 from sysid_trib.reporting.parts import Figures, Panel
 
 # Shares beyond these, %, are errors alone.
@@ -22,7 +23,7 @@ LOWEST_SHARE, HIGHEST_SHARE = -110.0, 110.0
 
 
 def glance_figures(tree: xr.DataTree, run: int, caption: str) -> Figures:
-    """The forces of a run, and what stands in their place on paper: the whole overview.
+    """Record, residual and forces of a run, and what stands in their place on paper: the overview.
 
     Parameters
     ----------
@@ -34,6 +35,8 @@ def glance_figures(tree: xr.DataTree, run: int, caption: str) -> Figures:
         Below the figures.
     """
     data = overview_data(tree, run)
+    # Of a discovery the residuals before and after stand with what explains them.
+    in_time = [] if "steps" in tree.children else time_panels(data.motion, together=True)
     made = []
     if data.weighed is not None and data.power is not None:
         made += [_shares(data, "decay_share", "decay"), _shares(data, "frequency_share", "frequency shift")]
@@ -42,7 +45,8 @@ def glance_figures(tree: xr.DataTree, run: int, caption: str) -> Figures:
         made.append(_coefficients(data))
     if data.missing is not None:
         made += [_surface(data), _profiles(data)]
-    return Figures(caption, [Panel(figure, wide=False) for figure in made], [plots.overview(tree, run)])
+    panels = [*in_time, *(Panel(figure, wide=False) for figure in made)]
+    return Figures(caption, panels, [plots.overview(tree, run)])
 
 
 def _lines(

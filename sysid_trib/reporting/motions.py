@@ -17,8 +17,8 @@ Curve = tuple[ArrayLike, ArrayLike]
 Entries = list[tuple[str, Sequence[GlyphRenderer]]]
 
 
-def motion_panels(drawn: MotionData, *, together: bool) -> list[Panel]:
-    """Record and models, residuals, envelope, and frequency against amplitude.
+def time_panels(drawn: MotionData, *, together: bool) -> list[Panel]:
+    """Record and models, and residuals, over time.
 
     Parameters
     ----------
@@ -29,10 +29,14 @@ def motion_panels(drawn: MotionData, *, together: bool) -> list[Panel]:
     """
     record = _record(drawn)
     parts = [list(drawn.lines)] if together else [[name] for name in drawn.lines]
-    panels = [Panel(record), *(Panel(_residual(drawn, part, record)) for part in parts if part)]
-    if "record" in drawn.half_periods:
-        panels += [Panel(draw(drawn), wide=False) for draw in (_envelope, _frequency)]
-    return panels
+    return [Panel(record), *(Panel(_residual(drawn, part, record)) for part in parts if part)]
+
+
+def half_period_panels(drawn: MotionData) -> list[Panel]:
+    """Envelope, and frequency against amplitude, of the record and its models."""
+    if "record" not in drawn.half_periods:
+        return []
+    return [Panel(draw(drawn), wide=False) for draw in (_envelope, _frequency)]
 
 
 def record_panel(data: xr.Dataset) -> Panel:
