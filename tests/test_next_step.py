@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 import shlex
 from functools import cache
 
@@ -287,3 +288,19 @@ def test_slip_is_said_with_a_contactless_frequency_alone():
     result = sharp({"zeta": 0.01, "delta": 0.04, "nu": -0.09})
     assert not speaks_of_slip(result)
     assert speaks_of_slip(with_contactless_frequency(result, 8.87, 0.01))
+
+
+# Another unit.
+
+
+def test_sentences_are_in_the_unit_of_the_record():
+    tree = explained().copy(deep=True)
+    for node in tree.subtree:
+        for variable in node.variables.values():
+            if variable.attrs.get("units") == "rad":
+                variable.attrs["units"] = "mm"
+    tree["record"].angle.attrs["units"] = "mm"
+    told = [*identification_sentences(tree), *consequences(tree, None), *words(identification_table(tree))[1]]
+    text = " ".join(told).replace("rad/s)", "").replace("(rad/s^2)^2/Hz", "")
+    assert " mm" in text
+    assert not re.search(r"\bm?rad\b", text)

@@ -6,6 +6,7 @@ import xarray as xr
 from sysid_trib.plots.style import CANDIDATE_MARKS
 from sysid_trib.printing.discovery_tables import strongest
 from sysid_trib.results.discoveries import added_effects, credible_set, shapes_of
+from sysid_trib.results.signal_units import signal_units, small_units
 
 # Candidates in a ranking.
 MOST_CANDIDATES = 15
@@ -13,9 +14,11 @@ MOST_CANDIDATES = 15
 LOGARITHMIC_BEYOND = 5.0
 # Scores that are all beyond so many thresholds are shown without it, with so much of their range below them.
 ALL_BEYOND, ROOM_BELOW = 1.5, 0.2
-# A cell of fewer samples has no mean; colours end where so many percent of the cells lie within.
+# A cell of fewer samples has no mean; colours end where so many percent of the cells lie within; a dot marks
+# cells of more standard errors.
 FEWEST_IN_CELL = 5
 COLOUR_PERCENT = 98.0
+DOT_BEYOND = 3.0
 
 
 def missing_force(tree: xr.DataTree, *, after: bool) -> tuple[xr.DataArray, xr.DataArray, float]:
@@ -31,15 +34,17 @@ def missing_force(tree: xr.DataTree, *, after: bool) -> tuple[xr.DataArray, xr.D
     Returns
     -------
     tuple
-        The force and its standard error, mrad, nan where samples are few; and the force, mrad, at which the
-        colours of both models end.
+        The force and its standard error, in small units, nan where samples are few; and the force at which
+        the colours of both models end.
     """
     first, last = (tree[name].to_dataset() for name in ("discrepancy", "discrepancy_after"))
     kept = np.abs(first.force.values[first.samples.values >= FEWEST_IN_CELL])
     kept = kept[np.isfinite(kept)]
-    limit = 1e3 * float(np.percentile(kept, COLOUR_PERCENT)) if kept.size else 1.0
+    factor, _ = small_units(signal_units(tree))
+    limit = factor * float(np.percentile(kept, COLOUR_PERCENT)) if kept.size else 1.0
     shown = last if after else first
-    return (1e3 * shown.force).where(shown.samples >= FEWEST_IN_CELL), 1e3 * shown.standard_error, limit
+    force = (factor * shown.force).where(shown.samples >= FEWEST_IN_CELL)
+    return force, factor * shown.standard_error, limit
 
 
 def ranking_data(tree: xr.DataTree, selection_step: int) -> xr.Dataset:

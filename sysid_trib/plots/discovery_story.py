@@ -32,7 +32,7 @@ def story(tree: xr.DataTree, run: int = 0) -> Figure:
     drawn = motion_data(tree, run)
     draw_in_time(panels[:3], drawn, [["before"], ["after"]])
     for panel in panels[1:3]:
-        panel.set_ylabel("gap (mrad)")
+        panel.set_ylabel(f"gap ({drawn.small_units[1]})")
     figure.align_ylabels(panels[:3])
     _explained(panels[3], tree)
     titles = (

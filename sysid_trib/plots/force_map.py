@@ -9,11 +9,9 @@ from matplotlib.collections import QuadMesh
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 
-from sysid_trib.plots.discovery_data import missing_force
+from sysid_trib.plots.discovery_data import DOT_BEYOND, missing_force
 from sysid_trib.plots.style import LEGEND, axes, letter, new_figure
-
-# A dot marks cells of more standard errors.
-DOT_BEYOND = 3.0
+from sysid_trib.results.signal_units import signal_units, small_units
 
 
 def disagreement(tree: xr.DataTree) -> Figure:
@@ -32,7 +30,7 @@ def disagreement(tree: xr.DataTree) -> Figure:
     mesh = _map(tree, second, after=True)
     letter((first, second), ("before", "after"))
     second.set_ylabel("")
-    _add_colours(figure, mesh, [first, second])
+    _add_colours(figure, mesh, [first, second], small_units(signal_units(tree))[1])
     return figure
 
 
@@ -51,7 +49,7 @@ def disagreement_map(tree: xr.DataTree, ax: Axes | None = None, *, after: bool =
         Of the final model, in the colours of the start model.
     """
     ax = axes(ax)
-    _add_colours(ax.figure, _map(tree, ax, after), ax)
+    _add_colours(ax.figure, _map(tree, ax, after), ax, small_units(signal_units(tree))[1])
     return ax
 
 
@@ -64,10 +62,12 @@ def _map(tree: xr.DataTree, ax: Axes, after: bool) -> QuadMesh:
     label = f"beyond {DOT_BEYOND:g} standard errors"
     ax.plot(x[at_x], v[at_v], ".", color="black", markersize=2.5, label=label)
     ax.legend(**LEGEND)
-    ax.set(xlabel=r"angle $\theta$ (rad)", ylabel=r"$\dot\theta/\omega$ (rad)", aspect="equal")
+    units = signal_units(tree)
+    labels = rf"angle $\theta$ ({units})", rf"$\dot\theta/\omega$ ({units})"
+    ax.set(xlabel=labels[0], ylabel=labels[1], aspect="equal")
     return mesh
 
 
-def _add_colours(figure: Any, mesh: QuadMesh, panels: Any) -> None:
+def _add_colours(figure: Any, mesh: QuadMesh, panels: Any, unit: str) -> None:
     bar = figure.colorbar(mesh, ax=panels, extend="both", shrink=0.9)
-    bar.set_label(r"missing $f$ in $\ddot\theta + \omega^2\theta = -\omega^2 f$ (mrad)")
+    bar.set_label(rf"missing $f$ in $\ddot\theta + \omega^2\theta = -\omega^2 f$ ({unit})")

@@ -16,6 +16,7 @@ from sysid_trib.errors import SysidTribError
 from sysid_trib.plots.style import MODEL_LINES, Style
 from sysid_trib.results.discoveries import added_effects
 from sysid_trib.results.per_run import record_groups
+from sysid_trib.results.signal_units import signal_units, small_units
 from sysid_trib.validation.breakdown import breakdown, run_record_noise
 
 # Points of a curve: as many as a wide screen has, for each the least and the largest of its stretch.
@@ -62,12 +63,12 @@ class MotionData:
     @property
     def units(self) -> str:
         """Unit of the record."""
-        return str(self.data.angle.attrs.get("units", "rad"))
+        return signal_units(self.data)
 
     @property
     def small_units(self) -> tuple[float, str]:
         """Factor and unit of what is small beside the record."""
-        return (1e3, "mrad") if self.units == "rad" else (1.0, self.units)
+        return small_units(self.units)
 
     def residual(self, model: str) -> Array:
         """Record minus model, in small units."""

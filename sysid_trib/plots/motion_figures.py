@@ -180,7 +180,7 @@ def _envelope(ax: Axes, drawn: MotionData) -> Axes:
     if "record" in drawn.half_periods:
         ax.set_ylim(drawn.amplitude_limits())
     ax.set(xlabel="time (s)")
-    logarithmic_amplitude(ax)
+    logarithmic_amplitude(ax, drawn.units)
     return ax
 
 

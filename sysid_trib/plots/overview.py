@@ -11,8 +11,7 @@ from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatterSciNotation, NullFormatter
 
-from sysid_trib.plots.discovery_data import COLOUR_PERCENT
-from sysid_trib.plots.force_map import DOT_BEYOND
+from sysid_trib.plots.discovery_data import DOT_BEYOND
 from sysid_trib.plots.motion_figures import draw_in_time
 from sysid_trib.plots.overview_data import INTERVAL, OverviewData, overview_data
 from sysid_trib.plots.style import (
@@ -187,7 +186,7 @@ def _surface(ax: Axes, data: OverviewData) -> Axes:
         return _no_data(ax, TOO_FEW)
     missing, (factor, unit) = data.missing, data.motion.small_units
     x, v, force = missing.x.values, missing.v.values, factor * missing.force.values
-    limit = float(np.nanpercentile(np.abs(force), COLOUR_PERCENT)) or 1.0
+    limit = data.colour_limit
     mesh = ax.pcolormesh(x, v, force.T, cmap="RdBu_r", norm=TwoSlopeNorm(0.0, -limit, limit), rasterized=True)
     at_x, at_v = np.nonzero(np.abs(force) > DOT_BEYOND * factor * missing.force_standard_error.values)
     ax.plot(x[at_x], v[at_v], ".", color="black", markersize=2.0)

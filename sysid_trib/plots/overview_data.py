@@ -11,6 +11,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError
 from sysid_trib.physics.energy import dissipated_energy
 from sysid_trib.physics.force_weights import weights
+from sysid_trib.plots.discovery_data import COLOUR_PERCENT, DOT_BEYOND
 from sysid_trib.plots.motion_data import MotionData, motion_data
 from sysid_trib.plots.style import MODEL_LINES
 from sysid_trib.printing.model_verdict import holds, kept_results, widenings
@@ -61,6 +62,17 @@ class OverviewData:
     def units(self) -> str:
         """Unit of the record."""
         return self.motion.units
+
+    @property
+    def colour_limit(self) -> float:
+        """Missing force at which colours end, in small units: what is but noise stays pale."""
+        assert self.missing is not None
+        force, error = (self.missing[name].values for name in ("force", "force_standard_error"))
+        ends = (
+            np.nanpercentile(np.abs(force), COLOUR_PERCENT),
+            DOT_BEYOND * np.nanpercentile(error, COLOUR_PERCENT),
+        )
+        return self.motion.small_units[0] * float(max(ends)) or 1.0
 
 
 def overview_data(tree: xr.DataTree, run: int = 0) -> OverviewData:

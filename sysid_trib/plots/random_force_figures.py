@@ -10,6 +10,7 @@ from scipy.stats import norm
 from sysid_trib.arrays import Array, Index
 from sysid_trib.plots.motion_data import drawn_samples
 from sysid_trib.plots.style import BAR_WIDTH, BLUE, INK, LEGEND, ORANGE, axes, letter, new_figure
+from sysid_trib.results.signal_units import signal_units, small_units
 
 # Of a Gaussian, in standard deviations.
 BAND_LEVEL = 0.95
@@ -57,7 +58,7 @@ def random_force(data: xr.Dataset, ax: Axes | None = None) -> Axes:
     )
     (line,) = ax.step(time[first], force[first], where="post", color=BLUE, linewidth=0.8)
     ax.axhline(0.0, color=INK, linewidth=BAR_WIDTH, zorder=1)
-    ax.set(xlabel="time (s)", ylabel="random force (rad/s²)", xlim=(time[0], time[-1]))
+    ax.set(xlabel="time (s)", ylabel=f"random force ({signal_units(data)}/s²)", xlim=(time[0], time[-1]))
     span = f"mean over {float(data.averaging_time):.2g} s"
     ax.legend([line, band], [span, f"{100.0 * BAND_LEVEL:g} % band"], ncols=2, **LEGEND)
     return ax
@@ -74,8 +75,9 @@ def prediction_bands(data: xr.Dataset, ax: Axes | None = None) -> Axes:
         Axes to draw on.
     """
     ax = axes(ax)
-    error = 1e3 * BAND_WIDTH * data.predicted_standard_error
-    missed = 1e3 * (data.measured - data.predicted)
+    factor, unit = small_units(signal_units(data))
+    error = factor * BAND_WIDTH * data.predicted_standard_error
+    missed = factor * (data.measured - data.predicted)
     label = f"{100.0 * BAND_LEVEL:g} % band of the prediction"
     for at in range(data.sizes["origin"]):
         time, width = data.time_ahead.values[at], error.values[at]
@@ -83,7 +85,7 @@ def prediction_bands(data: xr.Dataset, ax: Axes | None = None) -> Axes:
         (line,) = ax.plot(time, missed.values[at], color=ORANGE, marker=".", markersize=2, linewidth=0.8)
         ax.axvline(float(data.origin[at]), color=INK, linewidth=BAR_WIDTH, linestyle=":")
     ax.axhline(0.0, color=INK, linewidth=BAR_WIDTH, zorder=1)
-    ax.set(xlabel="time (s)", ylabel="record \N{MINUS SIGN} prediction (mrad)")
+    ax.set(xlabel="time (s)", ylabel=f"record \N{MINUS SIGN} prediction ({unit})")
     ax.legend([line, band], ["record", label], ncols=2, **LEGEND)
     return ax
 
@@ -94,14 +96,15 @@ def span_starts(force: Array) -> Index:
 
 
 def _in_time(ax: Axes, data: xr.Dataset) -> None:
-    time, innovation = data.time.values, 1e3 * data.innovation.values
-    width = 1e3 * BAND_WIDTH * data.innovation_standard_deviation.values
+    factor, unit = small_units(signal_units(data))
+    time, innovation = data.time.values, factor * data.innovation.values
+    width = factor * BAND_WIDTH * data.innovation_standard_deviation.values
     shown = drawn_samples(innovation)
     band = ax.fill_between(time, -width, width, color=BAND_COLOR, linewidth=0)
     ax.plot(time[shown], innovation[shown], color=BLUE, marker=".", markersize=1.5, linestyle="")
     # The first samples fix the start: their band is wider than all that follows.
     ax.set_ylim(*(side * 1.1 * max(np.abs(innovation).max(), float(np.median(width))) for side in (-1, 1)))
-    ax.set(xlabel="time (s)", ylabel="innovation (mrad)", xlim=(time[0], time[-1]))
+    ax.set(xlabel="time (s)", ylabel=f"innovation ({unit})", xlim=(time[0], time[-1]))
     ax.legend([band], [f"{100.0 * BAND_LEVEL:g} % band"], **LEGEND)
 
 

@@ -133,9 +133,9 @@ def logarithmic_ticks(axis: XAxis, low: float, high: float) -> None:
     axis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in digits else "")
 
 
-def logarithmic_amplitude(ax: Axes) -> None:
+def logarithmic_amplitude(ax: Axes, units: str = "rad") -> None:
     """A logarithmic axis of amplitudes, with plain numbers at as many ticks as have room."""
-    ax.set(ylabel="amplitude (rad)", yscale="log")
+    ax.set(ylabel=f"amplitude ({units})", yscale="log")
     low, high = ax.get_ylim()
     ax.yaxis.set_major_formatter("{x:g}")
     if high > 8.0 * low:

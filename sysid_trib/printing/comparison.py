@@ -27,6 +27,7 @@ from sysid_trib.printing.layout import (
     value_with_error,
 )
 from sysid_trib.results.per_run import record_groups
+from sysid_trib.results.signal_units import signal_units, small_units
 from sysid_trib.validation.comparison_table import applied_methods, column_power
 
 if TYPE_CHECKING:
@@ -126,10 +127,11 @@ def difference_table(tree: xr.DataTree) -> "Table":
 def quality_table(tree: xr.DataTree) -> "Table":
     """Residuals of simulated models, on the record and out of it, and what to mind of each method."""
     table = tree["comparison"].ds
+    factor, unit = small_units(signal_units(tree))
     numbered: dict[str, tuple[xr.DataArray, Callable[[float], str]]] = {
         "all/noise": (table.residual_over_noise, _ratio),
-        "train (mrad)": (1e3 * table.train_rms, _ratio),
-        "held out (mrad)": (1e3 * table.holdout_rms, _ratio),
+        f"train ({unit})": (factor * table.train_rms, _ratio),
+        f"held out ({unit})": (factor * table.holdout_rms, _ratio),
         "held out/noise": (table.holdout_over_noise, _ratio),
         "phase (periods)": (table.phase_error / (2.0 * np.pi), "{:.2f}".format),
         "time (s)": (table.time_taken, "{:#.2g}".format),

@@ -8,6 +8,7 @@ import xarray as xr
 from sysid_trib.printing.layout import by_label, identifiability_warnings
 from sysid_trib.printing.model_verdict import EFFECTIVE
 from sysid_trib.results.per_run import record_groups
+from sysid_trib.results.signal_units import signal_units, small_units
 from sysid_trib.validation.breakdown import widening
 from sysid_trib.validation.comparison_table import applied_methods
 from sysid_trib.validation.cross_check import LARGE
@@ -89,10 +90,12 @@ def _prediction(tree: xr.DataTree) -> str:
     if np.isnan(best.holdout_rms.item()):
         return f"No method could be tested on {third.lower()}, held out."
     ratio = best.holdout_over_noise.item()
+    factor, unit = small_units(signal_units(tree))
     explain = "explain" if ratio <= LARGE else "do not explain"
     return (
         f"{third}, held out from {starts} on, is predicted best by {table.attrs['best']}: RMS residual "
-        f"{1e3 * best.holdout_rms.item():.3g} mrad, {ratio:.3g} times the noise. These forces {explain} it."
+        f"{factor * best.holdout_rms.item():.3g} {unit}, {ratio:.3g} times the noise. These forces {explain} "
+        "it."
     )
 
 
@@ -127,8 +130,9 @@ def _explanation(table: xr.Dataset) -> str:
     """What the noise is, and what it means that the forces do not explain the record."""
     levels = np.atleast_1d(table.run_noise.values if "run_noise" in table else table.noise.values)
     whose = "the record" if len(levels) == 1 else "each run"
-    sizes = " and ".join(f"{1e3 * level:.2g}" for level in levels.tolist())
-    noise = f"The noise is that of {whose}: {sizes} mrad a sample, from {table.attrs['noise_from']}."
+    factor, unit = small_units(signal_units(table))
+    sizes = " and ".join(f"{factor * level:.2g}" for level in levels.tolist())
+    noise = f"The noise is that of {whose}: {sizes} {unit} a sample, from {table.attrs['noise_from']}."
     ratio = _ratio_of_best(table)
     if ratio <= LARGE:
         return noise

@@ -19,6 +19,7 @@ from sysid_trib.printing.random_force import random_force_sentences
 from sysid_trib.printing.residual import residual_of
 from sysid_trib.results.per_run import group_names, record_groups
 from sysid_trib.results.schema import library_of
+from sysid_trib.results.signal_units import signal_units
 from sysid_trib.validation.breakdown import record_noise
 
 # Between the level at which methods disagree and this one they agree, but barely.
@@ -102,7 +103,7 @@ def _few(checked: xr.Dataset) -> str:
 
 def _residual_sentence(tree: xr.DataTree, name: str) -> str:
     """RMS of record minus model over the noise; beside a random force what is predicted a step ahead."""
-    rms, unit = residual_of(tree, name), unit_of(tree)
+    rms, unit = residual_of(tree, name), signal_units(tree)
     checked = tree["comparison"].sel(model=name)
     start = checked.departure_time.item()
     ratio = f"{rms / record_noise(tree):.3g} times the noise"
@@ -111,11 +112,6 @@ def _residual_sentence(tree: xr.DataTree, name: str) -> str:
         ahead = checked.residual_over_noise.item()
         return f"{text}; one sample ahead it predicts the record to {ahead:.3g} of the error that it states."
     return f"{text}." if np.isnan(start) else f"{text}; it exceeds the noise from {start:.3g} s on."
-
-
-def unit_of(tree: xr.DataTree) -> str:
-    """Unit of the records' signal."""
-    return str(tree[record_groups(tree)[0]].angle.attrs.get("units", "rad"))
 
 
 def _held_shapes(result: xr.Dataset) -> list[str]:

@@ -18,7 +18,7 @@ from sysid_trib.printing.discovery_verdict import verdict_sentences
 from sysid_trib.printing.layers import ALWAYS, Block, Layer
 from sysid_trib.printing.layout import coefficient_text, p_value_text
 from sysid_trib.printing.residual import (
-    in_mrad,
+    in_small_units,
     noise_of,
     residual_of,
     residual_sentences,
@@ -27,6 +27,7 @@ from sysid_trib.printing.residual import (
 )
 from sysid_trib.printing.runs import step_heterogeneity_sentences
 from sysid_trib.results.discoveries import candidates_of, credible_set, failed_competitors
+from sysid_trib.results.signal_units import signal_units, small_units
 
 # Competing effects that are named, the most probable; a file has all.
 COMPETING = 10
@@ -75,11 +76,11 @@ def discovery_story(tree: xr.DataTree) -> dict[str, list[str]]:
 
 
 def _start(tree: xr.DataTree) -> list[str]:
-    residual, noise = residual_of(tree, "before"), noise_of(tree)
+    residual, noise, units = residual_of(tree, "before"), noise_of(tree), signal_units(tree)
     forces = ", ".join(tree["before"].force.values.tolist())
     return [
-        f"The start model ({forces}) leaves a gap of {in_mrad(residual)} (RMS): "
-        f"{times_noise(residual, noise)} of {in_mrad(noise)}.",
+        f"The start model ({forces}) leaves a gap of {in_small_units(residual, units)} (RMS): "
+        f"{times_noise(residual, noise)} of {in_small_units(noise, units)}.",
         *slow_noise_sentences(tree),
         *residual_sentences(tree, "discrepancy"),
     ]
@@ -164,15 +165,17 @@ def _probability(value: float) -> str:
 def _shrinking(tree: xr.DataTree, at: int) -> str:
     """From the gap before a step to that after it, on the fit and on the hold-out."""
     step, held, noise = tree["steps"].isel(step=at), tree["holdout"].rms.values, noise_of(tree)
-    text = _before_and_after(step.residual_before.item(), step.residual_after.item(), noise)
+    units = signal_units(tree)
+    text = _before_and_after(step.residual_before.item(), step.residual_after.item(), noise, units)
     if np.all(np.isfinite(held[at : at + 2])):
         what = f" ({tree.attrs['held_out']})" if at == 0 else ""
-        text += f", on the hold-out{what} from {_before_and_after(held[at], held[at + 1], noise)}"
+        text += f", on the hold-out{what} from {_before_and_after(held[at], held[at + 1], noise, units)}"
     return text
 
 
-def _before_and_after(before: float, after: float, noise: float) -> str:
+def _before_and_after(before: float, after: float, noise: float, units: str) -> str:
+    factor, unit = small_units(units)
     return (
         f"{before / noise:.3g} to {after / noise:.3g} times the noise "
-        f"({1e3 * before:.3g} to {1e3 * after:.3g} mrad)"
+        f"({factor * before:.3g} to {factor * after:.3g} {unit})"
     )

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from sysid_trib.printing.cross_check import agreement_sentences, amplitudes, consequences, unit_of
+from sysid_trib.printing.cross_check import agreement_sentences, amplitudes, consequences
 from sysid_trib.printing.equation import equation_text
 from sysid_trib.printing.layers import ALWAYS, USUALLY, Block, Layer
 from sysid_trib.printing.layout import (
@@ -31,6 +31,7 @@ from sysid_trib.printing.physics import physics_json, weight_sentences
 from sysid_trib.printing.random_force import random_force_json
 from sysid_trib.printing.residual import residual_of
 from sysid_trib.printing.runs import runs_json, runs_sentences, runs_table
+from sysid_trib.results.signal_units import signal_units
 from sysid_trib.validation.breakdown import record_noise
 
 if TYPE_CHECKING:
@@ -89,7 +90,7 @@ def identification_table(tree: xr.DataTree) -> "Table":
     what is left of it (see `effective_sentences`).
     """
     checked, results = tree["comparison"].ds, kept_results(tree)
-    widened, unit, noise = widenings(tree, results), unit_of(tree), record_noise(tree)
+    widened, unit, noise = widenings(tree, results), signal_units(tree), record_noise(tree)
     symbols = list(dict.fromkeys(s for r in results.values() for s in r.force.values.tolist()))
     width = max([8, *map(len, symbols)])
     rows = []

@@ -64,14 +64,14 @@ def failures(tree: xr.DataTree) -> dict[str, str]:
 def failure_sentences(tree: xr.DataTree) -> list[str]:
     """A sentence on each method that failed: its coefficients are not given."""
     return [
-        f"{name.capitalize()} failed: {reason} ({_off(residual_over_noise(tree, name))}). Its coefficients "
+        f"{name.capitalize()} failed: {reason}{_off(residual_over_noise(tree, name))}. Its coefficients "
         "are not given."
         for name, reason in failures(tree).items()
     ]
 
 
 def _off(ratio: float) -> str:
-    return f"residual {ratio:.3g} times the noise" if np.isfinite(ratio) else "it has no residual"
+    return f" (residual {ratio:.3g} times the noise)" if np.isfinite(ratio) else ""
 
 
 def widenings(tree: xr.DataTree, results: Mapping[str, xr.Dataset]) -> dict[str, float]:
@@ -94,10 +94,12 @@ def effective_sentences(tree: xr.DataTree) -> list[str]:
     if tree["comparison"].attrs["verdict_on_record"] != "not explained" or not results:
         return []
     parts, factors = [], widenings(tree, results)
+    pushed = [name for name, result in results.items() if random_force_of(result)]
+    if pushed:
+        whose = " and ".join(pushed)
+        parts.append(f"errors of {whose} allow for a random force in the place of what is missing")
     for name, result in results.items():
         whole = factors[name] * stated_widening(result)
-        if random_force_of(result):
-            parts.append(f"errors of {name} allow for a random force in the place of what is missing")
-        elif whole > 1.0:
+        if name not in pushed and whole > 1.0:
             parts.append(f"errors of {name} are {whole:.3g} times those by the noise, for what is left")
     return ["; ".join([EFFECTIVE, *parts]) + "."]

@@ -16,6 +16,7 @@ from sysid_trib.physics.force_weights import weights
 from sysid_trib.physics.units import physical_units
 from sysid_trib.printing.layout import by_label, numbers, quantity, quantity_json
 from sysid_trib.results.schema import library_of
+from sysid_trib.results.signal_units import signal_units
 from sysid_trib.results.significance import significant
 
 # A share below this is not worth a word.
@@ -54,9 +55,9 @@ def physics_sentences(result: xr.Dataset, amplitude: ArrayLike, inertia: float |
         for end in ends:
             sentences += _weights(result, end)
         sentences += _energy(result, ends[0], inertia)
-        sentences += _crossovers(crossovers(result), ends, _significant(result))
+        sentences += _crossovers(result, ends)
         if _arrest_is_decided(result):
-            sentences.append(_arrest(arrest_time(result, ends[0])))
+            sentences.append(_arrest(arrest_time(result, ends[0]), signal_units(result)))
     except LibraryError as error:
         sentences.append(f"Nothing more can be computed: {error}")
     if speaks_of_slip(result):
@@ -161,7 +162,7 @@ def _weights(result: xr.Dataset, amplitude: float) -> list[str]:
         if kept:
             texts = [f"{s} {quantity(by_force[s], weight, ' %', 100.0)}" for s in kept]
             parts.append(f"the {what} comes from {', '.join(texts)}")
-    return [f"At {amplitude:.3g} rad, {'; '.join(parts)}."] if parts else []
+    return [f"At {amplitude:.3g} {signal_units(result)}, {'; '.join(parts)}."] if parts else []
 
 
 def _energy(result: xr.Dataset, amplitude: float, inertia: float | None) -> list[str]:
@@ -170,17 +171,18 @@ def _energy(result: xr.Dataset, amplitude: float, inertia: float | None) -> list
         return []
     percent = quantity(values, "lost_fraction", " %", 100.0)
     joule = "" if inertia is None else f", {quantity(values, 'total_energy', ' J')}"
-    return [f"A cycle at {amplitude:.3g} rad dissipates {percent} of the energy I w^2 a^2/2{joule}."]
+    place = f"{amplitude:.3g} {signal_units(result)}"
+    return [f"A cycle at {place} dissipates {percent} of the energy I w^2 a^2/2{joule}."]
 
 
-def _crossovers(values: xr.Dataset, ends: list[float], symbols: list[str]) -> list[str]:
-    """Where two of the forces weigh the same; an amplitude that the motion does not pass is extrapolated."""
-    sentences = []
-    for pair in _pairs(values):
-        if not {pair["first"].item(), pair["second"].item()} <= set(symbols):
+def _crossovers(result: xr.Dataset, ends: list[float]) -> list[str]:
+    """Where two significant forces weigh the same; what the motion does not pass is extrapolated."""
+    sentences, symbols, unit = [], set(_significant(result)), signal_units(result)
+    for pair in _pairs(crossovers(result)):
+        if not {pair["first"].item(), pair["second"].item()} <= symbols:
             continue
         rules = [
-            f"{quantity(pair.sel(rule=rule), 'amplitude', ' rad')} {name}"
+            f"{quantity(pair.sel(rule=rule), 'amplitude', f' {unit}')} {name}"
             for rule, name in (("averaged", "on average"), ("peak force", "by peak force"))
             if np.isfinite(pair.amplitude.sel(rule=rule).item())
         ]
@@ -196,8 +198,8 @@ def _crossovers(values: xr.Dataset, ends: list[float], symbols: list[str]) -> li
     return sentences
 
 
-def _arrest(values: xr.Dataset) -> str:
-    start = f"From {values.amplitude.item():.3g} rad, the averaged motion"
+def _arrest(values: xr.Dataset, unit: str) -> str:
+    start = f"From {values.amplitude.item():.3g} {unit}, the averaged motion"
     if not np.isfinite(values.arrest_time.item()):
         return f"{start} does not stop in a finite time."
     exact = values.stop_time.item()

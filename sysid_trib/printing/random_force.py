@@ -8,6 +8,7 @@ import xarray as xr
 from sysid_trib.noise.random_force import DENSITY_UNITS, RandomForce, random_force_of
 from sysid_trib.printing.layout import number, p_value_text, value_with_error
 from sysid_trib.results.per_run import group_names, record_groups
+from sysid_trib.results.signal_units import signal_units
 from sysid_trib.validation.verdict import DEPENDENCE_LEVEL, p_value_of_dependence
 
 # Part of its amplitude by which a motion that is predicted may be wrong.
@@ -68,29 +69,37 @@ def random_force_sentences(tree: xr.DataTree, amplitude: float) -> list[str]:
     result = tree[tree["comparison"].attrs["second"]].to_dataset()
     force, frequency = random_force_of(result), float(result.reference_frequency)
     if "random_force" not in tree.children:
-        return [NOT_FOUND.format(_up_to(force))] if "random_force_density" in result else []
-    noise = float(result.noise)
+        return (
+            [NOT_FOUND.format(_up_to(force, signal_units(tree)))] if "random_force_density" in result else []
+        )
+    noise, units = float(result.noise), signal_units(result)
     size = value_with_error(force.density, force.standard_error) if force.standard_error > 0.0 else ""
     given = "" if size else ", as given"
     periods = [_periods(force.periods_to(limit, frequency)) for limit in (noise, USEFUL * amplitude)]
     return [
-        f"What is left is a random force with a density of {size or f'{force.density:.3g}'} {DENSITY_UNITS}"
-        f"{given}; its root is {force.relative(frequency):.1e} w^2 per root hertz.",
-        f"From a known state the motion can be predicted to the sensor's noise ({noise:.2g} rad) for "
-        f"{periods[0]}, and to {100.0 * USEFUL:g} % of its amplitude ({amplitude:.2g} rad) for {periods[1]}.",
+        f"What is left is a random force with a density of {size or f'{force.density:.3g}'} "
+        f"{_density_units(units)}{given}; its root is {force.relative(frequency):.1e} w^2 per root hertz.",
+        f"From a known state the motion can be predicted to the sensor's noise ({noise:.2g} {units}) for "
+        f"{periods[0]}, and to {100.0 * USEFUL:g} % of its amplitude ({amplitude:.2g} {units}) for "
+        f"{periods[1]}.",
         *_whose(tree),
         *_contradiction(tree, not size),
     ]
 
 
-def _up_to(force: RandomForce) -> str:
+def _density_units(units: str) -> str:
+    """Unit of a density beside a signal in these units."""
+    return DENSITY_UNITS.replace("rad", units)
+
+
+def _up_to(force: RandomForce, units: str) -> str:
     """What the errors allow for where no random force is found."""
     if not np.isfinite(force.standard_error):
         return "none"
     if not force:
-        return f"0, by its error up to {force.standard_error:.1e} {DENSITY_UNITS}"
+        return f"0, by its error up to {force.standard_error:.1e} {_density_units(units)}"
     size = value_with_error(force.density, force.standard_error)
-    return f"{size} {DENSITY_UNITS} (p {p_value_text(force.p_value)})"
+    return f"{size} {_density_units(units)} (p {p_value_text(force.p_value)})"
 
 
 def _periods(count: float) -> str:
@@ -146,7 +155,8 @@ def _contradiction(tree: xr.DataTree, given: bool) -> list[str]:
     run = int(np.argmin(tested.density_p_value.values))
     return [
         f"The record contradicts the density that was given (p {p_value_text(p_value)}): its most likely "
-        f"one is {tested.likely_density.values[run]:.2g} {DENSITY_UNITS}. Take --random-force auto."
+        f"one is {tested.likely_density.values[run]:.2g} {_density_units(signal_units(tree))}. Take "
+        "--random-force auto."
     ]
 
 

@@ -5,6 +5,7 @@ import xarray as xr
 
 from sysid_trib.printing.force_types import force_type_sentence
 from sysid_trib.results.per_run import record_groups
+from sysid_trib.results.signal_units import signal_units, small_units
 from sysid_trib.validation.breakdown import record_noise
 from sysid_trib.validation.verdict import LOUD
 
@@ -37,15 +38,17 @@ def slow_noise_sentences(tree: xr.DataTree) -> list[str]:
     noise, whole = noise_of(tree), float(tree["holdout"].residual_noise)
     if whole <= LOUD * noise:
         return []
+    size = in_small_units(whole, signal_units(tree))
     return [
-        f"The sensor's noise is coloured: with its slow part it is {in_mrad(whole)} a sample, "
+        f"The sensor's noise is coloured: with its slow part it is {size} a sample, "
         f"{times_noise(whole, noise)}."
     ]
 
 
-def in_mrad(angle: float) -> str:
-    """An angle (rad) as text."""
-    return f"{1e3 * angle:.3g} mrad"
+def in_small_units(size: float, units: str) -> str:
+    """What is small beside the signal as text: angles in mrad."""
+    factor, unit = small_units(units)
+    return f"{factor * size:.3g} {unit}"
 
 
 def times_noise(residual: float, noise: float) -> str:
@@ -63,8 +66,8 @@ def residual_sentences(tree: xr.DataTree, group: str) -> list[str]:
     most = "phase and amplitude" if set(parts[:2]) == {"phase", "amplitude"} else parts[0]
     return [
         departure,
-        _sizes(spans, len(record_groups(tree))),
-        *_rates(spans, parts[0]),
+        _sizes(spans, len(record_groups(tree)), signal_units(tree)),
+        *_rates(spans, parts[0], signal_units(tree)),
         f"Most of the gap is in the {most}{WHERE.get(spans.attrs['where'], '')}.",
         *force_type_sentences(tree, group),
     ]
@@ -88,7 +91,7 @@ def _departure(tree: xr.DataTree, spans: xr.Dataset) -> str:
     return f"The gap exceeds the noise from {'the first sample' if first else f'{start:.3g} s'}{where} on."
 
 
-def _sizes(spans: xr.Dataset, runs: int) -> str:
+def _sizes(spans: xr.Dataset, runs: int, units: str) -> str:
     """Phase, amplitude and the rest of record minus model, where they are largest."""
     # The record's own: the model's may be far off.
     amplitude = float((spans.amplitude + spans.amplitude_error).max())
@@ -99,12 +102,12 @@ def _sizes(spans: xr.Dataset, runs: int) -> str:
         name: np.hypot(*(spans[f"{name}_{wave}"].values for wave in ("cosine", "sine")))
         for name in NAMED_HARMONICS
     }
-    harmonics = [f"{name} harmonic {in_mrad(_most(size))}" for name, size in waves.items()]
+    harmonics = [f"{name} harmonic {in_small_units(_most(size), units)}" for name, size in waves.items()]
     return (
         f"The record is up to {abs(slip[at]):.3g} rad {'ahead of' if slip[at] > 0.0 else 'behind'} the model "
         f"in phase (at {place}). Other largest differences: amplitude "
-        f"{in_mrad(_most(spans.amplitude_error.values))} (of {amplitude:.3g} rad), offset "
-        f"{in_mrad(_most(spans.offset.values))}, {', '.join(harmonics)}."
+        f"{in_small_units(_most(spans.amplitude_error.values), units)} (of {amplitude:.3g} {units}), offset "
+        f"{in_small_units(_most(spans.offset.values), units)}, {', '.join(harmonics)}."
     )
 
 
@@ -112,7 +115,7 @@ def _most(values: np.ndarray) -> float:
     return float(np.max(np.abs(values)))
 
 
-def _rates(spans: xr.Dataset, part: str) -> list[str]:
+def _rates(spans: xr.Dataset, part: str, units: str) -> list[str]:
     """Errors of frequency or decay at the largest and the smallest amplitude, if they differ."""
     if part not in ("phase", "amplitude") or spans.attrs["where"] not in WHERE:
         return []
@@ -125,7 +128,7 @@ def _rates(spans: xr.Dataset, part: str) -> list[str]:
         value = float(rate.values[end])
         # The record's own, where the model's has faded.
         amplitude = spans.amplitude.values[end] + spans.amplitude_error.values[end]
-        where = f"{spans.time.values[end]:.3g} s" if late else f"{amplitude:.3g} rad"
+        where = f"{spans.time.values[end]:.3g} s" if late else f"{amplitude:.3g} {units}"
         size = f"{100.0 * abs(value):.2g} %" if part == "phase" else f"by {abs(value):.2g} w"
         texts.append((f"{size} {'faster' if value > 0.0 else 'slower'}", where))
     (first, here), (last, there) = texts

@@ -10,7 +10,6 @@ from bokeh.models import ColorBar, LinearColorMapper, Range1d
 from bokeh.palettes import RdBu11, interp_palette
 
 from sysid_trib import plots
-from sysid_trib.plots.discovery_data import COLOUR_PERCENT
 from sysid_trib.plots.overview_data import INTERVAL, OverviewData, overview_data
 from sysid_trib.plots.style import BLUE, ORANGE, SERIES
 from sysid_trib.printing.layout import value_with_error
@@ -106,7 +105,7 @@ def _surface(data: OverviewData) -> plotting.figure:
     x, v = np.meshgrid(missing.x.values, missing.v.values, indexing="ij")
     force, error = (factor * missing[k].values for k in ("force", "force_standard_error"))
     there = np.isfinite(force)
-    limit = float(np.nanpercentile(np.abs(force), COLOUR_PERCENT)) or 1.0
+    limit = data.colour_limit
     made = drawing.panel(f"angle ({data.units})", f"rate over ω ({data.units})", height=340)
     made.title.text = f"what is missing: f in θ″ + ω²θ = -ω²f ({unit})"
     colors = LinearColorMapper(palette=interp_palette(RdBu11, 101), low=-limit, high=limit)

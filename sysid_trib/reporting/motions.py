@@ -47,14 +47,14 @@ def record_panel(data: xr.Dataset) -> Panel:
 
 
 def _record(drawn: MotionData) -> plotting.figure:
-    made = drawing.panel("time (s)", "angle (rad)")
+    made = drawing.panel("time (s)", f"angle ({drawn.units})")
     # Pale behind models, which must show.
     color = drawing.RECORD_GREY if drawn.lines else GREY
     if drawn.time.size > MOST_POINTS:
         points = drawing.line(made, (drawn.time, drawn.angle), {"color": color})
     else:
         points = drawing.marks(made, {"x": drawn.time, "y": drawn.angle}, {"color": color}, size=3.5)
-    drawing.tell(made, [points], [("time", "@x{%.5g} s"), ("angle", "@y{%.5g} rad")])
+    drawing.tell(made, [points], [("time", "@x{%.5g} s"), ("angle", f"@y{{%.5g}} {drawn.units}")])
     if drawn.lines:
         curves = {name: (drawn.time, drawn.motion(name)) for name in drawn.lines}
         _with_models(made, drawn, [("record", [points])], curves)
@@ -62,30 +62,31 @@ def _record(drawn: MotionData) -> plotting.figure:
 
 
 def _residual(drawn: MotionData, models: Sequence[str], record: plotting.figure) -> plotting.figure:
-    label, height = "record \N{MINUS SIGN} model (mrad)", drawing.RESIDUAL_HEIGHT_PX
+    factor, unit = drawn.small_units
+    label, height = f"record \N{MINUS SIGN} model ({unit})", drawing.RESIDUAL_HEIGHT_PX
     made = drawing.panel("time (s)", label, height=height, share_x=record)
-    drawing.band(made, -2e3 * drawn.noise, 2e3 * drawn.noise)
+    drawing.band(made, -2.0 * factor * drawn.noise, 2.0 * factor * drawn.noise)
     curves = _with_models(made, drawn, [], {n: (drawn.time, drawn.residual(n)) for n in models}, width=1.0)
     for name, curve in curves.items():
-        drawing.tell(made, [curve], [("time", "@x{%.5g} s"), (drawn.labels[name], "@y{%.4g} mrad")])
+        drawing.tell(made, [curve], [("time", "@x{%.5g} s"), (drawn.labels[name], f"@y{{%.4g}} {unit}")])
     return made
 
 
 def _envelope(drawn: MotionData) -> plotting.figure:
-    made = drawing.panel("time (s)", "amplitude (rad)", log="y")
+    made = drawing.panel("time (s)", f"amplitude ({drawn.units})", log="y")
     low, high = drawn.amplitude_limits()
     made.y_range = Range1d(low, high)
     made.yaxis.ticker.desired_num_ticks = 5
     # Where the noise is as large as the swing, a bar would reach below zero.
-    tooltips = [("time", "@x{%.5g} s"), ("amplitude", "@y{%.5g} ± @error{%.2g} rad")]
+    tooltips = [("time", "@x{%.5g} s"), ("amplitude", f"@y{{%.5g}} ± @error{{%.2g}} {drawn.units}")]
     return _half_periods(made, drawn, "instant_time", "amplitude", 0.1 * low, tooltips)
 
 
 def _frequency(drawn: MotionData) -> plotting.figure:
-    made = drawing.panel("amplitude (rad)", "frequency (rad/s)")
+    made = drawing.panel(f"amplitude ({drawn.units})", "frequency (rad/s)")
     made.y_range = Range1d(*drawn.frequency_limits())
     made.x_range = Range1d(0.0, 1.05 * drawn.half_periods["record"].amplitude.values.max())
-    tooltips = [("amplitude", "@x{%.4g} rad"), ("frequency", "@y{%.6g} ± @error{%.2g} rad/s")]
+    tooltips = [("amplitude", f"@x{{%.4g}} {drawn.units}"), ("frequency", "@y{%.6g} ± @error{%.2g} rad/s")]
     return _half_periods(made, drawn, "amplitude", "frequency", -np.inf, tooltips)
 
 

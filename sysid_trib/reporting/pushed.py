@@ -11,6 +11,7 @@ from sysid_trib.plots.random_force_figures import BAND_WIDTH, span_starts
 from sysid_trib.plots.style import BLUE, INK, ORANGE, new_figure
 from sysid_trib.reporting import drawing
 from sysid_trib.reporting.parts import Figures, Panel
+from sysid_trib.results.signal_units import signal_units, small_units
 
 HEIGHT_PX = 220
 
@@ -45,16 +46,19 @@ def random_force_figures(caption: str, followed: xr.Dataset, bands: xr.Dataset |
 
 
 def _innovations(data: xr.Dataset) -> plotting.figure:
-    made = drawing.panel("time (s)", "innovation (mrad)", height=HEIGHT_PX)
-    time, innovation = data.time.values, 1e3 * data.innovation.values
-    _band(made, time, 1e3 * BAND_WIDTH * data.innovation_standard_deviation.values)
+    factor, unit = small_units(signal_units(data))
+    made = drawing.panel("time (s)", f"innovation ({unit})", height=HEIGHT_PX)
+    time, innovation = data.time.values, factor * data.innovation.values
+    _band(made, time, factor * BAND_WIDTH * data.innovation_standard_deviation.values)
     shown = drawn_samples(innovation)
     drawing.marks(made, {"x": time[shown], "y": innovation[shown]}, {"color": BLUE}, size=2)
     return made
 
 
 def _random_force(data: xr.Dataset, beside: plotting.figure) -> plotting.figure:
-    made = drawing.panel("time (s)", "random force (rad/s²)", height=HEIGHT_PX, share_x=beside)
+    made = drawing.panel(
+        "time (s)", f"random force ({signal_units(data)}/s²)", height=HEIGHT_PX, share_x=beside
+    )
     first = span_starts(data.random_force.values)
     # Each span as a level: its end is the start of the next.
     at, of = np.repeat(first, 2)[1:], np.repeat(first, 2)[:-1]
@@ -75,9 +79,10 @@ def _autocorrelation(data: xr.Dataset) -> plotting.figure:
 
 
 def _predictions(data: xr.Dataset) -> plotting.figure:
-    made = drawing.panel("time (s)", "record \N{MINUS SIGN} prediction (mrad)", height=HEIGHT_PX)
-    missed = 1e3 * (data.measured - data.predicted).values
-    width = 1e3 * BAND_WIDTH * data.predicted_standard_error.values
+    factor, unit = small_units(signal_units(data))
+    made = drawing.panel("time (s)", f"record \N{MINUS SIGN} prediction ({unit})", height=HEIGHT_PX)
+    missed = factor * (data.measured - data.predicted).values
+    width = factor * BAND_WIDTH * data.predicted_standard_error.values
     for at, time in enumerate(data.time_ahead.values):
         _band(made, time, width[at])
         drawing.line(made, (time, missed[at]), {"color": ORANGE}, width=1.0)

@@ -12,6 +12,7 @@ from sysid_trib.plots.discovery_data import detectability_data, missing_force, r
 from sysid_trib.plots.style import CANDIDATE_MARKS, DETECTABLE_MARKS, GREY
 from sysid_trib.reporting import drawing
 from sysid_trib.reporting.parts import Panel
+from sysid_trib.results.signal_units import signal_units, small_units
 
 
 def map_panels(tree: xr.DataTree) -> list[Panel]:
@@ -28,20 +29,22 @@ def _map(tree: xr.DataTree, after: bool) -> plotting.figure:
     force, error, limit = missing_force(tree, after=after)
     x, v = np.meshgrid(force.x.values, force.v.values, indexing="ij")
     there = np.isfinite(force.values)
-    made = drawing.panel("angle (rad)", "rate over w (rad)", height=380)
+    units = signal_units(tree)
+    _, unit = small_units(units)
+    made = drawing.panel(f"angle ({units})", f"rate over w ({units})", height=380)
     # Both maps over the same angles and rates.
     edge = 1.1 * max(float(tree[name].x.max()) for name in ("discrepancy", "discrepancy_after"))
     made.x_range, made.y_range = Range1d(-edge, edge), Range1d(-edge, edge)
-    made.title.text = f"{'after' if after else 'before'}: missing f in θ″ + w²θ = -w²f (mrad)"
+    made.title.text = f"{'after' if after else 'before'}: missing f in θ″ + w²θ = -w²f ({unit})"
     colors = LinearColorMapper(palette=interp_palette(RdBu11, 101), low=-limit, high=limit)
     width, height = (float(np.diff(axis.values)[0]) for axis in (force.x, force.v))
     columns = {"x": x[there], "y": v[there], "force": force.values[there], "error": error.values[there]}
     fill: dict[str, Any] = {"fill_color": {"field": "force", "transform": colors}, "line_color": None}
     cells = made.rect("x", "y", width, height, source=drawing.columns(columns), **fill)
     tooltips = [
-        ("angle", "@x{%.3g} rad"),
-        ("rate over w", "@y{%.3g} rad"),
-        ("missing force", "@force{%.3g} ± @error{%.2g} mrad"),
+        ("angle", f"@x{{%.3g}} {units}"),
+        ("rate over w", f"@y{{%.3g}} {units}"),
+        ("missing force", f"@force{{%.3g}} ± @error{{%.2g}} {unit}"),
     ]
     drawing.tell(made, [cells], tooltips)
     made.add_layout(ColorBar(color_mapper=colors, width=10, padding=4, background_fill_alpha=0.0), "right")

@@ -8,6 +8,7 @@ import xarray as xr
 from sysid_trib.printing.identification import coefficient_cell
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.reporting.parts import PageTable
+from sysid_trib.results.signal_units import signal_units
 
 
 def coefficient_table(results: Mapping[str, xr.Dataset]) -> PageTable:
@@ -24,7 +25,7 @@ def coefficient_table(results: Mapping[str, xr.Dataset]) -> PageTable:
         cells = [value_with_error(r[name].item(), e) for r, e in zip(results.values(), errors, strict=True)]
         rows.append([title, name.replace("_", " "), "", *cells, "rad/s", ""])
     noises = [f"{result.noise.item():.2g}" for result in results.values()]
-    rows.append(["noise", "standard deviation", "", *noises, "rad", ""])
+    rows.append(["noise", "standard deviation", "", *noises, signal_units(next(iter(results.values()))), ""])
     heads = ["force", "name", "formula", *results, "unit", "refers to (rad/s)"]
     last = len(heads) - 1
     return PageTable("Coefficients", heads, rows, frozenset({*range(3, last - 1), last}))
