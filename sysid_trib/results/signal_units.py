@@ -7,7 +7,7 @@ import xarray as xr
 from sysid_trib.results.per_run import record_groups
 
 # Variables in the unit of the signal, one of which each part of a result has.
-SIGNALS = ("angle", "noise", "innovation", "measured", "amplitude", "force")
+STATED_IN = ("angle", "noise", "innovation", "measured", "amplitude", "force")
 
 
 def signal_units(data: Any) -> str:
@@ -19,7 +19,7 @@ def signal_units(data: Any) -> str:
         A record, an identification, a part of a result, or a whole one.
     """
     part = data[record_groups(data)[0]] if isinstance(data, xr.DataTree) and not data.data_vars else data
-    stated = (part[name].attrs.get("units") for name in SIGNALS if name in part)
+    stated = (part[name].attrs.get("units") for name in STATED_IN if name in part)
     return str(next((units for units in stated if units), "rad"))
 
 
