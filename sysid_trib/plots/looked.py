@@ -8,7 +8,7 @@ from sysid_trib.plots.style import BLUE, MODEL_LINES, ORANGE, grid, letter, line
 
 WIDTH, HEIGHT = 7.2, 2.1
 # Points of a long record that are drawn.
-MOST_DRAWN = 20_000
+MOST_POINTS_DRAWN = 20_000
 
 
 def look(tree: xr.DataTree) -> Figure:
@@ -24,7 +24,7 @@ def look(tree: xr.DataTree) -> Figure:
     records = [node.to_dataset() for name, node in tree.children.items() if name.startswith("record")]
     unit = str(records[0].angle.attrs["units"])
     for record in records:
-        drawn = record.isel(time=slice(None, None, max(1, record.sizes["time"] // MOST_DRAWN)))
+        drawn = record.isel(time=slice(None, None, max(1, record.sizes["time"] // MOST_POINTS_DRAWN)))
         panels[0].plot(drawn.time, drawn.angle, color="0.6", linewidth=0.5)
     for decay in decays:
         panels[0].axvspan(decay.start.item(), decay.stop.item(), color=BLUE, alpha=0.12, linewidth=0)
