@@ -1,6 +1,6 @@
 """What is predicted wrongly one sample ahead in the measured records, and how it is correlated.
 
-python benchmarks/innovations.py [--method direct|trajectory] [--only TEXT]
+python benchmarks/innovations.py [--method direct|trajectory] [--only TEXT] [--also SYMBOLS]
 
 The records and models of random_force_kinds.py: the ship at each sample, the steel pendulum at every tenth.
 Largest autocorrelation of lags 1 to 20, and the p-value that all of them are chance (Ljung and Box 1978).
@@ -29,6 +29,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--method", choices=METHODS, default="direct")
     parser.add_argument("--only", default="", help="records whose title has this text")
+    parser.add_argument("--also", default="", metavar="SYMBOLS", help="candidate effects beside the models")
     asked = parser.parse_args()
     columns = (
         "samples",
@@ -44,7 +45,9 @@ def main() -> None:
         if asked.only not in record.title:
             continue
         decay = replace(record, stride=STRIDES.get(record.title, record.stride)).decay()
-        result = st.identify(decay, BOTH.select(record.models.split()), METHODS[asked.method])
+        result = st.identify(
+            decay, BOTH.select([*record.models.split(), *asked.also.split()]), METHODS[asked.method]
+        )
         ahead = st.innovations(decay, result)
         correlation = ahead.autocorrelation.values[:LAGS]
         most = int(np.argmax(np.abs(correlation)))

@@ -8,7 +8,8 @@ Simulated: 60 periods from 0.3 rad at 60 samples a period in noise of 0.2 mrad, 
 wandered by 1, 5 or 20 noise levels, by tests/kicked_motion.py, which shares nothing with the package.
 --measured: the records of random_force_kinds.py. Beside coverage: the RMS error over the stated one.
 Of measured records also the p-value of a random force that depends on nothing: where that is small, the model
-is not the record's, and its bands promise nothing.
+is not the record's, and its bands promise nothing. And how errors of neighbouring windows one period ahead go
+together: those of a random force do not.
 """
 
 import argparse
@@ -88,7 +89,9 @@ def row_of(title: str, decays: Iterable[xr.Dataset], library: st.ForceLibrary, m
         inside = 100.0 * np.mean(np.abs(z) < 1.96) if len(z) else np.nan
         size = np.sqrt(np.mean(z**2)) if len(z) else np.nan
         row.append(f"{inside:.1f} of {len(z)}; {size:.2f}")
-    return row
+    nearest = [errors[HORIZONS[0]] for errors in known if HORIZONS[0] in errors]
+    together = sum(float(z[1:] @ z[:-1]) for z in nearest) / max(sum(float(z @ z) for z in nearest), 1e-300)
+    return [*row, f"{together:+.2f}"]
 
 
 def main() -> None:
@@ -98,7 +101,8 @@ def main() -> None:
     parser.add_argument("--measured", action="store_true", help="the measured records alone")
     asked = parser.parse_args()
     method = METHODS[asked.method]
-    table = Table("95 % bands", "records", "failed", *(f"{h} ahead (%; RMS error/stated)" for h in HORIZONS))
+    coverages = (f"{h} ahead (%; RMS error/stated)" for h in HORIZONS)
+    table = Table("95 % bands", "records", "failed", *coverages, "neighbours' correlation")
     if asked.measured:
         for record in RECORDS:
             library, decay = BOTH.select(record.models.split()), record.decay()

@@ -235,6 +235,35 @@ if "ship" in decays:
     display(st.plots.rankings(rolling))
 
 # %% [markdown]
+# ## A random force beside the sensor's noise
+#
+# The fits above know the sensor's noise alone, and their residuals are many times that. With a random force
+# in the motion nearly nothing is predicted wrongly from one sample to the next but that noise, and the errors
+# of the coefficients grow. It is no excuse: where the random force goes with the motion, a force is missing.
+
+# %%
+MODELS = {
+    "pendulum": "lambda zeta delta gravity sensor_curve",
+    "string": "zeta delta gravity sensor_curve sensor_cubic shutter",
+    "ship": "lambda delta epsilon",
+}
+pushed = {}
+for name, decay in decays.items():
+    library = everything.select(MODELS[name].split())
+    pushed[name] = st.identify(decay, library, m.Direct(random_force="auto"))
+    depends = st.random_force_dependence(decay, pushed[name])
+    display(tables.coefficients({"direct": pushed[name]}))
+    ahead = st.innovations(decay, pushed[name])
+    most = np.abs(ahead.autocorrelation.values).max()
+    print(f"{name}: predicted wrongly one sample ahead {1e3 * ahead.innovation_rms.item():.3g} mrad (RMS),")
+    print(f"with autocorrelations up to {most:.2f}.")
+    print(f"p of a random force that does not go with the motion: {depends.p_value.item():.2g}.")
+
+# %%
+if "ship" in decays:
+    display(st.plots.innovations(st.innovations(decays["ship"], pushed["ship"])))
+
+# %% [markdown]
 # ## What was known, and what was found
 #
 # Errors are those that direct identification states. They hold if the model does; where the record is not

@@ -228,3 +228,14 @@ def test_deviance_of_densities():
     assert none["density_p_value"][1] < 1e-3 < 0.1 < small["density_p_value"][1]
     for forces in ([RandomForce(1.0)] * 2, [RandomForce(0.0, 1.0)] * 2, [RandomForce(1.0, 0.1)]):
         assert np.isnan(density_agreement(forces)["density_p_value"][1])
+
+
+@pytest.mark.parametrize(("periods", "per_period", "said"), [(4, 15, True), (20, 60, False)])
+def test_a_record_too_short_to_tell_the_noises_apart_is_named(periods, per_period, said):
+    time = np.arange(periods * per_period) * 2.0 * np.pi / W / per_period
+    angle = st.simulate(MODEL, time, 0.3).angle + NOISE * np.random.default_rng(1).standard_normal(len(time))
+    record = xr.Dataset({"angle": angle})
+    pair = [st.identify(record, FORCES, method(random_force="auto")) for method in (Averaging, Direct)]
+    sentences = identification_sentences(st.cross_check(record, *pair, draws=3))
+    assert any("No random force is found" in text for text in sentences)
+    assert any("to tell a random force from the sensor's noise" in text for text in sentences) == said

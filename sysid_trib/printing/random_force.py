@@ -31,6 +31,10 @@ HIDDEN = (
     "goes with the motion. A force is missing, or one has another form."
 )
 NOT_FOUND = "No random force is found; the errors allow for a density of {}."
+TOO_SHORT = (
+    "The record is too short, or too coarsely sampled, to tell a random force from the sensor's noise, for "
+    "which all is taken: one by which the motion wanders by {:.2g} times that noise may hide in it."
+)
 NOT_FOLLOWED = "The model does not explain the record, not even with a random force: {}"
 
 
@@ -69,9 +73,7 @@ def random_force_sentences(tree: xr.DataTree, amplitude: float) -> list[str]:
     result = tree[tree["comparison"].attrs["second"]].to_dataset()
     force, frequency = random_force_of(result), float(result.reference_frequency)
     if "random_force" not in tree.children:
-        return (
-            [NOT_FOUND.format(_up_to(force, signal_units(tree)))] if "random_force_density" in result else []
-        )
+        return _not_found(tree, result) if "random_force_density" in result else []
     noise, units = float(result.noise), signal_units(result)
     size = value_with_error(force.density, force.standard_error) if force.standard_error > 0.0 else ""
     given = "" if size else ", as given"
@@ -90,6 +92,19 @@ def random_force_sentences(tree: xr.DataTree, amplitude: float) -> list[str]:
 def _density_units(units: str) -> str:
     """Unit of a density beside a signal in these units."""
     return DENSITY_UNITS.replace("rad", units)
+
+
+def _not_found(tree: xr.DataTree, result: xr.Dataset) -> list[str]:
+    """That no random force is found; and whether one that moves it by more than the noise may hide."""
+    force = random_force_of(result)
+    sentences = [NOT_FOUND.format(_up_to(force, signal_units(tree)))]
+    allowed = RandomForce(force.density + float(np.nan_to_num(force.standard_error)))
+    frequency, noise = float(result.reference_frequency), float(result.noise)
+    periods = max(float(np.ptp(tree[name].time.values)) for name in record_groups(tree))
+    periods *= frequency / (2.0 * np.pi)
+    # The wander grows with the root of the time.
+    wander = float(np.sqrt(periods / allowed.periods_to(noise, frequency)))
+    return [*sentences, TOO_SHORT.format(wander)] if wander > 1.0 else sentences
 
 
 def _up_to(force: RandomForce, units: str) -> str:
