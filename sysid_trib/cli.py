@@ -13,6 +13,7 @@ from sysid_trib.commands.compare import compare
 from sysid_trib.commands.discover import discover
 from sysid_trib.commands.forces import forces
 from sysid_trib.commands.identify import identify
+from sysid_trib.commands.look import look
 from sysid_trib.commands.report import report
 from sysid_trib.commands.simulate import simulate
 from sysid_trib.commands.terminal import printable
@@ -43,7 +44,7 @@ def _options(
     """Which forces act in an oscillator, learned from its free decay."""
 
 
-for command in (identify, discover, compare, simulate, report, forces):
+for command in (look, identify, discover, compare, simulate, report, forces):
     app.command()(command)
 
 

@@ -50,6 +50,7 @@ def test_a_stiffness_that_is_in_the_frequency_is_not_in_the_equation():
         (9.91, 0.0, "9.91"),
         (250.0, 30.0, "250"),
         (0.0, 1.0, "0"),
+        (2e-6, 2e-5, "2e-06"),
     ],
 )
 def test_a_number_has_two_digits_of_its_error(value, error, text):

@@ -57,6 +57,18 @@ def read_decays(
     return decays, sentences
 
 
+def read_sources(given: DecayOptions) -> "tuple[list[xr.Dataset], list[str]]":
+    """The records as they are in the files, uncut, and what each of them is."""
+    pairs = [_read(given, record) for record in given.records or (None,)]
+    return [run for runs, _ in pairs for run in runs], [text for runs, text in pairs for _ in runs]
+
+
+def decays_within(given: DecayOptions, records: "list[xr.Dataset]") -> "list[xr.Dataset]":
+    """The decays of records, those that the options ask for."""
+    those = [decay for record in records for decay in _decays(given, record)]
+    return _chosen(those, given.decay, given.records[0] if given.records else None)
+
+
 def _read(given: DecayOptions, record: Path | None) -> "tuple[list[xr.Dataset], str]":
     """The runs of a file, or the embedded example, and what they are."""
     from sysid_trib.records.read import Reading, read_records

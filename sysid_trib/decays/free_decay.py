@@ -81,8 +81,19 @@ def free_decays(
 
     Parameters
     ----------
-    record, window, equilibrium, keep_outliers
+    record : Dataset
+        With ``angle(time)``.
+    window : (float, float), s
+        Times between which to look; None for the record's end.
+    equilibrium : float, or "auto"
         As in `free_decay`.
+    keep_outliers : bool
+        Whether single samples that leap out of the swing and back are kept.
+
+    Returns
+    -------
+    list of Dataset
+        Each as `free_decay` returns it.
 
     Raises
     ------

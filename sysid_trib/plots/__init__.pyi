@@ -3,6 +3,7 @@ from .averaged import signatures as signatures
 from .compared import coefficients as coefficients, comparison as comparison, prediction as prediction
 from .discovery_story import story as story
 from .force_map import disagreement as disagreement, disagreement_map as disagreement_map
+from .looked import look as look
 from .motion_figures import (
     discovery as discovery,
     envelope as envelope,

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from sysid_trib.plots.discovery_data import DOT_BEYOND, missing_force
 from sysid_trib.plots.style import LEGEND, axes, letter, new_figure
-from sysid_trib.results.signal_units import signal_units, small_units
+from sysid_trib.results.signal_units import signal_label, signal_units, small_units
 
 
 def disagreement(tree: xr.DataTree) -> Figure:
@@ -63,7 +63,7 @@ def _map(tree: xr.DataTree, ax: Axes, after: bool) -> QuadMesh:
     ax.plot(x[at_x], v[at_v], ".", color="black", markersize=2.5, label=label)
     ax.legend(**LEGEND)
     units = signal_units(tree)
-    labels = rf"angle $\theta$ ({units})", rf"$\dot\theta/\omega$ ({units})"
+    labels = rf"{signal_label(units).split()[0]} $\theta$ ({units})", rf"$\dot\theta/\omega$ ({units})"
     ax.set(xlabel=labels[0], ylabel=labels[1], aspect="equal")
     return mesh
 

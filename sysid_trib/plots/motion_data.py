@@ -16,7 +16,7 @@ from sysid_trib.errors import SysidTribError
 from sysid_trib.plots.style import MODEL_LINES, Style
 from sysid_trib.results.discoveries import added_effects
 from sysid_trib.results.per_run import record_groups
-from sysid_trib.results.signal_units import signal_units, small_units
+from sysid_trib.results.signal_units import signal_label, signal_units, small_units
 from sysid_trib.validation.breakdown import breakdown, run_record_noise
 
 # Points of a curve: as many as a wide screen has, for each the least and the largest of its stretch.
@@ -64,6 +64,11 @@ class MotionData:
     def units(self) -> str:
         """Unit of the record."""
         return signal_units(self.data)
+
+    @property
+    def label(self) -> str:
+        """Label of an axis of the record."""
+        return signal_label(self.units)
 
     @property
     def small_units(self) -> tuple[float, str]:

@@ -153,7 +153,7 @@ def _record(ax: Axes, drawn: MotionData) -> Axes:
     curve(ax, drawn.time, drawn.angle, RECORD_POINTS)
     for name, style in drawn.lines.items():
         curve(ax, drawn.time, drawn.motion(name), {"linewidth": 0.8, "label": drawn.labels[name], **style})
-    ax.set(xlabel="time (s)", ylabel=f"angle ({drawn.units})", xlim=(drawn.time[0], drawn.time[-1]))
+    ax.set(xlabel="time (s)", ylabel=drawn.label, xlim=(drawn.time[0], drawn.time[-1]))
     # Above the panel: inside there is no room that the oscillation leaves free.
     ax.legend(ncols=3, **LEGEND)
     return ax

@@ -192,7 +192,7 @@ def _surface(ax: Axes, data: OverviewData) -> Axes:
     ax.plot(x[at_x], v[at_v], ".", color="black", markersize=2.0)
     bar = ax.figure.colorbar(mesh, ax=ax, extend="both", pad=0.02)
     bar.set_label(f"force over $I\\omega^2$ ({unit})")
-    ax.set(xlabel=f"angle ({data.units})", ylabel=f"rate over $\\omega$ ({data.units})")
+    ax.set(xlabel=data.motion.label, ylabel=f"rate over $\\omega$ ({data.units})")
     return ax
 
 
@@ -207,7 +207,10 @@ def _profiles(ax: Axes, data: OverviewData) -> Axes:
         bar: dict[str, Any] = {"fmt": ".-", "markersize": 3, "linewidth": 0.8, "capsize": 1.5}
         ax.errorbar(at, force, INTERVAL * error, color=color, label=label, **bar)
     ax.axhline(0.0, color="0.6", linewidth=0.6)
-    ax.set(xlabel=f"angle, or rate over $\\omega$ ({data.units})", ylabel=f"mean force ({unit})")
+    ax.set(
+        xlabel=f"{data.motion.label.split()[0]}, or rate over $\\omega$ ({data.units})",
+        ylabel=f"mean force ({unit})",
+    )
     ax.legend(ncols=2, **SMALL_LEGEND)
     return ax
 

@@ -65,7 +65,7 @@ def rounded(value: float, error: float) -> str:
     if not (np.isfinite(error) and error > 0.0) or value == 0.0:
         return f"{value:.{DIGITS}g}"
     digits = floor(log10(abs(value))) - floor(log10(error)) + DIGITS_OF_ERROR
-    return f"{value:#.{max(1, digits)}g}".rstrip(".")
+    return f"{value:#.{max(1, digits)}g}".replace(".e", "e").rstrip(".")
 
 
 def _terms(result: xr.Dataset) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:

@@ -96,7 +96,8 @@ def identification_table(tree: xr.DataTree) -> "Table":
     rows = []
     for symbol in symbols:
         named = next(r for r in results.values() if symbol in r.force).sel(force=symbol)
-        heads = [f"{symbol:{width}} {named['name'].item()}", named["formula"].item()]
+        of_unit = "" if named.unit.item() == "1" else f" ({named.unit.item()})"
+        heads = [f"{symbol:{width}} {named['name'].item()}{of_unit}", named["formula"].item()]
         cells = [coefficient_cell(result, symbol, widened[name]) for name, result in results.items()]
         rows.append([*heads, *cells, _difference(checked, symbol, results)])
     for name, title in zip(FREQUENCIES, ("w (rad/s)", "w_inf (rad/s)"), strict=True):

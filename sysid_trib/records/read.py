@@ -40,7 +40,7 @@ RATE_TOLERANCE = 0.01
 class Reading:
     """How a file is to be read; what is not given is taken from the file.
 
-    Attributes
+    Parameters
     ----------
     time, angle : str or int, optional
         Columns of time and signal, by name or number from 0.
@@ -148,6 +148,11 @@ def read_records(path: str | os.PathLike[str], how: Reading | None = None) -> li
         As in `read_record`.
     how : Reading, optional
         How it is to be read.
+
+    Returns
+    -------
+    list of Dataset
+        Each as `read_record` returns it.
 
     Raises
     ------

@@ -14,13 +14,16 @@ TIME_UNITS = {
     **dict.fromkeys(("min", "minute", "minutes"), 60.0),
 }
 _TURN = 2.0 * np.pi
-ANGLE_UNITS = {
-    **dict.fromkeys(("rad", "rads", "radian", "radians"), 1.0),
-    **dict.fromkeys(("mrad", "milliradian", "milliradians"), 1e-3),
-    **dict.fromkeys(("deg", "degs", "degree", "degrees", "°", "º", "grad", "grade"), _TURN / 360.0),
-    **dict.fromkeys(("rev", "revs", "turn", "turns", "revolutions"), _TURN),
+# Spellings by the name that results use.
+_ANGLES = {
+    "rad": ("rad", "rads", "radian", "radians"),
+    "mrad": ("mrad", "milliradian", "milliradians"),
+    "deg": ("deg", "degs", "degree", "degrees", "°", "º", "grad", "grade"),
+    "rev": ("rev", "revs", "turn", "turns", "revolutions"),
 }
-# Positions keep the unit of the file: spellings by the name that results use.
+_RADIANS = {"rad": 1.0, "mrad": 1e-3, "deg": _TURN / 360.0, "rev": _TURN}
+ANGLE_UNITS = {spelling: name for name, spellings in _ANGLES.items() for spelling in spellings}
+# Positions keep the unit of the file.
 _POSITIONS = {
     "m": ("m", "metre", "meter", "metres", "meters"),
     "cm": ("cm", "centimetre", "centimeter"),
@@ -49,7 +52,7 @@ class SignalUnit:
     Attributes
     ----------
     text : str
-        As the file has it.
+        By its usual name; one that is not known as the file has it.
     quantity : {"angle", "displacement", "rate", "acceleration"}
         What is measured in it.
     position : str
@@ -80,15 +83,19 @@ def signal_unit(text: str) -> SignalUnit | None:
         return None
     if plain in ("g", "g0", "gn", "mg"):
         thousandth = 1e-3 if plain == "mg" else 1.0
-        return SignalUnit(text, "acceleration", "m", thousandth * STANDARD_GRAVITY)
-    if plain in ("dps", "rpm"):
-        return SignalUnit(text, "rate", "rad", _TURN / (360.0 if plain == "dps" else 60.0))
+        return SignalUnit("mg" if plain == "mg" else "g", "acceleration", "m", thousandth * STANDARD_GRAVITY)
+    if plain == "rpm":
+        return SignalUnit(plain, "rate", "rad", _TURN / 60.0)
+    plain = "deg/s" if plain == "dps" else plain
     match = re.fullmatch(r"(.+?)/s(\^?2)?", plain)
     base, quantity = (match[1], "acceleration" if match[2] else "rate") if match else (plain, "")
+    per = {"rate": "/s", "acceleration": "/s^2", "": ""}[quantity]
     if base in ANGLE_UNITS:
-        return SignalUnit(text, quantity or "angle", "rad", ANGLE_UNITS[base])
+        name = ANGLE_UNITS[base]
+        return SignalUnit(f"{name}{per}", quantity or "angle", "rad", _RADIANS[name])
     if base in POSITION_UNITS:
-        return SignalUnit(text, quantity or "displacement", POSITION_UNITS[base], 1.0)
+        name = POSITION_UNITS[base]
+        return SignalUnit(f"{name}{per}", quantity or "displacement", name, 1.0)
     return SignalUnit(text, "displacement", text.strip(), 1.0, known=False)
 
 

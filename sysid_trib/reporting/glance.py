@@ -106,7 +106,7 @@ def _surface(data: OverviewData) -> plotting.figure:
     force, error = (factor * missing[k].values for k in ("force", "force_standard_error"))
     there = np.isfinite(force)
     limit = data.colour_limit
-    made = drawing.panel(f"angle ({data.units})", f"rate over ω ({data.units})", height=340)
+    made = drawing.panel(data.motion.label, f"rate over ω ({data.units})", height=340)
     made.title.text = f"what is missing: f in θ″ + ω²θ = -ω²f ({unit})"
     colors = LinearColorMapper(palette=interp_palette(RdBu11, 101), low=-limit, high=limit)
     sides = [float(np.diff(axis.values)[0]) for axis in (missing.x, missing.v)]
@@ -120,7 +120,11 @@ def _surface(data: OverviewData) -> plotting.figure:
 
 def _profiles(data: OverviewData) -> plotting.figure:
     factor, unit = data.motion.small_units
-    made = drawing.panel(f"angle, or rate over ω ({data.units})", f"mean missing force ({unit})", height=340)
+    made = drawing.panel(
+        f"{data.motion.label.split()[0]}, or rate over ω ({data.units})",
+        f"mean missing force ({unit})",
+        height=340,
+    )
     entries = []
     for name, label, color in (("x", "over angle", BLUE), ("v", "over rate", ORANGE)):
         assert data.missing is not None

@@ -47,7 +47,7 @@ def record_panel(data: xr.Dataset) -> Panel:
 
 
 def _record(drawn: MotionData) -> plotting.figure:
-    made = drawing.panel("time (s)", f"angle ({drawn.units})")
+    made = drawing.panel("time (s)", drawn.label)
     # Pale behind models, which must show.
     color = drawing.RECORD_GREY if drawn.lines else GREY
     if drawn.time.size > MOST_POINTS:

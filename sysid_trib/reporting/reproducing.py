@@ -59,6 +59,8 @@ def _reading(attrs: Mapping[Any, Any]) -> dict[str, Any]:
         options["sampling_rate"] = float(attrs["time_column"].removeprefix("none, ").removesuffix(" Hz"))
     elif attrs["time_unit_in_file"] != "s":
         options["time_units"] = attrs["time_unit_in_file"]
+    if "length" in attrs:
+        options["length"] = float(attrs["length"])
     return options
 
 

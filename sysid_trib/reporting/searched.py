@@ -12,7 +12,7 @@ from sysid_trib.plots.discovery_data import detectability_data, missing_force, r
 from sysid_trib.plots.style import CANDIDATE_MARKS, DETECTABLE_MARKS, GREY
 from sysid_trib.reporting import drawing
 from sysid_trib.reporting.parts import Panel
-from sysid_trib.results.signal_units import signal_units, small_units
+from sysid_trib.results.signal_units import signal_label, signal_units, small_units
 
 
 def map_panels(tree: xr.DataTree) -> list[Panel]:
@@ -31,7 +31,7 @@ def _map(tree: xr.DataTree, after: bool) -> plotting.figure:
     there = np.isfinite(force.values)
     units = signal_units(tree)
     _, unit = small_units(units)
-    made = drawing.panel(f"angle ({units})", f"rate over w ({units})", height=380)
+    made = drawing.panel(signal_label(units), f"rate over w ({units})", height=380)
     # Both maps over the same angles and rates.
     edge = 1.1 * max(float(tree[name].x.max()) for name in ("discrepancy", "discrepancy_after"))
     made.x_range, made.y_range = Range1d(-edge, edge), Range1d(-edge, edge)

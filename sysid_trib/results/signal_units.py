@@ -26,3 +26,8 @@ def signal_units(data: Any) -> str:
 def small_units(units: str) -> tuple[float, str]:
     """Factor and unit of what is small beside the signal: mrad for angles, else the same."""
     return (1e3, "mrad") if units == "rad" else (1.0, units)
+
+
+def signal_label(units: str) -> str:
+    """What a signal is, with its unit, as the label of an axis."""
+    return f"{'angle' if units == 'rad' else 'displacement'} ({units})"

@@ -1,0 +1,98 @@
+"""What a record holds: its decays with their periods, amplitudes, decay rates, noise and spectrum."""
+
+import numpy as np
+import xarray as xr
+from scipy.signal import periodogram
+
+from sysid_trib.arrays import Array
+from sysid_trib.decays.half_periods import noise_level, quantisation_step
+from sysid_trib.decays.half_sines import envelope
+from sysid_trib.results.per_run import group_names
+from sysid_trib.results.variables import Variables, variable
+
+# Points of a spectrum that are kept: it is drawn, not computed with.
+SPECTRUM_POINTS = 2000
+# Instants at either end from which the rate of decay there is taken.
+END_INSTANTS = 8
+
+
+def look(records: list[xr.Dataset], decays: list[xr.Dataset]) -> xr.DataTree:
+    """Facts of records and of the decays in them, without a fit.
+
+    Parameters
+    ----------
+    records : list of Dataset
+        As `read_records` returns them.
+    decays : list of Dataset
+        As `free_decays` returns them.
+
+    Returns
+    -------
+    DataTree
+        Groups `record` (`record_1`, ...) with `angle(time)`; `decay` (`decay_1`, ...) over `instant` with
+        `amplitude`, `instant_time` and `frequency`, scalars `start`, `stop`, `period` (s), `periods`,
+        `first_amplitude`, `last_amplitude`, `first_damping_ratio`, `last_damping_ratio`, `noise`, `sensor_step`,
+        `samples_per_period`, and `spectrum(frequency_line)`. Units are those of the record.
+
+    Raises
+    ------
+    DecayError
+        Fewer than three half periods.
+    """
+    groups = dict(zip(group_names("record", len(records)), records, strict=True))
+    groups |= dict(zip(group_names("decay", len(decays)), map(_facts, decays), strict=True))
+    return xr.DataTree.from_dict(groups)
+
+
+def _facts(decay: xr.Dataset) -> xr.Dataset:
+    curve = envelope(decay)
+    time, angle = decay.time.values, decay.angle.values
+    unit = str(decay.angle.attrs.get("units", "rad"))
+    frequency = float(np.median(curve.frequency))
+    period = 2.0 * np.pi / frequency
+    amplitude, instants = curve.amplitude.values, curve.instant_time.values
+    first, last = (_damping(instants[part], amplitude[part], frequency) for part in _ends(len(instants)))
+    scalars: Variables = {
+        "start": variable((), time[0], "first sample", "s"),
+        "stop": variable((), time[-1], "last sample", "s"),
+        "period": variable((), period, "period of the swing, median", "s"),
+        "periods": variable((), (time[-1] - time[0]) / period, "periods", "1"),
+        "first_amplitude": variable((), amplitude[0], "first amplitude", unit),
+        "last_amplitude": variable((), amplitude[-1], "last amplitude", unit),
+        "first_damping_ratio": variable((), first, "rate of decay over w at the start", "1"),
+        "last_damping_ratio": variable((), last, "rate of decay over w at the end", "1"),
+        "noise": variable((), noise_level(time, angle), "white noise of one sample", unit),
+        "sensor_step": variable((), quantisation_step(angle), "smallest step between values", unit),
+        "samples_per_period": variable((), period / float(np.median(np.diff(time))), "samples a period", "1"),
+    }
+    kept = curve[["amplitude", "instant_time", "frequency"]]
+    kept["amplitude"].attrs["units"] = unit
+    return kept.assign({**scalars, **_spectrum(time, angle, unit)}).assign_attrs(decay.attrs)
+
+
+def _ends(count: int) -> tuple[slice, slice]:
+    part = min(END_INSTANTS, max(2, count // 2))
+    return slice(0, part), slice(count - part, count)
+
+
+def _damping(time: Array, amplitude: Array, frequency: float) -> float:
+    """Logarithmic rate of the amplitude over w."""
+    good = amplitude > 0.0
+    if np.count_nonzero(good) < 2:
+        return float("nan")
+    return -float(np.polyfit(time[good], np.log(amplitude[good]), 1)[0]) / frequency
+
+
+def _spectrum(time: Array, angle: Array, unit: str) -> Variables:
+    """One-sided density, averaged to so many points on a logarithmic axis."""
+    step = float(np.mean(np.diff(time)))
+    line, power = periodogram(angle, 1.0 / step, window="hann")
+    line, power = line[1:], power[1:]
+    if line.size > SPECTRUM_POINTS:
+        edges = np.unique(np.geomspace(1, line.size, SPECTRUM_POINTS).astype(int)) - 1
+        counts = np.diff(np.append(edges, line.size))
+        line, power = (np.add.reduceat(values, edges) / counts for values in (line, power))
+    return {
+        "frequency_line": variable("frequency_line", line, "frequency", "Hz"),
+        "spectrum": variable("frequency_line", power, "spectral density", f"{unit}^2/Hz"),
+    }

@@ -1,0 +1,98 @@
+"""What is in a file, as sentences and as plain data for JSON."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.printing.layers import ALWAYS, Block
+from sysid_trib.printing.layout import number
+
+# Below so many samples a period the weak form has few rows, and half-sines few samples.
+FEW_SAMPLES = 20.0
+# An amplitude that falls by less than this factor hardly tells one law of damping from another.
+LEAST_FALL = 2.0
+# Power of the amplitude in the rate of decay that speaks for a law: -1 of dry friction, 1 of quadratic drag.
+CLEAR_POWER = 0.25
+FACTS = (
+    *("period", "periods", "first_amplitude", "last_amplitude", "first_damping_ratio", "last_damping_ratio"),
+    *("noise", "sensor_step", "samples_per_period"),
+)
+
+
+def look_blocks(tree: xr.DataTree, sources: Sequence[str], next_command: str) -> list[Block]:
+    """What the command `look` prints.
+
+    Parameters
+    ----------
+    tree : DataTree
+        Of `look`.
+    sources : sequence of str
+        What each record is.
+    next_command : str
+        To copy.
+    """
+    decays = _decays(tree)
+    several = len(decays) > 1
+    blocks = [Block(list(dict.fromkeys(sources)), ALWAYS)]
+    for count, decay in enumerate(decays, 1):
+        title = f"Decay {count}:" if several else ""
+        sentences = [str(decay.attrs.get("free_decay", "")), *_sentences(decay)]
+        blocks.append(Block(sentences, ALWAYS, title))
+    return [*blocks, Block([f"Next: {next_command}"], ALWAYS)]
+
+
+def look_json(tree: xr.DataTree, next_command: str) -> dict[str, Any]:
+    """The same facts as plain data, in the unit of the record."""
+    records = [node.to_dataset() for name, node in tree.children.items() if name.startswith("record")]
+    names = ("source", "signal", "angle_unit_in_file", "angle_column", "time_column", "clock", "reading")
+    return {
+        "records": [{name: record.attrs.get(name) for name in names} for record in records],
+        "decays": [
+            {name: number(decay[name].item()) for name in FACTS}
+            | {"unit": decay.first_amplitude.attrs["units"], "free_decay": decay.attrs.get("free_decay")}
+            for decay in _decays(tree)
+        ],
+        "next": next_command,
+    }
+
+
+def _decays(tree: xr.DataTree) -> list[xr.Dataset]:
+    return [node.to_dataset() for name, node in tree.children.items() if name.startswith("decay")]
+
+
+def _sentences(decay: xr.Dataset) -> list[str]:
+    value = {name: decay[name].item() for name in FACTS}
+    unit = decay.first_amplitude.attrs["units"]
+    fall = value["first_amplitude"] / value["last_amplitude"]
+    sentences = [
+        f"{value['periods']:.3g} periods of {value['period']:.5g} s; the amplitude falls from "
+        f"{value['first_amplitude']:.4g} to {value['last_amplitude']:.4g} {unit}, its rate over w is "
+        f"{value['first_damping_ratio']:.3g} at the start and {value['last_damping_ratio']:.3g} at the end.",
+        f"{value['samples_per_period']:.3g} samples a period, white noise {value['noise']:.2g} {unit}, "
+        f"smallest step between values {value['sensor_step']:.2g} {unit}.",
+    ]
+    limits = []
+    if value["samples_per_period"] < FEW_SAMPLES:
+        limits.append(f"fewer than {FEW_SAMPLES:g} samples a period make few equations: sample faster")
+    if fall < LEAST_FALL:
+        limits.append(
+            f"the amplitude falls by a factor of {fall:.3g} alone, which hardly tells one law of damping "
+            "from another: record longer"
+        )
+    limits += _law(value, fall)
+    return [*sentences, f"{'; '.join(limits).capitalize()}."] if limits else sentences
+
+
+def _law(value: dict[str, float], fall: float) -> list[str]:
+    """What the change of the rate of decay with amplitude speaks for."""
+    first, last = value["first_damping_ratio"], value["last_damping_ratio"]
+    if fall < LEAST_FALL or not (first > 0.0 and last > 0.0):
+        return []
+    power = float(np.log(first / last) / np.log(fall))
+    if power < -CLEAR_POWER:
+        return ["the smaller the amplitude the faster it falls, as by dry friction"]
+    if power > CLEAR_POWER:
+        return ["the larger the amplitude the faster it falls, as by drag"]
+    return ["the rate hardly depends on the amplitude, as by viscous friction"]

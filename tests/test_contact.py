@@ -1,0 +1,212 @@
+"""Files as laboratories write them: what is read of each, and what is refused by its true cause."""
+
+import json
+import shlex
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import xarray as xr
+from command_line import run
+
+from sysid_trib.decays.free_decay import free_decays
+from sysid_trib.decays.half_periods import dominant_periods
+from sysid_trib.errors import SysidTribError, UsageError
+from sysid_trib.records.read import Reading, read_records
+
+# Decays of a file, where it holds several.
+DECAYS = {"07_gyroscope.csv": 2, "23_five_plucks.csv": 5, "27_gaps.csv": 2, "39_two_runs.csv": 2}
+# A potentiometer's volts are a displacement in V: its calibration stands in a comment alone.
+QUANTITIES = {"15_potentiometer_volts.txt": "displacement"}
+
+
+@pytest.fixture(scope="module")
+def files(data_folder, tmp_path_factory):
+    """The folder of the files, and what is right of each."""
+    maker = data_folder.parent / "contact" / "make_files.py"
+    if not maker.is_file():
+        pytest.skip(f"{maker} is absent: the generator of lab files is not part of the package.")
+    folder = tmp_path_factory.mktemp("contact")
+    subprocess.run([sys.executable, "-W", "ignore", str(maker), str(folder)], check=True, capture_output=True)
+    return folder, json.loads((folder / "expected.json").read_text(encoding="utf-8"))
+
+
+def read(folder, name, right):
+    """The records of a file and their decays, with the options that it needs."""
+    words = shlex.split(right["options"])
+    options = {
+        key.strip("-").replace("-", "_"): value for key, value in zip(words[::2], words[1::2], strict=True)
+    }
+    records = read_records(folder / name, Reading(**options))
+    return records, [decay for record in records for decay in free_decays(record)]
+
+
+def test_what_can_be_read_is_read_as_what_it_is(files):
+    folder, expected = files
+    wrong = []
+    for name, right in expected.items():
+        if right["outcome"] != "identify":
+            continue
+        records, decays = read(folder, name, right)
+        attrs = records[0].attrs
+        seen = (attrs["signal"], attrs["angle_unit_in_file"], len(decays))
+        quantity = QUANTITIES.get(name, right["quantity"])
+        if seen != (quantity, right["unit"], DECAYS.get(name, 1)):
+            wrong.append(f"{name}: {seen}")
+        period = dominant_periods(decays[-1].time.values, decays[-1].angle.values)[0]
+        if abs(period / right["period"] - 1.0) > 0.03:
+            wrong.append(f"{name}: period {period:.4g} s, not {right['period']:.4g} s")
+    assert not wrong
+
+
+def test_what_cannot_is_refused_by_its_cause(files):
+    folder, expected = files
+    for name, right in expected.items():
+        if right["outcome"] == "identify":
+            continue
+        with pytest.raises(SysidTribError) as refusal:
+            read(folder, name, right)
+        message = str(refusal.value)
+        assert "\n" not in message
+        if right["outcome"] == "refuse":
+            assert any(word in message.lower() for word in right["keywords"]), message
+        else:
+            assert sum(column in message for column in right["columns"]) >= 2, message
+
+
+def test_look_says_what_was_understood_and_what_comes_next(tmp_path):
+    time, values = swing()
+    path = tmp_path / "my swing.csv"
+    rows = "\n".join(f"{t:.2f},{24.0 * x:.5f}" for t, x in zip(time, values, strict=True))
+    path.write_text(f"time (s),Displacement (mm)\n{rows}\n", encoding="utf-8")
+    ending = run("look", path)
+    assert ending.status == 0
+    assert "displacement in mm from column Displacement (mm); 100 Hz clock." in ending.out
+    assert "rate over w is 0.0062" in ending.out
+    assert "as by viscous friction" in ending.out
+    assert ending.out.splitlines()[-1].startswith(f"Next: sysid-trib identify '{path}'")
+    facts = json.loads(run("look", path, "--json").out)
+    (decay,) = facts["decays"]
+    assert decay["unit"] == "mm"
+    assert decay["period"] == pytest.approx(2.0 * np.pi / 8.0, rel=1e-4)
+    assert decay["noise"] == pytest.approx(24.0 * 2e-4, rel=0.1)
+
+
+def test_look_tells_what_it_read_before_a_refusal(tmp_path):
+    time, values = swing()
+    path = tmp_path / "grows.csv"
+    rows = "\n".join(f"{t:.2f},{x:.6f}" for t, x in zip(time, values[::-1], strict=True))
+    path.write_text(f"time (s),angle (rad)\n{rows}\n", encoding="utf-8")
+    ending = run("look", path)
+    assert ending.status == 1
+    assert "angle in rad from column angle (rad)" in ending.out
+    assert "grows by" in ending.err
+
+
+def test_coefficients_of_a_displacement_are_printed_with_its_unit(tmp_path):
+    time, values = swing()
+    path = tmp_path / "spring.csv"
+    rows = "\n".join(f"{t:.2f},{24.0 * x:.5f}" for t, x in zip(time, values, strict=True))
+    path.write_text(f"time (s),Displacement (mm)\n{rows}\n", encoding="utf-8")
+    ending = run("identify", path, "--forces", "lambda,zeta", "--explain")
+    assert ending.status == 0
+    assert "displacement in mm" in ending.out
+    assert "mm (RMS)" in ending.out
+    assert json.loads(run("identify", path, "--forces", "lambda,zeta", "--json").out)["methods"]
+
+
+def swing(samples=4000, seed=3):
+    time = np.arange(samples) / 100.0
+    angle = 0.4 * np.exp(-0.05 * time) * np.cos(8.0 * time)
+    return time, angle + 2e-4 * np.random.default_rng(seed).standard_normal(samples)
+
+
+def as_record(time, values, unit="rad"):
+    angle = ("time", values, {"units": unit, "long_name": "angle"})
+    return xr.Dataset({"angle": angle}, {"time": ("time", time, {"units": "s"})}, {"source": "run.csv"})
+
+
+@pytest.mark.parametrize("power", [-40, -7, 20])
+@pytest.mark.parametrize("method", ["Direct", "Averaging"])
+def test_results_do_not_depend_on_the_unit(power, method):
+    import sysid_trib as st
+
+    time, values = swing()
+    library = st.load_library("contact_forces").select(["lambda", "zeta", "delta", "epsilon"])
+    identify = getattr(st.methods, method)(random_force="auto").identify
+    one = identify(st.free_decay(as_record(time, values, "mm")), library)
+    other = identify(st.free_decay(as_record(time, values * 2.0**power, "px")), library)
+    powers = np.array([1.0, 0.0, -1.0, -2.0])
+    assert one.unit.values.tolist() == ["mm", "1", "mm^-1", "mm^-2"]
+    assert other.unit.values.tolist() == ["px", "1", "px^-1", "px^-2"]
+    # A power of two rounds nothing.
+    np.testing.assert_array_equal(other.coefficient, one.coefficient * 2.0 ** (power * powers))
+    np.testing.assert_array_equal(other.standard_error, one.standard_error * 2.0 ** (power * powers))
+    assert other.noise.item() == one.noise.item() * 2.0**power
+    assert other.noise.attrs["units"] == "px"
+
+
+def test_a_displacement_has_no_force_that_knows_a_radian():
+    import sysid_trib as st
+
+    decay = st.free_decay(as_record(*swing(), unit="mm"))
+    gravity = st.load_library("candidate_effects").select(["gravity"])
+    with pytest.raises(UsageError, match=r"'gravity' is a function of an angle.*--length"):
+        st.methods.Direct().identify(decay, gravity)
+
+
+def test_a_length_makes_an_angle(tmp_path):
+    time, values = swing()
+    rows = "\n".join(f"{t:.2f},{1180.0 * x:.6f}" for t, x in zip(time, values, strict=True))
+    path = tmp_path / "swing.csv"
+    path.write_text(f"time (s),x (mm)\n{rows}\n", encoding="utf-8")
+    (record,) = read_records(path, Reading(length=1.18))
+    assert record["angle"].attrs["units"] == "rad"
+    np.testing.assert_allclose(record["angle"], values, atol=1e-8)
+
+
+@pytest.mark.parametrize("digits", [2, 3])
+def test_a_rounded_clock_is_the_clock(tmp_path, digits):
+    time = np.arange(3000) / 30.0
+    values = 0.4 * np.exp(-0.01 * time) * np.cos(4.0 * time)
+    path = tmp_path / "film.csv"
+    rows = "\n".join(f"{t:.{digits}f},{x:.7f}" for t, x in zip(time, values, strict=True))
+    path.write_text(f"time (s),angle (rad)\n{rows}\n", encoding="utf-8")
+    (record,) = read_records(path)
+    np.testing.assert_allclose(record["time"], time, atol=0.5 * 10.0**-digits)
+    assert np.ptp(np.diff(record["time"])) < 1e-9
+    assert "stamps rounded to" in record.attrs["clock"]
+
+
+def test_jitter_is_no_rounding(tmp_path):
+    time = np.arange(2000) / 30.0 + np.random.default_rng(0).uniform(-0.004, 0.004, 2000)
+    path = tmp_path / "film.csv"
+    rows = "\n".join(f"{t:.6f},{0.4 * np.exp(-0.01 * t) * np.cos(4.0 * t):.7f}" for t in time)
+    path.write_text(f"time (s),angle (rad)\n{rows}\n", encoding="utf-8")
+    (record,) = read_records(path)
+    np.testing.assert_allclose(record["time"], time, atol=1e-6)
+    assert "jitter" in record.attrs["clock"]
+    (decay,) = free_decays(record)
+    assert "uneven steps: interpolated to" in decay.attrs["free_decay"]
+    exact = 0.4 * np.exp(-0.01 * decay.time) * np.cos(4.0 * decay.time)
+    assert np.abs(decay.angle + decay.equilibrium - exact).max() < 1e-5
+
+
+@pytest.mark.parametrize(("unit", "power"), [("rad/s", 1), ("rad/s^2", 2)])
+def test_what_is_integrated_is_the_motion(tmp_path, unit, power):
+    time = np.arange(4000) / 100.0
+    exponent = -0.05 + 8.0j
+    whole = 0.4 * np.exp(exponent * time)
+    path = tmp_path / "phone.csv"
+    rows = "\n".join(
+        f"{t:.2f},{y:.8f}" for t, y in zip(time, (exponent**power * whole).real + 0.3, strict=True)
+    )
+    path.write_text(f"Time (s),Gyroscope z ({unit})\n{rows}\n", encoding="utf-8")
+    (record,) = read_records(path)
+    (decay,) = free_decays(record)
+    middle = slice(4.0, 36.0)
+    inside = decay.angle.sel(time=middle)
+    exact = np.interp(inside.time, time, whole.real)
+    assert np.abs(inside - exact).max() < 2e-3
+    assert "without the drift of its bias" in record.attrs["integration"]
