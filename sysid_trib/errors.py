@@ -1,5 +1,8 @@
 """The errors a user can meet. Each carries one clear sentence: what, where, what to do."""
 
+from collections.abc import Iterable
+from difflib import get_close_matches
+
 
 class SysidTribError(ValueError):
     """Base of the package's errors; the command line ends with `exit_status`."""
@@ -27,3 +30,18 @@ class DecayError(SysidTribError):
 
 class SimulationError(SysidTribError):
     """A model whose motion cannot be computed: diverging or switching without end."""
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """` Did you mean ...?` of the known name that is nearest to one that does not exist, or nothing.
+
+    Parameters
+    ----------
+    name : str
+        As it was given.
+    known : iterable of str
+        What there is.
+    """
+    by_lower = {text.lower(): text for text in known}
+    near = get_close_matches(name.strip().lower(), by_lower, n=1)
+    return f" Did you mean '{by_lower[near[0]]}'?" if near else ""

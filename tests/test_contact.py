@@ -116,6 +116,38 @@ def test_coefficients_of_a_displacement_are_printed_with_its_unit(tmp_path):
     assert json.loads(run("identify", path, "--forces", "lambda,zeta", "--json").out)["methods"]
 
 
+def test_the_nearest_name_is_offered(tmp_path):
+    time, values = swing()
+    path = tmp_path / "swing.csv"
+    rows = "\n".join(f"{t:.2f},{x:.6f}" for t, x in zip(time, values, strict=True))
+    path.write_text(f"time (s),Theta (rad)\n{rows}\n", encoding="utf-8")
+    assert "Did you mean 'theta'?" in run("look", path, "--angle", "thta").err
+    assert "Did you mean 'lambda'?" in run("identify", path, "--forces", "lamda").err
+
+
+@pytest.mark.parametrize(
+    ("head", "columns", "signal"),
+    [
+        ("time,angle,angular velocity", "xv", "angle"),
+        ("time,ax,gy", "av", "rate"),
+        ("No.,Time (s),Angle (rad)", "nx", "angle"),
+        ("Time (s) Run #1,Angle (rad) Run #1", "x", "angle"),
+        ("t,drive,response", "0x", "angle"),
+        ("t,encoder", "x", "displacement"),
+    ],
+)
+def test_columns_as_laboratories_name_them(tmp_path, head, columns, signal):
+    time, values = swing()
+    kinds = {"x": values, "v": np.gradient(values, time), "a": -64.0 * values, "0": 1e-4 * time % 3e-4}
+    table = [time, *(kinds[k] for k in columns)] if columns != "nx" else [np.arange(time.size), time, values]
+    path = tmp_path / "lab.csv"
+    rows = "\n".join(",".join(f"{value:.6g}" for value in row) for row in zip(*table, strict=True))
+    path.write_text(f"{head}\n{rows}\n", encoding="utf-8")
+    (record,) = read_records(path)
+    assert record.attrs["signal"] == signal
+    assert dominant_periods(record.time.values, record.angle.values)[0] == pytest.approx(0.785, rel=0.02)
+
+
 def swing(samples=4000, seed=3):
     time = np.arange(samples) / 100.0
     angle = 0.4 * np.exp(-0.05 * time) * np.cos(8.0 * time)

@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sysid_trib.errors import UsageError
+from sysid_trib.errors import UsageError, did_you_mean
 from sysid_trib.forces import written
 from sysid_trib.forces.formulas import Formula, parse
 
@@ -288,7 +288,8 @@ class ForceLibrary:
             if force.symbol == symbol:
                 return force
         known = ", ".join(self.symbols)
-        raise UsageError(f"Library '{self.title}' has no force '{symbol}'; it has {known}.")
+        nearest = did_you_mean(symbol, self.symbols)
+        raise UsageError(f"Library '{self.title}' has no force '{symbol}'; it has {known}.{nearest}")
 
     @property
     def symbols(self) -> tuple[str, ...]:

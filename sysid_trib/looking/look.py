@@ -31,8 +31,8 @@ def look(records: list[xr.Dataset], decays: list[xr.Dataset]) -> xr.DataTree:
     DataTree
         Groups `record` (`record_1`, ...) with `angle(time)`; `decay` (`decay_1`, ...) over `instant` with
         `amplitude`, `instant_time` and `frequency`, scalars `start`, `stop`, `period` (s), `periods`,
-        `first_amplitude`, `last_amplitude`, `first_damping_ratio`, `last_damping_ratio`, `noise`, `sensor_step`,
-        `samples_per_period`, and `spectrum(frequency_line)`. Units are those of the record.
+        `first_amplitude`, `last_amplitude`, `first_damping_ratio`, `last_damping_ratio`, `noise`,
+        `sensor_step`, `samples_per_period`, and `spectrum(frequency_line)`. Units are those of the record.
 
     Raises
     ------

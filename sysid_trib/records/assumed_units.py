@@ -21,6 +21,8 @@ from sysid_trib.records.units import (
 ROUND = 0.02
 # and its unit is one in which gravity comes out right, within this part.
 GRAVITY_TOLERANCE = 0.05
+# Stamps that count from 1970, in the years 1990 to 2100.
+EPOCH_STAMPS = (("ms", 6.3e11, 4.1e12), ("us", 6.3e14, 4.1e15), ("ns", 6.3e17, 4.1e18))
 # An accelerometer that rests shows gravity: near 1 in g, near 9.8 in m/s^2.
 REST_IN_G = (0.5, 1.2)
 
@@ -71,6 +73,9 @@ def _beside_steps(table: FileTable, name: str) -> tuple[str, float, str]:
             for text in ("s", "ms", "us"):
                 if np.isclose(usual * TIME_UNITS[text], stated, rtol=0.01):
                     return text, TIME_UNITS[text], f"time in {text}, by its steps in column {other}"
+    for text, low, high in EPOCH_STAMPS:
+        if stamps.size and low < float(np.nanmedian(stamps)) < high:
+            return text, TIME_UNITS[text], f"time in {text}: it counts from 1970"
     return "s", 1.0, ""
 
 

@@ -14,6 +14,8 @@ LACKING_STEP = 1.5
 # A clock that is set back this often is none: the rows are in no order.
 MOST_SET_BACK = 20
 UNEVEN_PART = 1e-9
+# Steps of the rounding within which stamps are a line's; the line's own slope is known to a little less.
+ROUNDED_WITHIN = 1.02
 # s; stamps that started longer ago (epoch seconds) are counted from the first: no digit is lost to them.
 LONGEST_COUNTED = 1e6
 
@@ -139,7 +141,8 @@ def _without_rounding(
         index = np.concatenate(([0.0], np.cumsum(counts)))
     # Within the rounding the first stamp is as good a start as any: it is kept.
     line = start + slope * index
-    if np.abs(given - line).max() <= 0.5 * rounding * (1.0 + 1e-6) + 1e-12 * abs(slope):
+    # Within one step of their last digit, whether it was rounded or cut off.
+    if np.ptp(given - line) <= ROUNDED_WITHIN * rounding + 1e-12 * abs(slope):
         rounded = f"stamps rounded to {rounding:g}"
         return line + (given[0] - line[0]), f"{rounded}; {lack}" if lack else rounded
     worst = float(np.max(np.abs(steps - counts * slope)))

@@ -8,12 +8,12 @@ from sysid_trib.arrays import Array
 from sysid_trib.decays.cleaning import unwrapped
 from sysid_trib.decays.equilibrium import Swing
 from sysid_trib.decays.free_decay import swing_within
-from sysid_trib.errors import RecordError, SysidTribError, UsageError
+from sysid_trib.errors import RecordError, SysidTribError, UsageError, did_you_mean
 from sysid_trib.records.clock import read_clock
 from sysid_trib.records.headers import is_time, names_quantity, split_header
 from sysid_trib.records.numbers import is_clock_time, is_numeric, numbers
 from sysid_trib.records.tables import FileTable
-from sysid_trib.records.units import SignalUnit, signal_unit
+from sysid_trib.records.units import INTEGRATIONS, SignalUnit, signal_unit
 
 # Of columns in one unit, one is the signal if it swings so many times as far as any other.
 DOMINANT = 5.0
@@ -23,6 +23,7 @@ SAME_SIGNAL = 0.9999
 MOST_JUDGED = 40
 LISTED = 12
 FEWEST_NUMBERS = 3
+DERIVATIVE_TOLERANCE = 0.2
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,10 @@ class _Candidate:
     @property
     def quantity(self) -> str:
         return self.unit.quantity if self.unit and self.unit.known else names_quantity(self.base)
+
+    @property
+    def integrations(self) -> int:
+        return INTEGRATIONS.get(self.quantity, 0)
 
 
 def choose_columns(
@@ -192,6 +197,9 @@ def _certain(candidates: list[_Candidate], signal: str | None, source: str) -> t
     pool = [c for c in moving if c.swing is not None] or moving
     if signal is not None:
         pool = [c for c in pool if c.quantity == signal] or pool
+    # A position is worth more than its rate, and that than its acceleration: what need not be integrated.
+    order = min(c.integrations for c in pool)
+    pool = [c for c in pool if c.integrations == order]
     named = [c for c in pool if c.quantity == "angle" and names_quantity(c.base) == "angle"]
     others = f"of {len(candidates)} columns" if len(candidates) > 1 else ""
     if len(pool) == 1:
@@ -215,15 +223,30 @@ def _certain(candidates: list[_Candidate], signal: str | None, source: str) -> t
 
 
 def _without_copies(pool: list[_Candidate]) -> list[_Candidate]:
-    """Without columns that repeat another one in other units, or swing twice as often (y of a pendulum)."""
+    """Without columns that repeat another one, are its rate, or swing twice as often (y of a pendulum)."""
     ranked = sorted(pool, key=lambda c: (c.quantity != "angle", c.unit is None))
     kept: list[_Candidate] = []
     for column in ranked:
         alike = any(_repeats(column, other) for other in kept)
         doubled = any(abs(other.period / column.period - 2.0) < 0.1 for other in pool)
-        if not alike and not doubled:
+        if not alike and not doubled and not any(_is_rate_of(column, other) for other in pool):
             kept.append(column)
     return [c for c in pool if c in kept] or pool[:1]
+
+
+def _is_rate_of(column: _Candidate, other: _Candidate) -> bool:
+    """Whether a column is the derivative of another: a quarter of a period ahead, and w times as large."""
+    if column.swing is None or other.swing is None or column is other:
+        return False
+    mine, its = column.swing.oscillation, other.swing.oscillation
+    if mine.signal.size != its.signal.size or abs(mine.period / its.period - 1.0) > 0.05:
+        return False
+    w = 2.0 * np.pi / its.period
+    wave = np.exp(-1j * w * its.time)
+    ratio = np.sum((mine.signal - mine.signal.mean()) * wave) / np.sum(
+        (its.signal - its.signal.mean()) * wave
+    )
+    return bool(abs(ratio / (1j * w) - 1.0) < DERIVATIVE_TOLERANCE)
 
 
 def _repeats(column: _Candidate, other: _Candidate) -> bool:
@@ -260,4 +283,7 @@ def find_column(table: FileTable, wanted: str | int, source: str) -> str:
     listed = ", ".join(f"{number}: {name}" for number, name in enumerate(names[:LISTED])) + (
         ", ..." if len(names) > LISTED else ""
     )
-    raise UsageError(f"{source}: there is no single column {str(wanted)!r}; its columns are {listed}.")
+    nearest = did_you_mean(str(wanted), [*names, *(split_header(name)[0] for name in names)])
+    raise UsageError(
+        f"{source}: there is no single column {str(wanted)!r}; its columns are {listed}.{nearest}"
+    )

@@ -15,14 +15,16 @@ ANGLE_NAMES = {
 }
 RATE_NAMES = {
     *("rate", "angular rate", "angular velocity", "omega", "ω", "gyro", "gyroscope", "theta dot", "thetadot"),
-    *("velocity", "speed", "winkelgeschwindigkeit", "geschwindigkeit"),
+    *("velocity", "speed", "winkelgeschwindigkeit", "geschwindigkeit", "v", "vx", "vy", "gx", "gy", "gz"),
 }
 POSITION_NAMES = {
     *("x", "y", "z", "displacement", "position", "deflection", "elongation", "pos", "weg", "auslenkung"),
-    *("distance", "height", "laser", "u", "voltage", "signal", "potential"),
+    *("distance", "height", "laser", "u", "voltage", "signal", "potential", "pot", "potentiometer", "adc"),
+    *("counts", "count", "encoder", "ticks", "raw", "probe", "channel", "ch"),
 }
 ACCELERATION_NAMES = {
     *("acceleration", "accel", "acc", "linear acceleration", "accelerometer", "beschleunigung", "a"),
+    *("ax", "ay", "az"),
 }
 QUANTITY_NAMES = {
     "angle": ANGLE_NAMES,
@@ -45,7 +47,7 @@ def split_header(name: str) -> tuple[str, str]:
     Both in lower case; the name without a group before it (`run.time`, `Run 1: Time`).
     """
     text = name.strip().lower().replace("μ", "µ")
-    bracket = re.fullmatch(r"(.*?)\s*[\[({]\s*([^\[\](){}]*?)\s*[\])}]", text)
+    bracket = re.fullmatch(r"(.*?)\s*[\[({]\s*([^\[\](){}]*?)\s*[\])}](?:\s+run\b.*)?", text)
     if bracket is not None and not bracket[2].isdigit():
         base, unit = bracket[1], plain_unit(bracket[2])
     else:

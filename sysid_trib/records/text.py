@@ -7,6 +7,7 @@ from pathlib import Path
 import pandas as pd
 
 from sysid_trib.errors import RecordError
+from sysid_trib.records.units import TIME_UNITS, plain_unit, signal_unit
 
 FORMATS = "text or CSV, MATLAB, Excel (.xlsx), netCDF, HDF5, Parquet, TDMS"
 DELIMITERS = (";", "\t", ",", None)
@@ -47,6 +48,9 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
     if delimiter == "," and header and len(header) == 1:
         delimiter, decimal = None, ","
     block = [line for line in lines[start:] if line.strip() and not _is_comment(line)]
+    # What a logger writes below the numbers is no row of them.
+    while len(block) > 1 and not any(map(_is_number, _fields(block[-1], delimiter))):
+        block.pop()
     frame = pd.read_csv(
         StringIO("\n".join(block)),
         sep=delimiter or r"\s+",
@@ -138,7 +142,15 @@ def _header(before: list[str], delimiter: str | None, width: int) -> list[str] |
         header.append(fields)
     if not header:
         return None
-    units_line = all(re.fullmatch(r"[\[(].*[\])]|", item) for item in header[0])
-    if units_line and len(header) == 2:
-        return [f"{name} {unit}".strip() for unit, name in zip(header[0], header[1], strict=True)]
+    bracketed = all(re.fullmatch(r"[\[(].*[\])]|", item) for item in header[0])
+    if len(header) == 2 and (bracketed or _are_units(header[0])):
+        units = [item if bracketed or not item else f"({item})" for item in header[0]]
+        return [f"{name} {unit}".strip() for unit, name in zip(units, header[1], strict=True)]
     return header[0]
+
+
+def _are_units(items: list[str]) -> bool:
+    """Whether a line holds units alone, one of them that of time."""
+    times = [item for item in items if plain_unit(item) in TIME_UNITS]
+    others = [signal_unit(item) for item in items if item and item not in times]
+    return bool(times) and len(items) > 1 and all(unit is not None and unit.known for unit in others)
