@@ -28,7 +28,10 @@ UNDETERMINED = (
     "The record does not decide: none of the coefficients differs from zero by more than "
     f"{SIGNIFICANT_ERRORS:g} standard errors, so that nothing in it could contradict these forces."
 )
-EFFECTIVE = "These coefficients are of a model that does not explain the record: they are effective values"
+EFFECTIVE = (
+    "These coefficients are of a model that does not explain the record: they are effective values, which "
+    "may be off by far more than their errors"
+)
 
 
 def holds(tree: xr.DataTree) -> bool:
