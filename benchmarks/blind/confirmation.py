@@ -35,6 +35,7 @@ if __package__ in (None, "", "benchmarks.blind"):
 from blind.confirmation_report import report
 from blind.naming import named_blind
 from blind.wide_cases import Drawn, draw_case
+from sysid_trib.discrepancy.settings import DEFAULTS, Settings
 from sysid_trib.errors import SysidTribError
 
 # Seconds of the processor after which a record is given up, and counted as a failure.
@@ -101,7 +102,7 @@ def _answers(case: Drawn) -> dict[str, Any]:
     }
 
 
-def look(case: Drawn) -> dict[str, Any]:
+def look(case: Drawn, settings: Settings = DEFAULTS) -> dict[str, Any]:
     """What is named from the case's files."""
     with tempfile.TemporaryDirectory() as folder:
         paths = []
@@ -109,7 +110,7 @@ def look(case: Drawn) -> dict[str, Any]:
             paths.append(Path(folder) / f"run_{number}.csv")
             data = np.stack([case.experiment.time, angle], axis=1)
             np.savetxt(paths[-1], data, "%.12g", ",", header="time (s),angle (rad)", comments="")
-        return named_blind(paths, list(case.experiment.oscillator.base), case.left_out)
+        return named_blind(paths, list(case.experiment.oscillator.base), case.left_out, settings)
 
 
 def study(salt: str, numbers: Sequence[int], keep: Path, jobs: int) -> None:

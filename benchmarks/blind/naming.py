@@ -11,6 +11,7 @@ import xarray as xr
 
 from sysid_trib import free_decay, load_library, read_record
 from sysid_trib.discrepancy.discover import discover
+from sysid_trib.discrepancy.settings import Settings
 from sysid_trib.results.discoveries import credible_set
 
 from .seen import CONTACT, offered
@@ -38,10 +39,12 @@ def _step(row: xr.Dataset) -> dict[str, Any]:
     return words | numbers | {"ties": list(credible_set(row)), "costs": json.dumps(deviance)}
 
 
-def named_blind(paths: Sequence[Path], base: Sequence[str], left_out: Sequence[str]) -> dict[str, Any]:
+def named_blind(
+    paths: Sequence[Path], base: Sequence[str], left_out: Sequence[str], settings: Settings
+) -> dict[str, Any]:
     """Verdict, effects and base coefficients of the runs in these files, the last third of each held out."""
     runs = [free_decay(read_record(path)) for path in paths]
-    tree = discover(runs, CONTACT.select(list(base)), offered(base, left_out))
+    tree = discover(runs, CONTACT.select(list(base)), offered(base, left_out), settings=settings)
     steps, after = tree["steps"].dataset, tree["after"].dataset
     by_symbol = after.sel(force=list(base))
     return {

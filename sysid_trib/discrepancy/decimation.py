@@ -5,10 +5,8 @@ import xarray as xr
 from scipy.signal import savgol_filter
 
 from sysid_trib.decays.equilibrium import with_half_periods
+from sysid_trib.decays.uniform import is_uniform
 from sysid_trib.discrepancy.settings import DEFAULTS
-
-# Largest unevenness of the time steps for which local means may be taken.
-EVEN_STEPS = 1e-3
 
 
 def decimated(decay: xr.Dataset, per_period: int = DEFAULTS.samples_per_period) -> xr.Dataset:
@@ -23,7 +21,7 @@ def decimated(decay: xr.Dataset, per_period: int = DEFAULTS.samples_per_period) 
     if factor < 2:
         return decay
     width = factor if factor % 2 else factor - 1
-    smoothed = width >= 3 and np.ptp(steps) <= EVEN_STEPS * np.median(steps)
+    smoothed = width >= 3 and is_uniform(time)
     if smoothed:
         angle = savgol_filter(angle, width, 2)
     kept = slice(factor // 2, None, factor)

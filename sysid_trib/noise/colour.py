@@ -12,6 +12,7 @@ from scipy.optimize import minimize
 from scipy.signal import periodogram
 
 from sysid_trib.arrays import Array
+from sysid_trib.decays.uniform import is_uniform
 from sysid_trib.noise.residual_noise import NOISE_HARMONICS, NoiseModel
 from sysid_trib.noise.variance_ratio import VarianceRatio
 
@@ -39,8 +40,6 @@ PART_OF_GAIN = 0.01
 MOST_CORRELATED = 0.999
 # Trials of a search for each tap: where noise is all but a random walk (an integrated rate's) it would creep.
 MOST_TRIALS = 25
-# Steps of time that differ by more than this part have no autoregression.
-UNEVEN = 1e-3
 
 
 @dataclass(frozen=True)
@@ -251,8 +250,8 @@ def _spectrum(deviation: Array, tau: Array) -> tuple[Array, Array, Array]:
 
 
 def _is_uneven(tau: Array) -> bool:
-    steps = np.diff(tau)
-    return bool(np.ptp(steps) > UNEVEN * np.median(steps))
+    """Whether steps differ by so much that lines say nothing; 2 % move a thousandth of the power."""
+    return not is_uniform(tau)
 
 
 def _averaged(line: Array, power: Array) -> Lines:
