@@ -584,5 +584,8 @@ def test_the_next_step_after_a_discovery(twin):
     tree["ranking"] = xr.DataTree(ranking.assign(significant=xr.ones_like(ranking.significant)))
     tree.attrs["max_effects"] = 2
     assert next_step(tree).options == {"max-effects": "4"}
+    out_of_time = tree.copy()
+    out_of_time.attrs["out_of_time"] = "3 s"
+    assert next_step(out_of_time).without == ("time_limit",)
     tree.attrs["verdict"] = "explained"
     assert next_step(tree).options["forces"] == ",".join(tree["after"].force.values)

@@ -107,6 +107,8 @@ def _after_comparison(tree: xr.DataTree) -> NextStep:
 
 
 def _after_discovery(tree: xr.DataTree) -> NextStep:
+    if tree.attrs.get("out_of_time"):
+        return NextStep("discover", "the same to its end", without=("time_limit",))
     tied = _tied(tree)
     if tied:
         reason = f"{SECOND_RECORD}: the measurement that separates {' and '.join(tied[:2])}, see above"
