@@ -116,6 +116,62 @@ def test_coefficients_of_a_displacement_are_printed_with_its_unit(tmp_path):
     assert json.loads(run("identify", path, "--forces", "lambda,zeta", "--json").out)["methods"]
 
 
+def test_a_pendulum_has_its_gravity(tmp_path):
+    import sysid_trib as st
+
+    model = st.Model(
+        st.load_library("candidate_effects").select(["gravity"]), {"gravity": 1.0}, reference_frequency=5.0
+    )
+    time = np.arange(3000) / 100.0
+    noise = 2e-4 * np.random.default_rng(1).standard_normal(time.size)
+    path = tmp_path / "arm.csv"
+    damped = st.simulate(model, time, angle=0.6).angle.values * np.exp(-0.02 * time) + noise
+    rows = "\n".join(f"{t:.2f},{x:.6f}" for t, x in zip(time, damped, strict=True))
+    path.write_text(f"time (s),angle (rad)\n{rows}\n", encoding="utf-8")
+    ending = run("identify", path, "--system", "pendulum", "--forces", "zeta,gravity")
+    assert ending.status == 0
+    assert "gravity is fixed (1)" in ending.out
+    freed = json.loads(run("identify", path, "--forces", "zeta,gravity", "--json").out)["methods"]["direct"]
+    assert freed["coefficients"]["gravity"]["standard_error"] > 0.0
+
+
+def test_systems_are_data(tmp_path):
+    from sysid_trib.errors import LibraryError
+    from sysid_trib.forces.systems import load_system
+
+    names = ("pendulum", "torsion", "spring", "ship", "tribometer", "cantilever")
+    assert all(load_system(name).forces for name in names)
+    assert load_system("pendulum").held == {"gravity": 1.0}
+    with pytest.raises(UsageError, match=r"no system 'pendlum'.*Did you mean 'pendulum'"):
+        load_system("pendlum")
+    path = tmp_path / "mine.toml"
+    for text, reason in (
+        ("[[system]]\nname = 'swing'\nforces = ['lamda']\n", r"force 'lamda' of no library\. Did you mean"),
+        ("[[system]]\nforces = ['zeta']\n", "has a name"),
+        ("[[system]]\nname = 'swing'\nheld = {gravity = 'one'}\n", "gives a number"),
+        ("no toml", "not a TOML file"),
+        ("title = 'none'\n", r"no \[\[system\]\]"),
+    ):
+        path.write_text(text, encoding="utf-8")
+        with pytest.raises(LibraryError, match=reason):
+            load_system(str(path))
+    path.write_text("[[system]]\nname = 'swing'\nforces = ['zeta']\n", encoding="utf-8")
+    assert load_system(str(path)).symbols == ("zeta",)
+
+
+def test_a_sign_that_a_system_forbids_is_told(tmp_path):
+    time = np.arange(4000) / 100.0
+    # An amplitude that falls ever more slowly: drag alone, told with a friction beside it.
+    amplitude = 0.4 / (1.0 + 0.08 * time)
+    values = amplitude * np.cos(8.0 * time) + 1e-4 * np.random.default_rng(2).standard_normal(time.size)
+    path = tmp_path / "drag.csv"
+    rows = "\n".join(f"{t:.2f},{x:.6f}" for t, x in zip(time, values, strict=True))
+    path.write_text(f"time (s),angle (rad)\n{rows}\n", encoding="utf-8")
+    ending = run("identify", path, "--system", "torsion", "--forces", "lambda,zeta")
+    assert "lambda wants to be negative" in ending.out
+    assert "which it cannot be in a torsion" in ending.out
+
+
 def test_the_nearest_name_is_offered(tmp_path):
     time, values = swing()
     path = tmp_path / "swing.csv"

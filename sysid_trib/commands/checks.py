@@ -11,6 +11,7 @@ from sysid_trib.forces.library import load_library
 if TYPE_CHECKING:
     from sysid_trib.forces.constraints import Constraints
     from sysid_trib.forces.force import ForceLibrary
+    from sysid_trib.forces.systems import System
     from sysid_trib.noise.random_force import RandomForceOption
 
 # No oscillator is outside of this range in rad/s, Hz or s; far beyond it arithmetic overflows.
@@ -53,7 +54,7 @@ def check_positive(value: float | None, option: str) -> None:
 
 
 def asked_model(
-    model: ModelOptions, given: ConstraintOptions
+    model: ModelOptions, given: ConstraintOptions, system: "System | None" = None
 ) -> "tuple[ForceLibrary, dict[str, float], Constraints, tuple[float, float] | None]":
     """What is to be identified, as the options have it.
 
@@ -75,9 +76,16 @@ def asked_model(
     check_positive(model.reference_frequency, "--reference-frequency")
     if contactless and model.reference_frequency:
         raise UsageError("--omega0 and --reference-frequency each give alpha a meaning: choose one.")
-    offered = offered_forces(model.library, model.forces, bool(contactless or model.reference_frequency))
+    forces = model.forces
+    if system is not None and forces is None:
+        forces = ",".join(system.symbols)
+    offered = offered_forces(model.library, forces, bool(contactless or model.reference_frequency))
     shapes = held_shapes(given.set_, offered)
     constraints = Constraints.from_texts(given.fix, given.bound, given.tie)
+    if system is not None:
+        open_to_it = set(offered.symbols) - set(constraints.names)
+        there = {symbol: value for symbol, value in system.held.items() if symbol in open_to_it}
+        constraints = replace(constraints, fixed={**there, **constraints.fixed})
     constraints.check(forces_to_identify(offered, model.reference_frequency, sensors=True))
     return offered, shapes, constraints, contactless
 

@@ -15,11 +15,13 @@ def compare(
     """Identify the forces of a decay by every method, and test each on a part that it has not seen."""
     from sysid_trib.commands import checks
     from sysid_trib.commands.record_inputs import read_decays
+    from sysid_trib.forces.systems import load_system
     from sysid_trib.methods.scope import with_random_force
     from sysid_trib.printing.comparison import comparison_blocks, comparison_json
     from sysid_trib.validation import compare as comparison
 
-    offered, shapes, constraints, contactless = checks.asked_model(model, constraint)
+    swinging = None if given.system is None else load_system(given.system)
+    offered, shapes, constraints, contactless = checks.asked_model(model, constraint, swinging)
     random_force = checks.parse_random_force(model.random_force)
     destination.check(given.records)
     decays, sources = read_decays(given, model.reference_frequency)

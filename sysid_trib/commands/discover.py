@@ -1,6 +1,6 @@
 """`sysid-trib discover`."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -48,6 +48,7 @@ def discover(*, given: DecayOptions, asked: SearchOptions, destination: Destinat
     from sysid_trib.commands.record_inputs import read_decays
     from sysid_trib.commands.terminal import progress, record_sentences
     from sysid_trib.discrepancy.discover import discover
+    from sysid_trib.forces.systems import load_system, without_impossible
     from sysid_trib.printing.discovery_json import discovery_json
     from sysid_trib.printing.discovery_story import discovery_blocks
 
@@ -55,8 +56,10 @@ def discover(*, given: DecayOptions, asked: SearchOptions, destination: Destinat
     checks.check_positive(asked.time_limit, "--time-limit")
     discovery_inputs.check_level(asked.level)
     forces = EXAMPLE_FORCES if asked.forces is None and not given.records else asked.forces
-    start = discovery_inputs.start_forces(asked.library, forces, asked.reference_frequency)
+    swinging = None if given.system is None else load_system(given.system)
+    start = discovery_inputs.start_forces(asked.library, forces, asked.reference_frequency, swinging)
     offered = discovery_inputs.offered_candidates(asked.library, asked.candidates, start)
+    offered = replace(offered, forces=without_impossible(offered, swinging))
     destination.check(given.records)
     decays, sources = read_decays(given, asked.reference_frequency)
     seen, held = discovery_inputs.held_out(decays, asked.holdout)

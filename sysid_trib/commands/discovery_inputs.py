@@ -14,12 +14,15 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from sysid_trib.forces.force import ForceLibrary
+    from sysid_trib.forces.systems import System
 
 EFFECTS = "candidate_effects"
 
 
-def start_forces(library: str, forces: str | None, frequency: float | None) -> "ForceLibrary":
-    """The forces of the start model: those asked for, else viscous friction alone.
+def start_forces(
+    library: str, forces: str | None, frequency: float | None, system: "System | None" = None
+) -> "ForceLibrary":
+    """The forces of the start model: those asked for, else viscous friction and what a system always has.
 
     Raises
     ------
@@ -34,7 +37,7 @@ def start_forces(library: str, forces: str | None, frequency: float | None) -> "
                 f"Library '{whole.title}' has no viscous friction to start from; name the forces of the "
                 f"start model (--forces {','.join(whole.symbols[:2])})."
             )
-        forces = viscous.symbol
+        forces = ",".join([viscous.symbol, *(system.held if system is not None else ())])
     return offered_forces(library, forces, frequency is not None)
 
 

@@ -26,9 +26,11 @@ def identify(
     from sysid_trib.commands import checks
     from sysid_trib.commands.record_inputs import read_decays
     from sysid_trib.commands.terminal import progress, record_sentences
+    from sysid_trib.forces.systems import load_system
     from sysid_trib.methods import Averaging, Direct, Trajectory
     from sysid_trib.methods.scope import constrained, scope_of, with_random_force
     from sysid_trib.printing.identification import identification_blocks, identification_json
+    from sysid_trib.printing.signs import sign_sentences
     from sysid_trib.records.runs import one_or_all
     from sysid_trib.results.contactless import with_contactless_frequency
     from sysid_trib.results.schema import map_identifications
@@ -37,7 +39,8 @@ def identify(
     from sysid_trib.validation.simulated_pairs import fewest_records
 
     checks.check_positive(inertia, "--inertia")
-    offered, shapes, constraints, contactless = checks.asked_model(model, constraint)
+    swinging = None if given.system is None else load_system(given.system)
+    offered, shapes, constraints, contactless = checks.asked_model(model, constraint, swinging)
     random_force = checks.parse_random_force(model.random_force)
     destination.check(given.records)
     decays, sources = read_decays(given, model.reference_frequency)
@@ -68,7 +71,9 @@ def identify(
     keep_next(tree, given, model, constraint)
     destination.deliver(
         tree,
-        lambda: identification_blocks(tree, record_sentences(tree, sources), inertia),
+        lambda: identification_blocks(
+            tree, [*record_sentences(tree, sources), *sign_sentences(tree, swinging)], inertia
+        ),
         lambda: identification_json(tree, inertia),
         lambda plots: [
             *figures_of_runs(tree, "overview", plots.overview),

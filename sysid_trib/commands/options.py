@@ -75,6 +75,10 @@ class DecayOptions:
     keep_outliers: bool = option(
         None, "Keep samples that leap out of the swing.", False, flags=("--keep-outliers",)
     )
+    system: str | None = option(
+        "NAME|FILE",
+        "What swings: pendulum, torsion, spring, ship, tribometer or cantilever; sets its usual forces.",
+    )
     length: float | None = option("M", "Length of a pendulum: a displacement becomes an angle.")
 
 

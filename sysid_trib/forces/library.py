@@ -50,7 +50,9 @@ def load_library(name_or_path: str | Path = "contact_forces") -> ForceLibrary:
     if path.suffix != ".toml" and not path.exists():
         path = library_folder() / f"{name_or_path}.toml"
     if not path.is_file():
-        known = ", ".join(sorted(p.stem for p in library_folder().glob("*.toml")))
+        # Systems stand beside the libraries and are none.
+        stems = (p.stem for p in library_folder().glob("*.toml") if p.stem != "systems")
+        known = ", ".join(sorted(stems))
         raise UsageError(f"There is no library '{name_or_path}'; give a TOML file or one of {known}.")
     try:
         if path.stat().st_size > MAX_BYTES:

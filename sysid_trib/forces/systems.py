@@ -1,0 +1,118 @@
+"""Systems of laboratories as data: what is measured, which forces are there, which cannot be."""
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from sysid_trib.errors import LibraryError, UsageError, did_you_mean
+from sysid_trib.forces.force import Force, ForceLibrary
+from sysid_trib.forces.library import library_folder, load_library
+
+# The forces that systems name, by library.
+SHIPPED_LIBRARIES = ("contact_forces", "candidate_effects")
+SYSTEMS_FILE = "systems.toml"
+
+
+@dataclass(frozen=True)
+class System:
+    """A kind of oscillator.
+
+    Attributes
+    ----------
+    name, meaning : str
+        Its name, and what it is.
+    signal : str
+        The quantity that is usually measured.
+    forces : tuple of str
+        Symbols of the forces that are identified where none is named.
+    held : mapping of str to float
+        Coefficients of forces that are always there: a pendulum's gravity is 1.
+    impossible : tuple of str
+        Symbols that are not offered.
+    not_negative : tuple of str
+        Symbols of forces whose coefficient physics does not let be negative.
+    """
+
+    name: str
+    meaning: str = ""
+    signal: str = "angle"
+    forces: tuple[str, ...] = ()
+    held: Mapping[str, float] = field(default_factory=dict)
+    impossible: tuple[str, ...] = ()
+    not_negative: tuple[str, ...] = ()
+
+    @property
+    def symbols(self) -> tuple[str, ...]:
+        """Forces that are identified or held."""
+        return (*self.forces, *self.held)
+
+
+def load_system(name_or_path: str) -> System:
+    """A system by its name, or the first of a TOML file.
+
+    Parameters
+    ----------
+    name_or_path : str
+        One of `libraries/systems.toml`, such as `pendulum`, or a file of the same format.
+
+    Returns
+    -------
+    System
+
+    Raises
+    ------
+    UsageError
+        No such system or file.
+    LibraryError
+        A file that is not of this format, or names a force that no library has.
+    """
+    path = Path(name_or_path)
+    if path.suffix == ".toml":
+        if not path.is_file():
+            raise UsageError(f"{path}: there is no such file.")
+        return next(iter(_systems(path).values()))
+    known = _systems(library_folder() / SYSTEMS_FILE)
+    if name_or_path not in known:
+        nearest = did_you_mean(name_or_path, known)
+        raise UsageError(
+            f"There is no system '{name_or_path}'; give a TOML file or one of {', '.join(known)}.{nearest}"
+        )
+    return known[name_or_path]
+
+
+def without_impossible(library: ForceLibrary, system: System | None) -> tuple[Force, ...]:
+    """The forces of a library that a system can have."""
+    return tuple(force for force in library if system is None or force.symbol not in system.impossible)
+
+
+def _systems(path: Path) -> dict[str, System]:
+    try:
+        tables = tomllib.loads(path.read_text(encoding="utf-8")).get("system", [])
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+        raise LibraryError(f"{path.name}: not a TOML file: {' '.join(str(error).split())}.") from None
+    if not isinstance(tables, list) or not tables:
+        raise LibraryError(f"{path.name}: there is no [[system]] in it; see libraries/{SYSTEMS_FILE}.")
+    return {system.name: system for system in (_checked(table, path.name) for table in tables)}
+
+
+def _checked(table: Any, source: str) -> System:
+    keys = {part.name for part in fields(System)}
+    if not isinstance(table, dict) or not isinstance(table.get("name"), str) or not set(table) <= keys:
+        raise LibraryError(
+            f"{source}: a [[system]] has a name, and of {', '.join(sorted(keys))} what it needs."
+        )
+    lists = {key: table[key] for key in ("forces", "impossible", "not_negative") if key in table}
+    held = table.get("held", {})
+    names = [*(name for names in lists.values() if isinstance(names, list) for name in names), *held]
+    known = [force.symbol for name in SHIPPED_LIBRARIES for force in load_library(name)]
+    for name in names:
+        if name not in known:
+            nearest = did_you_mean(str(name), known)
+            raise LibraryError(
+                f"{source}: system '{table['name']}' names a force '{name}' of no library.{nearest}"
+            )
+    if not all(isinstance(value, (int, float)) for value in held.values()):
+        raise LibraryError(f"{source}: 'held' of system '{table['name']}' gives a number to each force.")
+    return System(**{**table, **{key: tuple(value) for key, value in lists.items()}})
