@@ -291,7 +291,7 @@ def test_a_crossing_is_found_where_another_jump_bends_the_motion():
 
     friction = [TrialEffect(EVERY["lambda"], {})]
     jumps = jumps_along(np.arange(11) / 10.0, motion, lambda tau: tau, friction, np.ones(1))
-    np.testing.assert_allclose(jumps.tau, 0.497 + (0.1 - 0.2 * 0.497) / 40.2, rtol=1e-12)
+    np.testing.assert_allclose(jumps.tau, 0.497 + (0.1 - 0.2 * 0.497) / 40.2, rtol=0.0, atol=1e-8)
     assert jumps.size == pytest.approx([2.0])
 
 

@@ -10,8 +10,8 @@ from sysid_trib.discrepancy.trials import TrialEffect
 
 # Part of the motion's speed by which the states just before and just after a surface differ from it.
 ASIDE = 1e-6
-# By which a crossing between two close points is found to rounding.
-HALVINGS = 36
+# By which a crossing between two close points is found, to a part in ten million of their distance.
+HALVINGS = 24
 
 
 @dataclass(frozen=True)
