@@ -172,6 +172,22 @@ def test_a_sign_that_a_system_forbids_is_told(tmp_path):
     assert "which it cannot be in a torsion" in ending.out
 
 
+def test_a_signal_may_be_a_formula_of_columns(tmp_path):
+    time, values = swing()
+    path = tmp_path / "film.csv"
+    table = zip(time, 3.1 + 0.6 * np.sin(values), -0.6 * np.cos(values), 500 + 87.0 * values, strict=True)
+    rows = "\n".join(",".join(f"{value:.9g}" for value in row) for row in table)
+    path.write_text(f"t (s),x (m),y (m),pot\n{rows}\n", encoding="utf-8")
+    (record,) = read_records(path, Reading(angle="atan2(x - 3.1, -y)"))
+    np.testing.assert_allclose(record["angle"], values, atol=1e-6)
+    assert record["angle"].attrs["units"] == "rad"
+    (record,) = read_records(path, Reading(angle="(pot - 500)/87", units="rad"))
+    np.testing.assert_allclose(record["angle"], values, atol=1e-6)
+    for text in ("pot - z", "__import__('os')", "atan2(x)", "2*3", "x - (y"):
+        with pytest.raises(UsageError):
+            read_records(path, Reading(angle=text))
+
+
 def test_the_nearest_name_is_offered(tmp_path):
     time, values = swing()
     path = tmp_path / "swing.csv"

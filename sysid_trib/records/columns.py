@@ -267,6 +267,14 @@ def _listed(pool: list[_Candidate]) -> str:
     return " and ".join([", ".join(texts[:-1]), texts[-1]] if len(texts) > 1 else texts)
 
 
+def has_column(table: FileTable, wanted: str | int | None) -> bool:
+    """Whether a table has a column of that name or number."""
+    try:
+        return wanted is not None and bool(find_column(table, wanted, ""))
+    except UsageError:
+        return False
+
+
 def find_column(table: FileTable, wanted: str | int, source: str) -> str:
     """The column of that name, or else of that number from 0."""
     names = list(table.columns)

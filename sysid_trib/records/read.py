@@ -16,7 +16,8 @@ from sysid_trib.decays.integration import integrated
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records.assumed_units import assumed_unit, circle_radius, time_factor
 from sysid_trib.records.clock import Clock, read_clock
-from sysid_trib.records.columns import Chosen, choose_columns
+from sysid_trib.records.columns import Chosen, choose_columns, has_column
+from sysid_trib.records.expression import is_expression, with_expression
 from sysid_trib.records.headers import noted_rate, noted_unit, split_header
 from sysid_trib.records.numbers import numbers
 from sysid_trib.records.tables import FileTable, read_table
@@ -100,7 +101,8 @@ def read_record(
         Name of the time column, or its number from 0. If not given, it is recognised by its name or because
         it rises. The columns of MATLAB and HDF5 files are named like `data.Y[0]`.
     angle : str or int, optional
-        Name or number of the signal's column; else the one that can be meant alone.
+        Name or number of the signal's column, or a formula of columns, `atan2(x - 3.1, -y)`; else the column
+        that can be meant alone.
     signal : {"angle", "displacement", "rate", "acceleration"}, optional
         What was measured; else what unit and name say. A rate is integrated once and an acceleration twice,
         without the drift of their bias.
@@ -164,6 +166,8 @@ def read_records(path: str | os.PathLike[str], how: Reading | None = None) -> li
     if how.time is not None and how.sampling_rate is not None:
         raise UsageError(f"{path.name}: give a time column or a sampling rate, not both.")
     table, source = read_table(path), path.name
+    if is_expression(how.angle) and not has_column(table, how.angle):
+        table = with_expression(table, str(how.angle), source)
     chosen = choose_columns(table, source, time=how.time, angle=how.angle, signal=how.signal)
     checksum = hashlib.sha256(path.read_bytes()).hexdigest()
     records = []
