@@ -1,12 +1,16 @@
 """`sysid-trib identify`."""
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from sysid_trib.commands.destination import Destination, figures_of_runs, random_force_figures
 from sysid_trib.commands.next_command import keep_next
 from sysid_trib.commands.options import ConstraintOptions, DecayOptions, ModelOptions, with_options
+
+if TYPE_CHECKING:
+    from sysid_trib.forces.force import ForceLibrary
+    from sysid_trib.methods.scope import Method
 
 
 @with_options
@@ -21,41 +25,36 @@ def identify(
     destination: Destination,
 ) -> None:
     """Identify the forces of a decay in two ways, and cross-check them."""
-    import xarray as xr
+    from sysid_trib.commands.terminal import progress
 
-    from sysid_trib.commands import checks
-    from sysid_trib.commands.record_inputs import read_decays
-    from sysid_trib.commands.terminal import progress, record_sentences
-    from sysid_trib.forces.systems import load_system
-    from sysid_trib.methods import Averaging, Direct, Trajectory
-    from sysid_trib.methods.scope import constrained, scope_of, with_random_force
-    from sysid_trib.printing.identification import identification_blocks, identification_json
-    from sysid_trib.printing.signs import sign_sentences
-    from sysid_trib.records.runs import one_or_all
-    from sysid_trib.results.contactless import with_contactless_frequency
-    from sysid_trib.results.schema import map_identifications
-    from sysid_trib.validation.cross_check import SIMULATED_RECORDS, cross_check
-    from sysid_trib.validation.homogeneity import run_agreement
-    from sysid_trib.validation.simulated_pairs import fewest_records
-
-    checks.check_positive(inertia, "--inertia")
-    swinging = None if given.system is None else load_system(given.system)
-    offered, shapes, constraints, contactless = checks.asked_model(model, constraint, swinging)
-    random_force = checks.parse_random_force(model.random_force)
-    destination.check(given.records)
-    decays, sources = read_decays(given, model.reference_frequency)
-    # Amplitudes and frequencies tell no term of the sensor from a force: with one, the motion is fitted.
-    shown_as_it_is = all(force.kind == "force" for force in offered)
-    other = Averaging if shown_as_it_is else Trajectory
-    pair = (
-        other(reference_frequency=model.reference_frequency, shapes=shapes),
-        Direct(reference_frequency=model.reference_frequency, shapes=shapes),
-    )
-    methods = [with_random_force(constrained(method, constraints), random_force) for method in pair]
-    decay = one_or_all(decays)
-    # A fit of the motion takes seconds: no more simulated records than decide whether the two agree.
-    draws = SIMULATED_RECORDS if shown_as_it_is else min(SIMULATED_RECORDS, fewest_records(len(offered) + 1))
+    # Before all else: to import what computes takes longer than a reader likes to see nothing.
     with progress() as tell:
+        tell("start")
+        import xarray as xr
+
+        from sysid_trib.commands import checks
+        from sysid_trib.commands.record_inputs import read_decays
+        from sysid_trib.commands.terminal import record_sentences
+        from sysid_trib.forces.systems import load_system
+        from sysid_trib.methods.scope import constrained, scope_of, with_random_force
+        from sysid_trib.printing.identification import identification_blocks, identification_json
+        from sysid_trib.printing.signs import sign_sentences
+        from sysid_trib.records.runs import one_or_all
+        from sysid_trib.results.contactless import with_contactless_frequency
+        from sysid_trib.results.schema import map_identifications
+        from sysid_trib.validation.cross_check import cross_check
+        from sysid_trib.validation.homogeneity import run_agreement
+
+        checks.check_positive(inertia, "--inertia")
+        swinging = None if given.system is None else load_system(given.system)
+        offered, shapes, constraints, contactless = checks.asked_model(model, constraint, swinging)
+        random_force = checks.parse_random_force(model.random_force)
+        destination.check(given.records)
+        tell("reading")
+        decays, sources = read_decays(given, model.reference_frequency)
+        methods, draws = _methods(offered, shapes, model.reference_frequency)
+        methods = [with_random_force(constrained(method, constraints), random_force) for method in methods]
+        decay = one_or_all(decays)
         results = []
         for method in methods:
             tell(f"identification by {scope_of(method).label}")
@@ -66,9 +65,9 @@ def identify(
             tell("each run by itself")
             second = tree[tree["comparison"].attrs["second"]].to_dataset()
             tree["runs"] = xr.DataTree(run_agreement(decays, second))
-    if contactless is not None:
-        tree = map_identifications(tree, lambda result: with_contactless_frequency(result, *contactless))
-    keep_next(tree, given, model, constraint)
+        if contactless is not None:
+            tree = map_identifications(tree, lambda result: with_contactless_frequency(result, *contactless))
+        keep_next(tree, given, model, constraint)
     destination.deliver(
         tree,
         lambda: identification_blocks(
@@ -81,3 +80,20 @@ def identify(
             *random_force_figures(tree, plots),
         ],
     )
+
+
+def _methods(
+    offered: "ForceLibrary", shapes: dict[str, float], reference_frequency: float | None
+) -> "tuple[list[Method], int]":
+    """The two methods that are held against each other, and on how many simulated records."""
+    from sysid_trib.methods import Averaging, Direct, Trajectory
+    from sysid_trib.validation.cross_check import SIMULATED_RECORDS
+    from sysid_trib.validation.simulated_pairs import fewest_records
+
+    direct = Direct(reference_frequency=reference_frequency, shapes=shapes)
+    # Amplitudes and frequencies tell no term of the sensor from a force: with one, the motion is fitted.
+    if all(force.kind == "force" for force in offered):
+        return [Averaging(reference_frequency=reference_frequency, shapes=shapes), direct], SIMULATED_RECORDS
+    trajectory = Trajectory(reference_frequency=reference_frequency, shapes=shapes)
+    # A fit of the motion takes seconds: no more simulated records than decide whether the two agree.
+    return [trajectory, direct], min(SIMULATED_RECORDS, fewest_records(len(offered) + 1))
