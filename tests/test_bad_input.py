@@ -140,6 +140,7 @@ COMMANDS = [
     ([*GOOD, "--equilibrium", "5"], 1, "an equilibrium of 5 is outside of the record"),
     ([*GOOD, "--units", "furlong"], 2, "says rad, but --units says furlong"),
     ([*GOOD, "--units", "-"], 2, "units '-' are unknown"),
+    ([*GOOD, "--omega0", "1.57"], 2, "Hz; give it in rad/s"),
     ([*GOOD, "--decay", "2"], 2, "holds 1 decay; give 1 to 1"),
     ([*GOOD, "--length", "-1"], 2, "give the pendulum's length in m"),
     ([*GOOD, "--sampling-rate", "50"], 2, "say 100 Hz, but --sampling-rate says 50 Hz"),

@@ -33,7 +33,7 @@ def identify(
         import xarray as xr
 
         from sysid_trib.commands import checks
-        from sysid_trib.commands.record_inputs import read_decays
+        from sysid_trib.commands.record_inputs import read_decays, refuse_hertz
         from sysid_trib.commands.terminal import record_sentences
         from sysid_trib.forces.systems import load_system
         from sysid_trib.methods.scope import constrained, scope_of, with_random_force
@@ -52,6 +52,8 @@ def identify(
         destination.check(given.records)
         tell("reading")
         decays, sources = read_decays(given, model.reference_frequency)
+        refuse_hertz(contactless[0] if contactless else None, decays, "--omega0")
+        refuse_hertz(model.reference_frequency, decays, "--reference-frequency")
         methods, draws = _methods(offered, shapes, model.reference_frequency)
         methods = [with_random_force(constrained(method, constraints), random_force) for method in methods]
         decay = one_or_all(decays)

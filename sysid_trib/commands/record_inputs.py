@@ -12,6 +12,8 @@ from sysid_trib.errors import UsageError
 if TYPE_CHECKING:
     import xarray as xr
 
+# A frequency within this part of the record's own in Hz is meant in Hz.
+HERTZ_TOLERANCE = 0.3
 # Options that say how a record is to be read.
 READING = ("time", "angle", "signal", "units", "sampling_rate", "time_units", "length")
 
@@ -111,6 +113,33 @@ def _chosen(decays: "list[xr.Dataset]", number: int | None, record: Path | None)
             f"--decay {number}: {record or 'the example'} holds {count}; give 1 to {len(decays)}."
         )
     return [decays[number - 1]]
+
+
+def refuse_hertz(frequency: float | None, decays: "list[xr.Dataset]", flag: str) -> None:
+    """Refuse a frequency that is the record's own in Hz where rad/s is asked for.
+
+    Parameters
+    ----------
+    frequency : float, optional
+        As it was given.
+    decays : list of Dataset
+        The decays.
+    flag : str
+        The option that gives it.
+
+    Raises
+    ------
+    UsageError
+        With both frequencies of the record.
+    """
+    from sysid_trib.decays.half_periods import dominant_periods
+
+    periods = dominant_periods(decays[0].time.values, decays[0].angle.values)
+    if frequency is not None and periods and abs(frequency * periods[0] - 1.0) < HERTZ_TOLERANCE:
+        raise UsageError(
+            f"{flag} '{frequency:g}': the record swings at {2.0 * np.pi / periods[0]:.4g} rad/s, which is "
+            f"{1.0 / periods[0]:.4g} Hz; give it in rad/s."
+        )
 
 
 def _check_reference(frequency: float | None, decay: "xr.Dataset") -> None:

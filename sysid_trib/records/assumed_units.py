@@ -148,7 +148,7 @@ def _on_circle(time: Array, values: Array, radius: float) -> tuple[SignalUnit, s
         if abs(gravity * metres / STANDARD_GRAVITY - 1.0) < GRAVITY_TOLERANCE:
             return _unit(text), (
                 f"unit not stated: in {text}, since it moves on a circle of radius {radius:.4g} and swings "
-                f"as a pendulum of {radius:.4g} {text} does"
+                f"as a pendulum of {radius:.4g} {text} does (its angle: --angle 'atan2(...)')"
             )
     return SignalUnit("au", "displacement", "au", 1.0), (
         f"unit not stated: coefficients are in its unit, au; it moves on a circle of radius {radius:.4g}"
