@@ -122,7 +122,7 @@ def test_a_pendulum_has_its_gravity(tmp_path):
     model = st.Model(
         st.load_library("candidate_effects").select(["gravity"]), {"gravity": 1.0}, reference_frequency=5.0
     )
-    time = np.arange(3000) / 100.0
+    time = np.arange(1500) / 50.0
     noise = 2e-4 * np.random.default_rng(1).standard_normal(time.size)
     path = tmp_path / "arm.csv"
     damped = st.simulate(model, time, angle=0.6).angle.values * np.exp(-0.02 * time) + noise
@@ -160,7 +160,7 @@ def test_systems_are_data(tmp_path):
 
 
 def test_a_sign_that_a_system_forbids_is_told(tmp_path):
-    time = np.arange(4000) / 100.0
+    time = np.arange(2000) / 50.0
     # An amplitude that falls ever more slowly: drag alone, told with a friction beside it.
     amplitude = 0.4 / (1.0 + 0.08 * time)
     values = amplitude * np.cos(8.0 * time) + 1e-4 * np.random.default_rng(2).standard_normal(time.size)
@@ -220,7 +220,7 @@ def test_columns_as_laboratories_name_them(tmp_path, head, columns, signal):
     assert dominant_periods(record.time.values, record.angle.values)[0] == pytest.approx(0.785, rel=0.02)
 
 
-def swing(samples=4000, seed=3):
+def swing(samples=2000, seed=3):
     time = np.arange(samples) / 100.0
     angle = 0.4 * np.exp(-0.05 * time) * np.cos(8.0 * time)
     return time, angle + 2e-4 * np.random.default_rng(seed).standard_normal(samples)

@@ -72,6 +72,7 @@ def test_bob_on_a_string(data_folder):
     assert refuted(found)
 
 
+@pytest.mark.slow
 def test_rolling_ship_model(data_folder):
     path = data_folder / "roll_decay" / "model_test_21337.csv"
     found = identified(path, "--angle", "phi", "--window", "25:", "--forces", "lambda,delta,epsilon")

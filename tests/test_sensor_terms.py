@@ -45,7 +45,7 @@ def test_a_record_without_noise_has_the_coefficients(method):
 @pytest.mark.parametrize("density", [0.0, 1e-4])
 def test_errors_are_those_that_are_stated(density):
     method = Direct(random_force="auto" if density else "off")
-    seeds = range(12)
+    seeds = range(8)
     z = np.array(
         [errors(method.identify(record(s, density=density), LIBRARY.select(TRUTH | TERMS))) for s in seeds]
     )

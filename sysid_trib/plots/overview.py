@@ -61,13 +61,16 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
     width : float, inch
         A narrow figure, as that of a column of 88 mm (3.46), has all panels below each other.
     """
-    data = overview_data(tree, run)
+    return drawn_overview(overview_data(tree, run), width)
+
+
+def drawn_overview(data: OverviewData, width: float = FULL_WIDTH) -> Figure:
+    """The same of an overview's numbers."""
     rows = ["AA", "BB", "CD", "EF", "GH"] if width >= TWO_COLUMNS else list("ABCDEFGH")
     with mpl.rc_context({"font.size": FONT_SIZE, "axes.titlesize": FONT_SIZE + 0.5}):
         figure = new_figure(width, ROW_HEIGHT * len(rows))
         panels = figure.subplot_mosaic(";".join(rows))
-        shown = [[name] for name in data.motion.lines][-1:] if "steps" in tree.children else None
-        draw_in_time([panels["A"], panels["B"]], data.motion, shown or [list(data.motion.lines)])
+        draw_in_time([panels["A"], panels["B"]], data.motion, [list(data.models)])
         panels["A"].legend(ncols=3, **SMALL_LEGEND)
         _shares(panels["C"], data, "decay_share", "share of the decay (%)")
         _shares(panels["D"], data, "frequency_share", "share of the shift (%)")

@@ -48,6 +48,8 @@ class OverviewData:
         `residual_force`; none where the samples do not determine the motion.
     holds : bool
         Whether the model explains the record.
+    models : tuple of str
+        Those whose motions are drawn: of a discovery the last alone.
     """
 
     motion: MotionData
@@ -57,6 +59,7 @@ class OverviewData:
     power: xr.Dataset | None
     missing: xr.Dataset | None
     holds: bool
+    models: tuple[str, ...]
 
     @property
     def units(self) -> str:
@@ -112,7 +115,8 @@ def overview_data(tree: xr.DataTree, run: int = 0) -> OverviewData:
             halves = drawn.half_periods["record"]
             weighed = weights(main, _amplitudes(halves.amplitude.values))
             power = _power(main, halves)
-    return OverviewData(drawn, results, widened, weighed, power, missing, explained)
+    models = tuple(drawn.lines)[-1 if "steps" in tree.children else 0 :]
+    return OverviewData(drawn, results, widened, weighed, power, missing, explained, models)
 
 
 def _best_motion(tree: xr.DataTree, run: int) -> MotionData:

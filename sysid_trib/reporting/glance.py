@@ -9,7 +9,7 @@ from bokeh import plotting
 from bokeh.models import ColorBar, LinearColorMapper, Range1d
 from bokeh.palettes import RdBu11, interp_palette
 
-from sysid_trib import plots
+from sysid_trib.plots.overview import drawn_overview
 from sysid_trib.plots.overview_data import INTERVAL, OverviewData, overview_data
 from sysid_trib.plots.style import BLUE, ORANGE, SERIES
 from sysid_trib.printing.layout import value_with_error
@@ -45,7 +45,7 @@ def glance_figures(tree: xr.DataTree, run: int, caption: str) -> Figures:
     if data.missing is not None:
         made += [_surface(data), _profiles(data)]
     panels = [*in_time, *(Panel(figure, wide=False) for figure in made)]
-    return Figures(caption, panels, [plots.overview(tree, run)])
+    return Figures(caption, panels, [drawn_overview(data)])
 
 
 def _lines(

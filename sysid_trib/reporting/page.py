@@ -99,7 +99,7 @@ def _next(tree: xr.DataTree) -> list[str]:
 
 def _png(figure: Figure) -> str:
     buffer = io.BytesIO()
-    figure.savefig(buffer, dpi=PAPER_DPI, format="png", pil_kwargs={"optimize": True})
+    figure.savefig(buffer, dpi=PAPER_DPI, format="png")
     return base64.b64encode(buffer.getvalue()).decode()
 
 

@@ -8,15 +8,15 @@ from sysid_trib.arrays import Array
 from sysid_trib.averaging.internal_states import states_along
 from sysid_trib.decays.equilibrium import with_half_periods
 from sysid_trib.noise.level import sensor_noise
-from sysid_trib.noise.smoothing import smooth
+from sysid_trib.noise.smoothing import knot_intervals, smooth
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.variables import variable, with_error
 from sysid_trib.simulation.model import Model
 
 # Cells each way, drawings of noise for the errors, and a seed for them.
 SURFACE_CELLS, SURFACE_DRAWS, DRAWS_SEED = 13, 24, 0
-# Longer records are drawn by every second sample (third, ...), of which noise is drawn as well.
-MOST_DRAWN = 20_000
+# Longer records are drawn by every second sample (third, ...), which keeps so many between knots.
+MOST_DRAWN, DRAWN_PER_KNOT = 20_000, 4
 
 
 def residual_force(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> xr.Dataset:
@@ -51,18 +51,19 @@ def residual_force(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> xr.Da
     is simulated: a model that slips in phase has its surface too.
     """
     time, angle, _ = with_half_periods(decay)
-    model, every = model_of(result), max(1, -(-len(time) // MOST_DRAWN))
+    model = model_of(result)
     tau = model.reference_frequency * (time - time[0])
+    every = max(1, min(-(-len(time) // MOST_DRAWN), len(time) // (DRAWN_PER_KNOT * knot_intervals(tau))))
     zero = float(np.ravel(result.offset)[run]) if "offset" in result else 0.0
     motion = smooth(tau, angle)
     x, v = motion.x - zero, motion.v
     asked = -(motion.acceleration + x) - smooth(tau, model_force(model, tau, x, v, time - time[0])).x
-    white = np.random.default_rng(DRAWS_SEED).standard_normal((len(time), SURFACE_DRAWS))
-    noise = sensor_noise(decay) * white
-    drawn = smooth(tau, noise)
+    tau, x, v, asked = tau[::every], x[::every], v[::every], asked[::every]
+    white = np.random.default_rng(DRAWS_SEED).standard_normal((len(tau), SURFACE_DRAWS))
+    # Fewer samples of less noise: a spline averages both to the same.
+    drawn = smooth(tau, sensor_noise(decay) / np.sqrt(every) * white)
     # A spline bends freely in the quarter period before its ends.
     inside = np.minimum(tau, tau[-1] - tau) > 0.5 * np.pi
-    inside[np.arange(len(inside)) % every > 0] = False
     values = np.vstack([asked, -(drawn.acceleration + drawn.x).T])[:, inside]
     return _in_cells(x[inside], v[inside], values, decay.angle.attrs.get("units", "rad"))
 

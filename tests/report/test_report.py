@@ -132,10 +132,10 @@ def test_hostile_names_are_text(results):
     tree = results["cross_check"].copy()
     tree["record"].attrs["source"] = '</script><script>alert("x")</script><img src="http://a.b/c">'
     tree.attrs["command"] = "sysid-trib identify '<b>.csv'"
-    parsed = Page(page(tree))
+    text = page(tree)
     # The letters of a picture may hold any word.
-    assert [a for a in parsed.addresses if not a.startswith(("data:image/png;base64,", "#"))] == []
-    assert "<script>alert" not in page(tree)
+    assert [a for a in Page(text).addresses if not a.startswith(("data:image/png;base64,", "#"))] == []
+    assert "<script>alert" not in text
 
 
 def test_decimated_curve_keeps_its_extremes():
@@ -149,10 +149,10 @@ def test_decimated_curve_keeps_its_extremes():
 
 
 def test_long_record_is_small_and_says_that_it_is_decimated(results, pages):
-    tree = lengthened(results["cross_check"], 1_000_000)
+    tree = lengthened(results["cross_check"], 300_000)
     text = page(tree)
     assert len(text.encode()) < 5_000_000
-    assert f"{MOST_POINTS:,} of 1,000,000 samples" in text
+    assert f"{MOST_POINTS:,} of 300,000 samples" in text
     assert "curves are decimated" not in pages["cross_check"]
 
 
@@ -167,7 +167,7 @@ def test_model_that_diverges_is_left_out(results):
 
 def test_command(folder):
     target = folder / "page.html"
-    ending = run("report", folder / "cross_check.nc", "-o", target)
+    ending = run("report", folder / "identify.nc", "-o", target)
     assert (ending.status, ending.err, ending.out) == (0, "", f"Written: {target}\n")
     assert target.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
     assert [p.name for p in folder.iterdir() if p.name.startswith(".")] == []
@@ -228,7 +228,7 @@ def test_no_half_page_is_left(results, tmp_path, monkeypatch):
 
     monkeypatch.setattr(os, "replace", full)
     with pytest.raises(st.errors.RecordError, match="No space left"):
-        st.report(results["cross_check"], target)
+        st.report(results["identify"], target)
     assert target.read_text(encoding="utf-8") == "before"
     assert [p.name for p in tmp_path.iterdir()] == ["page.html"]
 
