@@ -12,10 +12,10 @@ from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.likelihood import Likelihood, RunProducts, products_of
 from sysid_trib.discrepancy.paths import RecordPath
 from sysid_trib.discrepancy.trials import TrialEffect
+from sysid_trib.regression.local_rows import covariance_of_local_rows
 from sysid_trib.regression.weak_form import (
     cholesky_factor,
     coloured,
-    covariance_band,
     spline_design,
     whiten,
 )
@@ -42,12 +42,12 @@ class RunRows:
     @cached_property
     def band(self) -> Array:
         """Covariance of the rows by the innovations of the sensor's noise, of unit size."""
-        return covariance_band(self.acting @ self.acting.T)
+        return covariance_of_local_rows(self.acting)
 
     @cached_property
     def white_band(self) -> Array:
         """The same by white noise of the sensor."""
-        return self.band if self.acting is self.operator else covariance_band(self.operator @ self.operator.T)
+        return self.band if self.acting is self.operator else covariance_of_local_rows(self.operator)
 
     @cached_property
     def target(self) -> Array:
