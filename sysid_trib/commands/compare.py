@@ -13,29 +13,30 @@ def compare(
     *, given: DecayOptions, model: ModelOptions, constraint: ConstraintOptions, destination: Destination
 ) -> None:
     """Identify the forces of a decay by every method, and test each on a part that it has not seen."""
-    from sysid_trib.commands import checks
-    from sysid_trib.commands.record_inputs import read_decays, refuse_hertz
-    from sysid_trib.forces.systems import load_system
-    from sysid_trib.methods.scope import with_random_force
-    from sysid_trib.printing.comparison import comparison_blocks, comparison_json
-    from sysid_trib.validation import compare as comparison
+    with progress() as tell:
+        from sysid_trib.commands import checks
+        from sysid_trib.commands.record_inputs import read_decays, refuse_hertz
+        from sysid_trib.forces.systems import load_system
+        from sysid_trib.methods.scope import with_random_force
+        from sysid_trib.printing.comparison import comparison_blocks, comparison_json
+        from sysid_trib.validation import compare as comparison
 
-    swinging = None if given.system is None else load_system(given.system)
-    offered, shapes, constraints, contactless = checks.asked_model(model, constraint, swinging)
-    random_force = checks.parse_random_force(model.random_force)
-    destination.check(given.records)
-    decays, sources = read_decays(given, model.reference_frequency)
-    refuse_hertz(contactless[0] if contactless else None, decays, "--omega0")
-    refuse_hertz(model.reference_frequency, decays, "--reference-frequency")
-    methods = {
-        label: with_random_force(method, random_force)
-        for label, method in comparison.every_method(model.reference_frequency, shapes).items()
-    }
-    with progress(len(methods)) as tell:
+        swinging = None if given.system is None else load_system(given.system)
+        offered, shapes, constraints, contactless = checks.asked_model(model, constraint, swinging)
+        random_force = checks.parse_random_force(model.random_force)
+        destination.check(given.records)
+        tell("reading")
+        decays, sources = read_decays(given, model.reference_frequency)
+        refuse_hertz(contactless[0] if contactless else None, decays, "--omega0")
+        refuse_hertz(model.reference_frequency, decays, "--reference-frequency")
+        methods = {
+            label: with_random_force(method, random_force)
+            for label, method in comparison.every_method(model.reference_frequency, shapes).items()
+        }
         tree = comparison.compare(
             decays, offered, methods, contactless=contactless, constraints=constraints, tell=tell
         )
-    keep_next(tree, given, model, constraint)
+        keep_next(tree, given, model, constraint)
     destination.deliver(
         tree,
         lambda: comparison_blocks(tree, record_sentences(tree, sources)),

@@ -9,13 +9,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sysid_trib.commands.options import option
-from sysid_trib.commands.terminal import command_line, print_blocks, print_written, printable
+from sysid_trib.commands.terminal import command_line, print_blocks, print_written, printable, progress
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.printing.layers import Block, Layer
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
+
+    from sysid_trib.validation.progress import Tell
 
     Figures = Callable[[Any], Iterable[tuple[str, Callable[[], Figure]]]]
 
@@ -86,28 +88,40 @@ class Destination:
         figures : callable
             Takes the room of the figures, and gives the name of each figure and what draws it.
         """
-        from sysid_trib.results import files
-
         tree.attrs["command"] = command_line()
-        if self.output is not None:
-            files.save(tree, self.output)
-        self._export(tree)
-        if self.plot is not None:
-            from sysid_trib import plots
-
-            for name, draw in figures(plots):
-                files.write_figure(draw(), self.plot / name)
+        with progress() as tell:
+            self._write(tree, figures, tell)
+            tell("what is to be said")
+            said = [] if self.as_json else blocks()
         following = tree.attrs.get("next", "")
         if self.as_json:
             print(json.dumps(data() | {"next": following}, indent=2, allow_nan=False))
             return
         layer = Layer.QUIET if self.quiet else Layer.EXPLAIN if self.explain else Layer.DEFAULT
-        print_blocks(blocks(), layer)
+        print_blocks(said, layer)
         if layer is Layer.DEFAULT:
             print("More: --explain.")
         if following:
             print(f"Next: {printable(following)}")
         print_written(self.output, self.csv, self.latex, self.plot)
+
+    def _write(self, tree: "xr.DataTree", figures: "Figures", tell: "Tell") -> None:
+        """Write the files and figures that are asked for."""
+        from sysid_trib.results import files
+
+        if self.output is not None:
+            tell(f"{self.output}")
+            files.save(tree, self.output)
+        self._export(tree)
+        if self.plot is None:
+            return
+        tell("figures")
+        from sysid_trib import plots
+
+        drawn = list(figures(plots))
+        for at, (name, draw) in enumerate(drawn):
+            tell(f"figure {name}", at / len(drawn))
+            files.write_figure(draw(), self.plot / name)
 
     def _export(self, tree: "xr.DataTree") -> None:
         """Write the tables that are asked for."""

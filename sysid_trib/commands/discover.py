@@ -44,26 +44,29 @@ class SearchOptions:
 @with_options
 def discover(*, given: DecayOptions, asked: SearchOptions, destination: Destination) -> None:
     """Find what a model lacks to explain a decay, name it, add it, and say how far the gap shrinks."""
-    from sysid_trib.commands import checks, discovery_inputs
-    from sysid_trib.commands.record_inputs import read_decays
-    from sysid_trib.commands.terminal import progress, record_sentences
-    from sysid_trib.discrepancy.discover import discover
-    from sysid_trib.forces.systems import load_system, without_impossible
-    from sysid_trib.printing.discovery_json import discovery_json
-    from sysid_trib.printing.discovery_story import discovery_blocks
+    from sysid_trib.commands.terminal import progress
 
-    checks.check_positive(asked.reference_frequency, "--reference-frequency")
-    checks.check_positive(asked.time_limit, "--time-limit")
-    discovery_inputs.check_level(asked.level)
-    forces = EXAMPLE_FORCES if asked.forces is None and not given.records else asked.forces
-    swinging = None if given.system is None else load_system(given.system)
-    start = discovery_inputs.start_forces(asked.library, forces, asked.reference_frequency, swinging)
-    offered = discovery_inputs.offered_candidates(asked.library, asked.candidates, start)
-    offered = replace(offered, forces=without_impossible(offered, swinging))
-    destination.check(given.records)
-    decays, sources = read_decays(given, asked.reference_frequency)
-    seen, held = discovery_inputs.held_out(decays, asked.holdout)
     with progress() as tell:
+        from sysid_trib.commands import checks, discovery_inputs
+        from sysid_trib.commands.record_inputs import read_decays
+        from sysid_trib.commands.terminal import record_sentences
+        from sysid_trib.discrepancy.discover import discover
+        from sysid_trib.forces.systems import load_system, without_impossible
+        from sysid_trib.printing.discovery_json import discovery_json
+        from sysid_trib.printing.discovery_story import discovery_blocks
+
+        checks.check_positive(asked.reference_frequency, "--reference-frequency")
+        checks.check_positive(asked.time_limit, "--time-limit")
+        discovery_inputs.check_level(asked.level)
+        forces = EXAMPLE_FORCES if asked.forces is None and not given.records else asked.forces
+        swinging = None if given.system is None else load_system(given.system)
+        start = discovery_inputs.start_forces(asked.library, forces, asked.reference_frequency, swinging)
+        offered = discovery_inputs.offered_candidates(asked.library, asked.candidates, start)
+        offered = replace(offered, forces=without_impossible(offered, swinging))
+        destination.check(given.records)
+        tell("reading")
+        decays, sources = read_decays(given, asked.reference_frequency)
+        seen, held = discovery_inputs.held_out(decays, asked.holdout)
         tree = discover(
             seen,
             start,
@@ -76,9 +79,9 @@ def discover(*, given: DecayOptions, asked: SearchOptions, destination: Destinat
             time_limit=asked.time_limit or float("inf"),
             tell=tell,
         )
-    if asked.holdout is not None:
-        tree.attrs["held_out"] = discovery_inputs.window_text(asked.holdout, len(held))
-    keep_next(tree, given, asked)
+        if asked.holdout is not None:
+            tree.attrs["held_out"] = discovery_inputs.window_text(asked.holdout, len(held))
+        keep_next(tree, given, asked)
     destination.deliver(
         tree,
         lambda: discovery_blocks(tree, record_sentences(tree, sources)),

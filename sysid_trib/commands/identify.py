@@ -27,9 +27,7 @@ def identify(
     """Identify the forces of a decay in two ways, and cross-check them."""
     from sysid_trib.commands.terminal import progress
 
-    # Before all else: to import what computes takes longer than a reader likes to see nothing.
     with progress() as tell:
-        tell("start")
         import xarray as xr
 
         from sysid_trib.commands import checks
@@ -61,8 +59,7 @@ def identify(
         for method in methods:
             tell(f"identification by {scope_of(method).label}")
             results.append(method.identify(decay, offered))
-        tell(f"both methods held against each other, on {draws} simulated records")
-        tree = cross_check(decay, *results, draws=draws)
+        tree = cross_check(decay, *results, draws=draws, tell=tell)
         if len(decays) > 1:
             tell("each run by itself")
             second = tree[tree["comparison"].attrs["second"]].to_dataset()

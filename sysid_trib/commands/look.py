@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from sysid_trib.commands.options import DecayOptions, with_options
+from sysid_trib.errors import DecayError
 
 
 @with_options
@@ -19,32 +20,37 @@ def look(
     plot: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for the figure.")] = None,
 ) -> None:
     """Say what is in a file and what to do next, without a fit."""
-    from sysid_trib.commands.destination import check_folder
-    from sysid_trib.commands.next_command import command_after
-    from sysid_trib.commands.record_inputs import decays_within, read_sources
-    from sysid_trib.commands.terminal import print_blocks, print_written
-    from sysid_trib.errors import DecayError
-    from sysid_trib.looking.look import look as facts
-    from sysid_trib.printing.layers import Layer
-    from sysid_trib.printing.looked import look_blocks, look_json
-    from sysid_trib.printing.next_step import NextStep
+    from sysid_trib.commands.terminal import print_blocks, print_written, progress
 
-    check_folder(plot)
-    records, sentences = read_sources(given)
+    understood: list[str] = []
     try:
-        decays = decays_within(given, records)
+        with progress() as tell:
+            from sysid_trib.commands.destination import check_folder
+            from sysid_trib.commands.next_command import command_after
+            from sysid_trib.commands.record_inputs import decays_within, read_sources
+            from sysid_trib.looking.look import look as facts
+            from sysid_trib.printing.layers import Layer
+            from sysid_trib.printing.looked import look_blocks, look_json
+            from sysid_trib.printing.next_step import NextStep
+
+            check_folder(plot)
+            tell("reading")
+            records, sentences = read_sources(given)
+            understood = sentences
+            decays = decays_within(given, records)
+            tree = facts(records, decays)
+            command = command_after(NextStep("identify", "the forces of this decay"), (given,))
+            if plot is not None:
+                tell("figure")
+                from sysid_trib import plots
+                from sysid_trib.results import files
+
+                files.write_figure(plots.look(tree), plot / "look")
     except DecayError:
         # What was understood helps to see why.
-        if not as_json:
-            print("\n".join(dict.fromkeys(sentences)))
+        if not as_json and understood:
+            print("\n".join(dict.fromkeys(understood)))
         raise
-    tree = facts(records, decays)
-    command = command_after(NextStep("identify", "the forces of this decay"), (given,))
-    if plot is not None:
-        from sysid_trib import plots
-        from sysid_trib.results import files
-
-        files.write_figure(plots.look(tree), plot / "look")
     if as_json:
         print(json.dumps(look_json(tree, command), indent=2, allow_nan=False))
         return

@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from sysid_trib.commands.terminal import print_written
+from sysid_trib.commands.terminal import print_written, progress
+from sysid_trib.errors import RecordError, UsageError
 
 
 def report(
@@ -15,16 +16,18 @@ def report(
     output: Annotated[Path, typer.Option("-o", "--output", metavar="REPORT.html", help="Where to write.")],
 ) -> None:
     """Show a saved result as one self-contained page, with figures that can be zoomed."""
-    from sysid_trib.commands.destination import check_output
-    from sysid_trib.errors import RecordError, UsageError
-    from sysid_trib.reporting.page import page, write_page
-    from sysid_trib.results import files
+    with progress() as tell:
+        from sysid_trib.commands.destination import check_output
+        from sysid_trib.reporting.page import page, write_page
+        from sysid_trib.results import files
 
-    check_output(output, ".html .htm", reads=[result])
-    tree = files.load(result)
-    try:
-        text = page(tree)
-    except (RecordError, UsageError) as error:
-        raise RecordError(f"{result}: {error}") from None
-    write_page(text, output)
+        check_output(output, ".html .htm", reads=[result])
+        tell("reading")
+        tree = files.load(result)
+        tell("page")
+        try:
+            text = page(tree)
+        except (RecordError, UsageError) as error:
+            raise RecordError(f"{result}: {error}") from None
+        write_page(text, output)
     print_written(output)

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from sysid_trib.commands.options import DEFAULT_LIBRARY
+from sysid_trib.commands.terminal import progress
 
 
 def simulate(
@@ -27,24 +28,26 @@ def simulate(
     seed: Annotated[int, typer.Option(help="Seed of the noise and of the random force.")] = 0,
 ) -> None:
     """Simulate the decay of a model; without --set, of the paper's PDMS/glass run."""
-    from sysid_trib.commands import checks
-    from sysid_trib.commands.destination import check_output
-    from sysid_trib.commands.simulated_record import simulated_record, write_record
-    from sysid_trib.forces.library import load_library
-    from sysid_trib.simulation.model import Model
+    with progress() as tell:
+        from sysid_trib.commands import checks
+        from sysid_trib.commands.destination import check_output
+        from sysid_trib.commands.simulated_record import simulated_record, write_record
+        from sysid_trib.forces.library import load_library
+        from sysid_trib.simulation.model import Model
 
-    check_output(output, ".csv .nc")
-    offered = load_library(library)
-    coefficients, shapes = checks.settings(set_, offered, papers=library == DEFAULT_LIBRARY)
-    checks.check_positive(reference_frequency, "--reference-frequency")
-    checks.check_positive(duration, "--duration")
-    checks.check_positive(sampling_rate, "--sampling-rate")
-    model = Model(offered, coefficients, reference_frequency, shapes)
-    start = (angle0, rate0)
-    record = simulated_record(
-        model, duration, sampling_rate, start, noise=noise, random_force=random_force, seed=seed
-    )
-    write_record(record, output)
+        check_output(output, ".csv .nc")
+        offered = load_library(library)
+        coefficients, shapes = checks.settings(set_, offered, papers=library == DEFAULT_LIBRARY)
+        checks.check_positive(reference_frequency, "--reference-frequency")
+        checks.check_positive(duration, "--duration")
+        checks.check_positive(sampling_rate, "--sampling-rate")
+        model = Model(offered, coefficients, reference_frequency, shapes)
+        start = (angle0, rate0)
+        tell("simulation")
+        record = simulated_record(
+            model, duration, sampling_rate, start, noise=noise, random_force=random_force, seed=seed
+        )
+        write_record(record, output)
     stop = record.stop_time.item()
     ending = f"; it stops at {stop:.4g} s" if stop == stop else ""
     print(f"{output}: {record.sizes['time']} simulated samples{ending}.")

@@ -2,10 +2,12 @@
 
 import shlex
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from itertools import count
+from time import monotonic
 from typing import TYPE_CHECKING
+
+from sysid_trib.validation.progress import silent
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -14,6 +16,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from sysid_trib.printing.layers import Block, Layer
+    from sysid_trib.validation.progress import Tell
 
 # Columns of a table that is not cut short.
 WIDEST = 2000
@@ -63,18 +66,15 @@ def print_written(*places: "Path | None") -> None:
 
 
 @contextmanager
-def progress(steps: int | None = None) -> "Iterator[Callable[[str], None]]":
+def progress() -> "Iterator[Tell]":
     """What is under way, on stderr, gone when all is done; nothing where no terminal is.
 
-    Parameters
-    ----------
-    steps : int, optional
-        How often the caller will report; without it there is no bar, which would lie.
+    To import what computes takes longer than a reader likes to see nothing: a command begins with this.
 
     Yields
     ------
-    callable
-        Takes the name of what begins.
+    Tell
+        Takes the name of what begins; where the part of it that is done is known, the time left is shown.
     """
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -82,13 +82,45 @@ def progress(steps: int | None = None) -> "Iterator[Callable[[str], None]]":
     console = Console(stderr=True, markup=False)
     if not console.is_terminal:
         # A Progress that is disabled ends with an empty line in older releases.
-        yield lambda text: None
+        yield silent
         return
-    spinner = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
-    columns = Progress.get_default_columns() if steps else spinner
-    with Progress(*columns, console=console, transient=True) as shown:
-        task, done = shown.add_task("", total=steps), count()
-        yield lambda text: shown.update(task, completed=next(done), description=text)
+    words = (TextColumn(f"{{task.{name}}}", markup=False) for name in ("description", "fields[left]"))
+    with Progress(SpinnerColumn(), *words, TimeElapsedColumn(), console=console, transient=True) as shown:
+        task, remaining = shown.add_task("start", total=None, left=""), TimeLeft()
+        shown.refresh()
+
+        def tell(activity: str, done: float | None = None) -> None:
+            shown.update(task, description=activity, left=remaining.sentence(done, monotonic()))
+
+        yield tell
+
+
+class TimeLeft:
+    """How long something still takes, if it goes on as it did since it began."""
+
+    def __init__(self) -> None:
+        self._begin: tuple[float, float] | None = None
+        self._last = 0.0
+
+    def sentence(self, done: float | None, now: float) -> str:
+        """Time left in words; nothing where it is not known.
+
+        Parameters
+        ----------
+        done : float or None
+            Part of it that is done; where it is not known, or falls, something else begins.
+        now : float, s
+            On any clock that goes on.
+        """
+        if done is None:
+            self._begin = None
+            return ""
+        if self._begin is None or done < self._last:
+            self._begin = (now, done)
+        self._last, (begin, done_then) = done, self._begin
+        if done <= done_then:
+            return ""
+        return f"{100.0 * done:.0f} %, about {(now - begin) * (1.0 - done) / (done - done_then):.0f} s left,"
 
 
 def printable(text: str) -> str:

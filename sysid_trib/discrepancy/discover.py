@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -24,6 +24,7 @@ from sysid_trib.records.runs import Decays, as_runs, one_or_all
 from sysid_trib.results.schema import provenance
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.validation.holdout import split
+from sysid_trib.validation.progress import Tell, silent
 
 
 @in_units_of_the_motion
@@ -40,7 +41,7 @@ def discover(
     seed: int | None = None,
     time_limit: float = np.inf,
     settings: Settings = DEFAULTS,
-    tell: Callable[[str], None] = lambda text: None,
+    tell: Tell = silent,
 ) -> xr.DataTree:
     """Find, name and add what a model lacks to explain a decay, or runs of one experiment.
 
@@ -69,7 +70,7 @@ def discover(
         After which the search fits no further model, and what it has is described.
     settings : Settings
         What else decides.
-    tell : callable
+    tell : Tell
         Called with a few words as the work goes on.
 
     Returns

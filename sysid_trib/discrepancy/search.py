@@ -1,6 +1,6 @@
 """The search: candidates are screened as columns, a few models are fitted exactly, one evidence decides."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +21,7 @@ from sysid_trib.discrepancy.likelihood import likelihood
 from sysid_trib.discrepancy.model_fit import FittedModel, fit_model, refitted
 from sysid_trib.discrepancy.screening import Screening, screen
 from sysid_trib.forces.force import Force
+from sysid_trib.validation.progress import Tell, silent
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,7 @@ def search(
     candidates: Sequence[Force],
     *,
     deadline: float = np.inf,
-    tell: Callable[[str], None] = lambda text: None,
+    tell: Tell = silent,
 ) -> Search:
     """Add, exchange and drop effects until no move raises the evidence of the model.
 

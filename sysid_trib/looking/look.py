@@ -2,11 +2,11 @@
 
 import numpy as np
 import xarray as xr
-from scipy.signal import periodogram
 
 from sysid_trib.arrays import Array
-from sysid_trib.decays.half_periods import noise_level, quantisation_step
+from sysid_trib.decays.half_periods import noise_level
 from sysid_trib.decays.half_sines import envelope
+from sysid_trib.looking.sensor_step import sensor_step
 from sysid_trib.results.per_run import group_names
 from sysid_trib.results.variables import Variables, variable
 
@@ -32,25 +32,31 @@ def look(records: list[xr.Dataset], decays: list[xr.Dataset]) -> xr.DataTree:
         Groups `record` (`record_1`, ...) with `angle(time)`; `decay` (`decay_1`, ...) over `instant` with
         `amplitude`, `instant_time` and `frequency`, scalars `start`, `stop`, `period` (s), `periods`,
         `first_amplitude`, `last_amplitude`, `first_damping_ratio`, `last_damping_ratio`, `noise`,
-        `sensor_step`, `samples_per_period`, and `spectrum(frequency_line)`. Units are those of the record.
+        `sensor_step` (of what was measured; nan if there is none), `samples_per_period`, and
+        `spectrum(frequency_line)`. Units are those of the record.
 
     Raises
     ------
     DecayError
         Fewer than three half periods.
     """
+    of_sum = {record.attrs.get("record_checksum"): record for record in records}
+    facts = [_facts(decay, of_sum.get(decay.attrs.get("record_checksum"), decay)) for decay in decays]
     groups = dict(zip(group_names("record", len(records)), records, strict=True))
-    groups |= dict(zip(group_names("decay", len(decays)), map(_facts, decays), strict=True))
+    groups |= dict(zip(group_names("decay", len(decays)), facts, strict=True))
     return xr.DataTree.from_dict(groups)
 
 
-def _facts(decay: xr.Dataset) -> xr.Dataset:
+def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
     curve = envelope(decay)
     time, angle = decay.time.values, decay.angle.values
     unit = str(decay.angle.attrs.get("units", "rad"))
     frequency = float(np.median(curve.frequency))
     period = 2.0 * np.pi / frequency
     amplitude, instants = curve.amplitude.values, curve.instant_time.values
+    # What was resampled or integrated since has lost its steps.
+    measured = record[record.attrs.get("measured", "angle")].sel(time=slice(time[0], time[-1]))
+    step_unit = str(measured.attrs.get("units", unit))
     first, last = (_damping(instants[part], amplitude[part], frequency) for part in _ends(len(instants)))
     scalars: Variables = {
         "start": variable((), time[0], "first sample", "s"),
@@ -62,7 +68,7 @@ def _facts(decay: xr.Dataset) -> xr.Dataset:
         "first_damping_ratio": variable((), first, "rate of decay over w at the start", "1"),
         "last_damping_ratio": variable((), last, "rate of decay over w at the end", "1"),
         "noise": variable((), noise_level(time, angle), "white noise of one sample", unit),
-        "sensor_step": variable((), quantisation_step(angle), "smallest step between values", unit),
+        "sensor_step": variable((), sensor_step(measured.to_numpy()), "step of the sensor", step_unit),
         "samples_per_period": variable((), period / float(np.median(np.diff(time))), "samples a period", "1"),
     }
     kept = curve[["amplitude", "instant_time", "frequency"]]
@@ -86,8 +92,11 @@ def _damping(time: Array, amplitude: Array, frequency: float) -> float:
 def _spectrum(time: Array, angle: Array, unit: str) -> Variables:
     """One-sided density, averaged to so many points on a logarithmic axis."""
     step = float(np.mean(np.diff(time)))
-    line, power = periodogram(angle, 1.0 / step, window="hann")
-    line, power = line[1:], power[1:]
+    window = np.sin(np.pi * np.arange(angle.size) / angle.size) ** 2
+    line = np.fft.rfftfreq(angle.size, step)[1:]
+    power = 2.0 * step * np.abs(np.fft.rfft(window * (angle - angle.mean()))[1:]) ** 2 / np.sum(window**2)
+    # The line of the highest frequency has no mirror image.
+    power[-1] *= 0.5 if angle.size % 2 == 0 else 1.0
     if line.size > SPECTRUM_POINTS:
         edges = np.unique(np.geomspace(1, line.size, SPECTRUM_POINTS).astype(int)) - 1
         counts = np.diff(np.append(edges, line.size))

@@ -65,13 +65,15 @@ def _decays(tree: xr.DataTree) -> list[xr.Dataset]:
 def _sentences(decay: xr.Dataset) -> list[str]:
     value = {name: decay[name].item() for name in FACTS}
     unit = decay.first_amplitude.attrs["units"]
+    step = f"step of the sensor {value['sensor_step']:.3g} {decay.sensor_step.attrs['units']}"
+    step = step if np.isfinite(value["sensor_step"]) else "no step of the sensor is seen"
     fall = value["first_amplitude"] / value["last_amplitude"]
     sentences = [
         f"{value['periods']:.3g} periods of {value['period']:.5g} s; the amplitude falls from "
         f"{value['first_amplitude']:.4g} to {value['last_amplitude']:.4g} {unit}, its rate over w is "
         f"{value['first_damping_ratio']:.3g} at the start and {value['last_damping_ratio']:.3g} at the end.",
         f"{value['samples_per_period']:.3g} samples a period, white noise {value['noise']:.2g} {unit}, "
-        f"smallest step between values {value['sensor_step']:.2g} {unit}.",
+        f"{step}.",
     ]
     limits = []
     if value["samples_per_period"] < FEW_SAMPLES:

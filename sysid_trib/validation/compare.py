@@ -1,6 +1,6 @@
 """Every method on the same runs: what each identifies, how well it predicts, what it neglects."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import Field, fields, is_dataclass, replace
 from typing import Any
 
@@ -20,6 +20,7 @@ from sysid_trib.validation.comparison_table import method_table
 from sysid_trib.validation.cross_check import check_method
 from sysid_trib.validation.cross_check_statistics import ties
 from sysid_trib.validation.holdout import RunInParts, split
+from sysid_trib.validation.progress import Tell, silent
 from sysid_trib.validation.trial import try_method
 
 RESERVED = ("", ".", "..", "record", "envelope", "comparison")
@@ -62,7 +63,7 @@ def compare(
     *,
     contactless: tuple[float, float] | None = None,
     constraints: Constraints | None = None,
-    tell: Callable[[str], None] | None = None,
+    tell: Tell = silent,
 ) -> xr.DataTree:
     """Identify a decay by several methods, side by side, each tested on a part it has not seen.
 
@@ -122,9 +123,8 @@ def compare(
     if taken := sorted(set(groups) & set(named)):
         raise UsageError(f"'{taken[0]}' is the name of a run; label the method otherwise.")
     trials = []
-    for label, method in named.items():
-        if tell is not None:
-            tell(label)
+    for at, (label, method) in enumerate(named.items()):
+        tell(label, at / len(named))
         trials.append(try_method(label, method, runs, library, contactless, constraints or Constraints()))
     results = {trial.label: trial.result for trial in trials if trial.result is not None}
     if not results:

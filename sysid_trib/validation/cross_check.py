@@ -19,6 +19,7 @@ from sysid_trib.trajectory_fit.initial_conditions import FittedMotion
 from sysid_trib.validation.compared_part import ComparedPart, compared_part, fitted_motions
 from sysid_trib.validation.cross_check_statistics import comparison, ties
 from sysid_trib.validation.homogeneity import verdict_of
+from sysid_trib.validation.progress import Tell, silent
 from sysid_trib.validation.residuals import pooled, residuals
 from sysid_trib.validation.verdict import random_force_groups, verdict_on_record
 
@@ -73,7 +74,13 @@ def check_method(method: Any, function: str) -> None:
 
 @in_units_of_the_motion
 def cross_check(
-    decay: Decays, first: xr.Dataset, second: xr.Dataset, *, draws: int = SIMULATED_RECORDS, seed: int = 0
+    decay: Decays,
+    first: xr.Dataset,
+    second: xr.Dataset,
+    *,
+    draws: int = SIMULATED_RECORDS,
+    seed: int = 0,
+    tell: Tell = silent,
 ) -> xr.DataTree:
     """Hold two identifications of one decay, or of the same runs, against each other.
 
@@ -83,6 +90,7 @@ def cross_check(
     first, second : identifications, e.g. by averaging and direct.
     draws, seed : simulated records of the second's model with its noise, on which both methods are run; the
         scatter of their difference is its error. Both saw the same noise, so their errors do not simply add.
+    tell : called as the records are worked through.
 
     Returns
     -------
@@ -125,7 +133,8 @@ def cross_check(
         names = [f"{names[0]}_1", f"{names[1]}_2"]
     whole = ComparedPart(tuple(runs), results, fitted_motions(runs, results))
     part = compared_part(whole)
-    compared = comparison(part.runs, part.results, part.motions, draws=draws, seed=seed)
+    compared = comparison(part.runs, part.results, part.motions, draws=draws, seed=seed, tell=tell)
+    tell("residuals")
     if part.duration is not None:
         compared.attrs["compared_stretch"] = part.duration
     moving = list(zip(*whole.motions, strict=True))

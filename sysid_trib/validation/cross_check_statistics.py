@@ -12,6 +12,7 @@ from sysid_trib.results.schema import library_of, model_of
 from sysid_trib.results.variables import chi_square_test, variable
 from sysid_trib.trajectory_fit.initial_conditions import FittedMotion
 from sysid_trib.validation.homogeneity import MIXED_UNITS
+from sysid_trib.validation.progress import Tell
 from sysid_trib.validation.simulated_pairs import Scatter, scatter
 
 
@@ -22,6 +23,7 @@ def comparison(
     *,
     draws: int,
     seed: int,
+    tell: Tell,
 ) -> xr.Dataset:
     """Difference of two identifications, force by force and as a whole (see `cross_check`).
 
@@ -41,7 +43,7 @@ def comparison(
     count = len(difference)
     known = Scatter.missing(count, 0)
     if moving and not failed:
-        known = scatter(runs, results, moving[0], kept, draws=draws, seed=seed)
+        known = scatter(runs, results, moving[0], kept, draws=draws, seed=seed, tell=tell)
     error = np.sqrt(np.diag(known.covariance))
     excess = difference - known.expected
     # One method with and without its bias: nothing else differs.

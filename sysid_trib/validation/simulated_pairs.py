@@ -17,6 +17,7 @@ from sysid_trib.records.runs import one_or_all
 from sysid_trib.results.common_reference import comparison_values, stated_covariance
 from sysid_trib.results.schema import library_of
 from sysid_trib.trajectory_fit.initial_conditions import FittedMotion
+from sysid_trib.validation.progress import Tell, silent
 from sysid_trib.validation.simulated_records import simulated_runs
 
 # What fewer records give is no covariance.
@@ -90,6 +91,7 @@ def scatter(
     *,
     draws: int,
     seed: int,
+    tell: Tell = silent,
 ) -> Scatter:
     """Scatter of the difference of two identifications over simulated records of a known model.
 
@@ -105,6 +107,8 @@ def scatter(
         Symbols of the forces that are compared.
     draws, seed : int
         Number of records, and the seed of their noise.
+    tell : Tell
+        Called before each record.
 
     Returns
     -------
@@ -152,6 +156,7 @@ def scatter(
         return known.chi_square(np.subtract(*values(results)))[1] > CLEAR_AGREEMENT
 
     for draw in range(draws):
+        tell(f"both methods held against each other on {draws} simulated records", draw / draws)
         with suppress(SysidTribError):
             drawn.append(identified(draw))
             if pushed and len(drawn) == least and clearly_agree():
