@@ -36,7 +36,9 @@ TEXTS = ("reason", "bias", "identifies", "neglects", "cannot_tell_apart", "assum
 def paper():
     """Every method on the paper's run, with the labels in the order in which they were told."""
     told = []
-    tree = compare(paper_run(FIVE).decay(7), FORCES, every_method(), tell=lambda text, done=None: told.append(text))
+    tree = compare(
+        paper_run(FIVE).decay(7), FORCES, every_method(), tell=lambda text, done=None: told.append(text)
+    )
     return tree, told
 
 
