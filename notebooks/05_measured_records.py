@@ -237,9 +237,10 @@ if "ship" in decays:
 # %% [markdown]
 # ## A random force beside the sensor's noise
 #
-# The fits above know the sensor's noise alone, and their residuals are many times that. With a random force
-# in the motion nearly nothing is predicted wrongly from one sample to the next but that noise, and the errors
-# of the coefficients grow. It is no excuse: where the random force goes with the motion, a force is missing.
+# The fits above know the sensor's noise alone, and their residuals are many times that. A random force in the
+# motion (a white acceleration) lets angle and rate wander. Its density is estimated beside the sensor's
+# noise, and the errors of the coefficients grow. It is no excuse: where the random force goes with the
+# motion, a force is missing, and the p-value of a force that does not is small.
 
 # %%
 MODELS = {
@@ -247,21 +248,68 @@ MODELS = {
     "string": "zeta delta gravity sensor_curve sensor_cubic shutter",
     "ship": "lambda delta epsilon",
 }
-pushed = {}
-for name, decay in decays.items():
-    library = everything.select(MODELS[name].split())
-    pushed[name] = st.identify(decay, library, m.Direct(random_force="auto"))
-    depends = st.random_force_dependence(decay, pushed[name])
-    display(tables.coefficients({"direct": pushed[name]}))
-    ahead = st.innovations(decay, pushed[name])
-    most = np.abs(ahead.autocorrelation.values).max()
-    print(f"{name}: predicted wrongly one sample ahead {1e3 * ahead.innovation_rms.item():.3g} mrad (RMS),")
-    print(f"with autocorrelations up to {most:.2f}.")
-    print(f"p of a random force that does not go with the motion: {depends.p_value.item():.2g}.")
+
+
+def with_random_force(decay: xr.Dataset, name: str) -> xr.Dataset:
+    return st.identify(decay, everything.select(MODELS[name].split()), m.Direct(random_force="auto"))
+
+
+pushed = {name: with_random_force(decay, name) for name, decay in decays.items()}
+ahead = {name: st.innovations(decay, pushed[name]) for name, decay in decays.items()}
+for name, result in pushed.items():
+    display(tables.coefficients({name: result}))
+if pushed:
+    display(tables.random_forces(decays, pushed, ahead))
+
+# %% [markdown]
+# Innovations are what is predicted wrongly one sample ahead. Of a right model they are white: within their
+# band over time, and without autocorrelation. A model that lacks a force that acts slowly can have white
+# innovations too, since the random force follows the record; the last column of the table tells them apart.
+# Here it is small three times: none of these models is all there is in its record.
 
 # %%
-if "ship" in decays:
-    display(st.plots.innovations(st.innovations(decays["ship"], pushed["ship"])))
+for name, data in ahead.items():
+    figure = st.plots.innovations(data)
+    figure.suptitle(name)
+    display(figure)
+
+# %% [markdown]
+# When was the motion pushed? The smoothed random force, as a mean over the span in which the sensor lets it
+# be seen, with its band. A force that comes with the swing, or shrinks with its amplitude, is not random:
+# that of the ship is largest in the first seconds.
+
+# %%
+for name, data in ahead.items():
+    axes = st.plots.random_force(data)
+    axes.set_title(name, loc="left")
+    display(axes.figure)
+
+# %% [markdown]
+# How far can the motion be foreseen? A model of the first two thirds predicts the last third, from each
+# origin on with the samples up to there. The bands grow by the random force on the way. They promise 95 %
+# where that force is random; where it goes with the motion they promise nothing, and can be too wide (the
+# film: what its model lacks at large angles counts as noise at small ones) or too narrow.
+
+
+# %%
+def foreseen(decay: xr.Dataset, name: str) -> xr.Dataset:
+    """Predictions up to two periods ahead in the last third, by a model of the first two."""
+    length = decay.time[-1].item() - decay.time[0].item()
+    seen, unseen = parted(decay, length / 3.0)
+    model = with_random_force(seen, name)
+    longest = 4.0 * np.pi / model.reference_frequency.item()
+    origins = np.arange(unseen.time[0].item(), unseen.time[-1].item() - longest, longest)
+    return st.prediction_bands(decay, model, np.arange(1, 17) / 8.0, origins=list(origins))
+
+
+for name, decay in decays.items():
+    bands = foreseen(decay, name)
+    missed = np.abs(bands.measured - bands.predicted).sel(horizon=1.0)
+    inside = (missed < 1.96 * bands.predicted_standard_error.sel(horizon=1.0)).values
+    print(f"{name}: {inside.sum()} of {inside.size} within their band one period ahead")
+    axes = st.plots.prediction_bands(bands)
+    axes.set_title(name, loc="left")
+    display(axes.figure)
 
 # %% [markdown]
 # ## What was known, and what was found

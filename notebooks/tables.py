@@ -6,6 +6,8 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+import sysid_trib as st
+
 
 def effects_found(tree: xr.DataTree) -> pd.DataFrame:
     """Of a discovery one row an effect: what it is, and the gap before and after it (in noise levels).
@@ -53,6 +55,25 @@ def coefficients(results: Mapping[str, xr.Dataset]) -> pd.DataFrame:
             one = result.sel(shape_parameter=name)
             rows[label][name] = _with_error(one["shape"].item(), one["shape_standard_error"].item())
     return pd.DataFrame.from_dict(rows, orient="index").fillna("")
+
+
+def random_forces(
+    decays: Mapping[str, xr.Dataset], results: Mapping[str, xr.Dataset], ahead: Mapping[str, xr.Dataset]
+) -> pd.DataFrame:
+    """Both noises of each record, its innovations, and whether its random force depends on nothing."""
+    rows = {}
+    for label, result in results.items():
+        size = np.sqrt(result.random_force_density.item()) / result.reference_frequency.item() ** 2
+        tested, data = st.random_force_dependence(decays[label], result), ahead[label]
+        rows[label] = {
+            "sensor's noise (mrad)": f"{1e3 * result.noise.item():.3g}",
+            "random force over w² (1/√Hz)": f"{size:.2g}",
+            "innovations (mrad)": f"{1e3 * data.innovation_rms.item():.3g}",
+            "largest autocorrelation": f"{np.abs(data.autocorrelation.values).max():.2f}",
+            "p of white innovations": f"{data.ljung_box_p_value.item():.2g}",
+            "p of a force that depends on nothing": f"{tested.p_value.item():.2g}",
+        }
+    return pd.DataFrame.from_dict(rows, orient="index")
 
 
 def _with_error(value: float, error: float) -> str:
