@@ -152,19 +152,19 @@ class Direct:
             as_runs(decay), offered, constraints, reference_frequency=self.reference_frequency, shapes=shapes
         )
         every = np.ones(len(offered), bool)
-        by_ratios = np.zeros((len(offered) + 1, len(offered) + 1))
+        further = np.zeros((len(offered) + 1, len(offered) + 1))
         rows = weak_regression(runs, [linearised(run) for run in runs])
         runs = solve(rows, runs[0], every, constraints).applied_to(runs)
         if self.random_force != "off" and self._takes_random_force:
             pushed, active = _pushed(self, runs, constraints)
-            runs, rows, refined, by_ratios = pushed.runs, pushed.rows, pushed.settled, pushed.by_ratios
+            runs, rows, refined, further = pushed.runs, pushed.rows, pushed.settled, pushed.further
         elif self.form == "strong":
             rows, refined = stack_rows(runs, [strong_rows(run) for run in runs]), False
             active = _selected(self, rows, constraints)
         else:
             runs, rows, active, refined = _weak_form(self, runs, constraints)
         solution = solve(rows, runs[0], active, constraints)
-        solution = replace(solution, covariance=solution.covariance + by_ratios)
+        solution = replace(solution, covariance=solution.covariance + further)
         solution = with_errors_of_dropped(solution, rows, runs[0], active, constraints)
         runs = solution.applied_to(runs)
         estimate = _estimate(runs, solution)

@@ -11,7 +11,7 @@ from scipy.constants import golden_ratio
 from scipy.special import ndtri
 from sklearn.utils.validation import check_is_fitted
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, Mask
 from sysid_trib.averaging.internal_states import states_along
 from sysid_trib.errors import DecayError, LibraryError
 from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues
@@ -155,7 +155,7 @@ class ForceFeatures(BaseFeatureLibrary):
         points: int = 4,
         rate_error: float = 0.0,
     ) -> Array:
-        """`evaluate`, averaged over each sample's cell: sign(v) turns where v does, not at a sample.
+        """`evaluate`, averaged over cells in which a force switches: sign(v) turns where v does.
 
         Parameters
         ----------
@@ -182,15 +182,27 @@ class ForceFeatures(BaseFeatureLibrary):
         number = np.arange(points) - 0.5 * (points - 1)
         parts = np.multiply.outer(number / points, frequency * np.gradient(time))
         errors = rate_error * ndtri(np.mod(golden_ratio * number + 0.5, 1.0))
+
+        def near(part: Array, error: float, at: Mask) -> tuple[Array, Array, Array]:
+            return (
+                angle[at] + part * rate[at],
+                rate[at] + part * acceleration[at] + error,
+                time[at] + part / frequency,
+            )
+
+        every = np.ones(len(time), bool)
+        corners = [
+            near(part, error, every) for part in parts[[0, -1]] for error in (errors.min(), errors.max())
+        ]
         for i, force in enumerate(self._forces):
             # Internal states are continuous, and costly to compute.
             if not force.memoryless or not force.surfaces:
                 continue
-            near = [
-                (angle + s * rate, rate + s * acceleration + error, time + s / frequency)
-                for s, error in zip(parts, errors, strict=True)
-            ]
-            columns[:, i] = np.mean([force.value(*point, shapes=self.shapes) for point in near], axis=0)
+            at = _switches(force, [(angle, rate, time), *corners], self.shapes)
+            points_of_cells = (near(part[at], error, at) for part, error in zip(parts, errors, strict=True))
+            columns[at, i] = np.mean(
+                [force.value(*point, shapes=self.shapes) for point in points_of_cells], axis=0
+            )
         return columns
 
     def _columns(self, x: Any) -> AxesArray:
@@ -201,6 +213,16 @@ class ForceFeatures(BaseFeatureLibrary):
         columns = self.evaluate(time, angle, rate)
         dtype = np.result_type(states.dtype, np.float32)
         return AxesArray(columns.astype(dtype, copy=False), {"ax_time": 0, "ax_coord": 1})
+
+
+def _switches(force: Force, points: Sequence[tuple[Array, Array, Array]], shapes: ShapeValues | None) -> Mask:
+    """Which samples have points (x, v, t) on both sides of a switching surface, (sample,) array of bool."""
+    switches = np.zeros(len(points[0][0]), bool)
+    for surface in force.surfaces:
+        names = [dict(zip("xvt", point, strict=True)) | force.shape_values(shapes) for point in points]
+        positive = np.array([np.broadcast_to(surface.evaluate(at) > 0.0, switches.shape) for at in names])
+        switches |= positive.any(axis=0) & ~positive.all(axis=0)
+    return switches
 
 
 def readable(

@@ -13,6 +13,9 @@ from sysid_trib.simulation.simulate import trajectory
 MAX_ROUNDS = 8
 # A last step of the start, in parts of the swing.
 SETTLED_START = 1e-5
+# The same of a motion that need only be near the record. One that does not come near in so many rounds has
+# slipped out of phase.
+SETTLED_NEARBY, NEARBY_ROUNDS = 1e-3, 4
 
 
 @dataclass(frozen=True)
@@ -63,7 +66,7 @@ def fit_start(
     *,
     offset: float | None = 0.0,
     sensitivity: Array | None = None,
-    settled: float = SETTLED_START,
+    near: bool = False,
 ) -> FittedMotion:
     """Least squares of a record on the initial conditions of a model's motion.
 
@@ -81,8 +84,8 @@ def fit_start(
         First guess of the sensor's zero; None holds it at zero.
     sensitivity : (sample, 2) array of float, optional
         Of a model nearby; by differences where left out.
-    settled : float
-        Last step of the start, in parts of the swing, after which no other is taken.
+    near : bool
+        Whether the motion need only be near the record, not the best of all.
 
     Returns
     -------
@@ -100,7 +103,8 @@ def fit_start(
     amplitude = float(np.max(np.abs(angle))) * np.array([1.0, model.reference_frequency])
     begin, zero = np.array(start, dtype=float), offset or 0.0
     motion = trajectory(model, time, *begin)
-    for _ in range(MAX_ROUNDS):
+    settled = SETTLED_NEARBY if near else SETTLED_START
+    for _ in range(NEARBY_ROUNDS if near else MAX_ROUNDS):
         if sensitivity is None:
             sensitivity = _sensitivity(model, time, begin, 1e-6 * amplitude, motion.angle)
         columns = sensitivity if offset is None else np.column_stack([sensitivity, np.ones(len(time))])

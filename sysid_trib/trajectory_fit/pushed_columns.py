@@ -24,10 +24,19 @@ from sysid_trib.regression.problem import NearbyMotion, ReferenceTrajectory, Run
 from sysid_trib.regression.rows import Rows, run_weights, stack_rows
 from sysid_trib.regression.solution import Solution, solve
 from sysid_trib.trajectory_fit.ratio_errors import covariance_by_ratios
-from sysid_trib.trajectory_fit.refined_columns import has_slipped, simulated, step_in_errors
+from sysid_trib.trajectory_fit.refined_columns import (
+    SETTLED_STEP,
+    common_values,
+    has_slipped,
+    simulated,
+    step_in_errors,
+)
 from sysid_trib.trajectory_fit.two_noises import with_noises
 
 MAX_SMOOTHED_PATHS = 12
+# After so many rounds a step of this part of an error ends them: paths that hop between branches of a force
+# that jumps come no nearer. The step is then among the errors.
+ROUNDS_TO_SETTLE, STEP_AMONG_ERRORS = 4, 0.2
 # Round in which the colour of the sensor's noise is estimated, by a motion that is no longer the first guess.
 COLOUR_ROUND = 1
 # Samples a period that suffice for the start of a motion that need only be near.
@@ -48,15 +57,15 @@ class PushedRegression:
         About these motions; of them the last solution is still to be taken.
     settled : bool
         Whether the estimate has stopped moving.
-    by_ratios : (force + 1, force + 1) array of float
-        What ratios of the two variances that are not known exactly add to the covariance of the last
-        solution.
+    further : (force + 1, force + 1) array of float
+        What is added to the covariance of the last solution: that the ratios of the two variances are not
+        known exactly, and its step where that is among the errors.
     """
 
     runs: Runs
     rows: Rows
     settled: bool
-    by_ratios: Array
+    further: Array
 
 
 def regress_pushed(
@@ -85,9 +94,13 @@ def regress_pushed(
         The rows are degenerate.
     """
     sensitivities: list[Array | None] = [None] * len(runs)
-    settled = False
     for turn in range(MAX_SMOOTHED_PATHS):
-        anchored = [_beside_motion(run, active, near) for run, near in zip(runs, sensitivities, strict=True)]
+        # A motion that slipped where both noises were known would slip again, or now and then.
+        tried = [turn <= COLOUR_ROUND or run.reference.near is not None for run in runs]
+        anchored = [
+            _beside_motion(run, active, near) if may_follow else (_along_path(run), None)
+            for run, near, may_follow in zip(runs, sensitivities, tried, strict=True)
+        ]
         runs, sensitivities = tuple(run for run, _ in anchored), [near for _, near in anchored]
         # Beside a density that is given, as in records that are simulated, the sensor's noise is white.
         colour = turn == COLOUR_ROUND and isinstance(option, str)
@@ -96,14 +109,18 @@ def regress_pushed(
         rows = stack_rows(runs, [each_run.rows for each_run in weighed])
         solution = solve(rows, runs[0], active, constraints)
         after = solution.applied_to(runs)
-        settled = bool(np.all(np.abs(step_in_errors(runs, after, rows, solution)) <= 1.0))
+        step = float(np.max(np.abs(step_in_errors(runs, after, rows, solution))))
+        settled = step <= (1.0 if turn < ROUNDS_TO_SETTLE else STEP_AMONG_ERRORS / SETTLED_STEP)
         if (settled and turn >= COLOUR_ROUND) or turn == MAX_SMOOTHED_PATHS - 1:
             break
         runs = _smoothed(after, [each_run.operator for each_run in weighed], solution)
-    by_ratios = np.zeros_like(solution.covariance)
+    further = np.zeros_like(solution.covariance)
     if isinstance(option, str):
-        by_ratios = covariance_by_ratios(weighed, solution, active, constraints)
-    return PushedRegression(runs, rows, settled, by_ratios)
+        further = covariance_by_ratios(weighed, solution, active, constraints)
+    if step > 1.0:
+        change = common_values(after) - common_values(runs)
+        further = further + np.outer(change, change)
+    return PushedRegression(runs, rows, settled, further)
 
 
 def _beside_motion(
@@ -111,26 +128,15 @@ def _beside_motion(
 ) -> tuple[RunRegression, Array | None]:
     """A run with its path beside a free motion of its present model, where that follows the record."""
     problem, path = run.problem, run.reference
-    features = problem.features(run.frequency)
-
-    def columns(x: Array, v: Array, rate_error: float = 0.0) -> Array:
-        acceleration = np.gradient(v, problem.form.tau)
-        forces = features.cell_averages(
-            problem.elapsed, x, v, acceleration, points=POINTS_OF_CELL, rate_error=rate_error
-        )
-        return problem.with_sensor_terms(forces, x, v)
-
     try:
         beside, sensitivity = simulated(run, active, sensitivity, _samples_of_start(run))
-        followed = not has_slipped(beside)
     except SimulationError:
-        followed = False
-    if not followed:
-        along = columns(path.x, path.v)
-        return replace(run, reference=ReferenceTrajectory(path.x, path.v, along, exact=False)), None
+        return _along_path(run), None
+    if has_slipped(beside):
+        return _along_path(run), None
     free = beside.reference
     k = (run.frequency / problem.nominal_frequency) ** 2
-    along = columns(free.x, free.v)
+    along = _columns(run, free.x, free.v)
     force = k * (free.x + along @ beside.acting)
     if run.noises is None:
         # The first path: the free motion itself.
@@ -140,10 +146,27 @@ def _beside_motion(
         # Friction holds a body that rests with what it takes, no more.
         near = NearbyMotion(free.x, np.where(free.v == 0.0, 0.0, force))
         error = smoothed_rate_error(run.noises.ratio, float(np.median(np.diff(problem.form.tau))))
-        expected = columns(path.x, path.v, error)
+        expected = _columns(run, path.x, path.v, error)
         reference = ReferenceTrajectory(path.x, path.v, expected, exact=False, near=near)
     # The zero of the sensor is that of the rows, which know the random force.
     return replace(beside, reference=reference, offset=run.offset), sensitivity
+
+
+def _along_path(run: RunRegression) -> RunRegression:
+    """A run with its columns along its path, where no free motion of its model follows the record."""
+    path = run.reference
+    along = _columns(run, path.x, path.v)
+    return replace(run, reference=ReferenceTrajectory(path.x, path.v, along, exact=False))
+
+
+def _columns(run: RunRegression, x: Array, v: Array, rate_error: float = 0.0) -> Array:
+    """Forces and terms of the sensor along a motion whose v is known to a standard error, (sample, force)."""
+    problem = run.problem
+    acceleration = np.gradient(v, problem.form.tau)
+    forces = problem.features(run.frequency).cell_averages(
+        problem.elapsed, x, v, acceleration, points=POINTS_OF_CELL, rate_error=rate_error
+    )
+    return problem.with_sensor_terms(forces, x, v)
 
 
 def _samples_of_start(run: RunRegression) -> int | None:

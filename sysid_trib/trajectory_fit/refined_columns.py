@@ -15,13 +15,13 @@ from sysid_trib.regression.rows import Rows, weak_regression
 from sysid_trib.regression.solution import Solution, solve
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
-from sysid_trib.trajectory_fit.initial_conditions import SETTLED_START, fit_start
+from sysid_trib.trajectory_fit.initial_conditions import fit_start
 
 MAX_REFINEMENTS = 25
 # A simulated motion this far from the record (RMS, of the record's) has slipped out of phase.
 SLIPPED = 0.3
-# Last step of the start of a motion that need only be near, in parts of the swing.
-SETTLED_NEARBY = 1e-3
+# A step this small, in standard errors, does not count.
+SETTLED_STEP = 0.02
 # Part of the swing by which coefficients of a record without noise may still change.
 SETTLED_WITHOUT_NOISE = 1e-10
 
@@ -95,7 +95,7 @@ def _still_counts(runs: Runs, rows: Rows, solution: Solution) -> Array:
     # Without noise there are no errors to settle within, but rounding, of forces as parts of the swing.
     swing = root_mean_square([np.sqrt(np.mean(run.reference.x**2)) for run in runs])
     smallest = SETTLED_WITHOUT_NOISE * np.append(swing / rows.scale, runs[0].frequency)
-    return 0.02 * np.sqrt(np.diag(solution.covariance)) + smallest
+    return SETTLED_STEP * np.sqrt(np.diag(solution.covariance)) + smallest
 
 
 def _further(runs: Runs, by: Array, constraints: ConstraintMap) -> Runs:
@@ -151,7 +151,7 @@ def simulated(
         run.start,
         offset=run.offset,
         sensitivity=sensitivity,
-        settled=SETTLED_START if every is None else SETTLED_NEARBY,
+        near=every is not None,
     )
     start = motion.angle, motion.rate
     x, v, hidden = motion.x, motion.v, motion.hidden

@@ -123,9 +123,9 @@ def cross_check(
     to white acceleration of that density, noise of the sensor. Each method holds its own random force there.
     The expected difference is then the mean over the records; the verdict is by those that both methods
     identified (attrs: `simulated_records`), and by the chi-square distribution where the covariances are the
-    stated ones (`errors`: simulated or stated); unknown below 2 k + 2 records for k quantities. Where so many
-    have a p-value above 0.1 no others are drawn; a smaller one is that of all. The residual
-    of a result with a random force is what it predicts wrongly one sample ahead, over its own error.
+    stated ones (`errors`: simulated or stated); unknown below 2 k + 2 records for k quantities. From so many
+    on none is drawn after a p-value above 0.1; a smaller one is that of all. The residual of a result with a
+    random force is what it predicts wrongly one sample ahead, over its own error.
     """
     runs, results = as_runs(decay), (first, second)
     names = [result.attrs["method"] for result in results]

@@ -25,7 +25,7 @@ FEWEST_RECORDS = 3
 # Errors that exceed those of 32 records by less than this ratio do so by chance.
 LARGEST_CHANCE = 1.5
 EXCESS_LEVEL = 0.01
-# Where the fewest records that decide give a larger p-value, no others are drawn.
+# Where as many records as decide give a larger p-value, no others are drawn.
 CLEAR_AGREEMENT = 0.1
 
 # An identification, and its motion in each run.
@@ -123,9 +123,10 @@ def scatter(
     -----
     Where the truth has a random force its records are pushed. What to expect is then the mean over the
     records, whose own error is 1/n of their covariance; and as Hotelling's statistic wants more records than
-    quantities, fewer than 2 k + 2 for k quantities decide nothing. Where the first 2 k + 2 have a p-value
-    above 0.1, no others are drawn; else the p-value is that of all. So it is below any level a with the
-    probability a at most: what is below 0.1 is the p-value of all records, what is above that of the first.
+    quantities, fewer than 2 k + 2 for k quantities decide nothing. From these on, a p-value above 0.1 is the
+    last: no others are drawn; else the p-value is that of all. So it is below any level a with the
+    probability a at most: below 0.1 it is that of all records; above 0.1 it is that of the first 2 k + 2, or
+    these had one below 0.1.
     """
     frequency, random = truth[0].reference_frequency.item(), np.random.default_rng(seed)
     simulated = simulated_runs(runs, *truth, draws=draws, seed=seed)
@@ -159,7 +160,7 @@ def scatter(
         tell(f"both methods held against each other on {draws} simulated records", draw / draws)
         with suppress(SysidTribError):
             drawn.append(identified(draw))
-            if pushed and len(drawn) == least and clearly_agree():
+            if pushed and len(drawn) >= least and clearly_agree():
                 break
     if len(drawn) < least:
         return Scatter.missing(len(bias), len(drawn))
