@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from command_line import run, write_csv
-from helpers import FIVE, W, library_of_formulas, paper_run
+from helpers import FIVE, W, library_of_formulas, overlaps, paper_run
 
 from sysid_trib import Model, discover, load, plots
 from sysid_trib.commands.terminal import print_blocks
@@ -275,6 +275,18 @@ def test_errors_of_the_disagreement_map_are_those_of_the_noise(twin, folder, tmp
     beyond = (abs(before.force) > 3.0 * before.standard_error).where(before.samples >= 5, False)
     dots = plots.disagreement_map(twin[0]).lines[0]
     assert len(dots.get_xdata()) == beyond.sum() > 0
+
+
+@pytest.mark.parametrize("draw", [plots.disagreement, plots.forecasts], ids=["map", "detectable"])
+@pytest.mark.parametrize("width", [3.46, 7.2])
+def test_a_figure_of_a_column_is_whole(twin, draw, width):
+    figure = draw(twin[0], width=width)
+    assert overlaps(figure) == []
+    inside = figure.bbox.padded(1.0)
+    for panel in figure.axes:
+        extent = panel.get_tightbbox(figure.canvas.get_renderer())
+        assert inside.x0 <= extent.x0 < extent.x1 <= inside.x1
+        assert inside.y0 <= extent.y0 < extent.y1 <= inside.y1
 
 
 def test_ranking_shows_the_scores_with_their_threshold(twin):

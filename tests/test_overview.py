@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 import xarray as xr
-from helpers import FIVE, NOISE, W, decay, library_of_formulas, paper_run
-from matplotlib.backends.backend_agg import FigureCanvasAgg
+from helpers import FIVE, NOISE, W, decay, library_of_formulas, overlaps, paper_run
 from matplotlib.collections import QuadMesh
 
 import sysid_trib as st
@@ -44,19 +43,6 @@ def test_every_panel_has_axes_with_units(tree, width):
     assert figure.get_size_inches()[0] == width
     for unit in ("(rad)", "(mrad)", "(s)", "(%)", "(rad²/s)"):
         assert any(unit in text for text in texts(figure))
-
-
-def overlaps(figure):
-    """Titles, legends and labels of panels that lie on each other."""
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    renderer = canvas.get_renderer()
-    boxes = []
-    for panel in figure.axes:
-        parts = [panel.get_legend(), panel._left_title, panel.xaxis.label, panel.yaxis.label]
-        boxes += [part.get_window_extent(renderer) for part in parts if part is not None]
-    boxes = [box for box in boxes if box.width > 1.0 and box.height > 1.0]
-    return [(a, b) for at, a in enumerate(boxes) for b in boxes[at + 1 :] if a.overlaps(b)]
 
 
 @pytest.mark.parametrize("width", [3.46, 7.2])

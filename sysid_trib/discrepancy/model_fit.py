@@ -16,6 +16,9 @@ from sysid_trib.records.runs import root_mean_square
 
 # Rounds after which a path goes half of its way.
 WHOLE_STEPS = 3
+# A kink of a force may have the path swing about where it settles: then the best two rounds agree to this,
+# the deviance of one standard error.
+ROUNDS_AGREE = 1.0
 # Part of its standard error by which a frequency may differ from the reference, and rounds to get there.
 SAME_REFERENCE, RESCALINGS = 0.02, 4
 # Difference of a shape parameter for its column, in parts of its range.
@@ -213,9 +216,8 @@ def fit_model(
         # Shapes are stepped along tangents: one that leads up was too long.
         reach *= 0.5 if turn and fall < 0.0 else 1.0
         rounds.append(model)
-    # Else they swing about: what the best two differ by is to be less than what a credible set resolves.
     best, next_best = sorted(rounds, key=lambda fitted: fitted.deviance)[:2]
-    return replace(best, settled=next_best.deviance - best.deviance < 0.5 * settings.outside_of_set)
+    return replace(best, settled=next_best.deviance - best.deviance < ROUNDS_AGREE)
 
 
 def _fitted_along(

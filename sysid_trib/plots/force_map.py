@@ -10,11 +10,14 @@ from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 
 from sysid_trib.plots.discovery_data import DOT_BEYOND, missing_force
-from sysid_trib.plots.style import LEGEND, axes, letter, new_figure
+from sysid_trib.plots.style import FULL_WIDTH, LEGEND, TWO_COLUMNS, axes, letter, new_figure
 from sysid_trib.results.signal_units import signal_label, signal_units, small_units
 
+# Of a map beside another, inch.
+MAP_HEIGHT = 3.3
 
-def disagreement(tree: xr.DataTree) -> Figure:
+
+def disagreement(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     """The map of the missing force before and after, in the same colours.
 
     Dots mark cells beyond three standard errors.
@@ -23,13 +26,23 @@ def disagreement(tree: xr.DataTree) -> Figure:
     ----------
     tree : xr.DataTree
         Result of `discover`.
+    width : float, inch
+        A narrow figure, as that of a column of 88 mm (3.46), has the maps below each other.
     """
-    figure = new_figure(7.2, 3.3)
-    first, second = figure.subplots(1, 2, sharex=True, sharey=True)
+    beside = width >= TWO_COLUMNS
+    figure = new_figure(width, MAP_HEIGHT if beside else 2.0 * MAP_HEIGHT * width / TWO_COLUMNS)
+    first, second = figure.subplots(*((1, 2) if beside else (2, 1)), sharex=True, sharey=True)
     _map(tree, first, after=False)
     mesh = _map(tree, second, after=True)
     letter((first, second), ("before", "after"))
-    second.set_ylabel("")
+    if beside:
+        second.set_ylabel("")
+    else:
+        first.set_xlabel("")
+        handles, labels = first.get_legend_handles_labels()
+        for panel in (first, second):
+            panel.get_legend().remove()
+        figure.legend(handles, labels, loc="outside upper right", frameon=False, fontsize=LEGEND["fontsize"])
     _add_colours(figure, mesh, [first, second], small_units(signal_units(tree))[1])
     return figure
 

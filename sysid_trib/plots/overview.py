@@ -16,10 +16,12 @@ from sysid_trib.plots.motion_figures import draw_in_time
 from sysid_trib.plots.overview_data import INTERVAL, OverviewData, overview_data
 from sysid_trib.plots.style import (
     BLUE,
+    FULL_WIDTH,
     LEGEND,
     MODEL_LINES,
     ORANGE,
     SERIES,
+    TWO_COLUMNS,
     axes,
     in_latex,
     letter,
@@ -28,8 +30,6 @@ from sysid_trib.plots.style import (
 )
 from sysid_trib.printing.layout import value_with_error
 
-# Widths (inch): a page, and below which all panels stand in one column.
-FULL_WIDTH, TWO_COLUMNS = 7.2, 5.0
 ROW_HEIGHT, FONT_SIZE = 1.75, 7.5
 # A coefficient is drawn from so far below zero to so far above it, in units of its value.
 COEFFICIENT_RANGE = (-0.5, 3.6)

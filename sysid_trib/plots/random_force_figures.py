@@ -9,7 +9,17 @@ from scipy.stats import norm
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.plots.motion_data import drawn_samples
-from sysid_trib.plots.style import BAR_WIDTH, BLUE, INK, LEGEND, ORANGE, axes, letter, new_figure
+from sysid_trib.plots.style import (
+    BAR_WIDTH,
+    BLUE,
+    FULL_WIDTH,
+    INK,
+    LEGEND,
+    ORANGE,
+    axes,
+    letter,
+    new_figure,
+)
 from sysid_trib.results.signal_units import signal_units, small_units
 
 # Of a Gaussian, in standard deviations.
@@ -18,15 +28,17 @@ BAND_WIDTH = float(norm.isf(0.5 * (1.0 - BAND_LEVEL)))
 BAND_COLOR = "0.85"
 
 
-def innovations(data: xr.Dataset) -> Figure:
+def innovations(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     """Innovations over time with their 95 % band, and their autocorrelation with that of white noise.
 
     Parameters
     ----------
     data : xr.Dataset
         Result of `innovations`.
+    width : float, inch
+        Of the figure; a column of a journal has 88 mm (3.46).
     """
-    figure = new_figure(7.2, 4.4)
+    figure = new_figure(width, 4.4)
     over_time, over_lag = figure.subplots(2, 1, height_ratios=[1.3, 1.0])
     _in_time(over_time, data)
     _autocorrelation(over_lag, data)

@@ -11,7 +11,7 @@ from sysid_trib.plots import style
 from sysid_trib.plots.discovery_data import detectability_data, ranking_data, rankings_data
 
 # Height of a panel of rankings, and of detectable coefficients: without rows, and of a row, inch.
-RANKING_HEIGHT, DETECTABLE_HEIGHT, DETECTABLE_ROW = 3.35, 0.8, 0.155
+RANKING_HEIGHT, DETECTABLE_HEIGHT, DETECTABLE_ROW = 3.35, 0.95, 0.155
 
 
 def rankings(tree: xr.DataTree) -> Figure:
@@ -78,16 +78,18 @@ def _ranking(ax: Axes, data: xr.Dataset) -> Axes:
     return ax
 
 
-def forecasts(tree: xr.DataTree) -> Figure:
+def forecasts(tree: xr.DataTree, *, width: float = style.FULL_WIDTH) -> Figure:
     """Detectable coefficients of each candidate, as high as there are candidates.
 
     Parameters
     ----------
     tree : xr.DataTree
         Result of `discover`.
+    width : float, inch
+        Of the figure; a column of a journal has 88 mm (3.46).
     """
     rows = tree["detectability"].sizes["candidate"]
-    figure = style.new_figure(7.2, DETECTABLE_HEIGHT + DETECTABLE_ROW * rows)
+    figure = style.new_figure(width, DETECTABLE_HEIGHT + DETECTABLE_ROW * rows)
     forecast(tree, figure.subplots())
     return figure
 
@@ -105,24 +107,28 @@ def forecast(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
     ax = style.axes(ax)
     data = detectability_data(tree)
     sizes = data[["start", "final", "identified"]].to_dataarray().values
+    # In the right half a text stands left of its mark.
+    half = np.sqrt(np.nanmin(sizes) * np.nanmax(sizes)) if np.isfinite(sizes).any() else np.inf
     for row, (start, final, identified) in enumerate(sizes.T.tolist()):
         if not np.any(np.isfinite([start, final])):
             ax.text(0.01, row, "not testable", transform=ax.get_yaxis_transform(), va="center", fontsize=6)
         elif np.isnan(final) and data.in_final.values[row]:
-            ax.annotate("start model only", (start, row), (5, 0), fontsize=6, **style.BESIDE_POINT)
+            side = {"xytext": (-5, 0), "ha": "right"} if start > half else {"xytext": (5, 0)}
+            ax.annotate("start model only", (start, row), fontsize=6, **side, **style.BESIDE_POINT)
         ax.plot([start, final], [row, row], "-", color="0.6", linewidth=0.7)
         for value, look in zip((start, final, identified), style.DETECTABLE_MARKS.values(), strict=True):
             if look is not style.DETECTABLE_MARKS["identified"] or np.isfinite(value):
                 ax.plot([value], [row], **{"linestyle": ""} | look)
     _families(ax, data.family.values.tolist())
     style.name_rows(ax, data.candidate.values.tolist())
-    ax.set_xlabel("coefficient of five standard errors (in the candidate's unit)")
+    ax.set_xlabel("coefficient of five standard errors\n(in the candidate's unit)")
     if np.isfinite(sizes).any():
         ax.set_xscale("log")
     ax.tick_params(axis="y", labelsize=6)
     ax.grid(axis="x", color="0.9", linewidth=0.5)
     ax.set_axisbelow(True)
-    ax.legend(handles=style.legend_marks(style.DETECTABLE_MARKS), ncols=3, **style.LEGEND)
+    close: dict[str, Any] = {"columnspacing": 0.9, "handletextpad": 0.1}
+    ax.legend(handles=style.legend_marks(style.DETECTABLE_MARKS), ncols=3, **(style.LEGEND | close))
     return ax
 
 

@@ -41,6 +41,8 @@ DETECTABLE_MARKS: dict[str, dict[str, Any]] = {
 }
 OPEN_MARKS: dict[str, Any] = {"markerfacecolor": "none", "markersize": 3.5, "markeredgewidth": 0.7}
 BAR_WIDTH = 0.6
+# Of a figure over the whole page, and the least at which two panels stand side by side, inch.
+FULL_WIDTH, TWO_COLUMNS = 7.2, 5.0
 # A text beside the point that it annotates.
 BESIDE_POINT: dict[str, Any] = {"textcoords": "offset points", "va": "center"}
 THRESHOLD: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": "--"}
