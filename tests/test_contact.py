@@ -314,3 +314,46 @@ def test_what_is_integrated_is_the_motion(tmp_path, unit, power):
     exact = np.interp(inside.time, time, whole.real)
     assert np.abs(inside - exact).max() < 2e-3
     assert "without the drift of its bias" in record.attrs["integration"]
+
+
+def test_crossovers_of_forces_that_are_no_power_laws_scale_with_the_motion():
+    import sysid_trib as st
+    from sysid_trib.forces.library import parse_library
+
+    # Friction that a slow motion does not see whole: no power law, with a speed of its own.
+    shape = {"s": {"default": 0.05, "low": 1e-9, "high": 1e9, "meaning": "speed"}}
+    forces = [
+        {"symbol": "slow", "formula": "tanh(v/s)", "shape": shape},
+        {"symbol": "zeta", "formula": "2*v"},
+    ]
+    library = parse_library({"force": forces}, "test")
+    model = st.Model(library, {"slow": 2e-3, "zeta": 5e-3}, 8.0, {"slow.s": 0.05})
+    time = np.arange(1500) / 60.0
+    values = st.simulate(model, time, angle=0.4).angle.values
+    values += 1e-4 * np.random.default_rng(3).standard_normal(time.size)
+
+    def crossing(factor, unit):
+        method = st.methods.Direct(shapes={"slow.s": 0.05 * factor})
+        result = method.identify(st.free_decay(as_record(time, factor * values, unit)), library)
+        amplitude = st.crossovers(result).amplitude
+        assert amplitude.attrs["units"] == unit
+        return amplitude.values
+
+    pixels = crossing(2.0**11, "px")
+    np.testing.assert_allclose(pixels, 2.0**11 * crossing(1.0, "mm"), rtol=1e-6)
+    assert np.all((pixels > 350.0) & (pixels < 600.0))
+
+
+def test_where_every_candidate_was_added_nothing_is_left_to_detect():
+    import sysid_trib as st
+
+    library = st.load_library("contact_forces")
+    model = st.Model(library.select(["lambda", "zeta"]), {"lambda": 1e-3, "zeta": 5e-3}, 8.0)
+    time = np.arange(900) / 60.0
+    values = st.simulate(model, time, angle=0.4).angle.values
+    values += 1e-4 * np.random.default_rng(3).standard_normal(time.size)
+    decay = st.free_decay(as_record(time, values))
+    tree = st.discover(decay, library.select(["zeta"]), library.select(["lambda"]))
+    assert tree.attrs["verdict"] == "explained"
+    assert tree["detectability"].sizes["candidate"] == 1
+    assert tree["detectability_after"].sizes["candidate"] == 0

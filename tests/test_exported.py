@@ -6,13 +6,14 @@ import re
 
 import numpy as np
 import pytest
+import xarray as xr
 from command_line import run, write_csv
 from helpers import FIVE, W, paper_run
 from known_results import PAPER, known
 
 import sysid_trib as st
 from sysid_trib.printing.equation import equation_latex, equation_text, rounded
-from sysid_trib.printing.exported import csv_text, latex_text
+from sysid_trib.printing.exported import csv_text, latex_text, unit_in_latex
 from sysid_trib.results.contactless import with_contactless_frequency
 from sysid_trib.validation.residual_force import model_force
 
@@ -136,3 +137,18 @@ def test_a_table_never_replaces_the_record(tmp_path):
 
 def test_a_time_limit_must_be_a_time():
     assert "--time-limit" in run("discover", "--time-limit", "-1").complaint
+
+
+def test_a_displacement_is_written_with_its_unit_and_is_no_angle():
+    time = np.arange(900) / 60.0
+    values = 24.0 * np.exp(-0.05 * time) * np.cos(8.0 * time)
+    values += 1e-2 * np.random.default_rng(1).standard_normal(time.size)
+    record = xr.Dataset({"angle": ("time", values, {"units": "mm"})}, {"time": time})
+    result = st.methods.Direct().identify(st.free_decay(record), FORCES.select(["lambda", "zeta", "delta"]))
+    text = latex_text(xr.DataTree.from_dict({"direct": result}))
+    assert r"$\mathrm{mm}^{-1}$" in text
+    assert r"\ddot{x}" in text
+    assert "theta" not in text
+    # No power outside of mathematics.
+    assert not re.search(r"mm\^", text)
+    assert unit_in_latex("mm^-1 s-1") == r"$\mathrm{mm}^{-1}\,\mathrm{s}^{-1}$"

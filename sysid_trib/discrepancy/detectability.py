@@ -34,13 +34,15 @@ def detectability(screening: Screening) -> xr.Dataset:
     trials = screening.trials
     symbols = list(dict.fromkeys(trial.force.symbol for trial in trials))
     at = [_best(screening, symbol) for symbol in symbols]
+    places = np.array(at, dtype=int)
     forces = [trials[i].force for i in at]
-    testable = np.array([not screening.reasons[i] for i in at])
-    cosine = np.abs(screening.correlation[np.ix_(at, at)])
+    # Where every candidate was added there is none.
+    testable = np.array([not screening.reasons[i] for i in at], dtype=bool)
+    cosine = np.abs(screening.correlation[np.ix_(places, places)])
     np.fill_diagonal(cosine, 1.0)
     nearest = np.sqrt(1.0 - screening.model.settings.outside_of_set / NAMED**2)
     alike = (cosine > nearest) & testable[:, None] & testable & ~np.eye(len(symbols), dtype=bool)
-    detectable = np.where(testable, DETECTED * screening.errors[at], np.nan)
+    detectable = np.where(testable, DETECTED * screening.errors[places], np.nan)
     single, both = "candidate", ("candidate", "other")
     reasons = [screening.reasons[i] for i in at]
     fraction = "part of its column that the model's cannot make"
@@ -49,7 +51,7 @@ def detectability(screening: Screening) -> xr.Dataset:
     return xr.Dataset(
         {
             "detectable": variable(single, detectable, "coefficient of five standard errors", PER_FORCE_UNIT),
-            "independent_fraction": variable(single, screening.outside[at], fraction, "1"),
+            "independent_fraction": variable(single, screening.outside[places], fraction, "1"),
             "testable": variable(single, testable, "whether the record can test it"),
             "reason": text_variable(single, reasons, "why it cannot be tested"),
             "alike": variable(both, alike, "whether the record could not tell the two apart"),

@@ -14,6 +14,7 @@ from sysid_trib.averaging.signatures import averages
 from sysid_trib.errors import LibraryError
 from sysid_trib.physics.force_weights import peak
 from sysid_trib.physics.model_estimate import ModelEstimate, model_estimate
+from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import text_variable, variable, with_error
 
 # Amplitudes (rad) among which a crossover is sought where a force is no power law: 12 a decade.
@@ -27,6 +28,7 @@ RELATIVE_STEP = 1e-4
 Weight = Callable[[Array], Array]
 
 
+@in_units_of_the_motion
 def crossovers(result: xr.Dataset) -> xr.Dataset:
     """Amplitudes at which two forces weigh the same, by peak force and by what they do on average.
 
@@ -39,10 +41,11 @@ def crossovers(result: xr.Dataset) -> xr.Dataset:
     -------
     Dataset
         Over `pair` (coordinates `first`, `second`, and `acts_on`: envelope or frequency) and `rule`
-        (`peak force`, `averaged`): `amplitude` (rad; nan if there is none; of forces that are no power laws
-        the smallest from 1e-4 to pi) with `amplitude_standard_error`, `crossings`, how many there are, and
-        over `pair` `opposed`, whether the two act against each other at the averaged crossover: a pair of
-        which one feeds and one damps then sustains an oscillation there. Signs do not count for the
+        (`peak force`, `averaged`): `amplitude` (rad, or the signal's unit; nan if there is none; of forces
+        that are no power laws the smallest from 1e-4 to pi, of displacements in a unit of their own motion)
+        with `amplitude_standard_error`, `crossings`, how many there are, and over `pair` `opposed`, whether
+        the two act against each other at the averaged crossover: a pair of which one feeds and one damps then
+        sustains an oscillation there. Signs do not count for the
         amplitude. History-dependent forces are in both groups.
 
     Raises

@@ -47,24 +47,37 @@ def detectability_sentences(tree: xr.DataTree) -> list[str]:
 
 def _errors(tree: xr.DataTree) -> str:
     after = tree["after"].to_dataset()
-    pairs = zip(after.force.values.tolist(), after.standard_error.values.tolist(), strict=True)
-    named = ", ".join(f"{symbol} {DETECTED * error:.2g}" for symbol, error in pairs if np.isfinite(error))
+    columns = (after.force.values.tolist(), after.standard_error.values.tolist(), after.unit.values.tolist())
+    named = ", ".join(
+        f"{symbol} {DETECTED * error:.2g}{_unit(unit)}"
+        for symbol, error, unit in zip(*columns, strict=True)
+        if np.isfinite(error)
+    )
     return f"Five standard errors of the forces in the model: {named}."
 
 
 def _closest(tree: xr.DataTree) -> list[str]:
     """Candidates that can be tested beside the final model, by |z|, with their detectable coefficients."""
     z = tree["ranking"].z.isel(selection_step=-1).to_series()
-    detectable = tree["detectability_after"].detectable.to_series()
+    candidates = tree["detectability_after"].to_dataset()
+    detectable = candidates.detectable.to_series()
+    units = dict(zip(candidates.candidate.values.tolist(), candidates.unit.values.tolist(), strict=True))
     order = z[np.isfinite(z)].sort_values(key=np.abs, ascending=False).index
     tested = [symbol for symbol in order if symbol in detectable.index][:CLOSEST]
-    named = ", ".join(f"{symbol} {detectable[symbol]:.2g} (z = {z[symbol]:.2g})" for symbol in tested)
+    named = ", ".join(
+        f"{symbol} {detectable[symbol]:.2g}{_unit(units[symbol])} (z = {z[symbol]:.2g})" for symbol in tested
+    )
     if not named:
         return []
     return [
         "Detectable coefficients of the candidates (five standard errors, at the shapes and frequencies of "
         f"the highest score), highest score first: {named}."
     ]
+
+
+def _unit(unit: str) -> str:
+    """A unit behind a number; nothing of what has none."""
+    return "" if unit == "1" else f" {unit}"
 
 
 def _alike(candidates: xr.Dataset) -> list[str]:

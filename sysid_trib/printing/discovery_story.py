@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
+from sysid_trib.noise.random_force import DENSITY_UNITS
 from sysid_trib.printing.detectability import detectability_sentences, remedy
 from sysid_trib.printing.discovery_tables import (
     RANKING,
@@ -103,6 +104,7 @@ def _step(tree: xr.DataTree, at: int) -> list[str]:
 
 def _random_force(step: xr.Dataset) -> str:
     """What the effect leaves of the random force."""
+    units = step.random_force_before.attrs.get("units", DENSITY_UNITS)
     before, after = step.random_force_before.item(), step.random_force_after.item()
     lowered = step.gain.item()
     if lowered <= 0.0:
@@ -113,7 +115,7 @@ def _random_force(step: xr.Dataset) -> str:
     if after == 0.0:
         return f"{gain}, and the random force that was blamed for it vanishes."
     way = "shrinks" if after < before else "grows"
-    return f"{gain}; the random force {way} from {before:.2g} to {after:.2g} (rad/s^2)^2/Hz."
+    return f"{gain}; the random force {way} from {before:.2g} to {after:.2g} {units}."
 
 
 def _step_remarks(tree: xr.DataTree, at: int) -> list[str]:

@@ -6,11 +6,12 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.results.schema import library_of, shape_values_of
+from sysid_trib.results.signal_units import signal_units
 
 # Digits of a number without an error, and of an error.
 DIGITS, DIGITS_OF_ERROR = 6, 2
 # Names of formulas in LaTeX; x is the angle, v its rate over w.
-NAMES = {"x": r"\theta", "v": r"\frac{\dot\theta}{\omega}", "t": "t"}
+NAMES = {"x": r"\theta", "v": r"\frac{\dot{\theta}}{\omega}", "t": "t"}
 
 
 def equation_text(result: xr.Dataset) -> str:
@@ -33,7 +34,9 @@ def equation_latex(result: xr.Dataset) -> str:
     r"""The same for LaTeX, between `\begin{equation}` and `\end{equation}`."""
     import sympy
 
-    names = {name: sympy.Symbol(latex) for name, latex in NAMES.items()}
+    # A displacement is no angle.
+    x = r"\theta" if signal_units(result) == "rad" else "x"
+    names = {name: sympy.Symbol(latex.replace(r"\theta", x)) for name, latex in NAMES.items()}
     forces, _ = _terms(result)
     parts = []
     for number, formula in forces:
@@ -41,12 +44,12 @@ def equation_latex(result: xr.Dataset) -> str:
             written = sympy.latex(_expression(formula, names))
         parts.append(f"{_signed(power_of_ten(number))}\\, {written}")
     w = rounded(result.reference_frequency.item(), result.reference_frequency_standard_error.item())
-    right = r" \\" "\n" r"    &\quad ".join([r"\theta", *parts])
+    right = r" \\" "\n" r"    &\quad ".join([x, *parts])
     return "\n".join(
         [
             r"\begin{equation}",
             r"  \begin{aligned}",
-            r"    \ddot\theta &= -\omega^2 \Bigl[" + right + r" \Bigr], \\",
+            rf"    \ddot{{{x}}} &= -\omega^2 \Bigl[" + right + r" \Bigr], \\",
             rf"    \omega &= {w}\,\mathrm{{rad/s}}",
             r"  \end{aligned}",
             r"\end{equation}",

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import re
 
 import xarray as xr
 
@@ -62,7 +63,7 @@ def latex_text(tree: xr.DataTree) -> str:
         library = library_of(result)
         for symbol, force in by_label(result, "force").items():
             text = value_with_error(force.coefficient.item(), factor * force.standard_error.item())
-            unit = "" if force.unit.item() == "1" else f" {force.unit.item()}"
+            unit = "" if force.unit.item() == "1" else f" {unit_in_latex(force.unit.item())}"
             cells.setdefault(f"${library[symbol].latex_symbol}$", {})[name] = f"{_in_latex(text)}{unit}"
         for quantity, symbol in FREQUENCIES_LATEX.items():
             error = factor * result[f"{quantity}_standard_error"].item()
@@ -77,6 +78,17 @@ def latex_text(tree: xr.DataTree) -> str:
     lines = [begin, r"\toprule", head, r"\midrule", *rows, r"\bottomrule", r"\end{tabular}"]
     main = main_identification(tree)
     return "\n".join([*lines, "", "% no method gave a model" if main is None else equation_latex(main), ""])
+
+
+def unit_in_latex(unit: str) -> str:
+    r"""`px^-1 s-1` as `$\mathrm{px}^{-1}\,\mathrm{s}^{-1}$`."""
+    parts = []
+    for part in unit.split():
+        match = re.fullmatch(r"(.*?[^\d^.-])\^?(-?[\d.]+)?", part)
+        base, power = match.groups() if match else (part, None)
+        base = base.replace("%", r"\%").replace("_", r"\_").replace("#", r"\#").replace("&", r"\&")
+        parts.append(rf"\mathrm{{{base}}}" + (f"^{{{power}}}" if power else ""))
+    return "$" + r"\,".join(parts) + "$"
 
 
 def main_identification(tree: xr.DataTree) -> xr.Dataset | None:

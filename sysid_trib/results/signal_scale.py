@@ -133,12 +133,12 @@ class _SignalScale:
                     variable.attrs,
                 )
         changed = self._shapes(changed, factor)
-        if "unit" in data.coords and "force" in data.dims:
+        dims = data["unit"].dims if "unit" in data.variables else ()
+        labels = _labels(data, str(dims[0])) if len(dims) == 1 else None
+        if labels is not None:
             inside = new == ANGLE_UNIT
-            units_of = [
-                self._unit(s, u, inside) for s, u in zip(data.force.values, data.unit.values, strict=True)
-            ]
-            changed = changed.assign_coords(unit=("force", units_of, data.unit.attrs))
+            units_of = [self._unit(s, u, inside) for s, u in zip(labels, data.unit.values, strict=True)]
+            changed["unit"] = (dims, units_of, data.unit.attrs)
         marks = {} if new == ANGLE_UNIT else {UNIT_ATTR: self.unit, SIZE_ATTR: self.size}
         kept = {k: v for k, v in data.attrs.items() if k not in (UNIT_ATTR, SIZE_ATTR)}
         changed.attrs = kept | marks
