@@ -144,8 +144,8 @@ def test_a_displacement_is_written_with_its_unit_and_is_no_angle():
     values = 24.0 * np.exp(-0.05 * time) * np.cos(8.0 * time)
     values += 1e-2 * np.random.default_rng(1).standard_normal(time.size)
     record = xr.Dataset({"angle": ("time", values, {"units": "mm"})}, {"time": time})
-    result = st.methods.Direct().identify(st.free_decay(record), FORCES.select(["lambda", "zeta", "delta"]))
-    text = latex_text(xr.DataTree.from_dict({"direct": result}))
+    forces = FORCES.select(["lambda", "zeta", "delta"])
+    text = latex_text(st.compare(st.free_decay(record), forces, [st.methods.Direct()]))
     assert r"$\mathrm{mm}^{-1}$" in text
     assert r"\ddot{x}" in text
     assert "theta" not in text

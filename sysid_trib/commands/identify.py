@@ -9,6 +9,8 @@ from sysid_trib.commands.next_command import keep_next
 from sysid_trib.commands.options import ConstraintOptions, DecayOptions, ModelOptions, with_options
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from sysid_trib.forces.force import ForceLibrary
     from sysid_trib.methods.scope import Method
 
@@ -36,6 +38,7 @@ def identify(
         from sysid_trib.forces.systems import load_system
         from sysid_trib.methods.scope import constrained, scope_of, with_random_force
         from sysid_trib.printing.identification import identification_blocks, identification_json
+        from sysid_trib.printing.own_quantity import own_quantity
         from sysid_trib.printing.signs import sign_sentences
         from sysid_trib.records.runs import one_or_all
         from sysid_trib.results.contactless import with_contactless_frequency
@@ -52,7 +55,7 @@ def identify(
         decays, sources = read_decays(given, model.reference_frequency)
         refuse_hertz(contactless[0] if contactless else None, decays, "--omega0")
         refuse_hertz(model.reference_frequency, decays, "--reference-frequency")
-        methods, draws = _methods(offered, shapes, model.reference_frequency)
+        methods, draws = _methods(offered, shapes, model.reference_frequency, decays)
         methods = [with_random_force(constrained(method, constraints), random_force) for method in methods]
         decay = one_or_all(decays)
         results = []
@@ -70,7 +73,9 @@ def identify(
     destination.deliver(
         tree,
         lambda: identification_blocks(
-            tree, [*record_sentences(tree, sources), *sign_sentences(tree, swinging)], inertia
+            tree,
+            [*record_sentences(tree, sources), *own_quantity(tree), *sign_sentences(tree, swinging)],
+            inertia,
         ),
         lambda: identification_json(tree, inertia),
         lambda plots: [
@@ -82,17 +87,25 @@ def identify(
 
 
 def _methods(
-    offered: "ForceLibrary", shapes: dict[str, float], reference_frequency: float | None
+    offered: "ForceLibrary",
+    shapes: dict[str, float],
+    reference_frequency: float | None,
+    decays: "list[xr.Dataset]",
 ) -> "tuple[list[Method], int]":
     """The two methods that are held against each other, and on how many simulated records."""
     from sysid_trib.methods import Averaging, Direct, Trajectory
+    from sysid_trib.trajectory_fit.observation import MEASURED
     from sysid_trib.validation.cross_check import SIMULATED_RECORDS
     from sysid_trib.validation.simulated_pairs import fewest_records
 
     direct = Direct(reference_frequency=reference_frequency, shapes=shapes)
-    # Amplitudes and frequencies tell no term of the sensor from a force: with one, the motion is fitted.
-    if all(force.kind == "force" for force in offered):
-        return [Averaging(reference_frequency=reference_frequency, shapes=shapes), direct], SIMULATED_RECORDS
+    averaging = Averaging(reference_frequency=reference_frequency, shapes=shapes)
     trajectory = Trajectory(reference_frequency=reference_frequency, shapes=shapes)
     # A fit of the motion takes seconds: no more simulated records than decide whether the two agree.
-    return [trajectory, direct], min(SIMULATED_RECORDS, fewest_records(len(offered) + 1))
+    few = min(SIMULATED_RECORDS, fewest_records(len(offered) + 1))
+    # Amplitudes and frequencies tell no term of the sensor from a force: with one, the motion is fitted.
+    forces_alone = all(force.kind == "force" for force in offered)
+    if any(MEASURED in decay for decay in decays):
+        # What is reported last is that in the quantity that was measured.
+        return [averaging if forces_alone else direct, trajectory], few
+    return ([averaging, direct], SIMULATED_RECORDS) if forces_alone else ([trajectory, direct], few)

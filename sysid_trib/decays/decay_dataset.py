@@ -49,7 +49,11 @@ def decay_dataset(record: xr.Dataset, decay: CutDecay, said: str) -> xr.Dataset:
     units = centred_in = str(attrs.get("units", "rad"))
     equilibrium = swing.equilibrium, swing.standard_error
     measured = record.attrs.get("measured")
+    beside = {}
     if measured:
+        own_attrs = dict(record[measured].attrs) | {"long_name": f"{measured} as measured, about its mean"}
+        at = ("measured_time", time, {"units": "s", "long_name": "time"})
+        beside = {"measured": xr.DataArray(signal, {"measured_time": at}, "measured_time", attrs=own_attrs)}
         period = swing.oscillation.period
         for _ in range(int(record.attrs["integrations"])):
             signal = integrated(time, signal, period)
@@ -58,6 +62,7 @@ def decay_dataset(record: xr.Dataset, decay: CutDecay, said: str) -> xr.Dataset:
         equilibrium, centred_in = (0.0, np.nan), str(record[measured].attrs["units"])
     cut = _on_own_samples(record, time, bare=bool(measured))
     cut["angle"] = ("time", signal, attrs)
+    cut = cut.assign(beside)
     cut = cut.assign(with_standard_error((), "equilibrium", *equilibrium, units, "equilibrium"))
     if np.isfinite(part.stop_time):
         stop_attrs = {"units": "s", "long_name": "time at which it stopped for good"}

@@ -26,6 +26,7 @@ from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.simulation.model import Model
 from sysid_trib.trajectory_fit.initial_conditions import first_guess
 from sysid_trib.trajectory_fit.least_squares import Fit, fitted, grown, rms, stopped_by_bounds
+from sysid_trib.trajectory_fit.observation import MEASURED, measured_part
 from sysid_trib.trajectory_fit.parameters import FREQUENCY, PER_RUN, Parameters
 from sysid_trib.trajectory_fit.problem import FitProblem, WhitenedRecord
 from sysid_trib.trajectory_fit.pushed_result import pushed_identification
@@ -69,6 +70,9 @@ class Trajectory:
     With a random force the result has `random_force_density` with its error and p-value, `innovation_rms`
     (rad) and `autocorrelation(lag)` of the innovations; `noise` is the sensor's beside it, its colour that of
     `Direct`.
+
+    Where a rate or an acceleration was measured, that is what is compared, by the free motion alone: attrs
+    `compared_in`, and `bias` of the sensor with `bias_standard_error`; `measured_noise` is that of a sample.
 
     The window grows over the records unless the start already follows them; sensitivities are differences of
     exact motions, so that switching times and the stop take part. Of several runs each counts by its own
@@ -122,9 +126,9 @@ class Trajectory:
         runs = as_runs(decay)
         offered = forces_to_identify(library, self.reference_frequency, sensors=True)
         parameters = _parameters(self, offered, len(runs))
-        records = [WhitenedRecord(d.time.values.astype(float), d.angle.values.astype(float)) for d in runs]
-        problem = FitProblem(parameters, tuple(records))
-        pushed_too = self._random_force != "off"
+        problem = FitProblem(parameters, tuple(map(_record, runs)))
+        # In its own quantity the record is fitted by the free motion alone.
+        pushed_too = self._random_force != "off" and not any(MEASURED in run for run in runs)
         quick = _quick(self, problem, runs) if self.start is None or pushed_too else None
         first = _first_values(self, problem, quick)
         if pushed_too:
@@ -140,6 +144,13 @@ class Trajectory:
         return _identification(self, problem, runs, library, fit)
 
 
+def _record(decay: xr.Dataset) -> WhitenedRecord:
+    """What was measured of a run, in its own quantity: a rate is not integrated."""
+    observation, time, values = measured_part(decay)
+    swing = None if observation.quantity == "angle" else float(np.max(np.abs(decay.angle.values)))
+    return WhitenedRecord(time, values, observation=observation, swing=swing)
+
+
 def _parameters(method: Trajectory, library: ForceLibrary, runs: int) -> Parameters:
     constraints = Constraints(method.fix, method.bounds, method.tie)
     constraints.check(library)
@@ -153,6 +164,16 @@ def _parameters(method: Trajectory, library: ForceLibrary, runs: int) -> Paramet
             raise UsageError(f"Shape parameter {name} is held, a bound has no effect; name it in fit_shapes.")
     held = {**method.shapes, **{name: value for name, value in method.fix.items() if name in shapes}}
     return Parameters(library, method.reference_frequency, fit_shapes, held, runs, constraints)
+
+
+def _units(runs: Sequence[xr.Dataset]) -> str:
+    """Unit of what is compared."""
+    return str(runs[0][MEASURED].attrs.get("units", "rad")) if MEASURED in runs[0] else "rad"
+
+
+def _own_noise(record: WhitenedRecord) -> float:
+    """Noise of one sample of what was measured, as `sensor_noise` has it of an angle."""
+    return sensor_noise(xr.Dataset({"angle": ("time", record.angle)}, {"time": record.time}))
 
 
 def _quick(method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset]) -> xr.Dataset | None:
@@ -186,6 +207,8 @@ def _first_values(method: Trajectory, problem: FitProblem, quick: xr.Dataset | N
         assert quick is not None
         start = model_of(quick)
         per_run = np.stack([np.ravel(quick[name]) for name in PER_RUN], axis=1)
+        # The zero of what was integrated is none of the sensor's.
+        per_run[:, -1] *= [record.observation.quantity == "angle" for record in problem.records]
     values = parameters.library.shape_values(method.shapes)
     values |= {**start.coefficients, **start.shapes, FREQUENCY: start.reference_frequency}
     return parameters.expand(parameters.pack(values, per_run)[parameters.free])
@@ -238,10 +261,18 @@ def _identification(
     covariance = reduced * parameters.covariance(fit.sensitivity, fit.values)
     noises = [sensor_noise(run) for run in runs]
     estimate = FitEstimate(problem, fit.values, covariance, noises)
+    units = _units(runs)
     extra: dict[str, tuple[ArrayLike, str, str]]
-    extra = {"residual_rms": ([rms(residual) for residual in residuals], "rad", "RMS residual")}
-    if all(noises):
-        chi_square = sum(float(r @ r) / level**2 for r, level in zip(residuals, noises, strict=True))
+    extra = {"residual_rms": ([rms(residual) for residual in residuals], units, "RMS residual")}
+    levels = [_own_noise(record) for record in problem.records] if MEASURED in runs[0] else noises
+    if MEASURED in runs[0]:
+        places = [parameters.of_run(run).stop - 1 for run in range(len(runs))]
+        bias_errors = np.sqrt(np.diag(covariance)[places])
+        extra["bias"] = (fit.values[places], units, "bias of the sensor about the mean of the swing")
+        extra["bias_standard_error"] = (bias_errors, units, "standard error of the bias")
+        extra["measured_noise"] = (levels, units, "noise of one sample of what was measured")
+    if all(levels):
+        chi_square = sum(float(r @ r) / level**2 for r, level in zip(residuals, levels, strict=True))
         ratio = birge_ratio(chi_square, degrees_of_freedom)
         extra["birge_ratio"] = (ratio, "1", "Birge ratio by the sensor's noise")
     result = estimate.identification(method, runs, library, extra)
@@ -250,5 +281,8 @@ def _identification(
         at_bound = parameters.constraints.fixed.keys() - method.fix.keys()
         kinds = constraints.kinds(parameters.library.symbols, at_bound)
         result = result.assign_coords(constraint=("force", kinds))
+    if MEASURED in runs[0]:
+        result = result.assign(offset=0.0 * result.offset)
+        result.attrs["compared_in"] = problem.records[0].observation.quantity
     orders = ", ".join(str(len(record.filter_) - 1) for record in problem.records)
     return result.assign_attrs(noise_model=f"autoregression of order {orders}")

@@ -323,7 +323,12 @@ def _record(
             f"integrated {count}, without the drift of its bias (splines, knots two periods apart)"
         )
     if length is not None and position in METRES:
-        values, position = values * METRES[position] / length, "rad"
+        values, by_length, position = values * METRES[position] / length, METRES[position] / length, "rad"
+        if times:
+            per = str(record[unit.quantity].attrs["units"]).partition("/")[2]
+            record[unit.quantity] = (record[unit.quantity] * by_length).assign_attrs(
+                record[unit.quantity].attrs | {"units": f"rad/{per}"}
+            )
         record.attrs["length"] = length
     name = "angle" if position == "rad" else "displacement"
     record["angle"] = ("time", values, {"units": position, "long_name": name})

@@ -10,6 +10,7 @@ from sysid_trib.errors import SimulationError
 from sysid_trib.noise.autoregression import whitened
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import FAST, trajectory
+from sysid_trib.trajectory_fit.observation import Observation
 from sysid_trib.trajectory_fit.parameters import FREQUENCY, Parameters
 
 # A motion is out of all proportion beyond so many swings of the record.
@@ -36,6 +37,10 @@ class WhitenedRecord:
         One over the standard deviation of the whitened noise.
     engine : str or None
         Engine of the simulation.
+    observation : Observation
+        What was measured; `angle` and `weight` are in its unit.
+    swing : float, rad, optional
+        Largest angle, where that was not measured.
     """
 
     time: Array
@@ -43,6 +48,13 @@ class WhitenedRecord:
     filter_: Array = field(default_factory=lambda: np.ones(1))
     weight: float = 1.0
     engine: str | None = None
+    observation: Observation = field(default_factory=Observation)
+    swing: float | None = None
+
+    @property
+    def size(self) -> float:
+        """Largest angle of the motion, rad."""
+        return float(np.max(np.abs(self.angle))) if self.swing is None else self.swing
 
     def residual(self, model: Model, per_run: Array) -> Array:
         """Motion minus record.
@@ -66,7 +78,7 @@ class WhitenedRecord:
         can be computed for. Where there is none, the penalty grows with the coefficients, without which every
         motion can be computed.
         """
-        far = OUT_OF_PROPORTION * float(np.max(np.abs(self.angle)))
+        far = OUT_OF_PROPORTION * self.size
         # The highest frequency that samples show. An optimiser astray asks for hours of faster swings.
         highest = np.pi * (len(self.time) - 1) / (self.time[-1] - self.time[0])
         angle, rate, offset = per_run.tolist()
@@ -79,7 +91,8 @@ class WhitenedRecord:
                 motion = trajectory(model, self.time[:count], angle, rate, engine=engine)
             except SimulationError:
                 return None
-            return np.asarray(motion.angle + offset - self.angle[:count])
+            shown = self.observation.shown(model, motion, self.time[:count])
+            return np.asarray(shown + offset - self.angle[:count])
 
         if (whole := residual(len(self.time), self.engine)) is not None:
             return whole
@@ -174,7 +187,7 @@ class FitProblem:
     def _steps(self, values: Array, record: WhitenedRecord) -> list[float]:
         """Steps of the common parameters, and of a run's start: each moves the phase at the end as much."""
         parameters = self.parameters
-        size = float(np.max(np.abs(record.angle)))
+        size = record.size
         frequency = parameters.model(values).reference_frequency
         duration = float(record.time[-1] - record.time[0])
         phase = frequency * duration + 1.0

@@ -1,0 +1,101 @@
+"""Rates and accelerations are compared as they were measured: coefficients are right within their errors."""
+
+import numpy as np
+import pytest
+from command_line import run
+
+import sysid_trib as st
+from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.trajectory_fit.observation import MEASURED, Observation, acceleration_of, measured_part
+
+FORCES = st.load_library().select(["zeta", "delta"])
+TRUE = {"zeta": 6e-3, "delta": 0.03}
+W = 8.0
+TIME = np.arange(1200) / 50.0
+BIAS = 0.02
+# Noise, and the unit.
+KINDS = {"rate": (5e-3, "rad/s"), "acceleration": (4e-2, "rad/s^2")}
+
+
+def clean(quantity):
+    model = st.Model(FORCES, TRUE, W)
+    motion = trajectory(model, TIME, 0.4, 0.0)
+    return Observation(quantity).shown(model, motion, TIME)
+
+
+def decay_of(path, quantity, seed):
+    noise, unit = KINDS[quantity]
+    values = clean(quantity) + BIAS + noise * np.random.default_rng(seed).standard_normal(TIME.size)
+    rows = "\n".join(f"{t:.3f},{y:.8g}" for t, y in zip(TIME, values, strict=True))
+    path.write_text(f"Time (s),Sensor ({unit})\n{rows}\n", encoding="utf-8")
+    return st.free_decay(st.read_record(path))
+
+
+def excess(result):
+    errors = [*result.standard_error.values, result.reference_frequency_standard_error.item()]
+    values = [*result.coefficient.values, result.reference_frequency.item()]
+    return (np.array(values) - [*TRUE.values(), W]) / errors
+
+
+def test_an_acceleration_is_the_derivative_of_the_rate():
+    model = st.Model(FORCES, TRUE, W)
+    motion = trajectory(model, TIME, 0.4, 0.0)
+    shown = acceleration_of(model, motion, TIME)
+    slope = np.gradient(motion.rate, TIME, edge_order=2)
+    assert np.abs(shown - slope)[2:-2].max() < 6e-3 * np.abs(shown).max()
+
+
+def test_an_accelerometer_on_the_axis_feels_gravity_alone():
+    model = st.Model(FORCES, TRUE, W)
+    motion = trajectory(model, TIME, 0.4, 0.0)
+    on_axis = Observation("accelerometer", 0.0).shown(model, motion, TIME)
+    np.testing.assert_allclose(on_axis, 9.80665 * np.sin(motion.position))
+    further = Observation("accelerometer", 0.1).shown(model, motion, TIME)
+    np.testing.assert_allclose(further - on_axis, 0.1 * acceleration_of(model, motion, TIME), atol=1e-12)
+
+
+@pytest.mark.parametrize("quantity", KINDS)
+def test_what_was_measured_is_compared_with_its_bias(tmp_path, quantity):
+    decay = decay_of(tmp_path / "phone.csv", quantity, 3)
+    observation, time, values = measured_part(decay)
+    assert observation.quantity == quantity
+    assert values.size == time.size >= decay.sizes["time"]
+    result = st.methods.Trajectory(random_force="auto").identify(decay, FORCES)
+    assert result.attrs["compared_in"] == quantity
+    assert np.abs(excess(result)).max() < 4.0
+    # The bias about the mean of the swing, which is itself an estimate of it.
+    mean = float(np.mean(values)) - float(np.mean(clean(quantity)[: values.size]))
+    assert abs(result.bias.item() - mean) < 4.0 * result.bias_standard_error.item()
+    assert result.birge_ratio.item() == pytest.approx(1.0, abs=0.12)
+    assert result.residual_rms.attrs["units"] == KINDS[quantity][1]
+    # A part of a decay holds what was measured within it.
+    half = decay.isel(time=slice(None, decay.sizes["time"] // 2))
+    assert measured_part(half)[1][-1] <= half.time.values[-1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("quantity", KINDS)
+def test_errors_of_what_was_measured_cover_the_truth(tmp_path, quantity):
+    z = [
+        excess(st.methods.Trajectory().identify(decay_of(tmp_path / "a.csv", quantity, seed), FORCES))
+        for seed in range(40)
+    ]
+    assert np.mean(np.abs(z) < 1.96) > 0.88
+    assert np.sqrt(np.mean(np.square(z), axis=0)) == pytest.approx(1.0, abs=0.35)
+
+
+def test_a_displacement_of_a_rate_keeps_its_unit(tmp_path):
+    decay = decay_of(tmp_path / "phone.csv", "rate", 3)
+    scaled = decay.assign(angle=decay.angle * 1024.0, measured=decay[MEASURED] * 1024.0)
+    scaled["angle"].attrs["units"], scaled[MEASURED].attrs["units"] = "mm", "mm/s"
+    one, other = (st.methods.Trajectory().identify(d, FORCES) for d in (decay, scaled))
+    assert other.bias.attrs["units"] == "mm/s"
+    np.testing.assert_allclose(other.bias, 1024.0 * one.bias, rtol=1e-3)
+    np.testing.assert_allclose(other.coefficient, one.coefficient * [1.0, 1.0 / 1024.0], rtol=1e-4)
+
+
+def test_identify_says_in_what_it_compares(tmp_path):
+    decay_of(tmp_path / "phone.csv", "rate", 3)
+    ending = run("identify", tmp_path / "phone.csv", "--forces", "zeta,delta")
+    assert ending.status == 0, ending.err
+    assert "Trajectory compares the rate itself, with a bias of" in ending.out
