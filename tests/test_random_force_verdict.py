@@ -16,6 +16,7 @@ from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.methods.scope import with_random_force
 from sysid_trib.noise.random_force import RandomForce, random_force_of
 from sysid_trib.noise.residual_noise import NoiseModel
+from sysid_trib.printing.comparison_sentences import comparison_sentences, effective_sentence
 from sysid_trib.printing.cross_check import identification_sentences
 from sysid_trib.printing.identification import identification_json
 from sysid_trib.printing.model_verdict import verdict_sentence
@@ -237,7 +238,22 @@ def test_without_a_random_force_the_verdict_is_that_of_the_residual(pushed):
 def test_a_contradicted_density_is_said(pushed):
     decay = pushed[0]
     tree = st.cross_check(decay, pushed[1], identified(decay, random_force=30.0 * density_of(5.0)), draws=1)
-    assert "contradicts the density" in " ".join(identification_sentences(tree))
+    text = " ".join(identification_sentences(tree))
+    assert "contradicts the density" in text
+    assert "property of the experiment" not in text
+
+
+def test_a_random_force_is_named_where_methods_are_compared():
+    decay = measured(MODEL, density_of(20.0), 3)
+    methods = {"direct": st.methods.Direct(random_force="auto")}
+    tree = st.compare(decay, FORCES, methods)
+    text = " ".join([*comparison_sentences(tree), *effective_sentence(tree)])
+    assert "These forces without a random force do not explain it." in text
+    assert "allow: direct" in text
+    assert "effective values" not in text
+    methods = {"direct": st.methods.Direct()}
+    tree = st.compare(decay, FORCES, methods)
+    assert "effective values" in " ".join(effective_sentence(tree))
 
 
 def test_each_run_is_judged(pushed):

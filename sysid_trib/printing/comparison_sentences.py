@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
+from sysid_trib.noise.random_force import random_force_of
 from sysid_trib.printing.layout import by_label, identifiability_warnings
 from sysid_trib.printing.model_verdict import EFFECTIVE
 from sysid_trib.results.per_run import record_groups
@@ -12,12 +13,17 @@ from sysid_trib.results.signal_units import signal_units, small_units
 from sysid_trib.validation.breakdown import widening
 from sysid_trib.validation.comparison_table import applied_methods
 from sysid_trib.validation.cross_check import LARGE
+from sysid_trib.validation.verdict import is_found
 
 FREQUENCY_SYMBOL = "w_inf"
 # A difference is mentioned if it is larger than so many standard errors of both methods.
 APART = 3.0
 # A prediction is as good if its RMS is larger by less than this, or not significantly at this level.
 ALIKE, ALIKE_LEVEL = 1.01, 0.01
+PUSHED_METHODS = (
+    "Beside the noise a random force was found, for which the errors of these methods allow: {}{}. Whether "
+    "it is one, or stands for a force that is missing, `sysid-trib identify` tests."
+)
 CAUSES = {
     "neglect": "These methods neglect forces, and the forces that they know take their place (see remarks)",
     "bias": "The probable cause is a bias that these methods leave in (see remarks)",
@@ -79,7 +85,18 @@ def effective_sentence(tree: xr.DataTree) -> list[str]:
     widened = (
         f"; errors are widened by what is left of the record: {', '.join(factors)} times" if factors else ""
     )
+    if pushed := _with_random_force(tree):
+        return [PUSHED_METHODS.format(", ".join(pushed), widened)]
     return [f"{EFFECTIVE}{widened}."]
+
+
+def _with_random_force(tree: xr.DataTree) -> list[str]:
+    """Methods of all forces that found a random force, if the one that predicts best is among them."""
+    table = tree["comparison"].to_dataset()
+    rows = by_label(applied_methods(table), "method")
+    labels = [label for label, row in rows.items() if not row.neglects.item()]
+    pushed = [label for label in labels if is_found(random_force_of(tree[label].to_dataset()))]
+    return pushed if table.attrs["best"] in pushed else []
 
 
 def _prediction(tree: xr.DataTree) -> str:
@@ -92,6 +109,8 @@ def _prediction(tree: xr.DataTree) -> str:
     ratio = best.holdout_over_noise.item()
     factor, unit = small_units(signal_units(tree))
     explain = "explain" if ratio <= LARGE else "do not explain"
+    if ratio > LARGE and _with_random_force(tree):
+        explain = "without a random force do not explain"
     return (
         f"{third}, held out from {starts} on, is predicted best by {table.attrs['best']}: RMS residual "
         f"{factor * best.holdout_rms.item():.3g} {unit}, {ratio:.3g} times the noise. These forces {explain} "

@@ -13,7 +13,6 @@ from sysid_trib.validation.verdict import DEPENDENCE_LEVEL, p_value_of_dependenc
 
 # Part of its amplitude by which a motion that is predicted may be wrong.
 USEFUL = 0.05
-MANY_PERIODS = 10_000
 PUSHED = (
     "The record is explained with a random force: what is left depends on neither angle, speed, amplitude "
     "nor time ({})."
@@ -77,15 +76,16 @@ def random_force_sentences(tree: xr.DataTree, amplitude: float) -> list[str]:
     noise, units = float(result.noise), signal_units(result)
     size = value_with_error(force.density, force.standard_error) if force.standard_error > 0.0 else ""
     given = "" if size else ", as given"
-    periods = [_periods(force.periods_to(limit, frequency)) for limit in (noise, USEFUL * amplitude)]
+    lasts = _periods_of_record(tree, frequency)
+    periods = [_periods(force.periods_to(limit, frequency), lasts) for limit in (noise, USEFUL * amplitude)]
     return [
         f"What is left is a random force with a density of {size or f'{force.density:.3g}'} "
         f"{_density_units(units)}{given}; its root is {force.relative(frequency):.1e} w^2 per root hertz.",
         f"From a known state the motion can be predicted to the sensor's noise ({noise:.2g} {units}) for "
         f"{periods[0]}, and to {100.0 * USEFUL:g} % of its amplitude ({amplitude:.2g} {units}) for "
         f"{periods[1]}.",
-        *_whose(tree),
-        *_contradiction(tree, not size),
+        *_whose(tree, bool(contradiction := _contradiction(tree, not size))),
+        *contradiction,
     ]
 
 
@@ -100,8 +100,7 @@ def _not_found(tree: xr.DataTree, result: xr.Dataset) -> list[str]:
     sentences = [NOT_FOUND.format(_up_to(force, signal_units(tree)))]
     allowed = RandomForce(force.density + float(np.nan_to_num(force.standard_error)))
     frequency, noise = float(result.reference_frequency), float(result.noise)
-    periods = max(float(np.ptp(tree[name].time.values)) for name in record_groups(tree))
-    periods *= frequency / (2.0 * np.pi)
+    periods = _periods_of_record(tree, frequency)
     # The wander grows with the root of the time.
     wander = float(np.sqrt(periods / allowed.periods_to(noise, frequency)))
     return [*sentences, TOO_SHORT.format(wander)] if wander > 1.0 else sentences
@@ -117,11 +116,18 @@ def _up_to(force: RandomForce, units: str) -> str:
     return f"{size} {_density_units(units)} (p {p_value_text(force.p_value)})"
 
 
-def _periods(count: float) -> str:
+def _periods_of_record(tree: xr.DataTree, frequency: float) -> float:
+    """Of the longest record."""
+    longest = max(float(np.ptp(tree[name].time.values)) for name in record_groups(tree))
+    return longest * frequency / (2.0 * np.pi)
+
+
+def _periods(count: float, lasts: float) -> str:
+    """A number of periods; of no more than the record has anything is known."""
     if count < 0.1:
         return "less than a tenth of a period"
-    if count >= MANY_PERIODS:
-        return f"more than {MANY_PERIODS:,} periods"
+    if count >= lasts:
+        return f"longer than the record lasts ({lasts:.0f} periods)"
     return f"{count:.2g} periods" if count < 10.0 else f"{count:.0f} periods"
 
 
@@ -143,7 +149,7 @@ def _listed(names: list[str]) -> str:
     return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]
 
 
-def _whose(tree: xr.DataTree) -> list[str]:
+def _whose(tree: xr.DataTree, contradicted: bool) -> list[str]:
     """Whether the random force is a property of the experiment, or stands for something that is missing."""
     tested = tree["random_force"].to_dataset()
     p_value = p_value_of_dependence(tested)
@@ -153,7 +159,7 @@ def _whose(tree: xr.DataTree) -> list[str]:
             f"This random force is the sign of something missing: {_dependences(tested)} {text}. The "
             "coefficients are off by more than their errors."
         ]
-    if tree["comparison"].attrs["verdict_on_record"] == "not explained":
+    if tree["comparison"].attrs["verdict_on_record"] == "not explained" or contradicted:
         return []
     return [
         "The random force goes with neither angle nor speed, and its size is the same at all amplitudes, "
