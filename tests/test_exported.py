@@ -2,6 +2,7 @@
 
 import csv
 import io
+import json
 import re
 
 import numpy as np
@@ -14,6 +15,7 @@ from known_results import PAPER, known
 import sysid_trib as st
 from sysid_trib.printing.equation import equation_latex, equation_text, rounded
 from sysid_trib.printing.exported import csv_text, latex_text, unit_in_latex
+from sysid_trib.printing.translation import translation_sentences
 from sysid_trib.results.contactless import with_contactless_frequency
 from sysid_trib.validation.residual_force import model_force
 
@@ -152,3 +154,26 @@ def test_a_displacement_is_written_with_its_unit_and_is_no_angle():
     # No power outside of mathematics.
     assert not re.search(r"mm\^", text)
     assert unit_in_latex("mm^-1 s-1") == r"$\mathrm{mm}^{-1}\,\mathrm{s}^{-1}$"
+
+
+def test_a_mass_and_a_load_make_forces_of_a_displacement(tmp_path):
+    time = np.arange(700) / 60.0
+    model = st.Model(FORCES, {"lambda": 2e-3, "zeta": 5e-3, "delta": 0.02}, 8.0)
+    values = 24.0 * st.simulate(model, time, angle=0.4).angle.values
+    values += 2e-3 * np.random.default_rng(1).standard_normal(time.size)
+    rows = "\n".join(f"{t:.6f},{x:.6f}" for t, x in zip(time, values, strict=True))
+    path = tmp_path / "slider.csv"
+    path.write_text(f"time (s),x (mm)\n{rows}\n", encoding="utf-8")
+    words = ("identify", path, "--forces", "lambda,zeta,delta", "--mass", "0.5", "--load", "2")
+    told = json.loads(run(*words, "--json").out)["si_units"]
+    assert [told[s]["unit"] for s in told] == ["N", "kg s^-1", "kg m^-1"]
+    # m w^2 lambda, 2 m w zeta, m delta; 24 mm count as one radian in the model.
+    expected = {"lambda": 0.5 * 64 * 2e-3 * 0.024, "zeta": 2 * 0.5 * 8 * 5e-3, "delta": 0.5 * 0.02 / 0.024}
+    for symbol, value in expected.items():
+        assert abs(told[symbol]["value"] - value) < 5.0 * told[symbol]["standard_error"] < 0.2 * value
+    assert told["lambda"]["friction_coefficient"]["value"] == pytest.approx(told["lambda"]["value"] / 2.0)
+    record = st.free_decay(st.read_record(path))
+    result = st.methods.Direct().identify(record, FORCES.select(["lambda", "zeta", "delta"]))
+    assert "coefficient of friction: lambda" in translation_sentences(result, 0.5, 2.0)[1]
+    assert "--inertia" in run("identify", "--mass", "0.5").err
+    assert run("identify", path, "--load", "2").status == 2

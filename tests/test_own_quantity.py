@@ -5,6 +5,7 @@ import pytest
 from command_line import run
 
 import sysid_trib as st
+from sysid_trib.records.read import Reading, read_records
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.trajectory_fit.observation import MEASURED, Observation, acceleration_of, measured_part
 
@@ -99,3 +100,39 @@ def test_identify_says_in_what_it_compares(tmp_path):
     ending = run("identify", tmp_path / "phone.csv", "--forces", "zeta,delta")
     assert ending.status == 0, ending.err
     assert "Trajectory compares the rate itself, with a bias of" in ending.out
+
+
+def test_an_accelerometer_on_a_pendulum_shows_its_angle_and_forces(tmp_path):
+    length, distance = 0.613, 0.25
+    w = np.sqrt(9.80665 / length)
+    forces = st.load_library("candidate_effects").select(["gravity"])
+    library = st.Model(forces, {"gravity": 1.0}, w).library
+    both = st.load_library().select(["zeta", "delta"])
+    library = type(both)(both.title, (*both.forces, *library.forces))
+    model = st.Model(library, {**TRUE, "gravity": 1.0}, w)
+    motion = trajectory(model, TIME, 0.5, 0.0)
+    felt = Observation("accelerometer", distance).shown(model, motion, TIME)
+    felt += 0.1 + 2e-2 * np.random.default_rng(4).standard_normal(TIME.size)
+    path = tmp_path / "phone.csv"
+    rows = "\n".join(f"{t:.3f},{y:.8g}" for t, y in zip(TIME, felt, strict=True))
+    path.write_text(f"Time (s),Acceleration y (m/s^2)\n{rows}\n", encoding="utf-8")
+    (record,) = read_records(path, Reading(signal="accelerometer", distance=distance))
+    decay = st.free_decay(record)
+    exact = np.interp(decay.time, TIME, motion.position)
+    assert np.abs(decay.angle - exact).max() < 0.03
+    result = st.methods.Trajectory(fix={"gravity": 1.0}).identify(decay, library)
+    z = (result.coefficient.values[:2] - [*TRUE.values()]) / result.standard_error.values[:2]
+    assert np.abs(z).max() < 4.0
+    assert abs(result.reference_frequency.item() - w) < 4.0 * result.reference_frequency_standard_error.item()
+    assert result.attrs["compared_in"] == "accelerometer"
+    assert run("look", path, "--signal", "accelerometer").status == 2
+
+
+def test_the_usual_signal_of_a_system_stands_for_one_that_is_not_stated(tmp_path):
+    path = tmp_path / "swing.csv"
+    values = 24.0 * np.exp(-0.05 * TIME) * np.cos(W * TIME)
+    rows = "\n".join(f"{t:.3f},{y:.5f}" for t, y in zip(TIME, values, strict=True))
+    path.write_text(f"t,strip\n{rows}\n", encoding="utf-8")
+    assert read_records(path)[0].attrs["signal"] == "angle"
+    assert read_records(path, Reading(usual="displacement"))[0].attrs["signal"] == "displacement"
+    assert "displacement in au" in run("look", path, "--system", "spring").out

@@ -1,18 +1,39 @@
 """`sysid-trib identify`."""
 
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from sysid_trib.commands.destination import Destination, figures_of_runs, random_force_figures
 from sysid_trib.commands.next_command import keep_next
-from sysid_trib.commands.options import ConstraintOptions, DecayOptions, ModelOptions, with_options
+from sysid_trib.commands.options import ConstraintOptions, DecayOptions, ModelOptions, option, with_options
+from sysid_trib.errors import UsageError
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from sysid_trib.forces.force import ForceLibrary
     from sysid_trib.methods.scope import Method
+    from sysid_trib.validation.progress import Tell
+
+
+@dataclass(frozen=True)
+class ScaleOptions:
+    """What gives coefficients SI units."""
+
+    inertia: float | None = option("KG*M^2", "Moment of inertia: coefficients in SI units too.")
+    mass: float | None = option(
+        "KG", "Mass that is displaced: coefficients of a displacement in SI units too."
+    )
+    load: float | None = option("N", "Normal load of the contact: with --mass, the coefficient of friction.")
+
+    def check(self) -> None:
+        """Refuse what is not positive, and a load without a mass."""
+        from sysid_trib.commands import checks
+
+        for name in ("inertia", "mass", "load"):
+            checks.check_positive(getattr(self, name), f"--{name}")
+        if self.load is not None and self.mass is None:
+            raise UsageError("--load gives the coefficient of friction together with --mass: give both.")
 
 
 @with_options
@@ -20,9 +41,7 @@ def identify(
     *,
     given: DecayOptions,
     model: ModelOptions,
-    inertia: Annotated[
-        float | None, typer.Option(metavar="KG*M^2", help="Moment of inertia: coefficients in SI units too.")
-    ] = None,
+    scale: ScaleOptions,
     constraint: ConstraintOptions,
     destination: Destination,
 ) -> None:
@@ -30,60 +49,81 @@ def identify(
     from sysid_trib.commands.terminal import progress
 
     with progress() as tell:
-        import xarray as xr
-
         from sysid_trib.commands import checks
         from sysid_trib.commands.record_inputs import read_decays, refuse_hertz
         from sysid_trib.commands.terminal import record_sentences
         from sysid_trib.forces.systems import load_system
-        from sysid_trib.methods.scope import constrained, scope_of, with_random_force
+        from sysid_trib.methods.scope import constrained, with_random_force
+        from sysid_trib.physics.translation import check_length_unit
         from sysid_trib.printing.identification import identification_blocks, identification_json
+        from sysid_trib.printing.layers import Block
         from sysid_trib.printing.own_quantity import own_quantity
         from sysid_trib.printing.signs import sign_sentences
-        from sysid_trib.records.runs import one_or_all
+        from sysid_trib.printing.translation import second_of, translation_json, translation_sentences
         from sysid_trib.results.contactless import with_contactless_frequency
         from sysid_trib.results.schema import map_identifications
-        from sysid_trib.validation.cross_check import cross_check
-        from sysid_trib.validation.homogeneity import run_agreement
 
-        checks.check_positive(inertia, "--inertia")
+        scale.check()
         swinging = None if given.system is None else load_system(given.system)
         offered, shapes, constraints, contactless = checks.asked_model(model, constraint, swinging)
         random_force = checks.parse_random_force(model.random_force)
         destination.check(given.records)
         tell("reading")
         decays, sources = read_decays(given, model.reference_frequency)
+        if scale.mass is not None:
+            check_length_unit(str(decays[0].angle.attrs.get("units", "rad")))
         refuse_hertz(contactless[0] if contactless else None, decays, "--omega0")
         refuse_hertz(model.reference_frequency, decays, "--reference-frequency")
         methods, draws = _methods(offered, shapes, model.reference_frequency, decays)
         methods = [with_random_force(constrained(method, constraints), random_force) for method in methods]
-        decay = one_or_all(decays)
-        results = []
-        for method in methods:
-            tell(f"identification by {scope_of(method).label}")
-            results.append(method.identify(decay, offered))
-        tree = cross_check(decay, *results, draws=draws, tell=tell)
-        if len(decays) > 1:
-            tell("each run by itself")
-            second = tree[tree["comparison"].attrs["second"]].to_dataset()
-            tree["runs"] = xr.DataTree(run_agreement(decays, second))
+        tree = _cross_checked(decays, offered, methods, draws, tell)
         if contactless is not None:
             tree = map_identifications(tree, lambda result: with_contactless_frequency(result, *contactless))
         keep_next(tree, given, model, constraint)
     destination.deliver(
         tree,
-        lambda: identification_blocks(
-            tree,
-            [*record_sentences(tree, sources), *own_quantity(tree), *sign_sentences(tree, swinging)],
-            inertia,
+        lambda: [
+            *identification_blocks(
+                tree,
+                [*record_sentences(tree, sources), *own_quantity(tree), *sign_sentences(tree, swinging)],
+                scale.inertia,
+            ),
+            Block(translation_sentences(second_of(tree), scale.mass, scale.load)),
+        ],
+        lambda: (
+            identification_json(tree, scale.inertia)
+            | translation_json(second_of(tree), scale.mass, scale.load)
         ),
-        lambda: identification_json(tree, inertia),
         lambda plots: [
             *figures_of_runs(tree, "overview", plots.overview),
             *figures_of_runs(tree, "identification", plots.identification),
             *random_force_figures(tree, plots),
         ],
     )
+
+
+def _cross_checked(
+    decays: "list[xr.Dataset]", offered: "ForceLibrary", methods: "list[Method]", draws: int, tell: "Tell"
+) -> "xr.DataTree":
+    """Both identifications held against each other; of several runs, whether these agree."""
+    import xarray as xr
+
+    from sysid_trib.methods.scope import scope_of
+    from sysid_trib.printing.translation import second_of
+    from sysid_trib.records.runs import one_or_all
+    from sysid_trib.validation.cross_check import cross_check
+    from sysid_trib.validation.homogeneity import run_agreement
+
+    decay = one_or_all(decays)
+    results = []
+    for method in methods:
+        tell(f"identification by {scope_of(method).label}")
+        results.append(method.identify(decay, offered))
+    tree = cross_check(decay, *results, draws=draws, tell=tell)
+    if len(decays) > 1:
+        tell("each run by itself")
+        tree["runs"] = xr.DataTree(run_agreement(decays, second_of(tree)))
+    return tree
 
 
 def _methods(

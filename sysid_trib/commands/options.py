@@ -59,7 +59,8 @@ class DecayOptions:
     time: str | None = option("COLUMN", "Time column, by name or number from 0.")
     angle: str | None = option("COLUMN", "Column of the signal, by name or number, or a formula of columns.")
     signal: str | None = option(
-        "angle|displacement|rate|acceleration", "What was measured; default: what unit and name say."
+        "angle|displacement|rate|acceleration|accelerometer",
+        "What was measured; default: what unit and name say.",
     )
     units: str | None = option(
         "rad|deg|mm|px|V|au|rad/s|g|...",
@@ -80,6 +81,7 @@ class DecayOptions:
         "What swings: pendulum, torsion, spring, ship, tribometer or cantilever; sets its usual forces.",
     )
     length: float | None = option("M", "Length of a pendulum: a displacement becomes an angle.")
+    distance: float | None = option("M", "Of an accelerometer from the axis of the pendulum that it is on.")
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 # A frequency within this part of the record's own in Hz is meant in Hz.
 HERTZ_TOLERANCE = 0.3
 # Options that say how a record is to be read.
-READING = ("time", "angle", "signal", "units", "sampling_rate", "time_units", "length")
+READING = ("time", "angle", "signal", "units", "sampling_rate", "time_units", "length", "distance")
 
 
 def read_decays(
@@ -73,6 +73,7 @@ def decays_within(given: DecayOptions, records: "list[xr.Dataset]") -> "list[xr.
 
 def _read(given: DecayOptions, record: Path | None) -> "tuple[list[xr.Dataset], str]":
     """The runs of a file, or the embedded example, and what they are."""
+    from sysid_trib.forces.systems import load_system
     from sysid_trib.records.read import Reading, read_records
     from sysid_trib.simulation.example import paper_twin
 
@@ -83,7 +84,8 @@ def _read(given: DecayOptions, record: Path | None) -> "tuple[list[xr.Dataset], 
             raise UsageError(f"--{idle[0].replace('_', '-')} is for a RECORD, and none is given.")
         read = paper_twin()
         return [read], f"Embedded example: {read.attrs['source']}; {read.attrs['synthetic']}."
-    runs = read_records(record, Reading(**how))
+    usual = None if given.system is None else load_system(given.system).signal
+    runs = read_records(record, Reading(**how, usual=usual))
     attrs = runs[0].attrs
     column = attrs["angle_column"]
     facts = [f"{attrs['signal']} in {attrs['angle_unit_in_file']} from column {column}", attrs["clock"]]

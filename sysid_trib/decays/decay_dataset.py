@@ -57,7 +57,10 @@ def decay_dataset(record: xr.Dataset, decay: CutDecay, said: str) -> xr.Dataset:
         period = swing.oscillation.period
         for _ in range(int(record.attrs["integrations"])):
             signal = integrated(time, signal, period)
+        if "felt_per_sine" in record.attrs:
+            signal = np.arcsin(np.clip(signal / float(record.attrs["felt_per_sine"]), -1.0, 1.0))
         every = max(1, int(period / INTEGRATED_POINTS_PER_PERIOD * (time.size - 1) / (time[-1] - time[0])))
+        every = every if record.attrs["integrations"] else 1
         time, signal = time[::every], signal[::every]
         equilibrium, centred_in = (0.0, np.nan), str(record[measured].attrs["units"])
     cut = _on_own_samples(record, time, bare=bool(measured))

@@ -44,7 +44,7 @@ def physical_units(result: xr.Dataset, inertia: float, *, inertia_standard_error
     estimate = model_estimate(result)
     count = len(estimate.forces)
     powers = np.array([0.0 if f.speed_degree is None else f.speed_degree for f in estimate.forces])
-    factors = np.array([_factor(f) for f in estimate.forces])
+    factors = np.array([power_law_factor(f) for f in estimate.forces])
     c, w = estimate.coefficients, estimate.frequency
     scale = factors * inertia * w ** (2.0 - powers)
     # By (coefficients, w, inertia).
@@ -130,7 +130,8 @@ def _is_monomial(force: Force) -> bool:
     return force.degree is not None and force.speed_degree is not None
 
 
-def _factor(force: Force) -> float:
+def power_law_factor(force: Force) -> float:
+    """The number in a power law, 2 of `2*v`; 1 of other forces."""
     if not _is_monomial(force):
         return 1.0
     corners = np.array([(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)])

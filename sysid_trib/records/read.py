@@ -18,15 +18,17 @@ from sysid_trib.records.assumed_units import assumed_unit, circle_radius, time_f
 from sysid_trib.records.clock import Clock, read_clock
 from sysid_trib.records.columns import Chosen, choose_columns, has_column
 from sysid_trib.records.expression import is_expression, with_expression
-from sysid_trib.records.headers import noted_rate, noted_unit, split_header
+from sysid_trib.records.headers import names_quantity, noted_rate, noted_unit, split_header
 from sysid_trib.records.numbers import numbers
 from sysid_trib.records.tables import FileTable, read_table
 from sysid_trib.records.units import (
+    ACCELEROMETER,
     INTEGRATIONS,
     METRES,
     OFFERED_TIME_UNITS,
     OFFERED_UNITS,
     SIGNALS,
+    STANDARD_GRAVITY,
     TIME_UNITS,
     SignalUnit,
     plain_unit,
@@ -35,6 +37,8 @@ from sysid_trib.records.units import (
 
 LARGEST_AMPLITUDE = 4.0 * np.pi
 RATE_TOLERANCE = 0.01
+# An accelerometer that feels less of gravity than this part shows no angle.
+LEAST_FELT = 0.02
 
 
 @dataclass(frozen=True)
@@ -45,8 +49,8 @@ class Reading:
     ----------
     time, angle : str or int, optional
         Columns of time and signal, by name or number from 0.
-    signal : {"angle", "displacement", "rate", "acceleration"}, optional
-        What was measured.
+    signal : {"angle", "displacement", "rate", "acceleration", "accelerometer"}, optional
+        What was measured; an accelerometer on a pendulum feels gravity's component along its path too.
     units : str, optional
         Unit of the signal.
     sampling_rate : float, Hz, optional
@@ -55,6 +59,10 @@ class Reading:
         Unit of the time column.
     length : float, m, optional
         Of a pendulum: turns a displacement in a unit of length into an angle.
+    distance : float, m, optional
+        Of an accelerometer from the axis of the pendulum that it is on.
+    usual : str, optional
+        What is usually measured of such a system: the signal's quantity where nothing says it.
     """
 
     time: str | int | None = None
@@ -64,6 +72,8 @@ class Reading:
     sampling_rate: float | None = None
     time_units: str | None = None
     length: float | None = None
+    distance: float | None = None
+    usual: str | None = None
 
     def __post_init__(self) -> None:
         if self.signal is not None and self.signal not in SIGNALS:
@@ -76,6 +86,13 @@ class Reading:
             raise UsageError(
                 f"sampling rate {self.sampling_rate:g}: give a positive number of samples a second."
             )
+        if (self.signal == ACCELEROMETER) != (self.distance is not None):
+            raise UsageError(
+                "An accelerometer on a pendulum is read by its distance from the axis in m: give both "
+                "--signal accelerometer and --distance M (signal= and distance= in Python), or neither."
+            )
+        if self.distance is not None and not 0.0 <= self.distance < 1e6:
+            raise UsageError(f"distance {self.distance:g}: give the distance from the axis in m.")
         if self.length is not None and not 0.0 < self.length < 1e6:
             raise UsageError(f"length {self.length:g}: give the pendulum's length in m.")
 
@@ -168,7 +185,8 @@ def read_records(path: str | os.PathLike[str], how: Reading | None = None) -> li
     table, source = read_table(path), path.name
     if is_expression(how.angle) and not has_column(table, how.angle):
         table = with_expression(table, str(how.angle), source)
-    chosen = choose_columns(table, source, time=how.time, angle=how.angle, signal=how.signal)
+    signal = "acceleration" if how.signal == ACCELEROMETER else how.signal
+    chosen = choose_columns(table, source, time=how.time, angle=how.angle, signal=signal)
     checksum = hashlib.sha256(path.read_bytes()).hexdigest()
     records = []
     for number, columns in enumerate(chosen):
@@ -207,6 +225,8 @@ def _read(table: FileTable, columns: Chosen, how: Reading, source: str) -> xr.Da
     }
     if clock.breaks:
         attrs["breaks"] = list(clock.breaks)
+    if how.signal == ACCELEROMETER:
+        return _felt(time, values, attrs, float(how.distance or 0.0), source)
     return _record(time, values, unit, attrs, how.length)
 
 
@@ -257,6 +277,8 @@ def _unit(
 ) -> tuple[SignalUnit, str]:
     """Unit of the signal: as the option says, as the file says, or as its numbers let one assume."""
     name = columns.signal
+    # What an accelerometer feels is in the units of an acceleration.
+    signal = "acceleration" if how.signal == ACCELEROMETER else how.signal
     base, in_header = split_header(name)
     stated = signal_unit(table.units.get(name, "") or in_header or noted_unit(table.notes))
     given = None if how.units is None else signal_unit(how.units)
@@ -270,11 +292,12 @@ def _unit(
         )
     unit, why = given or stated, ""
     if unit is None:
-        unit, why = assumed_unit(base, time, values, circle_radius(table, name), how.signal)
-    if how.signal is not None and how.signal != unit.quantity:
-        per_second = "/s" if how.signal == "rate" else "/s^2" if how.signal == "acceleration" else ""
+        meant = signal or names_quantity(base) or how.usual
+        unit, why = assumed_unit(base, time, values, circle_radius(table, name), meant)
+    if signal is not None and signal != unit.quantity:
+        per_second = "/s" if signal == "rate" else "/s^2" if signal == "acceleration" else ""
         if unit.quantity in ("angle", "displacement") and per_second:
-            unit = SignalUnit(f"{unit.text}{per_second}", how.signal, unit.position, unit.factor, unit.known)
+            unit = SignalUnit(f"{unit.text}{per_second}", signal, unit.position, unit.factor, unit.known)
         elif stated is not None and stated.known:
             raise UsageError(
                 f"{source}: the header of column {name} says {stated.text}: {_article(stated.quantity)}; but "
@@ -332,6 +355,37 @@ def _record(
         record.attrs["length"] = length
     name = "angle" if position == "rad" else "displacement"
     record["angle"] = ("time", values, {"units": position, "long_name": name})
+    return record
+
+
+def _felt(time: Array, values: Array, attrs: dict[str, Any], distance: float, source: str) -> xr.Dataset:
+    """The record of an accelerometer on a pendulum, with the angle to first order.
+
+    It feels g sin(x) + r x'' along its path. Without friction x'' = -w^2 sin(x): the angle is the arcsine of
+    what it feels over g - r w^2.
+    """
+    swing = find_swing(time, values)
+    if swing is None:
+        raise RecordError(f"{source}: no oscillation stands out of the noise; choose another axis.")
+    felt = STANDARD_GRAVITY - distance * (2.0 * np.pi / swing.oscillation.period) ** 2
+    if felt < LEAST_FELT * STANDARD_GRAVITY:
+        raise RecordError(
+            f"{source}: at {distance:g} m from the axis an accelerometer feels next to nothing of this swing "
+            f"along its path ({felt:.3g} m/s^2 of 9.81): correct --distance, or choose another axis."
+        )
+    sine = np.clip((values - swing.equilibrium) / felt, -1.0, 1.0)
+    record = xr.Dataset(coords={"time": ("time", time, {"units": "s", "long_name": "time"})}, attrs=attrs)
+    long_name = "acceleration that was felt"
+    record[ACCELEROMETER] = ("time", values, {"units": "m/s^2", "long_name": long_name})
+    record["angle"] = ("time", np.arcsin(sine), {"units": "rad", "long_name": "angle"})
+    record.attrs |= {
+        "signal": ACCELEROMETER,
+        "measured": ACCELEROMETER,
+        "integrations": 0,
+        "distance": distance,
+        "felt_per_sine": felt,
+        "integration": "its angle by the arcsine, as if there were no friction",
+    }
     return record
 
 

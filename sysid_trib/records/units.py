@@ -40,7 +40,9 @@ POSITION_UNITS = {spelling: name for name, spellings in _POSITIONS.items() for s
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "µm": 1e-6, "nm": 1e-9, "in": 0.0254}
 # How often a signal is to be integrated to become an angle or a displacement.
 INTEGRATIONS = {"angle": 0, "displacement": 0, "rate": 1, "acceleration": 2}
-SIGNALS = tuple(INTEGRATIONS)
+# What an accelerometer on a pendulum feels is no derivative of its angle.
+ACCELEROMETER = "accelerometer"
+SIGNALS = (*INTEGRATIONS, ACCELEROMETER)
 OFFERED_UNITS = "rad, deg, mrad, m, mm, px, V, au, rad/s, deg/s, m/s^2 or g"
 OFFERED_TIME_UNITS = "s, ms, us or min"
 
