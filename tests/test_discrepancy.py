@@ -214,7 +214,7 @@ def test_two_wrong_effects_are_exchanged_for_the_right_pair():
         step = exchange_effects(current, effects, fits)
         if step is None:
             break
-        model, effects = step
+        effects, model = step.effects, step.model
     assert set(effects) == {"cubic_damping", "even_spring"}
     assert step is None
 
@@ -222,9 +222,9 @@ def test_two_wrong_effects_are_exchanged_for_the_right_pair():
 def test_an_effect_that_explains_nothing_is_dropped():
     model, fits = wrong_model(with_effect({}, seed=9), "even_spring")
     current = screen(model, [force for force in FEW if force.symbol != "even_spring"])
-    dropped, effects = exchange_effects(current, ("even_spring",), fits)
-    assert effects == ()
-    assert dropped.deviance == pytest.approx(fits.start.deviance, abs=0.5)
+    step = exchange_effects(current, ("even_spring",), fits)
+    assert step.effects == ()
+    assert step.model.deviance == pytest.approx(fits.start.deviance, abs=0.5)
 
 
 def test_chance_is_in_the_place_of_a_weak_effect_and_not_of_a_strong_one():

@@ -4,9 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from time import monotonic
+from typing import NamedTuple
 
 import numpy as np
 
+from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.columns_beside import each_beside, projected
 from sysid_trib.discrepancy.evidence import evidence, least_penalty
 from sysid_trib.discrepancy.likelihood import RunProducts, likelihood
@@ -75,13 +77,18 @@ def _is_physical(model: FittedModel, base: int) -> bool:
     return all(is_physical(trial.force, c, size, strongest) for trial, c, size in list(effects)[base:])
 
 
-def exchange_effects(
-    current: Screening, effects: tuple[str, ...], fits: Fits
-) -> tuple[FittedModel, tuple[str, ...]] | None:
-    """The model without an effect or two, or with others in their place, if that is more likely.
+class Move(NamedTuple):
+    """A step of a search: a model, its effects beside the start model's, and its evidence."""
 
-    Where there are more than before, what each explains is beyond chance, and the model is more likely by
-    what leaves chance outside of a credible set.
+    evidence: float
+    effects: tuple[str, ...]
+    model: FittedModel
+
+
+def exchange_effects(
+    current: Screening, effects: tuple[str, ...], fits: Fits, *, more: int = 0, below: float = np.inf
+) -> Move | None:
+    """The most likely model without an effect or two, or with others in their place.
 
     Parameters
     ----------
@@ -90,36 +97,36 @@ def exchange_effects(
     effects : tuple of str
         Its effects beside the start model's.
     fits : Fits
+    more : int
+        1 of models with an effect more than the present one, of which what each explains is beyond chance,
+        and which are more likely by what leaves chance outside of a credible set; 0 of all others.
+    below : float
+        Evidence that it is to be better than.
 
     Returns
     -------
-    model, effects
-        None if no such model is more likely.
+    Move or None
+        None if no such model is more likely than the present one.
     """
-    model = current.model
+    model, settings = current.model, current.model.settings
     here = evidence(model, effects) if effects else 0.0
+    aim = min(below, here - (settings.outside_of_set if more else settings.least_gain))
     proposed: list[tuple[float, tuple[str, ...], list[int]]] = []
     for gone in (*((s,) for s in effects), *combinations(effects, 2)):
-        proposed += [(score, gone, at) for score, at in _in_place(current, gone)]
-        if len(effects) - len(gone) + 2 <= model.settings.max_effects:
-            proposed += [(score, gone, at) for score, at in _pairs_in_place(current, gone)]
-    best: tuple[float, tuple[str, ...], FittedModel] | None = None
-    for _, gone, at in sorted(proposed, key=lambda scored: scored[0])[: model.settings.fitted]:
+        places = _in_place(current, gone) + _pairs_in_place(current, gone)
+        proposed += [(score, gone, at) for score, at in places if (len(at) > len(gone)) == bool(more)]
+    best: Move | None = None
+    for score, gone, at in sorted(proposed, key=lambda scored: scored[0])[: settings.fitted]:
+        if score > aim - here + settings.far:
+            continue
         trials = [current.trials[i] for i in at]
         after = tuple(s for s in effects if s not in gone) + tuple(t.force.symbol for t in trials)
-        aim = here if best is None else best[0]
         fitted = fits.of(model, gone, trials, worst=deviance_of(aim, model, after, trials))
-        if fitted is None:
+        if fitted is None or (exact := evidence(fitted, after)) >= aim:
             continue
-        score = evidence(fitted, after)
-        more = len(after) > len(effects)
-        needed = model.settings.outside_of_set if more else model.settings.least_gain
-        better = score < here - needed and (best is None or score < best[0])
-        if better and (
-            not more or max(_p_values(current, _own_products(fitted), fitted, after)) < model.settings.level
-        ):
-            best = (score, after, fitted)
-    return None if best is None else (best[2], best[1])
+        if not more or max(_p_values(current, _own_products(fitted), fitted, after)) < settings.level:
+            best, aim = Move(exact, after, fitted), exact
+    return best
 
 
 def not_beyond_chance(
@@ -225,6 +232,17 @@ def _of_effect(model: FittedModel) -> float:
     return float(np.log(sum(rows.path.form.rows for rows in model.rows)))
 
 
+def _columns(current: Screening) -> list[int]:
+    """Columns of the trials that may stand in the place of effects."""
+    return [current.first_trial + at for at in current.in_place]
+
+
+def _testable(current: Screening, part: Array) -> list[int]:
+    """Those of these trials of whose columns such parts are outside of the columns that stay."""
+    least = current.model.settings.testable
+    return [at for at, outside in zip(current.in_place, part, strict=True) if outside >= least]
+
+
 def _in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float, list[int]]]:
     """Scores along the present path of nothing, and of each candidate, in the place of effects.
 
@@ -234,9 +252,10 @@ def _in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float, list
     bare = likelihood(current.products, kept)
     without = bare.deviance - model.deviance
     scores = [(without - len(gone) * _of_effect(model), list[int]())]
-    beside = each_beside(current.products, kept, [current.first_trial + at for at in current.in_place], bare)
+    trials = _testable(current, projected(current.products, bare, kept, _columns(current))[0])
+    beside = each_beside(current.products, kept, [current.first_trial + at for at in trials], bare)
     for at, deviance, coefficient in zip(
-        current.in_place, beside.deviance.tolist(), beside.coefficients.tolist(), strict=True
+        trials, beside.deviance.tolist(), beside.coefficients.tolist(), strict=True
     ):
         if current.allows(at, coefficient):
             scores.append((deviance - model.deviance + (1 - len(gone)) * _of_effect(model), [at]))
@@ -253,9 +272,10 @@ def _in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float, list
 def _pairs_in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float, list[int]]]:
     """The same of two candidates in the place of effects; which, by the noise of the present model."""
     model, kept = current.model, kept_columns(current.model, gone)
-    trials = current.in_place
-    columns = [0, *(current.first_trial + at for at in trials)]
-    _, rest = projected(current.products, model.likelihood, kept, columns)
+    part, rest = projected(current.products, model.likelihood, kept, [0, *_columns(current)])
+    trials = _testable(current, part[1:])
+    inside = [0, *(1 + current.in_place.index(at) for at in trials)]
+    rest = rest[np.ix_(inside, inside)]
     along, size = rest[0, 1:], np.maximum(np.diag(rest)[1:], 1e-300)
     best: dict[str, int] = {}
     for i in np.argsort(-(along**2) / size).tolist():
@@ -267,7 +287,7 @@ def _pairs_in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float
     outside = np.maximum(size[first] * size[second] - cross**2, 0.0)
     gains = along[first] ** 2 * size[second] + along[second] ** 2 * size[first]
     gains = gains - 2.0 * cross * along[first] * along[second]
-    distinct = outside > 1e-6 * size[first] * size[second]
+    distinct = outside > model.settings.testable**2 * size[first] * size[second]
     gains = np.where(distinct, gains / np.where(distinct, outside, 1.0), 0.0)
     scores = []
     for i in np.argsort(-gains)[: model.settings.pairs].tolist():

@@ -4,14 +4,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize.elementwise import find_root
 
 from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.trials import TrialEffect
 
 # Part of the motion's speed by which the states just before and just after a surface differ from it.
 ASIDE = 1e-6
-# By which a crossing between two close points is found, to a part in ten million of their distance.
-HALVINGS = 24
+# Part of the distance of two points to which a crossing between them is found.
+CROSSING = 1e-7
 
 
 @dataclass(frozen=True)
@@ -100,12 +101,7 @@ def jumps_along(
 
 def _crossings(tau: Array, surface: Callable[[Array], Array]) -> Array:
     """Where a surface along a motion has its zeros, (crossing,)."""
-    values = surface(tau)
-    at = np.flatnonzero(np.diff(np.sign(values)) != 0.0)
-    low, high = tau[at], tau[at + 1]
-    # By halves: the jump of another round may bend the motion between two points, which misleads secants.
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        before = np.sign(surface(middle)) == np.sign(values[at])
-        low, high = np.where(before, middle, low), np.where(before, high, middle)
-    return np.asarray(0.5 * (low + high))
+    at = np.flatnonzero(np.diff(np.sign(surface(tau))) != 0.0)
+    # In brackets: the jump of another round may bend the motion between two points, which misleads secants.
+    tolerances = {"xatol": CROSSING * float(np.max(np.diff(tau)))}
+    return np.asarray(find_root(surface, (tau[at], tau[at + 1]), tolerances=tolerances).x)

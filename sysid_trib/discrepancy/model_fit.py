@@ -202,15 +202,18 @@ def fit_model(
     """
     guess = np.zeros(len(trials) + 1) if first is None else first
     model, settings = _fitted_along(paths, trials, guess, frequency_free), paths[0].settings
-    rounds, reach = [], settings.shape_step
+    rounds, reach, before = [], settings.shape_step, 0.0
     for turn in range(settings.rounds):
         guess = np.append(model.coefficients, model.stiffness)
         # A history-dependent force may have the path swing about where it settles.
         nearer = model.next_paths(1.0 if turn < WHOLE_STEPS else 0.5)
         after = _fitted_along(nearer, model.next_trials(reach), guess, frequency_free)
         fall, model = model.deviance - after.deviance, after
-        if abs(fall) < settings.least_gain:
+        # Falls shrink as a geometric series at least: the next one is this one times their ratio.
+        next_fall = abs(fall) * min(1.0, abs(fall) / before) if before else abs(fall)
+        if next_fall < settings.least_gain:
             return model
+        before = abs(fall)
         if turn > 1 and model.deviance - 2.0 * abs(fall) > worst:
             return replace(model, settled=False)
         # Shapes are stepped along tangents: one that leads up was too long.

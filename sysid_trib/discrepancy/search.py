@@ -9,6 +9,7 @@ from sysid_trib.discrepancy.collinearity import collinear_effects
 from sysid_trib.discrepancy.evidence import evidence
 from sysid_trib.discrepancy.exchange import (
     Fits,
+    Move,
     better_rival,
     chance_in_set,
     deviance_of,
@@ -92,9 +93,7 @@ def search(
     for _ in range(start.settings.most_moves):
         tell(f"candidates beside {', '.join(effects) or 'the start model'}")
         current = screened(model, effects)
-        step = exchange_effects(current, effects, fits)
-        if step is None and len(effects) < start.settings.max_effects:
-            step = _added(current, effects, fits)
+        step = _towards(current, effects, fits)
         if step is None:
             step = not_beyond_chance(current, effects, fits)
         if step is None:
@@ -159,7 +158,7 @@ def _outstanding(last: Screening, effects: tuple[str, ...], fits: Fits) -> tuple
     failed = [
         last.trials[at].force.symbol for at in last.best() if last.p_values[at] < last.model.settings.level
     ]
-    missing = [after[-1] for _, after, _ in _beyond_chance(last, effects, fits)]
+    missing = [move.effects[-1] for move in _beyond_chance(last, effects, fits)]
     return (
         *missing,
         *(
@@ -170,21 +169,20 @@ def _outstanding(last: Screening, effects: tuple[str, ...], fits: Fits) -> tuple
     )
 
 
-def _added(
+def _towards(
     current: Screening, effects: tuple[str, ...], fits: Fits
 ) -> tuple[FittedModel, tuple[str, ...]] | None:
-    """The model with the most likely effect more; None if there is none beyond chance."""
-    tried = _beyond_chance(current, effects, fits)
-    if not tried:
-        return None
-    _, after, fitted = min(tried, key=lambda candidate: candidate[0])
-    return fitted, after
+    """The more likely model of as many effects or fewer, else of one more; None if there is none."""
+    step = exchange_effects(current, effects, fits)
+    if step is None and len(effects) < current.model.settings.max_effects:
+        step = min(_beyond_chance(current, effects, fits), key=lambda move: move.evidence, default=None)
+        below = np.inf if step is None else step.evidence
+        step = exchange_effects(current, effects, fits, more=1, below=below) or step
+    return None if step is None else (step.model, step.effects)
 
 
-def _beyond_chance(
-    current: Screening, effects: tuple[str, ...], fits: Fits
-) -> list[tuple[float, tuple[str, ...], FittedModel]]:
-    """Evidence, effects and model with one candidate more, of those that may be the most likely.
+def _beyond_chance(current: Screening, effects: tuple[str, ...], fits: Fits) -> list[Move]:
+    """Models with one candidate more, of those that may be the most likely.
 
     What it gains is beyond chance, and leaves that no place in its credible set.
     """
@@ -194,15 +192,15 @@ def _beyond_chance(
         return []
     most, here = current.gains[likeliest[0]], evidence(model, effects)
     near = [at for at in likeliest if current.gains[at] > most * (1.0 - settings.slack) - settings.far]
-    tried = list[tuple[float, tuple[str, ...], FittedModel]]()
+    tried = list[Move]()
     for at in near[: settings.fitted]:
         trial = current.trials[at]
         named = (*effects, trial.force.symbol)
-        aim = min([here - settings.outside_of_set, *(score for score, *_ in tried)])
+        aim = min([here - settings.outside_of_set, *(move.evidence for move in tried)])
         fitted = fits.of(model, (), [trial], deviance_of(aim, model, named, [trial]))
         if fitted is None:
             continue
         gain, score = model.deviance - fitted.deviance, evidence(fitted, named)
         if current.p_value_of(gain, trial.force) < settings.level and score < here - settings.outside_of_set:
-            tried.append((score, named, fitted))
+            tried.append(Move(score, named, fitted))
     return tried
