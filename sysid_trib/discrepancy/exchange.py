@@ -23,14 +23,14 @@ class Fits:
     """Exact fits of a search, each done once: by the symbols of the effects; and what could not be fitted.
 
     After the deadline, by `time.monotonic`, none is done. What does not reach the deviance that was asked
-    for is neither kept nor failed, but `unlikely`, with that deviance.
+    for is not kept, but `unlikely`, with that deviance, from where it started: from other shapes it may.
     """
 
     start: FittedModel
     deadline: float = np.inf
-    kept: dict[frozenset[str], FittedModel | None] = field(default_factory=dict)
+    kept: dict[frozenset[str], FittedModel] = field(default_factory=dict)
     failed: list[str] = field(default_factory=list)
-    unlikely: dict[frozenset[str], float] = field(default_factory=dict)
+    unlikely: dict[tuple[tuple[str, tuple[float, ...]], ...], float] = field(default_factory=dict)
 
     @property
     def out_of_time(self) -> bool:
@@ -44,19 +44,22 @@ class Fits:
         trials = [t for t in near.trials if t.force.symbol not in drop] + list(add)
         base = {t.force.symbol for t in self.start.trials}
         key = frozenset(t.force.symbol for t in trials) - base
-        if key not in self.kept and (self.out_of_time or self.unlikely.get(key, -np.inf) >= worst):
+        if key in self.kept:
+            return self.kept[key]
+        place = tuple(sorted((t.force.symbol, tuple(t.shapes.values())) for t in trials))
+        if self.out_of_time or self.unlikely.get(place, -np.inf) >= worst:
             return None
-        if key not in self.kept:
-            model = self._fitted(near, trials, worst)
-            if model is not None and not model.settled and model.deviance > worst:
-                self.unlikely[key] = worst
-                return None
-            # A fit that leaves what is physical has not failed: the effect does not explain the record.
-            physical = model is None or _is_physical(model, len(base))
-            if model is None or (physical and not model.settled):
-                self.failed += [trial.force.symbol for trial in add]
-            self.kept[key] = model if model is not None and model.settled and physical else None
-        return self.kept[key]
+        model = self._fitted(near, trials, worst)
+        # A fit that leaves what is physical has not failed: the effect does not explain the record.
+        physical = model is None or _is_physical(model, len(base))
+        if model is not None and model.settled and physical:
+            self.kept[key] = model
+            return model
+        given_up = model is not None and not model.settled and model.deviance > worst
+        self.unlikely[place] = worst if given_up else np.inf
+        if physical and not given_up:
+            self.failed += [trial.force.symbol for trial in add]
+        return None
 
     def _fitted(self, near: FittedModel, trials: Sequence[TrialEffect], worst: float) -> FittedModel | None:
         known = dict(zip([t.force.symbol for t in near.trials], near.coefficients.tolist(), strict=True))
@@ -191,8 +194,7 @@ def better_rival(
     if excess > -current.model.settings.least_gain:
         return None
     after = tuple(s for s in effects if s != symbol) + ((name,) if name else ())
-    fitted = fits.kept[frozenset(after)]
-    return None if fitted is None else (fitted, after)
+    return fits.kept[frozenset(after)], after
 
 
 def rivals_of(current: Screening, effects: tuple[str, ...], symbol: str, fits: Fits) -> dict[str, float]:
@@ -206,10 +208,10 @@ def rivals_of(current: Screening, effects: tuple[str, ...], symbol: str, fits: F
         after = (*(s for s in effects if s != symbol), *names)
         worst = deviance_of(here + model.settings.far, model, after, trials)
         fitted = fits.of(model, (symbol,), trials, worst)
-        if fitted is None and frozenset(after) not in fits.kept:
-            # Outside of every credible set, or there was no time.
+        if fitted is None:
+            # Outside of every credible set, or it failed, or there was no time.
             continue
-        likelier["".join(names)] = np.inf if fitted is None else evidence(fitted, after) - here
+        likelier["".join(names)] = evidence(fitted, after) - here
     return likelier
 
 

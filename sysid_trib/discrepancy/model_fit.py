@@ -214,7 +214,9 @@ def fit_model(
         if next_fall < settings.least_gain:
             return model
         before = abs(fall)
-        if turn > 1 and model.deviance - 2.0 * abs(fall) > worst:
+        # A shape that goes as far as it may in a round has still some way to go.
+        on_its_way = any(abs(model.likelihood.coefficients[at]) > reach for *_, at in model.shape_columns)
+        if turn > 1 and not on_its_way and model.deviance - 2.0 * abs(fall) > worst:
             return replace(model, settled=False)
         # Shapes are stepped along tangents: one that leads up was too long.
         reach *= 0.5 if turn and fall < 0.0 else 1.0

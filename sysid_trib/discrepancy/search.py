@@ -39,7 +39,7 @@ class Search:
         Added, in the order of what each explains.
     rivals : dict of str to dict of str to float
         Of each effect: minus twice the logarithm of the evidence with each candidate in its place, over its
-        own; of nothing in its place under "", inf of what could not be fitted.
+        own; of nothing in its place under "".
     failed : tuple of str
         Candidates whose fits failed.
     outstanding : tuple of str
@@ -188,12 +188,11 @@ def _beyond_chance(current: Screening, effects: tuple[str, ...], fits: Fits) -> 
     """
     model, settings = current.model, current.model.settings
     likeliest = [at for at in current.best() if current.p_values[at] < settings.level]
-    if not likeliest:
-        return []
-    most, here = current.gains[likeliest[0]], evidence(model, effects)
-    near = [at for at in likeliest if current.gains[at] > most * (1.0 - settings.slack) - settings.far]
-    tried = list[Move]()
-    for at in near[: settings.fitted]:
+    here, least_of_column, tried = evidence(model, effects), 0.0, list[Move]()
+    # As many again as are fitted, since those that gain most may be what no sample can be.
+    for at in likeliest[: 2 * settings.fitted]:
+        if current.gains[at] <= least_of_column:
+            break
         trial = current.trials[at]
         named = (*effects, trial.force.symbol)
         aim = min([here - settings.outside_of_set, *(move.evidence for move in tried)])
@@ -202,5 +201,7 @@ def _beyond_chance(current: Screening, effects: tuple[str, ...], fits: Fits) -> 
             continue
         gain, score = model.deviance - fitted.deviance, evidence(fitted, named)
         if current.p_value_of(gain, trial.force) < settings.level and score < here - settings.outside_of_set:
+            if not tried:
+                least_of_column = current.gains[at] * (1.0 - settings.slack) - settings.far
             tried.append(Move(score, named, fitted))
     return tried
