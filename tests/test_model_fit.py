@@ -290,7 +290,10 @@ def test_a_crossing_is_found_where_another_jump_bends_the_motion():
         return line[order] + bent.value(tau, order)
 
     friction = [TrialEffect(EVERY["lambda"], {})]
-    jumps = jumps_along(np.arange(11) / 10.0, motion, lambda tau: tau, friction, np.ones(1))
+    tau = np.arange(11) / 10.0
+    jumps = jumps_along(
+        tau, motion, lambda tau: tau, friction, np.ones(1), (motion(tau, 0), motion(tau, 1), tau)
+    )
     np.testing.assert_allclose(jumps.tau, 0.497 + (0.1 - 0.2 * 0.497) / 40.2, rtol=0.0, atol=1e-8)
     assert jumps.size == pytest.approx([2.0])
 

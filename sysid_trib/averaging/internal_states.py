@@ -21,6 +21,8 @@ from sysid_trib.forces.force import Force
 COLLOCATION_NODES = 4
 # Below this the error of the interpolated motion rules.
 STATE_TOLERANCE = 1e-8
+# Part by which a motion is larger, of which a force changes to this order.
+LARGER = 1e-5
 
 
 class GivenMotion:
@@ -43,7 +45,7 @@ class GivenMotion:
         # Not the release itself: there the start values hold.
         self.reversals = np.unique(zeros[np.isfinite(zeros) & (zeros > tau[0] + 1e-9)])
         # What was followed for its tangent is asked for again.
-        self.followed: dict[tuple[str, tuple[float, ...]], dict[str, Any]] = {}
+        self.followed: dict[tuple[str, tuple[float, ...]], Array] = {}
 
     def names(self, tau: Array) -> dict[str, Any]:
         """Variables of the formulas that the motion gives."""
@@ -139,9 +141,12 @@ def values_along(motion: GivenMotion, force: Force, shapes: Sequence[Mapping[str
         # Column by column: what is not finite in one leaves the others alone.
         columns = []
         for i in range(len(shapes)):
-            known = motion.followed.get((force.symbol, tuple(float(q[i]) for q in values.values())))
-            history = _History(motion, force, {k: q[i] for k, q in values.items()})
-            columns.append(history.stepped_value({k: m[:, i] for k, m in memory.items()}, known))
+            key = force.symbol, tuple(float(q[i]) for q in values.values())
+            if key not in motion.followed:
+                history = _History(motion, force, {k: q[i] for k, q in values.items()})
+                columns.append(history.stepped_value({k: m[:, i] for k, m in memory.items()}))
+            else:
+                columns.append(motion.followed[key])
     return np.stack(columns).T
 
 
@@ -158,18 +163,20 @@ def tangent_along(motion: GivenMotion, force: Force, shapes: Mapping[str, float]
 
     Notes
     -----
-    Of a small change that swings at the frequency of the motion, w = 1: states of the Jacobian J that are
-    driven by g v + k x change by (i - J)^-1 (i g + k) of it, so that a state which relaxes at once damps, and
-    one that does not is a spring. Memory is held.
+    Of a motion that is a little larger, or a little ahead of itself, each all along: the two changes of a
+    swing that are not forgotten. A state is not what it was at another angle, and so not a spring there.
     """
-    if not is_stepped(force):
-        return np.zeros_like(motion.tau), np.zeros_like(motion.tau)
-    with np.errstate(all="ignore"):
-        values = force.shape_values(shapes)
-        history = _History(motion, force, values)
-        memory = {k: m[:, 0] for k, m in history.memory_at_samples(1).items()}
-        names = motion.followed[force.symbol, tuple(values.values())] = history.stepped(memory)
-        of_x, of_v = history.tangent(names)
+    x, v, still = motion.at_samples["x"], motion.at_samples["v"], np.zeros_like(motion.tau)
+    larger = GivenMotion(motion.tau, (1.0 + LARGER) * x, (1.0 + LARGER) * v, motion.time)
+    values, of_larger = (values_along(along, force, [shapes]) for along in (motion, larger))
+    if values is None or of_larger is None:
+        return still, still
+    here = values[:, 0]
+    motion.followed[force.symbol, tuple(force.shape_values(shapes).values())] = here
+    by_size, by_advance = (of_larger[:, 0] - here) / LARGER, np.gradient(here, motion.tau)
+    # Of the first the angle changes by x and the rate by v, of the second by v and -x, w = 1.
+    square = x**2 + v**2 + np.finfo(float).tiny
+    of_x, of_v = (x * by_size + v * by_advance) / square, (v * by_size - x * by_advance) / square
     return np.nan_to_num(of_x, posinf=0.0, neginf=0.0), np.nan_to_num(of_v, posinf=0.0, neginf=0.0)
 
 
@@ -204,36 +211,13 @@ class _History:
         memory = {k: np.reshape(m, (rows, -1)) for k, m in self.memory({}).items()}
         return {k: np.broadcast_to(m, (rows, count))[segment] for k, m in memory.items()}
 
-    def stepped_value(self, memory: Mapping[str, Array], known: dict[str, Any] | None) -> Array:
-        """The force at the samples, its states followed by steps from sample to sample if not yet known."""
-        names = known or self.stepped(memory)
-        return np.broadcast_to(self.force.formula.evaluate(names), self.motion.tau.shape)
-
-    def stepped(self, memory: Mapping[str, Array]) -> dict[str, Any]:
-        """Variables of the formulas at the samples."""
+    def stepped_value(self, memory: Mapping[str, Array]) -> Array:
+        """The force at the samples, its states followed by steps from sample to sample."""
         # A step lies between two reversals but for the one that holds it; there the new memory rules.
         names = self.motion.at_stages | self.shapes | {k: m[1:] for k, m in memory.items()}
         states = stepped_states(self.force, np.diff(self.motion.tau), names, self.start)
-        return self.motion.at_samples | self.shapes | dict(memory) | states
-
-    def tangent(self, names: dict[str, Any]) -> tuple[Array, Array]:
-        """Derivatives of the force by angle and rate, (sample,) each; see `tangent_along`."""
-        force = self.force
-        samples, order = self.motion.tau.shape, tuple(force.state)
-        h = {k: np.broadcast_to(force.formula.derivative(names, k), samples) for k in ("x", "v", *order)}
-        if not order:
-            return h["x"], h["v"]
-        rates = {
-            k: np.array([np.broadcast_to(f.derivative(names, k), samples) for f in force.state.values()])
-            for k in ("x", "v", *order)
-        }
-        jacobian = np.stack([rates[k] for k in order], axis=-1).transpose(1, 0, 2)
-        driven = (1j * rates["v"] + rates["x"]).T[:, :, None]
-        finite = np.all(np.isfinite(jacobian), axis=(1, 2))
-        system = 1j * np.eye(len(order)) - np.where(finite[:, None, None], jacobian, 0.0)
-        change = np.linalg.solve(system, driven)[:, :, 0]
-        total = np.sum(np.stack([h[k] for k in order], axis=1) * change, axis=1)
-        return h["x"] + total.real, h["v"] + total.imag
+        here = self.motion.at_samples | self.shapes | dict(memory) | states
+        return np.broadcast_to(self.force.formula.evaluate(here), self.motion.tau.shape)
 
     def memory(self, states: Mapping[str, Array]) -> dict[str, Array]:
         """Memory in each segment of the motion, (segment, ...), given the states at the reversals."""

@@ -88,10 +88,8 @@ class Move(NamedTuple):
     model: FittedModel
 
 
-def exchange_effects(
-    current: Screening, effects: tuple[str, ...], fits: Fits, *, more: int = 0, below: float = np.inf
-) -> Move | None:
-    """The most likely model without an effect or two, or with others in their place.
+def exchange_effects(current: Screening, effects: tuple[str, ...], fits: Fits) -> Move | None:
+    """The most likely model without an effect or two, or with as many others or fewer in their place.
 
     Parameters
     ----------
@@ -100,11 +98,6 @@ def exchange_effects(
     effects : tuple of str
         Its effects beside the start model's.
     fits : Fits
-    more : int
-        1 of models with an effect more than the present one, of which what each explains is beyond chance,
-        and which are more likely by what leaves chance outside of a credible set; 0 of all others.
-    below : float
-        Evidence that it is to be better than.
 
     Returns
     -------
@@ -113,21 +106,19 @@ def exchange_effects(
     """
     model, settings = current.model, current.model.settings
     here = evidence(model, effects) if effects else 0.0
-    aim = min(below, here - (settings.outside_of_set if more else settings.least_gain))
-    proposed: list[tuple[float, tuple[str, ...], list[int]]] = []
-    for gone in (*((s,) for s in effects), *combinations(effects, 2)):
-        places = _in_place(current, gone) + _pairs_in_place(current, gone)
-        proposed += [(score, gone, at) for score, at in places if (len(at) > len(gone)) == bool(more)]
+    aim = here - settings.least_gain
+    proposed = list[tuple[float, list[int], tuple[str, ...]]]()
+    for gone in (*((symbol,) for symbol in effects), *combinations(effects, 2)):
+        pairs = _pairs_in_place(current, gone) if len(gone) == 2 else []
+        proposed += [(*place, gone) for place in _in_place(current, gone) + pairs]
     best: Move | None = None
-    for score, gone, at in sorted(proposed, key=lambda scored: scored[0])[: settings.fitted]:
+    for score, at, gone in sorted(proposed, key=lambda scored: scored[0])[: settings.fitted]:
         if score > aim - here + settings.far:
-            continue
+            break
         trials = [current.trials[i] for i in at]
         after = tuple(s for s in effects if s not in gone) + tuple(t.force.symbol for t in trials)
         fitted = fits.of(model, gone, trials, worst=deviance_of(aim, model, after, trials))
-        if fitted is None or (exact := evidence(fitted, after)) >= aim:
-            continue
-        if not more or max(_p_values(current, _own_products(fitted), fitted, after)) < settings.level:
+        if fitted is not None and (exact := evidence(fitted, after)) < aim:
             best, aim = Move(exact, after, fitted), exact
     return best
 
@@ -176,10 +167,6 @@ def _p_value(current: Screening, model: FittedModel, symbol: str, without: float
     """Probability that chance explains as much as an effect of a model, by the deviance without it."""
     force = model.trials[model.columns_of(symbol)[0]].force
     return current.p_value_of(without - model.deviance, force)
-
-
-def _own_products(model: FittedModel) -> list[RunProducts]:
-    return [rows.products(table) for rows, table in zip(model.rows, model.tables, strict=True)]
 
 
 def better_rival(

@@ -58,6 +58,7 @@ def jumps_along(
     elapsed: Callable[[Array], Array],
     trials: Sequence[TrialEffect],
     coefficients: Array,
+    known: tuple[Array, Array, Array],
 ) -> Jumps:
     """Jumps that forces give a motion where it crosses their switching surfaces.
 
@@ -72,6 +73,8 @@ def jumps_along(
     trials : sequence of TrialEffect
     coefficients : (trial,) array of float
         Of each trial; forces with states or memory do not jump.
+    known : tuple of (point,) array of float
+        Motion, its derivative and the `t` of formulas at the points.
     """
     switching = [
         (trial, float(c))
@@ -84,7 +87,7 @@ def jumps_along(
     def along(surface: Callable[[Array, Array, Array], Array]) -> Callable[[Array], Array]:
         return lambda at: surface(motion(at, 0), motion(at, 1), elapsed(at))
 
-    places = [_crossings(tau, along(surface)) for surface in surfaces.values()]
+    places = [_crossings(tau, surface(*known), along(surface)) for surface in surfaces.values()]
     crossed = np.unique(np.concatenate(places)) if places else np.empty(0)
     if not len(crossed):
         return NO_JUMPS
@@ -99,9 +102,9 @@ def jumps_along(
     return Jumps(crossed, size)
 
 
-def _crossings(tau: Array, surface: Callable[[Array], Array]) -> Array:
-    """Where a surface along a motion has its zeros, (crossing,)."""
-    at = np.flatnonzero(np.diff(np.sign(surface(tau))) != 0.0)
+def _crossings(tau: Array, values: Array, surface: Callable[[Array], Array]) -> Array:
+    """Where a surface along a motion has its zeros, (crossing,), by its values at points."""
+    at = np.flatnonzero(np.diff(np.sign(values)) != 0.0)
     # In brackets: the jump of another round may bend the motion between two points, which misleads secants.
     tolerances = {"xatol": CROSSING * float(np.max(np.diff(tau)))}
     return np.asarray(find_root(surface, (tau[at], tau[at + 1]), tolerances=tolerances).x)

@@ -242,8 +242,8 @@ class RecordPath:
 
     def follow(self, motion: Array, trials: Sequence[TrialEffect], coefficients: Array) -> "RecordPath":
         """The path through a motion at the samples, (sample,), with the jumps that forces give this path."""
-        tau = self.points.tau
-        jumps = jumps_along(tau, self.motion_at, self.elapsed_at, trials, coefficients)
+        tau, x, v, _, time, _ = self.points
+        jumps = jumps_along(tau, self.motion_at, self.elapsed_at, trials, coefficients, (x, v, time))
         spline = _spline(self.form.tau, motion - jumps.value(self.form.tau), self.intervals)
         return replace(self, spline=spline, jumps=jumps)
 

@@ -176,8 +176,6 @@ def _towards(
     step = exchange_effects(current, effects, fits)
     if step is None and len(effects) < current.model.settings.max_effects:
         step = min(_beyond_chance(current, effects, fits), key=lambda move: move.evidence, default=None)
-        below = np.inf if step is None else step.evidence
-        step = exchange_effects(current, effects, fits, more=1, below=below) or step
     return None if step is None else (step.model, step.effects)
 
 
