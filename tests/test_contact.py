@@ -357,3 +357,50 @@ def test_where_every_candidate_was_added_nothing_is_left_to_detect():
     assert tree.attrs["verdict"] == "explained"
     assert tree["detectability"].sizes["candidate"] == 1
     assert tree["detectability_after"].sizes["candidate"] == 0
+
+
+@pytest.mark.parametrize(
+    ("unit", "size", "signal"),
+    [("mm", 900.0, "displacement"), ("px", 9e3, "displacement"), ("g", 40.0, "acceleration")],
+)
+def test_what_is_no_angle_is_not_called_degrees_nor_taken_for_rad(tmp_path, unit, size, signal):
+    time, values = swing()
+    path = tmp_path / "lab.csv"
+    rows = "\n".join(f"{t:.2f},{size * x:.6g}" for t, x in zip(time, values, strict=True))
+    path.write_text(f"t,channel\n{rows}\n", encoding="utf-8")
+    # "--units mm" once led to "must be scaled first", and a bare file to "if it is in degrees say so".
+    said = run("look", path, "--units", unit)
+    assert said.status == 0
+    assert f"{signal} in {unit}" in said.out
+    assert not any(word in said.out + said.err for word in ("degrees", "scaled first", " rad"))
+    bare = run("look", path)
+    assert "unit not stated" in bare.out + bare.err
+
+
+def test_a_swing_that_ends_in_the_noise_is_not_said_to_end_by_a_hand(tmp_path):
+    time = np.arange(6000) / 100.0
+    values = 0.4 * np.exp(-0.2 * time) * np.cos(8.0 * time) + 2e-4 * np.random.default_rng(0).standard_normal(
+        6000
+    )
+    (decay,) = free_decays(as_record(time, values))
+    assert "lost in the noise" in decay.attrs["free_decay"]
+    assert "hand" not in decay.attrs["free_decay"]
+
+
+def test_an_angle_that_was_cut_at_a_whole_turn_does_not_grow(tmp_path):
+    time, values = swing()
+    wrapped = (np.degrees(2.0 * values) + 180.0 + 180.0) % 360.0 - 180.0
+    path = tmp_path / "upright.csv"
+    rows = "\n".join(f"{t:.2f},{x:.4f}" for t, x in zip(time, wrapped, strict=True))
+    path.write_text(f"time (s),angle (deg)\n{rows}\n", encoding="utf-8")
+    said = run("look", path)
+    assert said.status == 0
+    assert "put together again where it was cut at a whole turn" in said.out
+    assert "grows" not in said.out + said.err
+
+
+def test_a_driven_motion_is_called_so(tmp_path):
+    time = np.arange(4000) / 100.0
+    values = 0.3 * np.cos(8.0 * time) + 2e-4 * np.random.default_rng(0).standard_normal(4000)
+    with pytest.raises(SysidTribError, match="is it driven"):
+        free_decays(as_record(time, values))
