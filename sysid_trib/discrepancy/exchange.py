@@ -53,8 +53,8 @@ class Fits:
         # A fit that leaves what is physical has not failed: the effect does not explain the record.
         physical = model is None or _is_physical(model, len(base))
         if model is not None and model.settled and physical:
-            self.kept[key] = model
-            return model
+            self.kept[key] = model.light()
+            return self.kept[key]
         given_up = model is not None and not model.settled and model.deviance > worst
         self.unlikely[place] = worst if given_up else np.inf
         if physical and not given_up:

@@ -21,6 +21,8 @@ WHOLE_STEPS = 3
 ROUNDS_AGREE = 1.0
 # Part of its standard error by which a frequency may differ from the reference, and rounds to get there.
 SAME_REFERENCE, RESCALINGS = 0.02, 4
+# Factor by which the reference changes at most in each.
+MOST_RESCALED = 2.0
 # Difference of a shape parameter for its column, in parts of its range.
 SHAPE_DIFFERENCE = 1e-4
 
@@ -97,6 +99,10 @@ class FittedModel:
         return NoiseModel(
             level / NoiseModel(1.0, path.sensor.filter_).standard_deviation, path.sensor.filter_
         )
+
+    def light(self) -> "FittedModel":
+        """The same without what its runs can compute again: many are kept."""
+        return replace(self, rows=tuple(replace(run, path=replace(run.path)) for run in self.rows))
 
     def sensor_errors(self, run: int) -> Array:
         """Zero and errors of the sensor along a run's path, (sample,), rad."""
@@ -220,7 +226,7 @@ def fit_model(
             return replace(model, settled=False)
         # Shapes are stepped along tangents: one that leads up was too long.
         reach *= 0.5 if turn and fall < 0.0 else 1.0
-        rounds.append(model)
+        rounds.append(model.light())
     best, next_best = sorted(rounds, key=lambda fitted: fitted.deviance)[:2]
     return replace(best, settled=next_best.deviance - best.deviance < ROUNDS_AGREE)
 
@@ -281,8 +287,12 @@ def _beside(trial: TrialEffect, name: str) -> tuple[TrialEffect, float]:
 
 def rescaled(model: FittedModel) -> list[RecordPath]:
     """The model's paths with its frequency as the reference."""
-    factor = float(np.sqrt(max(0.25, 1.0 + model.stiffness)))
-    return [run.path.rescaled(run.path.frequency * factor) for run in model.rows]
+    return [run.path.rescaled(run.path.frequency * _rescaling(model)) for run in model.rows]
+
+
+def _rescaling(model: FittedModel) -> float:
+    """Factor to the model's frequency, within bounds: a fit that left the motion must not run away."""
+    return float(np.clip(np.sqrt(max(0.0, 1.0 + model.stiffness)), 1.0 / MOST_RESCALED, MOST_RESCALED))
 
 
 def refitted(model: FittedModel, paths: Sequence[RecordPath] | None = None) -> FittedModel:
@@ -294,7 +304,7 @@ def refitted(model: FittedModel, paths: Sequence[RecordPath] | None = None) -> F
         near = (
             rescaled(model)
             if paths is None
-            else [path.rescaled(path.frequency * float(np.sqrt(1.0 + model.stiffness))) for path in paths]
+            else [path.rescaled(path.frequency * _rescaling(model)) for path in paths]
         )
         paths = None
         first = np.append(model.coefficients, 0.0)
