@@ -81,6 +81,7 @@ def test_a_missing_force_shows():
     assert np.all(compared.departure_time.values < 25.0)
 
 
+@pytest.mark.slow
 def test_first_order_bias_is_stated_where_it_is_not_removed():
     record = paper_run(FIVE).decay(7)
     compared = checked(record, averaging=Averaging(correct=False))["comparison"]

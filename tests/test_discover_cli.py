@@ -211,6 +211,7 @@ def test_saved_and_read_back_the_same(twin, tmp_path):
     assert discovery_json(twin[0]) | {"next": twin[0].attrs["next"]} == twin[1]
 
 
+@pytest.mark.slow
 def test_figures_are_written(folder, tmp_path):
     ending = small(folder, folder / "cubic.csv", "--plot", tmp_path / "new" / "figures")
     assert (ending.status, ending.err) == (0, "")

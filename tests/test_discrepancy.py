@@ -71,6 +71,7 @@ def test_independent_tests_are_counted(tests):
     assert independent_tests(correlation) == pytest.approx(tests, rel=0.35, abs=0.5)
 
 
+@pytest.mark.slow
 def test_the_omnibus_test_keeps_its_level_on_short_records():
     """Thirty columns beside ninety rows explain more of noise than a chi-square."""
     time = np.arange(267) / 50.0

@@ -73,6 +73,7 @@ def run(folder, *names):
     return subprocess.run([sys.executable, folder / "run.py", *names], capture_output=True, text=True)
 
 
+@pytest.mark.slow
 def test_a_notebook_that_fails_is_named_with_its_cell(tmp_path):
     shutil.copy(FOLDER / "run.py", tmp_path)
     cells = [nbformat.v4.new_code_cell(source) for source in ("print('good')", "1 / 0", "2")]

@@ -202,6 +202,7 @@ def test_a_motion_that_cannot_be_computed_at_all_leads_to_smaller_forces(record,
     assert rms(nearer) > OUT_OF_PROPORTION * np.max(np.abs(record.angle.values))
 
 
+@pytest.mark.slow
 def test_a_fit_comes_back_from_a_start_that_diverges(record):
     """Nothing of this motion can be computed; with a plateau in its place there was no fit."""
     start = Model(FORCES, dict.fromkeys(SIX, 0.0) | {"epsilon": -30.0}, W)

@@ -309,6 +309,7 @@ def test_a_density_by_hand_is_held(tmp_path):
 
 
 @pytest.mark.skipif(not PENDULUM.exists(), reason="the measured records are not here")
+@pytest.mark.slow
 def test_gravity_of_a_measured_pendulum_is_one():
     table = np.loadtxt(PENDULUM, delimiter=",", skiprows=1)
     window = (table[:, 0] >= 15.0) & (table[:, 0] <= 75.0)
@@ -322,6 +323,7 @@ def test_gravity_of_a_measured_pendulum_is_one():
     assert np.abs(result.autocorrelation.values).max() < 0.08
 
 
+@pytest.mark.slow
 def test_direct_tells_the_two_noises_apart():
     truth = {"zeta": 1e-4, "delta": 2e-3, "epsilon": -0.1}
     model, time, noise = model_with(**truth), np.arange(1000) * 2.0 * np.pi / W / 50, 2e-4

@@ -162,9 +162,7 @@ def test_command_line_takes_several_records(tmp_path):
     for name, run, seed in (("a.csv", replace(SHORT, start=0.4), 1), ("b.csv", SHORT, 2)):
         run.decay(seed).to_dataframe().to_csv(tmp_path / name)
     places = [str(tmp_path / name) for name in ("a.csv", "b.csv")]
-    ending = command(
-        "identify", *places, "--explain", "-o", str(tmp_path / "r.nc"), "--plot", str(tmp_path / "figures")
-    )
+    ending = command("identify", *places, "--explain", "-o", str(tmp_path / "r.nc"))
     assert ending.status == 0, ending.err
     assert "run 2" in ending.out
     assert "No difference between the runs was found: chi-square" in ending.out
@@ -172,6 +170,14 @@ def test_command_line_takes_several_records(tmp_path):
     assert {"record_1", "record_2", "envelope_2", "runs"} <= set(tree.children)
     save(tree, tmp_path / "again.nc")
     assert load(tmp_path / "again.nc").identical(tree)
+
+
+@pytest.mark.slow
+def test_each_run_has_its_figures(tmp_path):
+    for name, seed in (("a.csv", 1), ("b.csv", 2)):
+        SHORT.decay(seed).to_dataframe().to_csv(tmp_path / name)
+    places = [str(tmp_path / name) for name in ("a.csv", "b.csv")]
+    assert command("identify", *places, "--plot", str(tmp_path / "figures")).status == 0
     names = {place.name for place in (tmp_path / "figures").iterdir()}
     assert {"identification_1.png", "identification_2.pdf"} <= names
 

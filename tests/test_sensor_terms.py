@@ -42,7 +42,7 @@ def test_a_record_without_noise_has_the_coefficients(method):
     assert result.coefficient.values == pytest.approx(truth, rel=1e-4)
 
 
-@pytest.mark.parametrize("density", [0.0, 1e-4])
+@pytest.mark.parametrize("density", [0.0, pytest.param(1e-4, marks=pytest.mark.slow)])
 def test_errors_are_those_that_are_stated(density):
     method = Direct(random_force="auto" if density else "off")
     seeds = range(8)

@@ -54,5 +54,7 @@ def results(folder):
 
 @pytest.fixture(scope="session")
 def pages(results):
-    """The page of each, as text."""
-    return {kind: page(tree) for kind, tree in results.items()}
+    """The page of each, as text; its pictures are small."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sysid_trib.reporting.page.PAPER_DPI", 50)
+        return {kind: page(tree) for kind, tree in results.items()}
