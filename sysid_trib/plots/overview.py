@@ -28,6 +28,7 @@ from sysid_trib.plots.style import (
     line,
     new_figure,
 )
+from sysid_trib.printing.exported import unit_in_latex
 from sysid_trib.printing.layout import value_with_error
 
 ROW_HEIGHT, FONT_SIZE = 1.75, 7.5
@@ -171,7 +172,7 @@ def _coefficients(ax: Axes, data: OverviewData) -> Axes:
     for row, symbol in enumerate(symbols):
         of_force = main.sel(force=symbol)
         text = value_with_error(of_force.coefficient.item(), widened * of_force.standard_error.item())
-        unit = "" if of_force.unit.item() == "1" else f" {of_force.unit.item()}"
+        unit = "" if of_force.unit.item() == "1" else f" {unit_in_latex(of_force.unit.item())}"
         written = ax.text(0.99, row, f"{text}{unit}", transform=ax.get_yaxis_transform(), **note)
         written.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.5})
     ax.axvline(0.0, color="0.6", linewidth=0.6, linestyle=":")
@@ -204,14 +205,15 @@ def _profiles(ax: Axes, data: OverviewData) -> Axes:
     if data.missing is None:
         return _no_data(ax, TOO_FEW)
     factor, unit = data.motion.small_units
-    for name, label, color in (("x", "over angle", BLUE), ("v", "over rate", ORANGE)):
+    signal = data.motion.label.split()[0]
+    for name, label, color in (("x", f"over {signal}", BLUE), ("v", "over rate", ORANGE)):
         at = data.missing[name].values
         force, error = (factor * data.missing[k].values for k in _pair(f"force_of_{name}"))
         bar: dict[str, Any] = {"fmt": ".-", "markersize": 3, "linewidth": 0.8, "capsize": 1.5}
         ax.errorbar(at, force, INTERVAL * error, color=color, label=label, **bar)
     ax.axhline(0.0, color="0.6", linewidth=0.6)
     ax.set(
-        xlabel=f"{data.motion.label.split()[0]}, or rate over $\\omega$ ({data.units})",
+        xlabel=f"{signal}, or rate over $\\omega$ ({data.units})",
         ylabel=f"mean force ({unit})",
     )
     ax.legend(ncols=2, **SMALL_LEGEND)

@@ -70,17 +70,20 @@ def _closed(tree: xr.DataTree) -> list[str]:
     residual = times_noise(residual_of(tree, "after"), noise_of(tree))
     steps = tree["steps"].to_dataset()
     effects = [effect_name(steps.isel(step=at)) for at in range(steps.attrs["count"])]
-    if not determines(tree["after"].to_dataset()):
+    after = tree["after"].to_dataset()
+    if not determines(after):
         return [UNDECIDED, UNSEEN]
+    level = tree["ranking"].significance_level.item()
+    by_noise = float(np.min(after.random_force_p_value))
+    pushed = f", as a random force leaves it (p {p_value_text(by_noise)})" if by_noise < level else ""
     headline = (
-        f"Explained: with {' and '.join(effects)} the gap is {residual}."
+        f"Explained: with {' and '.join(effects)} the gap is {residual}{pushed}."
         if effects
-        else f"No missing effect was found: the gap is {residual}."
+        else f"No missing effect was found: the gap is {residual}{pushed}."
     )
     tests = ["the omnibus test"]
     if not _last(tree, "ranking").significant.any():
         tests.insert(0, "the other candidates" if effects else "the candidates")
-    level = tree["ranking"].significance_level.item()
     absent = f"No further departure was found by {' or by '.join(tests)} (significance level {level:.2g})."
     return [f"{headline} {absent}", UNSEEN, *_high_but_not_significant(tree)]
 

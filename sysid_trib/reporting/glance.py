@@ -120,13 +120,14 @@ def _surface(data: OverviewData) -> plotting.figure:
 
 def _profiles(data: OverviewData) -> plotting.figure:
     factor, unit = data.motion.small_units
+    signal = data.motion.label.split()[0]
     made = drawing.panel(
-        f"{data.motion.label.split()[0]}, or rate over ω ({data.units})",
+        f"{signal}, or rate over ω ({data.units})",
         f"mean missing force ({unit})",
         height=340,
     )
     entries = []
-    for name, label, color in (("x", "over angle", BLUE), ("v", "over rate", ORANGE)):
+    for name, label, color in (("x", f"over {signal}", BLUE), ("v", "over rate", ORANGE)):
         assert data.missing is not None
         force = factor * data.missing[f"force_of_{name}"].values
         error = INTERVAL * factor * data.missing[f"force_of_{name}_standard_error"].values
