@@ -1,10 +1,12 @@
 """How well a random force is identified: coverage and errors on pushed motions, false ones on others.
 
-python benchmarks/random_force_study.py --out FILE [--seeds N] [--method direct|trajectory] [--only TEXT]
+python benchmarks/random_force_study.py --out FILE [--seeds N] [--method NAME] [--only TEXT]
 
 Twenty periods at w = 8.87 rad/s in noise of 0.2 mrad, pushed until they have wandered at the end by so many
 noise levels (RMS), by a generator that shares nothing with the package (tests/kicked_motion.py). A line of
 JSON for each record goes to FILE; what is there already is not done again. The table is of all in FILE.
+Methods are direct, trajectory, and both without a random force (direct-off, trajectory-off): with these in
+FILE too, a second table has the errors where nothing pushes over those without.
 """
 
 import argparse
@@ -35,6 +37,8 @@ TRUTH = {"zeta": 5e-5, "delta": 2e-3, "nu": 1e-2, "epsilon": -0.1}
 METHODS = {
     "direct": st.methods.Direct(random_force="auto"),
     "trajectory": st.methods.Trajectory(random_force="auto"),
+    "direct-off": st.methods.Direct(random_force="off"),
+    "trajectory-off": st.methods.Trajectory(random_force="off"),
 }
 # Of a step of 0.4 mrad, half the noise before it is rounded.
 ROUNDING_STEP = 4e-4
@@ -222,6 +226,26 @@ def table_of(method: str, rows: list[dict]) -> Table:
     return table
 
 
+def over_off(method: str, rows: list[dict]) -> Table:
+    """RMS errors of a method over its own without a random force, of records that nothing pushes."""
+    table = Table("noise", "records", "RMS error / off", "worst", title=f"{method}: where nothing pushes")
+    for case in FREE:
+        auto, off = (
+            {
+                r["seed"]: r["errors"]
+                for r in rows
+                if (r["case"], r["method"]) == (case.title, name) and "errors" in r
+            }
+            for name in (method, f"{method}-off")
+        )
+        if both := sorted(auto.keys() & off.keys()):
+            sizes = [np.sqrt(np.mean(np.array([of[s] for s in both]) ** 2, axis=0)) for of in (auto, off)]
+            ratio = sizes[0] / sizes[1]
+            pooled = np.sqrt(np.mean(ratio**2))
+            table.add_row(case.noise, str(len(both)), f"{pooled:.3f}", f"{ratio.max():.3f}")
+    return table
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--out", type=Path, required=True)
@@ -232,7 +256,10 @@ def main() -> None:
     for case in (*PUSHED, *FREE):
         if options.only in case.title:
             run(case, options.method, options.seeds, options.out)
-    Console(width=200).print(table_of(options.method, read(options.out)))
+    console, rows = Console(width=200), read(options.out)
+    console.print(table_of(options.method, rows))
+    if f"{options.method}-off" in {row["method"] for row in rows}:
+        console.print(over_off(options.method, rows))
 
 
 if __name__ == "__main__":

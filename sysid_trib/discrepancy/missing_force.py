@@ -35,6 +35,9 @@ def mean_missing_force(runs: Sequence[FreeMotion]) -> xr.Dataset:
     size = 1.001 * float(np.max(np.hypot(x, v)))
     edges = np.linspace(-size, size, CELLS + 1)
     good = np.isfinite(force)
+    if not np.any(good):
+        # Where a smoothed residual has no middle, as in a record of a period: every cell is empty.
+        good, force = np.ones(len(x), dtype=bool), np.full(len(x), np.nan)
     values = np.concatenate([np.ones((1, len(x))), force[None], drawn])[:, good]
     binned = binned_statistic_2d(x[good], v[good], values, "sum", bins=[edges, edges]).statistic
     samples = binned[0]

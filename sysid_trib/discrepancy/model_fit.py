@@ -104,6 +104,15 @@ class FittedModel:
         """The same without what its runs can compute again: many are kept."""
         return replace(self, rows=tuple(replace(run, path=replace(run.path)) for run in self.rows))
 
+    @property
+    def follows(self) -> bool:
+        """Whether each path is nearer to its record than rest."""
+        near = [
+            np.max(np.abs(run.path.at_samples[0] - run.path.angle)) < np.max(np.abs(run.path.angle))
+            for run in self.rows
+        ]
+        return bool(np.isfinite(self.deviance) and all(near))
+
     def sensor_errors(self, run: int) -> Array:
         """Zero and errors of the sensor along a run's path, (sample,), rad."""
         b, count = self.likelihood.coefficients, len(self.trials)
@@ -207,13 +216,15 @@ def fit_model(
     motion (Newton's method on all samples), with one the smoothed motion.
     """
     guess = np.zeros(len(trials) + 1) if first is None else first
-    model, settings = _fitted_along(paths, trials, guess, frequency_free), paths[0].settings
+    model, settings = fitted_along(paths, trials, guess, frequency_free), paths[0].settings
     rounds, reach, before = [], settings.shape_step, 0.0
     for turn in range(settings.rounds):
         guess = np.append(model.coefficients, model.stiffness)
         # A history-dependent force may have the path swing about where it settles.
         nearer = model.next_paths(1.0 if turn < WHOLE_STEPS else 0.5)
-        after = _fitted_along(nearer, model.next_trials(reach), guess, frequency_free)
+        after = fitted_along(nearer, model.next_trials(reach), guess, frequency_free)
+        if not np.isfinite(after.deviance):
+            return replace(model, settled=False)
         fall, model = model.deviance - after.deviance, after
         # Falls shrink as a geometric series at least: the next one is this one times their ratio.
         next_fall = abs(fall) * min(1.0, abs(fall) / before) if before else abs(fall)
@@ -231,7 +242,7 @@ def fit_model(
     return replace(best, settled=next_best.deviance - best.deviance < ROUNDS_AGREE)
 
 
-def _fitted_along(
+def fitted_along(
     paths: Sequence[RecordPath], trials: Sequence[TrialEffect], guess: Array, frequency_free: bool
 ) -> FittedModel:
     """The most likely coefficients, and steps of the shapes, along paths that are held."""

@@ -19,7 +19,7 @@ from sysid_trib.discrepancy.exchange import (
     rivals_of,
 )
 from sysid_trib.discrepancy.likelihood import likelihood
-from sysid_trib.discrepancy.model_fit import FittedModel, fit_model, refitted
+from sysid_trib.discrepancy.model_fit import FittedModel, fit_model, fitted_along, refitted
 from sysid_trib.discrepancy.screening import Screening, screen
 from sysid_trib.forces.force import Force
 from sysid_trib.validation.progress import Tell, silent
@@ -148,8 +148,9 @@ def _models(final: FittedModel, effects: Sequence[str]) -> list[FittedModel]:
         first = np.append(last.coefficients[kept], last.stiffness)
         paths = [rows.path for rows in last.rows]
         trials = [last.trials[at] for at in kept]
-        fewer = fit_model(paths, trials, frequency_free=last.frequency_free, first=first)
-        models.insert(0, refitted(fewer))
+        fewer = refitted(fit_model(paths, trials, frequency_free=last.frequency_free, first=first))
+        # With so much missing it may have no motion of its own: then along that of the model with more.
+        models.insert(0, fewer if fewer.follows else fitted_along(paths, trials, first, last.frequency_free))
     return models
 
 

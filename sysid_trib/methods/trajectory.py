@@ -30,6 +30,7 @@ from sysid_trib.trajectory_fit.observation import MEASURED, measured_part
 from sysid_trib.trajectory_fit.parameters import FREQUENCY, PER_RUN, Parameters
 from sysid_trib.trajectory_fit.problem import FitProblem, WhitenedRecord
 from sysid_trib.trajectory_fit.pushed_result import pushed_identification
+from sysid_trib.trajectory_fit.pushed_step import penalised_deviance
 from sysid_trib.trajectory_fit.random_motion import RandomMotionFit, fit_random_motion
 from sysid_trib.trajectory_fit.result import FitEstimate
 
@@ -223,13 +224,35 @@ def _with_random_force(
     white = np.ones(1)
     filters = [white if quick is None else sensor_noise_of(quick, at).filter_ for at in range(len(records))]
     while True:
-        pushed = fit_random_motion(parameters, records, values, method.random_force, filters)
+        pushed = _likelier_of(parameters, records, values, method, filters)
         fit = Fit(pushed.values, pushed.residual, pushed.sensitivity)
         stopped = stopped_by_bounds(parameters, fit, method.bounds)
         if not stopped:
             return pushed
         parameters = parameters.fix(stopped)
         values = parameters.expand(pushed.values[parameters.free])
+
+
+def _likelier_of(
+    parameters: Parameters,
+    records: Sequence[tuple[Array, Array]],
+    values: Array,
+    method: Trajectory,
+    filters: Sequence[Array],
+) -> RandomMotionFit:
+    """The fit in noise of these colours or in white noise, whose innovations are likelier.
+
+    Direct identification has the colours by frequencies above the motion's.
+    """
+    fit = fit_random_motion(parameters, records, values, method.random_force, filters)
+    if all(len(filter_) == 1 for filter_ in filters):
+        return fit
+    try:
+        white = fit_random_motion(parameters, records, values, method.random_force)
+    except DecayError:
+        return fit
+    fits = sorted((fit, white), key=lambda tried: penalised_deviance(parameters, tried.values, tried.runs))
+    return fits[0]
 
 
 def _weighted(problem: FitProblem, values: Array, *, coloured: bool) -> FitProblem:

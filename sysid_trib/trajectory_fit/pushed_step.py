@@ -158,6 +158,26 @@ def with_gains_over_colours(parameters: Parameters, settled: Iterate) -> tuple[P
     return tuple(_with_gain(*pair) for pair in zip(settled.runs, blocks, strict=True))
 
 
+def penalised_deviance(parameters: Parameters, values: Array, runs: Sequence[PushedRun]) -> float:
+    """Deviance of the innovations with the Bayesian information criterion's price of the colours.
+
+    Parameters
+    ----------
+    parameters : Parameters
+    values : (parameter,) array of float
+        Of most likelihood.
+    runs : sequence of PushedRun
+        Linear about their filtered paths.
+    """
+    jacobian = parameters.by_free(np.eye(len(values)), values)
+    total = 0.0
+    for at, run in enumerate(runs):
+        rows = _rows_by_ratio(run.linear, jacobian[_places(parameters, at)])
+        taps = len(run.linear.sensor_filter) - 1
+        total += rows(run.ratio.ratio).restricted_deviance()[0] + taps * np.log(len(run.linear.record))
+    return total
+
+
 def _with_gain(run: PushedRun, block: Array) -> PushedRun:
     filter_, ratio = run.linear.sensor_filter, run.ratio
     if len(filter_) == 1 or ratio.gain == 0.0:
