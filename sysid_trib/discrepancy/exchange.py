@@ -11,7 +11,7 @@ import numpy as np
 from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.columns_beside import each_beside, projected
 from sysid_trib.discrepancy.evidence import evidence, least_penalty
-from sysid_trib.discrepancy.likelihood import RunProducts, likelihood
+from sysid_trib.discrepancy.likelihood import likelihood
 from sysid_trib.discrepancy.model_fit import FittedModel, fit_model
 from sysid_trib.discrepancy.screening import Screening, is_physical, strengths
 from sysid_trib.discrepancy.trials import TrialEffect
@@ -128,7 +128,7 @@ def not_beyond_chance(
 ) -> tuple[FittedModel, tuple[str, ...]] | None:
     """The model without the effect that chance would do as well as most likely; None if there is none."""
     model = current.model
-    chances = _p_values(current, current.products, model, effects)
+    chances = _p_values(current, effects)
     if max(chances, default=0.0) < model.settings.level:
         return None
     worst = effects[int(np.argmax(chances))]
@@ -151,14 +151,11 @@ def chance_in_set(
     return None if fitted is None else (fitted, after)
 
 
-def _p_values(
-    current: Screening, products: Sequence[RunProducts], model: FittedModel, effects: Sequence[str]
-) -> list[float]:
-    """Probability that chance explains as much as each effect beside the others, along the model's path.
-
-    `products` : whose first columns are the model's.
-    """
-    without = [likelihood(products, kept_columns(model, (symbol,))).deviance for symbol in effects]
+def _p_values(current: Screening, effects: Sequence[str]) -> list[float]:
+    """Probability that chance explains as much as each effect beside the others, along the model's path."""
+    model = current.model
+    kept = [kept_columns(model, (symbol,)) for symbol in effects]
+    without = [likelihood(current.products, columns).deviance for columns in kept]
     pairs = zip(effects, without, strict=True)
     return [_p_value(current, model, symbol, deviance) for symbol, deviance in pairs]
 
