@@ -202,4 +202,4 @@ def _with_interval(name: str, long_name: str, interval: Array) -> Variables:
         "_upper": f"upper end of the {long_name}",
     }
     pairs = zip(ends.items(), interval, strict=True)
-    return {f"{name}{end}": variable((), value, text, UNIT) for (end, text), value in pairs}
+    return {f"{name}{end}": variable((), value, text + long_name, UNIT) for (end, text), value in pairs}

@@ -21,10 +21,12 @@ def conditions_table(conditions: Mapping[str, ArrayLike] | pd.DataFrame | None, 
         It has another number of rows, or a row without a value.
     """
     try:
-        table = pd.DataFrame({} if conditions is None else conditions, index=None).reset_index(drop=True)
+        table = pd.DataFrame({} if conditions is None else conditions).reset_index(drop=True)
     except ValueError as error:
         raise UsageError(f"The conditions are no table: {error}.") from None
-    if len(table.columns) and len(table) != runs:
+    if not len(table.columns):
+        return pd.DataFrame(index=range(runs))
+    if len(table) != runs:
         raise UsageError(f"The conditions have {len(table)} rows for {runs} runs; give one row a run.")
     for name in table:
         missing = table[name].isna().to_numpy()
@@ -57,9 +59,9 @@ def columns_of(table: pd.DataFrame) -> tuple[dict[str, Array], list[str]]:
         for group in list(dict.fromkeys(groups))[1:]:
             columns[f"{name}={group}"] = (groups == group).to_numpy(dtype=float)
             condition_of.append(str(name))
-    design = np.column_stack(list(columns.values())) if len(table) else np.empty((0, 1))
+    design = np.column_stack(list(columns.values()))
     sized = design / np.maximum(np.linalg.norm(design, axis=0), 1e-300)
-    if len(table) and np.linalg.matrix_rank(sized) < min(sized.shape):
+    if np.linalg.matrix_rank(sized) < min(sized.shape):
         raise UsageError(f"The conditions {listed(table)} go together in these runs; leave some out.")
     return columns, condition_of
 
