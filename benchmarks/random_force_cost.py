@@ -1,0 +1,81 @@
+"""What it costs not to know that nothing pushes: errors with an estimated random force over those without one.
+
+python benchmarks/random_force_cost.py [--records N]
+
+The record of random_force_study.py that nothing pushes (white noise, 60 samples a period, the same seeds),
+linear about its motion: nothing of a method but the statistics is left. Of each record the ratio of both
+variances has its greatest restricted likelihood, at zero or above it, and generalised least squares the
+coefficients. No method that takes the ratio from the record does better at this; how far its own figure
+(random_force_study.py with FILE of the method and of its -off) is from this one is the method's.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "tests")]
+from random_force_study import FREE  # noqa: E402
+
+import sysid_trib as st  # noqa: E402
+from sysid_trib.noise.variance_ratio import ratio_span  # noqa: E402
+from sysid_trib.state_space.linearised import Derivatives, linearised_about  # noqa: E402
+from sysid_trib.validation.likelihood_gain import TrialModel, trial_model  # noqa: E402
+
+# e-folds between two ratios that are tried, and how many of them: up to a wander of 3 noise levels.
+STEP, E_FOLDS = 0.25, 9.0
+
+
+def records_about_motion(seeds: range) -> tuple[TrialModel, int, np.ndarray]:
+    """The noise of each seed about the motion, the number of parameters, and the ratios to try."""
+    case, model = FREE[0], FREE[0].model
+    motion = st.simulate(model, case.time, case.start)
+    w = model.reference_frequency
+    path = np.column_stack([motion.angle.values, motion.rate.values / w])
+    by = Derivatives(tuple(model.coefficients), frequency=True)
+    per_run = np.array([path[0, 0], w * path[0, 1], 0.0])
+    linear = linearised_about(model, case.time, motion.angle.values, path, per_run, by)
+    noise = [np.random.default_rng(seed).standard_normal(len(path)) for seed in seeds]
+    kicks = linear.steps.diffusion[:, 1, 1]
+    low, _ = ratio_span(float(kicks.sum()), float(np.median(kicks)))
+    ratios = np.append(0.0, low * np.exp(np.arange(0.0, E_FOLDS, STEP)))
+    no_trial = np.zeros((len(path) - 1, 2, 0))
+    return trial_model(linear, no_trial, np.column_stack(noise)), len(model.coefficients) + 1, ratios
+
+
+def estimates(trial: TrialModel, ratio: float) -> tuple[np.ndarray, np.ndarray]:
+    """Restricted deviance of each record at a ratio, and its parameters, (parameter, record)."""
+    columns, _, records, log_determinant = trial.white(ratio)
+    records = records[:, 1:]
+    q, r = np.linalg.qr(columns)
+    rest = records - q @ (q.T @ records)
+    freedom = len(rest) - len(r)
+    information = 2.0 * np.sum(np.log(np.abs(np.diag(r))))
+    deviance = freedom * np.log(np.sum(rest**2, axis=0) / freedom) + log_determinant + information
+    return deviance, np.linalg.solve(r, q.T @ records)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--records", type=int, default=2000)
+    trial, parameters, ratios = records_about_motion(range(parser.parse_args().records))
+    deviance, values = (
+        np.stack(each) for each in zip(*(estimates(trial, r) for r in ratios), strict=True)
+    )
+    likely = np.argmin(deviance, axis=0)
+    chosen = np.take_along_axis(values, likely[None, None, :], axis=0)[0][:parameters]
+    without = values[0][:parameters]
+    rms = [np.sqrt(np.mean(of**2, axis=1)) for of in (chosen, without)]
+    ratio = rms[0] / rms[1]
+    table = Table("records", "no random force (%)", "RMS error / off", "worst")
+    pooled = np.sqrt(np.mean(ratio**2))
+    none = 100.0 * np.mean(likely == 0)
+    table.add_row(str(len(likely)), f"{none:.0f}", f"{pooled:.3f}", f"{ratio.max():.3f}")
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    main()
