@@ -1,4 +1,4 @@
-"""What it costs not to know that nothing pushes: errors with an estimated random force over those without one.
+"""What not to know that nothing pushes costs: errors beside an estimated random force over those with none.
 
 python benchmarks/random_force_cost.py [--records N]
 
@@ -62,9 +62,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--records", type=int, default=2000)
     trial, parameters, ratios = records_about_motion(range(parser.parse_args().records))
-    deviance, values = (
-        np.stack(each) for each in zip(*(estimates(trial, r) for r in ratios), strict=True)
-    )
+    deviance, values = (np.stack(each) for each in zip(*(estimates(trial, r) for r in ratios), strict=True))
     likely = np.argmin(deviance, axis=0)
     chosen = np.take_along_axis(values, likely[None, None, :], axis=0)[0][:parameters]
     without = values[0][:parameters]
