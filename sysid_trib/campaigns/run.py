@@ -1,0 +1,131 @@
+"""Blocks of records through the workers: in this process, on a local cluster, or on any scheduler of dask."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from sysid_trib.arrays import Index
+from sysid_trib.campaigns.store import lost_row
+from sysid_trib.campaigns.task import Row, Task, rows_of
+from sysid_trib.errors import UsageError
+
+# Blocks that wait at each worker: enough that none idles, and few enough to hold in memory.
+AHEAD = 3
+# How often a block is given to another worker when one dies.
+DEATHS = 3
+RecordAt = Callable[[int], Any]
+
+
+def finished_blocks(
+    task: Task,
+    blocks: Sequence[Index],
+    record_at: RecordAt,
+    *,
+    workers: int,
+    scheduler: str | None,
+    memory: str,
+) -> Iterator[tuple[Index, list[Row]]]:
+    """Rows of blocks of records, in the order in which they are finished.
+
+    Parameters
+    ----------
+    task : Task
+    blocks : sequence of (record,) array of int
+        Numbers of the records of each block.
+    record_at : callable
+        The record of a number, as `rows_of` takes it.
+    workers : int
+        Processes of a local cluster; 0 for this process alone.
+    scheduler : str, optional
+        Address of a scheduler of dask, in the place of a local cluster.
+    memory : str
+        Most of each local worker, after which it is replaced.
+
+    Yields
+    ------
+    (record,) array of int, list of Row
+
+    Raises
+    ------
+    UsageError
+        No scheduler answers.
+    """
+    if not workers and scheduler is None:
+        for block in blocks:
+            yield block, rows_of(task, [record_at(at) for at in block])
+        return
+    with _client(workers, scheduler, memory) as client:
+        yield from _through(client, task, blocks, record_at)
+
+
+def _through(
+    client: Any, task: Task, blocks: Sequence[Index], record_at: RecordAt
+) -> Iterator[tuple[Index, list[Row]]]:
+    from distributed import as_completed
+
+    waiting = iter(blocks)
+    sent: dict[str, Index] = {}
+
+    def submit(block: Index) -> Any:
+        future = client.submit(rows_of, task, [record_at(at) for at in block], pure=False)
+        sent[future.key] = block
+        return future
+
+    count = AHEAD * max(1, len(client.nthreads()))
+    running = as_completed([submit(block) for block, _ in zip(waiting, range(count), strict=False)])
+    for future in running:
+        block = sent.pop(future.key)
+        if future.status == "finished":
+            yield block, future.result()
+        elif len(block) > 1:
+            # One of them ends its workers: each by itself.
+            for at in block:
+                running.add(submit(np.array([at])))
+        else:
+            reason = f"its worker died {DEATHS + 1} times ({future.exception()}); it may need more memory"
+            yield block, [lost_row(task, reason)]
+        future.release()
+        for following in waiting:
+            running.add(submit(following))
+            break
+
+
+@contextmanager
+def _client(workers: int, scheduler: str | None, memory: str) -> Iterator[Any]:
+    """A client of a scheduler that is there, or of a cluster of this machine."""
+    import logging
+
+    import dask
+    from distributed import Client, LocalCluster
+
+    # What a worker has to say comes with its rows.
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    quiet = {
+        "distributed.scheduler.allowed-failures": DEATHS,
+        "distributed.comm.timeouts.connect": "10s",
+        "distributed.admin.log-length": 100,
+    }
+    with dask.config.set(quiet):
+        if scheduler is not None:
+            try:
+                with Client(scheduler) as client:
+                    yield client
+            except (OSError, ValueError) as error:
+                raise UsageError(
+                    f"No scheduler of dask answers at {scheduler} ({error}); start one (dask scheduler), "
+                    "or leave --scheduler out."
+                ) from None
+            return
+        with (
+            LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                memory_limit=memory,
+                dashboard_address=None,
+                silence_logs=logging.CRITICAL,
+            ) as cluster,
+            Client(cluster) as client,
+        ):
+            yield client

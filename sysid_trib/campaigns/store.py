@@ -1,0 +1,205 @@
+"""The Zarr store of a campaign: made once, then filled a block of records at a time.
+
+A chunk holds one block of records. A block is written by one process, its status last, and each chunk is
+renamed into its place when it is whole: at any moment the store can be read, and what is done is known.
+"""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.arrays import Index
+from sysid_trib.campaigns.task import LONGEST_TEXT, SCALARS, Row, Task, empty_row, error_of, shape_names
+from sysid_trib.errors import RecordError, UsageError
+
+STATUS = ("waiting", "done", "refused", "failed", "lost")
+WAITING, LOST = 0, 4
+# What a killed process leaves of a chunk.
+PARTIAL = "*.partial"
+FINGERPRINT = "fingerprint"
+TEXTS = {
+    "verdict": "verdict on the record",
+    "named": "effects that a discovery named",
+    "message": "why a record has no numbers",
+}
+DIMS = {"coefficient": ("method", "force"), "shape": ("method", "shape_parameter")}
+FORCE_UNIT = "see the coordinate unit"
+UNITS = {"coefficient": FORCE_UNIT, "shape": "see the library", "random_force_density": "(rad/s^2)^2/Hz"}
+UNITS |= dict.fromkeys(("reference_frequency", "asymptotic_frequency"), "rad/s")
+
+
+class Store:
+    """A store that is open for writing.
+
+    Parameters
+    ----------
+    path : Path
+        The store, made if it is not there.
+    task : Task
+    names : sequence of str
+        Of the records.
+    fingerprint : str
+        Of task and records: a store is gone on with only by the same.
+    block : int
+        Records in a chunk, of a new store.
+    simulated : bool
+        Whether the truth of each record is known.
+
+    Raises
+    ------
+    UsageError
+        The store is of another campaign.
+    RecordError
+        It cannot be made, or is no store.
+    """
+
+    def __init__(
+        self, path: Path, task: Task, names: Sequence[str], fingerprint: str, block: int, simulated: bool
+    ) -> None:
+        import zarr
+
+        self.path = path
+        try:
+            if not path.exists():
+                _make(path, task, names, fingerprint, block, simulated)
+            self.group: Any = zarr.open_group(path, mode="r+")
+            known = dict(self.group.attrs).get(FINGERPRINT)
+            self.status: Any = self.group["status"]
+        except (OSError, KeyError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise RecordError(
+                f"{path}: cannot be made, or is no store of a campaign ({reason}); choose another with -o."
+            ) from None
+        if known != fingerprint:
+            raise UsageError(
+                f"{path}: is the store of another campaign (other records, task, options or version); choose "
+                "another place with -o, or repeat the command that made it to go on."
+            )
+        self.block = int(self.status.chunks[0])
+        for partial in path.rglob(PARTIAL):
+            partial.unlink(missing_ok=True)
+
+    def unfinished(self) -> list[Index]:
+        """The records of each block that are still to be done; those whose worker died are tried again."""
+        status = self.status[:]
+        blocks = np.arange(len(status)) // self.block
+        todo = np.flatnonzero((status == WAITING) | (status == LOST))
+        return [todo[blocks[todo] == at] for at in np.unique(blocks[todo])]
+
+    def counts(self) -> dict[str, int]:
+        """How many records are of each status."""
+        counted = np.bincount(self.status[:], minlength=len(STATUS))
+        return dict(zip(STATUS, counted.tolist(), strict=True))
+
+    def write(self, at: Index, rows: Sequence[Row]) -> None:
+        """Write the rows of records of one block.
+
+        Raises
+        ------
+        RecordError
+            The disk is full, or the store is gone.
+        """
+        first = int(at[0]) // self.block * self.block
+        chunk = slice(first, first + self.block)
+        try:
+            # Status last: a block counts when all of it is there.
+            for name in sorted(rows[0], key=lambda name: name == "status"):
+                values = self.group[name][chunk] if len(at) < self.block else None
+                new = np.stack([np.asarray(row[name]) for row in rows])
+                if values is None or len(values) == len(at):
+                    values = new.astype(self.group[name].dtype)
+                else:
+                    values[at - first] = new
+                self.group[name][chunk] = values
+        except OSError as error:
+            raise RecordError(
+                f"{self.path}: cannot be written ({error.strerror or error}); what was done is "
+                "kept: make room, and repeat the command to go on."
+            ) from None
+
+
+def lost_row(task: Task, reason: str) -> Row:
+    """The row of a record whose worker died."""
+    return empty_row(task) | {"status": LOST, "message": reason[:LONGEST_TEXT]}
+
+
+def open_store(path: str | os.PathLike[str]) -> xr.Dataset:
+    """The store of a campaign as a Dataset, read when it is used."""
+    return xr.open_zarr(path, consolidated=False, chunks=None, mask_and_scale=False)
+
+
+def _make(
+    path: Path, task: Task, names: Sequence[str], fingerprint: str, block: int, simulated: bool
+) -> None:
+    """An empty store: coordinates, and arrays of which no chunk is written."""
+    import zarr
+
+    temporary = path.with_name(f".{path.name}.partial")
+    group = zarr.open_group(temporary, mode="w", zarr_format=2)
+    forces = {force.symbol: force for lib in (task.library, task.candidates or ()) for force in lib}
+    coordinates: dict[str, tuple[str, Sequence[str]]] = {
+        "record": ("record", names),
+        "method": ("method", task.labels),
+        "force": ("force", task.symbols),
+        "unit": ("force", [forces[symbol].units for symbol in task.symbols]),
+        "shape_parameter": ("shape_parameter", shape_names(task)),
+    }
+    for name, (dim, labels) in coordinates.items():
+        texts = np.asarray(list(labels), dtype=str) if len(labels) else np.empty(0, "<U1")
+        _array(group, name, (dim,), texts.shape, texts.dtype, len(texts) or 1)[:] = texts
+    count = len(names)
+    row = empty_row(task) | ({"true_coefficient": np.full(len(task.symbols), np.nan)} if simulated else {})
+    for name, empty in row.items():
+        dims = _dims(name)
+        kind = f"<U{LONGEST_TEXT}" if name in TEXTS else float
+        array = _array(group, name, ("record", *dims), (count, *np.shape(empty)), np.dtype(kind), block)
+        array.attrs["long_name"], units = _described(name)
+        if units:
+            array.attrs["units"] = units
+    status = _array(group, "status", ("record",), (count,), np.dtype("int8"), block)
+    status.attrs.update(flag_values=list(range(len(STATUS))), flag_meanings=" ".join(STATUS))
+    group.attrs.update({FINGERPRINT: fingerprint, "task": task.name, "coordinates": "unit"})
+    os.replace(temporary, path)
+
+
+def _array(
+    group: Any, name: str, dims: tuple[str, ...], shape: tuple[int, ...], dtype: Any, block: int
+) -> Any:
+    fill = {"f": np.nan, "U": "", "i": 0}[dtype.kind]
+    chunks = (max(1, min(block, shape[0])), *(max(1, size) for size in shape[1:]))
+    array = group.create_array(name, shape=shape, dtype=dtype, chunks=chunks, fill_value=fill)
+    array.attrs["_ARRAY_DIMENSIONS"] = list(dims)
+    return array
+
+
+def _dims(name: str) -> tuple[str, ...]:
+    """Dimensions of a variable beside the record."""
+    if name == "true_coefficient":
+        return ("force",)
+    for known, dims in DIMS.items():
+        if name in (known, error_of(known)):
+            return dims
+    per_method = {key for scalar in SCALARS for key in (scalar, error_of(scalar))}
+    return ("method",) if name in per_method else ()
+
+
+def _described(name: str) -> tuple[str, str]:
+    """Long name and unit of a variable."""
+    texts = {
+        "coefficient": "coefficient",
+        "shape": "shape parameter",
+        "true_coefficient": "coefficient that the record was simulated with",
+        "p_value": "p-value of the agreement of both methods",
+        "seconds": "time that the record took",
+        **SCALARS,
+        **TEXTS,
+    }
+    if name in texts:
+        default = {"p_value": "1", "seconds": "s", "true_coefficient": FORCE_UNIT}.get(name, "")
+        return texts[name], UNITS.get(name, default)
+    value = next(value for value in texts if error_of(value) == name)
+    return f"standard error of the {texts[value]}", UNITS.get(value, "")

@@ -1,0 +1,190 @@
+"""Simulated records that are drawn from a description: models, noise, sampling, seeds."""
+
+import os
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.decays.free_decay import free_decay
+from sysid_trib.errors import RecordError, UsageError
+from sysid_trib.forces.library import load_library
+from sysid_trib.simulation.model import Model
+from sysid_trib.simulation.simulate import simulate
+
+# Part of a study, and what it may hold besides numbers that are drawn.
+PARTS = ("coefficients", "shapes", "start", "sampling", "noise", "random_force")
+TOP = ("title", "records", "seed", "library", "reference_frequency", *PARTS)
+DRAWN = ("low", "high"), ("mean", "deviation")
+MOST_SAMPLES = 10_000_000
+
+
+@dataclass(frozen=True)
+class Study:
+    """Simulated records by their number.
+
+    Parameters
+    ----------
+    title : str
+    records : int
+        How many there are.
+    seed : int
+        Of the study; that of each record follows from it and from the record's number alone.
+    library : str
+        Name or file of the forces.
+    values : mapping
+        What is drawn for each record: a number, a list to choose from, {low, high} of a uniform law, or
+        {mean, deviation} of a normal one. By part and name: `{"coefficients": {"lambda": ...}, ...}`.
+
+    Notes
+    -----
+    Coefficients are dimensionless, or in their force's unit, at `reference_frequency` (rad/s). `start` has
+    `angle` (rad) and `rate` (rad/s), `sampling` has `duration` (s) and `rate` (Hz), `noise` has `deviation`
+    (rad) and `correlation` (of an autoregression of first order, 0 if left out), `random_force` has `density`
+    ((rad/s^2)^2/Hz).
+    """
+
+    title: str
+    records: int
+    seed: int
+    library: str
+    values: Mapping[str, Mapping[str, Any]]
+
+    def __len__(self) -> int:
+        return self.records
+
+    def _random(self, at: int) -> np.random.Generator:
+        return np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(at,)))
+
+    def drawn(self, at: int) -> dict[str, dict[str, float]]:
+        """All values of a record, by part and name."""
+        random = self._random(at)
+        return {
+            part: {name: _draw(value, random) for name, value in names.items()}
+            for part, names in self.values.items()
+        }
+
+    def coefficients_of(self, at: int) -> dict[str, float]:
+        """True coefficients of a record."""
+        return self.drawn(at)["coefficients"]
+
+    def decay(self, at: int) -> xr.Dataset:
+        """A record, as far as its motion goes on.
+
+        Raises
+        ------
+        SimulationError
+            The motion of these values cannot be computed.
+        DecayError
+            It is no decay.
+        """
+        drawn = self.drawn(at)
+        start, sampling, noise = (drawn.get(part, {}) for part in ("start", "sampling", "noise"))
+        force = drawn.get("random_force", {}).get("density", 0.0)
+        library = load_library(self.library).select(drawn["coefficients"])
+        model = Model(
+            library, drawn["coefficients"], drawn["motion"]["reference_frequency"], drawn.get("shapes", {})
+        )
+        time = np.arange(round(sampling["duration"] * sampling["rate"])) / sampling["rate"]
+        # One stream for what is drawn, one for the noise, one for the random force.
+        noisy, pushed = np.random.SeedSequence(self.seed, spawn_key=(at, 1)).spawn(2)
+        motion = simulate(
+            model,
+            time,
+            start.get("angle", 0.3),
+            start.get("rate", 0.0),
+            random_force=force,
+            seed=int(pushed.generate_state(1)[0]),
+        )
+        white = np.random.default_rng(noisy).standard_normal(len(time))
+        angle = motion["angle"].values + noise.get("deviation", 0.0) * _coloured(
+            white, noise.get("correlation", 0.0)
+        )
+        attrs = {"source": f"record {at} of {self.title}", "synthetic": "drawn from a study"}
+        record = xr.Dataset({"angle": ("time", angle, {"units": "rad"})}, {"time": time}, attrs)
+        record.time.attrs["units"] = "s"
+        return free_decay(record)
+
+
+def _coloured(white: np.ndarray, correlation: float) -> np.ndarray:
+    """Autoregressive noise of first order with unit variance."""
+    if not correlation:
+        return white
+    from scipy.signal import lfilter
+
+    innovation = np.sqrt(1.0 - correlation**2) * white
+    return np.asarray(lfilter([1.0], [1.0, -correlation], innovation, zi=[correlation * white[0]])[0])
+
+
+def _draw(value: Any, random: np.random.Generator) -> float:
+    """A number, one of a list, or of a law."""
+    if isinstance(value, Mapping):
+        if "low" in value:
+            return float(random.uniform(value["low"], value["high"]))
+        return float(random.normal(value["mean"], value["deviation"]))
+    if isinstance(value, list | tuple):
+        return float(value[random.integers(len(value))])
+    return float(value)
+
+
+def load_study(path: str | os.PathLike[str]) -> Study:
+    """Read a study from TOML.
+
+    Raises
+    ------
+    UsageError
+        There is no such file.
+    RecordError
+        It is no TOML, lacks a part, or holds what a study has no place for.
+    """
+    name = Path(path).name
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+        data = tomllib.loads(text)
+    except FileNotFoundError:
+        raise UsageError(f"There is no file {path}.") from None
+    except (OSError, ValueError, RecursionError) as error:
+        raise RecordError(f"{name}: not a study in TOML ({error}).") from None
+    if idle := [key for key in data if key not in TOP]:
+        raise RecordError(f"{name}: a study has no '{idle[0]}'; it has {', '.join(TOP)}.")
+    lacking = [key for key in ("reference_frequency", "coefficients", "sampling") if key not in data]
+    if lacking:
+        raise RecordError(f"{name}: a study needs '{lacking[0]}'.")
+    values: dict[str, dict[str, Any]] = {"motion": {"reference_frequency": data["reference_frequency"]}}
+    for part in PARTS:
+        if part in data:
+            if not isinstance(data[part], Mapping) or not data[part]:
+                raise RecordError(f"{name}: '{part}' must be a table of values.")
+            values[part] = dict(data[part])
+    for part, names in values.items():
+        for key, value in names.items():
+            _check(value, f"{name}: '{key}' of '{part}'")
+    counts = [data.get("records", 100), data.get("seed", 0)]
+    if not all(isinstance(count, int) and 0 <= count < 2**63 for count in counts) or not counts[0]:
+        raise RecordError(f"{name}: 'records' and 'seed' must be whole numbers, the first above zero.")
+    for key in ("duration", "rate"):
+        if key not in values["sampling"]:
+            raise RecordError(f"{name}: 'sampling' needs '{key}'.")
+    library = str(data.get("library", "contact_forces"))
+    study = Study(str(data.get("title", Path(path).stem)), counts[0], counts[1], library, values)
+    sampling = study.drawn(0)["sampling"]
+    if not 1.0 < sampling["duration"] * sampling["rate"] <= MOST_SAMPLES:
+        raise RecordError(f"{name}: duration times rate must be 2 to {MOST_SAMPLES:,} samples.")
+    load_library(library).select(values["coefficients"])
+    return study
+
+
+def _check(value: Any, what: str) -> None:
+    """Refuse what cannot be drawn."""
+    law = isinstance(value, Mapping) and tuple(value) in DRAWN
+    numbers = list(value.values()) if law else value if isinstance(value, list) and value else [value]
+    good = all(isinstance(n, int | float) and not isinstance(n, bool) and abs(n) < 1e12 for n in numbers)
+    if not good or (law and "low" in value and not value["low"] <= value["high"]):
+        raise RecordError(
+            f"{what} must be a number, a list of numbers, {{low = ..., high = ...}} or "
+            "{mean = ..., deviation = ...}."
+        )

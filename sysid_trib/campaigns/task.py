@@ -1,0 +1,219 @@
+"""What a campaign does with each record, and the row of numbers that comes of it."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from time import perf_counter
+from typing import Any, Literal, TypeAlias, get_args
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.arrays import Array
+from sysid_trib.campaigns.study import Study
+from sysid_trib.decays.free_decay import free_decays
+from sysid_trib.discrepancy.discover import discover
+from sysid_trib.errors import SysidTribError
+from sysid_trib.forces.constraints import Constraints
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.methods.scope import Method, constrained
+from sysid_trib.records.read import read_records
+from sysid_trib.records.runs import one_or_all
+from sysid_trib.results.contactless import with_contactless_frequency
+from sysid_trib.results.schema import map_identifications
+from sysid_trib.validation.compare import compare
+from sysid_trib.validation.cross_check import cross_check
+
+Name: TypeAlias = Literal["identify", "compare", "discover"]
+Row: TypeAlias = dict[str, Any]
+Read: TypeAlias = Callable[[str], Sequence[xr.Dataset]]
+
+NAMES = get_args(Name)
+# Groups of a discovery that are identifications: the start model and the final one.
+MODELS = ("before", "after")
+DONE, REFUSED, FAILED = 1, 2, 3
+# Of a method; each but the noise has a standard error.
+SCALARS = {
+    "reference_frequency": "reference frequency",
+    "asymptotic_frequency": "asymptotic frequency",
+    "random_force_density": "density of the random force",
+    "noise": "noise of a sample",
+}
+ERROR_OF = {
+    "coefficient": "standard_error",
+    "random_force_density": "random_force_standard_error",
+    "noise": "",
+}
+LONGEST_TEXT = 400
+
+
+def decays_of_file(path: str) -> list[xr.Dataset]:
+    """The free decays of a file, read as it says itself."""
+    return [decay for record in read_records(path) for decay in free_decays(record)]
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is done with each record.
+
+    Parameters
+    ----------
+    name : {"identify", "compare", "discover"}
+    library : ForceLibrary
+        The forces offered; of a discovery those of the start model.
+    methods : mapping of str to method
+        By label; two of `identify` are held against each other where it is `judged`.
+    candidates : ForceLibrary, optional
+        What may be missing, of a discovery.
+    judged : bool
+        Whether `identify` cross-checks its two methods, which gives a verdict and takes longer than they do.
+    read : callable
+        Gives the decays of a file, runs of one experiment.
+    constraints, contactless, options
+        As the tasks take them.
+    """
+
+    name: Name
+    library: ForceLibrary
+    methods: Mapping[str, Method] = field(default_factory=dict)
+    candidates: ForceLibrary | None = None
+    judged: bool = False
+    read: Read = decays_of_file
+    constraints: Constraints = field(default_factory=Constraints)
+    contactless: tuple[float, float] | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def labels(self) -> list[str]:
+        """Of the identifications that come of a record."""
+        return list(MODELS) if self.name == "discover" else list(self.methods)
+
+    @property
+    def symbols(self) -> list[str]:
+        """Of all forces that may come of a record."""
+        candidates = self.candidates.symbols if self.candidates is not None else ()
+        return list(dict.fromkeys([*self.library.symbols, *candidates]))
+
+    def result(self, decays: Sequence[xr.Dataset]) -> xr.DataTree:
+        """What the task's own function gives of a record."""
+        if self.name == "discover":
+            assert self.candidates is not None
+            return discover(decays, self.library, self.candidates, **self.options)
+        if self.name == "compare":
+            return compare(
+                decays,
+                self.library,
+                self.methods,
+                contactless=self.contactless,
+                constraints=self.constraints,
+            )
+        decay = one_or_all(list(decays))
+        methods = {label: constrained(method, self.constraints) for label, method in self.methods.items()}
+        results = {label: method.identify(decay, self.library) for label, method in methods.items()}
+        tree = xr.DataTree.from_dict(results)
+        if self.judged:
+            tree = cross_check(decay, *results.values(), **self.options)
+        if self.contactless is not None:
+            contactless = self.contactless
+            tree = map_identifications(tree, lambda one: with_contactless_frequency(one, *contactless))
+        return tree
+
+
+def empty_row(task: Task) -> Row:
+    """A row of which nothing is known: nan, and empty texts."""
+    methods, forces, shapes = len(task.labels), len(task.symbols), len(shape_names(task))
+    row: Row = {}
+    for name, size in {"coefficient": (methods, forces), "shape": (methods, shapes)}.items():
+        row |= {name: np.full(size, np.nan), error_of(name): np.full(size, np.nan)}
+    for name in SCALARS:
+        row |= {key: np.full(methods, np.nan) for key in (name, error_of(name)) if key}
+    return row | {"p_value": np.nan, "seconds": np.nan, "verdict": "", "named": "", "message": ""}
+
+
+def error_of(name: str) -> str:
+    """Name of the standard error of a variable; empty where it has none."""
+    return ERROR_OF.get(name, f"{name}_standard_error")
+
+
+def shape_names(task: Task) -> list[str]:
+    """Shape parameters of all forces of a task."""
+    libraries = (task.library, task.candidates)
+    return list(dict.fromkeys(name for lib in libraries if lib is not None for name in lib.shape_values()))
+
+
+def rows_of(task: Task, records: Sequence[Any]) -> list[Row]:
+    """The rows of some records, one after the other; a bad record has its reason in the place of numbers.
+
+    Parameters
+    ----------
+    task : Task
+    records : sequence of str, Dataset, or (Study, int)
+        Files, decays, or numbers of a study.
+    """
+    return [_row_of(task, record) for record in records]
+
+
+def _row_of(task: Task, record: Any) -> Row:
+    start, row = perf_counter(), empty_row(task)
+    try:
+        if isinstance(record, tuple):
+            study, at = record
+            row |= _truth(study, at, task.symbols)
+        row |= _numbers(task, task.result(_decays(task, record))) | {"status": DONE}
+    except SysidTribError as error:
+        row |= {"status": REFUSED, "message": str(error)[:LONGEST_TEXT]}
+    except Exception as error:
+        # One bad record ends no campaign; what it was is kept with it.
+        row |= {"status": FAILED, "message": f"{type(error).__name__}: {error}"[:LONGEST_TEXT]}
+    return row | {"seconds": perf_counter() - start}
+
+
+def _decays(task: Task, record: Any) -> Sequence[xr.Dataset]:
+    if isinstance(record, xr.Dataset):
+        return [record]
+    if isinstance(record, tuple):
+        study, at = record
+        return [study.decay(at)]
+    return task.read(record)
+
+
+def _truth(study: Study, at: int, symbols: Sequence[str]) -> Row:
+    """What a simulated record was drawn with."""
+    truth = study.coefficients_of(at)
+    return {"true_coefficient": np.array([truth.get(symbol, np.nan) for symbol in symbols])}
+
+
+def _numbers(task: Task, tree: xr.DataTree) -> Row:
+    """The numbers of a result in the places of the store."""
+    row = empty_row(task)
+    for at, label in enumerate(task.labels):
+        if label in tree.children and "covariance" in tree[label]:
+            _fill(row, at, tree[label].to_dataset(), task.symbols, shape_names(task))
+    if "comparison" in tree.children and "p_value" in tree["comparison"]:
+        compared = tree["comparison"]
+        row |= {"p_value": float(compared.p_value), "verdict": str(compared.attrs.get("verdict_on_record"))}
+    if task.name == "discover":
+        steps = tree["steps"].to_dataset()
+        count = steps.attrs["count"]
+        row |= {"verdict": str(tree.attrs["verdict"])[:LONGEST_TEXT]}
+        row |= {"named": ", ".join(steps.symbol.values[:count].tolist())[:LONGEST_TEXT]}
+    return row
+
+
+def _fill(row: Row, at: int, result: xr.Dataset, symbols: Sequence[str], shapes: Sequence[str]) -> None:
+    places: tuple[tuple[str, str, Sequence[str]], ...] = (
+        ("coefficient", "force", symbols),
+        ("shape", "shape_parameter", shapes),
+    )
+    for name, dim, labels in places:
+        if name in result and labels:
+            for key in (name, error_of(name)):
+                row[key][at] = _placed(result[key], dim, labels)
+    for name in SCALARS:
+        for key in (name, error_of(name)):
+            if key and key in result:
+                row[key][at] = float(np.mean(result[key].values))
+
+
+def _placed(values: xr.DataArray, dim: str, labels: Sequence[str]) -> Array:
+    """Values at labels, nan where there are none."""
+    return np.asarray(values.reindex({dim: list(labels)}).values, dtype=float)
