@@ -9,6 +9,7 @@ from pathlib import Path
 import typer
 
 from sysid_trib._version import __version__
+from sysid_trib.commands.campaign import campaign
 from sysid_trib.commands.compare import compare
 from sysid_trib.commands.discover import discover
 from sysid_trib.commands.forces import forces
@@ -44,7 +45,7 @@ def _options(
     """Which forces act in an oscillator, learned from its free decay."""
 
 
-for command in (look, identify, discover, compare, simulate, report, forces):
+for command in (look, identify, discover, compare, campaign, simulate, report, forces):
     app.command()(command)
 
 

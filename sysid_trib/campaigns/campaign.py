@@ -36,6 +36,7 @@ def campaign(
     *,
     output: str | os.PathLike[str],
     methods: Mapping[str, Method] | None = None,
+    judged: bool | None = None,
     candidates: ForceLibrary | None = None,
     constraints: Constraints | None = None,
     contactless: tuple[float, float] | None = None,
@@ -58,9 +59,11 @@ def campaign(
     output : path-like
         The store. One that is there is gone on with: what is done in it is not done again.
     methods : mapping of str to method, optional
-        By label. Without it `identify` holds averaging and direct against each other, a random force
-        estimated, which gives a verdict; with it each method identifies, and nothing else is done.
-        `compare` takes every method.
+        By label. Without it `identify` takes averaging and direct with a random force that is estimated,
+        and `compare` every method.
+    judged : bool, optional
+        Whether the two methods of `identify` are held against each other, which gives a verdict and takes
+        longer than they do; by default where no methods are given.
     candidates : ForceLibrary, optional
         What may be missing, of `discover`.
     constraints, contactless
@@ -101,15 +104,14 @@ def campaign(
     is given up, and tried again when the campaign is gone on with.
     """
     check_extra()
-    asked = _task(task, library, methods, candidates, constraints, contactless, options, read)
-    names = _names(records)
+    asked = _task(task, library, methods, judged, candidates, constraints, contactless, options, read)
+    names = names_of(records)
     path = Path(output)
     count = len(names)
     block = max(1, min(LARGEST_BLOCK, count // BLOCKS))
     store = Store(path, asked, names, _fingerprint(asked, records, names), block, isinstance(records, Study))
     blocks = store.unfinished()
-    state = store.counts()
-    done, bad = count - sum(len(at) for at in blocks), state["refused"] + state["failed"]
+    done, bad = count - sum(len(at) for at in blocks), store.without_result()
 
     def record_at(at: int) -> Any:
         record = (records, int(at)) if isinstance(records, Study) else records[at]
@@ -142,6 +144,7 @@ def _task(
     task: Name,
     library: ForceLibrary,
     methods: Mapping[str, Method] | None,
+    judged: bool | None,
     candidates: ForceLibrary | None,
     constraints: Constraints | None,
     contactless: tuple[float, float] | None,
@@ -154,7 +157,9 @@ def _task(
         raise UsageError(f"campaign wants a ForceLibrary, not {library!r}: load_library('contact_forces').")
     if task == "discover" and candidates is None:
         raise UsageError("A campaign of discover wants candidates: load_library('candidate_effects').")
-    judged = task == "identify" and methods is None
+    judged = task == "identify" and (methods is None if judged is None else judged)
+    if judged and methods is not None and len(methods) != 2:
+        raise UsageError("Two methods are held against each other; give two, or judged=False.")
     if methods is None:
         pair = {"averaging": Averaging(random_force="auto"), "direct": Direct(random_force="auto")}
         methods = every_method() if task == "compare" else pair
@@ -171,7 +176,7 @@ def _task(
     )
 
 
-def _names(records: Sequence[Any] | Study) -> list[str]:
+def names_of(records: Sequence[Any] | Study) -> list[str]:
     """Names of the records in the store."""
     if isinstance(records, Study):
         return [str(at) for at in range(len(records))]

@@ -13,19 +13,26 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Index
-from sysid_trib.campaigns.task import LONGEST_TEXT, SCALARS, Row, Task, empty_row, error_of, shape_names
+from sysid_trib.campaigns.task import (
+    FAILED,
+    LONGEST_TEXT,
+    REFUSED,
+    SCALARS,
+    TEXTS,
+    Row,
+    Task,
+    empty_row,
+    error_of,
+    shape_names,
+)
 from sysid_trib.errors import RecordError, UsageError
+from sysid_trib.results.schema import force_labels
 
 STATUS = ("waiting", "done", "refused", "failed", "lost")
 WAITING, LOST = 0, 4
 # What a killed process leaves of a chunk.
 PARTIAL = "*.partial"
 FINGERPRINT = "fingerprint"
-TEXTS = {
-    "verdict": "verdict on the record",
-    "named": "effects that a discovery named",
-    "message": "why a record has no numbers",
-}
 DIMS = {"coefficient": ("method", "force"), "shape": ("method", "shape_parameter")}
 FORCE_UNIT = "see the coordinate unit"
 UNITS = {"coefficient": FORCE_UNIT, "shape": "see the library", "random_force_density": "(rad/s^2)^2/Hz"}
@@ -90,10 +97,9 @@ class Store:
         todo = np.flatnonzero((status == WAITING) | (status == LOST))
         return [todo[blocks[todo] == at] for at in np.unique(blocks[todo])]
 
-    def counts(self) -> dict[str, int]:
-        """How many records are of each status."""
-        counted = np.bincount(self.status[:], minlength=len(STATUS))
-        return dict(zip(STATUS, counted.tolist(), strict=True))
+    def without_result(self) -> int:
+        """How many records were refused, or failed."""
+        return int(np.isin(self.status[:], (REFUSED, FAILED)).sum())
 
     def write(self, at: Index, rows: Sequence[Row]) -> None:
         """Write the rows of records of one block.
@@ -107,7 +113,7 @@ class Store:
         chunk = slice(first, first + self.block)
         try:
             # Status last: a block counts when all of it is there.
-            for name in sorted(rows[0], key=lambda name: name == "status"):
+            for name in sorted((n for n in rows[0] if n in self.group), key=lambda name: name == "status"):
                 values = self.group[name][chunk] if len(at) < self.block else None
                 new = np.stack([np.asarray(row[name]) for row in rows])
                 if values is None or len(values) == len(at):
@@ -122,14 +128,35 @@ class Store:
             ) from None
 
 
+def counts_of(store: xr.Dataset) -> dict[str, int]:
+    """How many records of a store are of each status."""
+    counted = np.bincount(store.status.values, minlength=len(STATUS))
+    return dict(zip(STATUS, counted.tolist(), strict=True))
+
+
 def lost_row(task: Task, reason: str) -> Row:
     """The row of a record whose worker died."""
     return empty_row(task) | {"status": LOST, "message": reason[:LONGEST_TEXT]}
 
 
 def open_store(path: str | os.PathLike[str]) -> xr.Dataset:
-    """The store of a campaign as a Dataset, read when it is used."""
-    return xr.open_zarr(path, consolidated=False, chunks=None, mask_and_scale=False)
+    """The store of a campaign as a Dataset, read when it is used.
+
+    Raises
+    ------
+    RecordError
+        It is no such store.
+    """
+    try:
+        store = xr.open_zarr(path, consolidated=False, chunks=None, mask_and_scale=False)
+        if FINGERPRINT not in store.attrs or "status" not in store:
+            raise ValueError("no status of records")
+    except (OSError, ValueError, KeyError) as error:
+        raise RecordError(f"{path}: is no store of a campaign ({error}).") from None
+    for array in store.variables.values():
+        # No value is missing: what was not computed is nan, waiting, or an empty text.
+        array.attrs.pop("_FillValue", None)
+    return store
 
 
 def _make(
@@ -141,19 +168,24 @@ def _make(
     temporary = path.with_name(f".{path.name}.partial")
     group = zarr.open_group(temporary, mode="w", zarr_format=2)
     forces = {force.symbol: force for lib in (task.library, task.candidates or ()) for force in lib}
-    coordinates: dict[str, tuple[str, Sequence[str]]] = {
+    labels = force_labels([forces[symbol] for symbol in task.symbols])
+    coordinates: dict[str, tuple[str, Sequence[Any]]] = {
         "record": ("record", names),
         "method": ("method", task.labels),
         "force": ("force", task.symbols),
-        "unit": ("force", [forces[symbol].units for symbol in task.symbols]),
+        "unit": ("force", labels["unit"][1]),
+        "speed_degree": ("force", labels["speed_degree"][1]),
         "shape_parameter": ("shape_parameter", shape_names(task)),
     }
     for name, (dim, labels) in coordinates.items():
-        texts = np.asarray(list(labels), dtype=str) if len(labels) else np.empty(0, "<U1")
-        _array(group, name, (dim,), texts.shape, texts.dtype, len(texts) or 1)[:] = texts
+        values = np.asarray(list(labels), dtype=float if name == "speed_degree" else str)
+        if len(labels):
+            _array(group, name, (dim,), values.shape, values.dtype, len(values))[:] = values
     count = len(names)
     row = empty_row(task) | ({"true_coefficient": np.full(len(task.symbols), np.nan)} if simulated else {})
     for name, empty in row.items():
+        if not np.size(empty):
+            continue
         dims = _dims(name)
         kind = f"<U{LONGEST_TEXT}" if name in TEXTS else float
         array = _array(group, name, ("record", *dims), (count, *np.shape(empty)), np.dtype(kind), block)
@@ -162,7 +194,7 @@ def _make(
             array.attrs["units"] = units
     status = _array(group, "status", ("record",), (count,), np.dtype("int8"), block)
     status.attrs.update(flag_values=list(range(len(STATUS))), flag_meanings=" ".join(STATUS))
-    group.attrs.update({FINGERPRINT: fingerprint, "task": task.name, "coordinates": "unit"})
+    group.attrs.update({FINGERPRINT: fingerprint, "task": task.name, "coordinates": "unit speed_degree"})
     os.replace(temporary, path)
 
 

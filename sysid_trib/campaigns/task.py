@@ -20,6 +20,7 @@ from sysid_trib.records.read import read_records
 from sysid_trib.records.runs import one_or_all
 from sysid_trib.results.contactless import with_contactless_frequency
 from sysid_trib.results.schema import map_identifications
+from sysid_trib.results.signal_units import signal_units
 from sysid_trib.validation.compare import compare
 from sysid_trib.validation.cross_check import cross_check
 
@@ -44,6 +45,12 @@ ERROR_OF = {
     "noise": "",
 }
 LONGEST_TEXT = 400
+TEXTS = {
+    "verdict": "verdict on the record",
+    "named": "effects that a discovery named",
+    "message": "why a record has no numbers",
+    "signal_units": "unit of the record's signal",
+}
 
 
 def decays_of_file(path: str) -> list[xr.Dataset]:
@@ -126,7 +133,7 @@ def empty_row(task: Task) -> Row:
         row |= {name: np.full(size, np.nan), error_of(name): np.full(size, np.nan)}
     for name in SCALARS:
         row |= {key: np.full(methods, np.nan) for key in (name, error_of(name)) if key}
-    return row | {"p_value": np.nan, "seconds": np.nan, "verdict": "", "named": "", "message": ""}
+    return row | {"p_value": np.nan, "seconds": np.nan, **dict.fromkeys(TEXTS, "")}
 
 
 def error_of(name: str) -> str:
@@ -158,7 +165,9 @@ def _row_of(task: Task, record: Any) -> Row:
         if isinstance(record, tuple):
             study, at = record
             row |= _truth(study, at, task.symbols)
-        row |= _numbers(task, task.result(_decays(task, record))) | {"status": DONE}
+        decays = _decays(task, record)
+        row |= {"signal_units": signal_units(decays[0])}
+        row |= _numbers(task, task.result(decays)) | {"status": DONE}
     except SysidTribError as error:
         row |= {"status": REFUSED, "message": str(error)[:LONGEST_TEXT]}
     except Exception as error:
@@ -184,7 +193,7 @@ def _truth(study: Study, at: int, symbols: Sequence[str]) -> Row:
 
 def _numbers(task: Task, tree: xr.DataTree) -> Row:
     """The numbers of a result in the places of the store."""
-    row = empty_row(task)
+    row = {name: value for name, value in empty_row(task).items() if name not in TEXTS}
     for at, label in enumerate(task.labels):
         if label in tree.children and "covariance" in tree[label]:
             _fill(row, at, tree[label].to_dataset(), task.symbols, shape_names(task))

@@ -3,7 +3,9 @@
 import base64
 import io
 import os
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import xarray as xr
 from bokeh.embed import components
@@ -14,6 +16,7 @@ from matplotlib.figure import Figure
 
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.reporting import contents, provenance, reproducing
+from sysid_trib.reporting.parts import PageTable, Section
 from sysid_trib.results.files import write_file
 
 PAPER_DPI = 170
@@ -61,7 +64,50 @@ def page(result: xr.DataTree | xr.Dataset) -> str:
 
 def _rendered(tree: xr.DataTree) -> str:
     title, summary, sections_of = contents.PAGES[contents.kind_of(tree)]
-    sections = sections_of(tree)
+    return rendered(
+        sections_of(tree),
+        title=title,
+        records=provenance.kept_records(tree) or [{"source": "; ".join(tree.attrs.get("record_source", []))}],
+        summary=[*summary(tree), *_next(tree)],
+        facts=provenance.facts(tree),
+        methods=provenance.method_table(tree),
+        texts=provenance.libraries(tree),
+        command=tree.attrs.get("command", ""),
+        python=reproducing.python_text(tree),
+    )
+
+
+def rendered(
+    sections: Sequence[Section],
+    *,
+    title: str,
+    records: Sequence[Mapping[Any, Any]],
+    summary: Sequence[str],
+    facts: Sequence[tuple[str, str]],
+    methods: PageTable | None = None,
+    texts: Mapping[str, str] | None = None,
+    command: str = "",
+    python: str = "",
+) -> str:
+    """A page of sections as text.
+
+    Parameters
+    ----------
+    sections : sequence of Section
+    title : str
+    records : sequence of mapping
+        Attributes of the records: their `source`.
+    summary : sequence of str
+        Sentences above all sections.
+    facts : sequence of (str, str)
+        Where the result is from: terms and texts.
+    methods : PageTable, optional
+        Methods with their options.
+    texts : mapping of str to str, optional
+        Libraries whole, by title.
+    command, python : str
+        What makes the result again.
+    """
     panels = {
         f"{at}-{of}-{nth}": panel.figure
         for at, section in enumerate(sections)
@@ -75,8 +121,8 @@ def _rendered(tree: xr.DataTree) -> str:
     )
     return environment.get_template("page.html").render(
         title=title,
-        records=provenance.kept_records(tree) or [{"source": "; ".join(tree.attrs.get("record_source", []))}],
-        summary=[*summary(tree), *_next(tree)],
+        records=records,
+        summary=summary,
         sections=sections,
         divs=divs,
         on_paper=[
@@ -84,11 +130,11 @@ def _rendered(tree: xr.DataTree) -> str:
         ],
         script=script,
         bokeh=Resources(mode="inline", components=["bokeh"]).render_js() if panels else "",
-        facts=provenance.facts(tree),
-        methods=provenance.method_table(tree),
-        texts=provenance.libraries(tree),
-        command=tree.attrs.get("command", ""),
-        python=reproducing.python_text(tree),
+        facts=facts,
+        methods=methods,
+        texts=texts or {},
+        command=command,
+        python=python,
     )
 
 

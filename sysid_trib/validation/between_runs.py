@@ -52,7 +52,8 @@ def between_runs(
         what scatters between runs beside their stated errors and the conditions, with `between_run_lower` and
         `between_run_upper` (95 %); `scatter_p_value` of no such scatter, `homogeneity_p_value` of one value
         for all runs; `verdict`: common, varies with ..., scatters, too few runs. Over `run` the values at one
-        reference frequency with their errors, and `shrunken` estimates, which use all runs. Over `term`
+        reference frequency with their errors, `shrunken` estimates, which use all runs, and `z`, how far a run
+        is from what its conditions let expect, over scatter and error. Over `term`
         `effect`: the mean (at the mean of numerical conditions, and of the first group), and by how much it
         rises per unit of a condition, or in another group; `condition_p_value` over `condition`. With
         `laboratories` also `repeatability`, `between_laboratory` and `reproducibility` (standard deviations
@@ -148,6 +149,7 @@ def _quantity(
     design = np.column_stack(list(columns.values()))
     effects, shrunken = np.full((2, len(terms)), np.nan), np.full((2, len(values)), np.nan)
     p_values, interval, scatter = np.full(len(conditions), np.nan), np.full(3, np.nan), [np.nan, np.nan]
+    off = np.full(len(values), np.nan)
     verdict = UNDECIDED_RUNS
     if known.sum() > design.shape[1] and np.linalg.matrix_rank(design[known]) == design.shape[1]:
         # In units of the errors, whatever the quantity's own.
@@ -158,6 +160,7 @@ def _quantity(
         interval = unit * np.array([tau, lower, upper])
         scatter = [p_value, RandomEffects(*scaled, design[known, :1]).heterogeneity().p_value]
         effects = unit * np.stack([fit.weighted(tau).effects, fit.effect_errors(tau)])
+        off[known] = (scaled[0] - design[known] @ effects[0] / unit) / np.hypot(scaled[1], tau)
         for at, name in enumerate(conditions):
             p_values[at] = fit.p_value(tau, np.flatnonzero(np.array(condition_of) == name))
         shrunken[:, known] = unit * np.stack(fit.shrunken())
@@ -166,6 +169,7 @@ def _quantity(
     made: Variables = {
         **with_error("effect", "term", (effects[0], effects[1]), "effect on the quantity", UNIT),
         **with_error("shrunken", "run", (shrunken[0], shrunken[1]), "value with the help of all runs", UNIT),
+        "z": variable("run", off, "distance from the fitted value, over scatter and error", "1"),
         "condition_p_value": variable("condition", p_values, "p-value of no effect of the condition", "1"),
         **_with_interval("between_run", "standard deviation between runs", interval),
         "scatter_p_value": variable((), scatter[0], "p-value of no scatter beside the conditions", "1"),

@@ -1,0 +1,108 @@
+"""What a campaign's records are held against: their estimates side by side, and a table of conditions."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from sysid_trib.errors import RecordError, UsageError
+from sysid_trib.results.common_reference import ASYMPTOTIC_FREQUENCY
+
+DONE = 1
+# Column of a table of conditions that names the records; without it rows are in the order of the records.
+RECORD = "record"
+
+
+def estimates_of(store: xr.Dataset, method: str) -> xr.Dataset:
+    """Coefficients and asymptotic frequency of all records with numbers, as `between_runs` takes them.
+
+    Parameters
+    ----------
+    store : Dataset
+        Of a campaign.
+    method : str
+        Label of the identification.
+
+    Returns
+    -------
+    Dataset
+        `value(run, quantity)` and `standard_error(run, quantity)`, coefficients at the mean reference
+        frequency (attrs), `run` the record's name, `at(run)` its place. Records in another unit than most
+        are not among them (attrs: `signal_units`, `other_units` their number).
+    """
+    done = store.isel(record=np.flatnonzero(store.status.values == DONE)).sel(method=method)
+    units = done.signal_units.values.astype(str)
+    names, counts = np.unique(units, return_counts=True)
+    usual = names[np.argmax(counts)] if len(names) else ""
+    places = np.flatnonzero(store.status.values == DONE)[units == usual]
+    done = done.isel(record=np.flatnonzero(units == usual))
+    reference = done.reference_frequency.values
+    mean = float(np.nanmean(reference)) if np.any(np.isfinite(reference)) else np.nan
+    degrees = done.speed_degree.values
+    # A force without a degree keeps its size; its coefficient is compared as it is.
+    power = np.where(np.isnan(degrees), 0.0, 2.0 - degrees)
+    factor = (reference[:, None] / mean) ** power
+    pairs = [
+        np.column_stack([factor * done[name].values, done[of_frequency].values])
+        for name, of_frequency in (
+            ("coefficient", "asymptotic_frequency"),
+            ("standard_error", "asymptotic_frequency_standard_error"),
+        )
+    ]
+    quantities = [*done.force.values.astype(str), ASYMPTOTIC_FREQUENCY]
+    known = np.flatnonzero(np.sum(np.isfinite(pairs[0]) & (pairs[1] > 0.0), axis=0) > 1)
+    dims = ("run", "quantity")
+    values, errors = (array[:, known] for array in pairs)
+    return xr.Dataset(
+        {"value": (dims, values), "standard_error": (dims, errors)},
+        {
+            "run": done.record.values.astype(str),
+            "at": ("run", places),
+            "quantity": np.array(quantities)[known],
+            "unit": ("quantity", np.array([*done.unit.values.astype(str), "rad/s"])[known]),
+        },
+        {"reference_frequency": mean, "signal_units": str(usual), "other_units": int(np.sum(units != usual))},
+    )
+
+
+def read_conditions(path: Path, records: Sequence[str]) -> pd.DataFrame:
+    """A table of conditions, a row a record.
+
+    Parameters
+    ----------
+    path : Path
+        CSV with a heading. A column `record` names the records, by file name or as they were given; without
+        it rows are in their order.
+    records : sequence of str
+        Names of the records.
+
+    Raises
+    ------
+    UsageError
+        There is no such file, or it has no row for a record.
+    RecordError
+        It is no table.
+    """
+    try:
+        table = pd.read_csv(path, skipinitialspace=True)
+    except FileNotFoundError:
+        raise UsageError(f"There is no file {path}.") from None
+    except (OSError, ValueError) as error:
+        raise RecordError(f"{path.name}: not a table of conditions in CSV ({error}).") from None
+    if RECORD not in table:
+        if len(table) != len(records):
+            raise UsageError(
+                f"{path.name}: {len(table)} rows for {len(records)} records; give one row a record, or a "
+                f"column '{RECORD}' with their names."
+            )
+        return table
+    names = table.pop(RECORD).astype(str)
+    if names.duplicated().any():
+        raise UsageError(f"{path.name}: '{names[names.duplicated()].iloc[0]}' has two rows.")
+    table.index = pd.Index(names)
+    known = [name if name in table.index else Path(name).name for name in records]
+    if lacking := [name for name in known if name not in table.index]:
+        raise UsageError(f"{path.name}: has no row for record '{lacking[0]}'.")
+    return table.loc[known].reset_index(drop=True)

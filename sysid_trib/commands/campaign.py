@@ -1,0 +1,206 @@
+"""`sysid-trib campaign`."""
+
+from dataclasses import dataclass, replace
+from functools import partial
+from glob import glob, has_magic
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sysid_trib.commands.options import ConstraintOptions, DecayOptions, ModelOptions, option, with_options
+from sysid_trib.errors import UsageError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+PAGE_ENDING, STORE_ENDING = ".html", ".zarr"
+
+
+@dataclass(frozen=True)
+class CampaignOptions:
+    """What is done with all records, on how many processes, and what they are held against."""
+
+    task: str = option("identify|compare|discover", "What is done with each record.", "identify")
+    methods: str | None = option(
+        "A,B,...", "Methods that identify, none held against another: averaging,direct,trajectory."
+    )
+    candidates: str | None = option("NAME|FILE", "Library of what may be missing, of discover.")
+    study: Path | None = option("FILE", "Simulated records, drawn from a description in TOML.")
+    conditions: Path | None = option(
+        "FILE", "Table (CSV) of conditions, a row a record: load, humidity, wear."
+    )
+    laboratories: str | None = option("COLUMN", "Column of the conditions: laboratories of ISO 5725.")
+    workers: int = option("N", "Processes on this machine; 0: this one.", 2, least=0)
+    scheduler: str | None = option("ADDRESS", "Scheduler of dask, such as tcp://host:8786.")
+    memory: str = option("SIZE", "Most of each process, such as 2GB.", "auto")
+    output: Path | None = option("STORE", "Zarr store of the results.", flags=("-o", "--output"))
+    as_json: bool = option(None, "Print the result as JSON, and nothing else.", False, flags=("--json",))
+
+
+@with_options
+def campaign(
+    *, given: DecayOptions, model: ModelOptions, constraint: ConstraintOptions, asked: CampaignOptions
+) -> None:
+    """Do one task with many records, on several processes, into a store that can be gone on with."""
+    from sysid_trib.commands.terminal import command_line, progress
+
+    with progress() as tell:
+        from sysid_trib.campaigns import campaign as campaigns
+        from sysid_trib.campaigns.store import counts_of
+
+        campaigns.check_extra()
+        output = _checked_output(asked)
+        records = _records(given.records, asked.study)
+        names = campaigns.names_of(records)
+        table = _conditions(asked, names)
+        store = campaigns.campaign(
+            records,
+            asked.task,  # type: ignore[arg-type]
+            output=output,
+            read=partial(decays_of, given),
+            workers=asked.workers,
+            scheduler=asked.scheduler,
+            memory=asked.memory,
+            tell=tell,
+            **_model(given, model, constraint, asked),
+        ).load()
+        tell("what varies between the records")
+        compared = _compared(store, table, asked.laboratories)
+        tell("report")
+        page = output.with_suffix(PAGE_ENDING)
+        from sysid_trib.reporting.campaign import write_campaign
+
+        write_campaign(store, compared, table, page, command_line())
+    _print(store, counts_of(store), compared, (output, page), asked.as_json)
+
+
+def decays_of(given: DecayOptions, path: str) -> "list[xr.Dataset]":
+    """The decays of a file, read as the options say."""
+    from sysid_trib.commands.record_inputs import read_decays
+
+    return read_decays(replace(given, records=[Path(path)]))[0]
+
+
+def _checked_output(asked: CampaignOptions) -> Path:
+    """The store; a place that cannot be written is refused before the work is done."""
+    if asked.output is None:
+        raise UsageError("A campaign wants a store: -o RESULTS.zarr.")
+    if asked.output.suffix != STORE_ENDING:
+        raise UsageError(f"{asked.output}: the ending must be {STORE_ENDING}.")
+    from sysid_trib.commands.destination import check_output
+
+    check_output(asked.output.with_suffix(PAGE_ENDING), PAGE_ENDING)
+    return asked.output
+
+
+def _records(patterns: list[Path], study: Path | None) -> Any:
+    """Files, those of patterns among them, or a study."""
+    if study is not None:
+        if patterns:
+            raise UsageError("A campaign is over files or over a study: give one of them.")
+        from sysid_trib.campaigns.study import load_study
+
+        return load_study(study)
+    files: list[str] = []
+    for pattern in map(str, patterns):
+        those = sorted(glob(pattern)) if has_magic(pattern) and not Path(pattern).exists() else [pattern]
+        if not those:
+            raise UsageError(f"No file is named like {pattern}.")
+        files += those
+    if not files:
+        raise UsageError("A campaign wants files ('data/*.csv') or --study FILE.")
+    return list(dict.fromkeys(files))
+
+
+def _conditions(asked: CampaignOptions, names: list[str]) -> Any:
+    """The table of conditions, if there is one."""
+    if asked.conditions is None:
+        if asked.laboratories is not None:
+            raise UsageError("--laboratories is a column of --conditions: give both.")
+        return None
+    from sysid_trib.campaigns.conditions import read_conditions
+
+    table = read_conditions(asked.conditions, names)
+    if asked.laboratories is not None and asked.laboratories not in table:
+        raise UsageError(f"--laboratories '{asked.laboratories}': the conditions have {', '.join(table)}.")
+    return table
+
+
+def _model(
+    given: DecayOptions, model: ModelOptions, constraint: ConstraintOptions, asked: CampaignOptions
+) -> dict[str, Any]:
+    """Forces, methods and constraints, as `campaign` takes them."""
+    from sysid_trib.commands import checks, discovery_inputs
+    from sysid_trib.forces.systems import load_system, without_impossible
+    from sysid_trib.methods.scope import with_random_force
+    from sysid_trib.validation.compare import every_method
+
+    swinging = None if given.system is None else load_system(given.system)
+    if asked.task == "discover":
+        start = discovery_inputs.start_forces(
+            model.library, model.forces, model.reference_frequency, swinging
+        )
+        offered = discovery_inputs.offered_candidates(model.library, asked.candidates, start)
+        offered = replace(offered, forces=without_impossible(offered, swinging))
+        return {
+            "library": start,
+            "candidates": offered,
+            "options": {"reference_frequency": model.reference_frequency},
+        }
+    library, shapes, constraints, contactless = checks.asked_model(model, constraint, swinging)
+    random_force = checks.parse_random_force(model.random_force)
+    known = {
+        label: with_random_force(method, random_force)
+        for label, method in every_method(model.reference_frequency, shapes).items()
+    }
+    wanted = [label.strip() for label in asked.methods.split(",")] if asked.methods else None
+    if wanted is None and asked.task == "identify":
+        # The two that `identify` holds against each other.
+        wanted = ["averaging", "direct"]
+    if unknown := [label for label in wanted or () if label not in known]:
+        raise UsageError(f"--methods '{unknown[0]}' is unknown; there are {', '.join(known)}.")
+    return {
+        "library": library,
+        "methods": {label: known[label] for label in wanted or known},
+        "judged": asked.task == "identify" and asked.methods is None,
+        "constraints": constraints,
+        "contactless": contactless,
+    }
+
+
+def _compared(store: "xr.Dataset", table: Any, laboratories: str | None) -> "xr.Dataset | None":
+    """What varies between the records, by the identification that is reported; None of too few."""
+    from sysid_trib.campaigns.conditions import estimates_of
+    from sysid_trib.validation.between_runs import between_runs
+
+    estimates = estimates_of(store, str(store.method.values[-1]))
+    if min(estimates.sizes["run"], estimates.sizes["quantity"]) < 1 or estimates.sizes["run"] < 2:
+        return None
+    rows = None if table is None else table.iloc[estimates["at"].values].reset_index(drop=True)
+    return between_runs(estimates, rows, laboratories=laboratories)
+
+
+def _print(
+    store: "xr.Dataset",
+    counts: dict[str, int],
+    compared: "xr.Dataset | None",
+    written: tuple[Path, Path],
+    as_json: bool,
+) -> None:
+    """The end of a campaign, in words or as JSON."""
+    import json
+
+    from sysid_trib.commands.terminal import print_table, print_written, printable
+    from sysid_trib.printing import campaign as told
+
+    if as_json:
+        print(json.dumps(told.campaign_json(store, counts, compared), indent=2, allow_nan=False))
+        return
+    print(told.counts_sentence(counts))
+    for sentence in (*told.verdict_sentences(store), *told.refusal_sentences(store)):
+        print(printable(sentence))
+    if compared is not None:
+        print()
+        print_table(told.between_runs_table(compared))
+        for sentence in told.outlier_sentences(compared):
+            print(printable(sentence))
+    print_written(*written)

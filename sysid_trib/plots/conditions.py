@@ -1,0 +1,79 @@
+"""Coefficients of many runs against a condition of theirs."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
+
+from sysid_trib.plots.style import FULL_WIDTH, INK, ORANGE, axes, grid
+
+ACROSS = 2
+# Beyond these runs bars hide the marks.
+MANY_RUNS = 300
+# Runs that stand out are drawn in another colour: standard deviations.
+FAR = 4.0
+
+
+def against_conditions(compared: xr.Dataset, name: str, condition: ArrayLike) -> Figure:
+    """Each quantity of `between_runs` against a condition, one panel each.
+
+    Parameters
+    ----------
+    compared : Dataset
+        See `between_runs`.
+    name : str
+        Of the condition.
+    condition : (run,) array_like
+        Its value in each run, numbers or texts.
+    """
+    quantities = compared.quantity.values.tolist()
+    figure, panels = grid(len(quantities), ACROSS, FULL_WIDTH, 2.2)
+    for quantity, panel in zip(quantities, panels, strict=True):
+        against_condition(compared, quantity, name, condition, panel)
+    return figure
+
+
+def against_condition(
+    compared: xr.Dataset, quantity: str, name: str, condition: ArrayLike, ax: Axes | None = None
+) -> Axes:
+    """One quantity of all runs against a condition, with standard errors; outliers in another colour.
+
+    Parameters
+    ----------
+    compared : Dataset
+        See `between_runs`.
+    quantity : str
+        Symbol of a force, or the asymptotic frequency.
+    name : str
+        Of the condition.
+    condition : (run,) array_like
+        Its value in each run.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on.
+    """
+    ax, one = axes(ax), compared.sel(quantity=quantity)
+    at, ticks = places(np.asarray(condition))
+    far = np.abs(one.z.values) > FAR
+    few = len(at) <= MANY_RUNS
+    for chosen, color in ((~far, INK), (far, ORANGE)):
+        value, error = one.value.values[chosen], one.standard_error.values[chosen]
+        bars = {"yerr": error, "elinewidth": 0.8} if few else {}
+        ax.errorbar(at[chosen], value, fmt="o", markersize=3 if few else 1.5, color=color, **bars)
+    if ticks:
+        ax.set_xticks(range(len(ticks)), ticks)
+    unit = str(one.unit.item()).removeprefix("1") if "unit" in one.coords else ""
+    ax.set(xlabel=name, ylabel=f"{quantity} ({unit})" if unit else quantity)
+    return ax
+
+
+def places(condition: np.ndarray) -> tuple[np.ndarray, Sequence[str]]:
+    """Where the runs stand on the axis of a condition, and the labels of texts."""
+    if condition.dtype.kind in "fiu":
+        return condition.astype(float), ()
+    labels, numbers = np.unique(condition.astype(str), return_inverse=True)
+    # Runs of a group side by side, so that none hides another.
+    beside = np.linspace(-0.25, 0.25, len(numbers))
+    return numbers + beside, labels.tolist()

@@ -1,0 +1,107 @@
+"""A campaign in words and tables: what was done, what varies between the records, which stand out."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.printing.layout import number, p_value_text, text_table, value_with_error
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+REFUSALS = 5
+# Standard deviations beyond which a record stands out.
+STANDS_OUT = 4.0
+
+
+def counts_sentence(counts: Mapping[str, int]) -> str:
+    """How many records are done, and how many have no result."""
+    total = sum(counts.values())
+    bad = ", ".join(f"{count:,} {name}" for name, count in counts.items() if count and name != "done")
+    return f"{counts['done']:,} of {total:,} records done{f'; {bad}' if bad else ''}."
+
+
+def refusal_sentences(store: xr.Dataset) -> list[str]:
+    """Why records have no numbers: each of the first few, then how many more."""
+    bad = store.isel(record=np.flatnonzero(store.status.values > 1))
+    pairs = zip(bad.record.values.tolist(), bad.message.values.tolist(), strict=True)
+    sentences = [f"{name}: {message}" for name, message in pairs]
+    more = len(sentences) - REFUSALS
+    return [*sentences[:REFUSALS], *([f"And {more:,} more: see `message` in the store."] if more > 0 else [])]
+
+
+def verdict_sentences(store: xr.Dataset) -> list[str]:
+    """How often each verdict was given."""
+    verdicts = store.verdict.values[store.status.values == 1].astype(str)
+    names, counts = np.unique(verdicts[verdicts != ""], return_counts=True)
+    order = np.argsort(-counts, kind="stable")[:REFUSALS]
+    return ["; ".join(f"{counts[at]:,} {names[at]}" for at in order) + "."] if len(names) else []
+
+
+def between_runs_table(compared: xr.Dataset) -> "Table":
+    """Each quantity: mean, effects of the conditions, standard deviation between the records, verdict."""
+    terms, conditions = compared.term.values.tolist(), compared.condition.values.tolist()
+    rows = []
+    for name in compared.quantity.values.tolist():
+        one = compared.sel(quantity=name)
+        pairs = zip(one.effect.values.tolist(), one.effect_standard_error.values.tolist(), strict=True)
+        cells = [value_with_error(value, error) for value, error in pairs]
+        p_values = [p_value_text(p, "") for p in one.condition_p_value.values.tolist()]
+        unit = one.unit.item() if "unit" in one.coords else ""
+        rows.append([name, unit.removeprefix("1"), *cells, *p_values, _interval(one, "between_run")])
+        if "repeatability" in one:
+            rows[-1] += [_interval(one, key) for key in ("repeatability", "reproducibility")]
+        rows[-1].append(one.verdict.item())
+    heads = ["quantity", "unit", *terms, *(f"p of {name}" for name in conditions), "between records"]
+    heads += ["repeatability", "reproducibility"] if "repeatability" in compared else []
+    return text_table([*heads, "verdict"], rows, numbers=tuple(range(2, len(heads))))
+
+
+def _interval(one: xr.Dataset, name: str) -> str:
+    """A standard deviation with its interval."""
+    value, lower, upper = (one[key].item() for key in (name, f"{name}_lower", f"{name}_upper"))
+    return f"{value:.2g} ({lower:.2g} to {upper:.2g})" if np.isfinite(value) else "-"
+
+
+def outlier_sentences(compared: xr.Dataset) -> list[str]:
+    """Records that stand out, and in what."""
+    z = np.abs(compared.z.transpose("run", "quantity").values)
+    largest = np.nanmax(np.where(np.isnan(z), -1.0, z), axis=1)
+    order = [at for at in np.argsort(-largest) if largest[at] > STANDS_OUT]
+    names, quantities = compared.run.values.tolist(), compared.quantity.values.tolist()
+    most = [quantities[int(np.nanargmax(z[at]))] for at in order[:REFUSALS]]
+    sentences = [
+        f"{names[at]} stands out: {quantity} by {largest[at]:.1f} standard deviations."
+        for at, quantity in zip(order, most, strict=False)
+    ]
+    more = len(order) - REFUSALS
+    return [*sentences, *([f"And {more:,} more."] if more > 0 else [])]
+
+
+def campaign_json(
+    store: xr.Dataset, counts: Mapping[str, int], compared: xr.Dataset | None
+) -> dict[str, Any]:
+    """The campaign as plain data: counts, reasons, and what varies between the records."""
+    bad = store.isel(record=np.flatnonzero(store.status.values > 1))
+    reasons = dict(zip(bad.record.values.tolist(), bad.message.values.tolist(), strict=True))
+    made: dict[str, Any] = {"records": dict(counts), "without_result": reasons}
+    if compared is None:
+        return made
+    quantities = {}
+    for name in compared.quantity.values.tolist():
+        one = compared.sel(quantity=name)
+        ends = ("between_run", "between_run_lower", "between_run_upper")
+        effects = zip(
+            compared.term.values.tolist(),
+            number(one.effect.values.tolist()),
+            number(one.effect_standard_error.values.tolist()),
+            strict=True,
+        )
+        quantities[name] = {
+            "verdict": one.verdict.item(),
+            **{key: number(one[key].item()) for key in ends},
+            "effects": {term: {"value": value, "standard_error": error} for term, value, error in effects},
+        }
+    return made | {"between_records": quantities}

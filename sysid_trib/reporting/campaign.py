@@ -1,0 +1,138 @@
+"""The page of a campaign: what varies between the records, and every record a row, outliers first."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from bokeh import plotting
+
+from sysid_trib import plots
+from sysid_trib._version import __version__
+from sysid_trib.campaigns.store import STATUS, counts_of
+from sysid_trib.plots.conditions import FAR, places
+from sysid_trib.plots.style import INK, ORANGE
+from sysid_trib.printing import campaign as told
+from sysid_trib.printing.layout import value_with_error
+from sysid_trib.reporting import drawing
+from sysid_trib.reporting.page import rendered, write_page
+from sysid_trib.reporting.parts import Figures, PageTable, Panel, Section, as_table
+
+# Rows of the page; the store has all of them.
+MOST_ROWS = 1000
+FAR_STYLE, NEAR_STYLE = {"color": ORANGE, "marker": "o"}, {"color": INK, "marker": "o"}
+
+
+def write_campaign(
+    store: xr.Dataset,
+    compared: xr.Dataset | None,
+    conditions: pd.DataFrame | None,
+    path: Path,
+    command: str = "",
+) -> None:
+    """Write the page of a campaign.
+
+    Parameters
+    ----------
+    store : Dataset
+        As `campaign` returns it.
+    compared : Dataset, optional
+        What varies between its records; None of too few.
+    conditions : DataFrame, optional
+        A row a record.
+    path : Path
+        The page, HTML.
+    command : str
+        What made it.
+
+    Raises
+    ------
+    RecordError
+        The page cannot be written.
+    """
+    sections = []
+    if compared is not None:
+        table = as_table("Mean, effects of conditions, scatter", told.between_runs_table(compared))
+        sections.append(Section("What varies between the records", told.outlier_sentences(compared), [table]))
+        if conditions is not None:
+            rows = conditions.iloc[compared["at"].values]
+            figures = [_against(compared, str(name), rows[name].to_numpy()) for name in rows]
+            sections.append(Section("Coefficients against conditions", figures=figures))
+    sections.append(_records(store, compared, conditions))
+    if bad := told.refusal_sentences(store):
+        sections.append(Section("Without a result", bad))
+    summary = [told.counts_sentence(counts_of(store)), *told.verdict_sentences(store)]
+    facts = [("task", str(store.attrs["task"])), ("version of sysid_trib", __version__)]
+    facts += [("methods", ", ".join(store.method.values.tolist()))]
+    source = {"source": f"{store.sizes['record']:,} records"}
+    page = rendered(
+        sections, title="Campaign", records=[source], summary=summary, facts=facts, command=command
+    )
+    write_page(page, path)
+
+
+def _against(compared: xr.Dataset, name: str, condition: np.ndarray) -> Figures:
+    """Every quantity against one condition."""
+    panels = [
+        Panel(_panel(compared.sel(quantity=quantity), name, condition), wide=False)
+        for quantity in compared.quantity.values.tolist()
+    ]
+    caption = (
+        f"Coefficients of all records against {name}, with standard errors; orange: more than {FAR:g} standard "
+        "deviations from what the conditions let expect."
+    )
+    return Figures(caption, panels, [plots.against_conditions(compared, name, condition)])
+
+
+def _panel(one: xr.Dataset, name: str, condition: np.ndarray) -> plotting.figure:
+    at, ticks = places(condition)
+    unit = str(one.unit.item()).removeprefix("1")
+    made = drawing.panel(name, f"{one.quantity.item()}{f' ({unit})' if unit else ''}", height=260)
+    if ticks:
+        made.xaxis.ticker = list(range(len(ticks)))
+        made.xaxis.major_label_overrides = dict(enumerate(ticks))
+    far = np.abs(one.z.values) > FAR
+    value, error = one.value.values, one.standard_error.values
+    drawn = []
+    for chosen, style in ((~far, NEAR_STYLE), (far, FAR_STYLE)):
+        columns = {"x": at, "y": value, "low": value - error, "high": value + error, "name": one.run.values}
+        drawn.append(
+            drawing.marks(made, {key: column[chosen] for key, column in columns.items()}, style, size=5)
+        )
+    drawing.tell(made, drawn, [("record", "@name"), (one.quantity.item(), "@y{%.5g}")])
+    return made
+
+
+def _records(store: xr.Dataset, compared: xr.Dataset | None, conditions: pd.DataFrame | None) -> Section:
+    """Every record a row, those that stand out first, then in their order."""
+    largest = np.zeros(store.sizes["record"])
+    if compared is not None:
+        z = np.nan_to_num(np.abs(compared.z.transpose("run", "quantity").values))
+        largest[compared["at"].values] = z.max(axis=1)
+    far = np.where(largest > FAR, -largest, 0.0)
+    order = np.lexsort([np.arange(len(far)), far])[:MOST_ROWS]
+    last = store.isel(method=-1)
+    symbols = [s for s in last.force.values.tolist() if np.isfinite(last.coefficient.sel(force=s)).any()]
+    names = [] if conditions is None else list(conditions)
+    rows = [_row(last.isel(record=at), symbols, largest[at], _conditions_of(conditions, at)) for at in order]
+    heads = ["record", *names, *symbols, "w_inf (rad/s)", "off by", "verdict"]
+    more = store.sizes["record"] - len(order)
+    said = [f"{more:,} more records are in the store alone."] if more else []
+    numbers = frozenset(range(1 + len(names), len(heads) - 1))
+    title = f"Coefficients by {last.method.item()}; off by: largest distance in standard deviations"
+    return Section("Records, those that stand out first", said, [PageTable(title, heads, rows, numbers)])
+
+
+def _conditions_of(conditions: pd.DataFrame | None, at: int) -> list[str]:
+    return [] if conditions is None else [str(value) for value in conditions.iloc[at]]
+
+
+def _row(one: xr.Dataset, symbols: Sequence[str], off: float, conditions: list[str]) -> list[str]:
+    errors = [(one.coefficient.sel(force=s).item(), one.standard_error.sel(force=s).item()) for s in symbols]
+    errors.append((one.asymptotic_frequency.item(), one.asymptotic_frequency_standard_error.item()))
+    cells = [value_with_error(value, error) for value, error in errors]
+    status = STATUS[int(one.status)]
+    words = [text for text in (one.verdict.item(), one.named.item()) if text]
+    verdict = "; ".join(words) if status == "done" else f"{status}: {one.message.item()}"
+    return [str(one.record.item()), *conditions, *cells, f"{off:.1f}" if off else "", verdict]
