@@ -6,6 +6,7 @@ from .averaging.signatures import signature as signature
 from .campaigns.campaign import campaign as campaign
 from .campaigns.store import open_store as open_store
 from .campaigns.study import Study as Study, load_study as load_study
+from .campaigns.task import Task as Task
 from .decays.free_decay import free_decay as free_decay, free_decays as free_decays
 from .decays.half_sines import envelope as envelope
 from .discrepancy.discover import discover as discover

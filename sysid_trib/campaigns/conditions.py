@@ -7,10 +7,10 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from sysid_trib.campaigns.task import IDENTIFIED
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.results.common_reference import ASYMPTOTIC_FREQUENCY
 
-DONE = 1
 # Column of a table of conditions that names the records; without it rows are in the order of the records.
 RECORD = "record"
 
@@ -32,11 +32,11 @@ def estimates_of(store: xr.Dataset, method: str) -> xr.Dataset:
         frequency (attrs), `run` the record's name, `at(run)` its place. Records in another unit than most
         are not among them (attrs: `signal_units`, `other_units` their number).
     """
-    done = store.isel(record=np.flatnonzero(store.status.values == DONE)).sel(method=method)
+    done = store.isel(record=np.flatnonzero(store.status.values == IDENTIFIED)).sel({"method": method})
     units = done.signal_units.values.astype(str)
     names, counts = np.unique(units, return_counts=True)
     usual = names[np.argmax(counts)] if len(names) else ""
-    places = np.flatnonzero(store.status.values == DONE)[units == usual]
+    places = np.flatnonzero(store.status.values == IDENTIFIED)[units == usual]
     done = done.isel(record=np.flatnonzero(units == usual))
     reference = done.reference_frequency.values
     mean = float(np.nanmean(reference)) if np.any(np.isfinite(reference)) else np.nan

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import islice
+from logging import CRITICAL
 from typing import Any
 
 import numpy as np
@@ -23,8 +25,7 @@ def finished_blocks(
     blocks: Sequence[Index],
     record_at: RecordAt,
     *,
-    workers: int,
-    scheduler: str | None,
+    workers: int | str,
     memory: str,
 ) -> Iterator[tuple[Index, list[Row]]]:
     """Rows of blocks of records, in the order in which they are finished.
@@ -36,10 +37,8 @@ def finished_blocks(
         Numbers of the records of each block.
     record_at : callable
         The record of a number, as `rows_of` takes it.
-    workers : int
-        Processes of a local cluster; 0 for this process alone.
-    scheduler : str, optional
-        Address of a scheduler of dask, in the place of a local cluster.
+    workers : int or str
+        Processes of a local cluster; 0 for this process alone; the address of a scheduler of dask.
     memory : str
         Most of each local worker, after which it is replaced.
 
@@ -52,11 +51,11 @@ def finished_blocks(
     UsageError
         No scheduler answers.
     """
-    if not workers and scheduler is None:
+    if not workers:
         for block in blocks:
             yield block, rows_of(task, [record_at(at) for at in block])
         return
-    with _client(workers, scheduler, memory) as client:
+    with _client(workers, memory) as client:
         yield from _through(client, task, blocks, record_at)
 
 
@@ -74,7 +73,7 @@ def _through(
         return future
 
     count = AHEAD * max(1, len(client.nthreads()))
-    running = as_completed([submit(block) for block, _ in zip(waiting, range(count), strict=False)])
+    running = as_completed([submit(block) for block in islice(waiting, count)])
     for future in running:
         block = sent.pop(future.key)
         if future.status == "finished":
@@ -87,34 +86,30 @@ def _through(
             reason = f"its worker died {DEATHS + 1} times ({future.exception()}); it may need more memory"
             yield block, [lost_row(task, reason)]
         future.release()
-        for following in waiting:
+        for following in islice(waiting, 1):
             running.add(submit(following))
-            break
 
 
 @contextmanager
-def _client(workers: int, scheduler: str | None, memory: str) -> Iterator[Any]:
+def _client(workers: int | str, memory: str) -> Iterator[Any]:
     """A client of a scheduler that is there, or of a cluster of this machine."""
-    import logging
-
     import dask
     from distributed import Client, LocalCluster
 
     # What a worker has to say comes with its rows.
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
     quiet = {
         "distributed.scheduler.allowed-failures": DEATHS,
         "distributed.comm.timeouts.connect": "10s",
         "distributed.admin.log-length": 100,
     }
     with dask.config.set(quiet):
-        if scheduler is not None:
+        if isinstance(workers, str):
             try:
-                with Client(scheduler) as client:
+                with Client(workers) as client:
                     yield client
             except (OSError, ValueError) as error:
                 raise UsageError(
-                    f"No scheduler of dask answers at {scheduler} ({error}); start one (dask scheduler), "
+                    f"No scheduler of dask answers at {workers} ({error}); start one (dask scheduler), "
                     "or leave --scheduler out."
                 ) from None
             return
@@ -124,7 +119,7 @@ def _client(workers: int, scheduler: str | None, memory: str) -> Iterator[Any]:
                 threads_per_worker=1,
                 memory_limit=memory,
                 dashboard_address=None,
-                silence_logs=logging.CRITICAL,
+                silence_logs=CRITICAL,
             ) as cluster,
             Client(cluster) as client,
         ):

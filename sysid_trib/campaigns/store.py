@@ -13,12 +13,13 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Index
+from sysid_trib.campaigns.records import CampaignRecords
 from sysid_trib.campaigns.task import (
     FAILED,
     LONGEST_TEXT,
+    RECORD_TEXTS,
     REFUSED,
     SCALARS,
-    TEXTS,
     Row,
     Task,
     empty_row,
@@ -47,14 +48,9 @@ class Store:
     path : Path
         The store, made if it is not there.
     task : Task
-    names : sequence of str
-        Of the records.
-    fingerprint : str
-        Of task and records: a store is gone on with only by the same.
+    records : CampaignRecords
     block : int
         Records in a chunk, of a new store.
-    simulated : bool
-        Whether the truth of each record is known.
 
     Raises
     ------
@@ -64,42 +60,39 @@ class Store:
         It cannot be made, or is no store.
     """
 
-    def __init__(
-        self, path: Path, task: Task, names: Sequence[str], fingerprint: str, block: int, simulated: bool
-    ) -> None:
+    def __init__(self, path: Path, task: Task, records: CampaignRecords, block: int) -> None:
         import zarr
 
-        self.path = path
+        self.path, fingerprint = path, records.fingerprint(task)
         try:
             if not path.exists():
-                _make(path, task, names, fingerprint, block, simulated)
-            self.group: Any = zarr.open_group(path, mode="r+")
-            known = dict(self.group.attrs).get(FINGERPRINT)
-            self.status: Any = self.group["status"]
+                _make(path, task, records, fingerprint, block)
+            group: Any = zarr.open_group(path, mode="r+")
+            begun_with = dict(group.attrs).get(FINGERPRINT)
+            self.group, self.block = group, int(group["status"].chunks[0])
         except (OSError, KeyError, ValueError) as error:
             reason = getattr(error, "strerror", None) or error
             raise RecordError(
                 f"{path}: cannot be made, or is no store of a campaign ({reason}); choose another with -o."
             ) from None
-        if known != fingerprint:
+        if begun_with != fingerprint:
             raise UsageError(
                 f"{path}: is the store of another campaign (other records, task, options or version); choose "
                 "another place with -o, or repeat the command that made it to go on."
             )
-        self.block = int(self.status.chunks[0])
         for partial in path.rglob(PARTIAL):
             partial.unlink(missing_ok=True)
 
     def unfinished(self) -> list[Index]:
         """The records of each block that are still to be done; those whose worker died are tried again."""
-        status = self.status[:]
+        status = self.group["status"][:]
         blocks = np.arange(len(status)) // self.block
         todo = np.flatnonzero((status == WAITING) | (status == LOST))
         return [todo[blocks[todo] == at] for at in np.unique(blocks[todo])]
 
     def without_result(self) -> int:
         """How many records were refused, or failed."""
-        return int(np.isin(self.status[:], (REFUSED, FAILED)).sum())
+        return int(np.isin(self.group["status"][:], (REFUSED, FAILED)).sum())
 
     def write(self, at: Index, rows: Sequence[Row]) -> None:
         """Write the rows of records of one block.
@@ -159,9 +152,7 @@ def open_store(path: str | os.PathLike[str]) -> xr.Dataset:
     return store
 
 
-def _make(
-    path: Path, task: Task, names: Sequence[str], fingerprint: str, block: int, simulated: bool
-) -> None:
+def _make(path: Path, task: Task, records: CampaignRecords, fingerprint: str, block: int) -> None:
     """An empty store: coordinates, and arrays of which no chunk is written."""
     import zarr
 
@@ -170,29 +161,32 @@ def _make(
     forces = {force.symbol: force for lib in (task.library, task.candidates or ()) for force in lib}
     labels = force_labels([forces[symbol] for symbol in task.symbols])
     coordinates: dict[str, tuple[str, Sequence[Any]]] = {
-        "record": ("record", names),
+        "record": ("record", records.names),
         "method": ("method", task.labels),
         "force": ("force", task.symbols),
         "unit": ("force", labels["unit"][1]),
         "speed_degree": ("force", labels["speed_degree"][1]),
         "shape_parameter": ("shape_parameter", shape_names(task)),
     }
-    for name, (dim, labels) in coordinates.items():
-        values = np.asarray(list(labels), dtype=float if name == "speed_degree" else str)
-        if len(labels):
+    for name, (dim, texts) in coordinates.items():
+        values = np.asarray(list(texts), dtype=float if name == "speed_degree" else str)
+        if len(values):
             _array(group, name, (dim,), values.shape, values.dtype, len(values))[:] = values
-    count = len(names)
-    row = empty_row(task) | ({"true_coefficient": np.full(len(task.symbols), np.nan)} if simulated else {})
+    row = empty_row(task)
+    if records.simulated:
+        row["true_coefficient"] = np.full(len(task.symbols), np.nan)
     for name, empty in row.items():
         if not np.size(empty):
             continue
         dims = _dims(name)
-        kind = f"<U{LONGEST_TEXT}" if name in TEXTS else float
-        array = _array(group, name, ("record", *dims), (count, *np.shape(empty)), np.dtype(kind), block)
+        kind = f"<U{LONGEST_TEXT}" if name in RECORD_TEXTS else float
+        array = _array(
+            group, name, ("record", *dims), (len(records), *np.shape(empty)), np.dtype(kind), block
+        )
         array.attrs["long_name"], units = _described(name)
         if units:
             array.attrs["units"] = units
-    status = _array(group, "status", ("record",), (count,), np.dtype("int8"), block)
+    status = _array(group, "status", ("record",), (len(records),), np.dtype("int8"), block)
     status.attrs.update(flag_values=list(range(len(STATUS))), flag_meanings=" ".join(STATUS))
     group.attrs.update({FINGERPRINT: fingerprint, "task": task.name, "coordinates": "unit speed_degree"})
     os.replace(temporary, path)
@@ -228,7 +222,7 @@ def _described(name: str) -> tuple[str, str]:
         "p_value": "p-value of the agreement of both methods",
         "seconds": "time that the record took",
         **SCALARS,
-        **TEXTS,
+        **RECORD_TEXTS,
     }
     if name in texts:
         default = {"p_value": "1", "seconds": "s", "true_coefficient": FORCE_UNIT}.get(name, "")

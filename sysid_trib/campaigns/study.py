@@ -17,10 +17,10 @@ from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import simulate
 
 # Part of a study, and what it may hold besides numbers that are drawn.
-PARTS = ("coefficients", "shapes", "start", "sampling", "noise", "random_force")
-TOP = ("title", "records", "seed", "library", "reference_frequency", *PARTS)
+STUDY_PARTS = ("coefficients", "shapes", "start", "sampling", "noise", "random_force")
+TOP = ("title", "records", "seed", "library", "reference_frequency", *STUDY_PARTS)
 DRAWN = ("low", "high"), ("mean", "deviation")
-MOST_SAMPLES = 10_000_000
+LONGEST_RECORD = 10_000_000
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,7 @@ def load_study(path: str | os.PathLike[str]) -> Study:
     if lacking:
         raise RecordError(f"{name}: a study needs '{lacking[0]}'.")
     values: dict[str, dict[str, Any]] = {"motion": {"reference_frequency": data["reference_frequency"]}}
-    for part in PARTS:
+    for part in STUDY_PARTS:
         if part in data:
             if not isinstance(data[part], Mapping) or not data[part]:
                 raise RecordError(f"{name}: '{part}' must be a table of values.")
@@ -172,8 +172,8 @@ def load_study(path: str | os.PathLike[str]) -> Study:
     library = str(data.get("library", "contact_forces"))
     study = Study(str(data.get("title", Path(path).stem)), counts[0], counts[1], library, values)
     sampling = study.drawn(0)["sampling"]
-    if not 1.0 < sampling["duration"] * sampling["rate"] <= MOST_SAMPLES:
-        raise RecordError(f"{name}: duration times rate must be 2 to {MOST_SAMPLES:,} samples.")
+    if not 1.0 < sampling["duration"] * sampling["rate"] <= LONGEST_RECORD:
+        raise RecordError(f"{name}: duration times rate must be 2 to {LONGEST_RECORD:,} samples.")
     load_library(library).select(values["coefficients"])
     return study
 

@@ -12,26 +12,27 @@ from sysid_trib.arrays import Array
 from sysid_trib.campaigns.study import Study
 from sysid_trib.decays.free_decay import free_decays
 from sysid_trib.discrepancy.discover import discover
-from sysid_trib.errors import SysidTribError
+from sysid_trib.errors import SysidTribError, UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.methods import Averaging, Direct
 from sysid_trib.methods.scope import Method, constrained
 from sysid_trib.records.read import read_records
 from sysid_trib.records.runs import one_or_all
 from sysid_trib.results.contactless import with_contactless_frequency
 from sysid_trib.results.schema import map_identifications
 from sysid_trib.results.signal_units import signal_units
-from sysid_trib.validation.compare import compare
+from sysid_trib.validation.compare import compare, every_method
 from sysid_trib.validation.cross_check import cross_check
 
 Name: TypeAlias = Literal["identify", "compare", "discover"]
 Row: TypeAlias = dict[str, Any]
 Read: TypeAlias = Callable[[str], Sequence[xr.Dataset]]
 
-NAMES = get_args(Name)
+TASKS = get_args(Name)
 # Groups of a discovery that are identifications: the start model and the final one.
 MODELS = ("before", "after")
-DONE, REFUSED, FAILED = 1, 2, 3
+IDENTIFIED, REFUSED, FAILED = 1, 2, 3
 # Of a method; each but the noise has a standard error.
 SCALARS = {
     "reference_frequency": "reference frequency",
@@ -45,7 +46,7 @@ ERROR_OF = {
     "noise": "",
 }
 LONGEST_TEXT = 400
-TEXTS = {
+RECORD_TEXTS = {
     "verdict": "verdict on the record",
     "named": "effects that a discovery named",
     "message": "why a record has no numbers",
@@ -60,34 +61,57 @@ def decays_of_file(path: str) -> list[xr.Dataset]:
 
 @dataclass(frozen=True)
 class Task:
-    """What is done with each record.
+    """What a campaign does with each record.
 
     Parameters
     ----------
     name : {"identify", "compare", "discover"}
     library : ForceLibrary
-        The forces offered; of a discovery those of the start model.
-    methods : mapping of str to method
-        By label; two of `identify` are held against each other where it is `judged`.
+        The forces offered; of `discover` those of the start model.
+    methods : mapping of str to method, optional
+        By label. Without it `identify` takes averaging and direct with a random force that is estimated, and
+        `compare` every method.
     candidates : ForceLibrary, optional
-        What may be missing, of a discovery.
-    judged : bool
-        Whether `identify` cross-checks its two methods, which gives a verdict and takes longer than they do.
+        What may be missing, of `discover`.
+    judged : bool, optional
+        Whether the two methods of `identify` are held against each other, which gives a verdict and takes
+        longer than they do; by default where no methods are given.
     read : callable
-        Gives the decays of a file, runs of one experiment.
-    constraints, contactless, options
-        As the tasks take them.
+        Gives the free decays of a file: runs of one experiment.
+    constraints : Constraints
+    contactless : (float, float), rad/s, optional
+    options : mapping
+        As the functions take them: further arguments of `cross_check` or `discover`.
+
+    Raises
+    ------
+    UsageError
+        An unknown task, not a library, no candidates, or not two methods to hold against each other.
     """
 
     name: Name
     library: ForceLibrary
     methods: Mapping[str, Method] = field(default_factory=dict)
     candidates: ForceLibrary | None = None
-    judged: bool = False
+    judged: bool | None = None
     read: Read = decays_of_file
     constraints: Constraints = field(default_factory=Constraints)
     contactless: tuple[float, float] | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.name not in TASKS:
+            raise UsageError(f"task {self.name!r} is unknown: give {', '.join(TASKS)}.")
+        if not isinstance(self.library, ForceLibrary):
+            raise UsageError(f"A task wants a ForceLibrary, not {self.library!r}: load_library(...).")
+        if self.name == "discover" and self.candidates is None:
+            raise UsageError("discover wants candidates: load_library('candidate_effects').")
+        judged = not self.methods if self.judged is None else self.judged
+        object.__setattr__(self, "judged", judged and self.name == "identify")
+        if not self.methods:
+            object.__setattr__(self, "methods", _usual_methods(self.name))
+        if self.judged and len(self.methods) != 2:
+            raise UsageError("Two methods are held against each other; give two, or judged=False.")
 
     @property
     def labels(self) -> list[str]:
@@ -121,8 +145,14 @@ class Task:
             tree = cross_check(decay, *results.values(), **self.options)
         if self.contactless is not None:
             contactless = self.contactless
-            tree = map_identifications(tree, lambda one: with_contactless_frequency(one, *contactless))
+            tree = map_identifications(tree, lambda result: with_contactless_frequency(result, *contactless))
         return tree
+
+
+def _usual_methods(name: Name) -> Mapping[str, Method]:
+    if name == "compare":
+        return every_method()
+    return {"averaging": Averaging(random_force="auto"), "direct": Direct(random_force="auto")}
 
 
 def empty_row(task: Task) -> Row:
@@ -133,7 +163,7 @@ def empty_row(task: Task) -> Row:
         row |= {name: np.full(size, np.nan), error_of(name): np.full(size, np.nan)}
     for name in SCALARS:
         row |= {key: np.full(methods, np.nan) for key in (name, error_of(name)) if key}
-    return row | {"p_value": np.nan, "seconds": np.nan, **dict.fromkeys(TEXTS, "")}
+    return row | {"p_value": np.nan, "seconds": np.nan, **dict.fromkeys(RECORD_TEXTS, "")}
 
 
 def error_of(name: str) -> str:
@@ -167,7 +197,7 @@ def _row_of(task: Task, record: Any) -> Row:
             row |= _truth(study, at, task.symbols)
         decays = _decays(task, record)
         row |= {"signal_units": signal_units(decays[0])}
-        row |= _numbers(task, task.result(decays)) | {"status": DONE}
+        row |= _numbers(task, task.result(decays)) | {"status": IDENTIFIED}
     except SysidTribError as error:
         row |= {"status": REFUSED, "message": str(error)[:LONGEST_TEXT]}
     except Exception as error:
@@ -193,7 +223,7 @@ def _truth(study: Study, at: int, symbols: Sequence[str]) -> Row:
 
 def _numbers(task: Task, tree: xr.DataTree) -> Row:
     """The numbers of a result in the places of the store."""
-    row = {name: value for name, value in empty_row(task).items() if name not in TEXTS}
+    row = {name: value for name, value in empty_row(task).items() if name not in RECORD_TEXTS}
     for at, label in enumerate(task.labels):
         if label in tree.children and "covariance" in tree[label]:
             _fill(row, at, tree[label].to_dataset(), task.symbols, shape_names(task))

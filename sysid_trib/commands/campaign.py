@@ -12,6 +12,8 @@ from sysid_trib.errors import UsageError
 if TYPE_CHECKING:
     import xarray as xr
 
+    from sysid_trib.campaigns.task import Task
+
 PAGE_ENDING, STORE_ENDING = ".html", ".zarr"
 
 
@@ -44,24 +46,21 @@ def campaign(
     from sysid_trib.commands.terminal import command_line, progress
 
     with progress() as tell:
-        from sysid_trib.campaigns import campaign as campaigns
+        from sysid_trib.campaigns.campaign import campaign, check_extra
+        from sysid_trib.campaigns.records import CampaignRecords
         from sysid_trib.campaigns.store import counts_of
 
-        campaigns.check_extra()
+        check_extra()
         output = _checked_output(asked)
         records = _records(given.records, asked.study)
-        names = campaigns.names_of(records)
-        table = _conditions(asked, names)
-        store = campaigns.campaign(
+        table = _conditions(asked, CampaignRecords(records).names)
+        store = campaign(
             records,
-            asked.task,  # type: ignore[arg-type]
+            _task(given, model, constraint, asked),
             output=output,
-            read=partial(decays_of, given),
-            workers=asked.workers,
-            scheduler=asked.scheduler,
+            workers=asked.workers if asked.scheduler is None else asked.scheduler,
             memory=asked.memory,
             tell=tell,
-            **_model(given, model, constraint, asked),
         ).load()
         tell("what varies between the records")
         compared = _compared(store, table, asked.laboratories)
@@ -125,46 +124,48 @@ def _conditions(asked: CampaignOptions, names: list[str]) -> Any:
     return table
 
 
-def _model(
+def _task(
     given: DecayOptions, model: ModelOptions, constraint: ConstraintOptions, asked: CampaignOptions
-) -> dict[str, Any]:
-    """Forces, methods and constraints, as `campaign` takes them."""
+) -> "Task":
+    """What is done with each record, as the options have it."""
+    from sysid_trib.campaigns.task import TASKS, Task
     from sysid_trib.commands import checks, discovery_inputs
     from sysid_trib.forces.systems import load_system, without_impossible
     from sysid_trib.methods.scope import with_random_force
     from sysid_trib.validation.compare import every_method
 
+    if asked.task not in TASKS:
+        raise UsageError(f"--task '{asked.task}' is unknown: give {', '.join(TASKS)}.")
     swinging = None if given.system is None else load_system(given.system)
+    read = partial(decays_of, given)
     if asked.task == "discover":
-        start = discovery_inputs.start_forces(
-            model.library, model.forces, model.reference_frequency, swinging
-        )
+        held = model.reference_frequency
+        start = discovery_inputs.start_forces(model.library, model.forces, held, swinging)
         offered = discovery_inputs.offered_candidates(model.library, asked.candidates, start)
         offered = replace(offered, forces=without_impossible(offered, swinging))
-        return {
-            "library": start,
-            "candidates": offered,
-            "options": {"reference_frequency": model.reference_frequency},
-        }
+        options = {"reference_frequency": held}
+        return Task("discover", start, candidates=offered, read=read, options=options)
     library, shapes, constraints, contactless = checks.asked_model(model, constraint, swinging)
     random_force = checks.parse_random_force(model.random_force)
-    known = {
+    methods = {
         label: with_random_force(method, random_force)
         for label, method in every_method(model.reference_frequency, shapes).items()
     }
-    wanted = [label.strip() for label in asked.methods.split(",")] if asked.methods else None
-    if wanted is None and asked.task == "identify":
+    wanted = [label.strip() for label in asked.methods.split(",")] if asked.methods else list(methods)
+    if asked.task == "identify" and not asked.methods:
         # The two that `identify` holds against each other.
         wanted = ["averaging", "direct"]
-    if unknown := [label for label in wanted or () if label not in known]:
-        raise UsageError(f"--methods '{unknown[0]}' is unknown; there are {', '.join(known)}.")
-    return {
-        "library": library,
-        "methods": {label: known[label] for label in wanted or known},
-        "judged": asked.task == "identify" and asked.methods is None,
-        "constraints": constraints,
-        "contactless": contactless,
-    }
+    if misspelt := [label for label in wanted if label not in methods]:
+        raise UsageError(f"--methods '{misspelt[0]}' is unknown; there are {', '.join(methods)}.")
+    return Task(
+        asked.task,  # type: ignore[arg-type]
+        library,
+        {label: methods[label] for label in wanted},
+        judged=asked.task == "identify" and not asked.methods,
+        read=read,
+        constraints=constraints,
+        contactless=contactless,
+    )
 
 
 def _compared(store: "xr.Dataset", table: Any, laboratories: str | None) -> "xr.Dataset | None":
@@ -190,17 +191,17 @@ def _print(
     import json
 
     from sysid_trib.commands.terminal import print_table, print_written, printable
-    from sysid_trib.printing import campaign as told
+    from sysid_trib.printing import campaign as words
 
     if as_json:
-        print(json.dumps(told.campaign_json(store, counts, compared), indent=2, allow_nan=False))
+        print(json.dumps(words.campaign_json(store, counts, compared), indent=2, allow_nan=False))
         return
-    print(told.counts_sentence(counts))
-    for sentence in (*told.verdict_sentences(store), *told.refusal_sentences(store)):
+    print(words.counts_sentence(counts))
+    for sentence in (*words.verdict_sentences(store), *words.refusal_sentences(store)):
         print(printable(sentence))
     if compared is not None:
         print()
-        print_table(told.between_runs_table(compared))
-        for sentence in told.outlier_sentences(compared):
+        print_table(words.between_runs_table(compared))
+        for sentence in words.outlier_sentences(compared):
             print(printable(sentence))
     print_written(*written)

@@ -54,17 +54,17 @@ def against_condition(
     ax : matplotlib.axes.Axes, optional
         Axes to draw on.
     """
-    ax, one = axes(ax), compared.sel(quantity=quantity)
+    ax, of_quantity = axes(ax), compared.sel(quantity=quantity)
     at, ticks = places(np.asarray(condition))
-    far = np.abs(one.z.values) > FAR
+    far = np.abs(of_quantity.z.values) > FAR
     few = len(at) <= MANY_RUNS
     for chosen, color in ((~far, INK), (far, ORANGE)):
-        value, error = one.value.values[chosen], one.standard_error.values[chosen]
+        value, error = of_quantity.value.values[chosen], of_quantity.standard_error.values[chosen]
         bars = {"yerr": error, "elinewidth": 0.8} if few else {}
         ax.errorbar(at[chosen], value, fmt="o", markersize=3 if few else 1.5, color=color, **bars)
     if ticks:
         ax.set_xticks(range(len(ticks)), ticks)
-    unit = str(one.unit.item()).removeprefix("1") if "unit" in one.coords else ""
+    unit = str(of_quantity.unit.item()).removeprefix("1") if "unit" in of_quantity.coords else ""
     ax.set(xlabel=name, ylabel=f"{quantity} ({unit})" if unit else quantity)
     return ax
 

@@ -45,23 +45,25 @@ def between_runs_table(compared: xr.Dataset) -> "Table":
     terms, conditions = compared.term.values.tolist(), compared.condition.values.tolist()
     rows = []
     for name in compared.quantity.values.tolist():
-        one = compared.sel(quantity=name)
-        pairs = zip(one.effect.values.tolist(), one.effect_standard_error.values.tolist(), strict=True)
+        of_quantity = compared.sel(quantity=name)
+        pairs = zip(
+            of_quantity.effect.values.tolist(), of_quantity.effect_standard_error.values.tolist(), strict=True
+        )
         cells = [value_with_error(value, error) for value, error in pairs]
-        p_values = [p_value_text(p, "") for p in one.condition_p_value.values.tolist()]
-        unit = one.unit.item() if "unit" in one.coords else ""
-        rows.append([name, unit.removeprefix("1"), *cells, *p_values, _interval(one, "between_run")])
-        if "repeatability" in one:
-            rows[-1] += [_interval(one, key) for key in ("repeatability", "reproducibility")]
-        rows[-1].append(one.verdict.item())
+        p_values = [p_value_text(p, "") for p in of_quantity.condition_p_value.values.tolist()]
+        unit = of_quantity.unit.item() if "unit" in of_quantity.coords else ""
+        rows.append([name, unit.removeprefix("1"), *cells, *p_values, _interval(of_quantity, "between_run")])
+        if "repeatability" in of_quantity:
+            rows[-1] += [_interval(of_quantity, key) for key in ("repeatability", "reproducibility")]
+        rows[-1].append(of_quantity.verdict.item())
     heads = ["quantity", "unit", *terms, *(f"p of {name}" for name in conditions), "between records"]
     heads += ["repeatability", "reproducibility"] if "repeatability" in compared else []
     return text_table([*heads, "verdict"], rows, numbers=tuple(range(2, len(heads))))
 
 
-def _interval(one: xr.Dataset, name: str) -> str:
+def _interval(of_quantity: xr.Dataset, name: str) -> str:
     """A standard deviation with its interval."""
-    value, lower, upper = (one[key].item() for key in (name, f"{name}_lower", f"{name}_upper"))
+    value, lower, upper = (of_quantity[key].item() for key in (name, f"{name}_lower", f"{name}_upper"))
     return f"{value:.2g} ({lower:.2g} to {upper:.2g})" if np.isfinite(value) else "-"
 
 
@@ -91,17 +93,17 @@ def campaign_json(
         return made
     quantities = {}
     for name in compared.quantity.values.tolist():
-        one = compared.sel(quantity=name)
+        of_quantity = compared.sel(quantity=name)
         ends = ("between_run", "between_run_lower", "between_run_upper")
         effects = zip(
             compared.term.values.tolist(),
-            number(one.effect.values.tolist()),
-            number(one.effect_standard_error.values.tolist()),
+            number(of_quantity.effect.values.tolist()),
+            number(of_quantity.effect_standard_error.values.tolist()),
             strict=True,
         )
         quantities[name] = {
-            "verdict": one.verdict.item(),
-            **{key: number(one[key].item()) for key in ends},
+            "verdict": of_quantity.verdict.item(),
+            **{key: number(of_quantity[key].item()) for key in ends},
             "effects": {term: {"value": value, "standard_error": error} for term, value, error in effects},
         }
     return made | {"between_records": quantities}

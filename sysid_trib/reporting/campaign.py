@@ -13,11 +13,11 @@ from sysid_trib._version import __version__
 from sysid_trib.campaigns.store import STATUS, counts_of
 from sysid_trib.plots.conditions import FAR, places
 from sysid_trib.plots.style import INK, ORANGE
-from sysid_trib.printing import campaign as told
+from sysid_trib.printing import campaign as words
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.reporting import drawing
 from sysid_trib.reporting.page import rendered, write_page
-from sysid_trib.reporting.parts import Figures, PageTable, Panel, Section, as_table
+from sysid_trib.reporting.parts import Figures, Page, PageTable, Panel, Section, as_table
 
 # Rows of the page; the store has all of them.
 MOST_ROWS = 1000
@@ -53,23 +53,22 @@ def write_campaign(
     """
     sections = []
     if compared is not None:
-        table = as_table("Mean, effects of conditions, scatter", told.between_runs_table(compared))
-        sections.append(Section("What varies between the records", told.outlier_sentences(compared), [table]))
+        table = as_table("Mean, effects of conditions, scatter", words.between_runs_table(compared))
+        sections.append(
+            Section("What varies between the records", words.outlier_sentences(compared), [table])
+        )
         if conditions is not None:
             rows = conditions.iloc[compared["at"].values]
             figures = [_against(compared, str(name), rows[name].to_numpy()) for name in rows]
             sections.append(Section("Coefficients against conditions", figures=figures))
     sections.append(_records(store, compared, conditions))
-    if bad := told.refusal_sentences(store):
+    if bad := words.refusal_sentences(store):
         sections.append(Section("Without a result", bad))
-    summary = [told.counts_sentence(counts_of(store)), *told.verdict_sentences(store)]
+    summary = [words.counts_sentence(counts_of(store)), *words.verdict_sentences(store)]
     facts = [("task", str(store.attrs["task"])), ("version of sysid_trib", __version__)]
     facts += [("methods", ", ".join(store.method.values.tolist()))]
     source = {"source": f"{store.sizes['record']:,} records"}
-    page = rendered(
-        sections, title="Campaign", records=[source], summary=summary, facts=facts, command=command
-    )
-    write_page(page, path)
+    write_page(rendered(Page("Campaign", [source], summary, sections, facts, command=command)), path)
 
 
 def _against(compared: xr.Dataset, name: str, condition: np.ndarray) -> Figures:
@@ -79,28 +78,34 @@ def _against(compared: xr.Dataset, name: str, condition: np.ndarray) -> Figures:
         for quantity in compared.quantity.values.tolist()
     ]
     caption = (
-        f"Coefficients of all records against {name}, with standard errors; orange: more than {FAR:g} standard "
-        "deviations from what the conditions let expect."
+        f"Coefficients of all records against {name}, with standard errors; orange: more than {FAR:g} "
+        "standard deviations from what the conditions let expect."
     )
     return Figures(caption, panels, [plots.against_conditions(compared, name, condition)])
 
 
-def _panel(one: xr.Dataset, name: str, condition: np.ndarray) -> plotting.figure:
+def _panel(of_quantity: xr.Dataset, name: str, condition: np.ndarray) -> plotting.figure:
     at, ticks = places(condition)
-    unit = str(one.unit.item()).removeprefix("1")
-    made = drawing.panel(name, f"{one.quantity.item()}{f' ({unit})' if unit else ''}", height=260)
+    unit = str(of_quantity.unit.item()).removeprefix("1")
+    made = drawing.panel(name, f"{of_quantity.quantity.item()}{f' ({unit})' if unit else ''}", height=260)
     if ticks:
         made.xaxis.ticker = list(range(len(ticks)))
         made.xaxis.major_label_overrides = dict(enumerate(ticks))
-    far = np.abs(one.z.values) > FAR
-    value, error = one.value.values, one.standard_error.values
+    far = np.abs(of_quantity.z.values) > FAR
+    value, error = of_quantity.value.values, of_quantity.standard_error.values
     drawn = []
     for chosen, style in ((~far, NEAR_STYLE), (far, FAR_STYLE)):
-        columns = {"x": at, "y": value, "low": value - error, "high": value + error, "name": one.run.values}
+        columns = {
+            "x": at,
+            "y": value,
+            "low": value - error,
+            "high": value + error,
+            "name": of_quantity.run.values,
+        }
         drawn.append(
             drawing.marks(made, {key: column[chosen] for key, column in columns.items()}, style, size=5)
         )
-    drawing.tell(made, drawn, [("record", "@name"), (one.quantity.item(), "@y{%.5g}")])
+    drawing.tell(made, drawn, [("record", "@name"), (of_quantity.quantity.item(), "@y{%.5g}")])
     return made
 
 
@@ -128,11 +133,13 @@ def _conditions_of(conditions: pd.DataFrame | None, at: int) -> list[str]:
     return [] if conditions is None else [str(value) for value in conditions.iloc[at]]
 
 
-def _row(one: xr.Dataset, symbols: Sequence[str], off: float, conditions: list[str]) -> list[str]:
-    errors = [(one.coefficient.sel(force=s).item(), one.standard_error.sel(force=s).item()) for s in symbols]
-    errors.append((one.asymptotic_frequency.item(), one.asymptotic_frequency_standard_error.item()))
+def _row(record: xr.Dataset, symbols: Sequence[str], off: float, conditions: list[str]) -> list[str]:
+    errors = [
+        (record.coefficient.sel(force=s).item(), record.standard_error.sel(force=s).item()) for s in symbols
+    ]
+    errors.append((record.asymptotic_frequency.item(), record.asymptotic_frequency_standard_error.item()))
     cells = [value_with_error(value, error) for value, error in errors]
-    status = STATUS[int(one.status)]
-    words = [text for text in (one.verdict.item(), one.named.item()) if text]
-    verdict = "; ".join(words) if status == "done" else f"{status}: {one.message.item()}"
-    return [str(one.record.item()), *conditions, *cells, f"{off:.1f}" if off else "", verdict]
+    status = STATUS[int(record.status)]
+    texts = [text for text in (record.verdict.item(), record.named.item()) if text]
+    verdict = "; ".join(texts) if status == "done" else f"{status}: {record.message.item()}"
+    return [str(record.record.item()), *conditions, *cells, f"{off:.1f}" if off else "", verdict]

@@ -3,9 +3,7 @@
 import base64
 import io
 import os
-from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import xarray as xr
 from bokeh.embed import components
@@ -16,7 +14,7 @@ from matplotlib.figure import Figure
 
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.reporting import contents, provenance, reproducing
-from sysid_trib.reporting.parts import PageTable, Section
+from sysid_trib.reporting.parts import Page
 from sysid_trib.results.files import write_file
 
 PAPER_DPI = 170
@@ -65,52 +63,25 @@ def page(result: xr.DataTree | xr.Dataset) -> str:
 def _rendered(tree: xr.DataTree) -> str:
     title, summary, sections_of = contents.PAGES[contents.kind_of(tree)]
     return rendered(
-        sections_of(tree),
-        title=title,
-        records=provenance.kept_records(tree) or [{"source": "; ".join(tree.attrs.get("record_source", []))}],
-        summary=[*summary(tree), *_next(tree)],
-        facts=provenance.facts(tree),
-        methods=provenance.method_table(tree),
-        texts=provenance.libraries(tree),
-        command=tree.attrs.get("command", ""),
-        python=reproducing.python_text(tree),
+        Page(
+            title,
+            provenance.kept_records(tree) or [{"source": "; ".join(tree.attrs.get("record_source", []))}],
+            [*summary(tree), *_next(tree)],
+            sections_of(tree),
+            provenance.facts(tree),
+            provenance.method_table(tree),
+            provenance.libraries(tree),
+            tree.attrs.get("command", ""),
+            reproducing.python_text(tree),
+        )
     )
 
 
-def rendered(
-    sections: Sequence[Section],
-    *,
-    title: str,
-    records: Sequence[Mapping[Any, Any]],
-    summary: Sequence[str],
-    facts: Sequence[tuple[str, str]],
-    methods: PageTable | None = None,
-    texts: Mapping[str, str] | None = None,
-    command: str = "",
-    python: str = "",
-) -> str:
-    """A page of sections as text.
-
-    Parameters
-    ----------
-    sections : sequence of Section
-    title : str
-    records : sequence of mapping
-        Attributes of the records: their `source`.
-    summary : sequence of str
-        Sentences above all sections.
-    facts : sequence of (str, str)
-        Where the result is from: terms and texts.
-    methods : PageTable, optional
-        Methods with their options.
-    texts : mapping of str to str, optional
-        Libraries whole, by title.
-    command, python : str
-        What makes the result again.
-    """
+def rendered(content: Page) -> str:
+    """A page as text, with all that it shows."""
     panels = {
         f"{at}-{of}-{nth}": panel.figure
-        for at, section in enumerate(sections)
+        for at, section in enumerate(content.sections)
         for of, figures in enumerate(section.figures)
         for nth, panel in enumerate(figures.panels)
     }
@@ -120,21 +91,14 @@ def rendered(
         loader=PackageLoader("sysid_trib", "reporting"), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
     return environment.get_template("page.html").render(
-        title=title,
-        records=records,
-        summary=summary,
-        sections=sections,
+        **vars(content),
         divs=divs,
         on_paper=[
-            [[_png(f) for f in figures.on_paper] for figures in section.figures] for section in sections
+            [[_png(figure) for figure in figures.on_paper] for figures in section.figures]
+            for section in content.sections
         ],
         script=script,
         bokeh=Resources(mode="inline", components=["bokeh"]).render_js() if panels else "",
-        facts=facts,
-        methods=methods,
-        texts=texts or {},
-        command=command,
-        python=python,
     )
 
 

@@ -1,7 +1,8 @@
 """What a page is made of."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 from bokeh import plotting
 from matplotlib.figure import Figure
@@ -43,6 +44,25 @@ class Section:
     sentences: Sequence[str] = ()
     tables: Sequence[PageTable] = ()
     figures: Sequence[Figures] = ()
+
+
+@dataclass(frozen=True)
+class Page:
+    """A page: title, attributes of the records (their `source`), sentences above all sections, sections.
+
+    Then where it is from: facts as terms and texts, methods with their options, libraries whole by title, and
+    the command and the Python that make it again.
+    """
+
+    title: str
+    records: Sequence[Mapping[Any, Any]]
+    summary: Sequence[str]
+    sections: Sequence[Section]
+    facts: Sequence[tuple[str, str]]
+    methods: PageTable | None = None
+    texts: Mapping[str, str] = field(default_factory=dict)
+    command: str = ""
+    python: str = ""
 
 
 def as_table(title: str, printed: PrintedTable) -> PageTable:

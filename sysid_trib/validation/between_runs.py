@@ -52,8 +52,8 @@ def between_runs(
         what scatters between runs beside their stated errors and the conditions, with `between_run_lower` and
         `between_run_upper` (95 %); `scatter_p_value` of no such scatter, `homogeneity_p_value` of one value
         for all runs; `verdict`: common, varies with ..., scatters, too few runs. Over `run` the values at one
-        reference frequency with their errors, `shrunken` estimates, which use all runs, and `z`, how far a run
-        is from what its conditions let expect, over scatter and error. Over `term`
+        reference frequency with their errors, `shrunken` estimates, which use all runs, and `z`, how far a
+        run is from what its conditions let expect, over scatter and error. Over `term`
         `effect`: the mean (at the mean of numerical conditions, and of the first group), and by how much it
         rises per unit of a condition, or in another group; `condition_p_value` over `condition`. With
         `laboratories` also `repeatability`, `between_laboratory` and `reproducibility` (standard deviations

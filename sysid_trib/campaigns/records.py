@@ -1,0 +1,82 @@
+"""The records of a campaign: files, decays in memory, or a study."""
+
+import hashlib
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import xarray as xr
+
+from sysid_trib._version import __version__
+from sysid_trib.campaigns.study import Study
+from sysid_trib.campaigns.task import Task
+from sysid_trib.errors import UsageError
+
+
+@dataclass(frozen=True)
+class CampaignRecords:
+    """Files, decays in memory, or the numbers of a study, each with its name.
+
+    Parameters
+    ----------
+    items : sequence of path or Dataset, or Study
+
+    Raises
+    ------
+    UsageError
+        There are none.
+    """
+
+    items: Sequence[Any] | Study
+
+    def __post_init__(self) -> None:
+        if isinstance(self.items, str | os.PathLike | xr.Dataset) or not len(self.items):
+            raise UsageError("A campaign wants a list of records, of one at least.")
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the truth of each is known."""
+        return isinstance(self.items, Study)
+
+    @property
+    def names(self) -> list[str]:
+        """Of the records in the store."""
+        if isinstance(self.items, Study):
+            return [str(at) for at in range(len(self))]
+        return [
+            str(item.attrs.get("source", f"record {at}")) if isinstance(item, xr.Dataset) else os.fspath(item)
+            for at, item in enumerate(self.items)
+        ]
+
+    def record(self, at: int) -> Any:
+        """A record as `rows_of` takes it."""
+        if isinstance(self.items, Study):
+            return self.items, int(at)
+        item = self.items[at]
+        return item if isinstance(item, xr.Dataset) else os.fspath(item)
+
+    def fingerprint(self, task: Task) -> str:
+        """What a store must have been begun with to be gone on with: version, task, names, content."""
+        if isinstance(self.items, Study):
+            content: Any = asdict(self.items)
+        else:
+            in_memory = [item for item in self.items if isinstance(item, xr.Dataset)]
+            content = [hashlib.sha256(item["angle"].values.tobytes()).hexdigest() for item in in_memory]
+        libraries = [library.to_toml() for library in (task.library, task.candidates) if library is not None]
+        methods = {label: repr(method) for label, method in task.methods.items()}
+        asked = [task.name, task.judged, methods, repr(task.constraints), repr(task.contactless)]
+        options = sorted((name, repr(value)) for name, value in task.options.items())
+        whole = [__version__, self.names, content, libraries, asked, options, _callable_text(task.read)]
+        return hashlib.sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()
+
+
+def _callable_text(read: Any) -> str:
+    """What is called, without its address in memory."""
+    inner = getattr(read, "func", read)
+    given = (getattr(read, "args", ()), getattr(read, "keywords", {}))
+    return f"{inner.__module__}.{inner.__qualname__} {given!r}"
