@@ -135,6 +135,15 @@ def lost_row(task: Task, reason: str) -> Row:
 def open_store(path: str | os.PathLike[str]) -> xr.Dataset:
     """The store of a campaign as a Dataset, read when it is used.
 
+    Parameters
+    ----------
+    path : path-like
+
+    Returns
+    -------
+    Dataset
+        See `campaign`.
+
     Raises
     ------
     RecordError

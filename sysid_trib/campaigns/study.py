@@ -134,6 +134,15 @@ def _draw(value: Any, random: np.random.Generator) -> float:
 def load_study(path: str | os.PathLike[str]) -> Study:
     """Read a study from TOML.
 
+    Parameters
+    ----------
+    path : path-like
+        See `Study` for what it holds.
+
+    Returns
+    -------
+    Study
+
     Raises
     ------
     UsageError

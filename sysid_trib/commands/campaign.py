@@ -52,7 +52,7 @@ def campaign(
 
         check_extra()
         output = _checked_output(asked)
-        records = _records(given.records, asked.study)
+        records = _records(given.records, asked.study, asked.conditions)
         table = _conditions(asked, CampaignRecords(records).names)
         store = campaign(
             records,
@@ -91,8 +91,8 @@ def _checked_output(asked: CampaignOptions) -> Path:
     return asked.output
 
 
-def _records(patterns: list[Path], study: Path | None) -> Any:
-    """Files, those of patterns among them, or a study."""
+def _records(patterns: list[Path], study: Path | None, conditions: Path | None) -> Any:
+    """Files, those of patterns among them, or a study; the table of conditions is no record."""
     if study is not None:
         if patterns:
             raise UsageError("A campaign is over files or over a study: give one of them.")
@@ -107,7 +107,7 @@ def _records(patterns: list[Path], study: Path | None) -> Any:
         files += those
     if not files:
         raise UsageError("A campaign wants files ('data/*.csv') or --study FILE.")
-    return list(dict.fromkeys(files))
+    return [file for file in dict.fromkeys(files) if conditions is None or Path(file) != conditions]
 
 
 def _conditions(asked: CampaignOptions, names: list[str]) -> Any:

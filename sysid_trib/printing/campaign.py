@@ -27,7 +27,8 @@ def refusal_sentences(store: xr.Dataset) -> list[str]:
     """Why records have no numbers: each of the first few, then how many more."""
     bad = store.isel(record=np.flatnonzero(store.status.values > 1))
     pairs = zip(bad.record.values.tolist(), bad.message.values.tolist(), strict=True)
-    sentences = [f"{name}: {message}" for name, message in pairs]
+    # A message on a file begins with its name.
+    sentences = [m if m.startswith(name.rpartition("/")[2]) else f"{name}: {m}" for name, m in pairs]
     more = len(sentences) - REFUSALS
     return [*sentences[:REFUSALS], *([f"And {more:,} more: see `message` in the store."] if more > 0 else [])]
 

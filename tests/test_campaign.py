@@ -1,0 +1,219 @@
+"""Campaigns: one row a record, whatever the workers, the order, the bad records and the kills."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import xarray as xr
+from command_line import TIME, linear, run, write_csv
+
+import sysid_trib as st
+from sysid_trib.campaigns.conditions import estimates_of, read_conditions
+from sysid_trib.campaigns.store import counts_of
+from sysid_trib.errors import RecordError, UsageError
+
+pytest.importorskip("zarr", reason="campaigns need the extra of this name")
+LIBRARY = st.load_library("contact_forces").select(["lambda", "zeta"])
+METHODS = {"direct": st.methods.Direct()}
+TASK = st.Task("identify", LIBRARY, METHODS)
+STUDY = """
+title = "friction by friction"
+records = {records}
+seed = 7
+reference_frequency = 8.87
+[coefficients]
+lambda = [5e-4, 1e-3]
+zeta = {{ low = 1e-3, high = 3e-3 }}
+[start]
+angle = {{ mean = 0.3, deviation = 0.01 }}
+[sampling]
+duration = 8
+rate = 60
+[noise]
+deviation = 1e-4
+correlation = 0.3
+"""
+
+
+@pytest.fixture
+def study(tmp_path):
+    place = tmp_path / "study.toml"
+    place.write_text(STUDY.format(records=6))
+    return st.load_study(place)
+
+
+def numbers(store):
+    """All but the times that records took."""
+    return store.drop_vars("seconds").load()
+
+
+def test_a_study_is_drawn_by_number_and_its_truth_is_kept(study, tmp_path):
+    store = st.campaign(study, TASK, output=tmp_path / "a.zarr", workers=0)
+    assert store.sizes == {"record": 6, "method": 1, "force": 2}
+    assert counts_of(store)["done"] == 6
+    truth = store.true_coefficient.values
+    assert set(truth[:, 0]) <= {5e-4, 1e-3}
+    assert np.all((truth[:, 1] > 1e-3) & (truth[:, 1] < 3e-3))
+    off = (store.coefficient.values[:, 0] - truth) / store.standard_error.values[:, 0]
+    assert np.all(np.abs(off) < 8.0)
+    np.testing.assert_array_equal(study.decay(3).angle, study.decay(3).angle)
+
+
+def test_what_was_done_is_not_done_again_and_the_rest_is(study, tmp_path, monkeypatch):
+    whole = numbers(st.campaign(study, TASK, output=tmp_path / "whole.zarr", workers=0))
+
+    class StoppedError(Exception):
+        pass
+
+    def stop(activity, done=None):
+        if done and done >= 0.5:
+            raise StoppedError
+
+    with pytest.raises(StoppedError):
+        st.campaign(study, TASK, output=tmp_path / "part.zarr", workers=0, tell=stop)
+    half = st.open_store(tmp_path / "part.zarr")
+    assert counts_of(half) == {"waiting": 3, "done": 3, "refused": 0, "failed": 0, "lost": 0}
+    drawn = []
+    kind, decay = type(study), type(study).decay
+    monkeypatch.setattr(kind, "decay", lambda self, at: (drawn.append(at), decay(self, at))[1])
+    xr.testing.assert_identical(
+        numbers(st.campaign(study, TASK, output=tmp_path / "part.zarr", workers=0)), whole
+    )
+    assert drawn == [3, 4, 5]
+
+
+def test_a_bad_record_is_a_row_with_its_reason(tmp_path):
+    files = [write_csv(tmp_path / f"{at}.csv", angle=linear(zeta=0.01 + 0.001 * at)) for at in range(2)]
+    (tmp_path / "bad.csv").write_text("no, numbers\n")
+    files.insert(1, tmp_path / "bad.csv")
+    store = st.campaign(files, TASK, output=tmp_path / "out.zarr", workers=0)
+    assert counts_of(store) == {"waiting": 0, "done": 2, "refused": 1, "failed": 0, "lost": 0}
+    assert "no rows of numbers" in store.message.values[1]
+    assert np.isnan(store.coefficient.values[1]).all()
+    assert np.isfinite(store.coefficient.values[[0, 2]]).all()
+
+
+def test_a_fault_of_the_package_ends_one_record_alone(tmp_path):
+    def read(path):
+        raise ZeroDivisionError(path)
+
+    task = st.Task("identify", LIBRARY, METHODS, read=read)
+    store = st.campaign(["a.csv"], task, output=tmp_path / "out.zarr", workers=0)
+    assert counts_of(store)["failed"] == 1
+    assert store.message.values[0] == "ZeroDivisionError: a.csv"
+
+
+def test_a_store_of_another_campaign_is_refused(study, tmp_path):
+    st.campaign(study, TASK, output=tmp_path / "a.zarr", workers=0)
+    others = [(study, st.Task("identify", LIBRARY, {"direct": st.methods.Direct(refine=False)}))]
+    others.append((["a.csv"], TASK))
+    for records, task in others:
+        with pytest.raises(UsageError, match="another campaign"):
+            st.campaign(records, task, output=tmp_path / "a.zarr", workers=0)
+    (tmp_path / "file.zarr").write_text("no store")
+    with pytest.raises(RecordError, match="no store of a campaign"):
+        st.campaign(study, TASK, output=tmp_path / "file.zarr", workers=0)
+    with pytest.raises(RecordError, match="no store of a campaign"):
+        st.open_store(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("reference_frequency = 8.87\n", "", "needs 'reference_frequency'"),
+        ("low = 1e-3", "low = 1", "'zeta' of 'coefficients' must be"),
+        ("records = {records}", "records = 0", "whole numbers"),
+        ("rate = 60", "rat = 60", "'sampling' needs 'rate'"),
+        ("duration = 8", "duration = 8e9", "2 to 10,000,000 samples"),
+        ("lambda =", "lamda =", "lamda"),
+        ("[noise]", "[nose]", "has no 'nose'"),
+        ("seed = 7", "seed = [", "not a study in TOML"),
+        ("deviation = 1e-4", "deviation = 'small'", "must be a number"),
+    ],
+)
+def test_a_malformed_study_is_refused(tmp_path, old, new, sentence):
+    place = tmp_path / "study.toml"
+    place.write_text(STUDY.replace(old, new).format(records=2))
+    with pytest.raises((RecordError, UsageError), match=sentence):
+        st.load_study(place)
+
+
+def test_conditions_are_found_by_file_name_or_by_order(tmp_path):
+    table = tmp_path / "runs.csv"
+    table.write_text("record,load\nb.csv,2\na.csv,1\n")
+    assert read_conditions(table, ["data/a.csv", "b.csv"]).load.tolist() == [1, 2]
+    with pytest.raises(UsageError, match="no row for record 'c.csv'"):
+        read_conditions(table, ["c.csv"])
+    table.write_text("load\n3\n4\n")
+    assert read_conditions(table, ["x", "y"]).load.tolist() == [3, 4]
+    with pytest.raises(UsageError, match="2 rows for 3 records"):
+        read_conditions(table, ["x", "y", "z"])
+
+
+def test_estimates_are_at_one_frequency_and_of_one_unit(study, tmp_path):
+    store = st.campaign(study, TASK, output=tmp_path / "a.zarr", workers=0).load()
+    estimates = estimates_of(store, "direct")
+    assert estimates["quantity"].values.tolist() == ["lambda", "zeta", "asymptotic frequency"]
+    ratio = store.reference_frequency.values[:, 0] / estimates.attrs["reference_frequency"]
+    expected = store.coefficient.values[:, 0] * ratio[:, None] ** [2.0, 1.0]
+    np.testing.assert_allclose(estimates.value.values[:, :2], expected, rtol=1e-12)
+    other = store.assign(signal_units=("record", ["mm", *["rad"] * 5]))
+    assert estimates_of(other, "direct").sizes["run"] == 5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", [1, 2])
+def test_workers_and_order_change_no_bit(study, tmp_path, workers):
+    alone = numbers(st.campaign(study, TASK, output=tmp_path / "a.zarr", workers=0))
+    xr.testing.assert_identical(
+        numbers(st.campaign(study, TASK, output=tmp_path / "b.zarr", workers=workers)), alone
+    )
+
+
+@pytest.mark.slow
+def test_the_command_ends_with_a_page(tmp_path):
+    for at in range(3):
+        noise = 1e-4 * np.random.default_rng(at).standard_normal(len(TIME))
+        write_csv(tmp_path / f"run{at}.csv", angle=linear(zeta=0.01 + 0.001 * at) + noise)
+    (tmp_path / "runs.csv").write_text("record,load\nrun0.csv,1\nrun1.csv,2\nrun2.csv,4\n")
+    arguments = ["campaign", f"{tmp_path}/run?.csv", "--conditions", f"{tmp_path}/runs.csv"]
+    done = run(*arguments, "--forces", "zeta,delta", "-o", f"{tmp_path}/out.zarr")
+    assert done.status == 0, done.err
+    assert "3 of 3 records done." in done.out
+    page = (tmp_path / "out.html").read_text(encoding="utf-8")
+    assert "Coefficients against conditions" in page
+    assert "run2.csv" in page
+
+
+SCRIPT = """
+import sys
+import sysid_trib as st
+if __name__ == "__main__":
+    library = st.load_library("contact_forces").select(["lambda", "zeta"])
+    task = st.Task("identify", library, {"direct": st.methods.Direct()})
+    st.campaign(st.load_study(sys.argv[1]), task, output=sys.argv[2], workers=2)
+"""
+
+
+@pytest.mark.slow
+def test_a_campaign_that_is_killed_goes_on_to_the_same_store(tmp_path):
+    place = tmp_path / "study.toml"
+    place.write_text(STUDY.format(records=150))
+    study = st.load_study(place)
+    whole = numbers(st.campaign(study, TASK, output=tmp_path / "whole.zarr", workers=0))
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT)
+    for seconds in (4.0, 6.0):
+        process = subprocess.Popen(
+            [sys.executable, script, place, tmp_path / "part.zarr"], start_new_session=True
+        )
+        time.sleep(seconds)
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+    resumed = numbers(st.campaign(study, TASK, output=tmp_path / "part.zarr", workers=2))
+    xr.testing.assert_identical(resumed, whole)
+    assert not list((tmp_path / "part.zarr").rglob("*.partial"))
