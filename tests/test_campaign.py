@@ -146,7 +146,7 @@ def test_conditions_are_found_by_file_name_or_by_order(tmp_path):
     table = tmp_path / "runs.csv"
     table.write_text("record,load\nb.csv,2\na.csv,1\n")
     assert read_conditions(table, ["data/a.csv", "b.csv"]).load.tolist() == [1, 2]
-    with pytest.raises(UsageError, match="no row for record 'c.csv'"):
+    with pytest.raises(UsageError, match=r"no row for record 'c\.csv'"):
         read_conditions(table, ["c.csv"])
     table.write_text("load\n3\n4\n")
     assert read_conditions(table, ["x", "y"]).load.tolist() == [3, 4]
