@@ -12,7 +12,7 @@ import numpy as np
 
 from sysid_trib.errors import LibraryError, UsageError
 from sysid_trib.forces.force import Force, ForceLibrary, Shape
-from sysid_trib.forces.formulas import RESERVED_NAMES, Formula, parse
+from sysid_trib.forces.formulas import LARGEST_NUMBER, RESERVED_NAMES, Formula, parse
 
 TEXT_KEYS = ("name", "family", "meaning", "source")
 TABLE_KEYS = ("state", "memory", "start", "shape")
@@ -58,7 +58,10 @@ def load_library(name_or_path: str | Path = "contact_forces") -> ForceLibrary:
         if path.stat().st_size > MAX_BYTES:
             raise LibraryError(f"{path.name}: larger than {MAX_BYTES:,} bytes; a library is a short text.")
         data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+    # TOML, text and integers of too many digits alike.
+    except (OSError, ValueError, RecursionError) as error:
+        if isinstance(error, LibraryError):
+            raise
         reason = " ".join(str(error).split())
         raise LibraryError(f"{path.name}: not a readable TOML file ({reason}); see libraries/.") from None
     return parse_library(data, path.name)
@@ -154,8 +157,10 @@ def _shape(table: object, where: str) -> Shape:
     }:
         raise LibraryError(f'{where}: write {{ default = ..., low = ..., high = ..., meaning = "..." }}.')
     numbers = [table[k] for k in ("default", "low", "high")]
-    if not all(isinstance(n, int | float) and not isinstance(n, bool) and np.isfinite(n) for n in numbers):
-        raise LibraryError(f"{where}: default, low and high must be finite numbers.")
+    if not all(
+        isinstance(n, int | float) and not isinstance(n, bool) and abs(n) <= LARGEST_NUMBER for n in numbers
+    ):
+        raise LibraryError(f"{where}: default, low and high must be numbers up to 1e100.")
     default, low, high = map(float, numbers)
     if not low <= default <= high or low == high:
         raise LibraryError(f"{where}: default {default:g} must lie between low {low:g} and high {high:g}.")

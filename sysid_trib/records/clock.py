@@ -18,6 +18,8 @@ UNEVEN_PART = 1e-9
 ROUNDED_WITHIN = 1.02
 # s; stamps that started longer ago (epoch seconds) are counted from the first: no digit is lost to them.
 LONGEST_COUNTED = 1e6
+# s; of shorter steps numbers lose their digits.
+SHORTEST_STEP = 1e-100
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,11 @@ def read_clock(stamps: Array, factor: float, source: str) -> Clock:
     if back.size:
         where = ", ".join(f"{given[b - 1] * factor:.6g} s" for b in back[:3])
         sentences.append(f"the clock is set back after {where}: used as {back.size + 1} pieces")
+    if factor * float(np.median(np.abs(np.diff(given)))) < SHORTEST_STEP:
+        raise RecordError(
+            f"{source}: the time between two samples is {factor * (given[1] - given[0]):.3g} s: no clock has such "
+            "steps; give its unit (--time-units), or the sampling rate (--sampling-rate HZ)."
+        )
     time, said = _without_rounding(given, np.append(0, back), _rounding(given))
     time = time * factor
     if abs(time[0]) > LONGEST_COUNTED:

@@ -9,7 +9,8 @@ import numpy as np
 import pandas as pd
 
 from sysid_trib.errors import RecordError, UsageError
-from sysid_trib.records.text import read_text
+from sysid_trib.records.probe import HDF5, check_binary
+from sysid_trib.records.text import check_width, read_text
 
 ColumnValues = dict[str, Any]
 
@@ -59,7 +60,10 @@ def read_table(path: Path) -> FileTable:
             head = file.read(1024)
         if not head.strip():
             raise RecordError(f"{path.name}: the file is empty.")
-        table = _reader(head, path)(path)
+        reader = _reader(head, path)
+        if reader is not _read_text:
+            check_binary(path, HDF5 if _is_hdf5(head) else reader.__name__)
+        table = reader(path)
     except (RecordError, UsageError):
         raise
     except ImportError as error:
@@ -76,11 +80,16 @@ def read_table(path: Path) -> FileTable:
         raise RecordError(f"{path.name}: cannot be read, it seems damaged or cut off ({reason}).") from error
     if not any(np.size(column) for column in table.columns.values()):
         raise RecordError(f"{path.name}: there are no numbers in it.")
+    check_width(path, len(table.columns))
     return table
 
 
+def _is_hdf5(head: bytes) -> bool:
+    return head.startswith((b"\x89HDF", b"MATLAB 7.3")) or head[512:516] == b"\x89HDF"
+
+
 def _reader(head: bytes, path: Path) -> Callable[[Path], FileTable]:
-    if head.startswith(b"\x89HDF") or head.startswith(b"MATLAB 7.3") or head[512:516] == b"\x89HDF":
+    if _is_hdf5(head):
         return _read_netcdf if path.suffix in (".nc", ".nc4", ".cdf") else _read_hdf5
     readers = {
         b"MATLAB 5.0": _read_matlab,

@@ -10,6 +10,7 @@ from sysid_trib.errors import RecordError
 from sysid_trib.records.units import TIME_UNITS, plain_unit, signal_unit
 
 FORMATS = "text or CSV, MATLAB, Excel (.xlsx), netCDF, HDF5, Parquet, TDMS"
+MOST_COLUMNS = 4096
 DELIMITERS = (";", "\t", ",", None)
 
 
@@ -42,6 +43,7 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
         raise RecordError(f"{path.name}: no rows of numbers were found in it (other formats: {FORMATS}).")
     # The last cell of the first row may be empty.
     width = max(len(_fields(line, delimiter)) for line in lines[start : start + 2])
+    check_width(path, width)
     header = _header(lines[:start], delimiter, width)
     commas = any("," in line for line in lines[start : start + 50])
     decimal = "," if commas and delimiter != "," else "."
@@ -64,6 +66,21 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
         frame = frame.iloc[:, :-1]
     named = header is not None and len(header) >= frame.shape[1]
     return frame, header if named else None, lines[:start]
+
+
+def check_width(path: Path, columns: int) -> None:
+    """Refuse a table of far more columns than any record has.
+
+    Raises
+    ------
+    RecordError
+        With how many there are.
+    """
+    if columns > MOST_COLUMNS:
+        raise RecordError(
+            f"{path.name}: has {columns:,} columns; a record has a few, and a row for each "
+            "sample: turn the table, or cut it."
+        )
 
 
 def _is_comment(line: str) -> bool:

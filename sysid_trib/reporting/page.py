@@ -12,7 +12,7 @@ from bokeh.themes import Theme
 from jinja2 import Environment, PackageLoader
 from matplotlib.figure import Figure
 
-from sysid_trib.errors import RecordError, UsageError
+from sysid_trib.errors import RecordError, SysidTribError, UsageError
 from sysid_trib.reporting import contents, provenance, reproducing
 from sysid_trib.reporting.parts import Page
 from sysid_trib.results.files import write_file
@@ -55,7 +55,10 @@ def page(result: xr.DataTree | xr.Dataset) -> str:
         )
     try:
         return _rendered(tree)
-    except (KeyError, AttributeError) as error:
+    except SysidTribError:
+        raise
+    # Of a result that was edited any part may be missing, or of another form.
+    except Exception as error:
         reason = " ".join(str(error).split())
         raise RecordError(f"The result is not whole ({reason}); make it again with this version.") from error
 

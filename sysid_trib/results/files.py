@@ -4,13 +4,19 @@ import errno
 import io
 import os
 import secrets
+import sys
+import uuid
 from pathlib import Path
 from typing import Any
 
 import xarray as xr
 
 from sysid_trib.errors import RecordError, UsageError
+from sysid_trib.records.probe import HDF5, check_binary
 from sysid_trib.results.format import current_format
+
+# How the names of files begin that are not whole yet.
+TEMPORARY = ".sysid-trib-"
 
 
 def save(result: xr.Dataset | xr.DataTree, path: str | os.PathLike[str]) -> None:
@@ -73,8 +79,9 @@ def write_file(target: Path, content: bytes) -> None:
     RecordError
         The place cannot be written, or does not hold what was written. The older file is as it was.
     """
-    temporary = target.with_name(f".sysid-trib-{secrets.token_hex(8)}{target.suffix}")
+    temporary = target.with_name(f"{_mark(os.getpid())}{secrets.token_hex(8)}{target.suffix}")
     try:
+        _clear(target.parent)
         try:
             with temporary.open("xb") as file:
                 file.write(content)
@@ -89,6 +96,32 @@ def write_file(target: Path, content: bytes) -> None:
     except OSError as error:
         reason = error.strerror or error
         raise RecordError(f"{target}: cannot be written ({reason}); choose another place with -o.") from None
+
+
+def _mark(process: int) -> str:
+    """How temporary files of a process of this machine begin."""
+    return f"{TEMPORARY}{uuid.getnode():x}-{process}-"
+
+
+def _clear(folder: Path) -> None:
+    """Remove what killed processes of this machine left in a folder."""
+    for place in folder.glob(f"{TEMPORARY}{uuid.getnode():x}-*"):
+        process = place.name.removeprefix(TEMPORARY).split("-")[1]
+        if process.isdecimal() and not _is_alive(int(process)):
+            place.unlink(missing_ok=True)
+
+
+def _is_alive(process: int) -> bool:
+    """Whether a process of this machine goes on, as far as the system tells."""
+    if sys.platform == "win32":
+        return True
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True
 
 
 def load(path: str | os.PathLike[str]) -> xr.DataTree:
@@ -111,11 +144,22 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
     RecordError
         It is no result in netCDF, or one of another version of the format.
     """
+    place = Path(path)
+    if not place.exists():
+        raise UsageError(f"There is no file {path}.")
     try:
-        tree = xr.open_datatree(path, engine="h5netcdf")
-    except FileNotFoundError:
-        raise UsageError(f"There is no file {path}.") from None
-    except (OSError, ValueError) as error:
-        raise RecordError(f"{Path(path).name}: not a result in netCDF ({error}).") from None
-    with tree:
-        return current_format(tree.load(), Path(path))
+        with place.open("rb") as file:
+            hdf5 = file.read(4) == b"\x89HDF"
+        if not hdf5:
+            raise RecordError(f"{place.name}: not a result in netCDF.")
+        check_binary(place, HDF5)
+        with xr.open_datatree(place, engine="h5netcdf") as tree:
+            return current_format(tree.load(), place)
+    except RecordError:
+        raise
+    except MemoryError:
+        raise
+    # A damaged file meets readers with any exception at all.
+    except Exception as error:
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise RecordError(f"{place.name}: not a result in netCDF, or a damaged one ({reason}).") from None
