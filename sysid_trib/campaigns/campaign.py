@@ -66,7 +66,7 @@ def campaign(
     Notes
     -----
     Records of a study have seeds of their own (`SeedSequence` by the record's number): results depend neither
-    on the number of workers nor on the order. One bad record ends nothing; one whose worker died four times
+    on the number of workers nor on the order. One bad record ends nothing; one whose worker died eleven times
     is given up, and tried again when the campaign is gone on with.
     """
     check_extra()

@@ -16,7 +16,7 @@ from sysid_trib.errors import UsageError
 # Blocks that wait at each worker: enough that none idles, and few enough to hold in memory.
 AHEAD = 3
 # How often a block is given to another worker when one dies.
-DEATHS = 3
+DEATHS = 10
 RecordAt = Callable[[int], Any]
 
 

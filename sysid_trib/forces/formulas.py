@@ -24,7 +24,7 @@ MAX_EXPONENT = 20
 SWITCHING = ("sign", "abs", "min", "max")
 SMOOTH = ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh")
 # Beyond it arithmetic would overflow.
-LARGEST_NUMBER = 1e100
+LARGEST_CONSTANT = 1e100
 RESERVED_NAMES = frozenset(("x", "v", "t", "pi", *SWITCHING, *SMOOTH))
 OPERATORS: dict[type, Callable[[Any, Any], Any]] = {
     ast.Add: operator.add,
@@ -190,7 +190,7 @@ def _checked(
         case ast.Constant(value=bool()):
             pass
         case ast.Constant(value=int() | float() as value):
-            if value > LARGEST_NUMBER:
+            if value > LARGEST_CONSTANT:
                 raise LibraryError(f"{where} holds a number above 1e100; rescale the formula.")
             return ast.Constant(float(value))
         case ast.Name(id=name):

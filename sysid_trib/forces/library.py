@@ -12,7 +12,7 @@ import numpy as np
 
 from sysid_trib.errors import LibraryError, UsageError
 from sysid_trib.forces.force import Force, ForceLibrary, Shape
-from sysid_trib.forces.formulas import LARGEST_NUMBER, RESERVED_NAMES, Formula, parse
+from sysid_trib.forces.formulas import LARGEST_CONSTANT, RESERVED_NAMES, Formula, parse
 
 TEXT_KEYS = ("name", "family", "meaning", "source")
 TABLE_KEYS = ("state", "memory", "start", "shape")
@@ -158,7 +158,7 @@ def _shape(table: object, where: str) -> Shape:
         raise LibraryError(f'{where}: write {{ default = ..., low = ..., high = ..., meaning = "..." }}.')
     numbers = [table[k] for k in ("default", "low", "high")]
     if not all(
-        isinstance(n, int | float) and not isinstance(n, bool) and abs(n) <= LARGEST_NUMBER for n in numbers
+        isinstance(n, int | float) and not isinstance(n, bool) and abs(n) <= LARGEST_CONSTANT for n in numbers
     ):
         raise LibraryError(f"{where}: default, low and high must be numbers up to 1e100.")
     default, low, high = map(float, numbers)

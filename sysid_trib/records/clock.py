@@ -81,7 +81,7 @@ def read_clock(stamps: Array, factor: float, source: str) -> Clock:
         sentences.append(f"the clock is set back after {where}: used as {back.size + 1} pieces")
     if factor * float(np.median(np.abs(np.diff(given)))) < SHORTEST_STEP:
         raise RecordError(
-            f"{source}: the time between two samples is {factor * (given[1] - given[0]):.3g} s: no clock has such "
+            f"{source}: its samples are {factor * (given[1] - given[0]):.3g} s apart: no clock has such "
             "steps; give its unit (--time-units), or the sampling rate (--sampling-rate HZ)."
         )
     time, said = _without_rounding(given, np.append(0, back), _rounding(given))
