@@ -26,8 +26,14 @@ class LinkedError(ValueError):
     """Numbers that are elsewhere."""
 
 
-# In a process that does nothing else more threads take address space alone.
-ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+# The module of the package that runs here, wherever the child is started. In a process that does nothing else
+# more threads take address space alone.
+START = """
+import os, runpy, sys
+os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
+sys.path.insert(0, sys.argv.pop(1))
+runpy.run_module("sysid_trib.records.probe", run_name="__main__")
+"""
 
 
 def check_binary(path: Path, kind: str) -> None:
@@ -45,16 +51,14 @@ def check_binary(path: Path, kind: str) -> None:
         It cannot be read there: damaged, too large or slow to read, or it points outside of itself.
     """
     size = path.stat().st_size
-    command = [sys.executable, "-m", "sysid_trib.records.probe", kind, str(path)]
-    root = str(Path(__file__).parents[2])
-    paths = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
+    root = Path(__file__).parents[2]
+    command = [sys.executable, "-P", "-c", START, str(root), kind, str(path)]
     try:
         done = subprocess.run(
             command,
             stdin=subprocess.DEVNULL,
             capture_output=True,
             timeout=SECONDS + SECONDS_PER_BYTE * size,
-            env={**os.environ, **ONE_THREAD, "PYTHONPATH": paths},
             check=False,
         )
     except subprocess.TimeoutExpired:

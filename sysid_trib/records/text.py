@@ -10,7 +10,7 @@ from sysid_trib.errors import RecordError
 from sysid_trib.records.units import TIME_UNITS, plain_unit, signal_unit
 
 FORMATS = "text or CSV, MATLAB, Excel (.xlsx), netCDF, HDF5, Parquet, TDMS"
-MOST_COLUMNS = 4096
+WIDEST_TABLE = 4096
 DELIMITERS = (";", "\t", ",", None)
 
 
@@ -76,7 +76,7 @@ def check_width(path: Path, columns: int) -> None:
     RecordError
         With how many there are.
     """
-    if columns > MOST_COLUMNS:
+    if columns > WIDEST_TABLE:
         raise RecordError(
             f"{path.name}: has {columns:,} columns; a record has a few, and a row for each "
             "sample: turn the table, or cut it."

@@ -77,14 +77,21 @@ class WhitenedLeastSquares(BaseOptimizer):
         return self
 
     def _reduce(self, x: Array, y: Array) -> None:
-        self.coef_ = np.linalg.lstsq(x, y, rcond=None)[0].T
-        residuals = (y - x @ self.coef_.T).T
+        # Columns in units of a power of two near their own size, which rounds nothing: those of a start in
+        # the record's unit and those of forces would else be far apart.
+        unit = np.exp2(-np.frexp(np.linalg.norm(x, axis=0))[1].astype(float))
+        columns = x * unit
+        solved = np.linalg.lstsq(columns, y, rcond=None)[0].T
+        self.coef_ = solved * unit
+        residuals = (y - columns @ solved.T).T
         self.noise_ = np.sqrt(np.sum(residuals**2, axis=1) / max(1, x.shape[0] - x.shape[1]))
         self.lags_ = np.array([self.correlation_lags if _correlated(r) else 0 for r in residuals])
-        inverse: Array = np.asarray(np.linalg.pinv(x.T @ x), dtype=float)
+        inverse: Array = np.asarray(np.linalg.pinv(columns.T @ columns), dtype=float)
         targets = zip(residuals, self.lags_.tolist(), self.noise_, strict=True)
-        covariances = [_sandwich(x, inverse, r, lags) if lags else s**2 * inverse for r, lags, s in targets]
-        self.covariance_ = np.stack(covariances)
+        covariances = [
+            _sandwich(columns, inverse, r, lags) if lags else s**2 * inverse for r, lags, s in targets
+        ]
+        self.covariance_ = np.stack(covariances) * np.outer(unit, unit)
 
 
 class SignificanceSelection(BaseOptimizer):
