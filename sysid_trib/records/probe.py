@@ -18,8 +18,9 @@ SECONDS, SECONDS_PER_BYTE = 4.0, 5e-8
 # Bytes of memory: to begin with, and for each byte of the file.
 MEMORY, MEMORY_PER_BYTE = 2**30, 16
 HDF5 = "hdf5"
-# Status of a file that points outside of itself, or in circles.
-LINKED = 3
+# Status of a file that points outside of itself, or in circles; and where the package is not installed that
+# reads it, which is named.
+LINKED, NO_READER = 3, 4
 
 
 class LinkedError(ValueError):
@@ -49,6 +50,8 @@ def check_binary(path: Path, kind: str) -> None:
     ------
     RecordError
         It cannot be read there: damaged, too large or slow to read, or it points outside of itself.
+    ImportError
+        The package is not installed that reads it, by its name if that is known.
     """
     size = path.stat().st_size
     root = Path(__file__).parents[2]
@@ -67,6 +70,8 @@ def check_binary(path: Path, kind: str) -> None:
         raise RecordError(
             f"{path.name}: {done.stdout.decode().strip()}; copy all numbers into one plain file."
         )
+    if done.returncode == NO_READER:
+        raise ImportError(name=done.stdout.decode().strip() or None)
     if done.returncode:
         said = done.stdout.decode(errors="replace").strip().splitlines()
         reason = said[-1] if said else "its reader ends without a word"
@@ -89,6 +94,9 @@ def _main(kind: str, path: str) -> int:
     except LinkedError as error:
         print(error)
         return LINKED
+    except ImportError as error:
+        print(error.name or "")
+        return NO_READER
     except Exception as error:
         print(next(iter(str(error).splitlines()), "") or type(error).__name__)
         return 1
