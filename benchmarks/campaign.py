@@ -1,0 +1,206 @@
+"""Campaigns: speed of two workers, memory over many records, kills of the campaign and of its workers.
+
+python benchmarks/campaign.py [--records N] [--only speed|memory|kills|workers|scheduler]
+
+speed: N simulated runs of the paper's experiment by averaging, direct and trajectory, in this process, by one
+worker and by two. memory: ten times as many by direct, the resident memory of each worker over time. kills: a
+campaign that is killed (SIGKILL, all its processes) at 20 random moments and gone on with, against one that
+never was. workers: a worker killed every few seconds. scheduler: what it costs a task that does nothing,
+from which the plan for a million records on a hundred workers follows.
+"""
+
+import argparse
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import psutil
+from rich.console import Console
+from rich.table import Table
+
+import sysid_trib as st
+from sysid_trib.campaigns.store import counts_of
+
+STUDY = """
+title = "the paper's experiment"
+records = {records}
+seed = 1
+reference_frequency = 9.91
+[coefficients]
+lambda = -2.3e-5
+zeta = {{ low = 9e-3, high = 10e-3 }}
+delta = 0.037
+nu = -0.4
+epsilon = 0.3
+[sampling]
+duration = 25
+rate = 100
+[noise]
+deviation = 1e-4
+"""
+FORCES = ["lambda", "zeta", "delta", "nu", "epsilon"]
+METHODS = {
+    "averaging": st.methods.Averaging(),
+    "direct": st.methods.Direct(),
+    "trajectory": st.methods.Trajectory(),
+}
+KILLS, KILLED_RECORDS = 20, 400
+WORKER_KILLS_EVERY_S = 10.0
+SETTLED_RECORDS = 500
+
+
+def task(*labels: str) -> st.Task:
+    """Identification by some methods, none held against another."""
+    library = st.load_library("contact_forces").select(FORCES)
+    return st.Task("identify", library, {label: METHODS[label] for label in labels}, judged=False)
+
+
+def study(folder: Path, records: int) -> Path:
+    """A study of so many runs of the paper's experiment."""
+    place = folder / f"{records}.toml"
+    place.write_text(STUDY.format(records=records))
+    return place
+
+
+def speed(folder: Path, records: int) -> Table:
+    """Seconds in this process, by one worker and by two."""
+    drawn, all_methods = st.load_study(study(folder, records)), task(*METHODS)
+    few = st.load_study(study(folder, 20))
+    # Compiled motions and imports are not the campaign's.
+    st.campaign(few, all_methods, output=folder / "few.zarr", workers=0)
+    spent = {}
+    for workers in (0, 1, 2):
+        start = time.perf_counter()
+        st.campaign(drawn, all_methods, output=folder / f"speed{workers}.zarr", workers=workers)
+        spent[workers] = time.perf_counter() - start
+    table = Table("records", "this process (s)", "1 worker (s)", "2 workers (s)", "2 / process", "1 / 2")
+    ratios = f"{spent[2] / spent[0]:.2f}", f"{spent[1] / spent[2]:.2f}"
+    table.add_row(f"{records:,}", *(f"{spent[w]:.0f}" for w in (0, 1, 2)), *ratios)
+    return table
+
+
+def memory(folder: Path, records: int) -> Table:
+    """Resident memory of each process, at the first 500 records and at the last."""
+    seen: list[tuple[float, dict[int, int]]] = []
+
+    def tell(activity: str, done: float | None = None) -> None:
+        processes = [psutil.Process(), *psutil.Process().children(recursive=True)]
+        known = {}
+        for process in processes:
+            try:
+                known[process.pid] = process.memory_info().rss
+            except psutil.NoSuchProcess:
+                continue
+        seen.append((done or 0.0, known))
+
+    drawn = st.load_study(study(folder, records))
+    st.campaign(drawn, task("direct"), output=folder / "memory.zarr", workers=2, tell=tell)
+    settled = next(known for done, known in seen if done * records >= SETTLED_RECORDS)
+    last = seen[-2][1]
+    table = Table("process", f"after {SETTLED_RECORDS} records (MB)", f"after {records:,} (MB)", "ratio")
+    for pid in settled.keys() & last.keys():
+        name = "this" if pid == os.getpid() else "child"
+        cells = (f"{known[pid] / 1e6:.0f}" for known in (settled, last))
+        table.add_row(name, *cells, f"{last[pid] / settled[pid]:.2f}")
+    return table
+
+
+def kills(folder: Path) -> Table:
+    """Killed at random moments and gone on with: equal to one that never was."""
+    place, random = study(folder, KILLED_RECORDS), np.random.default_rng(3)
+    whole = st.campaign(st.load_study(place), task("direct"), output=folder / "whole.zarr", workers=0)
+    part, done, readable = folder / "part.zarr", [], 0
+    for _ in range(KILLS):
+        command = [sys.executable, __file__, "--go-on", str(place), str(part)]
+        process = subprocess.Popen(command, start_new_session=True)
+        time.sleep(random.uniform(1.0, 8.0))
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        if part.exists():
+            store = st.open_store(part).load()
+            readable += 1
+            done.append(counts_of(store)["done"])
+    resumed = st.campaign(st.load_study(place), task("direct"), output=part, workers=2)
+    same = resumed.drop_vars("seconds").load().identical(whole.drop_vars("seconds").load())
+    stays = len(list(part.rglob("*.partial")))
+    table = Table("kills", "store read after", "records done at each", "same store", "stays behind")
+    table.add_row(str(KILLS), str(readable), ", ".join(map(str, done)), str(same), str(stays))
+    return table
+
+
+def worker_kills(folder: Path, records: int) -> Table:
+    """A worker killed every few seconds: nothing is lost."""
+    ended, killed = threading.Event(), []
+
+    def kill() -> None:
+        while not ended.wait(WORKER_KILLS_EVERY_S):
+            workers = [
+                p for p in psutil.Process().children(recursive=True) if "spawn" in " ".join(p.cmdline())
+            ]
+            if workers:
+                killed.append(workers[len(killed) % len(workers)])
+                killed[-1].kill()
+
+    threading.Thread(target=kill, daemon=True).start()
+    drawn = st.load_study(study(folder, records))
+    store = st.campaign(drawn, task("direct"), output=folder / "workers.zarr", workers=2)
+    ended.set()
+    table = Table("records", "workers killed", "done", "lost")
+    counts = counts_of(store)
+    table.add_row(f"{records:,}", str(len(killed)), str(counts["done"]), str(counts["lost"]))
+    return table
+
+
+def scheduler_load(tasks: int) -> Table:
+    """What the scheduler costs a task that does nothing."""
+    from distributed import Client, LocalCluster
+
+    with (
+        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        Client(cluster) as client,
+    ):
+        client.gather(client.map(_nothing, range(100), pure=False))
+        start = time.perf_counter()
+        client.gather(client.map(_nothing, range(tasks), pure=False))
+        each = (time.perf_counter() - start) / tasks
+    table = Table("tasks", "a task (ms)", "tasks/s")
+    table.add_row(f"{tasks:,}", f"{1e3 * each:.2f}", f"{1.0 / each:.0f}")
+    return table
+
+
+def _nothing(at: int) -> int:
+    return at
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--records", type=int, default=1000)
+    parser.add_argument("--only", choices=("speed", "memory", "kills", "workers", "scheduler"))
+    parser.add_argument("--go-on", nargs=2, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.go_on:
+        place, part = options.go_on
+        st.campaign(st.load_study(place), task("direct"), output=part, workers=2)
+        return
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        parts = {
+            "speed": lambda: speed(folder, options.records),
+            "memory": lambda: memory(folder, 10 * options.records),
+            "kills": lambda: kills(folder),
+            "workers": lambda: worker_kills(folder, options.records),
+            "scheduler": lambda: scheduler_load(5000),
+        }
+        for part, table in parts.items():
+            if options.only in (None, part):
+                Console(width=120).print(table())
+
+
+if __name__ == "__main__":
+    main()
