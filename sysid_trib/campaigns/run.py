@@ -96,11 +96,14 @@ def _client(workers: int | str, memory: str) -> Iterator[Any]:
     import dask
     from distributed import Client, LocalCluster
 
-    # What a worker has to say comes with its rows.
+    # What a worker has to say comes with its rows; profiles and logs of all that happened only grow.
     quiet = {
         "distributed.scheduler.allowed-failures": DEATHS,
         "distributed.comm.timeouts.connect": "10s",
+        "distributed.worker.profile.enabled": False,
         "distributed.admin.log-length": 100,
+        "distributed.admin.low-level-log-length": 100,
+        "distributed.admin.system-monitor.log-length": 100,
     }
     with dask.config.set(quiet):
         if isinstance(workers, str):

@@ -69,7 +69,9 @@ class Store:
                 _make(path, task, records, fingerprint, block)
             group: Any = zarr.open_group(path, mode="r+")
             begun_with = dict(group.attrs).get(FINGERPRINT)
-            self.group, self.block = group, int(group["status"].chunks[0])
+            # Opened once: each time takes as long as to write a record.
+            self.arrays: dict[str, Any] = dict(group.arrays())
+            self.block = int(self.arrays["status"].chunks[0])
         except (OSError, KeyError, ValueError) as error:
             reason = getattr(error, "strerror", None) or error
             raise RecordError(
@@ -85,14 +87,14 @@ class Store:
 
     def unfinished(self) -> list[Index]:
         """The records of each block that are still to be done; those whose worker died are tried again."""
-        status = self.group["status"][:]
+        status = self.arrays["status"][:]
         blocks = np.arange(len(status)) // self.block
         todo = np.flatnonzero((status == WAITING) | (status == LOST))
         return [todo[blocks[todo] == at] for at in np.unique(blocks[todo])]
 
     def without_result(self) -> int:
         """How many records were refused, or failed."""
-        return int(np.isin(self.group["status"][:], (REFUSED, FAILED)).sum())
+        return int(np.isin(self.arrays["status"][:], (REFUSED, FAILED)).sum())
 
     def write(self, at: Index, rows: Sequence[Row]) -> None:
         """Write the rows of records of one block.
@@ -106,14 +108,15 @@ class Store:
         chunk = slice(first, first + self.block)
         try:
             # Status last: a block counts when all of it is there.
-            for name in sorted((n for n in rows[0] if n in self.group), key=lambda name: name == "status"):
-                values = self.group[name][chunk] if len(at) < self.block else None
+            for name in sorted((n for n in rows[0] if n in self.arrays), key=lambda name: name == "status"):
+                array = self.arrays[name]
+                values = array[chunk] if len(at) < self.block else None
                 new = np.stack([np.asarray(row[name]) for row in rows])
                 if values is None or len(values) == len(at):
-                    values = new.astype(self.group[name].dtype)
+                    values = new.astype(array.dtype)
                 else:
                     values[at - first] = new
-                self.group[name][chunk] = values
+                array[chunk] = values
         except OSError as error:
             raise RecordError(
                 f"{self.path}: cannot be written ({error.strerror or error}); what was done is "
