@@ -158,6 +158,8 @@ def open_store(path: str | os.PathLike[str]) -> xr.Dataset:
             raise ValueError("no status of records")
     except (OSError, ValueError, KeyError) as error:
         raise RecordError(f"{path}: is no store of a campaign ({error}).") from None
+    # A directory lists its arrays in any order; the order of dims in what is printed is not to depend on it.
+    store = store[sorted(map(str, store.data_vars))]
     for array in store.variables.values():
         # No value is missing: what was not computed is nan, waiting, or an empty text.
         array.attrs.pop("_FillValue", None)
