@@ -10,12 +10,13 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.discrepancy.decimation import decimated
+from sysid_trib.discrepancy.evidence import evidence
 from sysid_trib.discrepancy.holdout import Prediction, improvements, predicted
 from sysid_trib.discrepancy.model_fit import FittedModel, refitted
 from sysid_trib.discrepancy.paths import RecordPath, path_of_run
 from sysid_trib.discrepancy.search import Search, search
 from sysid_trib.discrepancy.settings import DEFAULTS, Settings
-from sysid_trib.discrepancy.start_model import fit_start_model, recoloured
+from sysid_trib.discrepancy.start_model import colour_penalty, fit_start_model, recoloured
 from sysid_trib.discrepancy.to_xarray import groups_of
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import Force, ForceLibrary
@@ -110,10 +111,8 @@ def discover(
     tell("fit of the start model")
     start = fit_start_model(seen, model.forces, reference_frequency, settings)
     done = search(start, offered.forces, deadline=deadline, tell=tell)
-    if not done.effects and verdict_of(done) == "unknown effect":
-        tell("colour of the sensor's noise")
-        # What nothing explains may be noise of a colour that its few lines did not show.
-        done = search(recoloured(start), offered.forces, deadline=deadline, tell=tell)
+    if verdict_of(done) != "nothing missing":
+        done = _or_coloured_noise(done, start, offered.forces, deadline, tell)
     tell("hold-out")
     predictions = _predictions(done, runs, parts)
     if refit and not unseen:
@@ -143,6 +142,28 @@ def discover(
         "decimated": [run.attrs["decimated"] for run in runs if "decimated" in run.attrs],
     }
     return tree
+
+
+def _or_coloured_noise(
+    done: Search, start: FittedModel, candidates: Sequence[Force], deadline: float, tell: Tell
+) -> Search:
+    """The search beside noise of the likeliest colour, if that explains the record better.
+
+    What is named, or left, may be noise of a colour that the lines above the motion did not show.
+    """
+    tell("colour of the sensor's noise")
+    coloured = recoloured(start)
+    explained = verdict_of(done) == "explained"
+    beside = _cost(done.models[-1], done.effects) if explained else _cost(start, ())
+    if _cost(coloured, ()) > beside - start.settings.least_gain:
+        return done
+    again = search(coloured, candidates, deadline=deadline, tell=tell)
+    return min(done, again, key=lambda found: _cost(found.models[-1], found.effects))
+
+
+def _cost(model: FittedModel, effects: Sequence[str]) -> float:
+    """Minus twice the logarithm of the evidence of a model and of the colour of its noise."""
+    return evidence(model, effects) + colour_penalty(model)
 
 
 def _predictions(done: Search, runs: Sequence[xr.Dataset], parts: Sequence[xr.Dataset]) -> list[Prediction]:

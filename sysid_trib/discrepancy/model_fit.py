@@ -178,11 +178,18 @@ class FittedModel:
         return paths
 
     def next_trials(self, reach: float) -> list[TrialEffect]:
-        """The trials with their shapes a step further, of `reach` at most, within their ranges."""
+        """The trials with their shapes a step further, of `reach` at most, within their ranges.
+
+        No step changes an effect by more than its own size: a tangent does not hold so far. Of a frequency
+        that is a radian of its phase over the record.
+        """
         shapes = [dict(trial.shapes) for trial in self.trials]
+        sizes = np.sqrt(np.sum([np.sum(table**2, axis=0) for table in self.tables], axis=0))
         for at, name, column in self.shape_columns:
             trial, key = self.trials[at], f"{self.trials[at].force.symbol}.{name}"
-            step = np.clip(self.likelihood.coefficients[column], -reach, reach)
+            own_size = abs(self.coefficients[at]) * sizes[at] / max(sizes[column], np.finfo(float).tiny)
+            most = min(reach, own_size)
+            step = np.clip(self.likelihood.coefficients[column], -most, most)
             part = np.clip(to_unit(trial.force.shape[name], trial.shapes[key]) + step, 0.0, 1.0)
             shapes[at][key] = float(from_unit(trial.force.shape[name], part))
         return [replace(trial, shapes=table) for trial, table in zip(self.trials, shapes, strict=True)]

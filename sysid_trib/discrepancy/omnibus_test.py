@@ -1,15 +1,17 @@
 """Omnibus test: forces of any form, and lines in the spectrum, whatever their name or cause."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2, norm
 
 from sysid_trib.arrays import Array
-from sysid_trib.discrepancy.columns_beside import correlation_of, each_beside
+from sysid_trib.discrepancy.columns_beside import each_beside
 from sysid_trib.discrepancy.likelihood import Likelihood, RunProducts, likelihood
+from sysid_trib.discrepancy.model_fit import FittedModel
 from sysid_trib.discrepancy.paths import RecordPath
+from sysid_trib.discrepancy.simulated_gains import p_value_by_simulation
 from sysid_trib.noise.smoothing import KNOTS_PER_PERIOD
 
 TRIAL_POWERS = range(4)
@@ -29,8 +31,9 @@ class OmnibusTest:
     z : (trial_force,) array of float
         Score of each: the root of what it gains alone, with the sign of its coefficient.
     p_value : float
-        The smallest of those of all together, of the highest score, of the strongest line in the spectrum and
-        of the part of the record in which most is left, corrected for four tests.
+        The smallest of those of the highest score, of the strongest line in the spectrum, of the part of the
+        record in which most is left and, where these do not reject, of all together; corrected for four
+        tests.
     """
 
     names: tuple[str, ...]
@@ -61,8 +64,8 @@ def omnibus(
     base: Sequence[int],
     trials: Sequence[int],
     outside: Array,
+    model: FittedModel,
     whole: Likelihood,
-    residuals: Sequence[Array],
 ) -> OmnibusTest:
     """Test what a model leaves against forces of any form.
 
@@ -73,10 +76,9 @@ def omnibus(
         Columns of the model, and of the trial forces.
     outside : (trial_force,) array of float
         Part of each that the model's columns cannot make.
+    model : FittedModel
     whole : Likelihood
-        Of the model.
-    residuals : sequence of (row,) array of float
-        What it leaves of each run's rows, white and of unit variance.
+        Of its columns among the products.
 
     Notes
     -----
@@ -87,18 +89,20 @@ def omnibus(
     scores = np.sqrt(np.maximum(0.0, whole.deviance - single.deviance)) * np.sign(single.coefficients)
     z = np.where(outside > OUTSIDE, scores, 0.0)
     kept = [column for column, part in zip(trials, outside, strict=True) if part > OUTSIDE]
-    together = likelihood(products, [*base, *kept])
-    gain = max(0.0, whole.deviance - together.deviance)
-    rank = int(np.linalg.matrix_rank(correlation_of(together.covariance[len(base) :, len(base) :]), 1e-6))
-    gain *= _corrected(len(base), rank, sum(run.degrees_of_freedom for run in products))
+    gain = max(0.0, whole.deviance - likelihood(products, [*base, *kept]).deviance)
     largest = len(z) * 2.0 * float(norm.sf(np.max(np.abs(z))))
-    least = min(float(chi2.sf(gain, rank)), largest, _strongest_line(residuals), _largest_part(residuals))
+    residuals = model.white_residuals()
+    least = min(largest, _strongest_line(residuals), _largest_part(residuals))
+    # Chance gains more than a chi-square of their number: what it gains is simulated where that would decide.
+    if 4.0 * min(least, float(chi2.sf(gain, len(kept)))) < model.settings.level <= 4.0 * least:
+        columns = np.asarray(kept, dtype=int) - trials[0]
+        tables = [
+            np.column_stack([table, trial_columns(rows.path)[:, columns]])
+            for rows, table in zip(model.rows, model.tables, strict=True)
+        ]
+        same = [replace(run, products=run.of(np.array([*base, *kept]))) for run in products]
+        least = p_value_by_simulation(gain, model.rows, tables, same, len(base), whole, model.settings.seed)
     return OmnibusTest(trial_names(), z, min(1.0, 4.0 * least))
-
-
-def _corrected(base: int, rank: int, rows: float) -> float:
-    """Part of a gain that is a chi-square where columns are not few beside the rows (Bartlett 1937)."""
-    return max(0.0, 1.0 - (base + 0.5 * rank + 1.0) / rows)
 
 
 def _strongest_line(residuals: Sequence[Array]) -> float:

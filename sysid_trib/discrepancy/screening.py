@@ -144,7 +144,7 @@ def screen(model: FittedModel, candidates: Sequence[Force]) -> Screening:
     gains = np.maximum(0.0, gains)
     correlation = correlation_of(rest[: len(trials), : len(trials)])
     tests = independent_tests(correlation[np.ix_(able, able)], model.settings.seed)
-    test = omnibus(products, base, trial_forces, part[len(trials) :], whole, model.white_residuals())
+    test = omnibus(products, base, trial_forces, part[len(trials) :], model, whole)
     screening = Screening(
         model=model,
         trials=trials,

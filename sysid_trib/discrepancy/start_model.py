@@ -1,6 +1,6 @@
 """The start of a search: the model that is given, fitted beside both noises."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,6 +22,8 @@ from sysid_trib.regression.weak_form import coloured
 
 # Harmonics that the spline of a path follows, at least in part.
 ABOVE = 0.5 * KNOTS_PER_PERIOD + 2.0
+# Partial autocorrelation at which the deviance is computed for its slope where there is none.
+LITTLE_COLOUR = 0.05
 
 
 def fit_start_model(
@@ -71,7 +73,10 @@ def _likeliest_sensor(model: FittedModel, run: int) -> NoiseModel:
         return likelihood([coloured_rows.products(table)], columns)
 
     samples, best, filter_ = len(rows.path.time), np.inf, np.ones(1)
-    for order in range(MAX_COLOUR + 1):
+    # Most noise is white, and its spectrum says so: then a little colour is tried before a search.
+    shown = len(rows.path.sensor.filter_) > 1
+    shown = shown or gain_of_little_colour(lambda at: likelihood_of(at).deviance) > np.log(samples)
+    for order in range(MAX_COLOUR + 1 if shown else 1):
         start, given = np.eye(1, order + 1)[0], np.zeros(order + 1)
         given[: len(rows.path.sensor.filter_)] = rows.path.sensor.filter_[: order + 1]
         starts = [start, np.append(filter_, np.zeros(order + 1 - len(filter_))), given]
@@ -81,6 +86,26 @@ def _likeliest_sensor(model: FittedModel, run: int) -> NoiseModel:
         if deviance + order * np.log(samples) < best:
             best, filter_ = deviance + order * float(np.log(samples)), tried
     return NoiseModel(float(np.sqrt(likelihood_of(filter_).variances[0])), filter_)
+
+
+def gain_of_little_colour(deviance: Callable[[Array], float]) -> float:
+    """By how much the deviance of white noise would fall by the partial autocorrelation that shows most.
+
+    By its slope and its bend where there is none (Rao's score test).
+    `deviance` : of a whitening filter, (tap,).
+    """
+    white, gains = deviance(np.ones(1)), []
+    for lag in range(1, MAX_COLOUR + 1):
+        down, up = (deviance(np.append(np.eye(1, lag)[0], side)) for side in (LITTLE_COLOUR, -LITTLE_COLOUR))
+        slope, bend = up - down, up - 2.0 * white + down
+        gains.append(slope**2 / (8.0 * bend) if bend > 0.0 else np.inf)
+    return max(gains)
+
+
+def colour_penalty(model: FittedModel) -> float:
+    """What the colours of a model's noise cost beside its deviance (Bayesian information criterion)."""
+    paths = [rows.path for rows in model.rows]
+    return float(sum((len(path.sensor.filter_) - 1) * np.log(len(path.time)) for path in paths))
 
 
 def _first_path(run: xr.Dataset, frequency: float, settings: Settings) -> RecordPath:
