@@ -154,14 +154,14 @@ def _or_coloured_noise(
     tell("colour of the sensor's noise")
     coloured = recoloured(start)
     explained = verdict_of(done) == "explained"
-    beside = _cost(done.models[-1], done.effects) if explained else _cost(start, ())
-    if _cost(coloured, ()) > beside - start.settings.least_gain:
+    beside = _with_colour(done.models[-1], done.effects) if explained else _with_colour(start, ())
+    if _with_colour(coloured, ()) > beside - start.settings.least_gain:
         return done
     again = search(coloured, candidates, deadline=deadline, tell=tell)
-    return min(done, again, key=lambda found: _cost(found.models[-1], found.effects))
+    return min(done, again, key=lambda ended: _with_colour(ended.models[-1], ended.effects))
 
 
-def _cost(model: FittedModel, effects: Sequence[str]) -> float:
+def _with_colour(model: FittedModel, effects: Sequence[str]) -> float:
     """Minus twice the logarithm of the evidence of a model and of the colour of its noise."""
     return evidence(model, effects) + colour_penalty(model)
 

@@ -11,7 +11,7 @@ from sysid_trib.discrepancy.columns_beside import each_beside
 from sysid_trib.discrepancy.likelihood import Likelihood, RunProducts, likelihood
 from sysid_trib.discrepancy.model_fit import FittedModel
 from sysid_trib.discrepancy.paths import RecordPath
-from sysid_trib.discrepancy.simulated_gains import p_value_by_simulation
+from sysid_trib.discrepancy.simulated_gains import TestedRun, p_value_by_simulation
 from sysid_trib.noise.smoothing import KNOTS_PER_PERIOD
 
 TRIAL_POWERS = range(4)
@@ -95,13 +95,16 @@ def omnibus(
     least = min(largest, _strongest_line(residuals), _largest_part(residuals))
     # Chance gains more than a chi-square of their number: what it gains is simulated where that would decide.
     if 4.0 * min(least, float(chi2.sf(gain, len(kept)))) < model.settings.level <= 4.0 * least:
-        columns = np.asarray(kept, dtype=int) - trials[0]
-        tables = [
-            np.column_stack([table, trial_columns(rows.path)[:, columns]])
-            for rows, table in zip(model.rows, model.tables, strict=True)
+        tested = np.asarray(kept, dtype=int) - trials[0]
+        runs = [
+            TestedRun(
+                rows,
+                np.column_stack([table, trial_columns(rows.path)[:, tested]]),
+                replace(of_run, products=of_run.of(np.array([*base, *kept]))),
+            )
+            for rows, table, of_run in zip(model.rows, model.tables, products, strict=True)
         ]
-        same = [replace(run, products=run.of(np.array([*base, *kept]))) for run in products]
-        least = p_value_by_simulation(gain, model.rows, tables, same, len(base), whole, model.settings.seed)
+        least = p_value_by_simulation(gain, runs, len(base), whole, model.settings.seed)
     return OmnibusTest(trial_names(), z, min(1.0, 4.0 * least))
 
 

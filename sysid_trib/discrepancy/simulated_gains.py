@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -13,17 +14,19 @@ from sysid_trib.discrepancy.run_rows import RunRows
 from sysid_trib.regression.weak_form import cholesky_factor, whiten
 
 # Draws from which mean and variance of the gain are known to a sixth.
-DRAWS = 60
+ROWS_OF_NOISE = 60
+
+
+class TestedRun(NamedTuple):
+    """A run with the model's columns, then those tested, (row, column); and their products."""
+
+    rows: RunRows
+    table: Array
+    products: RunProducts
 
 
 def p_value_by_simulation(
-    gain: float,
-    rows: Sequence[RunRows],
-    tables: Sequence[Array],
-    products: Sequence[RunProducts],
-    base: int,
-    null: Likelihood,
-    seed: int,
+    gain: float, runs: Sequence[TestedRun], model_columns: int, null: Likelihood, seed: int
 ) -> float:
     """Probability that columns without effect gain as much.
 
@@ -31,13 +34,9 @@ def p_value_by_simulation(
     ----------
     gain : float
         By how much they lower the deviance of the record.
-    rows : sequence of RunRows
-    tables : sequence of (row, column) array of float
-        Of each run: the model's columns, then those tried.
-    products : sequence of RunProducts
-        Of the same columns.
-    base : int
-        Number of the model's.
+    runs : sequence of TestedRun
+    model_columns : int
+        Number of the model's columns.
     null : Likelihood
         Of the model.
     seed : int
@@ -49,17 +48,16 @@ def p_value_by_simulation(
     alone (parametric bootstrap; Satterthwaite 1946).
     """
     random = np.random.default_rng(seed)
+    deviations = np.sqrt(null.variances)
     drawn = [
-        _drawn(run, table, of_run, float(ratio), float(np.sqrt(variance)), random)
-        for run, table, of_run, ratio, variance in zip(
-            rows, tables, products, null.ratios, null.variances, strict=True
-        )
+        _of_noise(run, float(ratio), float(deviation), random)
+        for run, ratio, deviation in zip(runs, null.ratios, deviations, strict=True)
     ]
-    every = range(1, 1 + tables[0].shape[1])
+    every = range(1, 1 + runs[0].table.shape[1])
     gains = []
-    for runs in zip(*drawn, strict=True):
-        without = likelihood(runs, every[:base]).deviance
-        gains.append(max(0.0, without - likelihood(runs, every).deviance))
+    for products in zip(*drawn, strict=True):
+        without = likelihood(products, every[:model_columns]).deviance
+        gains.append(max(0.0, without - likelihood(products, every).deviance))
     mean, variance = float(np.mean(gains)), float(np.var(gains, ddof=1))
     if variance <= 0.0:
         return 1.0
@@ -67,20 +65,15 @@ def p_value_by_simulation(
     return float(chi2.sf(gain * degrees_of_freedom / mean, degrees_of_freedom))
 
 
-def _drawn(
-    rows: RunRows,
-    table: Array,
-    products: RunProducts,
-    ratio: float,
-    deviation: float,
-    random: np.random.Generator,
+def _of_noise(
+    run: TestedRun, ratio: float, deviation: float, random: np.random.Generator
 ) -> list[RunProducts]:
     """Products of a run with noise alone as the target, for each draw."""
-    gram = rows.path.form.gram
+    rows, table, products = run
+    gram, count = rows.path.form.gram, len(table)
     lower = cholesky_factor(rows.band, gram, ratio)
-    count = table.shape[0]
     factor = sp.diags_array(lower, offsets=-np.arange(len(lower)), shape=(count, count))
-    noise = deviation * (factor @ random.standard_normal((count, DRAWS)))
+    noise = deviation * (factor @ random.standard_normal((count, ROWS_OF_NOISE)))
     squares, cross = [], []
     for tried in products.ratios:
         white = whiten(cholesky_factor(rows.band, gram, float(tried)), np.column_stack([table, noise]))
@@ -89,12 +82,15 @@ def _drawn(
         cross.append(columns.T @ targets)
     of_squares, of_cross = np.array(squares), np.array(cross)
     # The level that the spectrum gives scatters as well.
-    rows_of_level = products.level_rows
-    scatter = random.chisquare(rows_of_level, DRAWS) / rows_of_level if rows_of_level else np.ones(DRAWS)
-    drawn = []
-    for at in range(DRAWS):
+    level_rows = products.level_rows
+    scatter = (
+        random.chisquare(level_rows, ROWS_OF_NOISE) / level_rows if level_rows else np.ones(ROWS_OF_NOISE)
+    )
+    of_draws = []
+    for draw in range(ROWS_OF_NOISE):
         whole = products.products.copy()
-        whole[:, 0, 0] = of_squares[:, at]
-        whole[:, 0, 1:] = whole[:, 1:, 0] = of_cross[:, :, at]
-        drawn.append(replace(products, products=whole, level=deviation * float(np.sqrt(scatter[at]))))
-    return drawn
+        whole[:, 0, 0] = of_squares[:, draw]
+        whole[:, 0, 1:] = whole[:, 1:, 0] = of_cross[:, :, draw]
+        level = deviation * float(np.sqrt(scatter[draw]))
+        of_draws.append(replace(products, products=whole, level=level))
+    return of_draws
