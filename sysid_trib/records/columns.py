@@ -10,7 +10,7 @@ from sysid_trib.decays.equilibrium import Swing
 from sysid_trib.decays.free_decay import swing_within
 from sysid_trib.errors import RecordError, SysidTribError, UsageError, did_you_mean
 from sysid_trib.records.clock import read_clock
-from sysid_trib.records.headers import is_time, names_quantity, split_header
+from sysid_trib.records.headers import counts_rows, is_time, names_quantity, split_header
 from sysid_trib.records.numbers import is_clock_time, is_numeric, numbers
 from sysid_trib.records.tables import FileTable
 from sysid_trib.records.units import INTEGRATIONS, SignalUnit, signal_unit
@@ -130,7 +130,9 @@ def _time_columns(table: FileTable) -> list[str]:
     ]
     if named or len(names) == 1:
         return named
-    rising = [name for name in names[:3] if _rises(table.columns[name])]
+    rising = [
+        name for name in names[:3] if _rises(table.columns[name]) and not counts_rows(split_header(name)[0])
+    ]
     # A number of the row stands before the time.
     if (
         len(rising) > 1

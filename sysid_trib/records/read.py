@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
-from sysid_trib.decays.cleaning import unwrapped
+from sysid_trib.decays.cleaning import spikes, unwrapped
 from sysid_trib.decays.equilibrium import find_swing
 from sysid_trib.decays.integration import integrated
 from sysid_trib.errors import RecordError, UsageError
@@ -18,7 +18,8 @@ from sysid_trib.records.assumed_units import assumed_unit, circle_radius, time_f
 from sysid_trib.records.clock import Clock, read_clock
 from sysid_trib.records.columns import Chosen, choose_columns, has_column
 from sysid_trib.records.expression import is_expression, with_expression
-from sysid_trib.records.headers import names_quantity, noted_rate, noted_unit, split_header
+from sysid_trib.records.headers import as_written, names_quantity, split_header
+from sysid_trib.records.notes import noted_rate, noted_unit
 from sysid_trib.records.numbers import numbers
 from sysid_trib.records.tables import FileTable, read_table
 from sysid_trib.records.units import (
@@ -208,7 +209,9 @@ def _read(table: FileTable, columns: Chosen, how: Reading, source: str) -> xr.Da
     time, values = clock.time[kept], values[clock.rows][kept]
     if values.size < 2:
         raise RecordError(f"{source}: a single sample is not a record.")
-    unit, why = _unit(table, columns, how, time, values, source)
+    # A bad sample says nothing of the unit.
+    calm = np.delete(np.arange(values.size), spikes(time, values))
+    unit, why = _unit(table, columns, how, time[calm], values[calm], source)
     values = values * unit.factor
     if unit.quantity == "angle":
         values, cuts = unwrapped(values, 2.0 * np.pi)
@@ -280,6 +283,7 @@ def _unit(
     # What an accelerometer feels is in the units of an acceleration.
     signal = "acceleration" if how.signal == ACCELEROMETER else how.signal
     base, in_header = split_header(name)
+    in_header = as_written(name, in_header)
     stated = signal_unit(table.units.get(name, "") or in_header or noted_unit(table.notes))
     given = None if how.units is None else signal_unit(how.units)
     if given and how.signal and given.quantity in ("angle", "displacement") and how.signal != given.quantity:

@@ -1,5 +1,6 @@
 """Tables of numbers in text, whatever its delimiter, decimal sign, header and comments."""
 
+import csv
 import re
 from io import StringIO
 from pathlib import Path
@@ -7,6 +8,8 @@ from pathlib import Path
 import pandas as pd
 
 from sysid_trib.errors import RecordError
+from sysid_trib.records.labels import plain_lines
+from sysid_trib.records.numbers import MISSING_TEXTS
 from sysid_trib.records.units import TIME_UNITS, plain_unit, signal_unit
 
 FORMATS = "text or CSV, MATLAB, Excel (.xlsx), netCDF, HDF5, Parquet, TDMS"
@@ -37,7 +40,7 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
         text = content.decode("utf-16" if wide else "utf-8-sig")
     except UnicodeDecodeError:
         text = content.decode("latin-1")
-    lines = text.splitlines()
+    lines = plain_lines(text)
     delimiter, start = _find_block(lines)
     if start is None:
         raise RecordError(f"{path.name}: no rows of numbers were found in it (other formats: {FORMATS}).")
@@ -51,7 +54,8 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
         delimiter, decimal = None, ","
     block = [line for line in lines[start:] if line.strip() and not _is_comment(line)]
     # What a logger writes below the numbers is no row of them.
-    while len(block) > 1 and not any(map(_is_number, _fields(block[-1], delimiter))):
+    usual = _fields(block[0], delimiter)
+    while len(block) > 1 and _is_summary(_fields(block[-1], delimiter), usual):
         block.pop()
     frame = pd.read_csv(
         StringIO("\n".join(block)),
@@ -87,8 +91,20 @@ def _is_comment(line: str) -> bool:
     return line.lstrip().startswith(("#", "%", "//", "!"))
 
 
+def _is_summary(row: list[str], usual: list[str]) -> bool:
+    """Whether a row holds a text where the others hold a number."""
+    numbers = [_is_number(item) for item in usual]
+    texts = [bool(item) and item.lower() not in MISSING_TEXTS and not _is_number(item) for item in row]
+    return not any(map(_is_number, row)) or any(a and b for a, b in zip(numbers, texts, strict=False))
+
+
 def _fields(line: str, delimiter: str | None) -> list[str]:
-    fields = [item.strip().strip("\"'").strip() for item in line.strip().split(delimiter)]
+    # An empty first cell is one.
+    line = line.strip(" \r\n") if delimiter == "\t" else line.strip()
+    parts = line.split(delimiter)
+    if '"' in line and delimiter is not None:
+        parts = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), parts)
+    fields = [item.strip().strip("\"'").strip() for item in parts]
     return fields[:-1] if len(fields) > 1 and not fields[-1] else fields
 
 
@@ -102,7 +118,7 @@ def _is_number(text: str) -> bool:
 
 def _find_block(lines: list[str]) -> tuple[str | None, int | None]:
     """Delimiter and first line of the numbers: the first line that is numbers alone, or else partly."""
-    for enough in (all, any):
+    for enough in (_all_numbers, _some_numbers):
         for start, line in enumerate(lines):
             if not line.strip() or _is_comment(line):
                 continue
@@ -110,11 +126,20 @@ def _find_block(lines: list[str]) -> tuple[str | None, int | None]:
                 if delimiter is not None and delimiter not in line:
                     continue
                 fields = _fields(line, delimiter)
-                if enough(map(_is_number, fields)) and _goes_on(
+                if enough(fields) and _goes_on(
                     lines[start + 1 : start + 9], delimiter, fields
                 ):
                     return delimiter, _first_row(lines, delimiter, start, len(fields))
     return None, None
+
+
+def _all_numbers(fields: list[str]) -> bool:
+    """Whether cells are numbers; the first one may be empty."""
+    return _is_number(fields[-1]) and all(not item or _is_number(item) for item in fields)
+
+
+def _some_numbers(fields: list[str]) -> bool:
+    return any(map(_is_number, fields))
 
 
 def _goes_on(lines: list[str], delimiter: str | None, fields: list[str]) -> bool:
@@ -154,13 +179,16 @@ def _header(before: list[str], delimiter: str | None, width: int) -> list[str] |
             and " " not in text.strip()
         ):
             fields = text.strip().split(".")
-        if len(fields) != width and not (len(fields) == 1 and delimiter == ","):
+        # A last column of comments may be empty throughout.
+        wider = not header and delimiter is not None and len(fields) > width
+        if len(fields) != width and not wider and not (len(fields) == 1 and delimiter == ","):
             break
         header.append(fields)
     if not header:
         return None
     bracketed = all(re.fullmatch(r"[\[(].*[\])]|", item) for item in header[0])
-    if len(header) == 2 and (bracketed or _are_units(header[0])):
+    names = len(header) == 2 and len(header[1]) == len(header[0]) and not any(map(_is_number, header[1]))
+    if names and (bracketed or _are_units(header[0])):
         units = [item if bracketed or not item else f"({item})" for item in header[0]]
         return [f"{name} {unit}".strip() for unit, name in zip(units, header[1], strict=True)]
     return header[0]
@@ -168,6 +196,9 @@ def _header(before: list[str], delimiter: str | None, width: int) -> list[str] |
 
 def _are_units(items: list[str]) -> bool:
     """Whether a line holds units alone, one of them that of time."""
+    # Sketches call their columns so.
+    if {"millis", "micros"} & {item.lower() for item in items}:
+        return False
     times = [item for item in items if plain_unit(item) in TIME_UNITS]
     others = [signal_unit(item) for item in items if item and item not in times]
     return bool(times) and len(items) > 1 and all(unit is not None and unit.known for unit in others)

@@ -7,18 +7,19 @@ import numpy as np
 
 STANDARD_GRAVITY = 9.80665
 TIME_UNITS = {
-    **dict.fromkeys(("s", "sec", "secs", "second", "seconds", "sek", "sekunden"), 1.0),
+    **dict.fromkeys(("s", "sec", "secs", "second", "seconds", "sek", "sekunden", "secondes", "segundos"), 1.0),
     **dict.fromkeys(("ms", "msec", "millis", "millisecond", "milliseconds"), 1e-3),
     **dict.fromkeys(("us", "µs", "usec", "micros", "microsecond", "microseconds"), 1e-6),
     **dict.fromkeys(("ns", "nanosecond", "nanoseconds"), 1e-9),
     **dict.fromkeys(("min", "minute", "minutes"), 60.0),
 }
 _TURN = 2.0 * np.pi
+DEGREES_ABROAD = ("degrés", "degres", "degré", "grados", "gradi", "graus", "graden", "grader", "stopnie")
 # Spellings by the name that results use.
 _ANGLES = {
     "rad": ("rad", "rads", "radian", "radians"),
     "mrad": ("mrad", "milliradian", "milliradians"),
-    "deg": ("deg", "degs", "degree", "degrees", "°", "º", "grad", "grade"),
+    "deg": ("deg", "deg.", "degs", "degree", "degrees", "°", "º", "grad", "grade", *DEGREES_ABROAD),
     "rev": ("rev", "revs", "turn", "turns", "revolutions"),
 }
 _RADIANS = {"rad": 1.0, "mrad": 1e-3, "deg": _TURN / 360.0, "rev": _TURN}
@@ -28,7 +29,7 @@ _POSITIONS = {
     "m": ("m", "metre", "meter", "metres", "meters"),
     "cm": ("cm", "centimetre", "centimeter"),
     "mm": ("mm", "millimetre", "millimeter"),
-    "µm": ("um", "µm", "micron", "microns"),
+    "µm": ("um", "µm", "micron", "microns", "micrometer", "micrometre"),
     "nm": ("nm",),
     "in": ("in", "inch", "inches"),
     "px": ("px", "pix", "pixel", "pixels"),
