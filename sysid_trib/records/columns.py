@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid_trib.arrays import Array
-from sysid_trib.decays.cleaning import unwrapped
+from sysid_trib.decays.cleaning import unwrapped, unwrapped_anywhere
 from sysid_trib.decays.equilibrium import Swing
 from sysid_trib.decays.free_decay import swing_within
 from sysid_trib.errors import RecordError, SysidTribError, UsageError, did_you_mean
@@ -187,7 +187,7 @@ def _candidate(table: FileTable, name: str, time: str | None, source: str) -> _C
         whole, _ = unwrapped(
             values[clock.rows][good], 360.0 if np.nanmax(np.abs(values)) > 10.0 else 2.0 * np.pi
         )
-        swing = swing_within(clock.time[good], whole)
+        swing = swing_within(clock.time[good], unwrapped_anywhere(whole)[0])
     except SysidTribError:
         pass
     return _Candidate(name, base, signal_unit(table.units.get(name, "") or unit), values, swing)

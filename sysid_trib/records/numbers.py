@@ -63,14 +63,16 @@ def is_numeric(values: Any) -> bool:
     if values.dtype.kind in "fiub":
         return True
     first = values[:MOST_LOOKED_AT].tolist()
-    return not is_clock_time(values) and sum(map(_is_a_number, first)) * 2 > len(first)
+    return not is_clock_time(values) and sum(map(is_number, first)) * 2 > len(first)
 
 
-def _is_a_number(value: object) -> bool:
+def is_number(value: object) -> bool:
+    """Whether a text is a number, with a decimal point or comma."""
     try:
-        return float(str(value).replace(",", ".")) is not None
+        float(str(value).replace(",", ".", 1))
     except ValueError:
         return False
+    return True
 
 
 def is_clock_time(values: Any) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
-from sysid_trib.decays.cleaning import spikes, unwrapped
+from sysid_trib.decays.cleaning import spikes, unwrapped, unwrapped_anywhere
 from sysid_trib.decays.equilibrium import find_swing
 from sysid_trib.decays.integration import integrated
 from sysid_trib.errors import RecordError, UsageError
@@ -216,6 +216,10 @@ def _read(table: FileTable, columns: Chosen, how: Reading, source: str) -> xr.Da
     if unit.quantity == "angle":
         values, cuts = unwrapped(values, 2.0 * np.pi)
         said += [f"put together again where it was cut at a whole turn ({cuts} times)"] if cuts else []
+    elif unit.quantity == "displacement":
+        values, turn, cuts = unwrapped_anywhere(values)
+        joined = f"put together again where it was cut at the end of its range ({cuts} times, {turn:.6g} {unit.text})"
+        said += [joined] if cuts else []
     attrs: dict[str, Any] = {
         "source": source,
         "signal": unit.quantity,

@@ -9,7 +9,7 @@ import pandas as pd
 
 from sysid_trib.errors import RecordError
 from sysid_trib.records.labels import plain_lines
-from sysid_trib.records.numbers import MISSING_TEXTS
+from sysid_trib.records.numbers import MISSING_TEXTS, is_number
 from sysid_trib.records.units import TIME_UNITS, plain_unit, signal_unit
 
 FORMATS = "text or CSV, MATLAB, Excel (.xlsx), netCDF, HDF5, Parquet, TDMS"
@@ -93,9 +93,9 @@ def _is_comment(line: str) -> bool:
 
 def _is_summary(row: list[str], usual: list[str]) -> bool:
     """Whether a row holds a text where the others hold a number."""
-    numbers = [_is_number(item) for item in usual]
-    texts = [bool(item) and item.lower() not in MISSING_TEXTS and not _is_number(item) for item in row]
-    return not any(map(_is_number, row)) or any(a and b for a, b in zip(numbers, texts, strict=False))
+    numbers = [is_number(item) for item in usual]
+    texts = [bool(item) and item.lower() not in MISSING_TEXTS and not is_number(item) for item in row]
+    return not any(map(is_number, row)) or any(a and b for a, b in zip(numbers, texts, strict=False))
 
 
 def _fields(line: str, delimiter: str | None) -> list[str]:
@@ -106,14 +106,6 @@ def _fields(line: str, delimiter: str | None) -> list[str]:
         parts = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), parts)
     fields = [item.strip().strip("\"'").strip() for item in parts]
     return fields[:-1] if len(fields) > 1 and not fields[-1] else fields
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text.replace(",", ".", 1))
-    except ValueError:
-        return False
-    return True
 
 
 def _find_block(lines: list[str]) -> tuple[str | None, int | None]:
@@ -135,11 +127,11 @@ def _find_block(lines: list[str]) -> tuple[str | None, int | None]:
 
 def _all_numbers(fields: list[str]) -> bool:
     """Whether cells are numbers; the first one may be empty."""
-    return _is_number(fields[-1]) and all(not item or _is_number(item) for item in fields)
+    return is_number(fields[-1]) and all(not item or is_number(item) for item in fields)
 
 
 def _some_numbers(fields: list[str]) -> bool:
-    return any(map(_is_number, fields))
+    return any(map(is_number, fields))
 
 
 def _goes_on(lines: list[str], delimiter: str | None, fields: list[str]) -> bool:
@@ -159,7 +151,7 @@ def _first_row(lines: list[str], delimiter: str | None, start: int, width: int) 
         if len(fields) < width:
             # The last cell may be empty.
             fields = lines[start - 1].split(delimiter)
-        if len(fields) != width or 2 * sum(_is_number(item) for item in fields) < width:
+        if len(fields) != width or 2 * sum(is_number(item) for item in fields) < width:
             break
         start -= 1
     return start
@@ -184,14 +176,26 @@ def _header(before: list[str], delimiter: str | None, width: int) -> list[str] |
         if len(fields) != width and not wider and not (len(fields) == 1 and delimiter == ","):
             break
         header.append(fields)
-    if not header:
+    return header_names(header[::-1])
+
+
+def header_names(rows: list[list[str]]) -> list[str] | None:
+    """Names of columns from the last rows above the numbers, two at most; the last may hold units alone.
+
+    Parameters
+    ----------
+    rows : list of list of str
+        In the order of the file.
+    """
+    if not rows:
         return None
-    bracketed = all(re.fullmatch(r"[\[(].*[\])]|", item) for item in header[0])
-    names = len(header) == 2 and len(header[1]) == len(header[0]) and not any(map(_is_number, header[1]))
-    if names and (bracketed or _are_units(header[0])):
-        units = [item if bracketed or not item else f"({item})" for item in header[0]]
-        return [f"{name} {unit}".strip() for unit, name in zip(units, header[1], strict=True)]
-    return header[0]
+    last, above = rows[-1], rows[-2] if len(rows) > 1 else []
+    bracketed = any(last) and all(re.fullmatch(r"[\[(].*[\])]|", item) for item in last)
+    named = len(above) == len(last) and not any(map(is_number, above)) and bool(above and above[-1])
+    if named and (bracketed or _are_units(last)):
+        units = [item if bracketed or not item else f"({item})" for item in last]
+        return [f"{name} {unit}".strip() for unit, name in zip(units, above, strict=True)]
+    return last
 
 
 def _are_units(items: list[str]) -> bool:
