@@ -2,9 +2,9 @@
 
     python -m benchmarks.contact [--seed N] [--draws N] [--only WORD] [--keep FOLDER]
 
-Each kind of file is drawn `--draws` times: numbers, spellings and layouts differ. What is right of it is known before
-it is read: quantity, unit, number of decays, period (1 %), rate of decay (12 %), first amplitude (12 %); or a word of
-the cause for which it is to be refused. A file is read in about 0.1 s.
+Each kind of file is drawn `--draws` times: numbers, spellings and layouts differ. What is right of it is known
+before it is read: quantity, unit, number of decays, period (1 %), rate of decay (12 %), first amplitude (12 %);
+or a word of the cause for which it is to be refused. A file is read in about 0.1 s.
 """
 
 import argparse
@@ -91,7 +91,10 @@ def main() -> None:
             count += given.draws
             kinds += not failed
         total = sum(given.only in name for name in KINDS)
-    print(f"seed {given.seed}: {good} of {count} files as they should be; {kinds} of {total} kinds in every draw")
+    print(
+        f"seed {given.seed}: {good} of {count} files as they should be; {kinds} of {total} kinds in every "
+        "draw"
+    )
 
 
 if __name__ == "__main__":

@@ -46,10 +46,22 @@ def _(path: Path, draw: Draw) -> Right:
 def _(path: Path, draw: Draw) -> Right:
     motion = swing(draw, samples=(25, 40), falls=6.0)
     v = motion.v + draw.noise(motion.v.size, 0.005)
-    rows = [list(row) for row in zip(motion.time.tolist(), (0.01 * v).tolist(), v.tolist(), (0.02 * v).tolist(), strict=True)]
+    rows = [
+        list(row)
+        for row in zip(
+            motion.time.tolist(), (0.01 * v).tolist(), v.tolist(), (0.02 * v).tolist(), strict=True
+        )
+    ]
     head = ["Time (s)", "Gyroscope x (rad/s)", "Gyroscope y (rad/s)", "Gyroscope z (rad/s)"]
     times = [["event", "experiment time", "system time"], ["START", 0.0, 1.55e9], ["PAUSE", 60.0, 1.55e9]]
-    book(path, {"Raw Data": [head, *rows], "Metadata Device": [["property", "value"], ["version", "1.1.8"]], "Metadata Time": times})
+    book(
+        path,
+        {
+            "Raw Data": [head, *rows],
+            "Metadata Device": [["property", "value"], ["version", "1.1.8"]],
+            "Metadata Time": times,
+        },
+    )
     return motion.right("rate", "rad/s")
 
 
@@ -60,9 +72,15 @@ def _(path: Path, draw: Draw) -> Right:
     begin = datetime(2019, 3, 12, 14, 2, 33)
     texts = draw.pick(True, False)
     if texts:
-        rows = [[f"{t:.3f}".replace(".", ","), f"{v:.3f}".replace(".", ",")] for t, v in zip(motion.time, x, strict=True)]
+        rows = [
+            [f"{t:.3f}".replace(".", ","), f"{v:.3f}".replace(".", ",")]
+            for t, v in zip(motion.time, x, strict=True)
+        ]
     else:
-        rows = [[begin + timedelta(milliseconds=round(1000 * t)), v] for t, v in zip(motion.time, x.tolist(), strict=True)]
+        rows = [
+            [begin + timedelta(milliseconds=round(1000 * t)), v]
+            for t, v in zip(motion.time, x.tolist(), strict=True)
+        ]
     book(path, {"Tabelle1": [["Zeit (s)" if texts else "Zeit", "Winkel (°)"], *rows]})
     return motion.right("angle", "deg")
 
@@ -75,7 +93,13 @@ def _(path: Path, draw: Draw) -> Right:
     content = draw.pick(
         {"t": column(motion.time), "theta": column(x)},
         {"data": {"time": column(motion.time), "angle": column(x)}},
-        {"ScopeData": {"time": motion.time[:, None], "signals": {"values": x[:, None], "label": "theta"}, "blockName": "m/Scope"}},
+        {
+            "ScopeData": {
+                "time": motion.time[:, None],
+                "signals": {"values": x[:, None], "label": "theta"},
+                "blockName": "m/Scope",
+            }
+        },
         {"theta": column(x), "Fs": float(motion.rate)},
         {"theta": column(x), "Ts": 1.0 / motion.rate},
         {"exp": {"theta": column(x), "dt": 1.0 / motion.rate, "m": 0.25}},
@@ -136,8 +160,15 @@ def _(path: Path, draw: Draw) -> Right:
     motion = swing(draw)
     unit, scale = draw.pick(("degrees", DEG), ("rad", 1.0), ("degree", DEG))
     x = (motion.x + draw.noise(motion.x.size, 1e-3)) * scale
-    factor, clock = draw.pick((1.0, "s"), (1e3, "milliseconds"), (1.0, "seconds since 2019-03-12 14:00:00"), (1e3, "milliseconds since 2019-03-12"))
-    data = xr.Dataset({"theta": ("time", x, {"units": unit})}, {"time": ("time", factor * motion.time, {"units": clock})})
+    factor, clock = draw.pick(
+        (1.0, "s"),
+        (1e3, "milliseconds"),
+        (1.0, "seconds since 2019-03-12 14:00:00"),
+        (1e3, "milliseconds since 2019-03-12"),
+    )
+    data = xr.Dataset(
+        {"theta": ("time", x, {"units": unit})}, {"time": ("time", factor * motion.time, {"units": clock})}
+    )
     if draw.pick(True, False):
         data["temperature"] = ("time", 21 + 0.001 * motion.time, {"units": "degC"})
     data.to_netcdf(path, engine="h5netcdf")

@@ -23,7 +23,9 @@ def held_by_hand(draw: Draw, motion: Swing, release: float) -> Array:
     x = motion.x.copy()
     before = motion.time < release
     s = np.clip(motion.time[before] / (0.8 * release), 0, 1)
-    wobble = 0.15 * motion.start * np.sin(np.pi * s) * np.sin(draw.rng.uniform(9, 12) * s + draw.rng.uniform(0, 6))
+    wobble = (
+        0.15 * motion.start * np.sin(np.pi * s) * np.sin(draw.rng.uniform(9, 12) * s + draw.rng.uniform(0, 6))
+    )
     x[before] = motion.start * s * s * (3 - 2 * s) + wobble
     return x
 
@@ -103,7 +105,11 @@ def _(path: Path, draw: Draw) -> Right:
     motion = swing(draw, falls=5.0)
     end = motion.time[-1] * draw.within(0.7, 0.9)
     rest = draw.within(-0.05, 0.05)
-    x = np.where(motion.time < end, motion.x, rest + (motion.x - rest) * np.exp(-np.maximum(motion.time - end, 0) / (0.1 * motion.period)))
+    x = np.where(
+        motion.time < end,
+        motion.x,
+        rest + (motion.x - rest) * np.exp(-np.maximum(motion.time - end, 0) / (0.1 * motion.period)),
+    )
     extra = np.arange(int(5 * motion.rate)) / motion.rate
     time = np.concatenate([motion.time, motion.time[-1] + 1 / motion.rate + extra])
     save(path, draw, time, noisy(draw, np.concatenate([x, np.full(extra.size, rest)])))
@@ -112,13 +118,20 @@ def _(path: Path, draw: Draw) -> Right:
 
 @kind("stop_by_friction", "stopped by dry friction, away from the middle, and a long rest")
 def _(path: Path, draw: Draw) -> Right:
-    period, start, zeta, lam = draw.within(0.6, 2.0), draw.within(0.2, 0.5), draw.within(0.001, 0.004), draw.within(1e-3, 4e-3)
+    period, start, zeta, lam = (
+        draw.within(0.6, 2.0),
+        draw.within(0.2, 0.5),
+        draw.within(0.001, 0.004),
+        draw.within(1e-3, 4e-3),
+    )
     time, x = _dry(period, start, zeta, lam, draw.within(40, 90), draw.within(10, 30))
     save(path, draw, time, noisy(draw, x, 5e-4))
     return Right("angle", "rad", period, amplitude=start)
 
 
-def _dry(period: float, start: float, zeta: float, lam: float, samples: float, rest: float) -> tuple[Array, Array]:
+def _dry(
+    period: float, start: float, zeta: float, lam: float, samples: float, rest: float
+) -> tuple[Array, Array]:
     """Half periods about +-lam, each viscous; then held."""
     w = 2 * np.pi / period
     half = np.pi / w
@@ -143,7 +156,9 @@ def _(path: Path, draw: Draw) -> Right:
     motion = swing(draw)
     x = noisy(draw, motion.x)
     count = draw.pick(1, 3, 8)
-    x[draw.rng.choice(x.size, count, replace=False)] += draw.rng.uniform(1, 8, count) * draw.rng.choice([-1, 1], count)
+    x[draw.rng.choice(x.size, count, replace=False)] += draw.rng.uniform(1, 8, count) * draw.rng.choice(
+        [-1, 1], count
+    )
     if draw.pick(True, False):
         x[0] = draw.pick(0.0, 9.99, -5.0)
     save(path, draw, motion.time, x)
@@ -162,7 +177,9 @@ def _(path: Path, draw: Draw) -> Right:
 @kind("wrapped", "cut at 180, 360 deg, pi or 2 pi")
 def _(path: Path, draw: Draw) -> Right:
     motion = swing(draw, start=(0.3, 0.9))
-    turn, low, unit = draw.pick((360.0, -180.0, "deg"), (360.0, 0.0, "deg"), (2 * np.pi, -np.pi, "rad"), (2 * np.pi, 0.0, "rad"))
+    turn, low, unit = draw.pick(
+        (360.0, -180.0, "deg"), (360.0, 0.0, "deg"), (2 * np.pi, -np.pi, "rad"), (2 * np.pi, 0.0, "rad")
+    )
     scale = DEG if unit == "deg" else 1.0
     centre = low + draw.pick(0.0, 0.0, 0.02, -0.02) * turn
     x = (scale * noisy(draw, motion.x) + centre - low) % turn + low
@@ -232,7 +249,11 @@ def _(path: Path, draw: Draw) -> Right:
     time = np.arange(x.size) / motion.rate
     push = np.where(np.arange(x.size) < count, draw.within(1, 20) * np.sin(w * time), 0.0)
     if draw.pick(True, False):
-        write(path, cells("%.4f %.4f %.5f", time, push, x), draw.pick("Time (s),Motor (V),Angle (rad)", "t [s],Drive [V],Theta [rad]"))
+        write(
+            path,
+            cells("%.4f %.4f %.5f", time, push, x),
+            draw.pick("Time (s),Motor (V),Angle (rad)", "t [s],Drive [V],Theta [rad]"),
+        )
     else:
         save(path, draw, time, x)
     return motion.right("angle", "rad")
@@ -243,7 +264,10 @@ def _(path: Path, draw: Draw) -> Right:
     motion = swing(draw)
     x = noisy(draw, motion.x)
     filtered = np.convolve(np.pad(x, 2, mode="edge"), np.ones(5) / 5, "valid")
-    head = draw.pick("Time (s),Angle (rad),Angle filtered (rad),Angular velocity (rad/s),Angular acceleration (rad/s^2)", "t [s],theta [rad],theta_f [rad],omega [rad/s],alpha [rad/s²]")
+    head = draw.pick(
+        "Time (s),Angle (rad),Angle filtered (rad),Angular velocity (rad/s),Angular acceleration (rad/s^2)",
+        "t [s],theta [rad],theta_f [rad],omega [rad/s],alpha [rad/s²]",
+    )
     write(path, cells("%.4f %.5f %.5f %.4f %.3f", motion.time, x, filtered, motion.v, motion.a), head)
     return motion.right("angle", "rad")
 
@@ -259,7 +283,12 @@ def _(path: Path, draw: Draw) -> Right:
 @kind("resting_sensor", "another sensor that rests, or only hums")
 def _(path: Path, draw: Draw) -> Right:
     motion = swing(draw)
-    other = draw.pick(draw.noise(motion.x.size, 0.002), 0.01 * np.sin(37.0 * motion.time), np.zeros(motion.x.size), 20 + 0.001 * motion.time)
+    other = draw.pick(
+        draw.noise(motion.x.size, 0.002),
+        0.01 * np.sin(37.0 * motion.time),
+        np.zeros(motion.x.size),
+        20 + 0.001 * motion.time,
+    )
     head = draw.pick("Time (s),Ch 1 (V),Ch 2 (V)", "t [s],U1 [V],U2 [V]", "t/s,Sensor A / V,Sensor B / V")
     columns = [other, 3.0 * noisy(draw, motion.x)]
     if draw.pick(True, False):
@@ -271,8 +300,16 @@ def _(path: Path, draw: Draw) -> Right:
 @kind("temperature", "temperature, humidity and battery beside an angle")
 def _(path: Path, draw: Draw) -> Right:
     motion = swing(draw)
-    columns = 21 + 0.01 * np.cumsum(draw.noise(motion.x.size, 0.1)), noisy(draw, motion.x) * DEG, 3.9 - motion.time / 1e4
-    write(path, cells("%.4f %.2f %.3f %.3f", motion.time, *columns), "time (s),temp (°C),angle (deg),battery (V)")
+    columns = (
+        21 + 0.01 * np.cumsum(draw.noise(motion.x.size, 0.1)),
+        noisy(draw, motion.x) * DEG,
+        3.9 - motion.time / 1e4,
+    )
+    write(
+        path,
+        cells("%.4f %.2f %.3f %.3f", motion.time, *columns),
+        "time (s),temp (°C),angle (deg),battery (V)",
+    )
     return motion.right("angle", "deg")
 
 
@@ -338,7 +375,11 @@ def _(path: Path, draw: Draw) -> Right:
     light = np.exp(-((motion.x / (0.06 * motion.start)) ** 4))
     low, high = draw.pick((92.0, 18.0), (0.0, 5.0), (5.0, 0.1))
     x = low + (high - low) * light
-    write(path, cells("%.4f %.3f", motion.time, x + draw.noise(x.size, 0.01)), draw.pick("Time (s),Light Intensity (%)", "t [s],Gate [V]", "time,U (V)"))
+    write(
+        path,
+        cells("%.4f %.3f", motion.time, x + draw.noise(x.size, 0.01)),
+        draw.pick("Time (s),Light Intensity (%)", "t [s],Gate [V]", "time,U (V)"),
+    )
     return Right(words=("pulse", "light barrier"))
 
 
@@ -359,5 +400,7 @@ def _(path: Path, draw: Draw) -> Right:
 
 @kind("texts_only", "a file of words")
 def _(path: Path, draw: Draw) -> Right:
-    path.write_text("Protocol of the lab course\nWe measured a pendulum.\nSee the other file.\n", encoding="utf-8")
+    path.write_text(
+        "Protocol of the lab course\nWe measured a pendulum.\nSee the other file.\n", encoding="utf-8"
+    )
     return Right(words=("no rows of numbers",))

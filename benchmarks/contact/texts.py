@@ -104,7 +104,10 @@ def _(path: Path, draw: Draw) -> Right:
     group = draw.pick("Latest: ", "Run 1: ", "Data Set: ", "Data Set 1:")
     sep = draw.pick(",", "\t")
     space = draw.pick(" ", "")
-    head = sep.join(f'"{group}{text}"' for text in (f"Time{space}(s)", f"Angle{space}({unit})", f"Velocity{space}({unit}/s)"))
+    head = sep.join(
+        f'"{group}{text}"'
+        for text in (f"Time{space}(s)", f"Angle{space}({unit})", f"Velocity{space}({unit}/s)")
+    )
     columns = motion.time, fine(draw, motion.x, scale), scale * motion.v
     write(path, cells("%.4f %.5f %.4f", *columns), head, sep, end="\r\n")
     return motion.right("angle", "rad" if unit == "rad" else "deg")
@@ -114,7 +117,8 @@ def _(path: Path, draw: Draw) -> Right:
 def _(path: Path, draw: Draw) -> Right:
     motion = swing(draw)
     unit, scale = draw.pick(("m", 0.1), ("cm", 8.0), ("mm", 30.0))
-    head = f"Vernier Format 2\nrun.txt 10/1/2019 14:02:33 .\nRun {draw.pick(1, 3)}\nTime\tPosition\tVelocity\nt\tx\tv\ns\t{unit}\t{unit}/s\n"
+    head = f"Vernier Format 2\nrun.txt 10/1/2019 14:02:33 .\nRun {draw.pick(1, 3)}\n"
+    head += f"Time\tPosition\tVelocity\nt\tx\tv\ns\t{unit}\t{unit}/s\n"
     columns = motion.time, scale * 4.0 + fine(draw, motion.x, scale), scale * motion.v
     write(path, cells("%.4f %.5f %.5f", *columns), head, "\t", end="\r\n")
     return motion.right("displacement", unit, scale)
@@ -167,8 +171,12 @@ def _(path: Path, draw: Draw) -> Right:
     axes = [0.002 * motion.v + 0.01 * k + draw.noise(motion.v.size, 0.004) for k in range(3)]
     axes[axis] = motion.v + draw.noise(motion.v.size, 0.004)
     axes.append(np.sqrt(sum(a**2 for a in axes)))
-    head = sep.join(f'"{text}"' for text in ("Time (s)", *(f"Gyroscope {a} (rad/s)" for a in "xyz"), "Absolute (rad/s)"))
-    write(path, cells("%.9e " * 5, motion.time, *axes), head, sep, comma=sep == ";" and draw.pick(True, False))
+    head = sep.join(
+        f'"{text}"' for text in ("Time (s)", *(f"Gyroscope {a} (rad/s)" for a in "xyz"), "Absolute (rad/s)")
+    )
+    write(
+        path, cells("%.9e " * 5, motion.time, *axes), head, sep, comma=sep == ";" and draw.pick(True, False)
+    )
     return motion.right("rate", "rad/s")
 
 
@@ -180,7 +188,14 @@ def _(path: Path, draw: Draw) -> Right:
     axes = [0.02 * a + 0.1 + draw.noise(a.size, 0.02) for _ in range(3)]
     axes[axis] = GRAVITY + a
     axes.append(np.sqrt(sum(one**2 for one in axes)))
-    head = ",".join(f'"{text}"' for text in ("Time (s)", *(f"Acceleration {k} (m/s^2)" for k in "xyz"), "Absolute acceleration (m/s^2)"))
+    head = ",".join(
+        f'"{text}"'
+        for text in (
+            "Time (s)",
+            *(f"Acceleration {k} (m/s^2)" for k in "xyz"),
+            "Absolute acceleration (m/s^2)",
+        )
+    )
     write(path, cells("%.9e " * 5, motion.time, *axes), head)
     return motion.right("acceleration", "m/s^2")
 
@@ -189,11 +204,24 @@ def _(path: Path, draw: Draw) -> Right:
 def _(path: Path, draw: Draw) -> Right:
     motion = swing(draw)
     name, unit, scale, quantity = draw.pick(
-        ("α", "°", DEG, "angle"), ("β", "°", DEG, "angle"), ("φ", "rad", 1.0, "angle"), ("s_A1", "mm", 40.0, "displacement"), ("U_B1", "V", 3.0, "displacement")
+        ("α", "°", DEG, "angle"),
+        ("β", "°", DEG, "angle"),
+        ("φ", "rad", 1.0, "angle"),
+        ("s_A1", "mm", 40.0, "displacement"),
+        ("U_B1", "V", 3.0, "displacement"),
     )
     note = draw.pick("", "MIN=0\tMAX=20\nDEC=3\n")
-    write(path, cells("%.3f %.5f", motion.time, fine(draw, motion.x, scale)), f"{note}t / s\t{name} / {unit}", "\t", comma=True, encoding=draw.pick("utf-8", "utf-16"))
-    return motion.right(quantity, "deg" if unit == "°" else unit, scale if quantity == "displacement" else 1.0)
+    write(
+        path,
+        cells("%.3f %.5f", motion.time, fine(draw, motion.x, scale)),
+        f"{note}t / s\t{name} / {unit}",
+        "\t",
+        comma=True,
+        encoding=draw.pick("utf-8", "utf-16"),
+    )
+    return motion.right(
+        quantity, "deg" if unit == "°" else unit, scale if quantity == "displacement" else 1.0
+    )
 
 
 @kind("arduino_monitor", "Arduino's serial monitor: clock times and an arrow before the values")
@@ -201,8 +229,18 @@ def _(path: Path, draw: Draw) -> Right:
     motion = swing(draw, clock=draw.pick(50.0, 100.0))
     stamps = [f"14:{int(s // 60) + 2:02d}:{s % 60:06.3f}" for s in motion.time]
     adc = np.round(512 + 400 * motion.x)
-    write(path, [[f"{s} -> {v:.0f}"] for s, v in zip(stamps, adc, strict=True)], draw.pick("", "14:01:58.001 -> Calibrating", "14:01:58.001 -> ready"))
-    return motion.right("angle", "", np.nan, options={"units": "counts"}) if False else Right("displacement", "au", motion.period, motion.zeta, 400 * motion.start, options={"units": "counts"})
+    write(
+        path,
+        [[f"{s} -> {v:.0f}"] for s, v in zip(stamps, adc, strict=True)],
+        draw.pick("", "14:01:58.001 -> Calibrating", "14:01:58.001 -> ready"),
+    )
+    return (
+        motion.right("angle", "", np.nan, options={"units": "counts"})
+        if False
+        else Right(
+            "displacement", "au", motion.period, motion.zeta, 400 * motion.start, options={"units": "counts"}
+        )
+    )
 
 
 @kind("arduino_log", "Arduino: a greeting, then millis and counts")
@@ -243,35 +281,77 @@ def _lvm(path: Path, draw: Draw, motion: object, values: np.ndarray, *, times: b
     step = f"{1.0 / motion.rate:.6f}".replace(".", sign)  # type: ignore[attr-defined]
     head = (
         "LabVIEW Measurement\t\nWriter_Version\t2\nReader_Version\t2\nSeparator\tTab\n"
-        f"Decimal_Separator\t{sign}\nMulti_Headings\tYes\nX_Columns\t{'One' if times else 'No'}\nTime_Pref\tRelative\n"
+        f"Decimal_Separator\t{sign}\nMulti_Headings\tYes\nX_Columns\t"
+        f"{'One' if times else 'No'}\nTime_Pref\tRelative\n"
         "Operator\tlab\nDate\t2019/03/12\nTime\t14:02:33,1234567\n***End_of_Header***\t\n\t\nChannels\t1\t\n"
-        f"Samples\t{values.size}\t\nDate\t2019/03/12\t\nTime\t14:02:33,1234567\t\nY_Unit_Label\tVolts\t\nX_Dimension\tTime\t\n"
+        f"Samples\t{values.size}\t\nDate\t2019/03/12\t\nTime\t14:02:33,1234567\t\n"
+        "Y_Unit_Label\tVolts\t\nX_Dimension\tTime\t\n"
         f"X0\t0{sign}0000000000000000E+0\t\nDelta_X\t{step}\t\n***End_of_Header***\t\t\nX_Value\tVoltage\tComment"
     )
     stamps = [f"{t:.6f}" for t in motion.time] if times else [""] * values.size  # type: ignore[attr-defined]
-    write(path, [[t, f"{v:.6f}"] for t, v in zip(stamps, values, strict=True)], head, "\t", comma=comma, end="\r\n")
+    write(
+        path,
+        [[t, f"{v:.6f}"] for t, v in zip(stamps, values, strict=True)],
+        head,
+        "\t",
+        comma=comma,
+        end="\r\n",
+    )
 
 
 LANGUAGES = (
-    ("Zeit", "s", "Auslenkung", "mm"), ("Zeit", "s", "Winkel", "Grad"), ("Zeit", "s", "Weg", "cm"), ("Zeit", "s", "Auslenkwinkel", "°"),
-    ("temps", "s", "angle", "degrés"), ("Temps", "s", "élongation", "cm"), ("Temps", "s", "position", "mm"), ("temps", "s", "angle", "°"),
-    ("tiempo", "s", "ángulo", "grados"), ("Tiempo", "s", "posición", "cm"), ("tiempo", "s", "angulo", "rad"),
-    ("tempo", "s", "angolo", "gradi"), ("Tempo", "s", "posizione", "mm"), ("tempo", "s", "ângulo", "graus"),
-    ("tijd", "s", "hoek", "graden"), ("tid", "s", "vinkel", "grader"), ("czas", "s", "kąt", "rad"), ("Zeit", "ms", "Spannung", "V"),
-)  # fmt: skip
+    ("Zeit", "s", "Auslenkung", "mm"),
+    ("Zeit", "s", "Winkel", "Grad"),
+    ("Zeit", "s", "Weg", "cm"),
+    ("Zeit", "s", "Auslenkwinkel", "°"),
+    ("temps", "s", "angle", "degrés"),
+    ("Temps", "s", "élongation", "cm"),
+    ("Temps", "s", "position", "mm"),
+    ("temps", "s", "angle", "°"),
+    ("tiempo", "s", "ángulo", "grados"),
+    ("Tiempo", "s", "posición", "cm"),
+    ("tiempo", "s", "angulo", "rad"),
+    ("tempo", "s", "angolo", "gradi"),
+    ("Tempo", "s", "posizione", "mm"),
+    ("tempo", "s", "ângulo", "graus"),
+    ("tijd", "s", "hoek", "graden"),
+    ("tid", "s", "vinkel", "grader"),
+    ("czas", "s", "kąt", "rad"),
+    ("Zeit", "ms", "Spannung", "V"),
+)
 
 
 @kind("languages", "names in other languages, decimal commas")
 def _(path: Path, draw: Draw) -> Right:
     motion = swing(draw)
     time, clock, name, unit = draw.pick(*LANGUAGES)
-    known = {"Grad": "deg", "degrés": "deg", "grados": "deg", "gradi": "deg", "graus": "deg", "graden": "deg", "grader": "deg", "°": "deg"}
+    known = {
+        "Grad": "deg",
+        "degrés": "deg",
+        "grados": "deg",
+        "gradi": "deg",
+        "graus": "deg",
+        "graden": "deg",
+        "grader": "deg",
+        "°": "deg",
+    }
     scale = {"mm": 40.0, "cm": 6.0, "V": 3.0, "rad": 1.0}.get(unit, DEG)
     form = draw.pick("%s (%s)", "%s [%s]", "%s in %s", "%s / %s")
     head = f"{form % (time, clock)};{form % (name, unit)}"
     factor = 1e3 if clock == "ms" else 1.0
-    encoding = draw.pick("utf-8", "utf-8-sig", "utf-16") if name == "kąt" else draw.pick("utf-8", "latin-1", "utf-8-sig")
-    write(path, cells("%.4f %.4f", factor * motion.time, fine(draw, motion.x, scale)), head, ";", comma=True, encoding=encoding)
+    encoding = (
+        draw.pick("utf-8", "utf-8-sig", "utf-16")
+        if name == "kąt"
+        else draw.pick("utf-8", "latin-1", "utf-8-sig")
+    )
+    write(
+        path,
+        cells("%.4f %.4f", factor * motion.time, fine(draw, motion.x, scale)),
+        head,
+        ";",
+        comma=True,
+        encoding=encoding,
+    )
     angle = unit not in ("mm", "cm", "V")
     return motion.right("angle" if angle else "displacement", known.get(unit, unit), 1.0 if angle else scale)
 
@@ -279,7 +359,15 @@ def _(path: Path, draw: Draw) -> Right:
 @kind("languages_bare", "names in other languages without units, angles beyond pi: degrees")
 def _(path: Path, draw: Draw) -> Right:
     motion = swing(draw, start=(0.3, 0.7))
-    time, name = draw.pick(("Zeit", "Winkel"), ("temps", "angle"), ("tiempo", "angulo"), ("tempo", "angolo"), ("tijd", "hoek"), ("tid", "vinkel"), ("t", "φ"))
+    time, name = draw.pick(
+        ("Zeit", "Winkel"),
+        ("temps", "angle"),
+        ("tiempo", "angulo"),
+        ("tempo", "angolo"),
+        ("tijd", "hoek"),
+        ("tid", "vinkel"),
+        ("t", "φ"),
+    )
     write(path, cells("%.4f %.4f", motion.time, fine(draw, motion.x, DEG)), f"{time};{name}", ";", comma=True)
     return motion.right("angle", "deg")
 
@@ -288,7 +376,9 @@ def _(path: Path, draw: Draw) -> Right:
 def _(path: Path, draw: Draw) -> Right:
     motion = swing(draw)
     sep = draw.pick(",", ";", "\t")
-    unit, scale, quantity = draw.pick(("deg", DEG, "angle"), ("rad", 1.0, "angle"), ("mm", 50.0, "displacement"), ("V", 3.0, "displacement"))
+    unit, scale, quantity = draw.pick(
+        ("deg", DEG, "angle"), ("rad", 1.0, "angle"), ("mm", 50.0, "displacement"), ("V", 3.0, "displacement")
+    )
     name = "Angle" if quantity == "angle" else "Signal"
     clock, factor = draw.pick(("s", 1.0), ("ms", 1e3))
     form = draw.pick("[%s]", "(%s)", "%s")
@@ -321,7 +411,11 @@ def _(path: Path, draw: Draw) -> Right:
     motion = swing(draw)
     scale = draw.pick(1.0, DEG)
     first = draw.pick(0, 1)
-    write(path, cells("%d %.4f %.5f", range(first, first + motion.x.size), motion.time, fine(draw, motion.x, scale)), sep=draw.pick(",", "\t"))
+    write(
+        path,
+        cells("%d %.4f %.5f", range(first, first + motion.x.size), motion.time, fine(draw, motion.x, scale)),
+        sep=draw.pick(",", "\t"),
+    )
     return motion.right("angle", "rad" if scale == 1.0 else "deg")
 
 
@@ -336,7 +430,11 @@ def _(path: Path, draw: Draw) -> Right:
 def _(path: Path, draw: Draw) -> Right:
     motion = swing(draw)
     head = draw.pick(",time,angle", ",t,theta", "Unnamed: 0,time (s),theta (rad)")
-    write(path, cells("%d %r %r", range(motion.x.size), motion.time.tolist(), fine(draw, motion.x, 1.0).tolist()), head)
+    write(
+        path,
+        cells("%d %r %r", range(motion.x.size), motion.time.tolist(), fine(draw, motion.x, 1.0).tolist()),
+        head,
+    )
     return motion.right("angle", "rad")
 
 
@@ -354,8 +452,16 @@ def _(path: Path, draw: Draw) -> Right:
     motion = swing(draw, clock=draw.pick(20.0, 50.0, 100.0))
     day = np.datetime64("2019-03-12T23:59:40.000")
     stamps = [str(day + np.timedelta64(round(1000 * s), "ms")) for s in motion.time]
-    form = draw.pick(lambda s: s, lambda s: s + "Z", lambda s: s.replace("T", " "), lambda s: s + "+01:00", lambda s: s.replace("T", " ").replace("-", "/"))
-    head = draw.pick("timestamp,angle (deg)", "Date Time,Angle (deg)", "time,angle_deg", "datetime,theta (deg)")
+    form = draw.pick(
+        lambda s: s,
+        lambda s: s + "Z",
+        lambda s: s.replace("T", " "),
+        lambda s: s + "+01:00",
+        lambda s: s.replace("T", " ").replace("-", "/"),
+    )
+    head = draw.pick(
+        "timestamp,angle (deg)", "Date Time,Angle (deg)", "time,angle_deg", "datetime,theta (deg)"
+    )
     write(path, [[form(s), f"{v:.3f}"] for s, v in zip(stamps, fine(draw, motion.x, DEG), strict=True)], head)
     return motion.right("angle", "deg")
 
@@ -371,7 +477,15 @@ def _(path: Path, draw: Draw) -> Right:
         lambda s: f"12:{int(s // 60):02d}:{s % 60:06.3f}".replace(".", ","),
     )
     head = draw.pick("Time;Angle (deg)", "Uhrzeit;Winkel (°)", "hora;ángulo (grados)")
-    write(path, [[form(round(s, 3)), f"{v:.3f}"] for s, v in zip(motion.time, fine(draw, motion.x, DEG), strict=True)], head, ";")
+    write(
+        path,
+        [
+            [form(round(s, 3)), f"{v:.3f}"]
+            for s, v in zip(motion.time, fine(draw, motion.x, DEG), strict=True)
+        ],
+        head,
+        ";",
+    )
     return motion.right("angle", "deg")
 
 
@@ -379,8 +493,13 @@ def _(path: Path, draw: Draw) -> Right:
 def _(path: Path, draw: Draw) -> Right:
     motion = swing(draw, clock=draw.pick(20.0, 50.0))
     date = draw.pick("2019-03-12", "12.03.2019", "03/12/2019", "12/03/2019")
-    rows = [[date, f"14:{int(s // 60):02d}:{s % 60:06.3f}", f"{v:.3f}"] for s, v in zip(motion.time, fine(draw, motion.x, DEG), strict=True)]
-    write(path, rows, draw.pick("Date,Time,Angle (deg)", "Datum,Uhrzeit,Winkel (Grad)", "date,time,theta_deg"))
+    rows = [
+        [date, f"14:{int(s // 60):02d}:{s % 60:06.3f}", f"{v:.3f}"]
+        for s, v in zip(motion.time, fine(draw, motion.x, DEG), strict=True)
+    ]
+    write(
+        path, rows, draw.pick("Date,Time,Angle (deg)", "Datum,Uhrzeit,Winkel (Grad)", "date,time,theta_deg")
+    )
     return motion.right("angle", "deg")
 
 
@@ -389,18 +508,36 @@ def _(path: Path, draw: Draw) -> Right:
     motion = swing(draw)
     rate = f"{motion.rate:g}"
     line = draw.pick(
-        f"# fs = {rate} Hz", f"% Sampling rate: {rate} Hz", f"# sample_rate={rate}", f"# Abtastrate: {rate} Hz", f"# dt = {1 / motion.rate:.9g} s",
-        f"# Sampling interval: {1e3 / motion.rate:.9g} ms", f"# {rate} fps", f"# frame rate {rate} fps", f"# sampling frequency (Hz): {rate}", f"# {rate} samples/s",
-    )  # fmt: skip
+        f"# fs = {rate} Hz",
+        f"% Sampling rate: {rate} Hz",
+        f"# sample_rate={rate}",
+        f"# Abtastrate: {rate} Hz",
+        f"# dt = {1 / motion.rate:.9g} s",
+        f"# Sampling interval: {1e3 / motion.rate:.9g} ms",
+        f"# {rate} fps",
+        f"# frame rate {rate} fps",
+        f"# sampling frequency (Hz): {rate}",
+        f"# {rate} samples/s",
+    )
     mark = line[0]
-    write(path, cells("%.5f", fine(draw, motion.x, 1.0)), f"{mark} torsion rig, run 12\n{line}\n{mark} unit: rad")
+    write(
+        path,
+        cells("%.5f", fine(draw, motion.x, 1.0)),
+        f"{mark} torsion rig, run 12\n{line}\n{mark} unit: rad",
+    )
     return motion.right("angle", "rad")
 
 
 @kind("trailing_text", "a summary below the numbers")
 def _(path: Path, draw: Draw) -> Right:
     motion = swing(draw)
-    tail = draw.pick("\nMean,0.0012\nStd,0.1", "# end of measurement", "Statistics\nMin,-0.3\nMax,0.4\nN,2000", "End of file", "\n\nMeasurement stopped by user")
+    tail = draw.pick(
+        "\nMean,0.0012\nStd,0.1",
+        "# end of measurement",
+        "Statistics\nMin,-0.3\nMax,0.4\nN,2000",
+        "End of file",
+        "\n\nMeasurement stopped by user",
+    )
     write(path, cells("%.4f %.5f", motion.time, fine(draw, motion.x, 1.0)), "Time (s),Angle (rad)", tail=tail)
     return motion.right("angle", "rad")
 
@@ -422,7 +559,25 @@ def _(path: Path, draw: Draw) -> Right:
 def _(path: Path, draw: Draw) -> Right:
     motion = swing(draw, samples=(60.0, 120.0))
     rows = cells("%.4f %.5f", motion.time, fine(draw, motion.x, 1.0))
-    text = draw.pick("NaN", "nan", "", "NA", "N/A", "#N/A", "-", "null", "1.#QNAN", "-1.#IND", "NaN(char)", "?", "***", "missing", "inf", "OVL", "#VALUE!", "nan ")
+    text = draw.pick(
+        "NaN",
+        "nan",
+        "",
+        "NA",
+        "N/A",
+        "#N/A",
+        "-",
+        "null",
+        "1.#QNAN",
+        "-1.#IND",
+        "NaN(char)",
+        "?",
+        "***",
+        "missing",
+        "OVL",
+        "#VALUE!",
+        "nan ",
+    )
     for row in draw.rng.choice(len(rows), 12, replace=False):
         rows[row][1] = text
     write(path, rows, "Time (s),Angle (rad)")
@@ -441,7 +596,10 @@ def _(path: Path, draw: Draw) -> Right:
 @kind("quoted_commas", "decimal commas within quotes between commas")
 def _(path: Path, draw: Draw) -> Right:
     motion = swing(draw)
-    rows = [[f'"{c.replace(".", ",")}"' for c in row] for row in cells("%.4f %.3f", motion.time, fine(draw, motion.x, DEG))]
+    rows = [
+        [f'"{c.replace(".", ",")}"' for c in row]
+        for row in cells("%.4f %.3f", motion.time, fine(draw, motion.x, DEG))
+    ]
     write(path, rows, '"Zeit (s)","Winkel (°)"')
     return motion.right("angle", "deg")
 
@@ -465,9 +623,22 @@ def _(path: Path, draw: Draw) -> Right:
     motion = swing(draw)
     x = fine(draw, motion.x, 3000.0)
     if draw.pick(True, False):
-        write(path, [[f"{t:+.4E}", f"{v:+.6E}"] for t, v in zip(motion.time, x, strict=True)], "t [s]\tx [µm]", "\t")
+        write(
+            path,
+            [[f"{t:+.4E}", f"{v:+.6E}"] for t, v in zip(motion.time, x, strict=True)],
+            "t [s]\tx [µm]",
+            "\t",
+        )
     else:
-        write(path, [[f"{t:.3f}".replace(".", ","), f"{v:.2f}".replace(".", ",")] for t, v in zip(motion.time, x, strict=True)], "t [s]\tx [µm]", "\t")
+        write(
+            path,
+            [
+                [f"{t:.3f}".replace(".", ","), f"{v:.2f}".replace(".", ",")]
+                for t, v in zip(motion.time, x, strict=True)
+            ],
+            "t [s]\tx [µm]",
+            "\t",
+        )
     return motion.right("displacement", "µm", 3000.0)
 
 
@@ -491,8 +662,16 @@ def _(path: Path, draw: Draw) -> Right:
     motion = swing(draw)
     factor = draw.within(1.3, 1.7)
     other = np.interp(motion.time / factor, motion.time, motion.x)
-    pair = draw.pick(("Angle A (deg)", "Angle B (deg)"), ("Winkel links (°)", "Winkel rechts (°)"), ("theta1 (deg)", "theta2 (deg)"))
-    write(path, cells("%.4f %.3f %.3f", motion.time, fine(draw, motion.x, DEG), fine(draw, other, DEG)), f"Time (s),{pair[0]},{pair[1]}")
+    pair = draw.pick(
+        ("Angle A (deg)", "Angle B (deg)"),
+        ("Winkel links (°)", "Winkel rechts (°)"),
+        ("theta1 (deg)", "theta2 (deg)"),
+    )
+    write(
+        path,
+        cells("%.4f %.3f %.3f", motion.time, fine(draw, motion.x, DEG), fine(draw, other, DEG)),
+        f"Time (s),{pair[0]},{pair[1]}",
+    )
     return Right(names=pair)
 
 
@@ -502,14 +681,19 @@ def _(path: Path, draw: Draw) -> Right:
     reach = draw.within(150, 400)
     x = 400 + reach * np.sin(motion.x) + draw.noise(motion.x.size, 0.3)
     y = 60 + reach * np.cos(motion.x) + draw.noise(motion.x.size, 0.3)
-    write(path, cells("%.4f %.1f %.1f", motion.time, x, y), draw.pick("t,x (px),y (px)", "frame_time (s),x [px],y [px]"))
+    write(
+        path,
+        cells("%.4f %.1f %.1f", motion.time, x, y),
+        draw.pick("t,x (px),y (px)", "frame_time (s),x [px],y [px]"),
+    )
     return motion.right("displacement", "px", reach)
 
 
 @kind("frames", "frame numbers as the clock, the rate in a note")
 def _(path: Path, draw: Draw) -> Right:
     motion = swing(draw, samples=(25, 60))
-    head = f"# {draw.pick('fps', 'frame rate')}: {motion.rate:g}\n{draw.pick('frame', 'Frame', 'frame number')},x (px)"
+    name = draw.pick("frame", "Frame", "frame number")
+    head = f"# {draw.pick('fps', 'frame rate')}: {motion.rate:g}\n{name},x (px)"
     write(path, cells("%d %.2f", range(motion.x.size), 400 + fine(draw, motion.x, 300.0)), head)
     return motion.right("displacement", "px", 300.0)
 
@@ -519,7 +703,11 @@ def _(path: Path, draw: Draw) -> Right:
     motion = swing(draw, period=(1.5, 4.0), zeta=(0.02, 0.04), falls=15.0)
     roll = fine(draw, motion.x, DEG)
     beside = [0.02 * roll + draw.noise(roll.size, 0.02), draw.noise(roll.size, 0.05)]
-    head = draw.pick("Time [s],Pitch [deg],Roll [deg],Heave [m]", "t,pitch_deg,roll_deg,heave_m", "time;Pitch (°);Roll (°);Heave (m)".replace(";", ","))
+    head = draw.pick(
+        "Time [s],Pitch [deg],Roll [deg],Heave [m]",
+        "t,pitch_deg,roll_deg,heave_m",
+        "time;Pitch (°);Roll (°);Heave (m)".replace(";", ","),
+    )
     write(path, cells("%.3f %.4f %.4f %.4f", motion.time, beside[0], roll, beside[1]), head)
     return motion.right("angle", "deg")
 
@@ -527,7 +715,15 @@ def _(path: Path, draw: Draw) -> Right:
 @kind("force_sensor", "a force sensor under the spring: a unit that is no length")
 def _(path: Path, draw: Draw) -> Right:
     motion = swing(draw)
-    unit, scale = draw.pick(("N", 2.0), ("mN", 800.0), ("kg", 0.2), ("mbar", 30.0), ("Pa", 200.0), ("T", 0.01), ("mT", 5.0))
-    name = {"N": "Force", "mN": "Force", "kg": "Load", "mbar": "Pressure", "Pa": "Pressure"}.get(unit, "Magnetic field")
-    write(path, cells("%.4f %.6f", motion.time, 3 * scale + fine(draw, motion.x, scale)), f"Time (s),{name} ({unit})")
+    unit, scale = draw.pick(
+        ("N", 2.0), ("mN", 800.0), ("kg", 0.2), ("mbar", 30.0), ("Pa", 200.0), ("T", 0.01), ("mT", 5.0)
+    )
+    name = {"N": "Force", "mN": "Force", "kg": "Load", "mbar": "Pressure", "Pa": "Pressure"}.get(
+        unit, "Magnetic field"
+    )
+    write(
+        path,
+        cells("%.4f %.6f", motion.time, 3 * scale + fine(draw, motion.x, scale)),
+        f"Time (s),{name} ({unit})",
+    )
     return motion.right("displacement", unit, scale)

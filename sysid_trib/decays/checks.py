@@ -15,7 +15,7 @@ FEWEST_PER_HALF_PERIOD = 3
 # A drive holds the amplitude for so many half periods at least, and within this part.
 DRIVEN_HALF_PERIODS = 8
 DRIVEN_TOLERANCE = 0.03
-# A beat rises over so many half periods at least, in this part of them, and in this part of them it swings on.
+# A beat rises over so many half periods at least, in this part of them, and swings on in this part.
 FEWEST_RISING = 5
 RISING_PART = 0.8
 SWINGING_ON = 0.7
@@ -106,8 +106,8 @@ def _refuse_beats(swing: Swing, source: str) -> None:
     if swings_on and not hollow and gradual and rise[top] > 0.5 * fall[0]:
         instant = swing.halves.crossing[run.stop]
         raise DecayError(
-            f"{source}: the amplitude falls from {fall[0]:.3g} to {fall[-1]:.3g} at {instant:.4g} s and rises "
-            f"again to {rise[top]:.3g} as gradually: two modes beat; record one of them alone, or choose the "
+            f"{source}: the amplitude falls from {fall[0]:.3g} to {fall[-1]:.3g} at {instant:.4g} s and "
+            f"rises again to {rise[top]:.3g} as gradually: two modes beat; record one of them alone, or choose the "
             "window of one decay."
         )
 

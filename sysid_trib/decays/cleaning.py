@@ -147,8 +147,9 @@ def unwrapped_anywhere(signal: Array) -> tuple[Array, float, int]:
 
     Notes
     -----
-    At a cut the signal leaps over most of its range in one step, against its motion, which goes on beyond. The
-    step that a cubic through the samples on either side leaves is a whole turn. A light barrier leaps as well, but rests on either side.
+    At a cut the signal leaps over most of its range in one step, against its motion, which goes on beyond.
+    The step that a cubic through the samples on either side leaves is a whole turn. A light barrier leaps as
+    well, but rests on either side.
     """
     span = float(np.ptp(signal))
     step = np.diff(signal)

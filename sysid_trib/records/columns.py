@@ -102,7 +102,11 @@ def choose_columns(
         return [Chosen(given_time or _time_of(name, [t for t in times if t != name], table), name)]
     if given_time is not None:
         times = [given_time]
-    names = [name for name in table.columns if name not in times and is_numeric(table.columns[name])]
+    names = [
+        name
+        for name, values in table.columns.items()
+        if name not in times and not _is_empty(values) and is_numeric(values)
+    ]
     if not names:
         raise RecordError(f"{source}: there is no column for the angle beside the time.")
     runs = _runs_side_by_side(names, times, table)
@@ -121,7 +125,7 @@ def choose_columns(
 
 def _time_columns(table: FileTable) -> list[str]:
     """Names of the columns of time: by their headers, else the first one that rises throughout."""
-    names = list(table.columns)
+    names = [name for name, values in table.columns.items() if not _is_empty(values)]
     units = {name: table.units.get(name, "") or split_header(name)[1] for name in names}
     named = [
         name
@@ -141,6 +145,12 @@ def _time_columns(table: FileTable) -> list[str]:
     ):
         return rising[1:2]
     return rising[:1]
+
+
+def _is_empty(values: object) -> bool:
+    """Whether a column holds nothing, as that of the times where a logger leaves them out."""
+    column = np.asarray(values)
+    return column.dtype.kind == "f" and not np.isfinite(column).any()
 
 
 def _rises(values: object) -> bool:
@@ -164,8 +174,9 @@ def _runs_side_by_side(names: list[str], times: list[str], table: FileTable) -> 
     pairs = [(_time_of(name, times, table) or "", name) for name in names]
     headers = {split_header(name) for name in names}
     numbered = all(any(sign.isdigit() for sign in name) for name in names)
+    grouped = ":" in names[0] or "run" in names[0].lower()
     several = len(pairs) > 1 and len({time for time, _ in pairs}) == len(pairs) == len(times)
-    return pairs if several and len(headers) == 1 and numbered and ":" in names[0] else []
+    return pairs if several and len(headers) == 1 and numbered and grouped else []
 
 
 def _candidate(table: FileTable, name: str, time: str | None, source: str) -> _Candidate | None:

@@ -8,12 +8,34 @@ from sysid_trib.records.units import ANGLE_UNITS, POSITION_UNITS, TIME_UNITS, pl
 # Names without accents, in lower case.
 TIME_NAMES = {
     *("time", "t", "times", "timestamp", "time stamp", "seconds", "elapsed", "elapsed time", "zeit", "temps"),
-    *("tempo", "tiempo", "uhrzeit", "date time", "datetime", "clock", "czas", "millis", "micros", "tijd", "tid"),
+    *(
+        "tempo",
+        "tiempo",
+        "uhrzeit",
+        "date time",
+        "datetime",
+        "clock",
+        "czas",
+        "millis",
+        "micros",
+        "tijd",
+        "tid",
+    ),
     *("hora", "heure", "ts", "x value", "sekunden"),
 }
 # Columns that count rows: no clock has a step of 1 by itself.
 COUNTER_NAMES = {
-    *("frame", "frames", "frame number", "frame no", "frame no.", "index", "sample", "samples", "sample number"),
+    *(
+        "frame",
+        "frames",
+        "frame number",
+        "frame no",
+        "frame no.",
+        "index",
+        "sample",
+        "samples",
+        "sample number",
+    ),
     *("n", "no", "no.", "nr", "nr.", "number", "row", "image", "bild", "id", "unnamed: 0", "#", "#0"),
 }
 ANGLE_NAMES = {

@@ -10,13 +10,20 @@ _SECOND = r"s(?:ec(?:ond)?)?\b"
 _RATES = (
     # `fs = 200 Hz`, `Sampling rate (kHz): 2`
     r"\b(?:fs|f_s|fps|sampl(?:e|ing)[ _]?(?:rate|frequency)|samplerate|abtast(?:rate|frequenz)|"
-    r"(?:frame|data|scan)[ _]?rate)\b(?:\s*[\[(](?P<before>\w+)[\])])?\W{0,4}" + _VALUE + r"\s*(?P<after>k?hz)?",
+    r"(?:frame|data|scan)[ _]?rate)\b(?:\s*[\[(](?P<before>\w+)[\])])?\W{0,4}"
+    + _VALUE
+    + r"\s*(?P<after>k?hz)?",
     # `30 fps`, `65 samples/s`
-    r"(?<![\w.,])" + _VALUE + r"\s*(?:(?:k?sa|k?s)/s|k?sps|fps|(?:samples?|frames?)\s*(?:/|per)\s*" + _SECOND + ")",
+    r"(?<![\w.,])"
+    + _VALUE
+    + r"\s*(?:(?:k?sa|k?s)/s|k?sps|fps|(?:samples?|frames?)\s*(?:/|per)\s*"
+    + _SECOND
+    + ")",
 )
 # `dt = 5 ms`, LabVIEW's `Delta_X`
 _STEP = (
-    r"\b(?:dt|ts|delta[ _]?[tx]|(?:sampl(?:e|ing)|time)[ _]?(?:interval|step|period|time)|abtast(?:intervall|zeit))\b"
+    r"\b(?:dt|ts|delta[ _]?[tx]|(?:sampl(?:e|ing)|time)[ _]?(?:interval|step|period|time)|"
+    r"abtast(?:intervall|zeit))\b"
     r"(?:\s*[\[(](?P<before>\w+)[\])])?\W{0,4}" + _VALUE + r"(?:\s*(?P<after>[mµu]?s)\b)?"
 )
 _UNIT = r"\b(?:y_unit_label|units?)\b\s*[:=\t]\s*['\"]?(?P<unit>[^\s'\",;]+)"

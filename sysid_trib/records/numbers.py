@@ -14,7 +14,37 @@ from sysid_trib.errors import RecordError
 MOST_LOOKED_AT = 1000
 # Squares and cubes of larger ones overflow.
 LARGEST_NUMBER = 1e75
-MISSING_TEXTS = {"", "nan", "na", "n/a", "null", "none", "-", "--", "#n/v", "#n/a"}
+MISSING_TEXTS = {
+    *(
+        "",
+        "nan",
+        "na",
+        "n/a",
+        "n.a.",
+        "k.a.",
+        "nil",
+        "null",
+        "none",
+        "missing",
+        "#n/v",
+        "#n/a",
+        "#value!",
+        "#div/0!",
+    ),
+    *(
+        "nan(char)",
+        "nan(ind)",
+        "nan(snan)",
+        "1.#qnan",
+        "-1.#qnan",
+        "1.#ind",
+        "-1.#ind",
+        "1.#nan",
+        "1.#inf",
+        "-1.#inf",
+    ),
+    *("ovl", "ol", "o.l", "overload", "overflow", "over range", "overrange", "error", "err"),
+}
 DAY = 86400.0
 _CLOCK_TIME = re.compile(r"(?:(\d+):)?(\d+):(\d+(?:\.\d*)?)(?::(\d+))?(?:\s*([ap])\.?m\.?)?", re.IGNORECASE)
 
@@ -64,6 +94,12 @@ def is_numeric(values: Any) -> bool:
         return True
     first = values[:MOST_LOOKED_AT].tolist()
     return not is_clock_time(values) and sum(map(is_number, first)) * 2 > len(first)
+
+
+def is_missing(text: str) -> bool:
+    """Whether a text stands for a missing value: nothing, a usual word, or neither letter nor digit."""
+    plain = text.strip().lower()
+    return plain in MISSING_TEXTS or not any(map(str.isalnum, plain))
 
 
 def is_number(value: object) -> bool:
@@ -127,7 +163,7 @@ def _of_dates(texts: list[str]) -> Array | None:
 
 
 def _number(value: object, name: str, row: int, source: str) -> float:
-    if value is None or str(value).strip().lower() in MISSING_TEXTS:
+    if value is None or is_missing(str(value)):
         return float("nan")
     try:
         return float(value)  # type: ignore[arg-type]

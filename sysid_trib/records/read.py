@@ -218,8 +218,8 @@ def _read(table: FileTable, columns: Chosen, how: Reading, source: str) -> xr.Da
         said += [f"put together again where it was cut at a whole turn ({cuts} times)"] if cuts else []
     elif unit.quantity == "displacement":
         values, turn, cuts = unwrapped_anywhere(values)
-        joined = f"put together again where it was cut at the end of its range ({cuts} times, {turn:.6g} {unit.text})"
-        said += [joined] if cuts else []
+        times = f"({cuts} times, {turn:.6g} {unit.text})"
+        said += [f"put together again where it was cut at the end of its range {times}"] if cuts else []
     attrs: dict[str, Any] = {
         "source": source,
         "signal": unit.quantity,

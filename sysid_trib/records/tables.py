@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from sysid_trib.errors import RecordError, UsageError
-from sysid_trib.records.numbers import MISSING_TEXTS, is_number
+from sysid_trib.records.numbers import is_missing, is_number
 from sysid_trib.records.probe import HDF5, check_binary
 from sysid_trib.records.text import check_width, header_names, read_text
 
@@ -141,9 +141,13 @@ def _read_excel(path: Path) -> FileTable:
     # What stands below the numbers is no row of them: a text where they have a number.
     texts = sheet.map(_is_text)
     below = np.flatnonzero((texts & numbers.iloc[start]).iloc[start:].any(axis=1))
-    stop = start + int(below[0]) if below.size and not _goes_on(numbers, start + int(below[0])) else len(sheet)
+    stop = (
+        start + int(below[0]) if below.size and not _goes_on(numbers, start + int(below[0])) else len(sheet)
+    )
     notes = [" ".join(str(cell) for cell in row if cell == cell) for row in sheet.iloc[:start].to_numpy()]
-    names = header_names([[_cell(cell) for cell in row] for row in sheet.iloc[max(0, start - 2) : start].to_numpy()])
+    names = header_names(
+        [[_cell(cell) for cell in row] for row in sheet.iloc[max(0, start - 2) : start].to_numpy()]
+    )
     return _from_frame(sheet.iloc[start:stop].infer_objects(), names, notes)
 
 
@@ -162,7 +166,7 @@ def _cell(cell: Any) -> str:
 
 def _is_text(cell: Any) -> bool:
     """Whether a cell holds words: neither a number nor a sign of a missing one."""
-    return isinstance(cell, str) and not is_number(cell) and cell.strip().lower() not in MISSING_TEXTS
+    return isinstance(cell, str) and not is_number(cell) and not is_missing(cell)
 
 
 def _is_number(cell: Any) -> bool:

@@ -9,7 +9,7 @@ import pandas as pd
 
 from sysid_trib.errors import RecordError
 from sysid_trib.records.labels import plain_lines
-from sysid_trib.records.numbers import MISSING_TEXTS, is_number
+from sysid_trib.records.numbers import is_missing, is_number
 from sysid_trib.records.units import TIME_UNITS, plain_unit, signal_unit
 
 FORMATS = "text or CSV, MATLAB, Excel (.xlsx), netCDF, HDF5, Parquet, TDMS"
@@ -94,7 +94,7 @@ def _is_comment(line: str) -> bool:
 def _is_summary(row: list[str], usual: list[str]) -> bool:
     """Whether a row holds a text where the others hold a number."""
     numbers = [is_number(item) for item in usual]
-    texts = [bool(item) and item.lower() not in MISSING_TEXTS and not is_number(item) for item in row]
+    texts = [not is_missing(item) and not is_number(item) for item in row]
     return not any(map(is_number, row)) or any(a and b for a, b in zip(numbers, texts, strict=False))
 
 
@@ -118,9 +118,7 @@ def _find_block(lines: list[str]) -> tuple[str | None, int | None]:
                 if delimiter is not None and delimiter not in line:
                     continue
                 fields = _fields(line, delimiter)
-                if enough(fields) and _goes_on(
-                    lines[start + 1 : start + 9], delimiter, fields
-                ):
+                if enough(fields) and _goes_on(lines[start + 1 : start + 9], delimiter, fields):
                     return delimiter, _first_row(lines, delimiter, start, len(fields))
     return None, None
 

@@ -7,7 +7,9 @@ import numpy as np
 
 STANDARD_GRAVITY = 9.80665
 TIME_UNITS = {
-    **dict.fromkeys(("s", "sec", "secs", "second", "seconds", "sek", "sekunden", "secondes", "segundos"), 1.0),
+    **dict.fromkeys(
+        ("s", "sec", "secs", "second", "seconds", "sek", "sekunden", "secondes", "segundos"), 1.0
+    ),
     **dict.fromkeys(("ms", "msec", "millis", "millisecond", "milliseconds"), 1e-3),
     **dict.fromkeys(("us", "µs", "usec", "micros", "microsecond", "microseconds"), 1e-6),
     **dict.fromkeys(("ns", "nanosecond", "nanoseconds"), 1e-9),
@@ -46,6 +48,9 @@ ACCELEROMETER = "accelerometer"
 SIGNALS = (*INTEGRATIONS, ACCELEROMETER)
 OFFERED_UNITS = "rad, deg, mrad, m, mm, px, V, au, rad/s, deg/s, m/s^2 or g"
 OFFERED_TIME_UNITS = "s, ms, us or min"
+
+
+_SUPERSCRIPTS = str.maketrans({"²": "^2", "¹": "^1", "⁻": "-", "\u22c5": "·", "\u2219": "·", "\u2212": "-"})
 
 
 @dataclass(frozen=True)
@@ -105,9 +110,18 @@ def signal_unit(text: str) -> SignalUnit | None:
 def plain_unit(text: str) -> str:
     """A unit in lower case, with `/s` and `/s^2` for every way to write "per second"."""
     plain = re.sub(r" since .*", "", text.strip().lower().replace("μ", "µ"))
-    plain = plain.replace("²", "^2").replace("**", "^").replace("⁻", "^-").replace("¹", "1")
+    plain = plain.replace("**", "^").translate(_SUPERSCRIPTS)
+    plain = re.sub(r"-\^|\^[({]?-|(?<=s)-(?=[12]$)", "^-", plain)
+    plain = re.sub(r"\^[({]?(-?)([12])[)}]?", r"^\1\2", plain)
     plain = re.sub(r"\s*(?:/|\bper\b|_per_)\s*(?:sec(?:ond)?s?|s)\b", "/s", plain)
-    plain = re.sub(r"\s*/\s*\(?s\s*[*·]\s*s\)?", "/s^2", plain)
-    plain = re.sub(r"[\s_*·]+s(?:ec)?\s*\^?-([12])$", lambda m: "/s" + ("^2" if m[1] == "2" else ""), plain)
+    plain = re.sub(r"/s\s*/s$|/\s*\(?s\s*[*·.]\s*s\)?$", "/s^2", plain)
+    plain = re.sub(
+        r"^(.+?)[\s_*·.]+s(?:ec)?\s*\^-([12])$|^(m?rad|deg|°|[cmuµ]?m)s\^-([12])$", _per_second, plain
+    )
     plain = re.sub(r"^(m?rad|deg|°|[cmuµ]?m)[\s_]s$", r"\1/s", plain)
-    return re.sub(r"\s+", " ", plain).strip()
+    return re.sub(r"\s+", " ", plain).strip().removesuffix("^1")
+
+
+def _per_second(match: "re.Match[str]") -> str:
+    base, power = (text for text in match.groups() if text is not None)
+    return f"{base}/s" + ("^2" if power == "2" else "")
