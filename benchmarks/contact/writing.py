@@ -26,7 +26,7 @@ class Right:
         s, rate of decay over the frequency, first amplitude in rad or in `unit`; nan: not judged.
     decays : int
     words : tuple of str
-        One of them must be in the sentence that refuses it.
+        One of them must be in the sentence that refuses it; beside a quantity: where it is refused.
     names : tuple of str
         All of them must be in the sentence that asks for a column.
     options : dict

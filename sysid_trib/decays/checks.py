@@ -107,8 +107,8 @@ def _refuse_beats(swing: Swing, source: str) -> None:
         instant = swing.halves.crossing[run.stop]
         raise DecayError(
             f"{source}: the amplitude falls from {fall[0]:.3g} to {fall[-1]:.3g} at {instant:.4g} s and "
-            f"rises again to {rise[top]:.3g} as gradually: two modes beat; record one of them alone, or choose the "
-            "window of one decay."
+            f"rises again to {rise[top]:.3g} as gradually: two modes beat; record one alone, or choose "
+            "the window of one decay."
         )
 
 

@@ -158,14 +158,14 @@ def unwrapped_anywhere(signal: Array) -> tuple[Array, float, int]:
     if not cut.size:
         return signal, float("nan"), 0
     before, after = signal[cut] - signal[cut - CUT_REACH], signal[cut + 1 + CUT_REACH] - signal[cut + 1]
-    alone = np.maximum(np.abs(before), np.abs(after)) < WRAP_SHARE * span
+    apart = np.maximum(np.abs(before), np.abs(after)) < WRAP_SHARE * span
     beside = 0.5 * (before + after) / CUT_REACH
     against = (before * after > 0.0) & (beside * step[cut] < 0.0)
-    if np.count_nonzero(against & alone) < max(FEWEST_CUTS, LEAST_AGAINST * np.count_nonzero(alone)):
+    if np.count_nonzero(against & apart) < max(FEWEST_CUTS, LEAST_AGAINST * np.count_nonzero(apart)):
         return signal, float("nan"), 0
     # The step beside a cubic through the samples on either side.
     near = np.lib.stride_tricks.sliding_window_view(signal, 2 * CUT_REACH + 2)[cut - CUT_REACH]
-    turn = float(np.median(np.abs(near @ _STEP_BESIDE_CUBIC)[against & alone]))
+    turn = float(np.median(np.abs(near @ _STEP_BESIDE_CUBIC)[against & apart]))
     if np.all(signal == np.round(signal)):
         turn = float(round(turn))
     whole = np.unwrap(signal, period=turn)

@@ -134,8 +134,9 @@ def _time_columns(table: FileTable) -> list[str]:
     ]
     if named or len(names) == 1:
         return named
+    first = [name for name in names if np.asarray(table.columns[name]).dtype.kind in "fiu"][:3]
     rising = [
-        name for name in names[:3] if _rises(table.columns[name]) and not counts_rows(split_header(name)[0])
+        name for name in first if _rises(table.columns[name]) and not counts_rows(split_header(name)[0])
     ]
     # A number of the row stands before the time.
     if (
@@ -173,8 +174,8 @@ def _runs_side_by_side(names: list[str], times: list[str], table: FileTable) -> 
     """Time and signal of each run where a table holds the same pair of columns several times."""
     pairs = [(_time_of(name, times, table) or "", name) for name in names]
     headers = {split_header(name) for name in names}
-    numbered = all(any(sign.isdigit() for sign in name) for name in names)
-    grouped = ":" in names[0] or "run" in names[0].lower()
+    numbered = all(any(sign.isdigit() for sign in name) for name in names[1:])
+    grouped = ":" in names[0] or "run" in names[0].lower() or all("#" in name for name in names[1:])
     several = len(pairs) > 1 and len({time for time, _ in pairs}) == len(pairs) == len(times)
     return pairs if several and len(headers) == 1 and numbered and grouped else []
 

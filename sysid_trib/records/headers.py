@@ -45,7 +45,21 @@ ANGLE_NAMES = {
 }
 RATE_NAMES = {
     *("rate", "angular rate", "angular velocity", "omega", "ω", "gyro", "gyroscope", "theta dot", "thetadot"),
-    *("velocity", "speed", "winkelgeschwindigkeit", "geschwindigkeit", "v", "vx", "vy", "gx", "gy", "gz"),
+    *(
+        "velocity",
+        "speed",
+        "wx",
+        "wy",
+        "wz",
+        "winkelgeschwindigkeit",
+        "geschwindigkeit",
+        "v",
+        "vx",
+        "vy",
+        "gx",
+        "gy",
+        "gz",
+    ),
 }
 POSITION_NAMES = {
     *("x", "y", "z", "displacement", "position", "deflection", "elongation", "pos", "weg", "auslenkung"),
@@ -70,7 +84,7 @@ def split_header(name: str) -> tuple[str, str]:
 
     Both in lower case; the name without a group before it (`run.time`, `Run 1: Time`).
     """
-    text = re.sub(r"_?\{\w*\}", "", name.strip().lower().replace("μ", "µ"))
+    text = re.sub(r"_?\{\w*\}|(?<=.)#\d+$", "", name.strip().lower().replace("μ", "µ"))
     bracket = re.fullmatch(r"(.*?)\s*[\[({]\s*([^\[\](){}]*?)\s*[\])}](?:\s+run\b.*)?", text)
     if bracket is not None and not bracket[2].isdigit():
         base, unit = bracket[1], plain_unit(bracket[2])

@@ -26,7 +26,10 @@ _STEP = (
     r"abtast(?:intervall|zeit))\b"
     r"(?:\s*[\[(](?P<before>\w+)[\])])?\W{0,4}" + _VALUE + r"(?:\s*(?P<after>[mµu]?s)\b)?"
 )
-_UNIT = r"\b(?:y_unit_label|units?)\b\s*[:=\t]\s*['\"]?(?P<unit>[^\s'\",;]+)"
+_UNIT = (
+    r"\b(?:y_unit_label|vertical units|units?)\b(?:(?<=vertical units)|\s*[:=\t])"
+    r"\s*['\"]?(?P<unit>[^\s'\",;]+)"
+)
 
 
 def noted_rate(notes: Sequence[str]) -> float | None:

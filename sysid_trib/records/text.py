@@ -8,13 +8,14 @@ from pathlib import Path
 import pandas as pd
 
 from sysid_trib.errors import RecordError
-from sysid_trib.records.labels import plain_lines
+from sysid_trib.records.labels import DELIMITERS, plain_lines
 from sysid_trib.records.numbers import is_missing, is_number
 from sysid_trib.records.units import TIME_UNITS, plain_unit, signal_unit
 
 FORMATS = "text or CSV, MATLAB, Excel (.xlsx), netCDF, HDF5, Parquet, TDMS"
 WIDEST_TABLE = 4096
-DELIMITERS = (";", "\t", ",", None)
+# Rows beside which facts may stand.
+MOST_FACTS = 40
 
 
 def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
@@ -52,7 +53,9 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
     decimal = "," if commas and delimiter != "," else "."
     if delimiter == "," and header and len(header) == 1:
         delimiter, decimal = None, ","
-    block = [line for line in lines[start:] if line.strip() and not _is_comment(line)]
+    # A logger that is started anew writes its head again.
+    head = {line.strip() for line in lines[max(0, start - 2) : start]}
+    block = [line for line in lines[start:] if line.strip() not in head | {""} and not _is_comment(line)]
     # What a logger writes below the numbers is no row of them.
     usual = _fields(block[0], delimiter)
     while len(block) > 1 and _is_summary(_fields(block[-1], delimiter), usual):
@@ -69,7 +72,13 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
     if frame.shape[1] > 1 and frame.iloc[:, -1].isna().all():
         frame = frame.iloc[:, :-1]
     named = header is not None and len(header) >= frame.shape[1]
-    return frame, header if named else None, lines[:start]
+    return frame, header if named else None, [*lines[:start], *_texts_beside(frame)]
+
+
+def _texts_beside(frame: pd.DataFrame) -> list[str]:
+    """What columns of texts hold beside the first numbers, as an oscilloscope's facts."""
+    texts = frame.head(MOST_FACTS).select_dtypes(exclude="number")
+    return [" ".join(str(cell) for cell in row if cell == cell) for row in texts.to_numpy()]
 
 
 def check_width(path: Path, columns: int) -> None:
@@ -193,6 +202,8 @@ def header_names(rows: list[list[str]]) -> list[str] | None:
     if named and (bracketed or _are_units(last)):
         units = [item if bracketed or not item else f"({item})" for item in last]
         return [f"{name} {unit}".strip() for unit, name in zip(units, above, strict=True)]
+    if _are_units(last):
+        return [f"{'time' if plain_unit(item) in TIME_UNITS else 'signal'} ({item})" for item in last]
     return last
 
 

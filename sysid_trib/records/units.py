@@ -22,9 +22,16 @@ _ANGLES = {
     "rad": ("rad", "rads", "radian", "radians"),
     "mrad": ("mrad", "milliradian", "milliradians"),
     "deg": ("deg", "deg.", "degs", "degree", "degrees", "°", "º", "grad", "grade", *DEGREES_ABROAD),
+    "gon": ("gon",),
+    "arcmin": ("arcmin", "arc min", "arcminutes", "\u2032"),
+    "arcsec": ("arcsec", "arc sec", "arcseconds", "\u2033"),
+    "µrad": ("µrad", "urad", "microrad", "microradian", "microradians"),
     "rev": ("rev", "revs", "turn", "turns", "revolutions"),
 }
-_RADIANS = {"rad": 1.0, "mrad": 1e-3, "deg": _TURN / 360.0, "rev": _TURN}
+_RADIANS = {
+    **{"rad": 1.0, "mrad": 1e-3, "µrad": 1e-6, "deg": _TURN / 360.0, "gon": _TURN / 400.0, "rev": _TURN},
+    **{"arcmin": _TURN / 21600.0, "arcsec": _TURN / 1296000.0},
+}
 ANGLE_UNITS = {spelling: name for name, spellings in _ANGLES.items() for spelling in spellings}
 # Positions keep the unit of the file.
 _POSITIONS = {
