@@ -14,6 +14,8 @@ from sysid_trib.results.variables import Variables, variable
 SPECTRUM_POINTS = 2000
 # Instants at either end from which the rate of decay there is taken.
 END_INSTANTS = 8
+# A step beside the noise of sixth differences, of a motion that takes many samples to the next step at most.
+MOST_STEP = 30.0
 # The middle between extrema of both sides; decays of either sign cancel in it to third order.
 MIDDLE = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
 FEWEST_INSTANTS, FEWEST_FOR_DRIFT, DRIFT_ERRORS = 5, 12, 4.0
@@ -62,6 +64,11 @@ def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
     measured = record[record.attrs.get("measured", "angle")].sel(time=slice(time[0], time[-1]))
     step_unit = str(measured.attrs.get("units", unit))
     first, last = (_damping(instants[part], amplitude[part], frequency) for part in _ends(len(instants)))
+    noise, step = noise_level(time, angle), sensor_step(measured.to_numpy())
+    # Steps are noise: by chance the values that a filter repeats lie on a lattice as well.
+    step = (
+        step if step <= MOST_STEP * noise_level(measured.time.values, measured.to_numpy()) else float("nan")
+    )
     scalars: Variables = {
         "start": variable((), time[0], "first sample", "s"),
         "stop": variable((), time[-1], "last sample", "s"),
@@ -71,9 +78,9 @@ def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
         "last_amplitude": variable((), amplitude[-1], "last amplitude", unit),
         "first_damping_ratio": variable((), first, "rate of decay over w at the start", "1"),
         "last_damping_ratio": variable((), last, "rate of decay over w at the end", "1"),
-        "noise": variable((), noise_level(time, angle), "white noise of one sample", unit),
+        "noise": variable((), noise, "white noise of one sample", unit),
         "drift": variable((), _drift(curve), "how far the middle of the swing moves", unit),
-        "sensor_step": variable((), sensor_step(measured.to_numpy()), "step of the sensor", step_unit),
+        "sensor_step": variable((), step, "step of the sensor", step_unit),
         "samples_per_period": variable((), period / float(np.median(np.diff(time))), "samples a period", "1"),
     }
     kept = curve[["amplitude", "instant_time", "frequency"]].assign(

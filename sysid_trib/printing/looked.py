@@ -87,8 +87,8 @@ def _sentences(decay: xr.Dataset) -> list[str]:
         )
     if abs(value["drift"]) > DRIFTS * value["last_amplitude"]:
         limits.append(
-            f"the middle moves by {value['drift']:.2g} {unit} over the record: discover tests a drift of the "
-            "sensor or of the equilibrium"
+            f"the middle of the swing moves by {value['drift']:.2g} {unit} over the record, as by a drift or "
+            "by forces that differ between the two sides"
         )
     limits += _law(value, fall)
     return [*sentences, f"{'; '.join(limits).capitalize()}."] if limits else sentences

@@ -245,6 +245,12 @@ def _clock(
     if columns.time is None or (how.sampling_rate is not None and _idle(table, columns.time, values.size)):
         rate = how.sampling_rate or noted
         if rate is None:
+            over = [name for name in table.columns if split_header(name)[0].startswith("freq")]
+            if over:
+                raise RecordError(
+                    f"{source}: its columns are over {over[0]}, not over time: it is a response; a record "
+                    "is needed."
+                )
             raise RecordError(
                 f"{source}: there is no time column; give the sampling rate (--sampling-rate HZ)."
             )
