@@ -15,6 +15,12 @@ FEWEST_PER_HALF_PERIOD = 3
 # A drive holds the amplitude for so many half periods at least, and within this part.
 DRIVEN_HALF_PERIODS = 8
 DRIVEN_TOLERANCE = 0.03
+# A beat rises over so many half periods at least, in this part of them, and swings on in this part.
+FEWEST_RISING = 5
+RISING_PART = 0.8
+SWINGING_ON = 0.7
+# Its fall does not slow down: that of the last quarter is no less than this part of that of the first.
+HOLLOW = 0.8
 # A hand takes a few periods at most.
 HAND_HALF_PERIODS = 8
 # Friction alone stops a swing that, at its last pace, would end within so many half periods.
@@ -77,7 +83,33 @@ def after_the_largest(time: Array, angle: Array, swing: Swing, source: str) -> S
         )
     swing = replace(swing, run=slice(run.start + first, run.stop))
     _refuse_pushes(peak[first:], swing, source)
+    _refuse_beats(swing, source)
     return swing
+
+
+def _refuse_beats(swing: Swing, source: str) -> None:
+    """Refuse the fall of a beat: the amplitude falls to nothing, ever faster, and rises again as gradually.
+
+    Where two modes are as strong as each other the sign changes at the node, which ends the run there.
+    """
+    run, peak = swing.run, swing.halves.peak
+    fall = peak[run]
+    quarter = fall.size // 4
+    rise = peak[run.stop : min(run.stop + fall.size, peak.size - 1)]
+    if quarter < 1 or rise.size < FEWEST_RISING:
+        return
+    lasts = swing.halves.duration[run.stop : run.stop + rise.size] / (0.5 * swing.oscillation.period)
+    swings_on = np.mean((lasts > 0.4) & (lasts < 2.5)) > SWINGING_ON
+    hollow = fall[-quarter - 1] - fall[-1] < HOLLOW * (fall[0] - fall[quarter])
+    top = int(np.argmax(rise))
+    gradual = top >= FEWEST_RISING - 1 and np.mean(np.diff(rise[: top + 1]) > 0.0) > RISING_PART
+    if swings_on and not hollow and gradual and rise[top] > 0.5 * fall[0]:
+        instant = swing.halves.crossing[run.stop]
+        raise DecayError(
+            f"{source}: the amplitude falls from {fall[0]:.3g} to {fall[-1]:.3g} at {instant:.4g} s and "
+            f"rises again to {rise[top]:.3g} as gradually: two modes beat; record one alone, or choose "
+            "the window of one decay."
+        )
 
 
 def _refuse_pushes(peak: Array, swing: Swing, source: str) -> None:

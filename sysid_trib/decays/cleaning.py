@@ -20,6 +20,11 @@ SPIKE_NOISE = 15.0
 # Most a new frame moves, in steps of the sensor, where repeated values are its quantisation.
 QUANTISED_STEPS = 3.0
 WRAP_SHARE = 0.75
+# Part of the cuts at which the motion goes on on either side, and fewest of them.
+LEAST_AGAINST = 0.6
+FEWEST_CUTS = 4
+# Samples on either side that show how the motion goes on.
+CUT_REACH = 3
 # Pulses are so many times shorter than what is between them; a swing's two sides last alike.
 PULSE_RATIO = 3.0
 FEWEST_CROSSINGS = 12
@@ -113,6 +118,60 @@ def unwrapped(angle: Array, turn: float) -> tuple[Array, int]:
     if np.ptp(whole[good]) > 2.0 * turn:
         return angle, 0
     return whole, int(np.count_nonzero(jumps))
+
+
+def _step_beside_cubic() -> Array:
+    """Weights of samples before and after a cut that give the step of a cubic there, by least squares."""
+    at = np.arange(-CUT_REACH - 0.5, CUT_REACH + 1.0)
+    columns = np.column_stack([at**0, at, at**2, at**3, at > 0.0])
+    return np.asarray(np.linalg.pinv(columns)[-1])
+
+
+_STEP_BESIDE_CUBIC = _step_beside_cubic()
+
+
+def unwrapped_anywhere(signal: Array) -> tuple[Array, float, int]:
+    """A signal that was cut at the end of its sensor's range, put together again.
+
+    Parameters
+    ----------
+    signal : (sample,) array of float
+        In any unit, such as an encoder's counts of one turn.
+
+    Returns
+    -------
+    whole : (sample,) array of float
+    turn : float
+        What was added or taken off at each cut; nan where there is none.
+    cuts : int
+
+    Notes
+    -----
+    At a cut the signal leaps over most of its range in one step, against its motion, which goes on beyond.
+    The step that a cubic through the samples on either side leaves is a whole turn. A light barrier leaps as
+    well, but rests on either side.
+    """
+    span = float(np.ptp(signal))
+    step = np.diff(signal)
+    cut = np.flatnonzero(np.abs(step) > WRAP_SHARE * span)
+    cut = cut[(cut >= CUT_REACH) & (cut < step.size - CUT_REACH)]
+    if not cut.size:
+        return signal, float("nan"), 0
+    before, after = signal[cut] - signal[cut - CUT_REACH], signal[cut + 1 + CUT_REACH] - signal[cut + 1]
+    apart = np.maximum(np.abs(before), np.abs(after)) < WRAP_SHARE * span
+    beside = 0.5 * (before + after) / CUT_REACH
+    against = (before * after > 0.0) & (beside * step[cut] < 0.0)
+    if np.count_nonzero(against & apart) < max(FEWEST_CUTS, LEAST_AGAINST * np.count_nonzero(apart)):
+        return signal, float("nan"), 0
+    # The step beside a cubic through the samples on either side.
+    near = np.lib.stride_tricks.sliding_window_view(signal, 2 * CUT_REACH + 2)[cut - CUT_REACH]
+    turn = float(np.median(np.abs(near @ _STEP_BESIDE_CUBIC)[against & apart]))
+    if np.all(signal == np.round(signal)):
+        turn = float(round(turn))
+    whole = np.unwrap(signal, period=turn)
+    if np.ptp(whole) > 2.0 * turn:
+        return signal, float("nan"), 0
+    return whole, turn, int(cut.size)
 
 
 def pulses(signal: Array) -> bool:

@@ -22,6 +22,9 @@ BINOMIAL = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
 DRIFT_BLOCKS = 8
 SHORT_BINOMIAL = np.array([1.0, 2.0, 1.0]) / 4.0
 KEPT_DECAYS = 64
+# The swing is what moves so many times as far as the line of the most travel, in so many half periods.
+HUM = 2.0
+FEWEST_REGULAR = 5
 
 
 @dataclass(frozen=True)
@@ -52,7 +55,22 @@ def find_swing(time: Array, signal: Array, equilibrium: float | None = None) -> 
         _settle(time, signal, smooth(time, signal, period), equilibrium)
         for period in dominant_periods(time, signal)
     ]
-    return max(swings, key=lambda swing: float(swing.halves.peak[swing.run].sum()), default=None)
+    travels = max(swings, key=lambda swing: float(swing.halves.peak[swing.run].sum()), default=None)
+    if travels is None:
+        return None
+    # Mains hum travels far on small ways: a swing is what is several times as large.
+    larger = [
+        swing
+        for swing in swings
+        if swing.run.stop - swing.run.start >= FEWEST_REGULAR
+        and swing.oscillation.period > travels.oscillation.period
+        and _largest(swing) > HUM * _largest(travels)
+    ]
+    return max(larger, key=_largest, default=travels)
+
+
+def _largest(swing: Swing) -> float:
+    return float(swing.halves.peak[swing.run].max(initial=0.0))
 
 
 def usable_half_periods(time: Array, angle: Array, source: str) -> HalfPeriods:

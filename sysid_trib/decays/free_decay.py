@@ -222,8 +222,8 @@ def _first(piece: Piece, value: float | None, source: str) -> CutDecay:
     return CutDecay(piece, swing, free_part(time, signal - swing.equilibrium, swing))
 
 
-def swing_within(time: Array, signal: Array) -> Swing | None:
-    """The swing of a signal if it holds a free decay, else None; in a unit and times of any kind.
+def swing_within(time: Array, signal: Array) -> tuple[Swing | None, str]:
+    """The swing of a signal if it holds a free decay, else None and why; in a unit and times of any kind.
 
     Parameters
     ----------
@@ -232,16 +232,17 @@ def swing_within(time: Array, signal: Array) -> Swing | None:
     signal : (sample,) array of float
     """
     if signal.size < 20 or np.ptp(signal) <= max(1e-12 * np.max(np.abs(signal)), SMALLEST_SWING):
-        return None
+        return None, "it does not move"
     kept, _ = _kept_samples(time, signal, keep_outliers=False)
     periods = dominant_periods(time[kept], signal[kept])
     if not periods:
-        return None
+        return None, "no oscillation stands out of the noise"
     try:
         decays = _decays_of(uniform_pieces(time[kept], signal[kept], periods[0]), None, "")
-    except DecayError:
-        return None
-    return max((decay.swing for decay in decays), key=lambda swing: float(swing.halves.peak[swing.run].sum()))
+    except DecayError as error:
+        return None, str(error).removeprefix(": ").partition(";")[0].rstrip(".")
+    swings = (decay.swing for decay in decays)
+    return max(swings, key=lambda swing: float(swing.halves.peak[swing.run].sum())), ""
 
 
 def _given(equilibrium: float | str) -> float:

@@ -117,7 +117,7 @@ def noise_of_record(time: Array, signal: Array) -> float:
 
 
 def dominant_periods(time: Array, signal: Array) -> list[float]:
-    """Periods of the line that is strongest by its rate and, if another one, by the root of its rate.
+    """Periods of the line that is strongest by its rate and, if others, by the root of its rate or by itself.
 
     Holding by hand, lifting and rest are slow: the rate suppresses them, but it lifts mains hum. Empty if no
     line stands out of the spectrum's median, as it does not in noise.
@@ -126,11 +126,15 @@ def dominant_periods(time: Array, signal: Array) -> list[float]:
     spectrum = np.abs(rfft(signal - np.median(signal), size))[1:]
     spectrum[spectrum < 8.0 * np.median(spectrum)] = 0.0
     index = np.arange(1, spectrum.size + 1)
-    peaks = [int(np.argmax(spectrum * weight)) for weight in (index, np.sqrt(index))]
+    peaks = [int(np.argmax(spectrum * index**power)) for power in (1.0, 0.5, 0.0)]
     if spectrum[peaks[0]] == 0.0:
         return []
-    first, second = (float(size * (time[-1] - time[0]) / (time.size - 1) / index[peak]) for peak in peaks)
-    return [first] if 0.8 < first / second < 1.25 else [first, second]
+    periods: list[float] = []
+    for peak in peaks:
+        period = float(size * (time[-1] - time[0]) / (time.size - 1) / index[peak])
+        if not any(0.8 < period / other < 1.25 for other in periods):
+            periods.append(period)
+    return periods
 
 
 def smooth(time: Array, signal: Array, period: float) -> Oscillation:

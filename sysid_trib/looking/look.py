@@ -14,6 +14,11 @@ from sysid_trib.results.variables import Variables, variable
 SPECTRUM_POINTS = 2000
 # Instants at either end from which the rate of decay there is taken.
 END_INSTANTS = 8
+# A step beside the noise of sixth differences, of a motion that takes many samples to the next step at most.
+MOST_STEP = 30.0
+# The middle between extrema of both sides; decays of either sign cancel in it to third order.
+MIDDLE = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
+FEWEST_INSTANTS, FEWEST_FOR_DRIFT, DRIFT_ERRORS = 5, 12, 4.0
 
 
 def look(records: list[xr.Dataset], decays: list[xr.Dataset]) -> xr.DataTree:
@@ -32,7 +37,8 @@ def look(records: list[xr.Dataset], decays: list[xr.Dataset]) -> xr.DataTree:
         Groups `record` (`record_1`, ...) with `angle(time)`; `decay` (`decay_1`, ...) over `instant` with
         `amplitude`, `instant_time` and `frequency`, scalars `start`, `stop`, `period` (s), `periods`,
         `first_amplitude`, `last_amplitude`, `first_damping_ratio`, `last_damping_ratio`, `noise`,
-        `sensor_step` (of what was measured; nan if there is none), `samples_per_period`, and
+        `drift` (of the middle; 0
+        within its errors), `sensor_step` (of what was measured; nan if none), `samples_per_period`, and
         `spectrum(frequency_line)`. Units are those of the record.
 
     Raises
@@ -53,11 +59,16 @@ def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
     unit = str(decay.angle.attrs.get("units", "rad"))
     frequency = float(np.median(curve.frequency))
     period = 2.0 * np.pi / frequency
-    amplitude, instants = curve.amplitude.values, curve.instant_time.values
+    amplitude, instants = _beside_a_drift(curve.amplitude.values), curve.instant_time.values
     # What was resampled or integrated since has lost its steps.
     measured = record[record.attrs.get("measured", "angle")].sel(time=slice(time[0], time[-1]))
     step_unit = str(measured.attrs.get("units", unit))
     first, last = (_damping(instants[part], amplitude[part], frequency) for part in _ends(len(instants)))
+    noise, step = noise_level(time, angle), sensor_step(measured.to_numpy())
+    # Steps are noise: by chance the values that a filter repeats lie on a lattice as well.
+    step = (
+        step if step <= MOST_STEP * noise_level(measured.time.values, measured.to_numpy()) else float("nan")
+    )
     scalars: Variables = {
         "start": variable((), time[0], "first sample", "s"),
         "stop": variable((), time[-1], "last sample", "s"),
@@ -67,13 +78,37 @@ def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
         "last_amplitude": variable((), amplitude[-1], "last amplitude", unit),
         "first_damping_ratio": variable((), first, "rate of decay over w at the start", "1"),
         "last_damping_ratio": variable((), last, "rate of decay over w at the end", "1"),
-        "noise": variable((), noise_level(time, angle), "white noise of one sample", unit),
-        "sensor_step": variable((), sensor_step(measured.to_numpy()), "step of the sensor", step_unit),
+        "noise": variable((), noise, "white noise of one sample", unit),
+        "drift": variable((), _drift(curve), "how far the middle of the swing moves", unit),
+        "sensor_step": variable((), step, "step of the sensor", step_unit),
         "samples_per_period": variable((), period / float(np.median(np.diff(time))), "samples a period", "1"),
     }
-    kept = curve[["amplitude", "instant_time", "frequency"]]
-    kept["amplitude"].attrs["units"] = unit
+    kept = curve[["amplitude", "instant_time", "frequency"]].assign(
+        amplitude=("instant", amplitude, curve.amplitude.attrs | {"units": unit})
+    )
     return kept.assign({**scalars, **_spectrum(time, angle, unit)}).assign_attrs(decay.attrs)
+
+
+def _beside_a_drift(amplitude: Array) -> Array:
+    """Amplitudes as the mean over both sides: a middle that moves makes one side's larger, in turn."""
+    if amplitude.size < FEWEST_INSTANTS:
+        return amplitude
+    inner = 0.25 * (amplitude[:-2] + 2.0 * amplitude[1:-1] + amplitude[2:])
+    # The ends by the slope of their neighbours.
+    return np.concatenate(([2.0 * inner[0] - inner[1]], inner, [2.0 * inner[-1] - inner[-2]]))
+
+
+def _drift(curve: xr.Dataset) -> float:
+    """How far the middle moves along a line, from the first half period to the last; 0 within its errors."""
+    signed, time = curve.sign.values * curve.extremum.values, curve.extremum_time.values
+    if signed.size < FEWEST_FOR_DRIFT:
+        return 0.0
+    middle = np.convolve(signed, MIDDLE, "valid")
+    at = time[2:-2] - time[2:-2].mean()
+    line, covariance = np.polyfit(at, middle, 1, cov=True)
+    # Neighbouring middles share extrema.
+    error = np.sqrt(covariance[0, 0] * MIDDLE.size)
+    return float(line[0] * (time[-1] - time[0])) if abs(line[0]) > DRIFT_ERRORS * error else 0.0
 
 
 def _ends(count: int) -> tuple[slice, slice]:

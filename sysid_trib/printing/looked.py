@@ -13,11 +13,13 @@ from sysid_trib.printing.layout import number
 FEW_SAMPLES = 20.0
 # An amplitude that falls by less than this factor hardly tells one law of damping from another.
 LEAST_FALL = 2.0
+# A drift that counts, beside the last amplitude.
+DRIFTS = 0.1
 # Power of the amplitude in the rate of decay that speaks for a law: -1 of dry friction, 1 of quadratic drag.
 CLEAR_POWER = 0.25
 FACTS = (
     *("period", "periods", "first_amplitude", "last_amplitude", "first_damping_ratio", "last_damping_ratio"),
-    *("noise", "sensor_step", "samples_per_period"),
+    *("drift", "noise", "sensor_step", "samples_per_period"),
 )
 
 
@@ -82,6 +84,11 @@ def _sentences(decay: xr.Dataset) -> list[str]:
         limits.append(
             f"the amplitude falls by a factor of {fall:.3g} alone, which hardly tells one law of damping "
             "from another: record longer"
+        )
+    if abs(value["drift"]) > DRIFTS * value["last_amplitude"]:
+        limits.append(
+            f"the middle of the swing moves by {value['drift']:.2g} {unit} over the record, as by a drift or "
+            "by forces that differ between the two sides"
         )
     limits += _law(value, fall)
     return [*sentences, f"{'; '.join(limits).capitalize()}."] if limits else sentences

@@ -14,6 +14,8 @@ LACKING_STEP = 1.5
 # A clock that is set back this often is none: the rows are in no order.
 MOST_SET_BACK = 20
 UNEVEN_PART = 1e-9
+# Part of a step; less is not worth a word.
+NO_JITTER = 1e-4
 # Steps of the rounding within which stamps are a line's; the line's own slope is known to a little less.
 ROUNDED_WITHIN = 1.02
 # s; stamps that started longer ago (epoch seconds) are counted from the first: no digit is lost to them.
@@ -153,6 +155,8 @@ def _without_rounding(
         rounded = f"stamps rounded to {rounding:g}"
         return line + (given[0] - line[0]), f"{rounded}; {lack}" if lack else rounded
     worst = float(np.max(np.abs(steps - counts * slope)))
+    if worst < NO_JITTER * slope:
+        return given, lack
     jitter = f"stamps jitter by up to {100.0 * worst / slope:.2g} % of a step, and are used as they are"
     return given, jitter
 

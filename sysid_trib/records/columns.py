@@ -1,17 +1,19 @@
 """Which columns of a table are times and signal, where names, units and the swing make that certain."""
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
 
 from sysid_trib.arrays import Array
-from sysid_trib.decays.cleaning import unwrapped
+from sysid_trib.decays.cleaning import unwrapped, unwrapped_anywhere
 from sysid_trib.decays.equilibrium import Swing
 from sysid_trib.decays.free_decay import swing_within
 from sysid_trib.errors import RecordError, SysidTribError, UsageError, did_you_mean
 from sysid_trib.records.clock import read_clock
-from sysid_trib.records.headers import is_time, names_quantity, split_header
+from sysid_trib.records.headers import counts_rows, is_time, names_quantity, split_header
 from sysid_trib.records.numbers import is_clock_time, is_numeric, numbers
+from sysid_trib.records.side_by_side import cells, runs_side_by_side, time_of
 from sysid_trib.records.tables import FileTable
 from sysid_trib.records.units import INTEGRATIONS, SignalUnit, signal_unit
 
@@ -54,6 +56,7 @@ class _Candidate:
     unit: SignalUnit | None
     values: Array
     swing: Swing | None
+    reason: str = ""
 
     @property
     def amplitude(self) -> float:
@@ -99,38 +102,68 @@ def choose_columns(
     given_time = None if time is None else find_column(table, time, source)
     if angle is not None:
         name = find_column(table, angle, source)
-        return [Chosen(given_time or _time_of(name, [t for t in times if t != name], table), name)]
+        return [Chosen(given_time or time_of(name, [t for t in times if t != name], table), name)]
     if given_time is not None:
         times = [given_time]
-    names = [name for name in table.columns if name not in times and is_numeric(table.columns[name])]
+    names = [
+        name
+        for name, values in table.columns.items()
+        if name not in times and not _is_empty(values) and is_numeric(values)
+    ]
     if not names:
         raise RecordError(f"{source}: there is no column for the angle beside the time.")
-    runs = _runs_side_by_side(names, times, table)
+    runs = runs_side_by_side(names, times, table)
     if runs:
         return [Chosen(*run, "runs side by side") for run in runs]
+    parts = cells(names, times, table)
+    if parts:
+        first = parts[0][1]
+        chosen, _ = _choose(first, times, table, signal, source)
+        return [Chosen(t, group[first.index(chosen)], "cells, each a run") for t, group in parts]
     if len(names) == 1:
-        return [Chosen(_time_of(names[0], times, table), names[0])]
-    made = (_candidate(table, name, _time_of(name, times, table), source) for name in names[:MOST_JUDGED])
+        return [Chosen(time_of(names[0], times, table), names[0])]
+    name, why = _choose(names, times, table, signal, source)
+    return [Chosen(time_of(name, times, table), name, why)]
+
+
+def _choose(
+    names: list[str], times: list[str], table: FileTable, signal: str | None, source: str
+) -> tuple[str, str]:
+    """The column that alone can be meant, and why."""
+    made = (_candidate(table, name, time_of(name, times, table), source) for name in names[:MOST_JUDGED])
     candidates = [candidate for candidate in made if candidate is not None]
     if not candidates:
         # Each of them holds a text: the refusal says where.
-        return [Chosen(_time_of(names[0], times, table), names[0])]
-    chosen, why = _certain(candidates, signal, source)
-    return [Chosen(_time_of(chosen.name, times, table), chosen.name, why)]
+        return names[0], ""
+    chosen, why = _certain(candidates, signal, source, timed=bool(times))
+    return chosen.name, why
 
 
 def _time_columns(table: FileTable) -> list[str]:
     """Names of the columns of time: by their headers, else the first one that rises throughout."""
-    names = list(table.columns)
+    names = [name for name, values in table.columns.items() if not _is_empty(values)]
     units = {name: table.units.get(name, "") or split_header(name)[1] for name in names}
     named = [
         name
         for name in names
         if is_time(split_header(name)[0], units[name]) or is_clock_time(table.columns[name])
     ]
+    # `Time_id[0]`, `t run 2`: names that begin so, of columns that rise.
+    named += [
+        name
+        for name in names
+        if name not in named
+        and re.match(r"(?:time|t|zeit)\b", split_header(name)[0])
+        and not units[name]
+        and _rises(table.columns[name])
+    ]
+    named.sort(key=names.index)
     if named or len(names) == 1:
         return named
-    rising = [name for name in names[:3] if _rises(table.columns[name])]
+    first = [name for name in names if np.asarray(table.columns[name]).dtype.kind in "fiu"][:3]
+    rising = [
+        name for name in first if _rises(table.columns[name]) and not counts_rows(split_header(name)[0])
+    ]
     # A number of the row stands before the time.
     if (
         len(rising) > 1
@@ -141,6 +174,12 @@ def _time_columns(table: FileTable) -> list[str]:
     return rising[:1]
 
 
+def _is_empty(values: object) -> bool:
+    """Whether a column holds nothing, as that of the times where a logger leaves them out."""
+    column = np.asarray(values)
+    return column.dtype.kind == "f" and not np.isfinite(column).any()
+
+
 def _rises(values: object) -> bool:
     column = np.asarray(values)
     if column.dtype.kind not in "fiu":
@@ -149,27 +188,10 @@ def _rises(values: object) -> bool:
     return bool(steps.size and np.all(steps >= 0) and np.any(steps > 0))
 
 
-def _time_of(name: str, times: list[str], table: FileTable) -> str | None:
-    """The time column that stands next before a column, else the first."""
-    order = list(table.columns)
-    fitting = [t for t in times if np.size(table.columns[t]) == np.size(table.columns[name])] or times
-    before = [t for t in fitting if order.index(t) < order.index(name)]
-    return before[-1] if before else fitting[0] if fitting else None
-
-
-def _runs_side_by_side(names: list[str], times: list[str], table: FileTable) -> list[tuple[str, str]]:
-    """Time and signal of each run where a table holds the same pair of columns several times."""
-    pairs = [(_time_of(name, times, table) or "", name) for name in names]
-    headers = {split_header(name) for name in names}
-    numbered = all(any(sign.isdigit() for sign in name) for name in names)
-    several = len(pairs) > 1 and len({time for time, _ in pairs}) == len(pairs) == len(times)
-    return pairs if several and len(headers) == 1 and numbered and ":" in names[0] else []
-
-
 def _candidate(table: FileTable, name: str, time: str | None, source: str) -> _Candidate | None:
     """A column with its header and swing; None if it holds a text, or next to no numbers."""
     base, unit = split_header(name)
-    swing = None
+    swing, reason = None, ""
     try:
         values = numbers(table.columns[name], name, source)
     except SysidTribError:
@@ -185,13 +207,15 @@ def _candidate(table: FileTable, name: str, time: str | None, source: str) -> _C
         whole, _ = unwrapped(
             values[clock.rows][good], 360.0 if np.nanmax(np.abs(values)) > 10.0 else 2.0 * np.pi
         )
-        swing = swing_within(clock.time[good], whole)
+        swing, reason = swing_within(clock.time[good], unwrapped_anywhere(whole)[0])
     except SysidTribError:
         pass
-    return _Candidate(name, base, signal_unit(table.units.get(name, "") or unit), values, swing)
+    return _Candidate(name, base, signal_unit(table.units.get(name, "") or unit), values, swing, reason)
 
 
-def _certain(candidates: list[_Candidate], signal: str | None, source: str) -> tuple[_Candidate, str]:
+def _certain(
+    candidates: list[_Candidate], signal: str | None, source: str, *, timed: bool
+) -> tuple[_Candidate, str]:
     """The one column that can be meant, and why."""
     moving = [c for c in candidates if c.amplitude > 0.0] or candidates
     pool = [c for c in moving if c.swing is not None] or moving
@@ -214,11 +238,22 @@ def _certain(candidates: list[_Candidate], signal: str | None, source: str) -> t
     if len(units) == 1 and largest.amplitude > DOMINANT * second.amplitude:
         return largest, f"it swings {largest.amplitude / second.amplitude:.2g} times as far as any other"
     if not any(c.swing for c in pool):
-        # None is a decay: the first one's refusal says why.
-        return (named or pool)[0], ""
+        if not timed:
+            # That there is no clock is the first thing to say.
+            return (named or pool)[0], ""
+        raise RecordError(_no_decay(named or pool, source))
     raise UsageError(
         f"{source}: {_listed(pool)} could each be the signal; name one, such as "
         f'--angle "{pool[0].name}" (angle= in Python).'
+    )
+
+
+def _no_decay(pool: list[_Candidate], source: str) -> str:
+    """Why none of several columns is a decay."""
+    reasons = [f"{column.name}: {column.reason}" for column in pool[:LISTED] if column.reason]
+    return (
+        f"{source}: none of {len(pool)} columns swings as a free decay ({'; '.join(reasons)}); "
+        "is it driven? A free decay is needed: switch the drive off, and record what follows."
     )
 
 

@@ -1,21 +1,65 @@
-"""Headers of columns: a name and a unit; facts that stand in comments."""
+"""Headers of columns: a name and a unit."""
 
 import re
-from collections.abc import Sequence
+import unicodedata
 
 from sysid_trib.records.units import ANGLE_UNITS, POSITION_UNITS, TIME_UNITS, plain_unit, signal_unit
 
+# Names without accents, in lower case.
 TIME_NAMES = {
     *("time", "t", "times", "timestamp", "time stamp", "seconds", "elapsed", "elapsed time", "zeit", "temps"),
-    *("tempo", "tiempo", "uhrzeit", "date time", "datetime", "clock", "czas", "millis", "micros"),
+    *(
+        "tempo",
+        "tiempo",
+        "uhrzeit",
+        "date time",
+        "datetime",
+        "clock",
+        "czas",
+        "millis",
+        "micros",
+        "tijd",
+        "tid",
+    ),
+    *("hora", "heure", "ts", "x value", "sekunden"),
+}
+# Columns that count rows: no clock has a step of 1 by itself.
+COUNTER_NAMES = {
+    *(
+        "frame",
+        "frames",
+        "frame number",
+        "frame no",
+        "frame no.",
+        "index",
+        "sample",
+        "samples",
+        "sample number",
+    ),
+    *("n", "no", "no.", "nr", "nr.", "number", "row", "image", "bild", "id", "unnamed: 0", "#", "#0"),
 }
 ANGLE_NAMES = {
     *("angle", "theta", "phi", "θ", "φ", "ϕ", "ϑ", "roll", "angular position", "rotation", "winkel", "ang"),
-    *("angular displacement", "auslenkwinkel", "angulo", "ángulo", "roll angle", "swing angle"),
+    *("angular displacement", "auslenkwinkel", "angulo", "roll angle", "swing angle", "angolo", "hoek"),
+    *("vinkel", "kat", "alpha", "beta", "α", "β", "drehwinkel"),
 }
 RATE_NAMES = {
     *("rate", "angular rate", "angular velocity", "omega", "ω", "gyro", "gyroscope", "theta dot", "thetadot"),
-    *("velocity", "speed", "winkelgeschwindigkeit", "geschwindigkeit", "v", "vx", "vy", "gx", "gy", "gz"),
+    *(
+        "velocity",
+        "speed",
+        "wx",
+        "wy",
+        "wz",
+        "winkelgeschwindigkeit",
+        "geschwindigkeit",
+        "v",
+        "vx",
+        "vy",
+        "gx",
+        "gy",
+        "gz",
+    ),
 }
 POSITION_NAMES = {
     *("x", "y", "z", "displacement", "position", "deflection", "elongation", "pos", "weg", "auslenkung"),
@@ -33,12 +77,6 @@ QUANTITY_NAMES = {
     "acceleration": ACCELERATION_NAMES,
 }
 _KNOWN = TIME_UNITS.keys() | ANGLE_UNITS.keys() | POSITION_UNITS.keys() | {"g", "dps", "%"}
-_RATE_NOTE = re.compile(
-    r"\b(?:fs|f_s|fps|sampl(?:e|ing)[ _]?(?:rate|frequency)|samplerate|abtastrate|frame[ _]?rate)\b"
-    r"\W{0,4}(\d[\d.]*(?:e[+-]?\d+)?)\s*(k?hz|khz)?",
-    re.IGNORECASE,
-)
-_UNIT_NOTE = re.compile(r"\bunits?\b\s*[:=]\s*['\"]?([^\s'\",;]+)", re.IGNORECASE)
 
 
 def split_header(name: str) -> tuple[str, str]:
@@ -46,7 +84,7 @@ def split_header(name: str) -> tuple[str, str]:
 
     Both in lower case; the name without a group before it (`run.time`, `Run 1: Time`).
     """
-    text = name.strip().lower().replace("μ", "µ")
+    text = re.sub(r"_?\{\w*\}|(?<=.)#\d+$", "", name.strip().lower().replace("μ", "µ"))
     bracket = re.fullmatch(r"(.*?)\s*[\[({]\s*([^\[\](){}]*?)\s*[\])}](?:\s+run\b.*)?", text)
     if bracket is not None and not bracket[2].isdigit():
         base, unit = bracket[1], plain_unit(bracket[2])
@@ -80,6 +118,7 @@ def names_quantity(base: str) -> str:
     base : str
         Of `split_header`. The axis at its end does not count: `gyroscope y`.
     """
+    base = _without_accents(base)
     first = base.split(" ")[0]
     for text in (base, re.sub(r"[ _]?(?:[xyz]|\d+|left|right)$", "", base), first if len(first) > 2 else ""):
         for quantity, names in QUANTITY_NAMES.items():
@@ -90,20 +129,23 @@ def names_quantity(base: str) -> str:
 
 def is_time(base: str, unit: str) -> bool:
     """Whether a header is that of a time column."""
+    base = _without_accents(base)
     plain = re.sub(r"\s*\d+$", "", base)
     return plain in TIME_NAMES or base in TIME_NAMES or (unit in TIME_UNITS and base.startswith("time"))
 
 
-def noted_rate(notes: Sequence[str]) -> float | None:
-    """Sampling rate (Hz) that comments or scalars of a file state, `fs = 200 Hz`."""
-    for note in notes:
-        match = _RATE_NOTE.search(note)
-        if match and float(match[1]) > 0.0:
-            return float(match[1]) * (1e3 if (match[2] or "").lower() == "khz" else 1.0)
-    return None
+def counts_rows(base: str) -> bool:
+    """Whether a header is that of a number of the row, such as `frame`."""
+    return base in COUNTER_NAMES
 
 
-def noted_unit(notes: Sequence[str]) -> str:
-    """Unit that comments or texts of a file state, `unit: rad`; nothing where none does."""
-    matches = (_UNIT_NOTE.search(note) for note in notes)
-    return next((match[1] for match in matches if match), "")
+def _without_accents(text: str) -> str:
+    """Letters without their accents: `angulo` for `ángulo`."""
+    parted = unicodedata.normalize("NFD", text)
+    return "".join(letter for letter in parted if not unicodedata.combining(letter))
+
+
+def as_written(name: str, unit: str) -> str:
+    """The unit of a header with the capitals that the header has: `mT`, where `split_header` says `mt`."""
+    at = name.lower().rfind(unit)
+    return name[at : at + len(unit)] if unit and at >= 0 else unit

@@ -1,5 +1,6 @@
 """The numbers of a column: missing ones are nan, dates and clock times become seconds."""
 
+import re
 from datetime import datetime, time as clock_time
 from typing import Any
 
@@ -13,7 +14,39 @@ from sysid_trib.errors import RecordError
 MOST_LOOKED_AT = 1000
 # Squares and cubes of larger ones overflow.
 LARGEST_NUMBER = 1e75
-MISSING_TEXTS = {"", "nan", "na", "n/a", "null", "none", "-", "--", "#n/v", "#n/a"}
+MISSING_TEXTS = {
+    *(
+        "",
+        "nan",
+        "na",
+        "n/a",
+        "n.a.",
+        "k.a.",
+        "nil",
+        "null",
+        "none",
+        "missing",
+        "#n/v",
+        "#n/a",
+        "#value!",
+        "#div/0!",
+    ),
+    *(
+        "nan(char)",
+        "nan(ind)",
+        "nan(snan)",
+        "1.#qnan",
+        "-1.#qnan",
+        "1.#ind",
+        "-1.#ind",
+        "1.#nan",
+        "1.#inf",
+        "-1.#inf",
+    ),
+    *("ovl", "ol", "o.l", "overload", "overflow", "over range", "overrange", "error", "err"),
+}
+DAY = 86400.0
+_CLOCK_TIME = re.compile(r"(?:(\d+):)?(\d+):(\d+(?:\.\d*)?)(?::(\d+))?(?:\s*([ap])\.?m\.?)?", re.IGNORECASE)
 
 
 def numbers(values: Any, name: str, source: str) -> Array:
@@ -60,14 +93,22 @@ def is_numeric(values: Any) -> bool:
     if values.dtype.kind in "fiub":
         return True
     first = values[:MOST_LOOKED_AT].tolist()
-    return not is_clock_time(values) and sum(map(_is_a_number, first)) * 2 > len(first)
+    return not is_clock_time(values) and sum(map(is_number, first)) * 2 > len(first)
 
 
-def _is_a_number(value: object) -> bool:
+def is_missing(text: str) -> bool:
+    """Whether a text stands for a missing value: nothing, a usual word, or neither letter nor digit."""
+    plain = text.strip().lower()
+    return plain in MISSING_TEXTS or not any(map(str.isalnum, plain))
+
+
+def is_number(value: object) -> bool:
+    """Whether a text is a number, with a decimal point or comma."""
     try:
-        return float(str(value).replace(",", ".")) is not None
+        float(str(value).replace(",", ".", 1))
     except ValueError:
         return False
+    return True
 
 
 def is_clock_time(values: Any) -> bool:
@@ -84,21 +125,45 @@ def is_clock_time(values: Any) -> bool:
 
 def _of_texts(values: Any, name: str, source: str) -> Array:
     if is_clock_time(values):
-        texts = [str(value).replace(",", ".") for value in values]
-        try:
-            return np.asarray(pd.to_timedelta(texts).total_seconds(), dtype=float)
-        except ValueError:
-            pass
-        try:
-            dates = pd.to_datetime(texts)
-            return np.asarray((dates - dates[0]).total_seconds(), dtype=float)
-        except ValueError:
-            pass
+        texts = [str(value).strip().replace(",", ".") for value in values]
+        seconds = _of_the_day(texts)
+        seconds = _of_dates(texts) if seconds is None else seconds
+        if seconds is not None:
+            return seconds
     return np.array([_number(value, name, row, source) for row, value in enumerate(values, 1)])
 
 
+def _of_the_day(texts: list[str]) -> Array | None:
+    """Seconds of times such as `14:02:33.120`, `02:33.12` (m:s), `2:02:33 PM`, `00:02:33:120`; else None."""
+    matches = [_CLOCK_TIME.fullmatch(text) for text in texts]
+    if not all(matches):
+        return None
+    seconds = np.array([_seconds(match) for match in matches if match is not None])
+    # A new day starts where the clock goes back by more than half a day.
+    return seconds + DAY * np.cumsum(np.diff(seconds, prepend=seconds[0]) < -0.5 * DAY)
+
+
+def _seconds(match: "re.Match[str]") -> float:
+    hours, minutes, seconds, thousandths, half = match.groups()
+    hour = int(hours or 0)
+    if half:
+        hour = hour % 12 + (12 if half.lower().startswith("p") else 0)
+    return 3600.0 * hour + 60.0 * int(minutes) + float(seconds) + 1e-3 * int(thousandths or 0)
+
+
+def _of_dates(texts: list[str]) -> Array | None:
+    """Seconds since the first of some dates; None if they are none."""
+    for style in ("ISO8601", "mixed"):
+        try:
+            dates = pd.to_datetime(texts, format=style, utc=True)
+        except (ValueError, OverflowError):
+            continue
+        return np.asarray((dates - dates[0]).total_seconds(), dtype=float)
+    return None
+
+
 def _number(value: object, name: str, row: int, source: str) -> float:
-    if value is None or str(value).strip().lower() in MISSING_TEXTS:
+    if value is None or is_missing(str(value)):
         return float("nan")
     try:
         return float(value)  # type: ignore[arg-type]

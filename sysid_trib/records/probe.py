@@ -5,6 +5,7 @@ end, without leaving the file, is then read as usual. On its own it takes a kind
 standard output what is wrong.
 """
 
+import math
 import os
 import subprocess
 import sys
@@ -13,8 +14,12 @@ from typing import Any
 
 from sysid_trib.errors import RecordError
 
-# Seconds: to begin with, and for each byte of the file.
+# Seconds of the processor: to begin with, and for each byte of the file. On a busy machine that many seconds
+# take several times as long.
 SECONDS, SECONDS_PER_BYTE = 4.0, 5e-8
+BUSY = 15.0
+# Of a process that the system ended since it had used up its time.
+OUT_OF_TIME = -24
 # Bytes of memory: to begin with, and for each byte of the file.
 MEMORY, MEMORY_PER_BYTE = 2**30, 16
 HDF5 = "hdf5"
@@ -61,11 +66,13 @@ def check_binary(path: Path, kind: str) -> None:
             command,
             stdin=subprocess.DEVNULL,
             capture_output=True,
-            timeout=SECONDS + SECONDS_PER_BYTE * size,
+            timeout=BUSY * _seconds(size),
             check=False,
         )
     except subprocess.TimeoutExpired:
-        raise RecordError(f"{path.name}: takes far too long to read; it seems damaged.") from None
+        done = None
+    if done is None or done.returncode == OUT_OF_TIME:
+        raise RecordError(f"{path.name}: takes far too long to read; it seems damaged.")
     if done.returncode == LINKED:
         raise RecordError(
             f"{path.name}: {done.stdout.decode().strip()}; copy all numbers into one plain file."
@@ -80,7 +87,8 @@ def check_binary(path: Path, kind: str) -> None:
 
 def _main(kind: str, path: str) -> int:
     """Read a file within limits; 0 where that works."""
-    _limit(MEMORY + MEMORY_PER_BYTE * os.path.getsize(path))
+    size = os.path.getsize(path)
+    _limit(MEMORY + MEMORY_PER_BYTE * size, math.ceil(_seconds(size)))
     try:
         if kind == HDF5:
             _walk(path)
@@ -103,13 +111,19 @@ def _main(kind: str, path: str) -> int:
     return 0
 
 
-def _limit(memory: int) -> None:
-    """Most address space of this process, where the system has such a limit."""
+def _seconds(size: int) -> float:
+    """Seconds of the processor that a file of so many bytes may take."""
+    return SECONDS + SECONDS_PER_BYTE * size
+
+
+def _limit(memory: int, seconds: int) -> None:
+    """Most address space and processor time of this process, where the system has such limits."""
     try:
         import resource
     except ImportError:
         return
     _, most = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
     resource.setrlimit(resource.RLIMIT_AS, (memory if most < 0 else min(memory, most), most))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
-from sysid_trib.decays.cleaning import unwrapped
+from sysid_trib.decays.cleaning import spikes, unwrapped, unwrapped_anywhere
 from sysid_trib.decays.equilibrium import find_swing
 from sysid_trib.decays.integration import integrated
 from sysid_trib.errors import RecordError, UsageError
@@ -18,7 +18,8 @@ from sysid_trib.records.assumed_units import assumed_unit, circle_radius, time_f
 from sysid_trib.records.clock import Clock, read_clock
 from sysid_trib.records.columns import Chosen, choose_columns, has_column
 from sysid_trib.records.expression import is_expression, with_expression
-from sysid_trib.records.headers import names_quantity, noted_rate, noted_unit, split_header
+from sysid_trib.records.headers import as_written, names_quantity, split_header
+from sysid_trib.records.notes import noted_rate, noted_unit
 from sysid_trib.records.numbers import numbers
 from sysid_trib.records.tables import FileTable, read_table
 from sysid_trib.records.units import (
@@ -208,11 +209,17 @@ def _read(table: FileTable, columns: Chosen, how: Reading, source: str) -> xr.Da
     time, values = clock.time[kept], values[clock.rows][kept]
     if values.size < 2:
         raise RecordError(f"{source}: a single sample is not a record.")
-    unit, why = _unit(table, columns, how, time, values, source)
+    # A bad sample says nothing of the unit.
+    calm = np.delete(np.arange(values.size), spikes(time, values))
+    unit, why = _unit(table, columns, how, time[calm], values[calm], source)
     values = values * unit.factor
     if unit.quantity == "angle":
         values, cuts = unwrapped(values, 2.0 * np.pi)
         said += [f"put together again where it was cut at a whole turn ({cuts} times)"] if cuts else []
+    elif unit.quantity == "displacement":
+        values, turn, cuts = unwrapped_anywhere(values)
+        times = f"({cuts} times, {turn:.6g} {unit.text})"
+        said += [f"put together again where it was cut at the end of its range {times}"] if cuts else []
     attrs: dict[str, Any] = {
         "source": source,
         "signal": unit.quantity,
@@ -238,6 +245,12 @@ def _clock(
     if columns.time is None or (how.sampling_rate is not None and _idle(table, columns.time, values.size)):
         rate = how.sampling_rate or noted
         if rate is None:
+            over = [name for name in table.columns if split_header(name)[0].startswith("freq")]
+            if over:
+                raise RecordError(
+                    f"{source}: its columns are over {over[0]}, not over time: it is a response; a record "
+                    "is needed."
+                )
             raise RecordError(
                 f"{source}: there is no time column; give the sampling rate (--sampling-rate HZ)."
             )
@@ -280,6 +293,7 @@ def _unit(
     # What an accelerometer feels is in the units of an acceleration.
     signal = "acceleration" if how.signal == ACCELEROMETER else how.signal
     base, in_header = split_header(name)
+    in_header = as_written(name, in_header)
     stated = signal_unit(table.units.get(name, "") or in_header or noted_unit(table.notes))
     given = None if how.units is None else signal_unit(how.units)
     if given and how.signal and given.quantity in ("angle", "displacement") and how.signal != given.quantity:

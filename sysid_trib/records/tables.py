@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from datetime import datetime, time as clock_time
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +10,14 @@ import numpy as np
 import pandas as pd
 
 from sysid_trib.errors import RecordError, UsageError
+from sysid_trib.records.numbers import is_missing, is_number
 from sysid_trib.records.probe import HDF5, check_binary
-from sysid_trib.records.text import check_width, read_text
+from sysid_trib.records.text import check_width, header_names, read_text
 
+# Attributes of HDF5 that hold a unit.
+UNIT_ATTRIBUTES = ("units", "unit")
+# Rows of a summary below the numbers, at most.
+MOST_SUMMED = 20
 ColumnValues = dict[str, Any]
 
 
@@ -122,22 +128,52 @@ def _read_excel(path: Path) -> FileTable:
     """The sheet with the most rows of numbers."""
     sheets = pd.read_excel(path, header=None, engine="openpyxl", sheet_name=None)
     cut = [sheet.dropna(how="all").dropna(axis=1, how="all") for sheet in sheets.values()]
-    parts = [(sheet, sheet.map(_is_number)) for sheet in cut]
-    sheet, numbers = max(parts, key=lambda part: int(part[1].any(axis=1).sum()))
+    parts = [(sheet, sheet.map(_is_number)) for sheet in cut if sheet.size]
+    counts = [int(numbers.any(axis=1).sum()) for _, numbers in parts]
+    if not any(counts):
+        raise RecordError(f"{path.name}: no rows of numbers were found on its sheets.")
+    sheet, numbers = parts[int(np.argmax(counts))]
     full = np.flatnonzero(numbers.all(axis=1))
     some = np.flatnonzero(numbers.any(axis=1))
-    if not some.size:
-        raise RecordError(f"{path.name}: no rows of numbers were found on its sheets.")
     start = int(full[0] if full.size else some[0])
-    while start > 0 and numbers.iloc[start - 1].any():
+    while start > 0 and numbers.iloc[start - 1].any() and not _has_texts(sheet.iloc[start - 1]):
         start -= 1
-    names = [str(cell) for cell in sheet.iloc[start - 1]] if start else None
+    # What stands below the numbers is no row of them: a text where they have a number.
+    texts = sheet.map(_is_text)
+    below = np.flatnonzero((texts & numbers.iloc[start]).iloc[start:].any(axis=1))
+    stop = (
+        start + int(below[0]) if below.size and not _goes_on(numbers, start + int(below[0])) else len(sheet)
+    )
     notes = [" ".join(str(cell) for cell in row if cell == cell) for row in sheet.iloc[:start].to_numpy()]
-    return _from_frame(sheet.iloc[start:].infer_objects(), names, notes)
+    names = header_names(
+        [[_cell(cell) for cell in row] for row in sheet.iloc[max(0, start - 2) : start].to_numpy()]
+    )
+    return _from_frame(sheet.iloc[start:stop].infer_objects(), names, notes)
+
+
+def _goes_on(numbers: pd.DataFrame, row: int) -> bool:
+    """Whether more rows of numbers follow below a row than a summary has."""
+    return int(numbers.iloc[row:].any(axis=1).sum()) > MOST_SUMMED
+
+
+def _has_texts(row: "pd.Series[Any]") -> bool:
+    return bool(row.map(_is_text).any())
+
+
+def _cell(cell: Any) -> str:
+    return str(cell).strip() if cell is not None and cell == cell else ""
+
+
+def _is_text(cell: Any) -> bool:
+    """Whether a cell holds words: neither a number nor a sign of a missing one."""
+    return isinstance(cell, str) and not is_number(cell) and not is_missing(cell)
 
 
 def _is_number(cell: Any) -> bool:
-    return isinstance(cell, (int, float)) and cell == cell
+    """Whether a cell holds a number, as such or as a text, or a time."""
+    if isinstance(cell, str):
+        return is_number(cell)
+    return isinstance(cell, (int, float, datetime, clock_time)) and cell == cell
 
 
 def _read_parquet(path: Path) -> FileTable:
@@ -193,24 +229,45 @@ def _read_hdf5(path: Path) -> FileTable:
     import h5py
 
     units: dict[str, str] = {}
+    notes: list[str] = []
 
     def content(item: Any, file: Any) -> Any:
+        facts = {key: _plain(value) for key, value in item.attrs.items() if np.ndim(value) == 0}
+        unit = next((value for key, value in facts.items() if key.lower() in UNIT_ATTRIBUTES), "")
+        notes.extend(f"{key} = {value}" for key, value in facts.items() if key.lower() not in UNIT_ATTRIBUTES)
         if isinstance(item, h5py.Group):
             return {key: content(item[key], file) for key in item if not key.startswith("#")}
         if h5py.check_ref_dtype(item.dtype) is not None:
             return [content(file[reference], file) for reference in np.ravel(item[()])]
-        if "units" in item.attrs:
-            label = item.attrs["units"]
-            units[item.name.strip("/").replace("/", ".")] = (
-                label.decode() if isinstance(label, bytes) else str(label)
-            )
-        is_text = item.attrs.get("MATLAB_class") == b"char"
-        return None if is_text else item[()]
+        name = item.name.strip("/").replace("/", ".")
+        if unit:
+            units[name] = str(unit)
+        if item.attrs.get("MATLAB_class") == b"char" or item.shape is None:
+            return None
+        values = item[()]
+        if np.size(values) == 1:
+            notes.append(f"{name.rpartition('.')[2]} = {_plain(np.ravel(values)[0])}")
+        if item.dtype.names:
+            return {field: values[field] for field in item.dtype.names}
+        return _named_columns(values, item.attrs)
 
     with h5py.File(path, "r") as file:
         columns = dict(_flatten(content(file, file)))
-        notes = tuple(f"{name} = {value}" for name, value in file.attrs.items() if np.ndim(value) == 0)
-    return FileTable(columns, units, notes)
+    return FileTable(columns, units, tuple(notes))
+
+
+def _plain(value: Any) -> Any:
+    return value.decode(errors="replace") if isinstance(value, bytes) else value
+
+
+def _named_columns(values: Any, attrs: Any) -> Any:
+    """The columns of a table by the names that an attribute of it lists; else the table."""
+    for names in attrs.values():
+        if np.ndim(values) == 2 and np.ndim(names) == 1 and np.asarray(names).dtype.kind in "OSU":
+            for table in (values, values.T):
+                if table.shape[1] == len(names):
+                    return {str(_plain(name)): column for name, column in zip(names, table.T, strict=True)}
+    return values
 
 
 def _read_tdms(path: Path) -> FileTable:

@@ -1,5 +1,6 @@
 """Tables of numbers in text, whatever its delimiter, decimal sign, header and comments."""
 
+import csv
 import re
 from io import StringIO
 from pathlib import Path
@@ -7,11 +8,14 @@ from pathlib import Path
 import pandas as pd
 
 from sysid_trib.errors import RecordError
+from sysid_trib.records.labels import DELIMITERS, plain_lines
+from sysid_trib.records.numbers import is_missing, is_number
 from sysid_trib.records.units import TIME_UNITS, plain_unit, signal_unit
 
 FORMATS = "text or CSV, MATLAB, Excel (.xlsx), netCDF, HDF5, Parquet, TDMS"
 WIDEST_TABLE = 4096
-DELIMITERS = (";", "\t", ",", None)
+# Rows beside which facts may stand.
+MOST_FACTS = 40
 
 
 def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
@@ -37,7 +41,7 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
         text = content.decode("utf-16" if wide else "utf-8-sig")
     except UnicodeDecodeError:
         text = content.decode("latin-1")
-    lines = text.splitlines()
+    lines = plain_lines(text)
     delimiter, start = _find_block(lines)
     if start is None:
         raise RecordError(f"{path.name}: no rows of numbers were found in it (other formats: {FORMATS}).")
@@ -49,9 +53,12 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
     decimal = "," if commas and delimiter != "," else "."
     if delimiter == "," and header and len(header) == 1:
         delimiter, decimal = None, ","
-    block = [line for line in lines[start:] if line.strip() and not _is_comment(line)]
+    # A logger that is started anew writes its head again.
+    head = {line.strip() for line in lines[max(0, start - 2) : start]}
+    block = [line for line in lines[start:] if line.strip() not in head | {""} and not _is_comment(line)]
     # What a logger writes below the numbers is no row of them.
-    while len(block) > 1 and not any(map(_is_number, _fields(block[-1], delimiter))):
+    usual = _fields(block[0], delimiter)
+    while len(block) > 1 and _is_summary(_fields(block[-1], delimiter), usual):
         block.pop()
     frame = pd.read_csv(
         StringIO("\n".join(block)),
@@ -65,7 +72,13 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
     if frame.shape[1] > 1 and frame.iloc[:, -1].isna().all():
         frame = frame.iloc[:, :-1]
     named = header is not None and len(header) >= frame.shape[1]
-    return frame, header if named else None, lines[:start]
+    return frame, header if named else None, [*lines[:start], *_texts_beside(frame)]
+
+
+def _texts_beside(frame: pd.DataFrame) -> list[str]:
+    """What columns of texts hold beside the first numbers, as an oscilloscope's facts."""
+    texts = frame.head(MOST_FACTS).select_dtypes(exclude="number")
+    return [" ".join(str(cell) for cell in row if cell == cell) for row in texts.to_numpy()]
 
 
 def check_width(path: Path, columns: int) -> None:
@@ -87,22 +100,26 @@ def _is_comment(line: str) -> bool:
     return line.lstrip().startswith(("#", "%", "//", "!"))
 
 
+def _is_summary(row: list[str], usual: list[str]) -> bool:
+    """Whether a row holds a text where the others hold a number."""
+    numbers = [is_number(item) for item in usual]
+    texts = [not is_missing(item) and not is_number(item) for item in row]
+    return not any(map(is_number, row)) or any(a and b for a, b in zip(numbers, texts, strict=False))
+
+
 def _fields(line: str, delimiter: str | None) -> list[str]:
-    fields = [item.strip().strip("\"'").strip() for item in line.strip().split(delimiter)]
+    # An empty first cell is one.
+    line = line.strip(" \r\n") if delimiter == "\t" else line.strip()
+    parts = line.split(delimiter)
+    if '"' in line and delimiter is not None:
+        parts = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), parts)
+    fields = [item.strip().strip("\"'").strip() for item in parts]
     return fields[:-1] if len(fields) > 1 and not fields[-1] else fields
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text.replace(",", ".", 1))
-    except ValueError:
-        return False
-    return True
 
 
 def _find_block(lines: list[str]) -> tuple[str | None, int | None]:
     """Delimiter and first line of the numbers: the first line that is numbers alone, or else partly."""
-    for enough in (all, any):
+    for enough in (_all_numbers, _some_numbers):
         for start, line in enumerate(lines):
             if not line.strip() or _is_comment(line):
                 continue
@@ -110,11 +127,18 @@ def _find_block(lines: list[str]) -> tuple[str | None, int | None]:
                 if delimiter is not None and delimiter not in line:
                     continue
                 fields = _fields(line, delimiter)
-                if enough(map(_is_number, fields)) and _goes_on(
-                    lines[start + 1 : start + 9], delimiter, fields
-                ):
+                if enough(fields) and _goes_on(lines[start + 1 : start + 9], delimiter, fields):
                     return delimiter, _first_row(lines, delimiter, start, len(fields))
     return None, None
+
+
+def _all_numbers(fields: list[str]) -> bool:
+    """Whether cells are numbers; the first one may be empty."""
+    return is_number(fields[-1]) and all(not item or is_number(item) for item in fields)
+
+
+def _some_numbers(fields: list[str]) -> bool:
+    return any(map(is_number, fields))
 
 
 def _goes_on(lines: list[str], delimiter: str | None, fields: list[str]) -> bool:
@@ -134,7 +158,7 @@ def _first_row(lines: list[str], delimiter: str | None, start: int, width: int) 
         if len(fields) < width:
             # The last cell may be empty.
             fields = lines[start - 1].split(delimiter)
-        if len(fields) != width or 2 * sum(_is_number(item) for item in fields) < width:
+        if len(fields) != width or 2 * sum(is_number(item) for item in fields) < width:
             break
         start -= 1
     return start
@@ -154,20 +178,40 @@ def _header(before: list[str], delimiter: str | None, width: int) -> list[str] |
             and " " not in text.strip()
         ):
             fields = text.strip().split(".")
-        if len(fields) != width and not (len(fields) == 1 and delimiter == ","):
+        # A last column of comments may be empty throughout.
+        wider = not header and delimiter is not None and len(fields) > width
+        if len(fields) != width and not wider and not (len(fields) == 1 and delimiter == ","):
             break
         header.append(fields)
-    if not header:
+    return header_names(header[::-1])
+
+
+def header_names(rows: list[list[str]]) -> list[str] | None:
+    """Names of columns from the last rows above the numbers, two at most; the last may hold units alone.
+
+    Parameters
+    ----------
+    rows : list of list of str
+        In the order of the file.
+    """
+    if not rows:
         return None
-    bracketed = all(re.fullmatch(r"[\[(].*[\])]|", item) for item in header[0])
-    if len(header) == 2 and (bracketed or _are_units(header[0])):
-        units = [item if bracketed or not item else f"({item})" for item in header[0]]
-        return [f"{name} {unit}".strip() for unit, name in zip(units, header[1], strict=True)]
-    return header[0]
+    last, above = rows[-1], rows[-2] if len(rows) > 1 else []
+    bracketed = any(last) and all(re.fullmatch(r"[\[(].*[\])]|", item) for item in last)
+    named = len(above) == len(last) and not any(map(is_number, above)) and bool(above and above[-1])
+    if named and (bracketed or _are_units(last)):
+        units = [item if bracketed or not item else f"({item})" for item in last]
+        return [f"{name} {unit}".strip() for unit, name in zip(units, above, strict=True)]
+    if _are_units(last):
+        return [f"{'time' if plain_unit(item) in TIME_UNITS else 'signal'} ({item})" for item in last]
+    return last
 
 
 def _are_units(items: list[str]) -> bool:
     """Whether a line holds units alone, one of them that of time."""
+    # Sketches call their columns so.
+    if {"millis", "micros"} & {item.lower() for item in items}:
+        return False
     times = [item for item in items if plain_unit(item) in TIME_UNITS]
     others = [signal_unit(item) for item in items if item and item not in times]
     return bool(times) and len(items) > 1 and all(unit is not None and unit.known for unit in others)

@@ -7,28 +7,38 @@ import numpy as np
 
 STANDARD_GRAVITY = 9.80665
 TIME_UNITS = {
-    **dict.fromkeys(("s", "sec", "secs", "second", "seconds", "sek", "sekunden"), 1.0),
+    **dict.fromkeys(
+        ("s", "sec", "secs", "second", "seconds", "sek", "sekunden", "secondes", "segundos"), 1.0
+    ),
     **dict.fromkeys(("ms", "msec", "millis", "millisecond", "milliseconds"), 1e-3),
     **dict.fromkeys(("us", "µs", "usec", "micros", "microsecond", "microseconds"), 1e-6),
     **dict.fromkeys(("ns", "nanosecond", "nanoseconds"), 1e-9),
     **dict.fromkeys(("min", "minute", "minutes"), 60.0),
 }
 _TURN = 2.0 * np.pi
+DEGREES_ABROAD = ("degrés", "degres", "degré", "grados", "gradi", "graus", "graden", "grader", "stopnie")
 # Spellings by the name that results use.
 _ANGLES = {
     "rad": ("rad", "rads", "radian", "radians"),
     "mrad": ("mrad", "milliradian", "milliradians"),
-    "deg": ("deg", "degs", "degree", "degrees", "°", "º", "grad", "grade"),
+    "deg": ("deg", "deg.", "degs", "degree", "degrees", "°", "º", "grad", "grade", *DEGREES_ABROAD),
+    "gon": ("gon",),
+    "arcmin": ("arcmin", "arc min", "arcminutes", "\u2032"),
+    "arcsec": ("arcsec", "arc sec", "arcseconds", "\u2033"),
+    "µrad": ("µrad", "urad", "microrad", "microradian", "microradians"),
     "rev": ("rev", "revs", "turn", "turns", "revolutions"),
 }
-_RADIANS = {"rad": 1.0, "mrad": 1e-3, "deg": _TURN / 360.0, "rev": _TURN}
+_RADIANS = {
+    **{"rad": 1.0, "mrad": 1e-3, "µrad": 1e-6, "deg": _TURN / 360.0, "gon": _TURN / 400.0, "rev": _TURN},
+    **{"arcmin": _TURN / 21600.0, "arcsec": _TURN / 1296000.0},
+}
 ANGLE_UNITS = {spelling: name for name, spellings in _ANGLES.items() for spelling in spellings}
 # Positions keep the unit of the file.
 _POSITIONS = {
     "m": ("m", "metre", "meter", "metres", "meters"),
     "cm": ("cm", "centimetre", "centimeter"),
     "mm": ("mm", "millimetre", "millimeter"),
-    "µm": ("um", "µm", "micron", "microns"),
+    "µm": ("um", "µm", "micron", "microns", "micrometer", "micrometre"),
     "nm": ("nm",),
     "in": ("in", "inch", "inches"),
     "px": ("px", "pix", "pixel", "pixels"),
@@ -45,6 +55,9 @@ ACCELEROMETER = "accelerometer"
 SIGNALS = (*INTEGRATIONS, ACCELEROMETER)
 OFFERED_UNITS = "rad, deg, mrad, m, mm, px, V, au, rad/s, deg/s, m/s^2 or g"
 OFFERED_TIME_UNITS = "s, ms, us or min"
+
+
+_SUPERSCRIPTS = str.maketrans({"²": "^2", "¹": "^1", "⁻": "-", "\u22c5": "·", "\u2219": "·", "\u2212": "-"})
 
 
 @dataclass(frozen=True)
@@ -104,9 +117,18 @@ def signal_unit(text: str) -> SignalUnit | None:
 def plain_unit(text: str) -> str:
     """A unit in lower case, with `/s` and `/s^2` for every way to write "per second"."""
     plain = re.sub(r" since .*", "", text.strip().lower().replace("μ", "µ"))
-    plain = plain.replace("²", "^2").replace("**", "^").replace("⁻", "^-").replace("¹", "1")
+    plain = plain.replace("**", "^").translate(_SUPERSCRIPTS)
+    plain = re.sub(r"-\^|\^[({]?-|(?<=s)-(?=[12]$)", "^-", plain)
+    plain = re.sub(r"\^[({]?(-?)([12])[)}]?", r"^\1\2", plain)
     plain = re.sub(r"\s*(?:/|\bper\b|_per_)\s*(?:sec(?:ond)?s?|s)\b", "/s", plain)
-    plain = re.sub(r"\s*/\s*\(?s\s*[*·]\s*s\)?", "/s^2", plain)
-    plain = re.sub(r"[\s_*·]+s(?:ec)?\s*\^?-([12])$", lambda m: "/s" + ("^2" if m[1] == "2" else ""), plain)
+    plain = re.sub(r"/s\s*/s$|/\s*\(?s\s*[*·.]\s*s\)?$", "/s^2", plain)
+    plain = re.sub(
+        r"^(.+?)[\s_*·.]+s(?:ec)?\s*\^-([12])$|^(m?rad|deg|°|[cmuµ]?m)s\^-([12])$", _per_second, plain
+    )
     plain = re.sub(r"^(m?rad|deg|°|[cmuµ]?m)[\s_]s$", r"\1/s", plain)
-    return re.sub(r"\s+", " ", plain).strip()
+    return re.sub(r"\s+", " ", plain).strip().removesuffix("^1")
+
+
+def _per_second(match: "re.Match[str]") -> str:
+    base, power = (text for text in match.groups() if text is not None)
+    return f"{base}/s" + ("^2" if power == "2" else "")

@@ -1,0 +1,50 @@
+"""Read lab files that are drawn anew, and count those that are read as they should be.
+
+    python -m benchmarks.contact [--seed N] [--draws N] [--only WORD] [--keep FOLDER]
+
+Each kind of file is drawn `--draws` times: numbers, spellings and layouts differ. What is right of it is
+known before it is read: quantity, unit, number of decays, period (1 %), rate of decay (12 %), first amplitude
+(12 %); or a word of the cause for which it is to be refused. A file is read in about 0.1 s.
+"""
+
+import argparse
+import re
+import tempfile
+from pathlib import Path
+
+from benchmarks.contact.judging import drawn
+from benchmarks.contact.writing import KINDS
+
+
+def main() -> None:
+    options = argparse.ArgumentParser()
+    options.add_argument("--seed", type=int, default=1)
+    options.add_argument("--draws", type=int, default=3)
+    options.add_argument("--only", default="")
+    options.add_argument("--keep", type=Path)
+    given = options.parse_args()
+    good = count = kinds = 0
+    with tempfile.TemporaryDirectory() as folder:
+        out = given.keep or Path(folder)
+        out.mkdir(parents=True, exist_ok=True)
+        for name in KINDS:
+            if not re.search(given.only, name):
+                continue
+            failed = 0
+            for number in range(given.draws):
+                file, said = drawn(name, out, given.seed, number)
+                failed += bool(said)
+                if said:
+                    print(f"{file}: {said}", flush=True)
+            good += given.draws - failed
+            count += given.draws
+            kinds += not failed
+        total = sum(bool(re.search(given.only, name)) for name in KINDS)
+    print(
+        f"seed {given.seed}: {good} of {count} files as they should be; {kinds} of {total} kinds in every "
+        "draw"
+    )
+
+
+if __name__ == "__main__":
+    main()

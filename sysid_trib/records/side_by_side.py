@@ -1,0 +1,47 @@
+"""Which column of times belongs to a signal, and runs that stand side by side in one table."""
+
+import re
+
+import numpy as np
+
+from sysid_trib.records.headers import split_header
+from sysid_trib.records.tables import FileTable
+
+
+def time_of(name: str, times: list[str], table: FileTable) -> str | None:
+    """The time column of the same number, `Time_id[2]` of `Y_id[2][0]`; else the next before it."""
+    order = list(table.columns)
+    fitting = [t for t in times if np.size(table.columns[t]) == np.size(table.columns[name])] or times
+    mates = [t for t in fitting if _are_mates(t, name)]
+    before = [t for t in fitting if order.index(t) < order.index(name)]
+    return mates[0] if mates else before[-1] if before else fitting[0] if fitting else None
+
+
+def _rest(name: str) -> str:
+    """A name without its first word: what it shares with its mate."""
+    return re.sub(r"^[^\W\d_]+", "", name.rpartition(".")[2])
+
+
+def _are_mates(time: str, name: str) -> bool:
+    return "[" in time and _rest(name).startswith(_rest(time))
+
+
+def runs_side_by_side(names: list[str], times: list[str], table: FileTable) -> list[tuple[str, str]]:
+    """Time and signal of each run where a table holds the same pair of columns several times."""
+    pairs = [(time_of(name, times, table) or "", name) for name in names]
+    headers = {split_header(name) for name in names}
+    numbered = all(any(sign.isdigit() for sign in name) for name in names[1:])
+    grouped = ":" in names[0] or "run" in names[0].lower() or all("#" in name for name in names[1:])
+    several = len(pairs) > 1 and len({time for time, _ in pairs}) == len(pairs) == len(times)
+    return pairs if several and len(headers) == 1 and numbered and grouped else []
+
+
+def cells(names: list[str], times: list[str], table: FileTable) -> list[tuple[str, list[str]]]:
+    """Times and signals of each cell of MATLAB's, where all cells hold as many; nothing of other tables."""
+    groups = [(time, [name for name in names if _are_mates(time, name)]) for time in times]
+    paired = sum(len(group) for _, group in groups) == len(names)
+    fit = all(
+        np.size(table.columns[name]) == np.size(table.columns[t]) for t, group in groups for name in group
+    )
+    alike = len({len(group) for _, group in groups}) == 1
+    return groups if len(groups) > 1 and names and paired and alike and fit else []

@@ -1,0 +1,140 @@
+"""Files as laboratories write them, drawn anew: kinds that were once read wrongly, and all of them (slow)."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from benchmarks.contact.judging import drawn
+from benchmarks.contact.writing import KINDS
+from sysid_trib.decays.cleaning import unwrapped_anywhere
+from sysid_trib.decays.free_decay import swing_within
+from sysid_trib.records.notes import noted_rate, noted_unit
+from sysid_trib.records.numbers import numbers
+from sysid_trib.records.units import signal_unit
+
+ONCE_WRONG = (
+    *(
+        "tracker_polar",
+        "arduino_log",
+        "arduino_plotter",
+        "lvm",
+        "lvm_no_times",
+        "clock_times",
+        "comment_rate",
+    ),
+    *(
+        "quoted_commas",
+        "frames",
+        "run_pairs",
+        "sentinels",
+        "wrapped_counts",
+        "drifting_zero",
+        "beats",
+        "json_lines",
+    ),
+    *("fortran", "bars", "scope_tek", "scope_keysight", "physics_toolbox", "repeated_header", "hum"),
+    *("excel.xlsx", "excel_times.xlsx", "two_tables.xlsx", "groups.h5"),
+)
+
+
+@pytest.mark.parametrize("name", ONCE_WRONG)
+def test_what_was_once_read_wrongly(name, tmp_path):
+    assert drawn(name, tmp_path, seed=1, number=0)[1] == ""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", KINDS)
+def test_every_kind_in_further_draws(name, tmp_path):
+    assert [drawn(name, tmp_path, seed=11, number=number)[1] for number in range(2)] == ["", ""]
+
+
+@pytest.mark.parametrize(
+    ("text", "unit"),
+    [
+        *(
+            (text, "m/s^2")
+            for text in ("m/s²", "m s^-2", "m·s⁻²", "m/s/s", "ms⁻²", "m.s-2", "m/(s*s)", "m/s^{2}")
+        ),
+        *((text, "rad/s") for text in ("rad s^-1", "rad·s⁻¹", "rad/sec", "rad per s", "rad.s^-1")),
+        *((text, "deg/s") for text in ("°/s", "dps", "deg s⁻¹", "degrees/s")),
+        *((text, "deg") for text in ("°", "degrees", "Grad", "grados", "degrés", "deg.")),
+        *((text, text) for text in ("gon", "arcmin", "arcsec", "µrad", "mrad", "mm", "px")),
+        ("Volt", "V"),
+        ("a.u.", "au"),
+        ("mT", "mT"),
+    ],
+)
+def test_units_in_every_spelling(text, unit):
+    assert signal_unit(text).text == unit
+
+
+@pytest.mark.parametrize(
+    ("note", "rate"),
+    [
+        ("# fs = 200 Hz", 200.0),
+        ("Sampling rate (kHz): 2", 2000.0),
+        ("# dt = 0.005 s", 200.0),
+        ("Sampling interval: 5 ms", 200.0),
+        ("Delta_X\t0,010000", 100.0),
+        ("# 30 fps", 30.0),
+        ("recorded at 65 samples/s", 65.0),
+        ("Ts = 0.002", 500.0),
+        ("Serial 0012, gain 2.0", None),
+    ],
+)
+def test_rates_that_notes_state(note, rate):
+    found = noted_rate([note])
+    assert found == (None if rate is None else pytest.approx(rate))
+
+
+def test_units_that_notes_state():
+    assert noted_unit(["Y_Unit_Label\tVolts\t"]) == "Volts"
+    assert noted_unit(["Vertical Units V"]) == "V"
+    assert noted_unit(["units of the lab"]) == ""
+
+
+@pytest.mark.parametrize(
+    "texts",
+    [
+        ("14:02:33.120", "14:02:34.5"),
+        ("02:33.120", "02:34.5"),
+        ("2:02:33.120 PM", "2:02:34.5 PM"),
+        ("00:02:33:120", "00:02:34:500"),
+        ("2019-03-12T14:02:33.120Z", "2019-03-12T14:02:34.5Z"),
+        ("23:59:59.120", "00:00:00.5"),
+    ],
+)
+def test_clock_times_are_seconds(texts):
+    # A time of m:s was once taken for h:m, sixty times too slow.
+    seconds = numbers(np.array(texts, dtype=object), "time", "run.csv")
+    assert np.diff(seconds) == pytest.approx([1.38])
+
+
+def test_a_light_barrier_is_not_put_together_as_a_wrapped_angle():
+    time = np.arange(4000) / 60.0
+    swing = 0.5 * np.exp(-0.05 * time) * np.cos(5.0 * time)
+    counts = np.round(swing / (2.0 * np.pi) * 4096) % 4096
+    whole, turn, cuts = unwrapped_anywhere(counts)
+    assert turn == 4096.0
+    assert cuts > 20
+    assert np.abs(whole - whole.mean() - (swing - swing.mean()) / (2.0 * np.pi) * 4096).max() < 1.0
+    light = np.where(np.abs(swing) < 0.05, 5.0, 0.1)
+    assert unwrapped_anywhere(light)[2] == 0
+
+
+def test_the_swing_is_not_mains_hum():
+    time = np.arange(20_000) / 500.0
+    swing = 0.4 * np.exp(-0.05 * time) * np.cos(5.0 * time)
+    found, reason = swing_within(time, swing + 0.03 * np.sin(2.0 * np.pi * 50.0 * time))
+    assert reason == ""
+    assert found.oscillation.period == pytest.approx(2.0 * np.pi / 5.0, rel=0.05)
+
+
+def test_a_swing_that_beats_through_zero_is_no_decay():
+    time = np.arange(6000) / 100.0
+    _, reason = swing_within(time, 0.4 * np.cos(8.0 * time) * np.cos(0.3 * time))
+    assert "two modes beat" in reason
