@@ -17,8 +17,7 @@ from sysid_trib.commands.identify import identify
 from sysid_trib.commands.look import look
 from sysid_trib.commands.report import report
 from sysid_trib.commands.simulate import simulate
-from sysid_trib.commands.terminal import printable
-from sysid_trib.errors import SysidTribError
+from sysid_trib.errors import SysidTribError, printable
 
 INTERRUPTED = 130
 

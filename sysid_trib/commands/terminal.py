@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from time import monotonic
 from typing import TYPE_CHECKING
 
+from sysid_trib.errors import printable
 from sysid_trib.validation.progress import silent
 
 if TYPE_CHECKING:
@@ -121,11 +122,6 @@ class TimeLeft:
         if done <= done_then:
             return ""
         return f"{100.0 * done:.0f} %, about {(now - begin) * (1.0 - done) / (done - done_then):.0f} s left,"
-
-
-def printable(text: str) -> str:
-    """One line without control characters: a file's column names may hold any."""
-    return "".join(c if c.isprintable() else "?" for c in " ".join(text.split()))
 
 
 def command_line() -> str:

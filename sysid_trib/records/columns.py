@@ -1,5 +1,6 @@
 """Which columns of a table are times and signal, where names, units and the swing make that certain."""
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -286,7 +287,7 @@ def find_column(table: FileTable, wanted: str | int, source: str) -> str:
         ):
             if len(matches) == 1:
                 return matches[0]
-    if str(wanted).isdigit() and int(wanted) < len(names):
+    if re.fullmatch(r"[0-9]{1,9}", str(wanted)) and int(wanted) < len(names):
         return names[int(wanted)]
     listed = ", ".join(f"{number}: {name}" for number, name in enumerate(names[:LISTED])) + (
         ", ..." if len(names) > LISTED else ""

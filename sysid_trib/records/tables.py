@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from sysid_trib.errors import RecordError, UsageError
-from sysid_trib.records.probe import HDF5, check_binary
+from sysid_trib.records.probe import check_binary
 from sysid_trib.records.text import check_width, read_text
 
 ColumnValues = dict[str, Any]
@@ -62,7 +62,7 @@ def read_table(path: Path) -> FileTable:
             raise RecordError(f"{path.name}: the file is empty.")
         reader = _reader(head, path)
         if reader is not _read_text:
-            check_binary(path, HDF5 if _is_hdf5(head) else reader.__name__)
+            check_binary(path, reader.__name__)
         table = reader(path)
     except (RecordError, UsageError):
         raise
@@ -84,25 +84,31 @@ def read_table(path: Path) -> FileTable:
     return table
 
 
+def is_hdf5(path: Path) -> bool:
+    """Whether a file is one of HDF5, by its beginning."""
+    with path.open("rb") as file:
+        return _is_hdf5(file.read(1024))
+
+
 def _is_hdf5(head: bytes) -> bool:
     return head.startswith((b"\x89HDF", b"MATLAB 7.3")) or head[512:516] == b"\x89HDF"
 
 
 def _reader(head: bytes, path: Path) -> Callable[[Path], FileTable]:
     if _is_hdf5(head):
-        return _read_netcdf if path.suffix in (".nc", ".nc4", ".cdf") else _read_hdf5
+        return read_netcdf if path.suffix in (".nc", ".nc4", ".cdf") else read_hdf5
     readers = {
-        b"MATLAB 5.0": _read_matlab,
-        b"CDF": _read_netcdf,
-        b"PK": _read_excel,
-        b"PAR1": _read_parquet,
-        b"TDSm": _read_tdms,
+        b"MATLAB 5.0": read_matlab,
+        b"CDF": read_netcdf,
+        b"PK": read_excel,
+        b"PAR1": read_parquet,
+        b"TDSm": read_tdms,
     }
     for start, reader in readers.items():
         if head.startswith(start):
             return reader
     if path.suffix == ".mat" and b"\0" in head:
-        return _read_matlab
+        return read_matlab
     return _read_text
 
 
@@ -118,7 +124,7 @@ def _from_frame(frame: pd.DataFrame, names: list[str] | None, notes: Sequence[st
     return FileTable(columns, {}, tuple(notes))
 
 
-def _read_excel(path: Path) -> FileTable:
+def read_excel(path: Path) -> FileTable:
     """The sheet with the most rows of numbers."""
     sheets = pd.read_excel(path, header=None, engine="openpyxl", sheet_name=None)
     cut = [sheet.dropna(how="all").dropna(axis=1, how="all") for sheet in sheets.values()]
@@ -140,12 +146,14 @@ def _is_number(cell: Any) -> bool:
     return isinstance(cell, (int, float)) and cell == cell
 
 
-def _read_parquet(path: Path) -> FileTable:
+def read_parquet(path: Path) -> FileTable:
+    """The columns of a Parquet file."""
     frame = pd.read_parquet(path).reset_index(drop=True)
     return _from_frame(frame, list(map(str, frame.columns)))
 
 
-def _read_netcdf(path: Path) -> FileTable:
+def read_netcdf(path: Path) -> FileTable:
+    """The vectors of a netCDF file, of either version."""
     import xarray as xr
 
     with path.open("rb") as file:
@@ -156,7 +164,8 @@ def _read_netcdf(path: Path) -> FileTable:
     return FileTable(columns, units)
 
 
-def _read_matlab(path: Path) -> FileTable:
+def read_matlab(path: Path) -> FileTable:
+    """The vectors in the variables of a MATLAB file."""
     from scipy.io import loadmat
 
     content = {k: v for k, v in loadmat(path, simplify_cells=True).items() if not k.startswith("__")}
@@ -189,7 +198,8 @@ def _flatten(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
                 yield f"{name}[{index}]", row
 
 
-def _read_hdf5(path: Path) -> FileTable:
+def read_hdf5(path: Path) -> FileTable:
+    """The vectors in the datasets of an HDF5 file, MATLAB's 7.3 among them."""
     import h5py
 
     units: dict[str, str] = {}
@@ -213,7 +223,8 @@ def _read_hdf5(path: Path) -> FileTable:
     return FileTable(columns, units, notes)
 
 
-def _read_tdms(path: Path) -> FileTable:
+def read_tdms(path: Path) -> FileTable:
+    """The channels of a TDMS file."""
     from nptdms import TdmsFile
 
     columns: ColumnValues = {}

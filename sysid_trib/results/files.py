@@ -12,7 +12,7 @@ from typing import Any
 import xarray as xr
 
 from sysid_trib.errors import RecordError, UsageError
-from sysid_trib.records.probe import HDF5, check_binary
+from sysid_trib.records.probe import check_binary
 from sysid_trib.results.format import current_format
 
 # How the names of files begin that are not whole yet.
@@ -152,7 +152,7 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
             hdf5 = file.read(4) == b"\x89HDF"
         if not hdf5:
             raise RecordError(f"{place.name}: not a result in netCDF.")
-        check_binary(place, HDF5)
+        check_binary(place, "read_tree")
         with xr.open_datatree(place, engine="h5netcdf") as tree:
             return current_format(tree.load(), place)
     except RecordError:

@@ -14,6 +14,7 @@ from typing import Any, ParamSpec, TypeVar, cast
 import numpy as np
 import xarray as xr
 
+from sysid_trib.decays.signal import checked_signal
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import Force, ForceLibrary
@@ -219,8 +220,11 @@ def _scale_of(arguments: tuple[Any, ...]) -> _SignalScale | None:
     degrees = {force.symbol: degree for force in _forces(arguments) if (degree := signal_degree(force))}
     if known:
         return _SignalScale(str(known[0].attrs[UNIT_ATTR]), float(known[0].attrs[SIZE_ATTR]), degrees)
-    largest = max(float(np.abs(decay["angle"].values).max()) for decay in decays)
-    size = 2.0 ** np.ceil(np.log2(largest / USUAL_SIZE))
+    for decay in decays:
+        checked_signal(decay)
+    largest = max(float(np.abs(decay["angle"].values).max(initial=0.0)) for decay in decays)
+    # What does not move, or is no number, is refused where it is used.
+    size = 2.0 ** np.ceil(np.log2(largest / USUAL_SIZE)) if 0.0 < largest < np.inf else 1.0
     return _SignalScale(str(decays[0]["angle"].attrs["units"]), float(size), degrees)
 
 
