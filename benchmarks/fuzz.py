@@ -19,11 +19,22 @@ from collections import Counter
 from pathlib import Path
 
 from hostile.worker import KINDS
+
 sys.path.append(str(Path(__file__).parent))
 from rich.console import Console
 from rich.table import Table
 
-SHARES = {"text": 20, "binary": 15, "library": 25, "toml": 15, "damaged": 5, "page": 1, "record": 8, "command": 10, "discover": 1}
+SHARES = {
+    "text": 20,
+    "binary": 15,
+    "library": 25,
+    "toml": 15,
+    "damaged": 5,
+    "page": 1,
+    "record": 8,
+    "command": 10,
+    "discover": 1,
+}
 # Cases of a process: some libraries keep what they have seen.
 CASES_OF_PROCESS = 2000
 
@@ -52,7 +63,15 @@ def cases_of(kind: str, seed: int, first: int, count: int, folder: Path):
         if begun is None and status:
             raise RuntimeError(f"the harness itself failed: {said}")
         if begun is not None:
-            yield {"number": begun, "end": f"fault ended with {status}", "said": said, "where": "", "seconds": 0.0, "bytes": 0, "wall": 0.0}
+            yield {
+                "number": begun,
+                "end": f"fault ended with {status}",
+                "said": said,
+                "where": "",
+                "seconds": 0.0,
+                "bytes": 0,
+                "wall": 0.0,
+            }
             number = begun + 1
 
 
@@ -65,7 +84,9 @@ def main() -> None:
     options.add_argument("--first", type=int, default=0)
     options.add_argument("--out", type=Path)
     given = options.parse_args()
-    table = Table("kind", "cases", "results", "errors of the package", "faults", "longest (s)", "most memory (MiB)")
+    table = Table(
+        "kind", "cases", "results", "errors of the package", "faults", "longest (s)", "most memory (MiB)"
+    )
     whole = sum(SHARES[kind] for kind in given.kind)
     print(f"seed {given.seed}", flush=True)
     for kind in given.kind:
@@ -84,7 +105,15 @@ def main() -> None:
                         file.write(json.dumps({"kind": kind, "seed": given.seed, **case}) + "\n")
         faults = sum(n for end, n in ends.items() if end.startswith(("fault", "unreadable")))
         own = sum(ends.values()) - ends["result"] - faults
-        table.add_row(kind, f"{sum(ends.values())}", f"{ends['result']}", f"{own}", f"{faults}", f"{longest:.1f}", f"{memory / 2**20:.0f}")
+        table.add_row(
+            kind,
+            f"{sum(ends.values())}",
+            f"{ends['result']}",
+            f"{own}",
+            f"{faults}",
+            f"{longest:.1f}",
+            f"{memory / 2**20:.0f}",
+        )
         print(kind, dict(ends), flush=True)
     Console().print(table)
 

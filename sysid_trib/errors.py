@@ -46,6 +46,11 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() else "?" for c in " ".join(text.split()))
 
 
+def readable(name: str) -> str:
+    """A name that the system gave, as text: what is no letter in it becomes a question mark."""
+    return name.encode("utf-8", "replace").decode()
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """` Did you mean ...?` of the known name that is nearest to one that does not exist, or nothing.
 

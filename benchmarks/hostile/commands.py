@@ -15,16 +15,54 @@ from hostile.results import sound_results
 
 from sysid_trib import cli
 
-READING = ("--time", "--angle", "--signal", "--units", "--sampling-rate", "--time-units", "--window", "--equilibrium")
+READING = (
+    "--time",
+    "--angle",
+    "--signal",
+    "--units",
+    "--sampling-rate",
+    "--time-units",
+    "--window",
+    "--equilibrium",
+)
 READING += ("--decay", "--system", "--length", "--distance")
-MODEL = ("--library", "--forces", "--omega0", "--reference-frequency", "--random-force", "--set", "--fix", "--bound", "--tie")
-MOTION = ("--set", "--library", "--reference-frequency", "--duration", "--sampling-rate", "--angle0", "--rate0", "--noise")
+MODEL = (
+    "--library",
+    "--forces",
+    "--omega0",
+    "--reference-frequency",
+    "--random-force",
+    "--set",
+    "--fix",
+    "--bound",
+    "--tie",
+)
+MOTION = (
+    "--set",
+    "--library",
+    "--reference-frequency",
+    "--duration",
+    "--sampling-rate",
+    "--angle0",
+    "--rate0",
+    "--noise",
+)
 MOTION += ("--random-force", "--seed")
 OPTIONS = {
     "look": (*READING, "--json", "--plot"),
     "identify": (*READING, *MODEL, "--json", "-o", "--csv", "--latex", "--explain", "--quiet"),
     "compare": (*READING, *MODEL, "--json", "-o", "--csv"),
-    "discover": (*READING, *MODEL, "--candidates", "--max-effects", "--level", "--time-limit", "--test", "--json", "-o"),
+    "discover": (
+        *READING,
+        *MODEL,
+        "--candidates",
+        "--max-effects",
+        "--level",
+        "--time-limit",
+        "--test",
+        "--json",
+        "-o",
+    ),
     "simulate": MOTION,
     "report": (),
     "forces": ("--json",),
@@ -32,8 +70,36 @@ OPTIONS = {
 }
 SWITCHES = ("--json", "--explain", "--quiet")
 VALUES = (
-    *("zeta", "zeta,delta", "lambda=0", "zeta=0:1", "zeta=:", "nu=-2.356*delta", "nu=nu", "zeta=1e400", "dahl.s=1", "auto"),
-    *("off", "1:", ":2", "2:1", "0:4", "9.0", "9±0.1", "9±", "±", "9+-10", "angle", "rad", "deg", "s", "pendulum", "spring"),
+    *(
+        "zeta",
+        "zeta,delta",
+        "lambda=0",
+        "zeta=0:1",
+        "zeta=:",
+        "nu=-2.356*delta",
+        "nu=nu",
+        "zeta=1e400",
+        "dahl.s=1",
+        "auto",
+    ),
+    *(
+        "off",
+        "1:",
+        ":2",
+        "2:1",
+        "0:4",
+        "9.0",
+        "9±0.1",
+        "9±",
+        "±",
+        "9+-10",
+        "angle",
+        "rad",
+        "deg",
+        "s",
+        "pendulum",
+        "spring",
+    ),
 )
 
 
@@ -46,7 +112,12 @@ def _value(random: np.random.Generator, folder: Path) -> str:
     if kind == 3:
         return repr(number(random))
     if kind == 4:
-        return str(pick(random, (folder / "own.toml", folder / "system.toml", folder / "sound.csv", folder, "-", "/dev/null")))
+        return str(
+            pick(
+                random,
+                (folder / "own.toml", folder / "system.toml", folder / "sound.csv", folder, "-", "/dev/null"),
+            )
+        )
     return text(random)
 
 
@@ -57,19 +128,35 @@ def arguments(random: np.random.Generator, folder: Path) -> list[str]:
     (folder / "own.toml").write_text(library(random), "utf-8", "replace")
     (folder / "system.toml").write_text(system(random), "utf-8", "replace")
     sound_results(folder)
-    command = str(pick(random, ("look", "identify", "compare", "discover", "simulate", "report", "forces", "campaign")))
+    command = str(
+        pick(random, ("look", "identify", "compare", "discover", "simulate", "report", "forces", "campaign"))
+    )
     if random.random() < 0.03:
         command = text(random)
     given = [command]
-    files = [folder / "sound.csv", folder / "cross_check.nc", folder / "none.csv", folder, folder / "own.toml", text(random)]
+    files = [
+        folder / "sound.csv",
+        folder / "cross_check.nc",
+        folder / "none.csv",
+        folder,
+        folder / "own.toml",
+        text(random),
+    ]
     if command in ("look", "identify", "compare", "discover", "campaign"):
         given.append(str(files[0] if random.random() < 0.8 else pick(random, tuple(files))))
     elif command == "report":
-        given += [str(pick(random, tuple(files[1:]))), "-o", str(pick(random, (folder / "p.html", folder, text(random))))]
+        given += [
+            str(pick(random, tuple(files[1:]))),
+            "-o",
+            str(pick(random, (folder / "p.html", folder, text(random)))),
+        ]
     elif command == "forces":
         given.append(str(pick(random, (folder / "own.toml", "contact_forces", "systems", text(random)))))
     else:
-        given += ["-o", str(folder / str(pick(random, ("m.csv", "m.nc", "m", "none/m.csv", plain_name(random)))))]
+        given += [
+            "-o",
+            str(folder / str(pick(random, ("m.csv", "m.nc", "m", "none/m.csv", plain_name(random))))),
+        ]
     known = OPTIONS.get(command, ("--json",))
     for _ in range(int(random.integers(0 if command == "forces" else 1, 4))):
         flag = str(pick(random, known)) if known and random.random() < 0.95 else text(random)

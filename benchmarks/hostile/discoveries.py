@@ -39,14 +39,18 @@ def record(random: np.random.Generator, forces: ForceLibrary) -> xr.Dataset:
     if len(moving) and random.random() < 0.7:
         coefficients = {s: float(random.normal() * 10.0 ** random.uniform(-4, -1)) for s in moving.symbols}
         start = float(10.0 ** random.uniform(-2, 0.2))
-        angle = st.simulate(st.Model(moving, coefficients, float(random.uniform(3, 30))), time, start).angle.values
+        angle = st.simulate(
+            st.Model(moving, coefficients, float(random.uniform(3, 30))), time, start
+        ).angle.values
     angle = angle + 10.0 ** random.uniform(-7, -1) * random.standard_normal(len(time))
     if random.random() < 0.1:
         angle = angle * 10.0 ** random.uniform(-12, 3)
     if random.random() < 0.1:
         angle = angle + number(random)
     return xr.Dataset(
-        {"angle": ("time", angle, {"units": "rad"})}, {"time": ("time", time, {"units": "s"})}, {"source": "hostile"}
+        {"angle": ("time", angle, {"units": "rad"})},
+        {"time": ("time", time, {"units": "s"})},
+        {"source": "hostile"},
     )
 
 

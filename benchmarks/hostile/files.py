@@ -108,7 +108,9 @@ def _hdf5_item(group: h5py.Group, name: str, random: np.random.Generator, folder
         group[name] = h5py.Empty("f8")
     elif kind == 7:
         vast = int(pick(random, (2**20, 2**27, 2**33, 2**40)))
-        group.create_dataset(name, shape=(vast,), dtype="f8", chunks=(1024,), compression="gzip", fillvalue=1.0)
+        group.create_dataset(
+            name, shape=(vast,), dtype="f8", chunks=(1024,), compression="gzip", fillvalue=1.0
+        )
     elif kind == 8:
         references = np.array([group.ref, group.file.ref] * 2, dtype=h5py.ref_dtype)
         group.create_dataset(name, data=references, dtype=h5py.ref_dtype)
@@ -121,9 +123,22 @@ def _hdf5_item(group: h5py.Group, name: str, random: np.random.Generator, folder
     else:
         group[name] = _array(random)
     if random.random() < 0.3 and isinstance(group.get(name, getlink=True), h5py.HardLink):
-        given = pick(random, ("rad", b"rad", 3.0, np.array(["rad", "s"], dtype="S3"), h5py.Empty("f8"), text(random)))
-        attributes = ("units", "DIMENSION_LIST", "CLASS", "NAME", "_Netcdf4Dimid", "_FillValue", "scale_factor", "MATLAB_class")
-        group[name].attrs[str(pick(random, attributes))] = plain(given).replace("\0", "") if isinstance(given, str) else given
+        given = pick(
+            random, ("rad", b"rad", 3.0, np.array(["rad", "s"], dtype="S3"), h5py.Empty("f8"), text(random))
+        )
+        attributes = (
+            "units",
+            "DIMENSION_LIST",
+            "CLASS",
+            "NAME",
+            "_Netcdf4Dimid",
+            "_FillValue",
+            "scale_factor",
+            "MATLAB_class",
+        )
+        group[name].attrs[str(pick(random, attributes))] = (
+            plain(given).replace("\0", "") if isinstance(given, str) else given
+        )
 
 
 def hdf5(random: np.random.Generator, folder: Path) -> bytes:
@@ -136,7 +151,10 @@ def hdf5(random: np.random.Generator, folder: Path) -> bytes:
         if random.random() < 0.4:
             file["angle"] = ANGLE
         for _ in range(int(random.integers(1, 5))):
-            name = pick(random, ("angle", "x", "time", "z", "g/h", "#refs#", "😀", plain(text(random)).replace("\0", "")))
+            name = pick(
+                random,
+                ("angle", "x", "time", "z", "g/h", "#refs#", "😀", plain(text(random)).replace("\0", "")),
+            )
             # Names that are taken, or none, are the format's own business.
             if str(name).strip("/. ") and str(name) not in file:
                 _hdf5_item(file, str(name), random, folder)
@@ -158,12 +176,24 @@ def matlab(random: np.random.Generator) -> bytes:
             return plain(text(random)).replace("\0", "")[:200]
         if kind == 3:
             return scipy.sparse.eye(5).tocsc()
-        return TIME if kind == 4 else ANGLE if kind < 7 else np.asarray(_array(random).astype(complex, casting="unsafe") if random.random() < 0.5 else ANGLE[:3])
+        return (
+            TIME
+            if kind == 4
+            else ANGLE
+            if kind < 7
+            else np.asarray(
+                _array(random).astype(complex, casting="unsafe") if random.random() < 0.5 else ANGLE[:3]
+            )
+        )
 
     whole = io.BytesIO()
     with np.errstate(all="ignore"):
         try:
-            scipy.io.savemat(whole, {f"v{at}": content(0) for at in range(random.integers(1, 4))}, do_compression=bool(random.integers(2)))
+            scipy.io.savemat(
+                whole,
+                {f"v{at}": content(0) for at in range(random.integers(1, 4))},
+                do_compression=bool(random.integers(2)),
+            )
         except (TypeError, ValueError):
             return b"MATLAB 5.0"
     return whole.getvalue()
@@ -219,7 +249,9 @@ def parquet(random: np.random.Generator) -> bytes:
     count = int(random.integers(0, 5))
     names = [plain(text(random)) if random.random() < 0.3 else f"c{at}" for at in range(count)]
     whole = io.BytesIO()
-    pq.write_table(pa.table([made[int(random.integers(len(made)))]() for _ in range(count)], names=names), whole)
+    pq.write_table(
+        pa.table([made[int(random.integers(len(made)))]() for _ in range(count)], names=names), whole
+    )
     return whole.getvalue()
 
 

@@ -26,19 +26,32 @@ def value(random: np.random.Generator, depth: int = 0) -> str:
     """Any value of TOML."""
     kind = random.integers(8)
     if kind < 3:
-        return str(pick(random, ("0", "1", "-1", "0.5", "1e308", "1e400", "nan", "-inf", "9" * 400, "9" * 4301, "2e-3")))
+        return str(
+            pick(
+                random,
+                ("0", "1", "-1", "0.5", "1e308", "1e400", "nan", "-inf", "9" * 400, "9" * 4301, "2e-3"),
+            )
+        )
     if kind < 5:
         return quoted(text(random))
     if kind == 5 and depth < 3:
         return f"[{', '.join(value(random, depth + 1) for _ in range(random.integers(0, 3)))}]"
     if kind == 6 and depth < 3:
         return f"{{ {key(random)} = {value(random, depth + 1)} }}"
-    return str(pick(random, ("true", "1979-05-27T07:32:00Z", "07:32:00", "0x7fffffffffffffffff", "'''\n'''", "1e-320")))
+    return str(
+        pick(
+            random, ("true", "1979-05-27T07:32:00Z", "07:32:00", "0x7fffffffffffffffff", "'''\n'''", "1e-320")
+        )
+    )
 
 
 def key(random: np.random.Generator) -> str:
     """A key of TOML."""
-    return str(pick(random, ("z", "p", "s", "x", "default", "low", "high", "mean", "deviation", quoted(text(random)))))
+    return str(
+        pick(
+            random, ("z", "p", "s", "x", "default", "low", "high", "mean", "deviation", quoted(text(random)))
+        )
+    )
 
 
 def force(random: np.random.Generator) -> str:
@@ -52,7 +65,9 @@ def force(random: np.random.Generator) -> str:
         part = pick(random, ("state", "memory"))
         entries[str(part)] = f"{{ z = {quoted(formula(random))} }}"
         if random.random() < 0.5:
-            entries["start"] = f"{{ z = {quoted(str(pick(random, ('1/0', 'x', '0', EXECUTED, formula(random)))))} }}"
+            entries["start"] = (
+                f"{{ z = {quoted(str(pick(random, ('1/0', 'x', '0', EXECUTED, formula(random)))))} }}"
+            )
     if random.random() < 0.1:
         entries["kind"] = '"sensor"'
     if random.random() < 0.1:
@@ -90,9 +105,15 @@ def study(random: np.random.Generator) -> str:
         top[str(pick(random, (*STUDY_KEYS, "strange")))] = value(random)
     for _ in range(int(random.integers(0, 4))):
         part = parts.setdefault(str(pick(random, STUDY_PARTS)), {})
-        name = pick(random, ("zeta", "lambda", "nu", "duration", "rate", "deviation", "correlation", "angle", "density"))
+        name = pick(
+            random,
+            ("zeta", "lambda", "nu", "duration", "rate", "deviation", "correlation", "angle", "density"),
+        )
         part[str(name)] = value(random) if random.random() < 0.5 else repr(number(random))
-    tables = [[f"[{part}]", *(f"{name} = {given}" for name, given in names.items())] for part, names in parts.items()]
+    tables = [
+        [f"[{part}]", *(f"{name} = {given}" for name, given in names.items())]
+        for part, names in parts.items()
+    ]
     return "\n".join([*(f"{name} = {given}" for name, given in top.items()), *sum(tables, [])]) + "\n"
 
 

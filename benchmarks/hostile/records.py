@@ -10,7 +10,12 @@ from hostile.pieces import ANGLE, TIME, number, pick
 import sysid_trib as st
 
 FORCES = ("zeta", "lambda,zeta", "zeta,delta", "zeta,nu,epsilon")
-METHODS = (st.methods.Direct(), st.methods.Averaging(), st.methods.Trajectory(), st.methods.Direct(random_force="auto"))
+METHODS = (
+    st.methods.Direct(),
+    st.methods.Averaging(),
+    st.methods.Trajectory(),
+    st.methods.Direct(random_force="auto"),
+)
 COUNTS = (0, 1, 2, 3, 10, 50, 200, 400)
 
 
@@ -53,7 +58,9 @@ def dataset(random: np.random.Generator) -> xr.Dataset:
     if kind == 5:
         return data.assign(angle=data.angle.astype(str))
     if kind == 6:
-        return data.assign_coords(time=np.datetime64("2020-01-01") + (1e3 * np.arange(count)).astype("m8[ms]"))
+        return data.assign_coords(
+            time=np.datetime64("2020-01-01") + (1e3 * np.arange(count)).astype("m8[ms]")
+        )
     return data
 
 
@@ -61,7 +68,11 @@ def case(random: np.random.Generator, folder: Path) -> Callable[[], object]:
     """The free part of a record, and what a method says of it."""
     data, method = dataset(random), pick(random, METHODS)
     forces = st.load_library().select(str(pick(random, FORCES)).split(","))
-    given = {} if random.random() < 0.7 else {"window": (number(random), number(random)), "equilibrium": number(random)}
+    given = (
+        {}
+        if random.random() < 0.7
+        else {"window": (number(random), number(random)), "equilibrium": number(random)}
+    )
     kind = random.integers(10)
 
     def action() -> object:

@@ -18,7 +18,9 @@ SCRIPT = "<script>alert(1)</script>"
 def sound_results(folder: Path) -> dict[str, tuple[bytes, xr.DataTree]]:
     """A result of each command of a short record, as a file and as a tree."""
     noise = 1e-4 * np.random.default_rng(0).standard_normal(400)
-    record = xr.Dataset({"angle": ("time", ANGLE + noise, {"units": "rad"})}, {"time": ("time", TIME, {"units": "s"})})
+    record = xr.Dataset(
+        {"angle": ("time", ANGLE + noise, {"units": "rad"})}, {"time": ("time", TIME, {"units": "s"})}
+    )
     decay = st.free_decay(record.assign_attrs(source="a"))
     forces = st.load_library().select(["zeta", "delta"])
     averaging = st.identify(decay, forces, st.methods.Averaging())
@@ -38,7 +40,21 @@ def sound_results(folder: Path) -> dict[str, tuple[bytes, xr.DataTree]]:
 
 
 def _attribute(random: np.random.Generator) -> object:
-    values = (0, -1, 2**62, np.nan, "", SCRIPT, "{}", "[", '{"a": 1}', [], ["a", "b"], np.arange(3), plain(text(random)))
+    values = (
+        0,
+        -1,
+        2**62,
+        np.nan,
+        "",
+        SCRIPT,
+        "{}",
+        "[",
+        '{"a": 1}',
+        [],
+        ["a", "b"],
+        np.arange(3),
+        plain(text(random)),
+    )
     return pick(random, values)
 
 
@@ -70,7 +86,9 @@ def edited(tree: xr.DataTree, random: np.random.Generator) -> xr.DataTree:
             data = data.assign_attrs({pick(random, tuple(data.attrs)): _attribute(random)})
         elif data.attrs:
             chosen = pick(random, tuple(data.attrs))
-            data = data.drop_attrs(deep=False).assign_attrs({k: v for k, v in data.attrs.items() if k != chosen})
+            data = data.drop_attrs(deep=False).assign_attrs(
+                {k: v for k, v in data.attrs.items() if k != chosen}
+            )
         groups[path] = data
     return xr.DataTree.from_dict({path: groups[path] for path in sorted(groups)})
 

@@ -23,7 +23,9 @@ def table(random: np.random.Generator) -> bytes:
         time[random.integers(rows, size=3)] = number(random)
     columns = [[f"{value:.{random.integers(1, 17)}g}" for value in values] for values in (time, angle)]
     for _ in range(int(random.integers(0, 4)) if random.random() < 0.3 else 0):
-        columns.insert(int(random.integers(len(columns) + 1)), list(random.choice(columns[0] or ["1"], size=rows)))
+        columns.insert(
+            int(random.integers(len(columns) + 1)), list(random.choice(columns[0] or ["1"], size=rows))
+        )
     if random.random() < 0.1:
         columns = columns[: int(random.integers(1, 3))]
     delimiter, newline = str(pick(random, DELIMITERS)), str(pick(random, ("\n", "\n", "\r\n", "\r")))
@@ -31,7 +33,9 @@ def table(random: np.random.Generator) -> bytes:
     for _ in range(int(random.integers(0, 4)) if lines and random.random() < 0.4 else 0):
         at = int(random.integers(len(lines)))
         cells = lines[at].split(delimiter)
-        cells[int(random.integers(len(cells)))] = str(pick(random, NUMBERS)) if random.random() < 0.7 else text(random)
+        cells[int(random.integers(len(cells)))] = (
+            str(pick(random, NUMBERS)) if random.random() < 0.7 else text(random)
+        )
         lines[at] = delimiter.join(cells)
     head = [delimiter.join(["time (s)", "angle (rad)", *"xyzu"][: len(columns)])]
     if random.random() < 0.4:
@@ -49,13 +53,17 @@ def options(random: np.random.Generator) -> dict[str, object]:
     if random.random() < 0.6:
         return given
     if random.random() < 0.3:
-        given["angle"] = pick(random, (0, 1, -1, 2**70, "1", "angle", "²", "x*2", "atan2(x, 0)", "1/0", text(random)))
+        given["angle"] = pick(
+            random, (0, 1, -1, 2**70, "1", "angle", "²", "x*2", "atan2(x, 0)", "1/0", text(random))
+        )
     if random.random() < 0.2:
         given["time"] = pick(random, (0, 1, 99, "0", "time", text(random)))
     if random.random() < 0.2:
         given["units"] = pick(random, ("rad", "deg", "mm", "px", "g", "rad/s", "deg/s^2", "V", text(random)))
     if random.random() < 0.2:
-        given["signal"] = pick(random, ("angle", "displacement", "rate", "acceleration", "accelerometer", text(random)))
+        given["signal"] = pick(
+            random, ("angle", "displacement", "rate", "acceleration", "accelerometer", text(random))
+        )
     if random.random() < 0.2:
         given["sampling_rate"] = number(random)
     if random.random() < 0.1:

@@ -37,7 +37,15 @@ KINDS: dict[str, Kind] = {
 WORKING = ("page", "record", "command", "discover")
 SLOWEST_S, SLOWEST_WORK_S, HUNG_S, HUNG_WORK_S = 5.0, 60.0, 40.0, 150.0
 MOST_MEMORY = 2**30
-FORBIDDEN = ("os.system", "os.exec", "os.posix_spawn", "os.startfile", "socket.connect", "socket.getaddrinfo", "pty.spawn")
+FORBIDDEN = (
+    "os.system",
+    "os.exec",
+    "os.posix_spawn",
+    "os.startfile",
+    "socket.connect",
+    "socket.getaddrinfo",
+    "pty.spawn",
+)
 # Processes that the package starts itself.
 OWN_PROCESSES = ("sysid_trib.records.probe", "lscpu", "uname", "fc-list")
 
@@ -57,7 +65,9 @@ class Watch:
     def _hear(self, event: str, args: Any) -> None:
         if not self.on:
             return
-        if event in FORBIDDEN or (event == "subprocess.Popen" and not any(p in str(args) for p in OWN_PROCESSES)):
+        if event in FORBIDDEN or (
+            event == "subprocess.Popen" and not any(p in str(args) for p in OWN_PROCESSES)
+        ):
             self.events.append(f"{event} {str(args)[:200]}")
 
 
@@ -116,8 +126,13 @@ def run(kind: str, seed: int, number: int, folder: Path, watch: Watch | None = N
     if memory > MOST_MEMORY:
         end, said = "fault memory", f"{memory / 2**20:.0f} MiB ({end})"
     return {
-        "number": number, "end": end, "said": said[:300], "where": where,
-        "seconds": round(seconds, 3), "wall": round(monotonic() - wall, 3), "bytes": memory,
+        "number": number,
+        "end": end,
+        "said": said[:300],
+        "where": where,
+        "seconds": round(seconds, 3),
+        "wall": round(monotonic() - wall, 3),
+        "bytes": memory,
     }
 
 

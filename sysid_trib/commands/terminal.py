@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from sysid_trib.errors import printable
+from sysid_trib.errors import printable, readable
 from sysid_trib.validation.progress import silent
 
 if TYPE_CHECKING:
@@ -126,4 +126,4 @@ class TimeLeft:
 
 def command_line() -> str:
     """The command that runs, as it can be given again."""
-    return shlex.join(["sysid-trib", *sys.argv[1:]])
+    return readable(shlex.join(["sysid-trib", *sys.argv[1:]]))

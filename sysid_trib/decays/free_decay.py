@@ -101,7 +101,9 @@ def free_decays(
     UsageError, DecayError
         As `free_decay`.
     """
-    checked_signal(record, *([str(record.attrs["measured"])] if "measured" in getattr(record, "attrs", {}) else []))
+    checked_signal(
+        record, *([str(record.attrs["measured"])] if "measured" in getattr(record, "attrs", {}) else [])
+    )
     source = str(record.attrs.get("source", "record"))
     inside = _in_window(record, window, source)
     # Where a rate or an acceleration was measured, it shows the swing best: its noise is white.

@@ -29,12 +29,16 @@ def checked_signal(record: Any, *names: str) -> None:
         A number that is none, or vast, or times that do not rise.
     """
     if not isinstance(record, xr.Dataset) or "angle" not in record:
-        raise UsageError(f"A decay is a Dataset with angle(time), not {type(record).__name__}: free_decay(record).")
+        raise UsageError(
+            f"A decay is a Dataset with angle(time), not {type(record).__name__}: free_decay(record)."
+        )
     source = str(record.attrs.get("source", "record"))
     for name in ("time", "angle", *names):
         variable = record.variables.get(name)
         if variable is None or variable.dims != ("time",):
-            raise UsageError(f"{source}: a record has {name}(time), one number for each sample; this one has none.")
+            raise UsageError(
+                f"{source}: a record has {name}(time), one number for each sample; this one has none."
+            )
         if variable.dtype.kind not in "fiu":
             raise UsageError(
                 f"{source}: {name}(time) holds {variable.dtype}; give numbers ({'s' if name == 'time' else 'rad'})."
