@@ -8,11 +8,11 @@ from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
+
 from hostile.files import sound_files
 from hostile.libraries import library, system
 from hostile.pieces import NUMBERS, number, pick, text
 from hostile.results import sound_results
-
 from sysid_trib import cli
 
 READING = (

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from hostile.libraries import library
-from hostile.pieces import ANGLE, TIME, number, pick
 
 import sysid_trib as st
+from hostile.libraries import library
+from hostile.pieces import ANGLE, TIME, number, pick
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.force import ForceLibrary
 

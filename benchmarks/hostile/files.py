@@ -12,10 +12,10 @@ import numpy as np
 import openpyxl
 import scipy.io
 import xarray as xr
-from hostile.pieces import ANGLE, SECRET, TIME, damaged, number, pick, plain, text
-from hostile.tables import options
 
 import sysid_trib as st
+from hostile.pieces import ANGLE, SECRET, TIME, damaged, number, pick, plain, text
+from hostile.tables import options
 
 ENDINGS = (".csv", ".h5", ".nc", ".cdf", ".mat", ".xlsx", ".parquet", ".tdms")
 SECRET_FILE, SECRET_RAW = "secret.h5", "secret.raw"
@@ -28,7 +28,7 @@ H5_TYPES = ("f8", "f8", "f4", "f2", ">f8", "i8", "u1", "bool", "S10", "c16", "V4
 
 
 def sound_files(folder: Path) -> dict[str, Path]:
-    """A sound record of every format, by its ending; formats whose packages are not installed are left out."""
+    """A sound record of every format, by its ending; without those whose packages are not installed."""
     places = {ending: folder / f"sound{ending}" for ending in ENDINGS}
     rows = "\n".join(f"{t:.9g},{a:.9g}" for t, a in zip(TIME, ANGLE, strict=True))
     places[".csv"].write_text(f"time (s),angle (rad)\n{rows}\n", encoding="utf-8")

@@ -4,9 +4,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from hostile.pieces import EXECUTED, NUMBERS, damaged, formula, number, pick, plain, text
 
 import sysid_trib as st
+from hostile.pieces import EXECUTED, NUMBERS, damaged, formula, number, pick, plain, text
 from sysid_trib.forces.systems import load_system
 
 TEXTS = ("symbol", "name", "formula", "family", "meaning", "source", "kind")
@@ -114,7 +114,15 @@ def study(random: np.random.Generator) -> str:
         [f"[{part}]", *(f"{name} = {given}" for name, given in names.items())]
         for part, names in parts.items()
     ]
-    return "\n".join([*(f"{name} = {given}" for name, given in top.items()), *sum(tables, [])]) + "\n"
+    return (
+        "\n".join(
+            [
+                *(f"{name} = {given}" for name, given in top.items()),
+                *(line for table in tables for line in table),
+            ]
+        )
+        + "\n"
+    )
 
 
 def _written(words: str, place: Path, random: np.random.Generator) -> Path:
@@ -135,7 +143,7 @@ def library_case(random: np.random.Generator, folder: Path) -> Callable[[], obje
                 st.signature(one, 0.3)
         assert forces.to_toml()
         if moves:
-            model = st.Model(forces, {symbol: 1e-3 for symbol in forces.symbols}, 9.0)
+            model = st.Model(forces, dict.fromkeys(forces.symbols, 1e-3), 9.0)
             st.simulate(model, 0.02 * np.arange(50), 0.3)
 
     return action

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from hostile.pieces import ANGLE, TIME, number, pick
 
 import sysid_trib as st
+from hostile.pieces import ANGLE, TIME, number, pick
 
 FORCES = ("zeta", "lambda,zeta", "zeta,delta", "zeta,nu,epsilon")
 METHODS = (

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from hostile.pieces import ANGLE, TIME, damaged, number, pick, plain, text
 
 import sysid_trib as st
+from hostile.pieces import ANGLE, TIME, damaged, number, pick, plain, text
 from sysid_trib.reporting.page import page
 
 SCRIPT = "<script>alert(1)</script>"

@@ -1,12 +1,12 @@
-"""Records in text: headers, numbers, clocks, delimiters and encodings of any kind, and how they are to be read."""
+"""Records in text: headers, numbers, clocks, delimiters and encodings of any kind, and options for them."""
 
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from hostile.pieces import ANGLE, NUMBERS, TIME, WORDS, damaged, number, pick, plain, text
 
 import sysid_trib as st
+from hostile.pieces import ANGLE, NUMBERS, TIME, WORDS, damaged, number, pick, plain, text
 
 DELIMITERS = (",", ";", "\t", " ", "  ", ", ", "|", ",,")
 ENCODINGS = ("utf-8", "utf-8", "utf-8-sig", "utf-16", "latin-1", "utf-32")

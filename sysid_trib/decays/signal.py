@@ -41,14 +41,14 @@ def checked_signal(record: Any, *names: str) -> None:
             )
         if variable.dtype.kind not in "fiu":
             raise UsageError(
-                f"{source}: {name}(time) holds {variable.dtype}; give numbers ({'s' if name == 'time' else 'rad'})."
+                f"{source}: {name}(time) holds {variable.dtype}; give numbers (time in s, angles in rad)."
             )
         # Whatever is not finite is not below either.
         bad = np.flatnonzero(~(np.abs(variable.values) <= LARGEST_NUMBER))
         if bad.size:
             raise DecayError(
-                f"{source}: sample {bad[0] + 1} of {name} is {variable.values[bad[0]]:g}, not a number that can be "
-                "computed with; cut it out."
+                f"{source}: sample {bad[0] + 1} of {name} is {variable.values[bad[0]]:g}, not a number that "
+                "can be computed with; cut it out."
             )
     if np.any(np.diff(record.variables["time"].values.astype(float)) <= 0.0):
         raise DecayError(f"{source}: its times do not rise; sort them.")

@@ -1,8 +1,9 @@
 """Binary files are read by a process of their own first: code in C may hang on a damaged one, or crash.
 
-`check_binary` asks a process that it starts once. For each file that process forks another one, which reads the
-file to its end within limits of time and memory, without leaving the file. What can be read there is then read as
-usual. Where processes do not fork, the process itself reads, and another one takes its place if it dies.
+`check_binary` asks a process that it starts once. For each file that process forks another one, which reads
+the file to its end within limits of time and memory, without leaving the file. What can be read there is then
+read as usual. Where processes do not fork, the process itself reads, and another one takes its place if it
+dies.
 """
 
 import atexit
@@ -20,13 +21,14 @@ from sysid_trib.errors import RecordError
 
 # Seconds of processor time: to begin with, and for each byte of the file; on a busy machine they take longer.
 SECONDS, SECONDS_PER_BYTE = 4.0, 5e-8
-BUSY = 5.0
+BUSY = 15.0
 # Bytes of memory beyond those of the process: to begin with, and for each byte of the file.
 MEMORY, MEMORY_PER_BYTE = 2**29, 16
-# How a file was read: to its end or not, it points outside of itself or in circles, the package that reads it is
-# not installed.
+# How a file was read: to its end or not, it points outside of itself or in circles, the package that reads it
+# is not installed.
 WHOLE, DAMAGED, LINKED, NO_READER = "whole", "damaged", "linked", "no reader"
-# What a reader needs; it is imported before a process is forked, as is what it uses besides where that is installed.
+# What a reader needs; it is imported before a process is forked, as is what it uses besides where that is
+# installed.
 PACKAGES: dict[str, tuple[str, ...]] = {
     "read_hdf5": ("h5py",),
     "read_matlab": ("scipy.io",),
@@ -41,8 +43,8 @@ USED_BESIDES: dict[str, tuple[str, ...]] = {
     "read_tree": ("dask.base", "h5netcdf.legacyapi"),
     "read_parquet": ("pyarrow.dataset",),
 }
-# The module of the package that runs here, wherever the process is started. In one that does nothing else more
-# threads take address space alone.
+# The module of the package that runs here, wherever the process is started. In one that does nothing else
+# more threads take address space alone.
 START = """
 import os, runpy, sys
 os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
@@ -139,10 +141,8 @@ class _ReadingProcess:
         import signal
 
         # The one that reads at the moment ends with it.
-        try:
+        with contextlib.suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGKILL)
-        except ProcessLookupError:
-            pass
 
     def end(self) -> None:
         """End it, once it is of no use."""
