@@ -228,7 +228,7 @@ def damaged(content: bytes, random: np.random.Generator) -> bytes:
 
 def formula(random: np.random.Generator, depth: int = 0) -> str:
     """A formula: words and signs in any order, or one that is well formed."""
-    if depth == 0 and random.random() < 0.4:
+    if depth == 0 and random.random() < 0.25:
         return "".join(str(pick(random, TOKENS)) for _ in range(random.integers(1, 14)))
     kind = random.integers(4)
     if depth > 6 or kind == 0:

@@ -8,7 +8,7 @@ import numpy as np
 import sysid_trib as st
 from hostile.pieces import ANGLE, NUMBERS, TIME, WORDS, damaged, number, pick, plain, text
 
-DELIMITERS = (",", ";", "\t", " ", "  ", ", ", "|", ",,")
+DELIMITERS = (",", ",", ",", ";", "\t", ";", "\t", " ", "  ", ", ", "|", ",,")
 ENCODINGS = ("utf-8", "utf-8", "utf-8-sig", "utf-16", "latin-1", "utf-32")
 
 
@@ -21,7 +21,8 @@ def table(random: np.random.Generator) -> bytes:
     if random.random() < 0.2 and rows:
         random.shuffle(time) if random.random() < 0.5 else time.sort()
         time[random.integers(rows, size=3)] = number(random)
-    columns = [[f"{value:.{random.integers(1, 17)}g}" for value in values] for values in (time, angle)]
+    digits = int(pick(random, (9, 9, 12, 17, 17, 1, 4)))
+    columns = [[f"{value:.{digits}g}" for value in values] for values in (time, angle)]
     for _ in range(int(random.integers(0, 4)) if random.random() < 0.3 else 0):
         columns.insert(
             int(random.integers(len(columns) + 1)), list(random.choice(columns[0] or ["1"], size=rows))

@@ -9,6 +9,7 @@ from sysid_trib.errors import DecayError, UsageError
 
 # Squares and cubes of larger numbers overflow.
 LARGEST_NUMBER = 1e75
+FEWEST_SAMPLES = 4
 
 
 def checked_signal(record: Any, *names: str) -> None:
@@ -26,7 +27,7 @@ def checked_signal(record: Any, *names: str) -> None:
     UsageError
         It is no Dataset, has no `angle(time)`, or no numbers in it.
     DecayError
-        A number that is none, or vast, or times that do not rise.
+        A number that is none, or vast, times that do not rise, or next to no samples.
     """
     if not isinstance(record, xr.Dataset) or "angle" not in record:
         raise UsageError(
@@ -50,5 +51,7 @@ def checked_signal(record: Any, *names: str) -> None:
                 f"{source}: sample {bad[0] + 1} of {name} is {variable.values[bad[0]]:g}, not a number that "
                 "can be computed with; cut it out."
             )
+    if record.sizes["time"] < FEWEST_SAMPLES:
+        raise DecayError(f"{source}: {record.sizes['time']} samples are no oscillation; record longer.")
     if np.any(np.diff(record.variables["time"].values.astype(float)) <= 0.0):
         raise DecayError(f"{source}: its times do not rise; sort them.")

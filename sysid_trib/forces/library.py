@@ -1,5 +1,6 @@
 """Reading force libraries: TOML in, checked forces out; nothing in a file is ever executed."""
 
+import os
 import re
 import tomllib
 from collections.abc import Mapping
@@ -47,9 +48,9 @@ def load_library(name_or_path: str | Path = "contact_forces") -> ForceLibrary:
         The file is not a library of forces: message with file, force and reason. Nothing in it is executed.
     """
     path = Path(name_or_path)
-    if path.suffix != ".toml" and not path.exists():
+    if path.suffix != ".toml" and not os.path.exists(path):
         path = library_folder() / f"{name_or_path}.toml"
-    if not path.is_file():
+    if not os.path.isfile(path):
         # Systems stand beside the libraries and are none.
         stems = (p.stem for p in library_folder().glob("*.toml") if p.stem != "systems")
         known = ", ".join(sorted(stems))

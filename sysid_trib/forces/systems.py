@@ -1,5 +1,6 @@
 """Systems of laboratories as data: what is measured, which forces are there, which cannot be."""
 
+import os
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
@@ -73,7 +74,7 @@ def load_system(name_or_path: str) -> System:
     """
     path = Path(name_or_path)
     if path.suffix == ".toml":
-        if not path.is_file():
+        if not os.path.isfile(path):
             raise UsageError(f"{path}: there is no such file.")
         return next(iter(_systems(path).values()))
     known = _systems(library_folder() / SYSTEMS_FILE)

@@ -1,5 +1,6 @@
 """Tables of numbers from files of many formats; the content decides, not the name."""
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -49,11 +50,11 @@ def read_table(path: Path) -> FileTable:
     RecordError
         The file is empty, binary, truncated or holds no table; the message names it.
     """
-    if not path.exists():
+    if not os.path.exists(path):
         raise UsageError(f"{path}: there is no such file.")
-    if path.is_dir():
+    if os.path.isdir(path):
         raise RecordError(f"{path}: this is a directory, not a record; name a file in it.")
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise RecordError(f"{path}: this is a pipe or a device, not a file; save the record as a file first.")
     try:
         with path.open("rb") as file:

@@ -145,7 +145,7 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
         It is no result in netCDF, or one of another version of the format.
     """
     place = Path(path)
-    if not place.exists():
+    if not os.path.exists(place):
         raise UsageError(f"There is no file {path}.")
     try:
         with place.open("rb") as file:
