@@ -4,9 +4,9 @@ python benchmarks/fuzz.py [--cases N] [--kind KIND ...] [--seed S] [--first N] [
 
 Kinds: text, binary (files that are read); library, toml (libraries and their formulas, systems, studies);
 damaged, page (saved results, pages of edited ones); record (datasets in memory); command (options, letters);
-discover (random records and libraries). A case is drawn from the seed, its kind and its number alone, so that
-a fault can be repeated: --kind KIND --seed S --first N --cases 1. The cases of a kind run in one process, which
-is replaced when it dies, hangs or has run many. A fault is any other exception, over 5 s of processor time to
+discover (random records and libraries). A case is drawn from the seed, its kind and its number alone: a fault
+is repeated by --kind KIND --seed S --first N --cases 1. The cases of a kind run in one process, which is
+replaced when it dies, hangs or has run many. A fault is any other exception, over 5 s of processor time to
 read or parse, over 1 GiB of memory, numbers from another file, or a process or a connection that was begun.
 """
 

@@ -35,14 +35,18 @@ def _some(forces: ForceLibrary, random: np.random.Generator, most: int) -> Force
 def record(random: np.random.Generator, forces: ForceLibrary) -> xr.Dataset:
     """A few periods of a motion of some of these forces, with noise of any size; or of none."""
     time, angle = TIME, ANGLE
-    moving = replace(forces, forces=tuple(f for f in forces if f.kind == "force"))
-    if len(moving) and random.random() < 0.7:
-        coefficients = {s: float(random.normal() * 10.0 ** random.uniform(-4, -1)) for s in moving.symbols}
+    viscous = st.load_library().select(["zeta"])
+    moving = replace(
+        forces, forces=(*viscous, *(f for f in forces if f.kind == "force" and f.symbol != "zeta"))
+    )
+    if random.random() < 0.7:
+        coefficients = {s: float(random.normal() * 10.0 ** random.uniform(-5, -1.5)) for s in moving.symbols}
+        coefficients["zeta"] = float(10.0 ** random.uniform(-2.5, -1.5))
         start = float(10.0 ** random.uniform(-2, 0.2))
         angle = st.simulate(
             st.Model(moving, coefficients, float(random.uniform(3, 30))), time, start
         ).angle.values
-    angle = angle + 10.0 ** random.uniform(-7, -1) * random.standard_normal(len(time))
+    angle = angle + 10.0 ** random.uniform(-7, -2) * random.standard_normal(len(time))
     if random.random() < 0.1:
         angle = angle * 10.0 ** random.uniform(-12, 3)
     if random.random() < 0.1:

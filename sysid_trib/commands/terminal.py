@@ -27,8 +27,14 @@ def print_table(table: "Table") -> None:
     """Print a table whole."""
     from rich.console import Console
 
+    class Output(Console):
+        """A console that leaves a pipe whose reader has enough to the command line."""
+
+        def on_broken_pipe(self) -> None:
+            raise BrokenPipeError
+
     # Markup would take a bracket in the name of a force for a command.
-    console = Console(highlight=False, markup=False, emoji=False)
+    console = Output(highlight=False, markup=False, emoji=False)
     # A result must be whole wherever it goes: a terminal may fold words but not numbers, a pipe nothing.
     if not console.is_terminal:
         console.width = console.measure(table, options=console.options.update(width=WIDEST)).maximum

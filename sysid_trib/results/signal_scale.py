@@ -1,8 +1,9 @@
 """Displacements and tiny angles: computed in a unit of their own motion, and told in that of the record.
 
-Every tolerance of a computation means radians. A displacement of 1e-9 m or of 900 px is therefore counted in
-a power of two of its unit near the motion's own size, in which it looks like an angle; coefficients come back
-in the record's unit. So is an angle of 1e-12 rad, unless a force knows a radian. A power of two rounds nothing, so that results are the same in every unit.
+Every tolerance of a computation means radians. A displacement of 1e-9 m or of 900 px is therefore counted
+in a power of two of its unit near the motion's own size, in which it looks like an angle; coefficients come
+back in the record's unit. So is an angle of 1e-12 rad, unless a force knows a radian. A power of two rounds
+nothing, so that results are the same in every unit.
 """
 
 import inspect
