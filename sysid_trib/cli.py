@@ -21,8 +21,8 @@ from sysid_trib.errors import SysidTribError, printable
 
 INTERRUPTED = 130
 OUT_OF_MEMORY = "Out of memory; take a shorter window or a lower sampling rate, or raise the limit."
-# Bytes; what a library of machine code takes to be loaded.
-LIBRARY_SIZE = 2**27
+# Bytes; what the largest libraries of machine code take to be loaded.
+LIBRARY_SIZE = 2**28
 
 app = typer.Typer(
     no_args_is_help=False,

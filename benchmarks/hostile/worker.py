@@ -95,18 +95,18 @@ def run(kind: str, seed: int, number: int, folder: Path, watch: Watch | None = N
     dict
         `end`: `result`, the package's error, or what is wrong; with `seconds`, `bytes` and `said`.
     """
-    action = KINDS[kind](random_of(kind, seed, number), folder)
+    with warnings.catch_warnings(action="ignore"):
+        action = KINDS[kind](random_of(kind, seed, number), folder)
     _reset_peak()
     before, start, wall, said, where = _peak(), process_time(), monotonic(), "", ""
     slowest = SLOWEST_WORK_S if kind in WORKING else SLOWEST_S
-    # A hang ends the process with a traceback: one that computes, or waits.
-    signal.setitimer(signal.ITIMER_PROF, 2.0 * slowest)
-    faulthandler.dump_traceback_later(HUNG_S, exit=True)
     if watch:
+        # A hang ends the process with a traceback: one that computes, or waits.
+        signal.setitimer(signal.ITIMER_PROF, 2.0 * slowest)
+        faulthandler.dump_traceback_later(HUNG_S, exit=True)
         watch.on, watch.events = True, []
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with warnings.catch_warnings(action="ignore"):
             action()
         end = "result"
     except SysidTribError as error:
@@ -118,9 +118,9 @@ def run(kind: str, seed: int, number: int, folder: Path, watch: Watch | None = N
         end, said = f"fault {type(error).__name__}", str(error)[:300]
         where = f"{Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else ""
     finally:
-        signal.setitimer(signal.ITIMER_PROF, 0.0)
-        faulthandler.cancel_dump_traceback_later()
         if watch:
+            signal.setitimer(signal.ITIMER_PROF, 0.0)
+            faulthandler.cancel_dump_traceback_later()
             watch.on = False
     seconds, memory = process_time() - start, _peak() - before
     if watch and watch.events:

@@ -170,7 +170,7 @@ def _shape(table: object, where: str) -> Shape:
 
 def _check_finite(force: Force, where: str) -> None:
     """Refuse formulas that overflow or leave the real numbers where a pendulum swings (below 1.2 rad)."""
-    for formula in force.formulas:
+    for formula in (*force.formulas, *force.start.values()):
         try:
             with np.errstate(all="ignore"):
                 values = np.asarray(formula.evaluate(force.test_points))
