@@ -17,10 +17,12 @@ from sysid_trib.commands.identify import identify
 from sysid_trib.commands.look import look
 from sysid_trib.commands.report import report
 from sysid_trib.commands.simulate import simulate
-from sysid_trib.commands.terminal import printable
-from sysid_trib.errors import SysidTribError
+from sysid_trib.errors import SysidTribError, printable
 
 INTERRUPTED = 130
+OUT_OF_MEMORY = "Out of memory; take a shorter window or a lower sampling rate, or raise the limit."
+# Bytes; what the largest libraries of machine code take to be loaded.
+LIBRARY_SIZE = 2**28
 
 app = typer.Typer(
     no_args_is_help=False,
@@ -51,6 +53,12 @@ for command in (look, identify, discover, compare, campaign, simulate, report, f
 
 def main() -> None:
     """Run the command line: errors in one line on stderr, exit status as documented."""
+    # A closed stream is none.
+    if sys.stderr is None:
+        sys.stderr = open(os.devnull, "w")  # noqa: SIM115 (as long as the process)
+    if sys.stdout is None:
+        sys.stderr.write("sysid-trib: standard output is closed; send it to a file, or to /dev/null.\n")
+        sys.exit(1)
     for stream in (sys.stdout, sys.stderr):
         # A terminal or pipe that is not UTF-8 must not turn ± into a traceback.
         stream.reconfigure(errors="replace")  # type: ignore[union-attr]
@@ -61,6 +69,15 @@ def main() -> None:
     if message:
         print(f"sysid-trib: {printable(message)}", file=sys.stderr)
     sys.exit(status)
+
+
+def _memory_is_short() -> bool:
+    """Whether next to no memory is left: libraries that cannot be loaded then end in errors of any kind."""
+    try:
+        bytearray(LIBRARY_SIZE)
+    except MemoryError:
+        return True
+    return False
 
 
 def _outcome() -> tuple[int, str]:
@@ -90,8 +107,10 @@ def _outcome() -> tuple[int, str]:
             return 0, ""  # the reader has enough
         return 1, f"standard output cannot be written: {error.strerror or error}."
     except MemoryError:
-        return 1, "Out of memory; take a shorter window, or a lower sampling rate."
+        return 1, OUT_OF_MEMORY
     except Exception as error:
+        if _memory_is_short():
+            return 1, OUT_OF_MEMORY
         # A fault of this package, but still no traceback: a line that finds the place.
         frame = next(t for t in reversed(traceback.extract_tb(error.__traceback__)))
         place = f"{Path(frame.filename).name}:{frame.lineno}"

@@ -5,9 +5,18 @@ from difflib import get_close_matches
 
 
 class SysidTribError(ValueError):
-    """Base of the package's errors; the command line ends with `exit_status`."""
+    """Base of the package's errors; the command line ends with `exit_status`.
+
+    Parameters
+    ----------
+    message : str
+        What is wrong, where, and what to do. It may quote a file: no letter of that steers a terminal.
+    """
 
     exit_status = 1
+
+    def __init__(self, message: str) -> None:
+        super().__init__(printable(message))
 
 
 class UsageError(SysidTribError):
@@ -30,6 +39,16 @@ class DecayError(SysidTribError):
 
 class SimulationError(SysidTribError):
     """A model whose motion cannot be computed: diverging or switching without end."""
+
+
+def printable(text: str) -> str:
+    """One line without control characters: a file's column names may hold any."""
+    return "".join(c if c.isprintable() else "?" for c in " ".join(text.split()))
+
+
+def readable(name: str) -> str:
+    """A name that the system gave, as text: what is no letter in it becomes a question mark."""
+    return name.encode("utf-8", "replace").decode()
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

@@ -13,6 +13,7 @@ from hypothesis import given, strategies as st
 from sysid_trib.decays.free_decay import free_decay
 from sysid_trib.decays.uniform import is_uniform
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
+from sysid_trib.records import probe
 from sysid_trib.records.headers import split_header
 from sysid_trib.records.read import read_record, scale_translation
 
@@ -296,6 +297,7 @@ def test_missing_extra_is_named(tmp_path, monkeypatch, name, module):
     (tmp_path / f"{module}.py").write_text(absent, encoding="utf-8")
     # Files of foreign formats are read first by a process of their own.
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setattr(probe, "_process", None)
     with pytest.raises(RecordError, match=r"package .*is needed; install it with pip install pyarrow npTDMS"):
         read_record(path)
 

@@ -127,6 +127,7 @@ def solve_states(
     guess = np.zeros((panels.low.size, nodes, len(force.state)))
     if start is not None:
         guess += start[panels.row, None, :]
+    most_panels = MAX_HALVINGS * panels.low.size
     for _ in range(MAX_HALVINGS):
         width = panels.high - panels.low
         tau = panels.low[:, None] + width[:, None] * place
@@ -140,9 +141,13 @@ def solve_states(
         h = force.formula.evaluate({**names, **named_states(force, values)})
         h = np.broadcast_to(h, tau.shape)[..., None] * width[:, None, None]
         error = _error(inverse, np.concatenate((values, h), axis=-1))
-        rough = (error > tolerance * max(np.abs(values).max(), 1e-300)) & (width > 1e-10)
+        # Beside states that stay at zero the force's own size counts.
+        largest = max(np.abs(values).max(), np.abs(h).max(), 1e-300)
+        rough = (error > tolerance * largest) & (width > 1e-10)
         if not rough.any():
             return States(panels, tau, matrix[-1] * width[:, None], values, at_low)
+        if rough.size > most_panels:
+            break
         known = (np.arange(panels.low.size)[:, None] + place).ravel()
         panels, parent, offset = panels.halved(rough)
         at = parent[:, None] + offset[:, None] + np.where(rough[parent], 0.5, 1.0)[:, None] * place

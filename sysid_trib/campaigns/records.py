@@ -12,7 +12,7 @@ import xarray as xr
 from sysid_trib._version import __version__
 from sysid_trib.campaigns.study import Study
 from sysid_trib.campaigns.task import Task
-from sysid_trib.errors import UsageError
+from sysid_trib.errors import UsageError, readable
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,9 @@ class CampaignRecords:
         if isinstance(self.items, Study):
             return [str(at) for at in range(len(self))]
         return [
-            str(item.attrs.get("source", f"record {at}")) if isinstance(item, xr.Dataset) else os.fspath(item)
+            readable(
+                str(item.attrs.get("source", f"record {at}")) if isinstance(item, xr.Dataset) else str(item)
+            )
             for at, item in enumerate(self.items)
         ]
 

@@ -5,6 +5,7 @@ renamed into its place when it is whole: at any moment the store can be read, an
 """
 
 import os
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -171,7 +172,16 @@ def _make(path: Path, task: Task, records: CampaignRecords, fingerprint: str, bl
     import zarr
 
     temporary = path.with_name(f".{path.name}.partial")
-    group = zarr.open_group(temporary, mode="w", zarr_format=2)
+    try:
+        _fill(zarr.open_group(temporary, mode="w", zarr_format=2), task, records, fingerprint, block)
+        os.replace(temporary, path)
+    except OSError:
+        shutil.rmtree(temporary, ignore_errors=True)
+        raise
+
+
+def _fill(group: Any, task: Task, records: CampaignRecords, fingerprint: str, block: int) -> None:
+    """Make the arrays of a store."""
     forces = {force.symbol: force for lib in (task.library, task.candidates or ()) for force in lib}
     labels = force_labels([forces[symbol] for symbol in task.symbols])
     coordinates: dict[str, tuple[str, Sequence[Any]]] = {
@@ -203,7 +213,6 @@ def _make(path: Path, task: Task, records: CampaignRecords, fingerprint: str, bl
     status = _array(group, "status", ("record",), (len(records),), np.dtype("int8"), block)
     status.attrs.update(flag_values=list(range(len(STATUS))), flag_meanings=" ".join(STATUS))
     group.attrs.update({FINGERPRINT: fingerprint, "task": task.name, "coordinates": "unit speed_degree"})
-    os.replace(temporary, path)
 
 
 def _array(

@@ -190,7 +190,8 @@ def _print(
     """The end of a campaign, in words or as JSON."""
     import json
 
-    from sysid_trib.commands.terminal import print_table, print_written, printable
+    from sysid_trib.commands.terminal import print_table, print_written
+    from sysid_trib.errors import printable
     from sysid_trib.printing import campaign as words
 
     if as_json:

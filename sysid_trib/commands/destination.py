@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sysid_trib.commands.options import option
-from sysid_trib.commands.terminal import command_line, print_blocks, print_written, printable, progress
-from sysid_trib.errors import RecordError, UsageError
+from sysid_trib.commands.terminal import command_line, print_blocks, print_written, progress
+from sysid_trib.errors import RecordError, UsageError, printable
 from sysid_trib.printing.layers import Block, Layer
 
 if TYPE_CHECKING:

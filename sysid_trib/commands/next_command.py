@@ -6,6 +6,8 @@ from dataclasses import Field, fields, is_dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, get_type_hints
 
+from sysid_trib.errors import readable
+
 if TYPE_CHECKING:
     import xarray as xr
 
@@ -47,9 +49,8 @@ def command_after(step: "NextStep", groups: Sequence[Any]) -> str:
     for name, (part, value) in given.items():
         if name in known and name.strip("_") not in replaced and value != default_of(part):
             words += _words(part, value)
-    return shlex.join(
-        [*words, *(word for name, value in step.options.items() for word in (f"--{name}", value))]
-    )
+    words += [word for name, value in step.options.items() for word in (f"--{name}", value)]
+    return readable(shlex.join(words))
 
 
 def _options_of(command: str) -> set[str]:

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from time import monotonic
 from typing import TYPE_CHECKING
 
+from sysid_trib.errors import printable, readable
 from sysid_trib.validation.progress import silent
 
 if TYPE_CHECKING:
@@ -26,8 +27,14 @@ def print_table(table: "Table") -> None:
     """Print a table whole."""
     from rich.console import Console
 
+    class Output(Console):
+        """A console that leaves a pipe whose reader has enough to the command line."""
+
+        def on_broken_pipe(self) -> None:
+            raise BrokenPipeError
+
     # Markup would take a bracket in the name of a force for a command.
-    console = Console(highlight=False, markup=False, emoji=False)
+    console = Output(highlight=False, markup=False, emoji=False)
     # A result must be whole wherever it goes: a terminal may fold words but not numbers, a pipe nothing.
     if not console.is_terminal:
         console.width = console.measure(table, options=console.options.update(width=WIDEST)).maximum
@@ -123,11 +130,6 @@ class TimeLeft:
         return f"{100.0 * done:.0f} %, about {(now - begin) * (1.0 - done) / (done - done_then):.0f} s left,"
 
 
-def printable(text: str) -> str:
-    """One line without control characters: a file's column names may hold any."""
-    return "".join(c if c.isprintable() else "?" for c in " ".join(text.split()))
-
-
 def command_line() -> str:
     """The command that runs, as it can be given again."""
-    return shlex.join(["sysid-trib", *sys.argv[1:]])
+    return readable(shlex.join(["sysid-trib", *sys.argv[1:]]))

@@ -16,6 +16,7 @@ from sysid_trib.decays.half_periods import (
     regular_run,
     smooth,
 )
+from sysid_trib.decays.signal import checked_signal
 from sysid_trib.errors import DecayError
 
 BINOMIAL = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
@@ -99,6 +100,7 @@ def usable_half_periods(time: Array, angle: Array, source: str) -> HalfPeriods:
 
 def with_half_periods(decay: xr.Dataset) -> tuple[Array, Array, HalfPeriods]:
     """Times (s), angles (rad) and whole half periods of a centred decay (see `usable_half_periods`)."""
+    checked_signal(decay)
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
     return time, angle, usable_half_periods(time, angle, str(decay.attrs.get("source", "decay")))
 

@@ -10,6 +10,7 @@ from sysid_trib.decays.decay_dataset import CutDecay, decay_dataset
 from sysid_trib.decays.equilibrium import Swing, find_swing
 from sysid_trib.decays.free_part import free_part
 from sysid_trib.decays.half_periods import dominant_periods
+from sysid_trib.decays.signal import checked_signal
 from sysid_trib.decays.uniform import Piece, uniform_pieces
 from sysid_trib.errors import DecayError, UsageError
 
@@ -100,6 +101,9 @@ def free_decays(
     UsageError, DecayError
         As `free_decay`.
     """
+    checked_signal(
+        record, *([str(record.attrs["measured"])] if "measured" in getattr(record, "attrs", {}) else [])
+    )
     source = str(record.attrs.get("source", "record"))
     inside = _in_window(record, window, source)
     # Where a rate or an acceleration was measured, it shows the swing best: its noise is white.
@@ -273,10 +277,5 @@ def _in_window(record: xr.Dataset, window: tuple[float | None, float | None], so
 
 
 def _check_signal(time: Array, angle: Array, source: str) -> None:
-    bad = np.flatnonzero(~np.isfinite(angle))
-    if bad.size:
-        raise DecayError(f"{source}: the angle at {time[bad[0]]:.6g} s is not a finite number; cut it out.")
-    if np.any(np.diff(time) <= 0.0):
-        raise DecayError(f"{source}: its times do not rise; sort them.")
     if np.ptp(angle) <= max(1e-12 * np.max(np.abs(angle)), SMALLEST_SWING):
         raise DecayError(f"{source}: the angle is flat at {angle[0]:.6g}; choose another column or window.")

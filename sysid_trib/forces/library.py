@@ -1,5 +1,6 @@
 """Reading force libraries: TOML in, checked forces out; nothing in a file is ever executed."""
 
+import os
 import re
 import tomllib
 from collections.abc import Mapping
@@ -47,9 +48,9 @@ def load_library(name_or_path: str | Path = "contact_forces") -> ForceLibrary:
         The file is not a library of forces: message with file, force and reason. Nothing in it is executed.
     """
     path = Path(name_or_path)
-    if path.suffix != ".toml" and not path.exists():
+    if path.suffix != ".toml" and not os.path.exists(path):
         path = library_folder() / f"{name_or_path}.toml"
-    if not path.is_file():
+    if not os.path.isfile(path):
         # Systems stand beside the libraries and are none.
         stems = (p.stem for p in library_folder().glob("*.toml") if p.stem != "systems")
         known = ", ".join(sorted(stems))
@@ -169,7 +170,7 @@ def _shape(table: object, where: str) -> Shape:
 
 def _check_finite(force: Force, where: str) -> None:
     """Refuse formulas that overflow or leave the real numbers where a pendulum swings (below 1.2 rad)."""
-    for formula in force.formulas:
+    for formula in (*force.formulas, *force.start.values()):
         try:
             with np.errstate(all="ignore"):
                 values = np.asarray(formula.evaluate(force.test_points))

@@ -1,5 +1,6 @@
 """Systems of laboratories as data: what is measured, which forces are there, which cannot be."""
 
+import os
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
@@ -8,11 +9,14 @@ from typing import Any
 
 from sysid_trib.errors import LibraryError, UsageError, did_you_mean
 from sysid_trib.forces.force import Force, ForceLibrary
+from sysid_trib.forces.formulas import LARGEST_CONSTANT
 from sysid_trib.forces.library import library_folder, load_library
 
 # The forces that systems name, by library.
 SHIPPED_LIBRARIES = ("contact_forces", "candidate_effects")
 SYSTEMS_FILE = "systems.toml"
+# What a system's signal can be.
+QUANTITIES = ("angle", "displacement", "rate", "acceleration", "accelerometer")
 
 
 @dataclass(frozen=True)
@@ -70,7 +74,7 @@ def load_system(name_or_path: str) -> System:
     """
     path = Path(name_or_path)
     if path.suffix == ".toml":
-        if not path.is_file():
+        if not os.path.isfile(path):
             raise UsageError(f"{path}: there is no such file.")
         return next(iter(_systems(path).values()))
     known = _systems(library_folder() / SYSTEMS_FILE)
@@ -90,7 +94,8 @@ def without_impossible(library: ForceLibrary, system: System | None) -> tuple[Fo
 def _systems(path: Path) -> dict[str, System]:
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8")).get("system", [])
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+    # TOML, text and integers of too many digits alike.
+    except (OSError, ValueError, RecursionError) as error:
         raise LibraryError(f"{path.name}: not a TOML file: {' '.join(str(error).split())}.") from None
     if not isinstance(tables, list) or not tables:
         raise LibraryError(f"{path.name}: there is no [[system]] in it; see libraries/{SYSTEMS_FILE}.")
@@ -103,16 +108,22 @@ def _checked(table: Any, source: str) -> System:
         raise LibraryError(
             f"{source}: a [[system]] has a name, and of {', '.join(sorted(keys))} what it needs."
         )
+    where, held = f"{source}: system '{table['name']}'", table.get("held", {})
+    words = {key: table.get(key, "") for key in ("name", "meaning", "signal")}
     lists = {key: table[key] for key in ("forces", "impossible", "not_negative") if key in table}
-    held = table.get("held", {})
-    names = [*(name for names in lists.values() if isinstance(names, list) for name in names), *held]
+    if not all(isinstance(word, str) for word in words.values()):
+        raise LibraryError(f"{where}: name, meaning and signal are texts in quotes.")
+    if not all(isinstance(names, list) for names in lists.values()) or not isinstance(held, dict):
+        raise LibraryError(f"{where}: {', '.join(lists)} are lists of symbols, held is a table.")
+    if "signal" in table and table["signal"] not in QUANTITIES:
+        raise LibraryError(f"{where}: signal must be one of {', '.join(QUANTITIES)}.")
+    names = [*(name for names in lists.values() for name in names), *held]
     known = [force.symbol for name in SHIPPED_LIBRARIES for force in load_library(name)]
     for name in names:
         if name not in known:
             nearest = did_you_mean(str(name), known)
-            raise LibraryError(
-                f"{source}: system '{table['name']}' names a force '{name}' of no library.{nearest}"
-            )
-    if not all(isinstance(value, (int, float)) for value in held.values()):
-        raise LibraryError(f"{source}: 'held' of system '{table['name']}' gives a number to each force.")
+            raise LibraryError(f"{where} names a force '{name}' of no library.{nearest}")
+    numbers = [v for v in held.values() if isinstance(v, int | float) and not isinstance(v, bool)]
+    if len(numbers) < len(held) or not all(abs(value) <= LARGEST_CONSTANT for value in numbers):
+        raise LibraryError(f"{where}: 'held' gives a number to each force.")
     return System(**{**table, **{key: tuple(value) for key, value in lists.items()}})

@@ -6,7 +6,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.decays.half_periods import dominant_periods
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records.headers import names_quantity, split_header
-from sysid_trib.records.numbers import is_clock_time
+from sysid_trib.records.numbers import is_clock_time, is_numeric, numbers
 from sysid_trib.records.tables import FileTable
 from sysid_trib.records.units import (
     OFFERED_TIME_UNITS,
@@ -58,18 +58,18 @@ def time_factor(table: FileTable, name: str, given: str | None, source: str) -> 
         return unit, TIME_UNITS[unit], ""
     if base in ("millis", "micros"):
         return ("ms", 1e-3, "") if base == "millis" else ("us", 1e-6, "")
-    return _beside_steps(table, name)
+    return _beside_steps(table, name, source)
 
 
-def _beside_steps(table: FileTable, name: str) -> tuple[str, float, str]:
+def _beside_steps(table: FileTable, name: str, source: str) -> tuple[str, float, str]:
     """The unit in which the steps of a time column are those that a column `dt (s)` states; else s."""
-    stamps = np.asarray(table.columns[name], dtype=float)
+    stamps = numbers(table.columns[name], name, source)
     steps = np.diff(stamps[np.isfinite(stamps)])
     usual = float(np.median(steps)) if steps.size else 0.0
     for other in table.columns:
         base, unit = split_header(other)
-        if base in ("dt", "delta t", "step") and unit in TIME_UNITS:
-            stated = float(np.nanmedian(np.asarray(table.columns[other], dtype=float))) * TIME_UNITS[unit]
+        if base in ("dt", "delta t", "step") and unit in TIME_UNITS and is_numeric(table.columns[other]):
+            stated = float(np.nanmedian(numbers(table.columns[other], other, source))) * TIME_UNITS[unit]
             for text in ("s", "ms", "us"):
                 if np.isclose(usual * TIME_UNITS[text], stated, rtol=0.01):
                     return text, TIME_UNITS[text], f"time in {text}, by its steps in column {other}"

@@ -321,7 +321,7 @@ def find_column(table: FileTable, wanted: str | int, source: str) -> str:
         ):
             if len(matches) == 1:
                 return matches[0]
-    if str(wanted).isdigit() and int(wanted) < len(names):
+    if re.fullmatch(r"[0-9]{1,9}", str(wanted)) and int(wanted) < len(names):
         return names[int(wanted)]
     listed = ", ".join(f"{number}: {name}" for number, name in enumerate(names[:LISTED])) + (
         ", ..." if len(names) > LISTED else ""

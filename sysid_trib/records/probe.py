@@ -1,38 +1,49 @@
 """Binary files are read by a process of their own first: code in C may hang on a damaged one, or crash.
 
-`check_binary` runs this module on the file, with limits of time and memory; what it could read there to the
-end, without leaving the file, is then read as usual. On its own it takes a kind and a path, and says on
-standard output what is wrong.
+`check_binary` asks a process that it starts once. For each file that process forks another one, which reads
+the file to its end within limits of time and memory, without leaving the file. What can be read there is then
+read as usual. Where processes do not fork, the process itself reads, and another one takes its place if it
+dies.
 """
 
-import math
+import atexit
+import contextlib
+import importlib
+import json
 import os
 import subprocess
 import sys
+import threading
 from pathlib import Path
 from typing import Any
 
 from sysid_trib.errors import RecordError
 
-# Seconds of the processor: to begin with, and for each byte of the file. On a busy machine that many seconds
-# take several times as long.
+# Seconds of processor time: to begin with, and for each byte of the file; on a busy machine they take longer.
 SECONDS, SECONDS_PER_BYTE = 4.0, 5e-8
 BUSY = 15.0
-# Of a process that the system ended since it had used up its time.
-OUT_OF_TIME = -24
-# Bytes of memory: to begin with, and for each byte of the file.
-MEMORY, MEMORY_PER_BYTE = 2**30, 16
-HDF5 = "hdf5"
-# Status of a file that points outside of itself, or in circles; and where the package is not installed that
-# reads it, which is named.
-LINKED, NO_READER = 3, 4
-
-
-class LinkedError(ValueError):
-    """Numbers that are elsewhere."""
-
-
-# The module of the package that runs here, wherever the child is started. In a process that does nothing else
+# Bytes of memory beyond those of the process: to begin with, and for each byte of the file.
+MEMORY, MEMORY_PER_BYTE = 2**29, 16
+# How a file was read: to its end or not, it points outside of itself or in circles, the package that reads it
+# is not installed.
+WHOLE, DAMAGED, LINKED, NO_READER = "whole", "damaged", "linked", "no reader"
+# What a reader needs; it is imported before a process is forked, as is what it uses besides where that is
+# installed.
+PACKAGES: dict[str, tuple[str, ...]] = {
+    "read_hdf5": ("h5py",),
+    "read_matlab": ("scipy.io",),
+    "read_excel": ("openpyxl",),
+    "read_netcdf": ("xarray", "scipy.io", "h5netcdf", "h5py"),
+    "read_parquet": ("pyarrow.parquet",),
+    "read_tdms": ("nptdms",),
+    "read_tree": ("xarray", "h5netcdf", "h5py"),
+}
+USED_BESIDES: dict[str, tuple[str, ...]] = {
+    "read_netcdf": ("dask.base", "h5netcdf.legacyapi"),
+    "read_tree": ("dask.base", "h5netcdf.legacyapi"),
+    "read_parquet": ("pyarrow.dataset",),
+}
+# The module of the package that runs here, wherever the process is started. In one that does nothing else
 # more threads take address space alone.
 START = """
 import os, runpy, sys
@@ -42,14 +53,18 @@ runpy.run_module("sysid_trib.records.probe", run_name="__main__")
 """
 
 
-def check_binary(path: Path, kind: str) -> None:
+class LinkedError(ValueError):
+    """Numbers that are elsewhere."""
+
+
+def check_binary(path: Path, reader: str) -> None:
     """Read a binary file in a process of its own.
 
     Parameters
     ----------
     path : path
-    kind : str
-        `hdf5`, or the name of a reader of `tables`.
+    reader : str
+        Name of a reader: one of `PACKAGES`.
 
     Raises
     ------
@@ -58,77 +73,183 @@ def check_binary(path: Path, kind: str) -> None:
     ImportError
         The package is not installed that reads it, by its name if that is known.
     """
-    size = path.stat().st_size
-    root = Path(__file__).parents[2]
-    command = [sys.executable, "-P", "-c", START, str(root), kind, str(path)]
-    try:
-        done = subprocess.run(
+    end, said = _reading_process().ask(reader, path)
+    if end == LINKED:
+        raise RecordError(f"{path.name}: {said}; copy all numbers into one plain file.")
+    if end == NO_READER:
+        raise ImportError(name=said or None)
+    if end == DAMAGED:
+        raise RecordError(f"{path.name}: cannot be read, it seems damaged or cut off ({said}).")
+
+
+class _ReadingProcess:
+    """The process that reads files first."""
+
+    def __init__(self) -> None:
+        self.parent, self._lock, self._out_of_time = os.getpid(), threading.Lock(), False
+        command = [sys.executable, "-P", "-c", START, str(Path(__file__).parents[2])]
+        self._process = subprocess.Popen(
             command,
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            timeout=BUSY * _seconds(size),
-            check=False,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            # In a group of its own: an interrupt from the keyboard is not meant for it.
+            process_group=None if sys.platform == "win32" else 0,
         )
-    except subprocess.TimeoutExpired:
-        done = None
-    if done is None or done.returncode == OUT_OF_TIME:
-        raise RecordError(f"{path.name}: takes far too long to read; it seems damaged.")
-    if done.returncode == LINKED:
-        raise RecordError(
-            f"{path.name}: {done.stdout.decode().strip()}; copy all numbers into one plain file."
-        )
-    if done.returncode == NO_READER:
-        raise ImportError(name=done.stdout.decode().strip() or None)
-    if done.returncode:
-        said = done.stdout.decode(errors="replace").strip().splitlines()
-        reason = said[-1] if said else "its reader ends without a word"
-        raise RecordError(f"{path.name}: cannot be read, it seems damaged or cut off ({reason}).")
+        atexit.register(self.end)
+
+    @property
+    def is_ours(self) -> bool:
+        """Whether it waits for files of this process: a forked one has its own."""
+        return self.parent == os.getpid() and self._process.poll() is None
+
+    def ask(self, reader: str, path: Path) -> tuple[str, str]:
+        """How a file was read, and what is wrong with it."""
+        with self._lock:
+            seconds = SECONDS + SECONDS_PER_BYTE * path.stat().st_size
+            self._out_of_time = False
+            timer = threading.Timer(BUSY * seconds, self._end_late)
+            timer.start()
+            try:
+                answer = self._line_for(json.dumps([reader, os.fspath(path.absolute()), seconds]))
+            finally:
+                timer.cancel()
+            if answer:
+                end, said = json.loads(answer)
+                return str(end), str(said)
+            self.end()
+            return DAMAGED, "it takes far too long" if self._out_of_time else "its reader ends without a word"
+
+    def _line_for(self, question: str) -> bytes:
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        try:
+            self._process.stdin.write(question.encode() + b"\n")
+            self._process.stdin.flush()
+            return self._process.stdout.readline()
+        except OSError:
+            return b""
+
+    def _end_late(self) -> None:
+        self._out_of_time = True
+        self._kill()
+
+    def _kill(self) -> None:
+        if sys.platform == "win32":
+            self._process.kill()
+            return
+        import signal
+
+        # The one that reads at the moment ends with it.
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+
+    def end(self) -> None:
+        """End it, once it is of no use."""
+        if self.parent == os.getpid():
+            self._kill()
+            self._process.communicate()
+            atexit.unregister(self.end)
 
 
-def _main(kind: str, path: str) -> int:
-    """Read a file within limits; 0 where that works."""
-    size = os.path.getsize(path)
-    _limit(MEMORY + MEMORY_PER_BYTE * size, math.ceil(_seconds(size)))
+_process: _ReadingProcess | None = None
+_starting = threading.Lock()
+
+
+def _reading_process() -> _ReadingProcess:
+    global _process
+    with _starting:
+        if _process is None or not _process.is_ours:
+            _process = _ReadingProcess()
+        return _process
+
+
+def _answer_all() -> None:
+    """Answer questions until no more come: a reader, a path and seconds as a line of JSON each."""
+    answers = os.fdopen(os.dup(1), "w", buffering=1)
+    # What a library prints is no answer.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    for line in sys.stdin:
+        reader, path, seconds = json.loads(line)
+        print(json.dumps(_answer(reader, path, seconds)), file=answers)
+
+
+def _answer(reader: str, path: str, seconds: float) -> tuple[str, str]:
     try:
-        if kind == HDF5:
-            _walk(path)
-        else:
-            from sysid_trib.records import tables
-
-            getattr(tables, kind)(Path(path))
-    except MemoryError:
-        print("it needs far more memory than its size lets expect")
-        return 1
-    except LinkedError as error:
-        print(error)
-        return LINKED
+        for name in ("sysid_trib.records.tables", *PACKAGES[reader]):
+            importlib.import_module(name)
     except ImportError as error:
-        print(error.name or "")
-        return NO_READER
-    except Exception as error:
-        print(next(iter(str(error).splitlines()), "") or type(error).__name__)
-        return 1
-    return 0
+        return NO_READER, error.name or ""
+    for name in USED_BESIDES.get(reader, ()):
+        with contextlib.suppress(ImportError):
+            importlib.import_module(name)
+    if not hasattr(os, "fork"):
+        return _read(reader, path)
+    ours, its = os.pipe()
+    child = os.fork()
+    if child == 0:
+        # Whatever happens here must not go on as a second process that answers.
+        try:
+            _limit(seconds, MEMORY + MEMORY_PER_BYTE * os.path.getsize(path))
+            os.write(its, json.dumps(_read(reader, path)).encode())
+        finally:
+            os._exit(0)
+    os.close(its)
+    with os.fdopen(ours, "rb") as pipe:
+        said = pipe.read()
+    _, status = os.waitpid(child, 0)
+    if said:
+        end, reason = json.loads(said)
+        return end, reason
+    import signal
+
+    late = os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGXCPU
+    return DAMAGED, "it takes far too long" if late else "its reader ends without a word"
 
 
-def _seconds(size: int) -> float:
-    """Seconds of the processor that a file of so many bytes may take."""
-    return SECONDS + SECONDS_PER_BYTE * size
+def _limit(seconds: float, memory: int) -> None:
+    """Most processor time and further address space of this process."""
+    import resource
+
+    pages = int(Path("/proc/self/statm").read_text().split()[0]) if Path("/proc/self/statm").exists() else 0
+    for what, wanted in (
+        (resource.RLIMIT_CPU, round(seconds + 0.5)),
+        (resource.RLIMIT_AS, memory + (pages * resource.getpagesize() or MEMORY)),
+        # A core of a crash is of no use to anyone.
+        (resource.RLIMIT_CORE, 0),
+    ):
+        _, most = resource.getrlimit(what)
+        resource.setrlimit(what, (wanted if most < 0 else min(wanted, most), most))
 
 
-def _limit(memory: int, seconds: int) -> None:
-    """Most address space and processor time of this process, where the system has such limits."""
+def _read(reader: str, path: str) -> tuple[str, str]:
+    """Read a file; how, and what is wrong with it."""
+    from sysid_trib.records import tables
+
     try:
-        import resource
-    except ImportError:
-        return
-    _, most = resource.getrlimit(resource.RLIMIT_AS)
-    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
-    resource.setrlimit(resource.RLIMIT_AS, (memory if most < 0 else min(memory, most), most))
+        if tables.is_hdf5(Path(path)):
+            _walk(path)
+        (_read_tree if reader == "read_tree" else getattr(tables, reader))(Path(path))
+    except MemoryError:
+        return DAMAGED, "it needs far more memory than its size lets expect"
+    except LinkedError as error:
+        return LINKED, str(error)
+    # Readers of foreign formats meet a damaged file with any exception at all.
+    except Exception as error:
+        return DAMAGED, next(iter(str(error).splitlines()), "")[:200] or type(error).__name__
+    return WHOLE, ""
+
+
+def _read_tree(path: Path) -> None:
+    """Read a result."""
+    import xarray as xr
+
+    with xr.open_datatree(path, engine="h5netcdf") as tree:
+        tree.load()
 
 
 def _walk(path: str) -> None:
-    """Read all of an HDF5 file, and refuse what is outside of it or linked in circles."""
+    """Look at all of an HDF5 file, and refuse what is outside of it or linked in circles."""
     import h5py
 
     groups: set[int] = set()
@@ -138,7 +259,6 @@ def _walk(path: str) -> None:
         if address in groups:
             raise LinkedError("a group in it is linked more than once")
         groups.add(address)
-        dict(group.attrs)
         for name in group:
             link = group.get(name, getlink=True)
             if isinstance(link, h5py.ExternalLink):
@@ -146,21 +266,12 @@ def _walk(path: str) -> None:
             item = group[name]
             if isinstance(item, h5py.Group):
                 visit(item)
-            elif isinstance(item, h5py.Dataset):
-                _read(item)
+            elif isinstance(item, h5py.Dataset) and (item.external or item.is_virtual):
+                raise LinkedError(f"the numbers of {item.name} are in another file")
 
     with h5py.File(path, "r") as file:
         visit(file)
 
 
-def _read(dataset: Any) -> None:
-    """Read a dataset, unless its numbers are elsewhere."""
-    if dataset.external or dataset.is_virtual:
-        raise LinkedError(f"the numbers of {dataset.name} are in another file")
-    dict(dataset.attrs)
-    if dataset.shape is not None:
-        dataset[()]
-
-
 if __name__ == "__main__":
-    sys.exit(_main(*sys.argv[1:]))
+    _answer_all()

@@ -13,7 +13,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.decays.cleaning import spikes, unwrapped, unwrapped_anywhere
 from sysid_trib.decays.equilibrium import find_swing
 from sysid_trib.decays.integration import integrated
-from sysid_trib.errors import RecordError, UsageError
+from sysid_trib.errors import RecordError, UsageError, readable
 from sysid_trib.records.assumed_units import assumed_unit, circle_radius, time_factor
 from sysid_trib.records.clock import Clock, read_clock
 from sysid_trib.records.columns import Chosen, choose_columns, has_column
@@ -183,7 +183,7 @@ def read_records(path: str | os.PathLike[str], how: Reading | None = None) -> li
     path = Path(path)
     if how.time is not None and how.sampling_rate is not None:
         raise UsageError(f"{path.name}: give a time column or a sampling rate, not both.")
-    table, source = read_table(path), path.name
+    table, source = read_table(path), readable(path.name)
     if is_expression(how.angle) and not has_column(table, how.angle):
         table = with_expression(table, str(how.angle), source)
     signal = "acceleration" if how.signal == ACCELEROMETER else how.signal

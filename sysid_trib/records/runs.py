@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
+from sysid_trib.decays.signal import checked_signal
 from sysid_trib.errors import UsageError
 
 Decays: TypeAlias = xr.Dataset | Sequence[xr.Dataset]
@@ -24,15 +25,14 @@ def as_runs(decay: Decays) -> list[xr.Dataset]:
     ------
     UsageError
         None is given, or one is no decay.
+    DecayError
+        One holds what is no number, or times that do not rise.
     """
     runs = [decay] if isinstance(decay, xr.Dataset) else list(decay)
     if not runs:
         raise UsageError("No run is given; give at least one decay.")
     for run in runs:
-        if not isinstance(run, xr.Dataset) or "angle" not in run:
-            raise UsageError(
-                f"A decay is a Dataset with angle(time), not {type(run).__name__}: free_decay(record)."
-            )
+        checked_signal(run)
     return runs
 
 

@@ -1,5 +1,6 @@
 """Tables of numbers from files of many formats; the content decides, not the name."""
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, time as clock_time
@@ -11,7 +12,7 @@ import pandas as pd
 
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records.numbers import is_missing, is_number
-from sysid_trib.records.probe import HDF5, check_binary
+from sysid_trib.records.probe import check_binary
 from sysid_trib.records.text import check_width, header_names, read_text
 
 # Attributes of HDF5 that hold a unit.
@@ -55,11 +56,11 @@ def read_table(path: Path) -> FileTable:
     RecordError
         The file is empty, binary, truncated or holds no table; the message names it.
     """
-    if not path.exists():
+    if not os.path.exists(path):
         raise UsageError(f"{path}: there is no such file.")
-    if path.is_dir():
+    if os.path.isdir(path):
         raise RecordError(f"{path}: this is a directory, not a record; name a file in it.")
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise RecordError(f"{path}: this is a pipe or a device, not a file; save the record as a file first.")
     try:
         with path.open("rb") as file:
@@ -68,7 +69,7 @@ def read_table(path: Path) -> FileTable:
             raise RecordError(f"{path.name}: the file is empty.")
         reader = _reader(head, path)
         if reader is not _read_text:
-            check_binary(path, HDF5 if _is_hdf5(head) else reader.__name__)
+            check_binary(path, reader.__name__)
         table = reader(path)
     except (RecordError, UsageError):
         raise
@@ -90,25 +91,31 @@ def read_table(path: Path) -> FileTable:
     return table
 
 
+def is_hdf5(path: Path) -> bool:
+    """Whether a file is one of HDF5, by its beginning."""
+    with path.open("rb") as file:
+        return _is_hdf5(file.read(1024))
+
+
 def _is_hdf5(head: bytes) -> bool:
     return head.startswith((b"\x89HDF", b"MATLAB 7.3")) or head[512:516] == b"\x89HDF"
 
 
 def _reader(head: bytes, path: Path) -> Callable[[Path], FileTable]:
     if _is_hdf5(head):
-        return _read_netcdf if path.suffix in (".nc", ".nc4", ".cdf") else _read_hdf5
+        return read_netcdf if path.suffix in (".nc", ".nc4", ".cdf") else read_hdf5
     readers = {
-        b"MATLAB 5.0": _read_matlab,
-        b"CDF": _read_netcdf,
-        b"PK": _read_excel,
-        b"PAR1": _read_parquet,
-        b"TDSm": _read_tdms,
+        b"MATLAB 5.0": read_matlab,
+        b"CDF": read_netcdf,
+        b"PK": read_excel,
+        b"PAR1": read_parquet,
+        b"TDSm": read_tdms,
     }
     for start, reader in readers.items():
         if head.startswith(start):
             return reader
     if path.suffix == ".mat" and b"\0" in head:
-        return _read_matlab
+        return read_matlab
     return _read_text
 
 
@@ -124,7 +131,7 @@ def _from_frame(frame: pd.DataFrame, names: list[str] | None, notes: Sequence[st
     return FileTable(columns, {}, tuple(notes))
 
 
-def _read_excel(path: Path) -> FileTable:
+def read_excel(path: Path) -> FileTable:
     """The sheet with the most rows of numbers."""
     sheets = pd.read_excel(path, header=None, engine="openpyxl", sheet_name=None)
     cut = [sheet.dropna(how="all").dropna(axis=1, how="all") for sheet in sheets.values()]
@@ -176,12 +183,14 @@ def _is_number(cell: Any) -> bool:
     return isinstance(cell, (int, float, datetime, clock_time)) and cell == cell
 
 
-def _read_parquet(path: Path) -> FileTable:
+def read_parquet(path: Path) -> FileTable:
+    """The columns of a Parquet file."""
     frame = pd.read_parquet(path).reset_index(drop=True)
     return _from_frame(frame, list(map(str, frame.columns)))
 
 
-def _read_netcdf(path: Path) -> FileTable:
+def read_netcdf(path: Path) -> FileTable:
+    """The vectors of a netCDF file, of either version."""
     import xarray as xr
 
     with path.open("rb") as file:
@@ -192,7 +201,8 @@ def _read_netcdf(path: Path) -> FileTable:
     return FileTable(columns, units)
 
 
-def _read_matlab(path: Path) -> FileTable:
+def read_matlab(path: Path) -> FileTable:
+    """The vectors in the variables of a MATLAB file."""
     from scipy.io import loadmat
 
     content = {k: v for k, v in loadmat(path, simplify_cells=True).items() if not k.startswith("__")}
@@ -225,7 +235,8 @@ def _flatten(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
                 yield f"{name}[{index}]", row
 
 
-def _read_hdf5(path: Path) -> FileTable:
+def read_hdf5(path: Path) -> FileTable:
+    """The vectors in the datasets of an HDF5 file, MATLAB's 7.3 among them."""
     import h5py
 
     units: dict[str, str] = {}
@@ -270,7 +281,8 @@ def _named_columns(values: Any, attrs: Any) -> Any:
     return values
 
 
-def _read_tdms(path: Path) -> FileTable:
+def read_tdms(path: Path) -> FileTable:
+    """The channels of a TDMS file."""
     from nptdms import TdmsFile
 
     columns: ColumnValues = {}

@@ -12,7 +12,7 @@ from typing import Any
 import xarray as xr
 
 from sysid_trib.errors import RecordError, UsageError
-from sysid_trib.records.probe import HDF5, check_binary
+from sysid_trib.records.probe import check_binary
 from sysid_trib.results.format import current_format
 
 # How the names of files begin that are not whole yet.
@@ -145,14 +145,14 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
         It is no result in netCDF, or one of another version of the format.
     """
     place = Path(path)
-    if not place.exists():
+    if not os.path.exists(place):
         raise UsageError(f"There is no file {path}.")
     try:
         with place.open("rb") as file:
             hdf5 = file.read(4) == b"\x89HDF"
         if not hdf5:
             raise RecordError(f"{place.name}: not a result in netCDF.")
-        check_binary(place, HDF5)
+        check_binary(place, "read_tree")
         with xr.open_datatree(place, engine="h5netcdf") as tree:
             return current_format(tree.load(), place)
     except RecordError:

@@ -1,8 +1,9 @@
-"""Displacements in any unit: computed in a unit of their own motion, and told in the unit of the record.
+"""Displacements and tiny angles: computed in a unit of their own motion, and told in that of the record.
 
-Every tolerance of a computation means radians. A displacement of 1e-9 m or of 900 px is therefore counted in
-a power of two of its unit near the motion's own size, in which it looks like an angle; coefficients come back
-in the record's unit. A power of two rounds nothing, so that results are the same in every unit.
+Every tolerance of a computation means radians. A displacement of 1e-9 m or of 900 px is therefore counted
+in a power of two of its unit near the motion's own size, in which it looks like an angle; coefficients come
+back in the record's unit. So is an angle of 1e-12 rad, unless a force knows a radian. A power of two rounds
+nothing, so that results are the same in every unit.
 """
 
 import inspect
@@ -14,6 +15,7 @@ from typing import Any, ParamSpec, TypeVar, cast
 import numpy as np
 import xarray as xr
 
+from sysid_trib.decays.signal import checked_signal
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import Force, ForceLibrary
@@ -27,6 +29,8 @@ R = TypeVar("R")
 ANGLE_UNIT = "rad"
 # The largest displacement becomes 1/4 to 1/2: a usual angle in rad.
 USUAL_SIZE = 0.5
+# rad; amplitudes for which a computation in radians loses no digit that counts.
+USUAL_ANGLES = 1e-4, 1e4
 # Variables in rad or rad/s that are no signal: phases and frequencies have no unit of length.
 NO_SIGNAL = ("phase", "frequency", "refers_to", "omega0")
 POWERS = {"rad": 1, "rad/s": 1, "rad/s^2": 1, "(rad/s^2)^2/Hz": 2}
@@ -50,10 +54,10 @@ def in_units_of_the_motion(function: Callable[P, R]) -> Callable[P, R]:
 
     @wraps(function)
     def run(*args: P.args, **kwargs: P.kwargs) -> R:
-        scale = _scale_of((*args, *kwargs.values()))
+        given: dict[str, Any] = dict(zip(names, args, strict=False)) | kwargs
+        scale = _scale_of(given)
         if scale is None:
             return function(*args, **kwargs)
-        given = dict(zip(names, args, strict=False)) | kwargs
         if isinstance(candidates := given.get("candidates"), ForceLibrary):
             # What may be missing is offered as far as it can be; what is asked for is refused by name.
             kept = tuple(force for force in candidates if scalable(force))
@@ -209,19 +213,29 @@ class _SignalScale:
         return float(self.size**-power)
 
 
-def _scale_of(arguments: tuple[Any, ...]) -> _SignalScale | None:
-    """The scale of what is given: that of a result, or of the motions of decays; None of angles."""
+def _scale_of(given: dict[str, Any]) -> _SignalScale | None:
+    """The scale of what is given: that of a result, or of the motions of decays; None of usual angles."""
+    arguments = list(given.values())
     datasets = list(_datasets(arguments))
     known = [d for d in datasets if UNIT_ATTR in d.attrs]
-    decays = [d for d in datasets if "angle" in d and not counts_angles(d) and UNIT_ATTR not in d.attrs]
-    if not known and not decays:
-        return None
+    decays = [d for d in datasets if "angle" in d and UNIT_ATTR not in d.attrs]
+    largest = 0.0
+    for decay in decays:
+        checked_signal(decay)
+        largest = max(largest, float(np.abs(decay["angle"].values).max()))
+    displacements = [decay for decay in decays if not counts_angles(decay)]
+    if not known and not displacements:
+        usual = USUAL_ANGLES[0] <= largest <= USUAL_ANGLES[1] or not largest
+        wanted = [argument for name, argument in given.items() if name != "candidates"]
+        if usual or not all(map(scalable, _forces(wanted))) or any(getattr(a, "tie", ()) for a in wanted):
+            return None
     degrees = {force.symbol: degree for force in _forces(arguments) if (degree := signal_degree(force))}
     if known:
         return _SignalScale(str(known[0].attrs[UNIT_ATTR]), float(known[0].attrs[SIZE_ATTR]), degrees)
-    largest = max(float(np.abs(decay["angle"].values).max()) for decay in decays)
-    size = 2.0 ** np.ceil(np.log2(largest / USUAL_SIZE))
-    return _SignalScale(str(decays[0]["angle"].attrs["units"]), float(size), degrees)
+    # What does not move, or is no number, is refused where it is used.
+    size = 2.0 ** np.ceil(np.log2(largest / USUAL_SIZE)) if 0.0 < largest < np.inf else 1.0
+    unit = str((displacements or decays)[0]["angle"].attrs.get("units", ANGLE_UNIT))
+    return _SignalScale(unit, float(size), degrees)
 
 
 def _datasets(given: Any) -> Iterator[xr.Dataset]:

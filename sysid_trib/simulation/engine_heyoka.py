@@ -66,6 +66,12 @@ TAYLOR_FUNCTIONS: Functions = {
 }
 
 
+def _moves(surface: Any) -> bool:
+    """Whether a surface can change: what is the same at all times is not crossed, and heyoka refuses it."""
+    still = not hy.get_variables([surface]) and hy.subs(surface, {hy.time: _expr(0.0)}) == surface
+    return not still
+
+
 class Compiled:
     """A motion compiled: its integrator, its rules, and the simulation under way.
 
@@ -94,7 +100,7 @@ class Compiled:
             callbacks[-1] = _callback_at_zero(mine)
         # The automatic cooldown drops real crossings.
         pairs = zip(frozen, callbacks, strict=True)
-        events = [hy.t_event(g, callback=callback, cooldown=1e-6) for g, callback in pairs]
+        events = [hy.t_event(g, callback=callback, cooldown=1e-6) for g, callback in pairs if _moves(g)]
         self.integrator = hy.taylor_adaptive(
             list(zip(y, rates, strict=True)), t_events=events, tol=TAYLOR_TOLERANCE
         )

@@ -1,0 +1,122 @@
+"""Hostile input of every kind: each case ends in a result or in an error of the package's own.
+
+python benchmarks/fuzz.py [--cases N] [--kind KIND ...] [--seed S] [--first N] [--out FILE]
+
+Kinds: text, binary (files that are read); library, toml (libraries and their formulas, systems, studies);
+damaged, page (saved results, pages of edited ones); record (datasets in memory); command (options, letters);
+discover (random records and libraries). A case is drawn from the seed, its kind and its number alone: a fault
+is repeated by --kind KIND --seed S --first N --cases 1. The cases of a kind run in one process, which is
+replaced when it dies, hangs or has run many. A fault is any other exception, over 5 s of processor time to
+read or parse, over 1 GiB of memory, numbers from another file, or a process or a connection that was begun.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from pathlib import Path
+
+from hostile.worker import KINDS
+
+sys.path.append(str(Path(__file__).parent))
+from rich.console import Console
+from rich.table import Table
+
+SHARES = {
+    "text": 20,
+    "binary": 15,
+    "library": 25,
+    "toml": 15,
+    "damaged": 5,
+    "page": 1,
+    "record": 8,
+    "command": 10,
+    "discover": 1,
+}
+# Cases of a process: some libraries keep what they have seen.
+CASES_OF_PROCESS = 2000
+
+
+def cases_of(kind: str, seed: int, first: int, count: int, folder: Path):
+    """How each case of a kind ended."""
+    number, last = first, first + count
+    while number < last:
+        command = [sys.executable, "-m", "hostile.worker", kind, str(seed), str(number)]
+        command += [str(min(last - number, CASES_OF_PROCESS)), str(folder)]
+        with (folder.parent / "stderr.txt").open("w+", errors="replace") as complaints:
+            worker = subprocess.Popen(
+                command, stdout=subprocess.PIPE, stderr=complaints, text=True, cwd=Path(__file__).parent
+            )
+            begun = None
+            for line in worker.stdout:
+                case = json.loads(line)
+                if "end" in case:
+                    begun, number = None, case["number"] + 1
+                    yield case
+                else:
+                    begun = case["number"]
+            status = worker.wait()
+            complaints.seek(0)
+            said = complaints.read()[-2000:]
+        if begun is None and status:
+            raise RuntimeError(f"the harness itself failed: {said}")
+        if begun is not None:
+            yield {
+                "number": begun,
+                "end": f"fault ended with {status}",
+                "said": said,
+                "where": "",
+                "seconds": 0.0,
+                "bytes": 0,
+                "wall": 0.0,
+            }
+            number = begun + 1
+
+
+def main() -> None:
+    """Run the cases, and say what they came to."""
+    options = argparse.ArgumentParser()
+    options.add_argument("--cases", type=int, default=1000)
+    options.add_argument("--kind", nargs="+", choices=list(KINDS), default=list(KINDS))
+    options.add_argument("--seed", type=int, default=1)
+    options.add_argument("--first", type=int, default=0)
+    options.add_argument("--out", type=Path)
+    given = options.parse_args()
+    table = Table(
+        "kind", "cases", "results", "errors of the package", "faults", "longest (s)", "most memory (MiB)"
+    )
+    whole = sum(SHARES[kind] for kind in given.kind)
+    print(f"seed {given.seed}", flush=True)
+    for kind in given.kind:
+        count = max(1, given.cases * SHARES[kind] // whole)
+        ends, longest, memory = Counter(), 0.0, 0
+        with tempfile.TemporaryDirectory() as folder:
+            place = Path(folder) / "cases"
+            place.mkdir()
+            for case in cases_of(kind, given.seed, given.first, count, place):
+                ends[case["end"]] += 1
+                longest, memory = max(longest, case["seconds"]), max(memory, case["bytes"])
+                if case["end"].startswith(("fault", "unreadable")):
+                    print(kind, case["number"], case["end"], case["where"], case["said"], flush=True)
+                if given.out:
+                    with given.out.open("a") as file:
+                        file.write(json.dumps({"kind": kind, "seed": given.seed, **case}) + "\n")
+        faults = sum(n for end, n in ends.items() if end.startswith(("fault", "unreadable")))
+        own = sum(ends.values()) - ends["result"] - faults
+        table.add_row(
+            kind,
+            f"{sum(ends.values())}",
+            f"{ends['result']}",
+            f"{own}",
+            f"{faults}",
+            f"{longest:.1f}",
+            f"{memory / 2**20:.0f}",
+        )
+        print(kind, dict(ends), flush=True)
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Hostile input from a seed: files, formulas, libraries, results, records and commands."""

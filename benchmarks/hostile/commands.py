@@ -1,0 +1,197 @@
+"""The command line with options and letters of any kind, in this process."""
+
+import contextlib
+import io
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from unittest.mock import patch
+
+import numpy as np
+
+from hostile.files import sound_files
+from hostile.libraries import library, system
+from hostile.pieces import NUMBERS, number, pick, text
+from hostile.results import sound_results
+from sysid_trib import cli
+
+READING = (
+    "--time",
+    "--angle",
+    "--signal",
+    "--units",
+    "--sampling-rate",
+    "--time-units",
+    "--window",
+    "--equilibrium",
+)
+READING += ("--decay", "--system", "--length", "--distance")
+MODEL = (
+    "--library",
+    "--forces",
+    "--omega0",
+    "--reference-frequency",
+    "--random-force",
+    "--set",
+    "--fix",
+    "--bound",
+    "--tie",
+)
+MOTION = (
+    "--set",
+    "--library",
+    "--reference-frequency",
+    "--duration",
+    "--sampling-rate",
+    "--angle0",
+    "--rate0",
+    "--noise",
+)
+MOTION += ("--random-force", "--seed")
+OPTIONS = {
+    "look": (*READING, "--json", "--plot"),
+    "identify": (*READING, *MODEL, "--json", "-o", "--csv", "--latex", "--explain", "--quiet"),
+    "compare": (*READING, *MODEL, "--json", "-o", "--csv"),
+    "discover": (
+        *READING,
+        *MODEL,
+        "--candidates",
+        "--max-effects",
+        "--level",
+        "--time-limit",
+        "--test",
+        "--json",
+        "-o",
+    ),
+    "simulate": MOTION,
+    "report": (),
+    "forces": ("--json",),
+    "campaign": (*READING, *MODEL, "--task", "--study", "--conditions", "--scheduler", "--workers"),
+}
+SWITCHES = ("--json", "--explain", "--quiet")
+VALUES = (
+    *(
+        "zeta",
+        "zeta,delta",
+        "lambda=0",
+        "zeta=0:1",
+        "zeta=:",
+        "nu=-2.356*delta",
+        "nu=nu",
+        "zeta=1e400",
+        "dahl.s=1",
+        "auto",
+    ),
+    *(
+        "off",
+        "1:",
+        ":2",
+        "2:1",
+        "0:4",
+        "9.0",
+        "9±0.1",
+        "9±",
+        "±",
+        "9+-10",
+        "angle",
+        "rad",
+        "deg",
+        "s",
+        "pendulum",
+        "spring",
+    ),
+)
+
+
+def _value(random: np.random.Generator, folder: Path) -> str:
+    kind = random.integers(6)
+    if kind < 2:
+        return str(pick(random, VALUES))
+    if kind == 2:
+        return str(pick(random, NUMBERS))
+    if kind == 3:
+        return repr(number(random))
+    if kind == 4:
+        return str(
+            pick(
+                random,
+                (folder / "own.toml", folder / "system.toml", folder / "sound.csv", folder, "-", "/dev/null"),
+            )
+        )
+    return text(random)
+
+
+def arguments(random: np.random.Generator, folder: Path) -> list[str]:
+    """A command with a file or two, and some options."""
+    if not (folder / "sound.csv").exists():
+        sound_files(folder)
+    (folder / "own.toml").write_text(library(random), "utf-8", "replace")
+    (folder / "system.toml").write_text(system(random), "utf-8", "replace")
+    sound_results(folder)
+    command = str(
+        pick(random, ("look", "identify", "compare", "discover", "simulate", "report", "forces", "campaign"))
+    )
+    if random.random() < 0.03:
+        command = text(random)
+    given = [command]
+    files = [
+        folder / "sound.csv",
+        folder / "cross_check.nc",
+        folder / "none.csv",
+        folder,
+        folder / "own.toml",
+        text(random),
+    ]
+    if command in ("look", "identify", "compare", "discover", "campaign"):
+        given.append(str(files[0] if random.random() < 0.8 else pick(random, tuple(files))))
+    elif command == "report":
+        given += [
+            str(pick(random, tuple(files[1:]))),
+            "-o",
+            str(pick(random, (folder / "p.html", folder, text(random)))),
+        ]
+    elif command == "forces":
+        given.append(str(pick(random, (folder / "own.toml", "contact_forces", "systems", text(random)))))
+    else:
+        given += [
+            "-o",
+            str(folder / str(pick(random, ("m.csv", "m.nc", "m", "none/m.csv", plain_name(random))))),
+        ]
+    known = OPTIONS.get(command, ("--json",))
+    for _ in range(int(random.integers(0 if command == "forces" else 1, 4))):
+        flag = str(pick(random, known)) if known and random.random() < 0.95 else text(random)
+        given.append(flag)
+        if flag not in SWITCHES:
+            given.append(_value(random, folder))
+    # An operating system passes no such letter.
+    return [word.replace("\0", "") for word in given]
+
+
+def plain_name(random: np.random.Generator) -> str:
+    """A file name as a letter may be lost in it."""
+    return f"{text(random)[:40]}.nc".replace("/", "_").replace("\0", "")
+
+
+def case(random: np.random.Generator, folder: Path) -> Callable[[], object]:
+    """A command: it ends with 0, 1 or 2, and a complaint is one line."""
+    given = arguments(random, folder)
+
+    def action() -> None:
+        out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8", write_through=True) for _ in range(2))
+        with (
+            patch.object(sys, "argv", ["sysid-trib", *given]),
+            contextlib.redirect_stdout(out),
+            contextlib.redirect_stderr(err),
+        ):
+            try:
+                cli.main()
+                status = 0
+            except SystemExit as ending:
+                status = int(ending.code or 0)
+        said = err.buffer.getvalue().decode()
+        assert status in (0, 1, 2), f"status {status}"
+        assert "Traceback" not in said, said
+        assert "Internal error" not in said, said
+        assert not status or len(said.splitlines()) == 1, f"{len(said.splitlines())} lines: {said[:300]}"
+
+    return action

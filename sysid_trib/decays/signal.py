@@ -1,0 +1,57 @@
+"""What every function of a record asks of it: `angle(time)`, numbers over times that rise."""
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.errors import DecayError, UsageError
+
+# Squares and cubes of larger numbers overflow.
+LARGEST_NUMBER = 1e75
+FEWEST_SAMPLES = 4
+
+
+def checked_signal(record: Any, *names: str) -> None:
+    """Refuse what is no record.
+
+    Parameters
+    ----------
+    record : Dataset
+        With `angle(time)`, in rad or a unit of length, over s.
+    names : str
+        Variables over time that it needs besides.
+
+    Raises
+    ------
+    UsageError
+        It is no Dataset, has no `angle(time)`, or no numbers in it.
+    DecayError
+        A number that is none, or vast, times that do not rise, or next to no samples.
+    """
+    if not isinstance(record, xr.Dataset) or "angle" not in record:
+        raise UsageError(
+            f"A decay is a Dataset with angle(time), not {type(record).__name__}: free_decay(record)."
+        )
+    source = str(record.attrs.get("source", "record"))
+    for name in ("time", "angle", *names):
+        variable = record.variables.get(name)
+        if variable is None or variable.dims != ("time",):
+            raise UsageError(
+                f"{source}: a record has {name}(time), one number for each sample; this one has none."
+            )
+        if variable.dtype.kind not in "fiu":
+            raise UsageError(
+                f"{source}: {name}(time) holds {variable.dtype}; give numbers (time in s, angles in rad)."
+            )
+        # Whatever is not finite is not below either.
+        bad = np.flatnonzero(~(np.abs(variable.values) <= LARGEST_NUMBER))
+        if bad.size:
+            raise DecayError(
+                f"{source}: sample {bad[0] + 1} of {name} is {variable.values[bad[0]]:g}, not a number that "
+                "can be computed with; cut it out."
+            )
+    if record.sizes["time"] < FEWEST_SAMPLES:
+        raise DecayError(f"{source}: {record.sizes['time']} samples are no oscillation; record longer.")
+    if np.any(np.diff(record.variables["time"].values.astype(float)) <= 0.0):
+        raise DecayError(f"{source}: its times do not rise; sort them.")
