@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Index
+from sysid_trib.campaigns.outline import EDGES
 from sysid_trib.campaigns.records import CampaignRecords
 from sysid_trib.campaigns.task import (
     FAILED,
@@ -34,9 +35,14 @@ WAITING, LOST = 0, 4
 # What a killed process leaves of a chunk.
 PARTIAL = "*.partial"
 FINGERPRINT = "fingerprint"
-DIMS = {"coefficient": ("method", "force"), "shape": ("method", "shape_parameter")}
+DIMS = {
+    "coefficient": ("method", "force"),
+    "shape": ("method", "shape_parameter"),
+    "outline": ("edge", "part"),
+}
 FORCE_UNIT = "see the coordinate unit"
 UNITS = {"coefficient": FORCE_UNIT, "shape": "see the library", "random_force_density": "(rad/s^2)^2/Hz"}
+UNITS["outline"] = "see signal_units"
 UNITS |= dict.fromkeys(("reference_frequency", "asymptotic_frequency"), "rad/s")
 
 
@@ -181,6 +187,7 @@ def _make(path: Path, task: Task, records: CampaignRecords, fingerprint: str, bl
         "unit": ("force", labels["unit"][1]),
         "speed_degree": ("force", labels["speed_degree"][1]),
         "shape_parameter": ("shape_parameter", shape_names(task)),
+        "edge": ("edge", EDGES),
     }
     for name, (dim, texts) in coordinates.items():
         values = np.asarray(list(texts), dtype=float if name == "speed_degree" else str)
@@ -235,6 +242,7 @@ def _described(name: str) -> tuple[str, str]:
         "true_coefficient": "coefficient that the record was simulated with",
         "p_value": "p-value of the agreement of both methods",
         "seconds": "time that the record took",
+        "outline": "lowest and highest value of the record in each part of its time",
         **SCALARS,
         **RECORD_TEXTS,
     }

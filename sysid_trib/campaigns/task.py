@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
+from sysid_trib.campaigns.outline import EDGES, PARTS, outline_of
 from sysid_trib.campaigns.study import Study
 from sysid_trib.decays.free_decay import free_decays
 from sysid_trib.discrepancy.discover import discover
@@ -163,6 +164,7 @@ def empty_row(task: Task) -> Row:
         row |= {name: np.full(size, np.nan), error_of(name): np.full(size, np.nan)}
     for name in SCALARS:
         row |= {key: np.full(methods, np.nan) for key in (name, error_of(name)) if key}
+    row["outline"] = np.full((len(EDGES), PARTS), np.nan)
     return row | {"p_value": np.nan, "seconds": np.nan, **dict.fromkeys(RECORD_TEXTS, "")}
 
 
@@ -196,8 +198,9 @@ def _row_of(task: Task, record: Any) -> Row:
             study, at = record
             row |= _truth(study, at, task.symbols)
         decays = _decays(task, record)
-        row |= {"signal_units": signal_units(decays[0])}
-        row |= _numbers(task, task.result(decays)) | {"status": IDENTIFIED}
+        seen = {"signal_units": signal_units(decays[0]), "outline": outline_of(decays[0])}
+        row |= seen
+        row |= _numbers(task, task.result(decays)) | seen | {"status": IDENTIFIED}
     except SysidTribError as error:
         row |= {"status": REFUSED, "message": str(error)[:LONGEST_TEXT]}
     except Exception as error:
