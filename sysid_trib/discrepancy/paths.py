@@ -26,7 +26,7 @@ from sysid_trib.averaging.internal_states import GivenMotion, states_along, tang
 from sysid_trib.discrepancy.jumps import NO_JUMPS, Jumps, jumps_along
 from sysid_trib.discrepancy.settings import DEFAULTS, Settings
 from sysid_trib.discrepancy.trials import TrialEffect
-from sysid_trib.errors import DecayError, SysidTribError
+from sysid_trib.errors import SysidTribError
 from sysid_trib.noise.residual_noise import NoiseModel
 from sysid_trib.noise.smoothing import knot_intervals, knot_sequence, least_squares_spline
 from sysid_trib.regression.linearisation import derivatives_along
@@ -286,10 +286,4 @@ def path_of(
 
 
 def _spline(tau: Array, motion: Array, intervals: int) -> BSpline:
-    knots = knot_sequence(tau, intervals)
-    try:
-        return least_squares_spline(tau, motion, knots)
-    except ValueError:
-        raise DecayError(
-            "The samples of this record do not determine a spline; check its sampling."
-        ) from None
+    return least_squares_spline(tau, motion, knot_sequence(tau, intervals))[0]
