@@ -53,7 +53,10 @@ def numbers(store):
 
 def test_a_study_is_drawn_by_number_and_its_truth_is_kept(study, tmp_path):
     store = st.campaign(study, TASK, output=tmp_path / "a.zarr", workers=0)
-    assert store.sizes == {"record": 6, "method": 1, "force": 2}
+    assert store.coefficient.sizes == {"record": 6, "method": 1, "force": 2}
+    low, high = store.outline.transpose("edge", "record", "part").values
+    decay = study.decay(3)
+    assert (low[3].min(), high[3].max()) == (decay.angle.min(), decay.angle.max())
     assert counts_of(store)["done"] == 6
     truth = store.true_coefficient.values
     assert set(truth[:, 0]) <= {5e-4, 1e-3}
@@ -95,6 +98,7 @@ def test_a_bad_record_is_a_row_with_its_reason(tmp_path):
     assert "no rows of numbers" in store.message.values[1]
     assert np.isnan(store.coefficient.values[1]).all()
     assert np.isfinite(store.coefficient.values[[0, 2]]).all()
+    assert np.isfinite(store.outline.values).any(axis=(1, 2)).tolist() == [True, False, True]
 
 
 def test_a_fault_of_the_package_ends_one_record_alone(tmp_path):
@@ -187,6 +191,7 @@ def test_the_command_ends_with_a_page(tmp_path):
     page = (tmp_path / "out.html").read_text(encoding="utf-8")
     assert "Coefficients against conditions" in page
     assert "run2.csv" in page
+    assert page.count('<svg class="thumbnail"') == 3
 
 
 SCRIPT = """

@@ -138,7 +138,7 @@ def counts_of(store: xr.Dataset) -> dict[str, int]:
 
 def lost_row(task: Task, reason: str) -> Row:
     """The row of a record whose worker died."""
-    return empty_row(task) | {"status": LOST, "message": reason[:LONGEST_TEXT]}
+    return empty_row(task) | {"status": LOST, "message": reason[: LONGEST_TEXT["message"]]}
 
 
 def open_store(path: str | os.PathLike[str]) -> xr.Dataset:
@@ -200,7 +200,7 @@ def _make(path: Path, task: Task, records: CampaignRecords, fingerprint: str, bl
         if not np.size(empty):
             continue
         dims = _dims(name)
-        kind = f"<U{LONGEST_TEXT}" if name in RECORD_TEXTS else float
+        kind = f"<U{LONGEST_TEXT[name]}" if name in LONGEST_TEXT else float
         array = _array(
             group, name, ("record", *dims), (len(records), *np.shape(empty)), np.dtype(kind), block
         )

@@ -46,7 +46,8 @@ ERROR_OF = {
     "random_force_density": "random_force_standard_error",
     "noise": "",
 }
-LONGEST_TEXT = 400
+# Characters that a text of the store holds; a million records of 400 in every text would be 6 GB.
+LONGEST_TEXT = {"verdict": 100, "named": 200, "message": 400, "signal_units": 40}
 RECORD_TEXTS = {
     "verdict": "verdict on the record",
     "named": "effects that a discovery named",
@@ -202,11 +203,12 @@ def _row_of(task: Task, record: Any) -> Row:
         row |= seen
         row |= _numbers(task, task.result(decays)) | seen | {"status": IDENTIFIED}
     except SysidTribError as error:
-        row |= {"status": REFUSED, "message": str(error)[:LONGEST_TEXT]}
+        row |= {"status": REFUSED, "message": str(error)}
     except Exception as error:
         # One bad record ends no campaign; what it was is kept with it.
-        row |= {"status": FAILED, "message": f"{type(error).__name__}: {error}"[:LONGEST_TEXT]}
-    return row | {"seconds": perf_counter() - start}
+        row |= {"status": FAILED, "message": f"{type(error).__name__}: {error}"}
+    texts = {name: row[name][:longest] for name, longest in LONGEST_TEXT.items()}
+    return row | texts | {"seconds": perf_counter() - start}
 
 
 def _decays(task: Task, record: Any) -> Sequence[xr.Dataset]:
@@ -236,8 +238,8 @@ def _numbers(task: Task, tree: xr.DataTree) -> Row:
     if task.name == "discover":
         steps = tree["steps"].to_dataset()
         count = steps.attrs["count"]
-        row |= {"verdict": str(tree.attrs["verdict"])[:LONGEST_TEXT]}
-        row |= {"named": ", ".join(steps.symbol.values[:count].tolist())[:LONGEST_TEXT]}
+        row |= {"verdict": str(tree.attrs["verdict"])}
+        row |= {"named": ", ".join(steps.symbol.values[:count].tolist())}
     return row
 
 

@@ -61,7 +61,7 @@ def campaign(
             workers=asked.workers if asked.scheduler is None else asked.scheduler,
             memory=asked.memory,
             tell=tell,
-        ).load()
+        )
         tell("what varies between the records")
         compared = _compared(store, table, asked.laboratories)
         tell("report")

@@ -116,10 +116,14 @@ def _records(store: xr.Dataset, compared: xr.Dataset | None, conditions: pd.Data
         z = np.nan_to_num(np.abs(compared.z.transpose("run", "quantity").values))
         largest[compared["at"].values] = z.max(axis=1)
     order = np.argsort(-largest, kind="stable")[:MOST_ROWS]
-    last = store.isel(method=-1)
+    # Of a large store only what is shown is read.
+    last = store.isel(method=-1, record=order).load()
     symbols = [s for s in last.force.values.tolist() if np.isfinite(last.coefficient.sel(force=s)).any()]
     names = [] if conditions is None else list(conditions)
-    rows = [_row(last.isel(record=at), symbols, largest[at], _conditions_of(conditions, at)) for at in order]
+    rows = [
+        _row(last.isel(record=place), symbols, largest[at], _conditions_of(conditions, at))
+        for place, at in enumerate(order)
+    ]
     heads = ["record", "free decay", *names, *symbols, "w_inf (rad/s)", "off by", "verdict"]
     more = store.sizes["record"] - len(order)
     said = [f"{more:,} more records are in the store alone."] if more else []
