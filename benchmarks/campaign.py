@@ -195,7 +195,9 @@ def scheduler_load(folder: Path, tasks: int) -> Table:
     st.campaign(names, nothing, output=folder / "refused.zarr", workers=2)
     here = time.process_time() - start
     blocks = len(list((folder / "refused.zarr" / "status").glob("[0-9]*")))
-    table = Table("tasks", "a task, here (ms)", "records", "blocks", "a block, here (ms)", "a record, here (ms)")
+    table = Table(
+        "tasks", "a task, here (ms)", "records", "blocks", "a block, here (ms)", "a record, here (ms)"
+    )
     figures = f"{1e3 * here / blocks:.1f}", f"{1e3 * here / len(names):.3f}"
     table.add_row(f"{tasks:,}", f"{1e3 * each:.2f}", f"{len(names):,}", f"{blocks:,}", *figures)
     return table

@@ -12,7 +12,7 @@ import xarray as xr
 from command_line import TIME, linear, run, write_csv
 
 import sysid_trib as st
-from sysid_trib.campaigns.conditions import estimates_of, read_conditions
+from sysid_trib.campaigns.conditions import estimates_of, read_conditions, reported_method
 from sysid_trib.campaigns.store import counts_of
 from sysid_trib.errors import RecordError, UsageError
 
@@ -167,6 +167,24 @@ def test_estimates_are_at_one_frequency_and_of_one_unit(study, tmp_path):
     np.testing.assert_allclose(estimates.value.values[:, :2], expected, rtol=1e-12)
     other = store.assign(signal_units=("record", ["mm", *["rad"] * 5]))
     assert estimates_of(other, "direct").sizes["run"] == 5
+
+
+def test_of_a_comparison_the_method_is_reported_that_predicts_most_records_best(tmp_path):
+    methods = {
+        "logarithmic decrement": st.methods.LogarithmicDecrement(),
+        "direct": st.methods.Direct(),
+        "unrefined": st.methods.Direct(refine=False),
+    }
+    files = [write_csv(tmp_path / f"{at}.csv", angle=linear(zeta=0.01 + 0.001 * at)) for at in range(2)]
+    task = st.Task("compare", LIBRARY, methods)
+    store = st.campaign(files, task, output=tmp_path / "out.zarr", workers=0).load()
+    said = [verdict.removeprefix("predicts best: ") for verdict in store.verdict.values.tolist()]
+    assert set(said) <= set(methods)
+    won = store.assign(verdict=("record", ["predicts best: direct"] * 2))
+    assert reported_method(won) == "direct"
+    # It does not identify all forces.
+    won = store.assign(verdict=("record", ["predicts best: logarithmic decrement"] * 2))
+    assert reported_method(won) == "unrefined"
 
 
 @pytest.mark.slow

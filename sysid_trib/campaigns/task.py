@@ -46,6 +46,8 @@ ERROR_OF = {
     "random_force_density": "random_force_standard_error",
     "noise": "",
 }
+# What a comparison says of a record, before the name of a method.
+PREDICTS_BEST = "predicts best: "
 # Characters that a text of the store holds; a million records of 400 in every text would be 6 GB.
 LONGEST_TEXT = {"verdict": 100, "named": 200, "message": 400, "signal_units": 40}
 RECORD_TEXTS = {
@@ -235,6 +237,8 @@ def _numbers(task: Task, tree: xr.DataTree) -> Row:
     if "comparison" in tree.children and "p_value" in tree["comparison"]:
         compared = tree["comparison"]
         row |= {"p_value": float(compared.p_value), "verdict": str(compared.attrs.get("verdict_on_record"))}
+    if task.name == "compare":
+        row |= {"verdict": f"{PREDICTS_BEST}{tree['comparison'].attrs['best']}"}
     if task.name == "discover":
         steps = tree["steps"].to_dataset()
         count = steps.attrs["count"]

@@ -10,6 +10,7 @@ from bokeh import plotting
 
 from sysid_trib import plots
 from sysid_trib._version import __version__
+from sysid_trib.campaigns.conditions import reported_method
 from sysid_trib.campaigns.store import STATUS, counts_of
 from sysid_trib.plots.conditions import FAR, places
 from sysid_trib.plots.style import INK, ORANGE
@@ -117,7 +118,7 @@ def _records(store: xr.Dataset, compared: xr.Dataset | None, conditions: pd.Data
         largest[compared["at"].values] = z.max(axis=1)
     order = np.argsort(-largest, kind="stable")[:MOST_ROWS]
     # Of a large store only what is shown is read.
-    last = store.isel(method=-1, record=order).load()
+    last = store.sel({"method": reported_method(store)}).isel(record=order).load()
     symbols = [s for s in last.force.values.tolist() if np.isfinite(last.coefficient.sel(force=s)).any()]
     names = [] if conditions is None else list(conditions)
     rows = [
