@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
-from sysid_trib.campaigns.outline import EDGES, PARTS, outline_of
+from sysid_trib.campaigns.outline import EDGES, OUTLINE_PARTS, outline_of
 from sysid_trib.campaigns.study import Study
 from sysid_trib.decays.free_decay import free_decays
 from sysid_trib.discrepancy.discover import discover
@@ -167,7 +167,7 @@ def empty_row(task: Task) -> Row:
         row |= {name: np.full(size, np.nan), error_of(name): np.full(size, np.nan)}
     for name in SCALARS:
         row |= {key: np.full(methods, np.nan) for key in (name, error_of(name)) if key}
-    row["outline"] = np.full((len(EDGES), PARTS), np.nan)
+    row["outline"] = np.full((len(EDGES), OUTLINE_PARTS), np.nan)
     return row | {"p_value": np.nan, "seconds": np.nan, **dict.fromkeys(RECORD_TEXTS, "")}
 
 

@@ -105,16 +105,16 @@ def smooth(tau: Array, angle: Array) -> SmoothedMotion:
         See `least_squares_spline`.
     """
     spline, x = least_squares_spline(tau, angle, knot_sequence(tau))
-    return SmoothedMotion(x, spline(tau, 1), spline(tau, 2), _about(spline, angle - x))
+    return SmoothedMotion(x, spline(tau, 1), spline(tau, 2), _noise_about(spline, angle - x))
 
 
 def noise_about_spline(tau: Array, angle: Array) -> float:
     """`noise` of `smooth` by itself, without the derivatives of the motion."""
     spline, x = least_squares_spline(tau, angle, knot_sequence(tau))
-    return _about(spline, angle - x)
+    return _noise_about(spline, angle - x)
 
 
-def _about(spline: BSpline, residual: Array) -> float:
+def _noise_about(spline: BSpline, residual: Array) -> float:
     """Standard deviation of a sample about a spline that was fitted to it."""
     degrees_of_freedom = max(1, len(residual) - len(spline.c))
     return float(np.sqrt(np.sum(residual**2) / degrees_of_freedom))

@@ -18,8 +18,8 @@ from sysid_trib.arrays import Array, Index
 TAILS = (0.975, 0.025)
 # Values of tau that an estimate of one value averages over, and the p-value of the largest.
 TAUS, LAST_P_VALUE = 100, 1e-4
-# A value with all but this of its weight in its own prediction has no others that predict it.
-OWN = 1e-9
+# A value whose leverage lacks this of one has no others that predict it.
+WHOLE_LEVERAGE = 1e-9
 
 
 class Heterogeneity(NamedTuple):
@@ -151,8 +151,8 @@ class RandomEffects:
     def _without_each(self, tau: float) -> tuple[Array, Array]:
         """Each value's distance from the fit of all others, standardised, and their chi-square."""
         fit = self.weighted(tau)
-        own = fit.weights * np.einsum("ia,ab,ib->i", self.design, fit.covariance, self.design)
-        free = np.where(own < 1.0 - OWN, 1.0 - own, np.nan)
+        leverage = fit.weights * np.einsum("ia,ab,ib->i", self.design, fit.covariance, self.design)
+        free = np.where(leverage < 1.0 - WHOLE_LEVERAGE, 1.0 - leverage, np.nan)
         size = (self.values - self.design @ fit.effects) * np.sqrt(fit.weights / free)
         return size, fit.chi_square - size**2
 
