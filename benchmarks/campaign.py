@@ -6,7 +6,7 @@ speed: N simulated runs of the paper's experiment by averaging, direct and traje
 worker and by two. memory: ten times as many by direct, the resident memory of each worker over time. kills: a
 campaign that is killed (SIGKILL, all its processes) at 20 random moments and gone on with, against one that
 never was. workers: a worker killed every few seconds. scheduler: what it costs a task that does nothing,
-from which the plan for a million records on a hundred workers follows.
+and a block of a campaign; from these the plan for a million records on a hundred workers follows.
 """
 
 import argparse
@@ -26,6 +26,7 @@ from rich.table import Table
 
 import sysid_trib as st
 from sysid_trib.campaigns.store import counts_of
+from sysid_trib.errors import RecordError
 
 STUDY = """
 title = "the paper's experiment"
@@ -51,8 +52,10 @@ METHODS = {
     "trajectory": st.methods.Trajectory(),
 }
 KILLS, KILLED_RECORDS = 20, 400
-WORKER_KILLS_EVERY_S = 10.0
+WORKER_KILLS_EVERY_S = 30.0
 SETTLED_RECORDS = 500
+# A thousand blocks of the size that a million records have.
+REFUSED_RECORDS = 100_000
 
 
 def task(*labels: str) -> st.Task:
@@ -115,12 +118,19 @@ def kills(folder: Path) -> Table:
     """Killed at random moments and gone on with: equal to one that never was."""
     place, random = study(folder, KILLED_RECORDS), np.random.default_rng(3)
     whole = st.campaign(st.load_study(place), task("direct"), output=folder / "whole.zarr", workers=0)
-    part, done, readable = folder / "part.zarr", [], 0
+    part, done, readable, killed = folder / "part.zarr", [], 0, 0
     for _ in range(KILLS):
         command = [sys.executable, __file__, "--go-on", str(place), str(part)]
+        before = written(part)
         process = subprocess.Popen(command, start_new_session=True)
-        time.sleep(random.uniform(1.0, 8.0))
-        os.killpg(process.pid, signal.SIGKILL)
+        more = int(random.integers(0, 2 * KILLED_RECORDS // KILLS))
+        while process.poll() is None and written(part) - before < more:
+            time.sleep(0.01)
+        # Of those that are killed before a first record some are killed while they start.
+        time.sleep(random.uniform(0.0, 0.1 if more else 5.0))
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+            killed += 1
         process.wait()
         if part.exists():
             store = st.open_store(part).load()
@@ -130,8 +140,13 @@ def kills(folder: Path) -> Table:
     same = resumed.drop_vars("seconds").load().identical(whole.drop_vars("seconds").load())
     stays = len(list(part.rglob("*.partial")))
     table = Table("kills", "store read after", "records done at each", "same store", "stays behind")
-    table.add_row(str(KILLS), str(readable), ", ".join(map(str, done)), str(same), str(stays))
+    table.add_row(str(killed), str(readable), ", ".join(map(str, done)), str(same), str(stays))
     return table
+
+
+def written(store: Path) -> int:
+    """Chunks of the status of records: one a record, in a campaign of so few."""
+    return len(list(store.glob("status/[0-9]*")))
 
 
 def worker_kills(folder: Path, records: int) -> Table:
@@ -157,8 +172,11 @@ def worker_kills(folder: Path, records: int) -> Table:
     return table
 
 
-def scheduler_load(tasks: int) -> Table:
-    """What the scheduler costs a task that does nothing."""
+def scheduler_load(folder: Path, tasks: int) -> Table:
+    """What the scheduler costs a task that does nothing, and a campaign a record that is refused at once.
+
+    The second is all that is done for a block in one process: it is sent, scheduled, received and written.
+    """
     from distributed import Client, LocalCluster
 
     with (
@@ -166,12 +184,27 @@ def scheduler_load(tasks: int) -> Table:
         Client(cluster) as client,
     ):
         client.gather(client.map(_nothing, range(100), pure=False))
-        start = time.perf_counter()
+        # Client and scheduler are in this process.
+        start = time.process_time()
         client.gather(client.map(_nothing, range(tasks), pure=False))
-        each = (time.perf_counter() - start) / tasks
-    table = Table("tasks", "a task (ms)", "tasks/s")
-    table.add_row(f"{tasks:,}", f"{1e3 * each:.2f}", f"{1.0 / each:.0f}")
+        each = (time.process_time() - start) / tasks
+    names = [f"{at}.csv" for at in range(REFUSED_RECORDS)]
+    library = st.load_library("contact_forces").select(FORCES)
+    nothing = st.Task("identify", library, {"direct": METHODS["direct"]}, judged=False, read=_refuse)
+    start = time.process_time()
+    st.campaign(names, nothing, output=folder / "refused.zarr", workers=2)
+    here = time.process_time() - start
+    blocks = len(list((folder / "refused.zarr" / "status").glob("[0-9]*")))
+    table = Table(
+        "tasks", "a task, here (ms)", "records", "blocks", "a block, here (ms)", "a record, here (ms)"
+    )
+    figures = f"{1e3 * here / blocks:.1f}", f"{1e3 * here / len(names):.3f}"
+    table.add_row(f"{tasks:,}", f"{1e3 * each:.2f}", f"{len(names):,}", f"{blocks:,}", *figures)
     return table
+
+
+def _refuse(path: str) -> list:
+    raise RecordError(f"{path} is no record")
 
 
 def _nothing(at: int) -> int:
@@ -195,7 +228,7 @@ def main() -> None:
             "memory": lambda: memory(folder, 10 * options.records),
             "kills": lambda: kills(folder),
             "workers": lambda: worker_kills(folder, options.records),
-            "scheduler": lambda: scheduler_load(5000),
+            "scheduler": lambda: scheduler_load(folder, 5000),
         }
         for part, table in parts.items():
             if options.only in (None, part):

@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 from helpers import FIVE, paper_run
+from scipy.stats import norm, t as student
 from statsmodels.stats.meta_analysis import combine_effects
 
 import sysid_trib as st
@@ -155,3 +156,27 @@ def test_what_is_no_set_of_runs_is_refused():
         st.between_runs([xr.Dataset()])
     with pytest.raises(UsageError, match="no free coefficient in common"):
         st.between_runs([])
+
+
+def test_a_far_run_is_judged_by_all_others_even_among_few():
+    random = np.random.default_rng(5)
+    errors, load = np.exp(random.uniform(-0.5, 0.5, 9)), np.arange(9.0)
+    values = 3.0 + 0.5 * load + 0.5 * random.standard_normal(9) + errors * random.standard_normal(9)
+    values[4] += 40.0
+    design = np.column_stack([np.ones(9), load])
+    found = RandomEffects(values, errors, design).deleted_residuals()
+    for at in range(9):
+        others = RandomEffects(*(np.delete(a, at, 0) for a in (values, errors, design)))
+        tau = others.heterogeneity().value
+        fit = others.weighted(tau)
+        variance = errors[at] ** 2 + tau**2 + design[at] @ fit.covariance @ design[at]
+        size = (values[at] - design[at] @ fit.effects) / np.sqrt(variance)
+        expected = size if tau == 0.0 else np.copysign(norm.isf(student.sf(abs(size), 6)), size)
+        assert found[at] == pytest.approx(expected, rel=1e-3, abs=1e-3)
+    assert np.flatnonzero(np.abs(found) > 4.0).tolist() == [4]
+
+
+def test_a_run_that_alone_has_its_condition_is_held_against_none():
+    design = np.array([[1.0, 0.0]] * 4 + [[1.0, 1.0]])
+    found = RandomEffects(np.array([1.0, 1.1, 0.9, 1.0, 7.0]), np.full(5, 0.1), design).deleted_residuals()
+    assert np.isnan(found).tolist() == [False] * 4 + [True]

@@ -12,7 +12,7 @@ import xarray as xr
 from command_line import TIME, linear, run, write_csv
 
 import sysid_trib as st
-from sysid_trib.campaigns.conditions import estimates_of, read_conditions
+from sysid_trib.campaigns.conditions import estimates_of, read_conditions, reported_method
 from sysid_trib.campaigns.store import counts_of
 from sysid_trib.errors import RecordError, UsageError
 
@@ -53,7 +53,10 @@ def numbers(store):
 
 def test_a_study_is_drawn_by_number_and_its_truth_is_kept(study, tmp_path):
     store = st.campaign(study, TASK, output=tmp_path / "a.zarr", workers=0)
-    assert store.sizes == {"record": 6, "method": 1, "force": 2}
+    assert store.coefficient.sizes == {"record": 6, "method": 1, "force": 2}
+    low, high = store.outline.transpose("edge", "record", "part").values
+    decay = study.decay(3)
+    assert (low[3].min(), high[3].max()) == (decay.angle.min(), decay.angle.max())
     assert counts_of(store)["done"] == 6
     truth = store.true_coefficient.values
     assert set(truth[:, 0]) <= {5e-4, 1e-3}
@@ -95,6 +98,7 @@ def test_a_bad_record_is_a_row_with_its_reason(tmp_path):
     assert "no rows of numbers" in store.message.values[1]
     assert np.isnan(store.coefficient.values[1]).all()
     assert np.isfinite(store.coefficient.values[[0, 2]]).all()
+    assert np.isfinite(store.outline.values).any(axis=(1, 2)).tolist() == [True, False, True]
 
 
 def test_a_fault_of_the_package_ends_one_record_alone(tmp_path):
@@ -165,6 +169,24 @@ def test_estimates_are_at_one_frequency_and_of_one_unit(study, tmp_path):
     assert estimates_of(other, "direct").sizes["run"] == 5
 
 
+def test_of_a_comparison_the_method_is_reported_that_predicts_most_records_best(tmp_path):
+    methods = {
+        "logarithmic decrement": st.methods.LogarithmicDecrement(),
+        "direct": st.methods.Direct(),
+        "unrefined": st.methods.Direct(refine=False),
+    }
+    files = [write_csv(tmp_path / f"{at}.csv", angle=linear(zeta=0.01 + 0.001 * at)) for at in range(2)]
+    task = st.Task("compare", LIBRARY, methods)
+    store = st.campaign(files, task, output=tmp_path / "out.zarr", workers=0).load()
+    said = [verdict.removeprefix("predicts best: ") for verdict in store.verdict.values.tolist()]
+    assert set(said) <= set(methods)
+    won = store.assign(verdict=("record", ["predicts best: direct"] * 2))
+    assert reported_method(won) == "direct"
+    # It does not identify all forces.
+    won = store.assign(verdict=("record", ["predicts best: logarithmic decrement"] * 2))
+    assert reported_method(won) == "unrefined"
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2])
 def test_workers_and_order_change_no_bit(study, tmp_path, workers):
@@ -187,6 +209,7 @@ def test_the_command_ends_with_a_page(tmp_path):
     page = (tmp_path / "out.html").read_text(encoding="utf-8")
     assert "Coefficients against conditions" in page
     assert "run2.csv" in page
+    assert page.count('<svg class="thumbnail"') == 3
 
 
 SCRIPT = """

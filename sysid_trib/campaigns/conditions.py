@@ -7,12 +7,30 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from sysid_trib.campaigns.task import IDENTIFIED
+from sysid_trib.campaigns.task import IDENTIFIED, PREDICTS_BEST
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.results.common_reference import ASYMPTOTIC_FREQUENCY
 
 # Column of a table of conditions that names the records; without it rows are in the order of the records.
 RECORD = "record"
+
+
+def reported_method(store: xr.Dataset) -> str:
+    """Label of the identification by which a campaign's records are held against each other.
+
+    Of those that identify most forces the one that most often predicts best, or where none is said to, the
+    last.
+    """
+    done = np.flatnonzero(store.status.values == IDENTIFIED)
+    labels = store.method.values.astype(str)
+    if not len(done):
+        return str(labels[-1])
+    known = np.isfinite(store.standard_error.values[done]).sum(axis=2)
+    forces = np.median(known, axis=0)
+    verdicts = store.verdict.values[done].astype(str)
+    wins = np.array([np.sum(verdicts == f"{PREDICTS_BEST}{label}") for label in labels])
+    rank = np.lexsort([np.arange(len(labels)), wins, forces])
+    return str(labels[rank[-1]])
 
 
 def estimates_of(store: xr.Dataset, method: str) -> xr.Dataset:

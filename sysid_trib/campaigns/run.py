@@ -121,7 +121,9 @@ def _client(workers: int | str, memory: str) -> Iterator[Any]:
                 n_workers=workers,
                 threads_per_worker=1,
                 memory_limit=memory,
-                dashboard_address=None,
+                # Without a page; what is served in its place must not want the port that others have.
+                dashboard_address="127.0.0.1:0",
+                scheduler_kwargs={"dashboard": False},
                 silence_logs=CRITICAL,
             ) as cluster,
             Client(cluster) as client,

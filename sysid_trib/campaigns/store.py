@@ -14,6 +14,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Index
+from sysid_trib.campaigns.outline import EDGES
 from sysid_trib.campaigns.records import CampaignRecords
 from sysid_trib.campaigns.task import (
     FAILED,
@@ -35,9 +36,14 @@ WAITING, LOST = 0, 4
 # What a killed process leaves of a chunk.
 PARTIAL = "*.partial"
 FINGERPRINT = "fingerprint"
-DIMS = {"coefficient": ("method", "force"), "shape": ("method", "shape_parameter")}
+DIMS = {
+    "coefficient": ("method", "force"),
+    "shape": ("method", "shape_parameter"),
+    "outline": ("edge", "part"),
+}
 FORCE_UNIT = "see the coordinate unit"
 UNITS = {"coefficient": FORCE_UNIT, "shape": "see the library", "random_force_density": "(rad/s^2)^2/Hz"}
+UNITS["outline"] = "see signal_units"
 UNITS |= dict.fromkeys(("reference_frequency", "asymptotic_frequency"), "rad/s")
 
 
@@ -133,7 +139,7 @@ def counts_of(store: xr.Dataset) -> dict[str, int]:
 
 def lost_row(task: Task, reason: str) -> Row:
     """The row of a record whose worker died."""
-    return empty_row(task) | {"status": LOST, "message": reason[:LONGEST_TEXT]}
+    return empty_row(task) | {"status": LOST, "message": reason[: LONGEST_TEXT["message"]]}
 
 
 def open_store(path: str | os.PathLike[str]) -> xr.Dataset:
@@ -191,6 +197,7 @@ def _fill(group: Any, task: Task, records: CampaignRecords, fingerprint: str, bl
         "unit": ("force", labels["unit"][1]),
         "speed_degree": ("force", labels["speed_degree"][1]),
         "shape_parameter": ("shape_parameter", shape_names(task)),
+        "edge": ("edge", EDGES),
     }
     for name, (dim, texts) in coordinates.items():
         values = np.asarray(list(texts), dtype=float if name == "speed_degree" else str)
@@ -203,7 +210,7 @@ def _fill(group: Any, task: Task, records: CampaignRecords, fingerprint: str, bl
         if not np.size(empty):
             continue
         dims = _dims(name)
-        kind = f"<U{LONGEST_TEXT}" if name in RECORD_TEXTS else float
+        kind = f"<U{LONGEST_TEXT[name]}" if name in LONGEST_TEXT else float
         array = _array(
             group, name, ("record", *dims), (len(records), *np.shape(empty)), np.dtype(kind), block
         )
@@ -244,6 +251,7 @@ def _described(name: str) -> tuple[str, str]:
         "true_coefficient": "coefficient that the record was simulated with",
         "p_value": "p-value of the agreement of both methods",
         "seconds": "time that the record took",
+        "outline": "lowest and highest value of the record in each part of its time",
         **SCALARS,
         **RECORD_TEXTS,
     }

@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
+from sysid_trib.campaigns.outline import EDGES, OUTLINE_PARTS, outline_of
 from sysid_trib.campaigns.study import Study
 from sysid_trib.decays.free_decay import free_decays
 from sysid_trib.discrepancy.discover import discover
@@ -45,7 +46,10 @@ ERROR_OF = {
     "random_force_density": "random_force_standard_error",
     "noise": "",
 }
-LONGEST_TEXT = 400
+# What a comparison says of a record, before the name of a method.
+PREDICTS_BEST = "predicts best: "
+# Characters that a text of the store holds; a million records of 400 in every text would be 6 GB.
+LONGEST_TEXT = {"verdict": 100, "named": 200, "message": 400, "signal_units": 40}
 RECORD_TEXTS = {
     "verdict": "verdict on the record",
     "named": "effects that a discovery named",
@@ -163,6 +167,7 @@ def empty_row(task: Task) -> Row:
         row |= {name: np.full(size, np.nan), error_of(name): np.full(size, np.nan)}
     for name in SCALARS:
         row |= {key: np.full(methods, np.nan) for key in (name, error_of(name)) if key}
+    row["outline"] = np.full((len(EDGES), OUTLINE_PARTS), np.nan)
     return row | {"p_value": np.nan, "seconds": np.nan, **dict.fromkeys(RECORD_TEXTS, "")}
 
 
@@ -196,14 +201,16 @@ def _row_of(task: Task, record: Any) -> Row:
             study, at = record
             row |= _truth(study, at, task.symbols)
         decays = _decays(task, record)
-        row |= {"signal_units": signal_units(decays[0])}
-        row |= _numbers(task, task.result(decays)) | {"status": IDENTIFIED}
+        seen = {"signal_units": signal_units(decays[0]), "outline": outline_of(decays[0])}
+        row |= seen
+        row |= _numbers(task, task.result(decays)) | seen | {"status": IDENTIFIED}
     except SysidTribError as error:
-        row |= {"status": REFUSED, "message": str(error)[:LONGEST_TEXT]}
+        row |= {"status": REFUSED, "message": str(error)}
     except Exception as error:
         # One bad record ends no campaign; what it was is kept with it.
-        row |= {"status": FAILED, "message": f"{type(error).__name__}: {error}"[:LONGEST_TEXT]}
-    return row | {"seconds": perf_counter() - start}
+        row |= {"status": FAILED, "message": f"{type(error).__name__}: {error}"}
+    texts = {name: row[name][:longest] for name, longest in LONGEST_TEXT.items()}
+    return row | texts | {"seconds": perf_counter() - start}
 
 
 def _decays(task: Task, record: Any) -> Sequence[xr.Dataset]:
@@ -230,11 +237,13 @@ def _numbers(task: Task, tree: xr.DataTree) -> Row:
     if "comparison" in tree.children and "p_value" in tree["comparison"]:
         compared = tree["comparison"]
         row |= {"p_value": float(compared.p_value), "verdict": str(compared.attrs.get("verdict_on_record"))}
+    if task.name == "compare":
+        row |= {"verdict": f"{PREDICTS_BEST}{tree['comparison'].attrs['best']}"}
     if task.name == "discover":
         steps = tree["steps"].to_dataset()
         count = steps.attrs["count"]
-        row |= {"verdict": str(tree.attrs["verdict"])[:LONGEST_TEXT]}
-        row |= {"named": ", ".join(steps.symbol.values[:count].tolist())[:LONGEST_TEXT]}
+        row |= {"verdict": str(tree.attrs["verdict"])}
+        row |= {"named": ", ".join(steps.symbol.values[:count].tolist())}
     return row
 
 

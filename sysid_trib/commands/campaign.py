@@ -61,7 +61,7 @@ def campaign(
             workers=asked.workers if asked.scheduler is None else asked.scheduler,
             memory=asked.memory,
             tell=tell,
-        ).load()
+        )
         tell("what varies between the records")
         compared = _compared(store, table, asked.laboratories)
         tell("report")
@@ -170,10 +170,10 @@ def _task(
 
 def _compared(store: "xr.Dataset", table: Any, laboratories: str | None) -> "xr.Dataset | None":
     """What varies between the records, by the identification that is reported; None of too few."""
-    from sysid_trib.campaigns.conditions import estimates_of
+    from sysid_trib.campaigns.conditions import estimates_of, reported_method
     from sysid_trib.validation.between_runs import between_runs
 
-    estimates = estimates_of(store, str(store.method.values[-1]))
+    estimates = estimates_of(store, reported_method(store))
     if min(estimates.sizes["run"], estimates.sizes["quantity"]) < 1 or estimates.sizes["run"] < 2:
         return None
     rows = None if table is None else table.iloc[estimates["at"].values].reset_index(drop=True)

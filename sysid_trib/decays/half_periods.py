@@ -89,15 +89,28 @@ def noise_level(time: Array, signal: Array) -> float:
     if np.ptp(steps) < 1e-6 * steps.mean():
         difference = np.abs(np.diff(signal, 6)) / np.sqrt(924.0)
     else:
-        near = np.lib.stride_tricks.sliding_window_view(time / steps.mean(), 7)
-        spacing = near[:, :, None] - near[:, None, :] + np.eye(7)
-        weights = 1.0 / spacing.prod(axis=2)
-        weights /= np.sqrt(np.sum(weights**2, axis=1, keepdims=True))
-        difference = np.abs(np.sum(weights * np.lib.stride_tricks.sliding_window_view(signal, 7), axis=1))
+        difference = _divided_difference(time / steps.mean(), signal)
     usual = float(np.quantile(difference, 0.7))
     if usual > 0.0:
         difference = difference[difference < 8.0 * usual]
     return float(np.sqrt(np.mean(difference**2)))
+
+
+def _divided_difference(time: Array, signal: Array) -> Array:
+    """Size of the sixth divided differences, scaled to the noise of one sample."""
+    count = time.size - 6
+    near, values = ([array[at : at + count] for at in range(7)] for array in (time, signal))
+    difference, squares = np.zeros(count), np.zeros(count)
+    # One point after the other: all spacings of a long record at once take a gigabyte.
+    for at in range(7):
+        weight = np.ones(count)
+        for other in range(7):
+            if other != at:
+                weight *= near[at] - near[other]
+        weight = 1.0 / weight
+        difference += weight * values[at]
+        squares += weight**2
+    return np.asarray(np.abs(difference) / np.sqrt(squares))
 
 
 def quantisation_step(signal: Array) -> float:

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 import xarray as xr
-from scipy.interpolate import BSpline, make_lsq_spline
+from scipy.interpolate import BSpline
 
 from sysid_trib.arrays import Array
 from sysid_trib.averaging.collocation import Index
@@ -26,9 +26,9 @@ from sysid_trib.averaging.internal_states import GivenMotion, states_along, tang
 from sysid_trib.discrepancy.jumps import NO_JUMPS, Jumps, jumps_along
 from sysid_trib.discrepancy.settings import DEFAULTS, Settings
 from sysid_trib.discrepancy.trials import TrialEffect
-from sysid_trib.errors import DecayError, SysidTribError
+from sysid_trib.errors import SysidTribError
 from sysid_trib.noise.residual_noise import NoiseModel
-from sysid_trib.noise.smoothing import SPLINE_DEGREE, knot_intervals, knot_sequence
+from sysid_trib.noise.smoothing import knot_intervals, knot_sequence, least_squares_spline
 from sysid_trib.regression.linearisation import derivatives_along
 from sysid_trib.regression.weak_form import (
     WeakForm,
@@ -286,10 +286,4 @@ def path_of(
 
 
 def _spline(tau: Array, motion: Array, intervals: int) -> BSpline:
-    knots = knot_sequence(tau, intervals)
-    try:
-        return make_lsq_spline(tau, motion, knots, k=SPLINE_DEGREE, check_finite=False, method="norm-eq")
-    except ValueError:
-        raise DecayError(
-            "The samples of this record do not determine a spline; check its sampling."
-        ) from None
+    return least_squares_spline(tau, motion, knot_sequence(tau, intervals))[0]

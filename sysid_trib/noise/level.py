@@ -6,7 +6,7 @@ import xarray as xr
 from sysid_trib.decays.equilibrium import with_half_periods
 from sysid_trib.decays.half_periods import noise_level, quantisation_step
 from sysid_trib.errors import DecayError
-from sysid_trib.noise.smoothing import smooth
+from sysid_trib.noise.smoothing import noise_about_spline
 
 
 def swing_frequency(decay: xr.Dataset) -> float:
@@ -54,6 +54,6 @@ def sensor_noise(decay: xr.Dataset) -> float:
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
     try:
         tau = nominal_frequency(swing_frequency(decay)) * (time - time[0])
-        return smooth(tau, angle).noise
+        return noise_about_spline(tau, angle)
     except DecayError:
         return max(noise_level(time, angle), quantisation_step(angle) / float(np.sqrt(12.0)))

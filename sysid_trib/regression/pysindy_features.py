@@ -190,10 +190,8 @@ class ForceFeatures(BaseFeatureLibrary):
                 time[at] + part / frequency,
             )
 
-        every = np.ones(len(time), bool)
-        corners = [
-            near(part, error, every) for part in parts[[0, -1]] for error in (errors.min(), errors.max())
-        ]
+        every, extremes = np.ones(len(time), bool), np.unique([errors.min(), errors.max()])
+        corners = [near(part, error, every) for part in parts[[0, -1]] for error in extremes]
         for i, force in enumerate(self._forces):
             # Internal states are continuous, and costly to compute.
             if not force.memoryless or not force.surfaces:

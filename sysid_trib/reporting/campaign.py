@@ -10,6 +10,7 @@ from bokeh import plotting
 
 from sysid_trib import plots
 from sysid_trib._version import __version__
+from sysid_trib.campaigns.conditions import reported_method
 from sysid_trib.campaigns.store import STATUS, counts_of
 from sysid_trib.plots.conditions import FAR, places
 from sysid_trib.plots.style import INK, ORANGE
@@ -17,7 +18,7 @@ from sysid_trib.printing import campaign as words
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.reporting import drawing
 from sysid_trib.reporting.page import rendered, write_page
-from sysid_trib.reporting.parts import Figures, Page, PageTable, Panel, Section, as_table
+from sysid_trib.reporting.parts import Figures, Page, PageTable, Panel, Section, Thumbnail, as_table
 
 # Rows of the page; the store has all of them.
 MOST_ROWS = 1000
@@ -110,22 +111,25 @@ def _panel(of_quantity: xr.Dataset, name: str, condition: np.ndarray) -> plottin
 
 
 def _records(store: xr.Dataset, compared: xr.Dataset | None, conditions: pd.DataFrame | None) -> Section:
-    """Every record a row, those that stand out first, then in their order."""
+    """Every record a row, those that are farthest off first."""
     largest = np.zeros(store.sizes["record"])
     if compared is not None:
         z = np.nan_to_num(np.abs(compared.z.transpose("run", "quantity").values))
         largest[compared["at"].values] = z.max(axis=1)
-    far = np.where(largest > FAR, -largest, 0.0)
-    order = np.lexsort([np.arange(len(far)), far])[:MOST_ROWS]
-    last = store.isel(method=-1)
+    order = np.argsort(-largest, kind="stable")[:MOST_ROWS]
+    # Of a large store only what is shown is read.
+    last = store.sel({"method": reported_method(store)}).isel(record=order).load()
     symbols = [s for s in last.force.values.tolist() if np.isfinite(last.coefficient.sel(force=s)).any()]
     names = [] if conditions is None else list(conditions)
-    rows = [_row(last.isel(record=at), symbols, largest[at], _conditions_of(conditions, at)) for at in order]
-    heads = ["record", *names, *symbols, "w_inf (rad/s)", "off by", "verdict"]
+    rows = [
+        _row(last.isel(record=place), symbols, largest[at], _conditions_of(conditions, at))
+        for place, at in enumerate(order)
+    ]
+    heads = ["record", "free decay", *names, *symbols, "w_inf (rad/s)", "off by", "verdict"]
     more = store.sizes["record"] - len(order)
     said = [f"{more:,} more records are in the store alone."] if more else []
-    numbers = frozenset(range(1 + len(names), len(heads) - 1))
-    title = f"Coefficients by {last.method.item()}; off by: largest distance in standard deviations"
+    numbers = frozenset(range(2 + len(names), len(heads) - 1))
+    title = f"Coefficients by {last.method.item()}; off by: distance from the others in standard deviations"
     return Section("Records, those that stand out first", said, [PageTable(title, heads, rows, numbers)])
 
 
@@ -133,7 +137,9 @@ def _conditions_of(conditions: pd.DataFrame | None, at: int) -> list[str]:
     return [] if conditions is None else [str(value) for value in conditions.iloc[at]]
 
 
-def _row(record: xr.Dataset, symbols: Sequence[str], off: float, conditions: list[str]) -> list[str]:
+def _row(
+    record: xr.Dataset, symbols: Sequence[str], off: float, conditions: list[str]
+) -> list[str | Thumbnail]:
     errors = [
         (record.coefficient.sel(force=s).item(), record.standard_error.sel(force=s).item()) for s in symbols
     ]
@@ -142,4 +148,19 @@ def _row(record: xr.Dataset, symbols: Sequence[str], off: float, conditions: lis
     status = STATUS[int(record.status)]
     texts = [text for text in (record.verdict.item(), record.named.item()) if text]
     verdict = "; ".join(texts) if status == "done" else f"{status}: {record.message.item()}"
-    return [str(record.record.item()), *conditions, *cells, f"{off:.1f}" if off else "", verdict]
+    name = str(record.record.item())
+    return [name, _thumbnail(record, name), *conditions, *cells, f"{off:.1f}" if off else "", verdict]
+
+
+def _thumbnail(record: xr.Dataset, name: str) -> str | Thumbnail:
+    """The record between its lowest and highest values, about its equilibrium."""
+    low, high = record.outline.transpose("edge", "part").values
+    known = np.flatnonzero(np.isfinite(low))
+    reach = float(np.max(np.abs([low[known], high[known]]), initial=0.0))
+    if not reach:
+        return "-"
+    across = 100.0 * (known + 0.5) / len(low)
+    down = [12.0 - 11.5 * edge[known] / reach for edge in (high, low)]
+    points = [*zip(across, down[0], strict=True), *zip(across[::-1], down[1][::-1], strict=True)]
+    path = "M" + "L".join(f"{x:.1f},{y:.2f}" for x, y in points) + "Z"
+    return Thumbnail(path, f"{name}, up to {reach:.3g} {record.signal_units.item()}")

@@ -10,12 +10,20 @@ from rich.table import Table as PrintedTable
 
 
 @dataclass(frozen=True)
+class Thumbnail:
+    """A figure in a cell: a filled path of SVG in a box of 100 by 24, and what it shows in words."""
+
+    path: str
+    label: str
+
+
+@dataclass(frozen=True)
 class PageTable:
     """A table; the columns `numbers` are set to the right."""
 
     title: str
     heads: Sequence[str]
-    rows: Sequence[Sequence[str]]
+    rows: Sequence[Sequence[str | Thumbnail]]
     numbers: frozenset[int]
 
 

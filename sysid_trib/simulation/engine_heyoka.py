@@ -13,7 +13,7 @@ import numpy as np
 from sysid_trib.forces.force import Force
 from sysid_trib.forces.formulas import Functions
 from sysid_trib.simulation.equations import SMOOTHED, Motion, Progress, Vector
-from sysid_trib.simulation.stick_slip import Rule, settle
+from sysid_trib.simulation.stick_slip import AT_REST, Rule, branches_from_rest, settle
 
 Callback = Callable[[Any, int], bool]
 # Reached to 1e-14 over the run of the paper; machine precision takes a sixth longer.
@@ -85,7 +85,7 @@ class Compiled:
         self.motion = motion
         self.lock: AbstractContextManager[Any] = RLock()
         self.progress = Progress(np.zeros(motion.signs_at.stop), budget=0, steps=0)
-        self._rules: dict[Rule, Callable[[Vector, Vector, float], Vector]] = {}
+        self._rules: dict[Rule, CompiledRule] = {}
         y = [_expr(name) for name in motion.variables]
         p = [hy.par[i] for i in range(motion.signs_at.stop)]
         rates = [_expr(rate) for rate in motion.rates(y, p, hy.time, BRANCH_FUNCTIONS)]
@@ -95,9 +95,14 @@ class Compiled:
         callbacks = [_callback(mine)] * len(frozen)
         # heyoka drops the parameters after the last one that its equations hold.
         complete = p[-1] in hy.get_params([*rates, *frozen])
-        # The plain case without the general procedure saves a tenth of the time of the paper's run.
-        if complete and [s.key for s in motion.switches] in (["x"], ["v", "x"]):
+        # Plain cases without the general procedure save a quarter of the time of the paper's run.
+        keys = [s.key for s in motion.switches]
+        if complete and keys in (["x"], ["v", "x"]):
             callbacks[-1] = _callback_at_zero(mine)
+        self.turning: CompiledRule | None = None
+        if complete and not motion.memory and keys[:1] == ["v"]:
+            self.turning = self.rule(branches_from_rest)
+            callbacks[0] = _callback_at_reversal(mine, self.turning)
         # The automatic cooldown drops real crossings.
         pairs = zip(frozen, callbacks, strict=True)
         events = [hy.t_event(g, callback=callback, cooldown=1e-6) for g, callback in pairs if _moves(g)]
@@ -108,9 +113,13 @@ class Compiled:
 
     def apply(self, rule: Rule, y: Vector, p: Vector, tau: float) -> Vector:
         """Value of a rule, compiled when it is first needed; the next call overwrites it."""
+        return self.rule(rule)(y, p, tau)
+
+    def rule(self, rule: Rule) -> "CompiledRule":
+        """A rule as a function on numbers, compiled when it is first needed."""
         if rule not in self._rules:
-            self._rules[rule] = _compiled_rule(self.motion, rule)
-        return self._rules[rule](y, p, tau)
+            self._rules[rule] = CompiledRule(self.motion, rule)
+        return self._rules[rule]
 
     def glide(self, progress: Progress, y: Vector, grid: Vector) -> tuple[Vector, Vector, float]:
         """Move from grid[0] until the motion sticks, fails or the grid ends.
@@ -122,6 +131,8 @@ class Compiled:
         taylor.time = grid[0]
         self.state[:] = y
         self.used[:] = progress.p[: self.used.size]
+        if self.turning is not None:
+            self.turning.hold(progress.p)
         if taylor.with_events:
             taylor.reset_cooldowns()
         with _quiet():
@@ -162,21 +173,66 @@ def _callback_at_zero(compiled: Compiled) -> Callback:
     return switch
 
 
-def _compiled_rule(motion: Motion, rule: Rule) -> Callable[[Vector, Vector, float], Vector]:
-    """A rule as a function on numbers; a call overwrites what the last returned."""
-    names = [*motion.variables, *(f"p{i}" for i in range(motion.signs_at.stop)), "tau"]
-    inputs, count = [_expr(name) for name in names], len(motion.variables)
-    rates = rule(motion, inputs[:count], inputs[count:-1], inputs[-1], TAYLOR_FUNCTIONS)
-    # heyoka takes one vector three times as fast as variables, parameters and time.
-    function = hy.cfunc([_expr(value) for value in rates], inputs)
-    given, values = np.empty(len(inputs)), np.empty(len(rates))
+def _callback_at_reversal(compiled: Compiled, turning: "CompiledRule") -> Callback:
+    """`_callback` of v = 0 of forces without memory, where the motion turns and does not stick."""
+    general, at_rest, values = _callback(compiled), turning.at_rest, turning.values
+    signs = slice(compiled.motion.signs_at.start, None)
+    half = len(values) // 2
+    up, down = values[1:half], values[half + 1 :]
 
-    def value(y: Vector, p: Vector, tau: float) -> Vector:
+    def switch(taylor: Any, way: int) -> bool:
+        state = compiled.state
+        if not -AT_REST <= state.item(1) <= AT_REST:
+            return general(taylor, way)
+        tau, progress = taylor.time, compiled.progress
+        at_rest(state, tau)
+        rises, falls = values.item(0) > 0.0, values.item(half) < 0.0
+        if rises is falls or not progress.count():
+            return general(taylor, way)
+        progress.p[signs] = compiled.used[signs] = up if rises else down
+        progress.note(tau)
+        return True
+
+    return switch
+
+
+class CompiledRule:
+    """A rule as a function on numbers; a call overwrites what the last returned.
+
+    Parameters
+    ----------
+    motion : Motion
+        The equations.
+    rule : Rule
+        What is compiled.
+    """
+
+    def __init__(self, motion: Motion, rule: Rule) -> None:
+        names = [*motion.variables, *(f"p{i}" for i in range(motion.signs_at.stop)), "tau"]
+        inputs, self._count = [_expr(name) for name in names], len(motion.variables)
+        count = self._count
+        values = rule(motion, inputs[:count], inputs[count:-1], inputs[-1], TAYLOR_FUNCTIONS)
+        # heyoka takes one vector three times as fast as variables, parameters and time.
+        self._function = hy.cfunc([_expr(value) for value in values], inputs)
+        self._given, self.values = np.zeros(len(inputs)), np.empty(len(values))
+
+    def __call__(self, y: Vector, p: Vector, tau: float) -> Vector:
+        """Value of the rule."""
+        given, count = self._given, self._count
         given[:count], given[count:-1], given[-1] = y, p, tau
-        function(given, values)
-        return values
+        self._function(given, self.values)
+        return self.values
 
-    return value
+    def hold(self, p: Vector) -> None:
+        """Take these parameters for `at_rest`."""
+        self._given[self._count : -1] = p
+
+    def at_rest(self, y: Vector, tau: float) -> None:
+        """Bring `values` to `y` with v = 0 and to the parameters held (without memory no sign matters)."""
+        given = self._given
+        given[: self._count] = y
+        given[1], given[-1] = 0.0, tau
+        self._function(given, self.values)
 
 
 @contextmanager

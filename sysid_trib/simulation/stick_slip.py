@@ -13,6 +13,7 @@ from sysid_trib.simulation.equations import Motion, Values, Vector
 NEAR_SURFACE = 1e-9  # nearer than this to a surface, its sign is decided by where the motion is going
 LOOKAHEAD = 1e-5  # how far ahead in tau that is
 SLOW = 1e-5  # rad; below this speed a motion may come to rest other than by v = 0
+AT_REST = 1e-12  # rad; below this speed there is no motion to go on
 CREEP = 1e-11  # rad; what a motion taken as at rest may still have had to go
 
 Rule = Callable[[Motion, Values, Values, Any, Functions], list[Any]]
@@ -38,7 +39,7 @@ def settle(engine: RuleEngine, y: Vector, p: Vector, tau: float) -> bool:
         up, down = branches.item(0, 0), branches.item(1, 0)
         sticks = up <= 0.0 <= down
         # Detent and friction make ever shorter swings without end: they end where less than CREEP remains.
-        if speed <= 1e-12 or (sticks and speed**2 < 2.0 * CREEP * min(-up, down)):
+        if speed <= AT_REST or (sticks and speed**2 < 2.0 * CREEP * min(-up, down)):
             if not sticks:
                 # Where both push away (negative friction) it goes towards x = 0.
                 rises = up > 0.0 and (down >= 0.0 or y.item(0) < 0.0)

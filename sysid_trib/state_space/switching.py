@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 
 from sysid_trib.arrays import Array, Index, Mask
-from sysid_trib.simulation.stick_slip import branches_from_rest, rates_at_rest, signs_ahead
+from sysid_trib.simulation.stick_slip import AT_REST, branches_from_rest, rates_at_rest, signs_ahead
 from sysid_trib.state_space.vector_field import FUNCTIONS, Instants, VectorField
 
 # On the wrong side of a surface by less than this (rad), a motion has not passed it.
 PASSED = 1e-13
-AT_REST = 1e-12
 
 
 @dataclass(frozen=True)

@@ -53,7 +53,7 @@ def between_runs(
         `between_run_upper` (95 %); `scatter_p_value` of no such scatter, `homogeneity_p_value` of one value
         for all runs; `verdict`: common, varies with ..., scatters, too few runs. Over `run` the values at one
         reference frequency with their errors, `shrunken` estimates, which use all runs, and `z`, how far a
-        run is from what its conditions let expect, over scatter and error. Over `term`
+        run is from what all others and its conditions let expect, over scatter and error. Over `term`
         `effect`: the mean (at the mean of numerical conditions, and of the first group), and by how much it
         rises per unit of a condition, or in another group; `condition_p_value` over `condition`. With
         `laboratories` also `repeatability`, `between_laboratory` and `reproducibility` (standard deviations
@@ -70,7 +70,8 @@ def between_runs(
     Each quantity by itself: value = mean + conditions + scatter + error, the variances of the errors known
     (random-effects meta-regression). Spread by Paule and Mandel, its interval by Q-profile (Viechtbauer
     2007); tests of conditions after Knapp and Hartung (2003); shrunken estimates average over what is not
-    known of the spread. A condition acts where its p-value is below 1 % over the number of quantities.
+    known of the spread; distances are from the fit and the scatter of all other runs (Viechtbauer and Cheung
+    2010). A condition acts where its p-value is below 1 % over the number of quantities.
 
     Examples
     --------
@@ -160,7 +161,7 @@ def _quantity(
         interval = unit * np.array([tau, lower, upper])
         scatter = [p_value, RandomEffects(*scaled, design[known, :1]).heterogeneity().p_value]
         effects = unit * np.stack([fit.weighted(tau).effects, fit.effect_errors(tau)])
-        off[known] = (scaled[0] - design[known] @ effects[0] / unit) / np.hypot(scaled[1], tau)
+        off[known] = fit.deleted_residuals()
         for at, name in enumerate(conditions):
             p_values[at] = fit.p_value(tau, np.flatnonzero(np.array(condition_of) == name))
         shrunken[:, known] = unit * np.stack(fit.shrunken())
@@ -169,7 +170,7 @@ def _quantity(
     made: Variables = {
         **with_error("effect", "term", (effects[0], effects[1]), "effect on the quantity", UNIT),
         **with_error("shrunken", "run", (shrunken[0], shrunken[1]), "value with the help of all runs", UNIT),
-        "z": variable("run", off, "distance from the fitted value, over scatter and error", "1"),
+        "z": variable("run", off, "distance from what others let expect, over scatter and error", "1"),
         "condition_p_value": variable("condition", p_values, "p-value of no effect of the condition", "1"),
         **_with_interval("between_run", "standard deviation between runs", interval),
         "scatter_p_value": variable((), scatter[0], "p-value of no scatter beside the conditions", "1"),

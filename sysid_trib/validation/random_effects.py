@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.stats import chi2, f as f_distribution
+from scipy.stats import chi2, f as f_distribution, norm, t as student
 
 from sysid_trib.arrays import Array, Index
 
@@ -18,6 +18,8 @@ from sysid_trib.arrays import Array, Index
 TAILS = (0.975, 0.025)
 # Values of tau that an estimate of one value averages over, and the p-value of the largest.
 TAUS, LAST_P_VALUE = 100, 1e-4
+# A value whose leverage lacks this of one has no others that predict it.
+WHOLE_LEVERAGE = 1e-9
 
 
 class Heterogeneity(NamedTuple):
@@ -123,6 +125,36 @@ class RandomEffects:
         fit = self.weighted(tau)
         wider = max(1.0, fit.chi_square / self.degrees_of_freedom)
         return np.asarray(np.sqrt(wider * np.diag(fit.covariance)))
+
+    def deleted_residuals(self) -> Array:
+        """How far each value is from what all others let expect, over scatter and error: (value,).
+
+        The scatter is that of the others, which one far value does not widen (externally standardised
+        residuals; Viechtbauer and Cheung 2010). Where they scatter at all, few of them tell by how much: the
+        distance is then of the same probability as Student's. nan where the others expect nothing.
+        """
+        freedoms = self.degrees_of_freedom - 1
+        if freedoms < 1:
+            return np.full(len(self.values), np.nan)
+        # At the last one no value's others scatter more than they should; small ones are looked at closely.
+        taus = self._tau_of(freedoms) * np.linspace(0.0, 1.0, TAUS) ** 2
+        sizes, others = (np.array(rows) for rows in zip(*map(self._without_each, taus), strict=True))
+        at = np.maximum(np.argmax(others <= freedoms, axis=0), 1)
+        value = np.arange(len(self.values))
+        before, after = others[at - 1, value], others[at, value]
+        scatters = others[0] > freedoms
+        part = np.where(scatters, (before - freedoms) / np.where(before > after, before - after, 1.0), 0.0)
+        size = sizes[at - 1, value] + part * (sizes[at, value] - sizes[at - 1, value])
+        tail = np.maximum(student.sf(np.abs(size), freedoms), np.finfo(float).tiny)
+        return np.where(scatters, np.copysign(norm.isf(tail), size), size)
+
+    def _without_each(self, tau: float) -> tuple[Array, Array]:
+        """Each value's distance from the fit of all others, standardised, and their chi-square."""
+        fit = self.weighted(tau)
+        leverage = fit.weights * np.einsum("ia,ab,ib->i", self.design, fit.covariance, self.design)
+        free = np.where(leverage < 1.0 - WHOLE_LEVERAGE, 1.0 - leverage, np.nan)
+        size = (self.values - self.design @ fit.effects) * np.sqrt(fit.weights / free)
+        return size, fit.chi_square - size**2
 
     def shrunken(self) -> tuple[Array, Array]:
         """Where each value really is, with the others' help, and its standard error: (value,) each.
