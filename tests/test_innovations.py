@@ -225,11 +225,11 @@ def test_bands_are_widened_by_predictions_that_came_due_and_no_others():
 
 def test_bands_of_a_model_that_lacks_a_force_are_widened_to_hold(pushed):
     decay, result = pushed[1], pushed[2]
-    wrong = result.assign(coefficient=result.coefficient * xr.where(result.force == "delta", 0.5, 1.0))
+    wrong = result.assign(coefficient=result.coefficient * xr.where(result.force == "delta", 3.0, 1.0))
     origins = np.arange(2.0, 9.5, 0.71)
     bands = st.prediction_bands(decay, wrong, [1.0], origins=origins)
     # The first ones had no predictions before them by which to be widened.
-    known = bands.isel(origin=slice(3, None), horizon=0)
+    known = bands.isel(origin=slice(4, None), horizon=0)
     scores = np.abs((known.measured - known.predicted) / known.predicted_standard_error)
     assert (known.widening > 1.5).all()
     assert (scores < 1.96).mean() > 0.85
