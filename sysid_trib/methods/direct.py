@@ -33,7 +33,7 @@ from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import Variables
 from sysid_trib.trajectory_fit.pushed_columns import PushedRegression, regress_pushed
-from sysid_trib.trajectory_fit.refined_columns import moved, refine_columns
+from sysid_trib.trajectory_fit.refined_columns import refine_columns, shifted
 
 MAX_SELECTIONS = 5
 
@@ -170,7 +170,7 @@ class Direct:
         solution = with_errors_of_dropped(solution, rows, runs[0], active, constraints)
         runs = solution.applied_to(runs)
         if further is not None:
-            runs = moved(runs, further.shift, constraints)
+            runs = shifted(runs, further.shift, constraints)
         estimate = _estimate(runs, solution)
         result = identification(
             replace(self, shapes=shapes), decay, offered, estimate, offered=library, active=active

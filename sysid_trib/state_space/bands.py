@@ -132,14 +132,14 @@ def bands_of(
     tracked = tracked.with_density(_expected_density(random_force_of(result, run)))
     starts = _origins(tracked, float(ahead[-1]), origins)
     ahead_of = partial(_predictions, tracked, result, run=run)
-    found, factor = ahead_of(starts, ahead), _widening(tracked, starts, ahead_of)
+    expected, factor = ahead_of(starts, ahead), _widening(tracked, starts, ahead_of)
     dims, time = ("origin", "horizon"), tracked.time
-    errors = factor[:, None] * found.standard_error
+    errors = factor[:, None] * expected.standard_error
     return xr.Dataset(
         {
-            **with_error("predicted", dims, (found.predicted, errors), "predicted angle", "rad"),
-            "measured": variable(dims, found.measured, "measured angle", "rad"),
-            "time_ahead": variable(dims, found.times, "time of the prediction", "s"),
+            **with_error("predicted", dims, (expected.predicted, errors), "predicted angle", "rad"),
+            "measured": variable(dims, expected.measured, "measured angle", "rad"),
+            "time_ahead": variable(dims, expected.times, "time of the prediction", "s"),
             "widening": variable("origin", factor, "Birge ratio of recent predictions", "1"),
         },
         {

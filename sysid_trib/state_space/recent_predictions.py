@@ -7,8 +7,8 @@ from sysid_trib.arrays import Array
 
 # Periods that count as recent: as many as the longest predictions that are asked for go ahead.
 RECENT_PERIODS = 10
-# Chance that predictions of a model that lacks nothing are taken for worse than they claim.
-CHANCE = 0.01
+# Significance level of predictions that are worse than they claim.
+WIDENING_LEVEL = 0.01
 
 
 def widening(scores: Array, known_at: Array, origins: Array) -> Array:
@@ -39,6 +39,6 @@ def widening(scores: Array, known_at: Array, origins: Array) -> Array:
     factors = np.ones(len(origins))
     for at, due in enumerate(np.searchsorted(known_at, origins, side="right")):
         recent = squares[max(0, due - RECENT_PERIODS) : due]
-        if len(recent) and chi2.sf(np.sum(recent), len(recent)) < CHANCE:
+        if len(recent) and chi2.sf(np.sum(recent), len(recent)) < WIDENING_LEVEL:
             factors[at] = np.sqrt(np.mean(recent))
     return factors
