@@ -4,25 +4,53 @@ python benchmarks/innovations.py [--method direct|trajectory] [--only TEXT] [--a
 
 The records and models of random_force_kinds.py: the ship at each sample, the steel pendulum at every tenth.
 Largest autocorrelation of lags 1 to 20, and the p-value that all of them are chance (Ljung and Box 1978).
+--across: of the film also what of the innovations goes with the swing across, its third column y: least
+squares of y, y', y^2, x y, x y^2, x^2 y and x' y, filtered as the innovations are.
 """
 
 import argparse
 from dataclasses import replace
 
 import numpy as np
-from random_force_kinds import BOTH, RECORDS
+import xarray as xr
+from measured import records_folder
+from random_force_kinds import BOTH, FILM, RECORDS
 from rich.console import Console
 from rich.table import Table
+from scipy.signal import lfilter
 
 import sysid_trib as st
 from sysid_trib.noise.random_force import random_force_of
+from sysid_trib.noise.sensor_noise import sensor_noise_of
 
 STRIDES = {"Ship model": 1, "Steel pendulum": 10}
 LAGS = 20
+# Of the film: half of its period of 33 frames, by place of the lag.
+HALF_PERIOD = slice(13, 19)
 METHODS = {
     "direct": st.methods.Direct(random_force="auto"),
     "trajectory": st.methods.Trajectory(random_force="auto"),
 }
+
+
+def across(decay: xr.Dataset, innovations: np.ndarray, filter_: np.ndarray) -> str:
+    """How large the swing across is, what of the innovations goes with it, and how the rest is correlated."""
+    x, y = decay.angle.values, np.loadtxt(records_folder() / FILM)[:, 2]
+    y = y - np.mean(y)
+    columns = np.stack([y, np.gradient(y), y**2, x * y, x * y**2, x**2 * y, np.gradient(x) * y], axis=1)
+    columns = lfilter(filter_, [1.0], columns, axis=0)
+    rest = innovations - columns @ np.linalg.lstsq(columns, innovations, rcond=None)[0]
+    part = 1.0 - (rest @ rest) / (innovations @ innovations)
+    halves = [correlations(values)[HALF_PERIOD].max() for values in (innovations, rest)]
+    return (
+        f"across: {1e3 * y.std():.0f} mrad RMS beside {1e3 * x.std():.0f}; {100.0 * part:.0f} % of the "
+        f"innovations' variance; autocorrelation of lags 14 to 19 {halves[0]:+.3f}, then {halves[1]:+.3f}"
+    )
+
+
+def correlations(values: np.ndarray) -> np.ndarray:
+    """Autocorrelation of lags 1 to 20."""
+    return np.array([values[lag:] @ values[:-lag] for lag in range(1, LAGS + 1)]) / (values @ values)
 
 
 def main() -> None:
@@ -30,6 +58,7 @@ def main() -> None:
     parser.add_argument("--method", choices=METHODS, default="direct")
     parser.add_argument("--only", default="", help="records whose title has this text")
     parser.add_argument("--also", default="", metavar="SYMBOLS", help="candidate effects beside the models")
+    parser.add_argument("--across", action="store_true", help="what goes with the film's swing across")
     asked = parser.parse_args()
     columns = (
         "samples",
@@ -49,6 +78,9 @@ def main() -> None:
             decay, BOTH.select([*record.models.split(), *asked.also.split()]), METHODS[asked.method]
         )
         ahead = st.innovations(decay, result)
+        if asked.across and record.file == FILM:
+            normalised = (ahead.innovation / ahead.innovation_standard_deviation).values
+            print(across(decay, normalised, sensor_noise_of(result).filter_))
         correlation = ahead.autocorrelation.values[:LAGS]
         most = int(np.argmax(np.abs(correlation)))
         size = np.sqrt(random_force_of(result).density) / float(result.reference_frequency) ** 2

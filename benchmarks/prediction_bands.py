@@ -28,7 +28,7 @@ from random_force_kinds import BOTH, RECORDS  # noqa: E402
 
 import sysid_trib as st  # noqa: E402
 from sysid_trib.errors import SysidTribError  # noqa: E402
-from sysid_trib.noise.random_force import RandomForce  # noqa: E402
+from sysid_trib.noise.random_force import RandomForce, random_force_of  # noqa: E402
 from sysid_trib.validation.holdout import first_held_out  # noqa: E402
 
 W, NOISE, PERIODS, PER_PERIOD, ANGLE = 8.87, 2e-4, 60, 60, 0.3
@@ -68,9 +68,15 @@ def errors_ahead(decay: xr.Dataset, library: st.ForceLibrary, method) -> dict[in
 
 
 def dependence(decay: xr.Dataset, library: st.ForceLibrary, method) -> float:
-    """p-value of a random force that depends on nothing, in what the model was identified from."""
+    """p-value of a random force that depends on nothing, in what the model was identified from.
+
+    nan where the most likely density is zero.
+    """
     part = decay.isel(time=slice(0, first_held_out(decay.time.values)))
-    return st.random_force_dependence(part, st.identify(part, library, method)).p_value.item()
+    result = st.identify(part, library, method)
+    if not random_force_of(result):
+        return float("nan")
+    return st.random_force_dependence(part, result).p_value.item()
 
 
 def row_of(title: str, decays: Iterable[xr.Dataset], library: st.ForceLibrary, method) -> list[str]:

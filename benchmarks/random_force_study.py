@@ -43,6 +43,7 @@ METHODS = {
 # Of a step of 0.4 mrad, half the noise before it is rounded.
 ROUNDING_STEP = 4e-4
 SEEDS_AT_ONCE = 50
+SEEDS_OF_A_CASE = 10_000
 
 
 @dataclass(frozen=True)
@@ -92,11 +93,16 @@ class Case:
 
     def decays(self, seeds: Sequence[int]) -> Iterator[tuple[int, xr.Dataset]]:
         """A noisy record of each seed; where friction stops it, without the tail at rest."""
-        forces, start = smooth_forces(TRUTH), (self.start, 0.0)
-        motions = kicked_motion(self.time, W, forces, self.friction, self.density, seeds, start=start)[0]
-        for seed, motion in zip(seeds, motions, strict=True):
-            decay = xr.Dataset({"angle": ("time", self.measured(motion, seed))}, {"time": self.time})
+        forces, start, own = smooth_forces(TRUTH), (self.start, 0.0), [self.first_seed + s for s in seeds]
+        motions = kicked_motion(self.time, W, forces, self.friction, self.density, own, start=start)[0]
+        for seed, of_case, motion in zip(seeds, own, motions, strict=True):
+            decay = xr.Dataset({"angle": ("time", self.measured(motion, of_case))}, {"time": self.time})
             yield seed, decay.isel(time=self.time <= self.stop)
+
+    @property
+    def first_seed(self) -> int:
+        """Cases with the same kicks and noise would err alike, and a pooled figure rest on few of them."""
+        return SEEDS_OF_A_CASE * (1 + PUSHED.index(self)) if self.wander else 0
 
     def measured(self, angle: np.ndarray, seed: int) -> np.ndarray:
         """The angle as the sensor shows it."""
@@ -226,6 +232,22 @@ def table_of(method: str, rows: list[dict]) -> Table:
     return table
 
 
+def pooled(method: str, rows: list[dict]) -> str:
+    """Coverage of all pushed records, and of those that go on and those that stop."""
+    parts = []
+    for title, words in (("all", ""), ("to its stop", "to its stop"), ("going on", None)):
+        inside = [
+            np.mean(np.abs(np.array(row["errors"])) < 1.96 * np.array(row["standard_errors"]))
+            for row in rows
+            if row["method"] == method and "errors" in row and not row["case"].startswith("wander 0")
+            if (words or "") in row["case"] and (words is not None or "stop" not in row["case"])
+        ]
+        if inside:
+            error = np.std(inside) / np.sqrt(len(inside))
+            parts.append(f"{title} {100.0 * np.mean(inside):.1f} ± {100.0 * error:.1f} % of {len(inside)}")
+    return "covered: " + "; ".join(parts) if parts else ""
+
+
 def over_off(method: str, rows: list[dict]) -> Table:
     """RMS errors of a method over its own without a random force, of records that nothing pushes."""
     table = Table("noise", "records", "RMS error / off", "worst", title=f"{method}: where nothing pushes")
@@ -258,6 +280,7 @@ def main() -> None:
             run(case, options.method, options.seeds, options.out)
     console, rows = Console(width=200), read(options.out)
     console.print(table_of(options.method, rows))
+    console.print(pooled(options.method, rows))
     if f"{options.method}-off" in {row["method"] for row in rows}:
         console.print(over_off(options.method, rows))
 

@@ -8,6 +8,7 @@ import sysid_trib as st
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.noise.random_force import RandomForce
 from sysid_trib.state_space.bands import _expected_density
+from sysid_trib.state_space.recent_predictions import widening
 from sysid_trib.trajectory_fit.initial_conditions import fit_start
 
 W, NOISE = 8.87, 2e-4
@@ -203,6 +204,36 @@ def test_requests_that_no_record_supports(pushed):
         st.prediction_bands(decay, result, [500.0])
     with pytest.raises(DecayError, match="start between"):
         st.prediction_bands(decay, result, [1.0], origins=[0.0])
+
+
+def test_a_model_that_lacks_nothing_seldom_has_wider_bands():
+    due, origins = np.arange(400.0), np.arange(20.0, 400.0, 10.0)
+    scores = np.random.default_rng(3).standard_normal((50, 400))
+    factors = np.array([widening(each, due, origins) for each in scores])
+    # 1 % of 1,900, within three binomial errors.
+    assert 0.003 < np.mean(factors > 1.0) < 0.017
+
+
+def test_bands_are_widened_by_predictions_that_came_due_and_no_others():
+    due = np.arange(1.0, 41.0)
+    scores = np.where(due <= 20.0, 1.0, 3.0)
+    scores[25] = np.nan
+    factors = widening(scores, due, np.array([0.5, 20.5, 30.5, 40.5]))
+    # The missing one is passed over: the last ten are nine of 3 and one of 1.
+    assert factors == pytest.approx([1.0, 1.0, np.sqrt(8.2), 3.0])
+
+
+def test_bands_of_a_model_that_lacks_a_force_are_widened_to_hold(pushed):
+    decay, result = pushed[1], pushed[2]
+    wrong = result.assign(coefficient=result.coefficient * xr.where(result.force == "delta", 3.0, 1.0))
+    origins = np.arange(2.0, 9.5, 0.71)
+    bands = st.prediction_bands(decay, wrong, [1.0], origins=origins)
+    # The first ones had no predictions before them by which to be widened.
+    known = bands.isel(origin=slice(4, None), horizon=0)
+    scores = np.abs((known.measured - known.predicted) / known.predicted_standard_error)
+    assert (known.widening > 1.5).all()
+    assert (scores < 1.96).mean() > 0.85
+    assert (scores * known.widening < 1.96).mean() < 0.7
 
 
 def test_the_expected_density_is_not_zero_where_the_likely_one_is():

@@ -9,7 +9,7 @@ from scipy.special import erf
 
 import sysid_trib as st
 from sysid_trib.noise.random_force import RandomForce
-from sysid_trib.noise.ratio_posterior import ratio_posterior
+from sysid_trib.noise.ratio_posterior import average_over_ratios, probability_of_none, ratio_posterior
 from sysid_trib.noise.smoothing_error import smoothed_rate_error
 from sysid_trib.noise.variance_ratio import VarianceRatio, WhiteRows, variance_ratio
 from sysid_trib.regression.pysindy_features import ForceFeatures
@@ -40,6 +40,58 @@ def test_ratios_that_are_open_have_the_law_of_few_kicks():
 def test_a_ratio_without_an_upper_end_leaves_errors_as_they_are():
     none = VarianceRatio(0.0, 1.0, np.nan, np.nan, 0.0, 0.0)
     assert ratio_posterior(lambda ratio: WhiteRows(np.ones(9), np.ones((9, 1)), 0.0), none) == []
+
+
+SAMPLES = 100
+# A random walk in its principal axes.
+WALK, AXES = np.linalg.eigh(np.minimum.outer(np.arange(SAMPLES), np.arange(SAMPLES)) + 1.0)
+
+
+def pushed_line(kick, seed):
+    """Rows of a line through a random walk in noise, by the ratio of its steps to the noise."""
+    random = np.random.default_rng(seed)
+    record = random.standard_normal(SAMPLES) + np.cumsum(kick * random.standard_normal(SAMPLES))
+    line = np.column_stack([np.ones(SAMPLES), np.linspace(-1.0, 1.0, SAMPLES)])
+    design, target = AXES.T @ line, AXES.T @ record
+
+    def rows(ratio):
+        root = np.sqrt(1.0 + ratio * WALK)
+        return WhiteRows(target / root, design / root[:, None], 2.0 * float(np.log(root).sum()))
+
+    def solved(ratio):
+        values, covariance = rows(ratio.ratio).solution()
+        return values, ratio.variance * covariance
+
+    estimate = variance_ratio(rows, 1e-6, 1e2)
+    average = average_over_ratios(rows, estimate, SAMPLES, solved)
+    return estimate, solved, average
+
+
+def test_a_random_walk_that_is_there_by_chance_moves_the_estimate_little():
+    errors = []
+    for seed in range(40):
+        estimate, solved, average = pushed_line(0.0, seed)
+        none, best = solved(VarianceRatio(0.0, 1.0, np.nan, np.nan, 0.0))[0], solved(estimate)[0]
+        errors.append((none[1], best[1], (best + average.shift)[1]))
+    none, best, averaged = np.sqrt(np.mean(np.square(errors), axis=0))
+    assert best > 1.1 * none
+    assert averaged < 1.03 * none
+
+
+def test_errors_of_the_averaged_estimate_hold_beside_a_random_walk_that_hardly_shows():
+    scores = []
+    for seed in range(60):
+        estimate, solved, average = pushed_line(0.15, seed)
+        values, covariance = solved(estimate)
+        errors = np.sqrt(np.diag(covariance + average.covariance))
+        scores.append((values + average.shift)[1] / errors[1])
+    assert 0.75 < np.sqrt(np.mean(np.square(scores))) < 1.25
+
+
+def test_no_random_force_is_as_probable_as_one_where_the_gain_is_its_price():
+    assert probability_of_none(np.log(1200.0), 1200) == pytest.approx(0.5)
+    assert probability_of_none(60.0, 1200) < 1e-10
+    assert probability_of_none(0.0, 1200) > 0.97
 
 
 @pytest.mark.parametrize("ratio", [1e-3, 1.0, 50.0])

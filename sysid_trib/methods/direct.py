@@ -20,6 +20,7 @@ from sysid_trib.noise.random_force import (
     random_force_of_ratio,
     random_force_variables,
 )
+from sysid_trib.noise.ratio_posterior import RatioAverage
 from sysid_trib.noise.sensor_noise import colour_variables
 from sysid_trib.records.runs import Decays, as_runs, root_mean_square
 from sysid_trib.regression.constraint_map import ConstraintMap, constraint_map
@@ -32,7 +33,7 @@ from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import Variables
 from sysid_trib.trajectory_fit.pushed_columns import PushedRegression, regress_pushed
-from sysid_trib.trajectory_fit.refined_columns import refine_columns
+from sysid_trib.trajectory_fit.refined_columns import refine_columns, shifted
 
 MAX_SELECTIONS = 5
 
@@ -152,7 +153,7 @@ class Direct:
             as_runs(decay), offered, constraints, reference_frequency=self.reference_frequency, shapes=shapes
         )
         every = np.ones(len(offered), bool)
-        further = np.zeros((len(offered) + 1, len(offered) + 1))
+        further: RatioAverage | None = None
         rows = weak_regression(runs, [linearised(run) for run in runs])
         runs = solve(rows, runs[0], every, constraints).applied_to(runs)
         if self.random_force != "off" and self._takes_random_force:
@@ -164,9 +165,12 @@ class Direct:
         else:
             runs, rows, active, refined = _weak_form(self, runs, constraints)
         solution = solve(rows, runs[0], active, constraints)
-        solution = replace(solution, covariance=solution.covariance + further)
+        if further is not None:
+            solution = replace(solution, covariance=solution.covariance + further.covariance)
         solution = with_errors_of_dropped(solution, rows, runs[0], active, constraints)
         runs = solution.applied_to(runs)
+        if further is not None:
+            runs = shifted(runs, further.shift, constraints)
         estimate = _estimate(runs, solution)
         result = identification(
             replace(self, shapes=shapes), decay, offered, estimate, offered=library, active=active

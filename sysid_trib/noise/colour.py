@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize
-from scipy.signal import periodogram
+from scipy.signal import welch
 
 from sysid_trib.arrays import Array
 from sysid_trib.decays.uniform import is_uniform
@@ -25,6 +25,8 @@ FEWEST_LINES = 50
 BESIDE_HARMONIC = 0.25
 LINES_BESIDE_HARMONIC = 3.0
 LINES_BESIDE_MOTION = 1.5
+# Segments of a record, half of each in the next, over which lines above the motion are averaged.
+SEGMENTS = 8
 # Averages of neighbouring lines suffice, of which a spectrum of few bends has no more than this to tell.
 MOST_LINES = 2000
 # Of a Hann window: independent values of the spectrum in each line.
@@ -120,10 +122,15 @@ def lines_above(deviation: Array, tau: Array, band: float) -> Lines:
     """Lines of a deviation above a frequency in units of the motion's; weak rows see those below.
 
     None where the steps of time differ.
+
+    Notes
+    -----
+    Averages over overlapping segments (Welch 1967): one window over the whole record would see the noise of
+    its middle, and a record that was interpolated from another clock has a colour that comes and goes.
     """
-    line, power, k = _spectrum(deviation, tau)
+    line, power, k = _spectrum(deviation, tau, SEGMENTS)
     above = (k > band) & (not _is_uneven(tau))
-    return _averaged(line[above], power[above])
+    return _averaged(line[above], power[above], float(SEGMENTS))
 
 
 def most_likely_colour(
@@ -242,9 +249,10 @@ def _likeliest_colour(lines: Lines, response: Array) -> NoiseModel:
     return best[1]
 
 
-def _spectrum(deviation: Array, tau: Array) -> tuple[Array, Array, Array]:
+def _spectrum(deviation: Array, tau: Array, segments: int = 1) -> tuple[Array, Array, Array]:
     """Lines of a spectrum in cycles a sample, their power, and their frequency in units of the motion's."""
-    line, power = periodogram(deviation, window="hann", detrend="linear", return_onesided=False)
+    length = len(deviation) // segments
+    line, power = welch(deviation, nperseg=length, detrend="linear", return_onesided=False)
     line, power = np.abs(line[: len(line) // 2]), power[: len(power) // 2]
     return line, power, 2.0 * np.pi * line / float(np.median(np.diff(tau)))
 
@@ -254,14 +262,15 @@ def _is_uneven(tau: Array) -> bool:
     return not is_uniform(tau)
 
 
-def _averaged(line: Array, power: Array) -> Lines:
-    """Neighbouring lines averaged until they are few."""
+def _averaged(line: Array, power: Array, count_of_each: float = 1.0) -> Lines:
+    """Neighbouring lines averaged until they are few; each stands for so many of the whole record."""
     width = max(1, -(-len(line) // MOST_LINES))
     first = np.arange(0, len(line), width)
-    count = np.diff(np.append(first, len(line))).astype(float)
+    number = np.diff(np.append(first, len(line))).astype(float)
     if not len(line):
-        return Lines(line, power, count)
-    return Lines(np.add.reduceat(line, first) / count, np.add.reduceat(power, first) / count, count)
+        return Lines(line, power, number)
+    line, power = (np.add.reduceat(values, first) / number for values in (line, power))
+    return Lines(line, power, count_of_each * number)
 
 
 def _whittle(lines: Lines, response: Array, order: int) -> tuple[float, NoiseModel]:

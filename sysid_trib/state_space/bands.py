@@ -1,7 +1,8 @@
 """Predictions of a record from what was measured before, with bands that grow by the random force."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import xarray as xr
@@ -18,6 +19,7 @@ from sysid_trib.results.variables import variable, with_error
 from sysid_trib.state_space.intervals import steps_over
 from sysid_trib.state_space.kalman import LinearModel, filter_gains, statsmodels_model
 from sysid_trib.state_space.linearised import Derivatives, linearised_about, sensor_on
+from sysid_trib.state_space.recent_predictions import widening
 from sysid_trib.state_space.tracked import TrackedRecord, track
 from sysid_trib.state_space.vector_field import VectorField
 
@@ -45,6 +47,24 @@ class Ahead:
     transition: Array
     sensitivity: Array
     diffusion: Array
+
+
+@dataclass(frozen=True)
+class Predictions:
+    """What a record is predicted to show, each from one of its samples, (origin, horizon) arrays.
+
+    Attributes
+    ----------
+    times : s
+    predicted, standard_error : rad
+    measured : rad
+        nan where there is no sample.
+    """
+
+    times: Array
+    predicted: Array
+    standard_error: Array
+    measured: Array
 
 
 @in_units_of_the_motion
@@ -76,6 +96,7 @@ def prediction_bands(
     Dataset
         Over `origin` (s) and `horizon` (periods): `time_ahead` (s), `predicted` (rad) and its
         `standard_error`, the sensor's noise of the sample among it; `measured` (rad), nan beyond the record.
+        Over `origin` the `widening`, by which the standard error was multiplied.
 
     Raises
     ------
@@ -89,7 +110,9 @@ def prediction_bands(
     The state is that of the filter, with no sample after the origin. The variance ahead is the sum of that of
     the state, of the random force on the way (both along the motion, exact switching), of the coefficients,
     of the sensor's zero and of its noise. The random force counts with its expected density, which is more
-    than the most likely one where that is zero or nearly so.
+    than the most likely one where that is zero or nearly so. Where predictions one period ahead that came due
+    in the ten periods before an origin were off by more than chance, the model lacks something there: errors
+    are multiplied by their Birge ratio (`widening`).
     """
     ahead = np.sort(np.atleast_1d(np.asarray(periods, dtype=float)))
     if not (len(ahead) and np.all(np.isfinite(ahead)) and ahead[0] > 0.0):
@@ -108,6 +131,42 @@ def bands_of(
     """`prediction_bands` of a record that was followed before, so many periods ahead: ascending."""
     tracked = tracked.with_density(_expected_density(random_force_of(result, run)))
     starts = _origins(tracked, float(ahead[-1]), origins)
+    ahead_of = partial(_predictions, tracked, result, run=run)
+    expected, factor = ahead_of(starts, ahead), _widening(tracked, starts, ahead_of)
+    dims, time = ("origin", "horizon"), tracked.time
+    errors = factor[:, None] * expected.standard_error
+    return xr.Dataset(
+        {
+            **with_error("predicted", dims, (expected.predicted, errors), "predicted angle", "rad"),
+            "measured": variable(dims, expected.measured, "measured angle", "rad"),
+            "time_ahead": variable(dims, expected.times, "time of the prediction", "s"),
+            "widening": variable("origin", factor, "Birge ratio of recent predictions", "1"),
+        },
+        {
+            "origin": variable("origin", time[starts], "time of the last sample that is known", "s"),
+            "horizon": variable("horizon", ahead, "periods ahead", "1"),
+        },
+    )
+
+
+def _widening(
+    tracked: TrackedRecord, starts: Index, ahead_of: Callable[[Index, Array], Predictions]
+) -> Array:
+    """By how much errors are to be multiplied at each start (start,)."""
+    time, period = tracked.time, 2.0 * np.pi / tracked.model.reference_frequency
+    # The last predictions to come due at the last start, and those of the periods before.
+    earlier = np.arange(time[starts[-1]] - period, time[0] + SETTLING_PERIODS * period, -period)[::-1]
+    if not len(earlier):
+        return np.ones(len(starts))
+    recent = ahead_of(_origins(tracked, 0.0, list(earlier)), np.ones(1))
+    scores = (recent.measured - recent.predicted) / recent.standard_error
+    return widening(scores[:, 0], recent.times[:, 0], time[starts])
+
+
+def _predictions(
+    tracked: TrackedRecord, result: xr.Dataset, starts: Index, ahead: Array, *, run: int
+) -> Predictions:
+    """What is predicted from each start, so many periods ahead: ascending."""
     names, of_parameters = parameters_of(result)
     by = Derivatives(names, frequency=True)
     states, covariance, by_states = _filtered(tracked, starts, by)
@@ -137,18 +196,7 @@ def bands_of(
             + noise_of_run(result, run) ** 2
         )
     measured = np.where(targets >= 0, tracked.angle[targets], np.nan)
-    dims = ("origin", "horizon")
-    return xr.Dataset(
-        {
-            **with_error("predicted", dims, (predicted, np.sqrt(variance)), "predicted angle", "rad"),
-            "measured": variable(dims, measured, "measured angle", "rad"),
-            "time_ahead": variable(dims, times, "time of the prediction", "s"),
-        },
-        {
-            "origin": variable("origin", time[starts], "time of the last sample that is known", "s"),
-            "horizon": variable("horizon", ahead, "periods ahead", "1"),
-        },
-    )
+    return Predictions(times, predicted, np.sqrt(variance), measured)
 
 
 def _expected_density(force: RandomForce) -> float:

@@ -16,6 +16,7 @@ from scipy.signal import lfilter
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import DecayError, SimulationError
 from sysid_trib.noise.random_force import RandomForceOption
+from sysid_trib.noise.ratio_posterior import RatioAverage
 from sysid_trib.noise.smoothing import smooth
 from sysid_trib.noise.smoothing_error import smoothed_rate_error
 from sysid_trib.regression.constraint_map import ConstraintMap
@@ -23,7 +24,7 @@ from sysid_trib.regression.linearisation import DeviationOperator, sensor_slope
 from sysid_trib.regression.problem import NearbyMotion, ReferenceTrajectory, RunRegression, Runs
 from sysid_trib.regression.rows import Rows, run_weights, stack_rows
 from sysid_trib.regression.solution import Solution, solve
-from sysid_trib.trajectory_fit.ratio_errors import covariance_by_ratios
+from sysid_trib.trajectory_fit.ratio_errors import average_by_ratios
 from sysid_trib.trajectory_fit.refined_columns import (
     SETTLED_STEP,
     common_values,
@@ -57,15 +58,15 @@ class PushedRegression:
         About these motions; of them the last solution is still to be taken.
     settled : bool
         Whether the estimate has stopped moving.
-    further : (force + 1, force + 1) array of float
-        What is added to the covariance of the last solution: that the ratios of the two variances are not
-        known exactly, and its step where that is among the errors.
+    further : RatioAverage
+        Of coefficients and reference frequency: what moves the last solution and is added to its covariance,
+        since the ratios of the two variances are not known exactly; its step where that is among the errors.
     """
 
     runs: Runs
     rows: Rows
     settled: bool
-    further: Array
+    further: RatioAverage
 
 
 def regress_pushed(
@@ -114,12 +115,13 @@ def regress_pushed(
         if (settled and turn >= COLOUR_ROUND) or turn == MAX_SMOOTHED_PATHS - 1:
             break
         runs = _smoothed(after, [each_run.operator for each_run in weighed], solution)
-    further = np.zeros_like(solution.covariance)
+    zero = np.zeros_like(solution.covariance)
+    further = RatioAverage(zero[0], zero)
     if isinstance(option, str):
-        further = covariance_by_ratios(weighed, solution, active, constraints)
+        further = average_by_ratios(weighed, solution, active, constraints)
     if step > 1.0:
         change = common_values(after) - common_values(runs)
-        further = further + np.outer(change, change)
+        further = further._replace(covariance=further.covariance + np.outer(change, change))
     return PushedRegression(runs, rows, settled, further)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from sysid_trib.arrays import Array
 from sysid_trib.noise.colour import most_likely_colour
 from sysid_trib.noise.random_force import RandomForce
-from sysid_trib.noise.ratio_posterior import ratio_posterior
+from sysid_trib.noise.ratio_posterior import RatioAverage, average_over_ratios
 from sysid_trib.noise.variance_ratio import VarianceRatio, WhiteRows, held_ratio
 from sysid_trib.state_space.kalman import LinearModel
 from sysid_trib.state_space.likely_ratio import likely_ratio
@@ -111,8 +111,8 @@ def iterate(
     return Iterate(values, runs, rows, step, covariance)
 
 
-def covariance_by_ratio(parameters: Parameters, at: Iterate, run: int) -> Array:
-    """What it adds to the covariance of the free parameters that the ratio of a run is not known exactly.
+def average_by_ratio(parameters: Parameters, at: Iterate, run: int) -> RatioAverage:
+    """The step of the free parameters over the ratios of a run that its record leaves open.
 
     Parameters
     ----------
@@ -121,22 +121,17 @@ def covariance_by_ratio(parameters: Parameters, at: Iterate, run: int) -> Array:
         The last one.
     run : int
         Of which the ratio was estimated.
-
-    Returns
-    -------
-    (free, free) array of float
-        Mean square of the errors over the ratios that the run leaves open, beyond that at the likeliest.
     """
     jacobian = parameters.by_free(np.eye(len(at.values)), at.values)
     linear, ratios = [pushed.linear for pushed in at.runs], [pushed.ratio for pushed in at.runs]
     blocks = [jacobian[_places(parameters, number)] for number in range(len(linear))]
-    added = np.zeros_like(at.covariance)
-    for ratio, variance, weight in ratio_posterior(_rows_by_ratio(linear[run], blocks[run]), ratios[run]):
-        ratios[run] = replace(ratios[run], ratio=ratio, variance=variance)
-        step, covariance = _step_within(parameters, at.values, _stacked(linear, blocks, ratios))
-        change = step - at.step
-        added += weight * (covariance + np.outer(change, change) - at.covariance)
-    return added
+
+    def solved(ratio: VarianceRatio) -> tuple[Array, Array]:
+        of_runs = [*ratios[:run], ratio, *ratios[run + 1 :]]
+        return _step_within(parameters, at.values, _stacked(linear, blocks, of_runs))
+
+    samples = len(linear[run].record)
+    return average_over_ratios(_rows_by_ratio(linear[run], blocks[run]), ratios[run], samples, solved)
 
 
 def with_gains_over_colours(parameters: Parameters, settled: Iterate) -> tuple[PushedRun, ...]:

@@ -26,7 +26,7 @@ from sysid_trib.trajectory_fit.parameters import Parameters
 from sysid_trib.trajectory_fit.pushed_step import (
     Iterate,
     PushedRun,
-    covariance_by_ratio,
+    average_by_ratio,
     iterate,
     with_gains_over_colours,
 )
@@ -127,15 +127,16 @@ def fit_random_motion(
 def _fit(parameters: Parameters, best: Iterate, densities: Sequence[float | None]) -> RandomMotionFit:
     """The fit after the last step, which is among its errors; so is a density that is not known exactly."""
     jacobian = parameters.by_free(np.eye(len(best.values)), best.values)
-    covariance = best.covariance + np.outer(best.step, best.step)
+    covariance, step = best.covariance + np.outer(best.step, best.step), best.step
     for run, density in enumerate(densities):
         if density is None:
-            covariance = covariance + covariance_by_ratio(parameters, best, run)
+            average = average_by_ratio(parameters, best, run)
+            covariance, step = covariance + average.covariance, step + average.shift
     return RandomMotionFit(
-        _stepped(parameters, best.values, best.step),
+        _stepped(parameters, best.values, step),
         jacobian @ covariance @ jacobian.T,
         with_gains_over_colours(parameters, best),
-        best.rows.design @ best.step - best.rows.target,
+        best.rows.design @ step - best.rows.target,
         best.rows.design,
     )
 

@@ -1,14 +1,15 @@
-"""What it adds to the errors of a regression that the ratio of the two variances is not known exactly."""
+"""A regression over the ratios of the two variances that a record leaves open: its mean and its errors."""
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from sysid_trib.arrays import Array, Mask
-from sysid_trib.noise.ratio_posterior import ratio_posterior
-from sysid_trib.noise.variance_ratio import WhiteRows
+from sysid_trib.noise.ratio_posterior import RatioAverage, average_over_ratios
+from sysid_trib.noise.variance_ratio import VarianceRatio, WhiteRows
 from sysid_trib.regression.constraint_map import ConstraintMap
 from sysid_trib.regression.linearisation import DeviationOperator
 from sysid_trib.regression.problem import RunRegression
@@ -77,10 +78,10 @@ class WeighedRun(NamedTuple):
     likelihood: RatioLikelihood
 
 
-def covariance_by_ratios(
+def average_by_ratios(
     weighed: Sequence[WeighedRun], solution: Solution, active: Mask, constraints: ConstraintMap
-) -> Array:
-    """What ratios that are not known exactly add to the covariance of a solution, each run's by itself.
+) -> RatioAverage:
+    """Coefficients and reference frequency over the ratios that the runs leave open, each run's by itself.
 
     Parameters
     ----------
@@ -90,23 +91,25 @@ def covariance_by_ratios(
         At the most likely ratios.
     active : (force,) array of bool
     constraints : ConstraintMap
-
-    Returns
-    -------
-    (force + 1, force + 1) array of float
-        Mean square of the errors over the ratios that the run leaves open, beyond that at its most likely
-        one: the solution moves with the ratio, and so does its covariance.
     """
-    runs = tuple(each_run.run for each_run in weighed)
-    added = np.zeros_like(solution.covariance)
+    zero = np.zeros_like(solution.covariance)
+    shift, added = zero[0], zero
     for at, (run, _, _, likelihood) in enumerate(weighed):
         assert run.noises is not None
-        for ratio, variance, weight in ratio_posterior(likelihood.rows, run.noises.ratio):
-            noises = replace(run.noises, ratio=replace(run.noises.ratio, ratio=ratio, variance=variance))
-            others = (*runs[:at], replace(run, noises=noises), *runs[at + 1 :])
-            of_runs = [each_run.rows for each_run in weighed]
-            of_runs[at] = replace(of_runs[at], factor=likelihood.factor(ratio))
-            other = solve(stack_rows(others, of_runs), runs[0], active, constraints)
-            change = common_values(other.applied_to(runs)) - common_values(solution.applied_to(runs))
-            added += weight * (other.covariance + np.outer(change, change) - solution.covariance)
-    return added
+        solved = partial(_solved_with, weighed, at, active, constraints)
+        average = average_over_ratios(likelihood.rows, run.noises.ratio, len(run.problem.time), solved)
+        shift, added = shift + average.shift, added + average.covariance
+    return RatioAverage(shift, added)
+
+
+def _solved_with(
+    weighed: Sequence[WeighedRun], at: int, active: Mask, constraints: ConstraintMap, ratio: VarianceRatio
+) -> tuple[Array, Array]:
+    """Coefficients and frequency, and their covariance, with another ratio of one run."""
+    runs, rows = [each_run.run for each_run in weighed], [each_run.rows for each_run in weighed]
+    noises = runs[at].noises
+    assert noises is not None
+    runs[at] = replace(runs[at], noises=replace(noises, ratio=ratio))
+    rows[at] = replace(rows[at], factor=weighed[at].likelihood.factor(ratio.ratio))
+    other = solve(stack_rows(tuple(runs), rows), runs[0], active, constraints)
+    return common_values(other.applied_to(tuple(runs))), other.covariance

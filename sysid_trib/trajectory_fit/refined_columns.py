@@ -70,7 +70,7 @@ def refine_columns(
             return runs, rows, True
         ahead = _extrapolation(step, last)
         last = None if ahead else step
-        runs = _further(after, ahead * change, constraints)
+        runs = shifted(after, ahead * change, constraints)
     return (*first, False)
 
 
@@ -98,7 +98,8 @@ def _still_counts(runs: Runs, rows: Rows, solution: Solution) -> Array:
     return SETTLED_STEP * np.sqrt(np.diag(solution.covariance)) + smallest
 
 
-def _further(runs: Runs, by: Array, constraints: ConstraintMap) -> Runs:
+def shifted(runs: Runs, by: Array, constraints: ConstraintMap) -> Runs:
+    """The runs with other coefficients and another reference frequency, by (force + 1,)."""
     common = common_values(runs) + by
     coefficients, frequency = constraints.impose(common[:-1]), float(common[-1])
     return tuple(replace(run, coefficients=coefficients, frequency=frequency) for run in runs)
