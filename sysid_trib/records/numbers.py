@@ -7,12 +7,11 @@ import numpy as np
 import pandas as pd
 
 from sysid_trib.arrays import Array
+from sysid_trib.decays.signal import LARGEST_NUMBER
 from sysid_trib.errors import RecordError
 
 # Rows of a column by which its kind is judged.
 MOST_LOOKED_AT = 1000
-# Squares and cubes of larger ones overflow.
-LARGEST_NUMBER = 1e75
 MISSING_TEXTS = {"", "nan", "na", "n/a", "null", "none", "-", "--", "#n/v", "#n/a"}
 
 
