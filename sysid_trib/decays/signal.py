@@ -52,6 +52,6 @@ def checked_signal(record: Any, *names: str) -> None:
                 "can be computed with; cut it out."
             )
     if record.sizes["time"] < FEWEST_SAMPLES:
-        raise DecayError(f"{source}: {record.sizes['time']} samples are no oscillation; record longer.")
+        raise DecayError(f"{source}: only {record.sizes['time']} samples are no oscillation; record longer.")
     if np.any(np.diff(record.variables["time"].values.astype(float)) <= 0.0):
         raise DecayError(f"{source}: its times do not rise; sort them.")

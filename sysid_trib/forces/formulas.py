@@ -26,11 +26,21 @@ SMOOTH = ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh")
 # Beyond it arithmetic would overflow.
 LARGEST_CONSTANT = 1e100
 RESERVED_NAMES = frozenset(("x", "v", "t", "pi", *SWITCHING, *SMOOTH))
+
+
+def _divided(first: Any, second: Any) -> Any:
+    """A quotient; also of two plain numbers it is not finite, and no exception, where the second is zero."""
+    if isinstance(first, int | float) and isinstance(second, int | float):
+        with np.errstate(all="ignore"):
+            return np.divide(first, second)
+    return first / second
+
+
 OPERATORS: dict[type, Callable[[Any, Any], Any]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
     ast.Mult: operator.mul,
-    ast.Div: operator.truediv,
+    ast.Div: _divided,
 }
 NUMPY: Functions = {
     "min": np.minimum,

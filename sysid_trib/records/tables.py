@@ -1,6 +1,5 @@
 """Tables of numbers from files of many formats; the content decides, not the name."""
 
-import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, time as clock_time
@@ -56,11 +55,15 @@ def read_table(path: Path) -> FileTable:
     RecordError
         The file is empty, binary, truncated or holds no table; the message names it.
     """
-    if not os.path.exists(path):
-        raise UsageError(f"{path}: there is no such file.")
-    if os.path.isdir(path):
+    try:
+        path.stat()
+    except (FileNotFoundError, NotADirectoryError, ValueError):
+        raise UsageError(f"{path}: there is no such file.") from None
+    except OSError as error:
+        raise RecordError(f"{path}: cannot be read ({error.strerror}); name another file.") from None
+    if path.is_dir():
         raise RecordError(f"{path}: this is a directory, not a record; name a file in it.")
-    if not os.path.isfile(path):
+    if not path.is_file():
         raise RecordError(f"{path}: this is a pipe or a device, not a file; save the record as a file first.")
     try:
         with path.open("rb") as file:
