@@ -16,7 +16,7 @@ from sysid_trib.errors import UsageError
 
 # Blocks that wait at each worker: enough that none idles, and few enough to hold in memory.
 AHEAD = 3
-# How often it is looked whether workers are there, s; on a busy machine one that starts anew takes longer than
+# How often it is looked whether workers are there, s; on a busy machine one that starts anew takes more than
 # the 15 s after which dask gives its place up.
 LOOKED_AFTER, STARTS_WITHIN = 20.0, "120s"
 # How often a block is given to another worker when one dies.
