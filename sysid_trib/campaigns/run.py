@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import islice
 from logging import CRITICAL
+from threading import Event, Thread
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,9 @@ from sysid_trib.errors import UsageError
 
 # Blocks that wait at each worker: enough that none idles, and few enough to hold in memory.
 AHEAD = 3
+# How often it is looked whether workers are there, s; on a busy machine one that starts anew takes more than
+# the 15 s after which dask gives its place up.
+LOOKED_AFTER, STARTS_WITHIN = 20.0, "120s"
 # How often a block is given to another worker when one dies.
 DEATHS = 10
 RecordAt = Callable[[int], Any]
@@ -100,6 +104,7 @@ def _client(workers: int | str, memory: str) -> Iterator[Any]:
     quiet = {
         "distributed.scheduler.allowed-failures": DEATHS,
         "distributed.comm.timeouts.connect": "10s",
+        "distributed.deploy.lost-worker-timeout": STARTS_WITHIN,
         "distributed.worker.profile.enabled": False,
         "distributed.admin.log-length": 100,
         "distributed.admin.low-level-log-length": 100,
@@ -127,5 +132,25 @@ def _client(workers: int | str, memory: str) -> Iterator[Any]:
                 silence_logs=CRITICAL,
             ) as cluster,
             Client(cluster) as client,
+            _looked_after(cluster, workers),
         ):
             yield client
+
+
+@contextmanager
+def _looked_after(cluster: Any, workers: int) -> Iterator[None]:
+    """Start workers anew in places that dask gave up, as it does where one dies while it starts."""
+    ended = Event()
+
+    def look() -> None:
+        while not ended.wait(LOOKED_AFTER):
+            for name, worker in list(cluster.workers.items()):
+                if worker.status.name in ("closed", "failed"):
+                    cluster.workers.pop(name, None)
+            cluster.scale(workers)
+
+    Thread(target=look, daemon=True).start()
+    try:
+        yield
+    finally:
+        ended.set()
