@@ -16,11 +16,13 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+from scipy.interpolate import CubicSpline
 
 sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "tests")]
 from random_force_study import FREE  # noqa: E402
 
 import sysid_trib as st  # noqa: E402
+from sysid_trib.noise.ratio_posterior import probability_of_none  # noqa: E402
 from sysid_trib.noise.variance_ratio import ratio_span  # noqa: E402
 from sysid_trib.state_space.linearised import Derivatives, linearised_about  # noqa: E402
 from sysid_trib.validation.likelihood_gain import TrialModel, trial_model  # noqa: E402
@@ -46,32 +48,52 @@ def records_about_motion(seeds: range) -> tuple[TrialModel, int, np.ndarray]:
     return trial_model(linear, no_trial, np.column_stack(noise)), len(model.coefficients) + 1, ratios
 
 
-def estimates(trial: TrialModel, ratio: float) -> tuple[np.ndarray, np.ndarray]:
-    """Restricted deviance of each record at a ratio, and its parameters, (parameter, record)."""
+def estimates(trial: TrialModel, ratio: float) -> tuple[np.ndarray, np.ndarray, float, int]:
+    """Restricted deviance of each record at a ratio, its parameters (parameter, record).
+
+    And the logarithm of the restricted determinant, and the degrees of freedom.
+    """
     columns, _, records, log_determinant = trial.white(ratio)
     records = records[:, 1:]
     q, r = np.linalg.qr(columns)
     rest = records - q @ (q.T @ records)
     freedom = len(rest) - len(r)
     information = 2.0 * np.sum(np.log(np.abs(np.diag(r))))
-    deviance = freedom * np.log(np.sum(rest**2, axis=0) / freedom) + log_determinant + information
-    return deviance, np.linalg.solve(r, q.T @ records)
+    determinant = log_determinant + information
+    deviance = freedom * np.log(np.sum(rest**2, axis=0) / freedom) + determinant
+    return deviance, np.linalg.solve(r, q.T @ records), determinant, freedom
+
+
+def averaged(deviance: np.ndarray, values: np.ndarray, determinant: np.ndarray, freedom: int) -> np.ndarray:
+    """Mean of the parameters over all ratios, (parameter, record), as `average_over_ratios` has it."""
+    spline = CubicSpline(STEP * np.arange(len(determinant) - 1), determinant[1:])
+    slope, bend = (spline(spline.x, order) for order in (1, 2))
+    prior = np.sqrt(np.maximum(slope - bend - slope**2 / freedom, 0.0))
+    least = deviance[1:].min(axis=0)
+    weight = prior[:, None] * np.exp(0.5 * (least - deviance[1:]))
+    gain = deviance[0] - np.minimum(least, deviance[0])
+    none = [probability_of_none(of, freedom) for of in gain]
+    weight = np.vstack([none, (1.0 - np.array(none)) * weight / weight.sum(axis=0)])
+    return np.asarray(np.einsum("rn,rpn->pn", weight, values))
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--records", type=int, default=2000)
     trial, parameters, ratios = records_about_motion(range(parser.parse_args().records))
-    deviance, values = (np.stack(each) for each in zip(*(estimates(trial, r) for r in ratios), strict=True))
+    each_ratio = zip(*(estimates(trial, r) for r in ratios), strict=True)
+    deviance, values, determinant, freedom = (np.stack(each) for each in each_ratio)
     likely = np.argmin(deviance, axis=0)
     chosen = np.take_along_axis(values, likely[None, None, :], axis=0)[0][:parameters]
     without = values[0][:parameters]
-    rms = [np.sqrt(np.mean(of**2, axis=1)) for of in (chosen, without)]
-    ratio = rms[0] / rms[1]
-    table = Table("records", "no random force (%)", "RMS error / off", "worst")
-    pooled = np.sqrt(np.mean(ratio**2))
+    mean = averaged(deviance, values, determinant, int(freedom[0]))[:parameters]
+    rms = [np.sqrt(np.mean(of**2, axis=1)) for of in (chosen, mean, without)]
+    table = Table("records", "no random force (%)", "estimate", "RMS error / off", "worst")
     none = 100.0 * np.mean(likely == 0)
-    table.add_row(str(len(likely)), f"{none:.0f}", f"{pooled:.3f}", f"{ratio.max():.3f}")
+    for title, of in zip(("at the most likely ratio", "mean over the ratios"), rms, strict=False):
+        ratio = of / rms[-1]
+        pooled = np.sqrt(np.mean(ratio**2))
+        table.add_row(str(len(likely)), f"{none:.0f}", title, f"{pooled:.3f}", f"{ratio.max():.3f}")
     Console().print(table)
 
 

@@ -224,3 +224,16 @@ def test_a_search_among_colours_stays_stationary(order):
     assert least < 10.0 * np.sum(start)
     assert max(tried) < 1.0
     assert len(filter_) == order + 1
+
+
+def test_at_few_samples_no_error_is_smaller_than_the_bound():
+    truth = {"zeta": 5e-5, "delta": 2e-3, "nu": 1e-2, "epsilon": -0.1}
+    decay, library, density = record(truth, 20, wander=1.0)
+    result = st.identify(decay, library, Direct(random_force=density))
+    model = st.Model(library, truth, W)
+    bound = st.cramer_rao_bound(
+        model, decay.time.values, 0.3, 0.0, NOISE, free=True, random_force=density
+    ).standard_error
+    # A tenth for the noise that the record shows; with some cells averaged and others not, nu had 0.77.
+    assert (result.standard_error > 0.9 * bound).all()
+    assert (result.standard_error < 1.3 * bound).all()
