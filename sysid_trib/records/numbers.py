@@ -13,7 +13,39 @@ from sysid_trib.errors import RecordError
 
 # Rows of a column by which its kind is judged.
 MOST_LOOKED_AT = 1000
-MISSING_TEXTS = {"", "nan", "na", "n/a", "null", "none", "-", "--", "#n/v", "#n/a"}
+MISSING_TEXTS = {
+    *(
+        "",
+        "nan",
+        "na",
+        "n/a",
+        "n.a.",
+        "k.a.",
+        "nil",
+        "null",
+        "none",
+        "missing",
+        "#n/v",
+        "#n/a",
+        "#value!",
+        "#div/0!",
+    ),
+    *(
+        "nan(char)",
+        "nan(ind)",
+        "nan(snan)",
+        "1.#qnan",
+        "-1.#qnan",
+        "1.#ind",
+        "-1.#ind",
+        "1.#nan",
+        "1.#inf",
+        "-1.#inf",
+    ),
+    *("ovl", "ol", "o.l", "overload", "overflow", "over range", "overrange", "error", "err"),
+}
+DAY = 86400.0
+_CLOCK_TIME = re.compile(r"(?:(\d+):)?(\d+):(\d+(?:\.\d*)?)(?::(\d+))?(?:\s*([ap])\.?m\.?)?", re.IGNORECASE)
 
 
 def numbers(values: Any, name: str, source: str) -> Array:
