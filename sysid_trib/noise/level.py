@@ -1,5 +1,7 @@
 """The noise of the sensor: the one definition of `noise` in every result."""
 
+import math
+
 import numpy as np
 import xarray as xr
 
@@ -31,8 +33,13 @@ def swing_frequency(decay: xr.Dataset) -> float:
 
 
 def nominal_frequency(frequency: float) -> float:
-    """A frequency to two digits: the same for records that differ by noise, and so is their spline."""
-    return float(f"{frequency:.2g}")
+    """A frequency to two digits: the same for records that differ by noise, and so is their spline.
+
+    The digits are those in a unit of time, a power of two of the second, that makes the frequency 5 to 10:
+    results do not depend on the unit.
+    """
+    halvings = math.floor(math.log2(frequency / 5.0))
+    return math.ldexp(float(f"{math.ldexp(frequency, -halvings):.2g}"), halvings)
 
 
 def sensor_noise(decay: xr.Dataset) -> float:

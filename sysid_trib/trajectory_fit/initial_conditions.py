@@ -101,14 +101,18 @@ def fit_start(
     Gauss-Newton with one set of sensitivities (a chord): the motion is nearly linear in its start.
     """
     amplitude = float(np.max(np.abs(angle))) * np.array([1.0, model.reference_frequency])
+    # A rate in a power of two near w, in which it counts as an angle does, whatever the unit of time.
+    units = np.array([1.0, np.exp2(np.round(np.log2(model.reference_frequency)))])
     begin, zero = np.array(start, dtype=float), offset or 0.0
     motion = trajectory(model, time, *begin)
     settled = SETTLED_NEARBY if near else SETTLED_START
     for _ in range(NEARBY_ROUNDS if near else MAX_ROUNDS):
         if sensitivity is None:
             sensitivity = _sensitivity(model, time, begin, 1e-6 * amplitude, motion.angle)
-        columns = sensitivity if offset is None else np.column_stack([sensitivity, np.ones(len(time))])
+        columns = sensitivity * units
+        columns = columns if offset is None else np.column_stack([columns, np.ones(len(time))])
         steps, *_ = np.linalg.lstsq(columns, angle - zero - motion.angle, rcond=None)
+        steps[:2] *= units
         longest = np.max(np.abs(steps[:2]) / amplitude)
         # A step as long as the swing itself is a phase slip, not a start.
         begin = begin + steps[:2] * min(1.0, 0.5 / max(longest, 1e-300))
