@@ -32,7 +32,7 @@ def known(
     count = len(coefficients)
     values = np.zeros((count + 1, count + 1)) if covariance is None else np.asarray(covariance)
     estimate = Estimate(np.array(list(coefficients.values())), values, w, [1e-4])
-    decay = xr.Dataset({"angle": ("time", [0.3, 0.2])}, {"time": [0.0, 0.01]})
+    decay = xr.Dataset({"angle": ("time", [0.3, 0.2, 0.1, 0.0])}, {"time": [0.0, 0.01, 0.02, 0.03]})
     return identification(Known(), decay, offered.select(coefficients), estimate, offered=offered)
 
 

@@ -47,9 +47,11 @@ def checked_signal(record: Any, *names: str) -> None:
         # Whatever is not finite is not below either.
         bad = np.flatnonzero(~(np.abs(variable.values) <= LARGEST_NUMBER))
         if bad.size:
+            first, instant = bad[0], record.variables["time"].values[bad[0]]
+            where = f"sample {first + 1} of {name}" if name == "time" else f"{name} at {instant:g} s"
             raise DecayError(
-                f"{source}: sample {bad[0] + 1} of {name} is {variable.values[bad[0]]:g}, not a number that "
-                "can be computed with; cut it out."
+                f"{source}: {where} is not a finite number that can be computed with "
+                f"({variable.values[first]:g}); cut it out."
             )
     if record.sizes["time"] < FEWEST_SAMPLES:
         raise DecayError(f"{source}: only {record.sizes['time']} samples are no oscillation; record longer.")

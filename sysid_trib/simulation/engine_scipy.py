@@ -34,7 +34,7 @@ def _power(base: float, exponent: float) -> float:
 
 
 PYTHON_FUNCTIONS: Functions = {
-    "sign": lambda u: float((u > 0) - (u < 0)),
+    "sign": lambda u: float(u > 0) - float(u < 0),
     "abs": abs,
     "min": min,
     "max": max,
