@@ -48,7 +48,9 @@ def wrong(path: Path, right: Right) -> str:
         amplitude, instants = node.amplitude.values, node.instant_time.values
         w = 2.0 * np.pi / node.period.item()
         fall = float(np.log(amplitude[0] / amplitude[-1]) / (w * (instants[-1] - instants[0])))
-        first = float(amplitude[0] * np.exp(fall * w * (instants[0] - node.start.item())))
+        # At the rate of the first instants: dry friction lets it fall ever faster.
+        at_start = node.first_damping_ratio.item() * w * (instants[0] - node.start.item())
+        first = float(amplitude[0] * np.exp(at_start))
         found += _off("period", node.period.item(), right.period, PERIOD)
         found += _off("damping", fall, right.zeta, DAMPING)
         if seen[0] in ("angle", "displacement") and len(decays) == 1:
