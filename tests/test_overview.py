@@ -60,7 +60,8 @@ def test_intervals_end_before_the_numbers(tree):
     row = errors.force.values.tolist().index("nu")
     errors.values[row] = 3.0 * abs(undetermined["direct"].coefficient.values[row])
     panel = next(p for p in st.plots.overview(undetermined).axes if "intervals" in p.get_xlabel())
-    right = max(float(np.max(part.get_xdata())) for part in panel.lines[:-2] if len(part.get_xdata()))
+    drawn = (np.atleast_1d(part.get_xdata()) for part in panel.lines[:-2])
+    right = max(float(np.max(x)) for x in drawn if x.size)
     assert right == COEFFICIENT_RANGE[1]
     arrows = [part for part in panel.lines if part.get_marker() == ">"]
     assert [round(part.get_ydata()[0]) for part in arrows] == [row]
@@ -150,6 +151,8 @@ def test_overview_of_a_comparison_and_of_a_discovery(tree):
     compared = st.compare(record, FORCES, [st.methods.Direct(), st.methods.Averaging()])
     data = overview_data(compared)
     assert list(data.results) == [compared["comparison"].attrs["best"]]
+    # The legend names the only model; a long name would not fit beside the panel.
+    assert st.plots.overview(compared).axes[1].get_ylabel() == "record \N{MINUS SIGN} model (mrad)"
     assert data.holds
     assert st.plots.overview(compared).axes
     offered = FORCES.select(["nu", "epsilon", "alpha"])

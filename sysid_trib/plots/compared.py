@@ -14,6 +14,8 @@ from sysid_trib.results.schema import library_of
 
 # Height of a panel (inch): without methods, and of a method.
 PANEL_HEIGHT, METHOD_HEIGHT = 0.75, 0.16
+# Characters of tick labels for which there is room below a panel.
+MOST_CHARACTERS = 15
 
 
 def comparison(tree: xr.DataTree) -> Figure:
@@ -89,10 +91,18 @@ def _coefficients(ax: Axes, compared: ComparisonData, quantity: str, symbol: str
     ax.set(xlabel=_axis_label(symbol, data), xlim=(data.low, data.high))
     ax.ticklabel_format(axis="x", useOffset=False)
     ax.locator_params(axis="x", nbins=3)
+    _thin_ticks(ax, data.low, data.high)
     _with_methods(ax, data)
     # Labels of a coefficient that is well known are long: larger ones run into each other.
     ax.tick_params(axis="x", labelsize=6)
     return ax
+
+
+def _thin_ticks(ax: Axes, low: float, high: float) -> None:
+    """Every other tick where long labels would run into each other."""
+    ticks = [tick for tick in ax.get_xticks() if low <= tick <= high]
+    if sum(map(len, ax.xaxis.get_major_formatter().format_ticks(ticks))) > MOST_CHARACTERS:
+        ax.set_xticks(ticks[::2])
 
 
 def _prediction(ax: Axes, compared: ComparisonData) -> Axes:

@@ -186,12 +186,11 @@ def _coefficients(ax: Axes, data: OverviewData) -> Axes:
 
 def _interval(ax: Axes, value: float, error: float, row: float, color: Any) -> None:
     """A value with its interval; an arrow where the interval leaves the range that is drawn."""
-    (low, high), look = COEFFICIENT_RANGE, {"color": color, "markersize": 3, "linestyle": ""}
+    (low, high), look = COEFFICIENT_RANGE, {"color": color, "markersize": 3, "clip_on": False}
     ends = (value - error, value + error)
-    drawn = np.clip(ends, low, high)
-    ax.plot(drawn, [row, row], color=color, linewidth=1.0)
-    ax.plot(drawn[0], row, "<" if ends[0] < low else "|", **look)
-    ax.plot(drawn[1], row, ">" if ends[1] > high else "|", **look)
+    ax.plot(np.clip(ends, low, high), [row, row], color=color, linewidth=1.0)
+    for end in ends:
+        ax.plot(np.clip(end, low, high), row, "<" if end < low else ">" if end > high else "|", **look)
     if low <= value <= high:
         ax.plot(value, row, "o", **look)
 
