@@ -9,7 +9,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatterSciNotation, NullFormatter
+from matplotlib.ticker import LogFormatterSciNotation
 
 from sysid_trib.plots.discovery_data import DOT_BEYOND
 from sysid_trib.plots.motion_figures import draw_in_time
@@ -36,6 +36,8 @@ ROW_HEIGHT, FONT_SIZE = 1.75, 7.5
 # beside, where the axis goes on.
 COEFFICIENT_RANGE, END_OF_NUMBERS = (-0.5, 2.0), 5.0
 TOO_FEW = "too few samples a period"
+# Decades of an axis of powers that has labels between them, and all of them.
+FEW_DECADES = (1.5, 0.5)
 # A force of a smaller part of the power is not drawn.
 LEAST_POWER = 1e-5
 EFFECTIVE_TITLE = "The model does not explain the record."
@@ -147,8 +149,8 @@ def _power(ax: Axes, data: OverviewData) -> Axes:
     ax.set(xlabel="time (s)", ylabel=label, xlim=(time[0], time[-1]), yscale="log")
     low = max(ax.get_ylim()[0], LEAST_POWER * largest)
     ax.set_ylim(low, 2.0 * largest)
-    # Labels between decades run into each other; less than a decade has few others.
-    ax.yaxis.set_minor_formatter(NullFormatter() if largest > 5.0 * low else LogFormatterSciNotation())
+    # Labels between decades would run into each other over many; few decades have no others.
+    ax.yaxis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=FEW_DECADES))
     ax.legend(ncols=4, **SMALL_LEGEND)
     return ax
 
