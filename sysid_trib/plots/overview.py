@@ -37,7 +37,7 @@ ROW_HEIGHT, FONT_SIZE = 1.75, 7.5
 COEFFICIENT_RANGE, END_OF_NUMBERS = (-0.5, 2.0), 5.0
 TOO_FEW = "too few samples a period"
 # Decades of an axis of powers that has labels between them, and all of them.
-LABELLED_DECADES = (1.5, 0.5)
+DECADES_WITH_MINOR_LABELS = (1.5, 0.5)
 # A force of a smaller part of the power is not drawn.
 LEAST_POWER = 1e-5
 EFFECTIVE_TITLE = "The model does not explain the record."
@@ -150,7 +150,7 @@ def _power(ax: Axes, data: OverviewData) -> Axes:
     low = max(ax.get_ylim()[0], LEAST_POWER * largest)
     ax.set_ylim(low, 2.0 * largest)
     # Labels between decades would run into each other over many; few decades have no others.
-    ax.yaxis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=LABELLED_DECADES))
+    ax.yaxis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=DECADES_WITH_MINOR_LABELS))
     ax.legend(ncols=4, **SMALL_LEGEND)
     return ax
 
