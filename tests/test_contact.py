@@ -1,6 +1,7 @@
 """Files as laboratories write them: what is read of each, and what is refused by its true cause."""
 
 import json
+import re
 import shlex
 import subprocess
 import sys
@@ -84,13 +85,16 @@ def test_look_says_what_was_understood_and_what_comes_next(tmp_path):
     assert ending.status == 0
     assert "displacement in mm from column Displacement (mm); 100 Hz clock." in ending.out
     assert "rate over w is 0.0062" in ending.out
-    assert "as by viscous friction" in ending.out
+    power = float(re.search("amplitude to the power of (.+?): nearest to viscous friction", ending.out)[1])
+    assert abs(power) < 0.1
     assert ending.out.splitlines()[-1].startswith(f"Next: sysid-trib identify '{path}'")
     facts = json.loads(run("look", path, "--json").out)
     (decay,) = facts["decays"]
     assert decay["unit"] == "mm"
     assert decay["period"] == pytest.approx(2.0 * np.pi / 8.0, rel=1e-4)
     assert decay["noise"] == pytest.approx(24.0 * 2e-4, rel=0.1)
+    # The one noise of all commands.
+    assert f"noise: {decay['noise']:.2g} mm" in run("identify", path, "--quiet").out
 
 
 def test_look_tells_what_it_read_before_a_refusal(tmp_path):

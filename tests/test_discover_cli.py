@@ -407,6 +407,17 @@ def test_a_record_that_is_short_tells_what_it_would_have_shown(folder):
     assert re.search(r"(Five standard errors of the forces in the model: zeta \S+)", ending.out)
 
 
+def test_effects_that_explain_the_fit_alone_are_not_said_to_leave_a_gap(twin):
+    tree = twin[0].copy(deep=True)
+    steps = tree["steps"].to_dataset()
+    steps["worsens_holdout"] = ("step", [True, False])
+    tree["steps"] = type(tree)(steps)
+    tree.attrs["verdict"] = "unknown effect"
+    verdict = story(tree)
+    assert "but nu made the prediction of what was held out worse when added" in verdict
+    assert "do not explain the record" not in verdict
+
+
 def test_candidates_that_the_model_has_are_left_out_and_told(folder, tmp_path):
     doubled = toml(tmp_path / "doubled.toml", {"again": "v*2", "cubic": "x**3"})
     libraries = ("--library", folder / "viscous.toml", "--candidates", doubled)

@@ -116,6 +116,13 @@ def _session(code, names, name):
     names.update(example.globs)
 
 
+def test_no_command_draws_over_a_picture_of_the_documentation():
+    """A figure has the name of the function that draws it; `--plot docs/pictures` replaces such files."""
+    pictures = {path.stem for path in (DOCS / "pictures").iterdir()}
+    assert pictures
+    assert pictures.isdisjoint(st.plots.__all__)
+
+
 def test_json_keys_are_those_documented(generated):
     page = (DOCS / "files.md").read_text(encoding="utf-8")
     results = generated.small_results()

@@ -7,6 +7,7 @@ from helpers import FIVE, NOISE, W, decay, library_of_formulas, overlaps, paper_
 from matplotlib.collections import QuadMesh
 
 import sysid_trib as st
+from sysid_trib.plots.overview import COEFFICIENT_RANGE
 from sysid_trib.plots.overview_data import overview_data
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation.residual_force import model_force, residual_force
@@ -50,6 +51,22 @@ def test_every_panel_has_axes_with_units(tree, width):
 def test_nothing_overlaps(which, width, request):
     figure = st.plots.overview(request.getfixturevalue(which), width=width)
     assert overlaps(figure) == []
+
+
+def test_intervals_end_before_the_numbers(tree):
+    """Of a coefficient that is not determined, an arrow says that its interval goes on."""
+    undetermined = tree.copy(deep=True)
+    errors = undetermined["direct"].standard_error
+    row = errors.force.values.tolist().index("nu")
+    errors.values[row] = 3.0 * abs(undetermined["direct"].coefficient.values[row])
+    panel = next(p for p in st.plots.overview(undetermined).axes if "intervals" in p.get_xlabel())
+    drawn = (np.atleast_1d(part.get_xdata()) for part in panel.lines[:-2])
+    right = max(float(np.max(x)) for x in drawn if x.size)
+    assert right == COEFFICIENT_RANGE[1]
+    arrows = [part for part in panel.lines if part.get_marker() == ">"]
+    assert [round(part.get_ydata()[0]) for part in arrows] == [row]
+    numbers = [text.get_window_extent().x0 for text in panel.texts]
+    assert min(numbers) > panel.transData.transform((right, row))[0]
 
 
 def test_shares_and_power_are_those_of_the_result(tree):
@@ -134,6 +151,8 @@ def test_overview_of_a_comparison_and_of_a_discovery(tree):
     compared = st.compare(record, FORCES, [st.methods.Direct(), st.methods.Averaging()])
     data = overview_data(compared)
     assert list(data.results) == [compared["comparison"].attrs["best"]]
+    # The legend names the only model; a long name would not fit beside the panel.
+    assert st.plots.overview(compared).axes[1].get_ylabel() == "record \N{MINUS SIGN} model (mrad)"
     assert data.holds
     assert st.plots.overview(compared).axes
     offered = FORCES.select(["nu", "epsilon", "alpha"])

@@ -306,6 +306,21 @@ def test_a_page_has_the_random_force(checked, tmp_path):
     assert "What is left is a random force" in page
 
 
+def test_what_could_not_be_followed_is_not_described(checked):
+    """A random force of which the record cannot be followed is no account of what is left."""
+    failed = checked.copy(deep=True)
+    tested = failed["random_force"].to_dataset()
+    failed["random_force"] = tested.assign(
+        reason=("run", ["The motion does not settle."] * tested.sizes["run"])
+    )
+    failed["comparison"].attrs["verdict_on_record"] = "not explained"
+    told = " ".join(identification_sentences(failed))
+    assert "What is left is a random force" in " ".join(identification_sentences(checked))
+    assert "What is left is a random force" not in told
+    assert "From a known state" not in told
+    assert "not even with a random force: the motion does not settle." in verdict_sentence(failed)
+
+
 def test_the_command_draws_what_there_is(checked):
     names = [name for name, _ in random_force_figures(checked, plots)]
     assert names == ["innovations", "random_force", "prediction_bands"]

@@ -7,6 +7,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.decays.half_periods import noise_level
 from sysid_trib.decays.half_sines import envelope
 from sysid_trib.looking.sensor_step import sensor_step
+from sysid_trib.noise.level import sensor_noise
 from sysid_trib.results.per_run import group_names
 from sysid_trib.results.variables import Variables, variable
 
@@ -64,7 +65,7 @@ def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
     measured = record[record.attrs.get("measured", "angle")].sel(time=slice(time[0], time[-1]))
     step_unit = str(measured.attrs.get("units", unit))
     first, last = (_damping(instants[part], amplitude[part], frequency) for part in _ends(len(instants)))
-    noise, step = noise_level(time, angle), sensor_step(measured.to_numpy())
+    step = sensor_step(measured.to_numpy())
     # Steps are noise: by chance the values that a filter repeats lie on a lattice as well.
     step = (
         step if step <= MOST_STEP * noise_level(measured.time.values, measured.to_numpy()) else float("nan")
@@ -78,7 +79,7 @@ def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
         "last_amplitude": variable((), amplitude[-1], "last amplitude", unit),
         "first_damping_ratio": variable((), first, "rate of decay over w at the start", "1"),
         "last_damping_ratio": variable((), last, "rate of decay over w at the end", "1"),
-        "noise": variable((), noise, "white noise of one sample", unit),
+        "noise": variable((), sensor_noise(decay), "standard deviation of the sensor's noise", unit),
         "drift": variable((), _drift(curve), "how far the middle of the swing moves", unit),
         "sensor_step": variable((), step, "step of the sensor", step_unit),
         "samples_per_period": variable((), period / float(np.median(np.diff(time))), "samples a period", "1"),

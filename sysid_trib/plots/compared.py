@@ -9,10 +9,13 @@ from matplotlib.figure import Figure
 
 from sysid_trib.plots.comparison_data import ASYMPTOTIC, PREDICTION, ComparisonData, comparison_data
 from sysid_trib.plots.style import axes, grid, legend_marks, letter, name_rows
+from sysid_trib.printing.exported import unit_in_latex
 from sysid_trib.results.schema import library_of
 
 # Height of a panel (inch): without methods, and of a method.
 PANEL_HEIGHT, METHOD_HEIGHT = 0.75, 0.16
+# Characters of tick labels for which there is room below a panel.
+MOST_CHARACTERS = 15
 
 
 def comparison(tree: xr.DataTree) -> Figure:
@@ -88,10 +91,18 @@ def _coefficients(ax: Axes, compared: ComparisonData, quantity: str, symbol: str
     ax.set(xlabel=_axis_label(symbol, data), xlim=(data.low, data.high))
     ax.ticklabel_format(axis="x", useOffset=False)
     ax.locator_params(axis="x", nbins=3)
+    _thin_ticks(ax, data.low, data.high)
     _with_methods(ax, data)
     # Labels of a coefficient that is well known are long: larger ones run into each other.
     ax.tick_params(axis="x", labelsize=6)
     return ax
+
+
+def _thin_ticks(ax: Axes, low: float, high: float) -> None:
+    """Every other tick where long labels would run into each other."""
+    ticks = [tick for tick in ax.get_xticks() if low <= tick <= high]
+    if sum(map(len, ax.xaxis.get_major_formatter().format_ticks(ticks))) > MOST_CHARACTERS:
+        ax.set_xticks(ticks[::2])
 
 
 def _prediction(ax: Axes, compared: ComparisonData) -> Axes:
@@ -129,5 +140,5 @@ def _symbol(tree: xr.DataTree, quantity: str) -> str:
 def _axis_label(symbol: str, data: xr.Dataset) -> str:
     """Symbol and unit; a power of ten is in the label, not in the ticks."""
     scale = f"$10^{{{data.power}}}$" if data.power else ""
-    unit = " ".join(filter(None, (scale, data.unit if data.unit != "1" else ""))) or "1"
+    unit = " ".join(filter(None, (scale, unit_in_latex(data.unit) if data.unit != "1" else ""))) or "1"
     return f"${symbol}$ ({unit})"

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from sysid_trib.plots.style import FULL_WIDTH, INK, ORANGE, axes, grid
+from sysid_trib.printing.exported import unit_in_latex
 
 ACROSS = 2
 # Beyond these runs bars hide the marks.
@@ -65,7 +66,7 @@ def against_condition(
     if ticks:
         ax.set_xticks(range(len(ticks)), ticks)
     unit = str(of_quantity.unit.item()).removeprefix("1") if "unit" in of_quantity.coords else ""
-    ax.set(xlabel=name, ylabel=f"{quantity} ({unit})" if unit else quantity)
+    ax.set(xlabel=name, ylabel=f"{quantity} ({unit_in_latex(unit)})" if unit else quantity)
     return ax
 
 

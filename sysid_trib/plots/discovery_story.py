@@ -7,7 +7,8 @@ from matplotlib.figure import Figure
 from sysid_trib.plots import style
 from sysid_trib.plots.motion_data import motion_data
 from sysid_trib.plots.motion_figures import draw_in_time
-from sysid_trib.printing.layout import coefficient_text
+from sysid_trib.printing.exported import unit_in_latex
+from sysid_trib.printing.layout import quantity
 from sysid_trib.printing.residual import noise_of, residual_of
 from sysid_trib.results.discoveries import added_effects
 
@@ -51,7 +52,7 @@ def _explained(ax: Axes, tree: xr.DataTree) -> None:
     steps = [tree["steps"].to_dataset().isel(step=at) for at in range(len(symbols))]
     residuals = [residual_of(tree, "before"), *(step.residual_after.item() for step in steps)]
     ratios = [residual / noise_of(tree) for residual in residuals]
-    texts = [f"{step['name'].item()}, {step.symbol.item()} = {coefficient_text(step)}" for step in steps]
+    texts = [f"{step['name'].item()}, {step.symbol.item()} = {_in_numbers(step)}" for step in steps]
     note = style.BESIDE_POINT | {"fontsize": 8, "annotation_clip": False}
     for row, (ratio, text) in enumerate(zip(ratios, ["", *texts], strict=True)):
         look = style.CANDIDATE_MARKS["named"] if row else style.DETECTABLE_MARKS["start model"]
@@ -65,3 +66,9 @@ def _explained(ax: Axes, tree: xr.DataTree) -> None:
     low, high = min(1.0, *ratios) / 1.15, max(2.0, *ratios)
     ax.set(xlabel="RMS of the gap over the noise", xscale="log", xlim=(low, high * (high / low) ** 0.2))
     style.logarithmic_ticks(ax.xaxis, low, high)
+
+
+def _in_numbers(step: xr.Dataset) -> str:
+    """The coefficient of an effect with its error and unit."""
+    unit = step.unit.item()
+    return quantity(step, "coefficient", "" if unit == "1" else f" {unit_in_latex(unit)}")

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from sysid_trib.plots.discovery_data import DOT_BEYOND, missing_force
 from sysid_trib.plots.style import FULL_WIDTH, LEGEND, TWO_COLUMNS, axes, letter, new_figure
-from sysid_trib.results.signal_units import signal_label, signal_units, small_units
+from sysid_trib.results.signal_units import signal_label, signal_symbol, signal_units, small_units
 
 # Of a map beside another, inch.
 MAP_HEIGHT = 3.3
@@ -43,7 +43,7 @@ def disagreement(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
         for panel in (first, second):
             panel.get_legend().remove()
         figure.legend(handles, labels, loc="outside upper right", frameon=False, fontsize=LEGEND["fontsize"])
-    _add_colours(figure, mesh, [first, second], small_units(signal_units(tree))[1])
+    _add_colours(figure, mesh, [first, second], signal_units(tree))
     return figure
 
 
@@ -62,7 +62,7 @@ def disagreement_map(tree: xr.DataTree, ax: Axes | None = None, *, after: bool =
         Of the final model, in the colours of the start model.
     """
     ax = axes(ax)
-    _add_colours(ax.figure, _map(tree, ax, after), ax, small_units(signal_units(tree))[1])
+    _add_colours(ax.figure, _map(tree, ax, after), ax, signal_units(tree))
     return ax
 
 
@@ -76,11 +76,13 @@ def _map(tree: xr.DataTree, ax: Axes, after: bool) -> QuadMesh:
     ax.plot(x[at_x], v[at_v], ".", color="black", markersize=2.5, label=label)
     ax.legend(**LEGEND)
     units = signal_units(tree)
-    labels = rf"{signal_label(units).split()[0]} $\theta$ ({units})", rf"$\dot\theta/\omega$ ({units})"
+    x = signal_symbol(units)
+    labels = f"{signal_label(units).split()[0]} ${x}$ ({units})", rf"$\dot{{{x}}}/\omega$ ({units})"
     ax.set(xlabel=labels[0], ylabel=labels[1], aspect="equal")
     return mesh
 
 
-def _add_colours(figure: Any, mesh: QuadMesh, panels: Any, unit: str) -> None:
+def _add_colours(figure: Any, mesh: QuadMesh, panels: Any, units: str) -> None:
+    x, unit = signal_symbol(units), small_units(units)[1]
     bar = figure.colorbar(mesh, ax=panels, extend="both", shrink=0.9)
-    bar.set_label(rf"missing $f$ in $\ddot\theta + \omega^2\theta = -\omega^2 f$ ({unit})")
+    bar.set_label(rf"missing $f$ in $\ddot{{{x}}} + \omega^2 {x} = -\omega^2 f$ ({unit})")

@@ -4,7 +4,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sysid_trib.plots.style import BLUE, MODEL_LINES, ORANGE, grid, letter, line
+from sysid_trib.plots.style import BLUE, MODEL_LINES, ORANGE, grid, letter, line, logarithmic_amplitude
 
 WIDTH, HEIGHT = 7.2, 2.1
 # Points of a long record that are drawn.
@@ -37,5 +37,6 @@ def look(tree: xr.DataTree) -> Figure:
 
 def _label(panels: list[Axes], unit: str, name: str) -> None:
     panels[0].set(xlabel="time (s)", ylabel=f"{name} ({unit})")
-    panels[1].set(xlabel="time (s)", ylabel=f"amplitude ({unit})", yscale="log")
+    panels[1].set(xlabel="time (s)")
+    logarithmic_amplitude(panels[1], unit)
     panels[2].set(xlabel="frequency (Hz)", ylabel=f"density ({unit}$^2$/Hz)", xscale="log", yscale="log")

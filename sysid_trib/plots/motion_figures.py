@@ -160,7 +160,7 @@ def _record(ax: Axes, drawn: MotionData) -> Axes:
 
 
 def _residual(ax: Axes, drawn: MotionData, models: Sequence[str]) -> Axes:
-    """Residuals of models in one panel; one model alone is named by the axis."""
+    """Residuals of models in one panel; one of several is named by the axis."""
     for name in models:
         if name in drawn.lines:
             style = dict(drawn.lines[name]) | ({"linestyle": "-"} if len(models) == 1 else {})
@@ -169,7 +169,7 @@ def _residual(ax: Axes, drawn: MotionData, models: Sequence[str]) -> Axes:
     factor, unit = drawn.small_units
     band = ax.axhspan(-2.0 * factor * drawn.noise, 2.0 * factor * drawn.noise, color="0.85", zorder=0)
     ax.legend([band], ["± 2 noise levels"], **LEGEND)
-    model = f"model\n{models[0]}" if len(models) == 1 else "model"
+    model = f"model\n{models[0]}" if len(models) == 1 < len(drawn.labels) else "model"
     label = f"record \N{MINUS SIGN} {model} ({unit})"
     ax.set(xlabel="time (s)", ylabel=label, xlim=(drawn.time[0], drawn.time[-1]))
     return ax

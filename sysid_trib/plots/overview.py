@@ -9,7 +9,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatterSciNotation, NullFormatter
+from matplotlib.ticker import LogFormatterSciNotation
 
 from sysid_trib.plots.discovery_data import DOT_BEYOND
 from sysid_trib.plots.motion_figures import draw_in_time
@@ -32,9 +32,12 @@ from sysid_trib.printing.exported import unit_in_latex
 from sysid_trib.printing.layout import value_with_error
 
 ROW_HEIGHT, FONT_SIZE = 1.75, 7.5
-# A coefficient is drawn from so far below zero to so far above it, in units of its value.
-COEFFICIENT_RANGE = (-0.5, 3.6)
+# A coefficient is drawn from so far below zero to so far above it, in units of its value; its numbers stand
+# beside, where the axis goes on.
+COEFFICIENT_RANGE, END_OF_NUMBERS = (-0.5, 2.0), 5.0
 TOO_FEW = "too few samples a period"
+# Decades of an axis of powers that has labels between them, and all of them.
+DECADES_WITH_MINOR_LABELS = (1.5, 0.5)
 # A force of a smaller part of the power is not drawn.
 LEAST_POWER = 1e-5
 EFFECTIVE_TITLE = "The model does not explain the record."
@@ -146,8 +149,8 @@ def _power(ax: Axes, data: OverviewData) -> Axes:
     ax.set(xlabel="time (s)", ylabel=label, xlim=(time[0], time[-1]), yscale="log")
     low = max(ax.get_ylim()[0], LEAST_POWER * largest)
     ax.set_ylim(low, 2.0 * largest)
-    # Labels between decades run into each other; less than a decade has few others.
-    ax.yaxis.set_minor_formatter(NullFormatter() if largest > 5.0 * low else LogFormatterSciNotation())
+    # Labels between decades would run into each other over many; few decades have no others.
+    ax.yaxis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=DECADES_WITH_MINOR_LABELS))
     ax.legend(ncols=4, **SMALL_LEGEND)
     return ax
 
@@ -160,14 +163,13 @@ def _coefficients(ax: Axes, data: OverviewData) -> Axes:
     symbols = main.force.values.tolist()
     for at, ((name, result), style) in enumerate(zip(data.results.items(), _styles(data), strict=True)):
         shift = 0.3 * (at - 0.5 * (len(data.results) - 1))
+        ax.plot([], [], "o-", markersize=3, linewidth=1.0, color=style["color"], label=name)
         for row, symbol in enumerate(symbols):
             scale = main.coefficient.sel(force=symbol).item()
             if symbol in result.force and scale != 0.0:
                 of_force = result.sel(force=symbol)
                 error = INTERVAL * data.widened[name] * abs(of_force.standard_error.item() / scale)
-                bar: dict[str, Any] = {"fmt": "o", "markersize": 3, "linewidth": 1.0, "capsize": 1.5}
-                bar |= {"color": style["color"], "label": name if row == 0 else None}
-                ax.errorbar(of_force.coefficient.item() / scale, row + shift, xerr=error, **bar)
+                _interval(ax, of_force.coefficient.item() / scale, error, row + shift, style["color"])
     note: dict[str, Any] = {"ha": "right", "va": "center", "fontsize": FONT_SIZE - 1}
     for row, symbol in enumerate(symbols):
         of_force = main.sel(force=symbol)
@@ -178,10 +180,21 @@ def _coefficients(ax: Axes, data: OverviewData) -> Axes:
     ax.axvline(0.0, color="0.6", linewidth=0.6, linestyle=":")
     ax.axvline(1.0, color="0.85", linewidth=0.6, zorder=0)
     ax.set_yticks(range(len(symbols)), [in_latex(symbol) for symbol in symbols])
-    ax.set(xlim=COEFFICIENT_RANGE, xticks=[0, 1, 2], ylim=(len(symbols) - 0.4, -0.7))
+    ax.set(xlim=(COEFFICIENT_RANGE[0], END_OF_NUMBERS), xticks=[0, 1, 2], ylim=(len(symbols) - 0.4, -0.7))
     ax.set_xlabel("coefficient over its value, 95 % intervals")
     ax.legend(ncols=2, **SMALL_LEGEND)
     return ax
+
+
+def _interval(ax: Axes, value: float, error: float, row: float, color: Any) -> None:
+    """A value with its interval; an arrow where the interval leaves the range that is drawn."""
+    (low, high), look = COEFFICIENT_RANGE, {"color": color, "markersize": 3, "clip_on": False}
+    ends = (value - error, value + error)
+    ax.plot(np.clip(ends, low, high), [row, row], color=color, linewidth=1.0)
+    for end in ends:
+        ax.plot(np.clip(end, low, high), row, "<" if end < low else ">" if end > high else "|", **look)
+    if low <= value <= high:
+        ax.plot(value, row, "o", **look)
 
 
 def _surface(ax: Axes, data: OverviewData) -> Axes:
@@ -206,7 +219,7 @@ def _profiles(ax: Axes, data: OverviewData) -> Axes:
         return _no_data(ax, TOO_FEW)
     factor, unit = data.motion.small_units
     signal = data.motion.label.split()[0]
-    for name, label, color in (("x", f"over {signal}", BLUE), ("v", "over rate", ORANGE)):
+    for name, label, color in (("x", signal, BLUE), ("v", "rate", ORANGE)):
         at = data.missing[name].values
         force, error = (factor * data.missing[k].values for k in _pair(f"force_of_{name}"))
         bar: dict[str, Any] = {"fmt": ".-", "markersize": 3, "linewidth": 0.8, "capsize": 1.5}

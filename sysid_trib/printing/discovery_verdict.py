@@ -111,6 +111,12 @@ def _unknown_effect(tree: xr.DataTree, details: bool) -> list[str]:
     )
     if collinear and not omnibus.significant:
         return [f"Unknown effect: the gap is {residual}, but {imitate}"]
+    refuted = " and ".join(_refuted(tree))
+    if refuted and not omnibus.significant and not _last(tree, "ranking").significant.any():
+        return [
+            f"Unknown effect: the gap is {residual}, but {refuted} made the prediction of what was held out "
+            "worse when added: a force that is no candidate may be imitated."
+        ]
     named = "the named effects do" if added_effects(tree) else "the model does"
     sentences = [f"Unknown effect: {named} not explain the record; the gap is {residual}."]
     sentences += (residual_sentences if details else force_type_sentences)(tree, "discrepancy_after")
@@ -130,6 +136,14 @@ def _collinear(tree: xr.DataTree) -> list[str]:
         return []
     steps = tree["steps"].to_dataset()
     return [str(symbol) for symbol in steps.symbol.values[steps.collinear.values]]
+
+
+def _refuted(tree: xr.DataTree) -> list[str]:
+    """Symbols of the added effects that made the prediction of what was held out worse."""
+    if not tree["steps"].attrs["count"]:
+        return []
+    steps = tree["steps"].to_dataset()
+    return [str(symbol) for symbol in steps.symbol.values[steps.worsens_holdout.values.astype(bool)]]
 
 
 def _highest(z: xr.DataArray) -> str:

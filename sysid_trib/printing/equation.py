@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.results.schema import library_of, shape_values_of
-from sysid_trib.results.signal_units import signal_units
+from sysid_trib.results.signal_units import signal_symbol, signal_units
 
 # Digits of a number without an error, and of an error.
 DIGITS, DIGITS_OF_ERROR = 6, 2
@@ -35,7 +35,7 @@ def equation_latex(result: xr.Dataset) -> str:
     import sympy
 
     # A displacement is no angle.
-    x = r"\theta" if signal_units(result) == "rad" else "x"
+    x = signal_symbol(signal_units(result))
     names = {name: sympy.Symbol(latex.replace(r"\theta", x)) for name, latex in NAMES.items()}
     forces, _ = _terms(result)
     parts = []

@@ -74,8 +74,7 @@ def _sentences(decay: xr.Dataset) -> list[str]:
         f"{value['periods']:.3g} periods of {value['period']:.5g} s; the amplitude falls from "
         f"{value['first_amplitude']:.4g} to {value['last_amplitude']:.4g} {unit}, its rate over w is "
         f"{value['first_damping_ratio']:.3g} at the start and {value['last_damping_ratio']:.3g} at the end.",
-        f"{value['samples_per_period']:.3g} samples a period, white noise {value['noise']:.2g} {unit}, "
-        f"{step}.",
+        f"{value['samples_per_period']:.3g} samples a period, noise {value['noise']:.2g} {unit}, {step}.",
     ]
     limits = []
     if value["samples_per_period"] < FEW_SAMPLES:
@@ -104,4 +103,7 @@ def _law(value: dict[str, float], fall: float) -> list[str]:
         return ["the smaller the amplitude the faster it falls, as by dry friction"]
     if power > CLEAR_POWER:
         return ["the larger the amplitude the faster it falls, as by drag"]
-    return ["the rate hardly depends on the amplitude, as by viscous friction"]
+    return [
+        f"the rate goes with the amplitude to the power of {power:.2g}: nearest to viscous friction, which "
+        "has 0 (dry friction -1, drag 1)"
+    ]

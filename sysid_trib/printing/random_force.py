@@ -47,9 +47,8 @@ def random_force_verdict(tree: xr.DataTree) -> str:
     if verdict == "explained":
         return ""
     tested = tree["random_force"].to_dataset()
-    reasons = [reason for reason in tested.reason.values.tolist() if reason]
-    if reasons:
-        return NOT_FOLLOWED.format(reasons[0])
+    if reasons := _not_followed(tested):
+        return NOT_FOLLOWED.format(f"{reasons[0][0].lower()}{reasons[0][1:]}")
     p_value = p_value_of_dependence(tested)
     text = f"p {p_value_text(p_value)}"
     if verdict != "not explained":
@@ -57,6 +56,11 @@ def random_force_verdict(tree: xr.DataTree) -> str:
     if p_value < DEPENDENCE_LEVEL:
         return NOT_RANDOM.format(_dependences(tested), text)
     return NOT_PREDICTED.format(p_value_text(float(tree["comparison"].residual_p_value.max())))
+
+
+def _not_followed(tested: xr.Dataset) -> list[str]:
+    """Why the record could not be followed with a random force, by run; none where it could."""
+    return [reason for reason in tested.reason.values.tolist() if reason]
 
 
 def random_force_sentences(tree: xr.DataTree, amplitude: float) -> list[str]:
@@ -73,6 +77,9 @@ def random_force_sentences(tree: xr.DataTree, amplitude: float) -> list[str]:
     force, frequency = random_force_of(result), float(result.reference_frequency)
     if "random_force" not in tree.children:
         return _not_found(tree, result) if "random_force_density" in result else []
+    if _not_followed(tree["random_force"].to_dataset()):
+        # Nothing is known of what is left: not even with such a force does the model follow the record.
+        return []
     noise, units = float(result.noise), signal_units(result)
     size = value_with_error(force.density, force.standard_error) if force.standard_error > 0.0 else ""
     given = "" if size else ", as given"

@@ -31,3 +31,8 @@ def small_units(units: str) -> tuple[float, str]:
 def signal_label(units: str) -> str:
     """What a signal is, with its unit, as the label of an axis."""
     return f"{'angle' if units == 'rad' else 'displacement'} ({units})"
+
+
+def signal_symbol(units: str) -> str:
+    """The symbol of a signal in LaTeX."""
+    return r"\theta" if units == "rad" else "x"

@@ -10,6 +10,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.records.runs import root_mean_square
 from sysid_trib.results.common_reference import in_model, reference_factors
 from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, variable, with_error
+from sysid_trib.validation.cross_check import LARGE
 from sysid_trib.validation.holdout import diebold_mariano
 from sysid_trib.validation.trial import Trial
 
@@ -74,8 +75,7 @@ def best_of(trials: Sequence[Trial]) -> Trial:
     held_out = [trial for trial in trials if trial.holdout.runs]
     if held_out:
         return min(held_out, key=lambda trial: trial.holdout.over_noise)
-    decided = [trial for trial in trials if trial.result is not None]
-    return min(decided, key=lambda trial: np.nan_to_num(trial.whole.over_noise, nan=np.inf))
+    return min((trial for trial in trials if trial.result is not None), key=_whole)
 
 
 def applied_methods(table: xr.Dataset) -> xr.Dataset:
@@ -99,12 +99,23 @@ def column_power(column: xr.Dataset) -> int:
 
 
 def _common_frequency(trials: Sequence[Trial], best: Trial) -> tuple[float, str]:
-    """A frequency that was given to a method, else that of the best, rad/s; and whose it is."""
+    """A frequency that was given to a method, else that of the best, rad/s; and whose it is.
+
+    Where the best predicts by accident, as its model misses the record as a whole, it is that of the model
+    that misses it least: its own may be far off.
+    """
     for trial in trials:
         if trial.result is not None and trial.result.reference_frequency_standard_error == 0.0:
             return trial.result.reference_frequency.item(), "given"
-    assert best.result is not None
-    return best.result.reference_frequency.item(), best.label
+    least = min((t for t in trials if t.result is not None), key=_whole)
+    owner = least if _whole(best) > LARGE * _whole(least) else best
+    assert owner.result is not None
+    return owner.result.reference_frequency.item(), owner.label
+
+
+def _whole(trial: Trial) -> float:
+    """Residual of the whole record over the noise, infinite without a motion."""
+    return float(np.nan_to_num(trial.whole.over_noise, nan=np.inf))
 
 
 def _forces(trials: Sequence[Trial]) -> xr.Dataset:
