@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 import xarray as xr
@@ -100,8 +99,11 @@ def _scored(model: FittedModel, path: RecordPath, run: int) -> tuple[Array, Reco
 
 
 def improvements(predictions: Sequence[Prediction]) -> Array:
-    """By how many of its errors each prediction is better than the one before it, (prediction - 1,)."""
-    return np.array([better_by(after, before) for before, after in pairwise(predictions)])
+    """By how many of its errors the last prediction is better than each before it, (prediction - 1,).
+
+    Not each than the one before: while other forces are missing, a right name may predict worse.
+    """
+    return np.array([better_by(predictions[-1], before) for before in predictions[:-1]])
 
 
 def better_by(after: Prediction, before: Prediction) -> float:

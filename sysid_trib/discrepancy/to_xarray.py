@@ -167,7 +167,9 @@ def _steps(
         "random_force_before": column(density[:-1], of_density.format("before"), DENSITY_UNITS),
         "random_force_after": column(density[1:], of_density.format("after"), DENSITY_UNITS),
         "collinear": column(collinear, "whether it is not separately identifiable"),
-        "prediction_z": column(improved, "better prediction of what was held out, in standard errors", "1"),
+        "prediction_z": column(
+            improved, "better prediction of what was held out by the final model, in standard errors", "1"
+        ),
         "worsens_holdout": column(
             improved < -final.settings.refuted, "whether it makes the prediction worse"
         ),
