@@ -89,22 +89,23 @@ def omnibus(
     scores = np.sqrt(np.maximum(0.0, whole.deviance - single.deviance)) * np.sign(single.coefficients)
     z = np.where(outside > OUTSIDE, scores, 0.0)
     kept = [column for column, part in zip(trials, outside, strict=True) if part > OUTSIDE]
-    gain = max(0.0, whole.deviance - likelihood(products, [*base, *kept]).deviance)
     largest = len(z) * 2.0 * float(norm.sf(np.max(np.abs(z))))
     residuals = model.white_residuals()
     least = min(largest, _strongest_line(residuals), _largest_part(residuals))
-    # Chance gains more than a chi-square of their number: what it gains is simulated where that would decide.
-    if 4.0 * min(least, float(chi2.sf(gain, len(kept)))) < model.settings.level <= 4.0 * least:
-        tested = np.asarray(kept, dtype=int) - trials[0]
-        runs = [
-            TestedRun(
-                rows,
-                np.column_stack([table, trial_columns(rows.path)[:, tested]]),
-                replace(of_run, products=of_run.of(np.array([*base, *kept]))),
-            )
-            for rows, table, of_run in zip(model.rows, model.tables, products, strict=True)
-        ]
-        least = p_value_by_simulation(gain, runs, len(base), whole, model.settings.seed)
+    if 4.0 * least >= model.settings.level:
+        gain = max(0.0, whole.deviance - likelihood(products, [*base, *kept]).deviance)
+        # Chance gains more than a chi-square of their number: simulated where that would decide.
+        if 4.0 * float(chi2.sf(gain, len(kept))) < model.settings.level:
+            tested = np.asarray(kept, dtype=int) - trials[0]
+            runs = [
+                TestedRun(
+                    rows,
+                    np.column_stack([table, trial_columns(rows.path)[:, tested]]),
+                    replace(of_run, products=of_run.of(np.array([*base, *kept]))),
+                )
+                for rows, table, of_run in zip(model.rows, model.tables, products, strict=True)
+            ]
+            least = p_value_by_simulation(gain, runs, len(base), whole, model.settings.seed)
     return OmnibusTest(trial_names(), z, min(1.0, 4.0 * least))
 
 
