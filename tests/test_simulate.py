@@ -401,7 +401,8 @@ def test_an_unknown_engine_is_named():
 
 
 def test_scipy_takes_over_without_heyoka(monkeypatch):
-    monkeypatch.setattr("sysid_trib.simulation.simulate._has_heyoka", lambda: False)
+    for module in ("simulate", "engines"):
+        monkeypatch.setattr(f"sysid_trib.simulation.{module}.has_heyoka", lambda: False)
     assert simulate(six(zeta=0.01), TIME[:100]).engine == "scipy"
     with pytest.raises(UsageError, match="'heyoka'"):
         simulate(six(zeta=0.01), TIME, engine="heyoka")

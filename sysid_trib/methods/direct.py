@@ -86,6 +86,7 @@ class Direct:
         label="direct",
         assumes="the forces offered are all there are",
         family="direct",
+        driven=True,
         # On derivatives of the smoothed record, as pysindy is commonly used.
         variants={"strong form": {"form": "strong"}},
     )
@@ -123,7 +124,7 @@ class Direct:
         Parameters
         ----------
         decay : Dataset or sequence of Dataset
-            With `angle(time)`, rad and s.
+            With `angle(time)`, rad and s; a known `input(time)`, rad/s^2, is taken by the weak form.
         library : ForceLibrary
             Forces, and terms of the sensor: the record is then x + coefficient * h(x, v, t). The strong form
             takes none.
@@ -150,7 +151,11 @@ class Direct:
         shapes = {**self.shapes, **{k: v for k, v in self.fix.items() if k not in offered.symbols}}
         constraints = constraint_map(asked, offered, shapes)
         runs = begin(
-            as_runs(decay), offered, constraints, reference_frequency=self.reference_frequency, shapes=shapes
+            as_runs(decay, driven=self.form == "weak"),
+            offered,
+            constraints,
+            reference_frequency=self.reference_frequency,
+            shapes=shapes,
         )
         every = np.ones(len(offered), bool)
         further: RatioAverage | None = None

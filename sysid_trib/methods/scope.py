@@ -44,6 +44,8 @@ class MethodScope:
         Whether it identifies several runs together.
     white_noise : bool
         Whether its standard errors are right in white noise only.
+    driven : bool
+        Whether it identifies the forces beside a known input of the record, too.
     family : str
         Colour and mark in figures.
     variants : Mapping
@@ -56,6 +58,7 @@ class MethodScope:
     identifies: str = "every force offered"
     several_runs: bool = True
     white_noise: bool = False
+    driven: bool = False
     family: Literal["trajectory", "direct", "averaging", "other"] = "other"
     variants: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 

@@ -19,6 +19,7 @@ from sysid_trib.noise.autoregression import autoregression, whitened
 from sysid_trib.noise.level import sensor_noise
 from sysid_trib.noise.random_force import RandomForceOption, check_random_force
 from sysid_trib.noise.sensor_noise import sensor_noise_of
+from sysid_trib.records.inputs import KnownInput, known_input_of
 from sysid_trib.records.runs import Decays, as_runs, root_mean_square
 from sysid_trib.results.birge import birge_ratio
 from sysid_trib.results.schema import model_of
@@ -106,6 +107,7 @@ class Trajectory:
             assumes=f"the forces offered are all there are; the residual is {self.noise} noise",
             white_noise=self.noise == "white",
             family="trajectory",
+            driven=True,
         )
 
     @property
@@ -124,7 +126,7 @@ class Trajectory:
         UsageError
             A shape or constraint is not one of these forces.
         """
-        runs = as_runs(decay)
+        runs = as_runs(decay, driven=True)
         offered = forces_to_identify(library, self.reference_frequency, sensors=True)
         parameters = _parameters(self, offered, len(runs))
         problem = FitProblem(parameters, tuple(map(_record, runs)))
@@ -149,7 +151,9 @@ def _record(decay: xr.Dataset) -> WhitenedRecord:
     """What was measured of a run, in its own quantity: a rate is not integrated."""
     observation, time, values = measured_part(decay)
     swing = None if observation.quantity == "angle" else float(np.max(np.abs(decay.angle.values)))
-    return WhitenedRecord(time, values, observation=observation, swing=swing)
+    return WhitenedRecord(
+        time, values, observation=observation, swing=swing, known_input=known_input_of(decay)
+    )
 
 
 def _parameters(method: Trajectory, library: ForceLibrary, runs: int) -> Parameters:
@@ -221,10 +225,11 @@ def _with_random_force(
     """The fit of the innovations; a parameter that a bound stops is held there."""
     parameters = problem.parameters
     records = [(record.time, record.angle) for record in problem.records]
+    inputs = [record.known_input for record in problem.records]
     white = np.ones(1)
     filters = [white if quick is None else sensor_noise_of(quick, at).filter_ for at in range(len(records))]
     while True:
-        pushed = _likelier_of(parameters, records, values, method, filters)
+        pushed = _likelier_of(parameters, records, values, method, filters, inputs)
         fit = Fit(pushed.values, pushed.residual, pushed.sensitivity)
         stopped = stopped_by_bounds(parameters, fit, method.bounds)
         if not stopped:
@@ -239,16 +244,17 @@ def _likelier_of(
     values: Array,
     method: Trajectory,
     filters: Sequence[Array],
+    inputs: Sequence[KnownInput | None],
 ) -> RandomMotionFit:
     """The fit in noise of these colours or in white noise, whose innovations are likelier.
 
     Direct identification has the colours by frequencies above the motion's.
     """
-    fit = fit_random_motion(parameters, records, values, method.random_force, filters)
+    fit = fit_random_motion(parameters, records, values, method.random_force, filters, inputs)
     if all(len(filter_) == 1 for filter_ in filters):
         return fit
     try:
-        white = fit_random_motion(parameters, records, values, method.random_force)
+        white = fit_random_motion(parameters, records, values, method.random_force, inputs=inputs)
     except DecayError:
         return fit
     fits = sorted((fit, white), key=lambda tried: penalised_deviance(parameters, tried.values, tried.runs))

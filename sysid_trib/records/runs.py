@@ -9,22 +9,25 @@ from numpy.typing import ArrayLike
 
 from sysid_trib.decays.signal import checked_signal
 from sysid_trib.errors import UsageError
+from sysid_trib.records.inputs import refuse_inputs
 
 Decays: TypeAlias = xr.Dataset | Sequence[xr.Dataset]
 
 
-def as_runs(decay: Decays) -> list[xr.Dataset]:
+def as_runs(decay: Decays, *, driven: bool = False) -> list[xr.Dataset]:
     """The runs as a list, also if there is but one.
 
     Parameters
     ----------
     decay : Dataset or sequence of Dataset
         `angle(time)` of one run, or of several.
+    driven : bool
+        Whether a known input is taken.
 
     Raises
     ------
     UsageError
-        None is given, or one is no decay.
+        None is given, or one is no decay, or has a known input that is not taken.
     DecayError
         One holds what is no number, or times that do not rise.
     """
@@ -33,6 +36,8 @@ def as_runs(decay: Decays) -> list[xr.Dataset]:
         raise UsageError("No run is given; give at least one decay.")
     for run in runs:
         checked_signal(run)
+        if not driven:
+            refuse_inputs(run)
     return runs
 
 

@@ -15,6 +15,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.noise.colour import NoisePair
 from sysid_trib.noise.level import nominal_frequency, sensor_noise, swing_frequency
 from sysid_trib.noise.smoothing import smooth
+from sysid_trib.records.inputs import KnownInput, known_input_of
 from sysid_trib.regression.constraint_map import ConstraintMap
 from sysid_trib.regression.weak_form import WeakForm, build_weak_form
 from sysid_trib.simulation.model import rescaling_factors
@@ -40,6 +41,8 @@ class WeakFormProblem:
         Whether the reference frequency is fitted.
     noise : float, rad
         Standard deviation of a sample.
+    known_input : KnownInput or None
+        Of the record.
     """
 
     time: Array
@@ -50,6 +53,7 @@ class WeakFormProblem:
     nominal_frequency: float
     frequency_free: bool
     noise: float
+    known_input: KnownInput | None = None
 
     @property
     def elapsed(self) -> Array:
@@ -62,6 +66,12 @@ class WeakFormProblem:
         from sysid_trib.regression.pysindy_features import ForceFeatures
 
         return ForceFeatures(self.library, reference_frequency=frequency, shapes=self.shapes)
+
+    @cached_property
+    def pushes(self) -> Array | float:
+        """The known input over nominal^2 at the samples, (sample,), rad; zero without any."""
+        known = self.known_input
+        return 0.0 if known is None else known.over_stiffness(self.form.tau, self.nominal_frequency)
 
     @cached_property
     def of_sensor(self) -> Mask:
@@ -88,7 +98,7 @@ class NearbyMotion:
     x : (sample,) array of float, rad
         theta.
     force : (sample,) array of float, rad
-        (w/nominal)^2 (x + sum c h) along it.
+        (w/nominal)^2 (x + sum c h) along it; a known input, the same for both motions, is no part of it.
     """
 
     x: Array
@@ -230,7 +240,7 @@ def _first_run(
     form = build_weak_form(nominal * (time - time[0]))
     x, v, acceleration, _ = smooth(form.tau, angle)
     problem = WeakFormProblem(
-        time, angle, form, library, dict(shapes), nominal, free, noise=sensor_noise(decay)
+        time, angle, form, library, dict(shapes), nominal, free, sensor_noise(decay), known_input_of(decay)
     )
     forces = problem.features(nominal).cell_averages(problem.elapsed, x, v, acceleration)
     columns = problem.with_sensor_terms(forces, x, v)

@@ -65,7 +65,7 @@ def rows_about(run: RunRegression, matrix: sp.csr_matrix) -> Rows:
     With L the operator of small deviations and S the terms h of the sensor,
     ``A x + k value (H c) + L (angle - offset - S s - x) = L noise``, k = (frequency/nominal)^2. Along an
     exact solution the first part vanishes, so that errors of quadrature cannot bias the result; of a path
-    nearby, what its first part differs is left.
+    nearby, what its first part differs is left. A known input is integrated where neither is there.
     """
     problem, path, form = run.problem, run.reference, run.problem.form
     k = (run.frequency / problem.nominal_frequency) ** 2
@@ -80,7 +80,7 @@ def rows_about(run: RunRegression, matrix: sp.csr_matrix) -> Rows:
             target - form.curvature @ (path.x - path.near.x) - form.value @ (k * path.x - path.near.force)
         )
     else:
-        target = target - form.curvature @ path.x - stiffness
+        target = target - form.curvature @ path.x - form.value @ (k * path.x - problem.pushes)
     nuisances = [-(matrix @ np.ones_like(path.x))] + [stiffness] * problem.frequency_free
     scale = path.rms_forces
     return Rows(target, columns / scale, np.column_stack(nuisances), scale)

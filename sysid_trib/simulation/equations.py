@@ -6,7 +6,7 @@ signs). `p` holds all that a run may change without changing the equations; the 
 each switching surface the motion is, so that between two switchings every right side is analytic.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeAlias
@@ -52,9 +52,12 @@ class Motion:
     ----------
     forces : tuple of Force
         The forces, in the order of their coefficients in `p`.
+    push : callable, optional
+        A known acceleration over w^2 by tau, in numbers alone.
     """
 
     forces: tuple[Force, ...]
+    push: Callable[[Any], Any] | None = None
 
     @cached_property
     def variables(self) -> tuple[str, ...]:
@@ -105,7 +108,7 @@ class Motion:
 
     def rates(self, y: Values, p: Values, tau: Any, functions: Functions) -> list[Any]:
         """Derivative of `y` on the branch that the signs in `p` select."""
-        acceleration = -y[0]
+        acceleration = -y[0] if self.push is None else self.push(tau) - y[0]
         for i in range(len(self.forces)):
             # In numbers, a force that is off must not act even where it is singular.
             if not (isinstance(p[i], float) and p[i] == 0.0):

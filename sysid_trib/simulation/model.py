@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from sysid_trib.errors import LibraryError, UsageError
 from sysid_trib.forces.force import Force, ForceLibrary
+from sysid_trib.records.inputs import KnownInput
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,8 @@ class Model:
         w.
     shapes : mapping of str to float
         `{"dahl.s": 0.02}`; defaults of the library where left out.
+    known_input : KnownInput, optional
+        An acceleration (rad/s^2) on the right side of the equation, known over time.
 
     Raises
     ------
@@ -37,6 +40,7 @@ class Model:
     coefficients: Mapping[str, float]
     reference_frequency: float
     shapes: Mapping[str, float] = field(default_factory=dict)
+    known_input: KnownInput | None = None
 
     def __post_init__(self) -> None:
         for symbol, value in self.coefficients.items():

@@ -1,8 +1,6 @@
 """Exact motion of a model: switchings, sticking and memory at their true times."""
 
-from dataclasses import dataclass
-from functools import cache
-from importlib.util import find_spec
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,43 +8,15 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from sysid_trib.errors import SimulationError, UsageError
-from sysid_trib.forces.force import Force
+from sysid_trib.records.inputs import INPUT, KnownInput
+from sysid_trib.simulation.engines import engine_of, has_heyoka
 from sysid_trib.simulation.equations import Vector
-from sysid_trib.simulation.integrate import DivergenceError, Engine, NormalisedMotion, integrate
+from sysid_trib.simulation.integrate import DivergenceError, NormalisedMotion, integrate
 from sysid_trib.simulation.model import Model
+from sysid_trib.simulation.simulated_motion import SimulatedMotion, shown
+from sysid_trib.simulation.stepped import stepped_trajectory
 
 FAST = "fast"
-# Kicks a period of a motion that is pushed at random: their law is then right to a percent.
-KICKS_PER_PERIOD = 40
-
-
-@dataclass(frozen=True)
-class SimulatedMotion:
-    """A motion at the times asked for.
-
-    Attributes
-    ----------
-    angle : (sample,) array of float, rad
-        As measured, with the sensor terms of the model.
-    position, rate : (sample,) array of float, rad and rad/s
-        The true motion.
-    stop_time : float, s
-        NaN if the motion goes on.
-    reversals : array of float, s
-        Exact times of v = 0, known where a force switches there.
-    hidden : dict of str to (sample,) array of float
-        States and memory of forces, as `dahl.z`.
-    engine : str
-        What integrated it.
-    """
-
-    angle: Vector
-    position: Vector
-    rate: Vector
-    stop_time: float
-    reversals: Vector
-    hidden: dict[str, Vector]
-    engine: str
 
 
 def simulate(
@@ -59,8 +29,9 @@ def simulate(
     tolerance: float = 1e-12,
     random_force: float = 0.0,
     seed: int = 0,
+    known_input: ArrayLike | None = None,
 ) -> xr.Dataset:
-    """Simulate the free motion of a model, pushed at random where that is asked for.
+    """Simulate the motion of a model: free, driven by a known input, pushed at random, or both.
 
     Parameters
     ----------
@@ -78,27 +49,34 @@ def simulate(
         One-sided density of a white acceleration in the motion.
     seed : int
         Of the random force.
+    known_input : (time,) array of float, rad/s^2, optional
+        An acceleration u(t) in theta'' + w^2 (theta + f) = u, linear between the times.
 
     Returns
     -------
     Dataset
         `angle(time)` in rad as measured (with the sensor terms of the model), the true `rate(time)` in rad/s,
-        `stop_time` in s (NaN if the motion does not stop), and states and memory of forces (`dahl.z(time)`).
+        `stop_time` in s (NaN if the motion does not stop, or is pushed), states and memory of forces
+        (`dahl.z(time)`), and the known `input(time)` in rad/s^2, with which `methods.Direct` and
+        `methods.Trajectory` identify it.
 
     Raises
     ------
     SimulationError
         The motion diverges or switches without end, or the times do not increase.
     UsageError
-        The density is negative or not finite.
+        The density is negative or not finite, or an input that is not one finite number for each time.
     """
     time = np.asarray(time, dtype=float)
     if not (np.isfinite(random_force) and random_force >= 0.0):
         raise UsageError(f"random_force={random_force} is no density; give (rad/s^2)^2/Hz, zero or more.")
     if not all(model.coefficients.values()):
         model = model.with_coefficients({k: c for k, c in model.coefficients.items() if c != 0.0})
+    if known_input is not None:
+        acceleration = np.asarray(known_input, dtype=float)
+        model = replace(model, known_input=KnownInput(time - time[0], acceleration))
     if random_force:
-        motion = pushed_trajectory(model, time, (angle, rate), random_force, seed)
+        motion = stepped_trajectory(model, time, (angle, rate), random_force, seed)
     else:
         motion = trajectory(model, time, angle, rate, engine=engine, tolerance=tolerance)
     data: dict[str, Any] = {
@@ -108,6 +86,8 @@ def simulate(
     }
     for name, values in motion.hidden.items():
         data[name] = ("time", values, {"units": "1", "long_name": f"{name}, state or memory of a force"})
+    if known_input is not None:
+        data[INPUT] = ("time", acceleration, {"units": "rad/s^2", "long_name": "known input"})
     data["time"] = ("time", time, {"units": "s", "long_name": "time"})
     return xr.Dataset(data, attrs={"engine": motion.engine})
 
@@ -147,93 +127,24 @@ def trajectory(
     if not (np.isfinite(angle) and np.isfinite(rate)):
         raise SimulationError(f"A motion cannot start from angle {angle} rad and rate {rate} rad/s.")
     w, start = model.reference_frequency, float(time[0])
+    if model.known_input is not None:
+        return stepped_trajectory(model, time, (angle, rate))
     grid = w * (time - start)
     path, name = _path(model, grid, (angle, rate / w), engine, tolerance)
     x, v = path.y[:, 0], path.y[:, 1]
-    measured = x.copy()
-    for sensor in model.sensors:
-        measured += model.coefficients[sensor.symbol] * sensor.value(x, v, time - start, shapes=model.shapes)
     stop, reversals = start + path.stop / w, start + path.reversals / w
-    return SimulatedMotion(measured, x, w * v, stop, reversals, path.hidden, name)
-
-
-def pushed_trajectory(
-    model: Model, time: Vector, start: tuple[float, float], random_force: float, seed: int
-) -> SimulatedMotion:
-    """Motion of a model that is pushed at random: exact between kicks, at least `KICKS_PER_PERIOD` a period.
-
-    Parameters
-    ----------
-    model : Model
-    time : (sample,) array of float, s
-    start : (float, float), rad and rad/s
-        Angle and rate at time[0].
-    random_force : float, (rad/s^2)^2/Hz
-        One-sided density of the acceleration.
-    seed : int
-
-    Returns
-    -------
-    SimulatedMotion
-        The next kick moves a body that friction holds: it never stops for good.
-
-    Notes
-    -----
-    Over an interval h of tau a white acceleration adds to (x, v) a Gaussian vector of covariance
-    per_tau [[h^3/3, h^2/2], [h^2/2, h]] to lowest order in h; per_tau = density/(2 w^3).
-    """
-    w = model.reference_frequency
-    if time.ndim != 1 or len(time) < 2 or not np.all(np.isfinite(time)) or np.any(np.diff(time) <= 0.0):
-        raise SimulationError("A motion that is pushed at random wants two or more times that increase.")
-    tau = w * (time - time[0])
-    parts = np.maximum(1, np.ceil(np.diff(tau) * KICKS_PER_PERIOD / (2.0 * np.pi))).astype(int)
-    instants = np.concatenate(
-        [[0.0], tau[:-1].repeat(parts) + _fractions(parts) * np.diff(tau).repeat(parts)]
-    )
-    compiled = _engine("heyoka" if _has_heyoka() else "scipy", model.forces, 1e-12)
-    y, p = compiled.motion.start(model, start[0], start[1] / w)
-    h = np.diff(instants)
-    # A stream of its own: noise that is added with the same seed is independent of it.
-    random = np.random.default_rng([seed, 1]).standard_normal((2, len(h)))
-    kick_v = np.sqrt(0.5 * random_force / w**3 * h) * random[0]
-    # Of the variance h^3/3 of x three quarters are by what v gains, a quarter is its own.
-    kick_x = 0.5 * h * kick_v + np.sqrt(0.5 * random_force / w**3 * h**3 / 12.0) * random[1]
-    rows, paths = [y], []
-    with compiled.lock:
-        for at in range(len(h)):
-            path = integrate(compiled, y, p, instants[at : at + 2])
-            y = path.y[-1].copy()
-            y[:2] += kick_x[at], kick_v[at]
-            rows.append(y)
-            paths.append(path)
-    samples = np.concatenate([[0], np.cumsum(parts)])
-    states = np.array(rows)[samples]
-    hidden = {
-        name: np.array([q.hidden[name][-1] for q in (paths[0], *paths)])[samples] for name in paths[0].hidden
-    }
-    x, v = states[:, 0], states[:, 1]
-    measured = x.copy()
-    for sensor in model.sensors:
-        measured += model.coefficients[sensor.symbol] * sensor.value(
-            x, v, time - time[0], shapes=model.shapes
-        )
-    engine = "heyoka" if _has_heyoka() else "scipy"
-    return SimulatedMotion(measured, x, w * v, float("nan"), np.empty(0), hidden, engine)
-
-
-def _fractions(parts: np.ndarray) -> Vector:
-    """Where in its interval each kick is, as a part of it, one interval after the other."""
-    return np.concatenate([np.arange(1, count + 1) / count for count in parts])
+    angles = shown(model, x, v, time - start)
+    return SimulatedMotion(angles, x, w * v, stop, reversals, path.hidden, name)
 
 
 def _path(
     model: Model, grid: Vector, at: tuple[float, float], engine: str | None, tolerance: float
 ) -> tuple[NormalisedMotion, str]:
-    choice: tuple[str, ...] = ("heyoka", "scipy") if _has_heyoka() else ("scipy",)
+    choice: tuple[str, ...] = ("heyoka", "scipy") if has_heyoka() else ("scipy",)
     if engine:
         choice = choice[:1] if engine == FAST else (engine,)
     for name in choice:
-        compiled = _engine(name, model.forces, tolerance)
+        compiled = engine_of(name, model.forces, tolerance)
         y, p = compiled.motion.start(model, *at)
         try:
             with compiled.lock:
@@ -242,20 +153,3 @@ def _path(
             if isinstance(error, DivergenceError) or name == choice[-1]:
                 raise
     raise AssertionError
-
-
-def _engine(name: str, forces: tuple[Force, ...], tolerance: float) -> Engine:
-    if name == "scipy":
-        from sysid_trib.simulation.engine_scipy import interpreted
-
-        return interpreted(forces, tolerance)
-    if name != "heyoka" or not _has_heyoka():
-        raise UsageError(f"There is no engine '{name}' here; take scipy, or heyoka where it is installed.")
-    from sysid_trib.simulation.engine_heyoka import compiled
-
-    return compiled(forces)
-
-
-@cache
-def _has_heyoka() -> bool:
-    return find_spec("heyoka") is not None

@@ -5,7 +5,7 @@ imaginary part of its value at z + i e is e times the derivative, without a diff
 """
 
 import operator
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from typing import Any
@@ -89,7 +89,12 @@ class VectorField:
     @cached_property
     def motion(self) -> Motion:
         """The switching system of the forces; sensor terms do not act."""
-        return Motion(self.model.forces)
+        return Motion(self.model.forces, self._push)
+
+    @cached_property
+    def _push(self) -> Callable[[Any], Any] | None:
+        known, frequency = self.model.known_input, self.model.reference_frequency
+        return None if known is None else lambda tau: known.over_stiffness(tau, frequency)
 
     @cached_property
     def size(self) -> int:
@@ -133,7 +138,8 @@ class VectorField:
 
         Notes
         -----
-        Time in formulas is held when the frequency changes: d(rates)/dw = rates/w in tau of a given time.
+        Time in formulas is held when the frequency changes: d(rates)/dw = rates/w in tau of a given time, and
+        that of a known input over w^2 is -2/w of it besides.
         """
         # Each state has its imaginary step in a row of its own, so that one evaluation serves all.
         y = np.repeat(here.y[:, None].astype(complex), self.size, axis=1)
@@ -151,6 +157,8 @@ class VectorField:
                 by_parameter[:, k] = self._rates(list(here.y), fixed, here).imag / IMAGINARY_STEP
         if self.frequency:
             by_parameter[:, -1] = rates / self.model.reference_frequency
+            if self._push is not None:
+                by_parameter[1, -1] -= 2.0 * self._push(here.tau) / self.model.reference_frequency
         if here.stuck.any():
             for table in (rates, by_state, by_parameter):
                 table[:2, ..., here.stuck] = 0.0
@@ -162,6 +170,8 @@ class VectorField:
         motion, count = self.motion, len(self.motion.variables)
         variables, p = list(y[:count]), [*self._fixed, *y[count:], *here.signs]
         values, acceleration = {}, -y[0]
+        if motion.push is not None:
+            acceleration = acceleration + motion.push(here.tau)
         for i, force in enumerate(motion.forces):
             # A force that is off must not act even where it is singular.
             if p[i] or force.symbol in self.names:

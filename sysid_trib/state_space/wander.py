@@ -4,7 +4,7 @@ import numpy as np
 
 from sysid_trib.arrays import Array
 from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.simulate import SimulatedMotion
+from sysid_trib.simulation.simulated_motion import SimulatedMotion
 from sysid_trib.state_space.kalman import LinearModel
 from sysid_trib.state_space.linearised import Derivatives, linearised_about
 

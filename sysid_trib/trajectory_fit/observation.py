@@ -8,7 +8,7 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.records.units import STANDARD_GRAVITY
 from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.simulate import SimulatedMotion
+from sysid_trib.simulation.simulated_motion import SimulatedMotion
 
 MEASURED, MEASURED_TIME = "measured", "measured_time"
 

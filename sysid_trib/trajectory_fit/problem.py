@@ -8,6 +8,7 @@ import numpy as np
 from sysid_trib.arrays import Array
 from sysid_trib.errors import SimulationError
 from sysid_trib.noise.autoregression import whitened
+from sysid_trib.records.inputs import KnownInput
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import FAST, trajectory
 from sysid_trib.trajectory_fit.observation import Observation
@@ -41,6 +42,8 @@ class WhitenedRecord:
         What was measured; `angle` and `weight` are in its unit.
     swing : float, rad, optional
         Largest angle, where that was not measured.
+    known_input : KnownInput, optional
+        What drives the motion.
     """
 
     time: Array
@@ -50,6 +53,7 @@ class WhitenedRecord:
     engine: str | None = None
     observation: Observation = field(default_factory=Observation)
     swing: float | None = None
+    known_input: KnownInput | None = None
 
     @property
     def size(self) -> float:
@@ -78,6 +82,7 @@ class WhitenedRecord:
         can be computed for. Where there is none, the penalty grows with the coefficients, without which every
         motion can be computed.
         """
+        model = replace(model, known_input=self.known_input)
         far = OUT_OF_PROPORTION * self.size
         # The highest frequency that samples show. An optimiser astray asks for hours of faster swings.
         highest = np.pi * (len(self.time) - 1) / (self.time[-1] - self.time[0])

@@ -146,7 +146,7 @@ def _beside_motion(
         reference = ReferenceTrajectory(free.x, free.v, along, exact=False, near=near)
     else:
         # Friction holds a body that rests with what it takes, no more.
-        near = NearbyMotion(free.x, np.where(free.v == 0.0, 0.0, force))
+        near = NearbyMotion(free.x, np.where(free.v == 0.0, problem.pushes, force))
         error = smoothed_rate_error(run.noises.ratio, float(np.median(np.diff(problem.form.tau))))
         expected = _columns(run, path.x, path.v, error)
         reference = ReferenceTrajectory(path.x, path.v, expected, exact=False, near=near)

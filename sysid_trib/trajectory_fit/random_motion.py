@@ -20,6 +20,7 @@ import numpy as np
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, SimulationError
 from sysid_trib.noise.random_force import RandomForceOption
+from sysid_trib.records.inputs import KnownInput
 from sysid_trib.state_space.kalman import LinearModel
 from sysid_trib.state_space.linearised import Derivatives, linearised_about, spline_path
 from sysid_trib.trajectory_fit.parameters import Parameters
@@ -70,6 +71,7 @@ def fit_random_motion(
     values: Array,
     random_force: RandomForceOption | Sequence[float] = "auto",
     filters: Sequence[Array] | None = None,
+    inputs: Sequence[KnownInput | None] | None = None,
 ) -> RandomMotionFit:
     """Fit a motion that is pushed at random.
 
@@ -85,6 +87,8 @@ def fit_random_motion(
         One-sided density; estimated in each run with `auto`.
     filters : sequence of (tap,) arrays of float, optional
         Each whitens the sensor's noise of a run; white where left out.
+    inputs : sequence of KnownInput or None, optional
+        What drives each run; none where left out.
 
     Returns
     -------
@@ -104,7 +108,7 @@ def fit_random_motion(
     part = 1.0
     for number in range(MAX_ITERATIONS):
         try:
-            linear = _linear_models(parameters, records, values, paths, by)
+            linear = _linear_models(parameters, records, values, paths, by, inputs)
             if filters is not None:
                 linear = [
                     replace(run, sensor_filter=filter_) for run, filter_ in zip(linear, filters, strict=True)
@@ -163,11 +167,13 @@ def _linear_models(
     values: Array,
     paths: Sequence[tuple[Array, Array]],
     by: Derivatives,
+    inputs: Sequence[KnownInput | None] | None,
 ) -> list[LinearModel]:
     model, per_run = parameters.model(values), parameters.per_run(values)
+    models = [replace(model, known_input=known) for known in inputs or [None] * len(records)]
     return [
-        linearised_about(model, time, angle, path, at_start, replace(by, rate_error=rate_error))
-        for (time, angle), (path, rate_error), at_start in zip(records, paths, per_run, strict=True)
+        linearised_about(of_run, *record, path, at_start, replace(by, rate_error=rate_error))
+        for of_run, record, (path, rate_error), at_start in zip(models, records, paths, per_run, strict=True)
     ]
 
 

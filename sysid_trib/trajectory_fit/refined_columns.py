@@ -140,7 +140,8 @@ def simulated(
     problem, some = run.problem, slice(None, None, every or 1)
     acting = active & ~problem.of_sensor
     pairs = zip(problem.library.symbols, run.coefficients.tolist(), acting, strict=True)
-    model = Model(problem.library, {s: c for s, c, kept in pairs if kept}, run.frequency, problem.shapes)
+    kept = {s: c for s, c, keep in pairs if keep}
+    model = Model(problem.library, kept, run.frequency, problem.shapes, problem.known_input)
     time = problem.time[some]
     if sensitivity is not None and len(sensitivity) != len(time):
         # Of other samples.

@@ -1,0 +1,206 @@
+"""Known inputs: simulated against scipy, identified beside a random force, refused where none is taken."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.integrate import solve_ivp
+
+import sysid_trib as st
+from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.records.inputs import KnownInput
+from sysid_trib.state_space.intervals import steps_between
+
+W = 9.9
+TRUTH = {"lambda": 1e-3, "zeta": 0.01, "epsilon": -0.1}
+LIBRARY = st.load_library("contact_forces").select(TRUTH)
+MODEL = st.Model(LIBRARY, TRUTH, W)
+METHODS = {
+    "direct": st.methods.Direct(),
+    "direct beside a random force": st.methods.Direct(random_force="auto"),
+    "trajectory": st.methods.Trajectory(),
+    "trajectory beside a random force": st.methods.Trajectory(random_force="auto"),
+}
+
+
+def times(periods: int = 12, per_period: int = 40) -> np.ndarray:
+    return np.arange(periods * per_period) * 2.0 * np.pi / W / per_period
+
+
+def drive(time: np.ndarray, seed: int = 0) -> np.ndarray:
+    """A tone beside the resonance, and steps at random."""
+    steps = np.random.default_rng([seed, 9]).standard_normal(len(time) // 4 + 1).repeat(4)[: len(time)]
+    return 3.0 * np.sin(7.3 * time) + 1.5 * steps
+
+
+def driven_record(seed: int, random_force: float = 0.0, **sampling: int) -> xr.Dataset:
+    time = times(**sampling)
+    record = st.simulate(
+        MODEL, time, 0.1, known_input=drive(time, seed), random_force=random_force, seed=seed
+    )
+    noise = 2e-4 * np.random.default_rng(seed).standard_normal(len(time))
+    return record.assign(angle=record.angle + noise).assign_attrs(source="synthetic")
+
+
+def test_driven_motion_is_that_of_scipy() -> None:
+    time = times()
+    push = drive(time)
+
+    def rates(t: float, y: np.ndarray) -> list[float]:
+        v = y[1] / W
+        force = 1e-3 * np.sign(v) + 0.02 * v - 0.1 * y[0] ** 3
+        return [y[1], np.interp(t, time, push) - W**2 * (y[0] + force)]
+
+    peer = solve_ivp(
+        rates, (0, time[-1]), [0.1, 0.0], t_eval=time, rtol=1e-9, atol=1e-11, max_step=time[1] / 4
+    )
+    motion = st.simulate(MODEL, time, 0.1, known_input=push)
+    # scipy steps over the jumps of the friction and the bends of the input.
+    assert np.max(np.abs(peer.y[0] - motion.angle.values)) < 2e-6
+    assert np.array_equal(motion.input.values, push)
+
+
+def test_linear_motions_add() -> None:
+    time = times()
+    linear = st.Model(st.load_library("contact_forces").select(["zeta"]), {"zeta": 0.01}, W)
+    both = st.simulate(linear, time, 0.1, 0.3, known_input=drive(time))
+    free, pushed = (
+        st.simulate(linear, time, 0.1, 0.3),
+        st.simulate(linear, time, 0.0, known_input=drive(time)),
+    )
+    assert np.max(np.abs(both.angle - free.angle - pushed.angle)) < 1e-12
+
+
+def test_constant_input_shifts_the_equilibrium() -> None:
+    time = times(30)
+    damped = st.Model(st.load_library("contact_forces").select(["zeta"]), {"zeta": 0.1}, W)
+    pushed = st.simulate(damped, time, 0.1, known_input=np.full(len(time), 2.0))
+    assert pushed.angle.values[-1] == pytest.approx(2.0 / W**2, abs=1e-9)
+
+
+def test_friction_holds_until_the_input_overcomes_it() -> None:
+    stuck = st.Model(LIBRARY.select(["lambda"]), {"lambda": 0.05}, W)
+    time = times(4)
+    push = 0.1 * W**2 * time / time[-1]
+    angle = st.simulate(stuck, time, 0.0, known_input=push).angle.values
+    assert np.all(angle[push < 0.05 * W**2] == 0.0)
+    assert np.all(angle[push > 0.051 * W**2] > 0.0)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_forces_of_a_driven_record(name: str) -> None:
+    record = driven_record(1)
+    result = st.identify(record, LIBRARY, METHODS[name])
+    z = (result.coefficient.values - list(TRUTH.values())) / result.standard_error.values
+    assert np.max(np.abs(z)) < 3.5
+    assert abs(result.reference_frequency - W) < 3.5 * result.reference_frequency_standard_error
+    assert float(result.standard_error.sel(force="zeta")) < 2e-4
+
+
+def test_without_its_input_a_drive_is_taken_for_something_else() -> None:
+    record = driven_record(1)
+    without = st.identify(record.drop_vars("input"), LIBRARY, METHODS["direct"])
+    known = st.identify(record, LIBRARY, METHODS["direct"])
+    wrong = np.abs(without.coefficient.values - list(TRUTH.values())) / known.standard_error.values
+    assert np.max(wrong) > 20.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", METHODS)
+def test_errors_of_driven_records_are_those_stated(name: str) -> None:
+    scores = []
+    for seed in range(20):
+        result = st.identify(driven_record(seed, periods=20, per_period=20), LIBRARY, METHODS[name])
+        scores.append((result.coefficient.values - list(TRUTH.values())) / result.standard_error.values)
+    rms = np.sqrt(np.mean(np.square(scores), axis=0))
+    # An RMS of 20 is known to 16 %; forces err together.
+    assert np.all((rms > 0.6) & (rms < 1.4))
+
+
+def test_random_force_beside_a_known_input() -> None:
+    density = 1e-4
+    records = [driven_record(seed, density) for seed in range(2)]
+    for method in ("direct beside a random force", "trajectory beside a random force"):
+        result = st.identify(records, LIBRARY, METHODS[method])
+        z = (result.coefficient.values - list(TRUTH.values())) / result.standard_error.values
+        assert np.max(np.abs(z)) < 3.5
+        assert np.all(np.abs(result.random_force_density - density) < 4 * result.random_force_standard_error)
+        assert np.all(result.random_force_p_value < 1e-3)
+
+
+def test_innovations_and_bands_know_the_input() -> None:
+    record = driven_record(3, 1e-4, periods=20)
+    result = st.identify(record, LIBRARY, METHODS["direct beside a random force"])
+    assert float(st.innovations(record, result).ljung_box_p_value) > 1e-3
+    bands = st.prediction_bands(record, result)
+    z = (bands.measured - bands.predicted) / bands.predicted_standard_error
+    assert np.nanmax(np.abs(z)) < 4.0
+
+
+def test_a_displacement_is_identified_as_the_angle_that_it_shows() -> None:
+    record = driven_record(1)
+    scale = 1024.0
+    attrs = {"angle": {"units": "mm"}, "input": {"units": "mm/s^2"}}
+    shown = record[["angle", "input"]] * scale
+    for name, of_name in attrs.items():
+        shown[name].attrs = of_name
+    angle, displacement = (st.identify(r, LIBRARY, METHODS["direct"]) for r in (record, shown))
+    z = (displacement.coefficient * scale ** np.array([-1.0, 0.0, 2.0]) - angle.coefficient) / (
+        angle.standard_error
+    )
+    assert np.max(np.abs(z)) < 1e-6
+
+
+def test_steps_know_the_derivative_by_the_frequency() -> None:
+    time = times(2)
+    known = KnownInput(time, drive(time))
+
+    def ends(frequency: float) -> np.ndarray:
+        smooth = replace(MODEL, reference_frequency=frequency, known_input=known, coefficients={"zeta": 0.01})
+        states = np.zeros((len(time), 2))
+        states[:, 0], states[:, 1] = 0.1, 0.2 * W / frequency
+        steps = steps_between(smooth, time, states, frequency=True)
+        # The rate, not v = rate / w, is the same at the beginning: v there depends on w too.
+        begun = steps.transition[:, :, 1] * (-states[:-1, 1:] / frequency)
+        return np.stack([steps.end, steps.sensitivity[:, :, 0] + begun])
+
+    small = 1e-5
+    numeric = (ends(W + small)[0] - ends(W - small)[0]) / (2 * small)
+    assert np.max(np.abs(numeric - ends(W)[1])) < 1e-7 * max(1.0, np.max(np.abs(numeric)))
+
+
+@pytest.mark.parametrize("units", [None, "V", "N m"])
+def test_an_input_that_is_no_acceleration_is_refused(units: str | None) -> None:
+    record = driven_record(1)
+    record.input.attrs = {} if units is None else {"units": units}
+    with pytest.raises(UsageError, match=r"rad/s\^2"):
+        st.identify(record, LIBRARY, METHODS["direct"])
+
+
+def test_an_input_with_a_hole_is_refused() -> None:
+    record = driven_record(1)
+    record.input[7] = np.nan
+    with pytest.raises(DecayError, match=r"input at .* s is not a finite number"):
+        st.identify(record, LIBRARY, METHODS["direct"])
+    with pytest.raises(UsageError, match="finite"):
+        st.simulate(MODEL, times(), known_input=np.full(len(times()), np.nan))
+    with pytest.raises(UsageError, match="one acceleration for each sample"):
+        st.simulate(MODEL, times(), known_input=[1.0, 2.0])
+
+
+@pytest.mark.parametrize(
+    "method", [st.methods.Averaging(), st.methods.Direct(form="strong"), st.methods.LogarithmicDecrement()]
+)
+def test_methods_of_free_motions_refuse_an_input(method: object) -> None:
+    with pytest.raises(UsageError, match="known input"):
+        st.identify(driven_record(1), LIBRARY, method)
+
+
+def test_what_compares_free_motions_refuses_an_input() -> None:
+    record = driven_record(1)
+    result = st.identify(record, LIBRARY, METHODS["direct"])
+    with pytest.raises(UsageError, match="known input"):
+        st.cross_check(record, result, result)
+    with pytest.raises(UsageError, match="known input"):
+        st.discover(record, LIBRARY, st.load_library("candidate_effects"))
