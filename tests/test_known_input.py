@@ -107,11 +107,11 @@ def test_without_its_input_a_drive_is_taken_for_something_else() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", METHODS)
-def test_errors_of_driven_records_are_those_stated(name: str) -> None:
+def test_errors_of_driven_records_are_those_stated() -> None:
+    method = METHODS["direct beside a random force"]
     scores = []
     for seed in range(20):
-        result = st.identify(driven_record(seed, periods=20, per_period=20), LIBRARY, METHODS[name])
+        result = st.identify(driven_record(seed, periods=20, per_period=20), LIBRARY, method)
         scores.append((result.coefficient.values - list(TRUTH.values())) / result.standard_error.values)
     rms = np.sqrt(np.mean(np.square(scores), axis=0))
     # An RMS of 20 is known to 16 %; forces err together.
