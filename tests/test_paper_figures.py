@@ -6,7 +6,7 @@ import xarray as xr
 from helpers import FIVE, W, paper_run
 from known_results import PAPER, known
 
-from sysid_trib import Model, envelope, load_library, plots, predict_envelope, simulate, weights
+from sysid_trib import Model, envelope, free_decay, load_library, plots, predict_envelope, simulate, weights
 
 LIBRARY = load_library()
 TIME = np.arange(0.0, 40.0, 0.05)
@@ -142,3 +142,15 @@ def test_close_levels_are_labelled_themselves():
     found = study().assign_coords(level=("level", [25.0, 100.0, 400.0], {"long_name": "rate", "units": "Hz"}))
     labels = [text.get_text() for text in plots.precision(found, "nu").get_xticklabels()]
     assert labels == ["25", "100", "400"]
+
+
+def test_a_displacement_has_its_own_unit_on_the_axes():
+    time = np.linspace(0.0, 10.0, 1000)
+    shown = xr.Dataset(
+        {"angle": ("time", 5.0 * np.exp(-0.02 * time) * np.cos(6.3 * time), {"units": "mm"})}, {"time": time}
+    )
+    decay = free_decay(shown, equilibrium=0.0)
+    assert plots.motions(decay, {"model": decay}).get_ylabel() == "displacement $x$ (mm)"
+    half_periods = envelope(decay)
+    assert plots.half_sines(decay.isel(time=slice(300)), half_periods).get_ylabel().endswith("(mm)")
+    assert plots.frequency_shift({"it": half_periods}, {}).get_xlabel() == "amplitude $a$ (mm)"

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from sysid_trib.plots.motion_figures import RECORD_POINTS, curve
 from sysid_trib.plots.style import BAR_WIDTH, LEGEND, SERIES, axes, in_latex, line, mark
+from sysid_trib.results.signal_units import signal_label, signal_symbol, signal_units
 
 # Room in a legend above the panel.
 CLOSE_LEGEND: dict[str, Any] = {"columnspacing": 1.2, "handletextpad": 0.5}
@@ -35,7 +36,7 @@ def averaged_decay(motion: xr.Dataset, predicted: xr.Dataset, ax: Axes | None = 
     curve(ax, motion.time.values, motion.angle.values, look)
     for sign, label in ((1.0, "averaged envelope"), (-1.0, "")):
         ax.plot(predicted.time.values, sign * predicted.amplitude.values, label=label, **line(SERIES[0]))
-    ax.set(xlabel="time (s)", ylabel=r"angle $\theta$ (rad)", xlim=_ends(motion))
+    ax.set(xlabel="time (s)", ylabel=_signal(motion), xlim=_ends(motion))
     ax.legend(ncols=2, **LEGEND, **CLOSE_LEGEND)
     return ax
 
@@ -64,7 +65,8 @@ def frequency_shift(
     for label, shifts in predicted.items():
         named = "" if label in measured else label
         ax.plot(shifts.amplitude.values, shifts.frequency.values, label=named, **line(styles[label]))
-    ax.set(xlabel="amplitude $a$ (rad)", ylabel=r"frequency $\omega$ (rad/s)", xlim=(0.0, None))
+    units = signal_units(next(iter({**measured, **predicted}.values()), xr.Dataset()))
+    ax.set(xlabel=f"amplitude $a$ ({units})", ylabel=r"frequency $\omega$ (rad/s)", xlim=(0.0, None))
     ax.legend(ncols=4, **LEGEND, **CLOSE_LEGEND)
     return ax
 
@@ -98,7 +100,7 @@ def half_sines(decay: xr.Dataset, half_periods: xr.Dataset, ax: Axes | None = No
     if len(whole) >= 3:
         _construction(ax, t[whole[:3]], b[whole[:3]])
     ax.axhline(0.0, color="0.8", linewidth=0.6, zorder=0)
-    ax.set(xlabel="time (s)", ylabel=r"angle $\theta$ (rad)", xlim=(low, high))
+    ax.set(xlabel="time (s)", ylabel=_signal(decay), xlim=(low, high))
     ax.legend(ncols=3, **LEGEND, **CLOSE_LEGEND)
     return ax
 
@@ -120,7 +122,7 @@ def motions(record: xr.Dataset, models: Mapping[str, xr.Dataset], ax: Axes | Non
     for (label, motion), series in zip(models.items(), cycle(SERIES)):
         look = line(series) | {"label": label, "linewidth": 0.9}
         curve(ax, motion.time.values, motion.angle.values, look)
-    ax.set(xlabel="time (s)", ylabel=r"angle $\theta$ (rad)", xlim=_ends(record))
+    ax.set(xlabel="time (s)", ylabel=_signal(record), xlim=_ends(record))
     ax.legend(ncols=4, **LEGEND, **CLOSE_LEGEND)
     return ax
 
@@ -150,7 +152,12 @@ def weights(
     attrs = weighed[quantity].attrs
     unit = "" if attrs["units"] == "1" else f" ({attrs['units']})"
     ax.axhline(0.0, color="0.8", linewidth=0.6, zorder=0)
-    ax.set(xlabel="amplitude $a$ (rad)", ylabel=f"{attrs['long_name']}{unit}", xlim=(a.min(), a.max()))
+    of_amplitude = weighed.amplitude.attrs.get("units", "rad")
+    ax.set(
+        xlabel=f"amplitude $a$ ({of_amplitude})",
+        ylabel=f"{attrs['long_name']}{unit}",
+        xlim=(a.min(), a.max()),
+    )
     ax.legend(ncols=6, **LEGEND, **CLOSE_LEGEND)
     return ax
 
@@ -171,6 +178,13 @@ def _construction(ax: Axes, t: NDArray[np.float64], b: NDArray[np.float64]) -> N
     ax.annotate(r"$2\pi/\omega_i$", (t[1], outside), (0, -4 * side), va=vertical[1], **text)
     room = 1.4 * np.abs(b).max()
     ax.set_ylim(-room, room)
+
+
+def _signal(record: xr.Dataset) -> str:
+    """Label of the axis of a record's signal, with its symbol."""
+    units = signal_units(record)
+    name, unit = signal_label(units).split(" ", 1)
+    return f"{name} ${signal_symbol(units)}$ {unit}"
 
 
 def _ends(record: xr.Dataset) -> tuple[float, float]:
