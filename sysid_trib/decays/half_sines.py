@@ -92,7 +92,8 @@ def envelope(decay: xr.Dataset, curve: EnvelopeCurve = "half-sines") -> xr.Datas
     Dataset. Over ``half_period``: ``extremum`` (b, positive), ``sign``, ``extremum_time`` (t). Over
     ``instant``, the half periods but the first and last: ``instant_time`` = t[i], ``amplitude`` = (b[i+1] +
     b[i-1])/2, ``amplitude_rate`` = (b[i+1] - b[i-1])/(t[i+1] - t[i-1]), ``frequency`` = 2 pi/(t[i+1] -
-    t[i-1]); each with its ``..._standard_error``. And ``white_noise``, that of one sample.
+    t[i-1]); each with its ``..._standard_error``. And ``white_noise``, that of one sample. Amplitudes
+    have the unit of the decay.
 
     Raises
     ------
@@ -125,14 +126,15 @@ def envelope(decay: xr.Dataset, curve: EnvelopeCurve = "half-sines") -> xr.Datas
     at_noise = (extremum, noise * extremum_error), (extremum_time, noise * time_error)
     ratios = [_scatter_ratio(value, error, decay_ratio) for value, error in at_noise]
     errors = [ratio * error for ratio, (_, error) in zip(ratios, at_noise, strict=True)]
+    unit = str(decay["angle"].attrs.get("units", "rad"))
     over, name, time_name = "half_period", "extremum of the half-sine", "time of the extremum"
     return xr.Dataset(
         {
-            **with_standard_error(over, "extremum", extremum, errors[0], "rad", name),
+            **with_standard_error(over, "extremum", extremum, errors[0], unit, name),
             "sign": (over, halves.sign, {"units": "1", "long_name": "sign of the half period"}),
             **with_standard_error(over, "extremum_time", extremum_time, errors[1], "s", time_name),
-            "white_noise": ((), noise, {"units": "rad", "long_name": "white noise of one sample"}),
-            **_instants(extremum, extremum_time, errors),
+            "white_noise": ((), noise, {"units": unit, "long_name": "white noise of one sample"}),
+            **_instants(extremum, extremum_time, errors, unit),
         },
         attrs=decay.attrs | {"scatter_of_extrema": ratios[0], "scatter_of_times": ratios[1]},
     )
@@ -163,7 +165,7 @@ def with_standard_error(
     return {name: (dim, value, attrs), f"{name}_standard_error": (dim, error, error_attrs)}
 
 
-def _instants(b: Array, t: Array, errors: Sequence[Array]) -> dict[str, Any]:
+def _instants(b: Array, t: Array, errors: Sequence[Array], unit: str) -> dict[str, Any]:
     """Amplitude, its rate and the frequency at all half periods but the first and last."""
     variance_b, variance_t = errors[0] ** 2, errors[1] ** 2
     span = t[2:] - t[:-2]
@@ -172,8 +174,8 @@ def _instants(b: Array, t: Array, errors: Sequence[Array]) -> dict[str, Any]:
     variables: dict[str, Any] = {}
     for name, value, variance, units, long_name in (
         ("instant_time", t[1:-1], variance_t[1:-1], "s", "time"),
-        ("amplitude", 0.5 * (b[2:] + b[:-2]), 0.25 * both_b, "rad", "amplitude"),
-        ("amplitude_rate", rate, (both_b + rate**2 * both_t) / span**2, "rad/s", "rate of the amplitude"),
+        ("amplitude", 0.5 * (b[2:] + b[:-2]), 0.25 * both_b, unit, "amplitude"),
+        ("amplitude_rate", rate, (both_b + rate**2 * both_t) / span**2, f"{unit}/s", "rate of the amplitude"),
         ("frequency", frequency, frequency**2 * both_t / span**2, "rad/s", "angular frequency"),
     ):
         variables |= with_standard_error("instant", name, value, np.sqrt(variance), units, long_name)
