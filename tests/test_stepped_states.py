@@ -5,9 +5,10 @@ import itertools
 import numpy as np
 import pytest
 from candidates import force
+from scipy.interpolate import CubicSpline
 
 from sysid_trib import load_library
-from sysid_trib.averaging.internal_states import GivenMotion, states_along, values_along
+from sysid_trib.averaging.internal_states import LARGER, GivenMotion, roots_of, states_along, values_along
 from sysid_trib.averaging.stepped_states import is_stepped
 from sysid_trib.forces.formulas import parse
 
@@ -131,3 +132,29 @@ def test_derivatives_are_those_of_the_branch(text, derivative):
     v, z = np.random.default_rng(3).normal(size=(2, 50))
     formula = parse(text, frozenset("vz"), frozenset(), text)
     np.testing.assert_allclose(formula.derivative({"v": v, "z": z}, "z"), derivative(v, z), rtol=1e-13)
+
+
+@pytest.mark.parametrize("step", [0.01, 0.3, 2.0])
+def test_zeros_are_those_of_every_cubic(step):
+    """Of a swing, and of noise that crosses zero twice between samples."""
+    tau = np.arange(400) * step
+    noise = np.random.default_rng(3).standard_normal(400)
+    for values in (np.cos(tau + 0.3), noise):
+        spline = CubicSpline(tau, values)
+        zeros = spline.roots(extrapolate=False)
+        np.testing.assert_allclose(roots_of(spline), zeros, rtol=0, atol=1e-9 * step)
+
+
+def test_a_reversal_at_a_sample_counts_once():
+    tau = np.arange(0.0, 20.0, np.pi / 8.0)
+    values = np.round(np.sin(tau), 12)
+    np.testing.assert_allclose(GivenMotion(tau, -np.cos(tau), values, tau).reversals, np.pi * np.arange(1, 7))
+
+
+@pytest.mark.parametrize("symbol", ["masing", "jenkins", "dahl"])
+def test_a_larger_motion_is_one_of_that_size(symbol):
+    effect, factor = EFFECTS[symbol], 1.0 + LARGER
+    shapes = [{f"{symbol}.{k}": shape.default for k, shape in effect.shape.items()}]
+    drawn = GivenMotion(TAU, factor * X, factor * V, TAU)
+    expected, found = (values_along(motion, effect, shapes) for motion in (drawn, MOTION.larger))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)

@@ -5,12 +5,13 @@ For many values of the shape parameters, steps from sample to sample serve.
 """
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicHermiteSpline, CubicSpline
+from scipy.interpolate import CubicHermiteSpline, CubicSpline, PPoly
 
 from sysid_trib.arrays import Array
 from sysid_trib.averaging.collocation import Index, Panels, solve_states
@@ -41,11 +42,21 @@ class GivenMotion:
     def __init__(self, tau: Array, x: Array, v: Array, time: Array) -> None:
         self.tau, self.time = tau, time
         self.x, self.v = CubicHermiteSpline(tau, x, v), CubicSpline(tau, v)
-        zeros = self.v.roots(extrapolate=False)
-        # Not the release itself: there the start values hold.
-        self.reversals = np.unique(zeros[np.isfinite(zeros) & (zeros > tau[0] + 1e-9)])
+        zeros = np.sort(roots_of(self.v))
+        # Not the release itself: there the start values hold. One at a sample is found in both steps.
+        self.reversals = zeros[np.diff(zeros, prepend=tau[0]) > 1e-9]
         # What was followed for its tangent is asked for again.
         self.followed: dict[tuple[str, tuple[float, ...]], Array] = {}
+
+    @cached_property
+    def larger(self) -> "GivenMotion":
+        """A motion larger by the part `LARGER`, of the same reversals."""
+        larger, factor = copy(self), 1.0 + LARGER
+        larger.x, larger.v = (PPoly(factor * spline.c, spline.x) for spline in (self.x, self.v))
+        larger.at_samples = self.at_samples | {k: factor * self.at_samples[k] for k in "xv"}
+        larger.at_stages = self.at_stages | {k: factor * self.at_stages[k] for k in "xv"}
+        larger.followed = {}
+        return larger
 
     def names(self, tau: Array) -> dict[str, Any]:
         """Variables of the formulas that the motion gives."""
@@ -64,6 +75,26 @@ class GivenMotion:
     def segment(self, tau: Array) -> Index:
         """Number of reversals before each instant."""
         return np.searchsorted(self.reversals, tau)
+
+
+def roots_of(spline: PPoly) -> Array:
+    """Zeros of a continuous spline of cubics, (zero,), between its ends.
+
+    Looked for where the spline's Bernstein coefficients, between which it lies, differ in sign: in one step
+    of dozens, where a motion is followed closely.
+    """
+    length = np.diff(spline.x)
+    cubic, square, slope, value = spline.c * length ** np.arange(3, -1, -1)[:, None]
+    bounds = [value, value + slope / 3.0, value + (2.0 * slope + square) / 3.0]
+    bounds.append(value + slope + square + cubic)
+    at = np.flatnonzero((np.min(bounds, axis=0) <= 0.0) & (np.max(bounds, axis=0) >= 0.0))
+    # Steps of unit length side by side, between them what has no zero.
+    parts = np.zeros((4, 2 * len(at)))
+    parts[:, ::2], parts[-1, 1::2] = [cubic[at], square[at], slope[at], value[at]], 1.0
+    zeros = PPoly(parts, np.arange(2.0 * len(at) + 1.0)).roots(False, False) if len(at) else np.empty(0)
+    zeros = zeros[np.isfinite(zeros)]
+    step = np.minimum((zeros // 2.0).astype(int), len(at) - 1)
+    return np.asarray(spline.x[at[step]] + (zeros - 2.0 * step) * length[at[step]])
 
 
 def states_along(
@@ -167,8 +198,7 @@ def tangent_along(motion: GivenMotion, force: Force, shapes: Mapping[str, float]
     swing that are not forgotten. A state is not what it was at another angle, and so not a spring there.
     """
     x, v, still = motion.at_samples["x"], motion.at_samples["v"], np.zeros_like(motion.tau)
-    larger = GivenMotion(motion.tau, (1.0 + LARGER) * x, (1.0 + LARGER) * v, motion.time)
-    values, of_larger = (values_along(along, force, [shapes]) for along in (motion, larger))
+    values, of_larger = (values_along(along, force, [shapes]) for along in (motion, motion.larger))
     if values is None or of_larger is None:
         return still, still
     here = values[:, 0]

@@ -1,6 +1,6 @@
 """Moves of a search that take effects out of a model, or put others in their place; and their rivals."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from time import monotonic
@@ -49,9 +49,13 @@ class Fits:
         place = tuple(sorted((t.force.symbol, tuple(t.shapes.values())) for t in trials))
         if self.out_of_time or self.unlikely.get(place, -np.inf) >= worst:
             return None
-        model = self._fitted(near, trials, worst)
+
+        def possible(fitted: FittedModel) -> bool:
+            return _is_physical(fitted, len(base))
+
+        model = self._fitted(near, trials, worst, possible)
         # A fit that leaves what is physical has not failed: the effect does not explain the record.
-        physical = model is None or _is_physical(model, len(base))
+        physical = model is None or possible(model)
         if model is not None and model.settled and physical:
             self.kept[key] = model.light()
             return self.kept[key]
@@ -61,12 +65,25 @@ class Fits:
             self.failed += [trial.force.symbol for trial in add]
         return None
 
-    def _fitted(self, near: FittedModel, trials: Sequence[TrialEffect], worst: float) -> FittedModel | None:
+    def _fitted(
+        self,
+        near: FittedModel,
+        trials: Sequence[TrialEffect],
+        worst: float,
+        possible: Callable[[FittedModel], bool],
+    ) -> FittedModel | None:
         known = dict(zip([t.force.symbol for t in near.trials], near.coefficients.tolist(), strict=True))
         first = np.array([*(known.get(t.force.symbol, 0.0) for t in trials), near.stiffness])
         paths = [rows.path for rows in near.rows]
         try:
-            model = fit_model(paths, trials, frequency_free=near.frequency_free, first=first, worst=worst)
+            model = fit_model(
+                paths,
+                trials,
+                frequency_free=near.frequency_free,
+                first=first,
+                worst=worst,
+                possible=possible,
+            )
         except (SysidTribError, np.linalg.LinAlgError, ValueError):
             return None
         return model if np.isfinite(model.deviance) else None

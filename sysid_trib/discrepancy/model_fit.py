@@ -1,6 +1,6 @@
 """Exact fits: forces and errors of the sensor with their shapes, along the motion that they imply."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,6 +11,7 @@ from sysid_trib.discrepancy.paths import RecordPath
 from sysid_trib.discrepancy.run_rows import RunRows, nuisances, run_rows
 from sysid_trib.discrepancy.settings import Settings
 from sysid_trib.discrepancy.trials import TrialEffect, end_of_range, from_unit, slope_of_unit, to_unit
+from sysid_trib.errors import SysidTribError
 from sysid_trib.noise.residual_noise import NoiseModel
 from sysid_trib.records.runs import root_mean_square
 
@@ -202,6 +203,7 @@ def fit_model(
     frequency_free: bool,
     first: Array | None = None,
     worst: float = np.inf,
+    possible: Callable[["FittedModel"], bool] = lambda model: True,
 ) -> FittedModel:
     """Fit coefficients, shapes, frequency and both variances of each run along smoothed motions.
 
@@ -216,6 +218,8 @@ def fit_model(
         First guess of the coefficients and the stiffness, for the operator of small deviations.
     worst : float
         A fit that will not reach this deviance, by what its last round gained, is given up.
+    possible : callable
+        Whether physics allows a model: a fit that has left it for two rounds is given up.
 
     Notes
     -----
@@ -224,12 +228,16 @@ def fit_model(
     """
     guess = np.zeros(len(trials) + 1) if first is None else first
     model, settings = fitted_along(paths, trials, guess, frequency_free), paths[0].settings
-    rounds, reach, before = [], settings.shape_step, 0.0
+    rounds, reach, before, astray = [], settings.shape_step, 0.0, 0
     for turn in range(settings.rounds):
         guess = np.append(model.coefficients, model.stiffness)
         # A history-dependent force may have the path swing about where it settles.
         nearer = model.next_paths(1.0 if turn < WHOLE_STEPS else 0.5)
-        after = fitted_along(nearer, model.next_trials(reach), guess, frequency_free)
+        try:
+            after = fitted_along(nearer, model.next_trials(reach), guess, frequency_free)
+        except (SysidTribError, np.linalg.LinAlgError, ValueError):
+            # The path has run away to where nothing is finite, or rows say nothing.
+            return replace(model, settled=False)
         if not np.isfinite(after.deviance):
             return replace(model, settled=False)
         fall, model = model.deviance - after.deviance, after
@@ -238,6 +246,9 @@ def fit_model(
         if next_fall < settings.least_gain:
             return model
         before = abs(fall)
+        astray = 0 if possible(model) else astray + 1
+        if astray > 1 and turn > 1:
+            return replace(model, settled=False)
         # A shape that goes as far as it may in a round has still some way to go.
         on_its_way = any(abs(model.likelihood.coefficients[at]) > reach for *_, at in model.shape_columns)
         if turn > 1 and not on_its_way and model.deviance - 2.0 * abs(fall) > worst:

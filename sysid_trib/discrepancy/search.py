@@ -141,7 +141,8 @@ def _by_weight(last: Screening, effects: Sequence[str]) -> tuple[str, ...]:
 
 def _models(final: FittedModel, effects: Sequence[str]) -> list[FittedModel]:
     """The models with none, one, ... all of the effects."""
-    models = [refitted(final)]
+    last = refitted(final)
+    models = [last if last.follows else final]
     for symbol in reversed(effects):
         last = models[0]
         kept = [at for at, trial in enumerate(last.trials) if trial.force.symbol != symbol]
@@ -201,6 +202,6 @@ def _beyond_chance(current: Screening, effects: tuple[str, ...], fits: Fits) -> 
         gain, score = model.deviance - fitted.deviance, evidence(fitted, named)
         if current.p_value_of(gain, trial.force) < settings.level and score < here - settings.outside_of_set:
             if not tried:
-                least_of_column = current.gains[at] * (1.0 - settings.slack) - settings.far
+                least_of_column = current.gains[at] * (1.0 - settings.slack)
             tried.append(Move(score, named, fitted))
     return tried

@@ -14,7 +14,7 @@ from sysid_trib.discrepancy.run_rows import RunRows
 from sysid_trib.discrepancy.settings import DEFAULTS, Settings
 from sysid_trib.discrepancy.trials import TrialEffect
 from sysid_trib.forces.force import Force
-from sysid_trib.noise.colour import MAX_COLOUR, colour_above, most_likely_colour
+from sysid_trib.noise.colour import MAX_COLOUR, colour_above, most_likely_colour, of_order
 from sysid_trib.noise.level import swing_frequency
 from sysid_trib.noise.residual_noise import NoiseModel
 from sysid_trib.noise.smoothing import KNOTS_PER_PERIOD, smooth
@@ -77,9 +77,7 @@ def _likeliest_sensor(model: FittedModel, run: int) -> NoiseModel:
     shown = len(rows.path.sensor.filter_) > 1
     shown = shown or gain_of_little_colour(lambda at: likelihood_of(at).deviance) > np.log(samples)
     for order in range(MAX_COLOUR + 1 if shown else 1):
-        start, given = np.eye(1, order + 1)[0], np.zeros(order + 1)
-        given[: len(rows.path.sensor.filter_)] = rows.path.sensor.filter_[: order + 1]
-        starts = [start, np.append(filter_, np.zeros(order + 1 - len(filter_))), given]
+        starts = [of_order(known, order) for known in (np.ones(1), filter_, rows.path.sensor.filter_)]
         tried, deviance = most_likely_colour(
             lambda at: likelihood_of(at).deviance, starts, samples=float(rows.path.form.rows)
         )

@@ -312,6 +312,17 @@ def _filter(partial: Array) -> Array:
     return filter_
 
 
+def of_order(filter_: Array, order: int) -> Array:
+    """Whitening filter of an order that is nearest to one of another order, (order + 1,).
+
+    The leading taps of a longer one need not be stable; its leading partial autocorrelations are.
+    """
+    partial = np.zeros(order)
+    known = _partial(filter_)[:order]
+    partial[: len(known)] = known
+    return _filter(partial)
+
+
 def _partial(filter_: Array) -> Array:
     """Partial autocorrelations of a whitening filter, (order,): the inverse of `_filter`."""
     partial = []
