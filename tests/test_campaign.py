@@ -129,7 +129,7 @@ def test_a_full_disk_ends_a_campaign_in_a_sentence_and_it_goes_on_when_there_is_
     assert not list(tmp_path.glob(".*"))
     with monkeypatch.context() as patch:
         disk_with_room(patch, 10**9 - left[0] - of_records // 2)
-        with pytest.raises(RecordError, match="No space left on device.*repeat the command"):
+        with pytest.raises(RecordError, match=r"No space left on device.*repeat the command"):
             store_of("part.zarr")
     part = st.open_store(tmp_path / "part.zarr").load()
     done = np.flatnonzero(part.status.values == 1)
