@@ -1,10 +1,13 @@
 """Campaigns: one row a record, whatever the workers, the order, the bad records and the kills."""
 
+import errno
+import io
 import os
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -87,6 +90,53 @@ def test_what_was_done_is_not_done_again_and_the_rest_is(study, tmp_path, monkey
         numbers(st.campaign(study, TASK, output=tmp_path / "part.zarr", workers=0)), whole
     )
     assert drawn == [3, 4, 5]
+
+
+def disk_with_room(monkeypatch, room):
+    """Let files that a store writes hold so many bytes more; what comes after finds the disk full."""
+    left, opened = [room], Path.open
+
+    class Written(io.BufferedWriter):
+        def write(self, content):
+            left[0] -= memoryview(content).nbytes
+            if left[0] < 0:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            return super().write(content)
+
+    def open_file(path, mode="r", *rest, **options):
+        file = opened(path, mode, *rest, **options)
+        return Written(file.detach()) if path.suffix == ".partial" and mode == "wb" else file
+
+    monkeypatch.setattr(Path, "open", open_file)
+    return left
+
+
+def test_a_full_disk_ends_a_campaign_in_a_sentence_and_it_goes_on_when_there_is_room(
+    study, tmp_path, monkeypatch
+):
+    def store_of(name):
+        return st.campaign(study, TASK, output=tmp_path / name, workers=0)
+
+    with monkeypatch.context() as patch:
+        left = disk_with_room(patch, 10**9)
+        whole = numbers(store_of("whole.zarr"))
+    of_records = sum(p.stat().st_size for p in (tmp_path / "whole.zarr").rglob("[0-9]*"))
+    with monkeypatch.context() as patch:
+        disk_with_room(patch, 2000)
+        with pytest.raises(RecordError, match="cannot be made"):
+            store_of("none.zarr")
+    assert sorted(p.name for p in tmp_path.glob("*.zarr*")) == ["whole.zarr"]
+    assert not list(tmp_path.glob(".*"))
+    with monkeypatch.context() as patch:
+        disk_with_room(patch, 10**9 - left[0] - of_records // 2)
+        with pytest.raises(RecordError, match=r"No space left on device.*repeat the command"):
+            store_of("part.zarr")
+    part = st.open_store(tmp_path / "part.zarr").load()
+    done = np.flatnonzero(part.status.values == 1)
+    assert 0 < len(done) < 6
+    xr.testing.assert_identical(part.isel(record=done).drop_vars("seconds"), whole.isel(record=done))
+    xr.testing.assert_identical(numbers(store_of("part.zarr")), whole)
+    assert not [p for p in tmp_path.rglob("*") if p.suffix == ".partial"]
 
 
 def test_a_bad_record_is_a_row_with_its_reason(tmp_path):

@@ -1,5 +1,6 @@
 """Saved results that were damaged or edited: loaded, and shown as pages."""
 
+import shutil
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -16,7 +17,22 @@ SCRIPT = "<script>alert(1)</script>"
 
 @cache
 def sound_results(folder: Path) -> dict[str, tuple[bytes, xr.DataTree]]:
-    """A result of each command of a short record, as a file and as a tree."""
+    """A result of each command of a short record, as a file and as a tree; the first process makes them."""
+    kept = folder / "sound"
+    if not kept.exists():
+        fresh = folder / "fresh"
+        fresh.mkdir(exist_ok=True)
+        for name, tree in _made_results().items():
+            st.save(tree, fresh / f"{name}.nc")
+        fresh.rename(kept)
+    found = {}
+    for place in sorted(kept.iterdir()):
+        shutil.copy(place, folder)
+        found[place.stem] = (place.read_bytes(), st.load(place))
+    return found
+
+
+def _made_results() -> dict[str, xr.DataTree]:
     noise = 1e-4 * np.random.default_rng(0).standard_normal(400)
     record = xr.Dataset(
         {"angle": ("time", ANGLE + noise, {"units": "rad"})}, {"time": ("time", TIME, {"units": "s"})}
@@ -25,18 +41,12 @@ def sound_results(folder: Path) -> dict[str, tuple[bytes, xr.DataTree]]:
     forces = st.load_library().select(["zeta", "delta"])
     averaging = st.identify(decay, forces, st.methods.Averaging())
     direct = st.identify(decay, forces, st.methods.Direct())
-    trees = {
+    return {
         "identify": xr.DataTree(direct),
         "cross_check": st.cross_check(decay, averaging, direct),
         "compare": st.compare(decay, forces, [st.methods.Averaging(), st.methods.Direct()]),
         "discover": st.discover(decay, forces.select(["zeta"]), forces, max_effects=1),
     }
-    made = {}
-    for name, tree in trees.items():
-        place = folder / f"{name}.nc"
-        st.save(tree, place)
-        made[name] = (place.read_bytes(), st.load(place))
-    return made
 
 
 def _attribute(random: np.random.Generator) -> object:

@@ -39,6 +39,8 @@ KINDS: dict[str, Kind] = {
 WORKING = ("page", "record", "command", "discover")
 SLOWEST_S, SLOWEST_WORK_S, HUNG_S = 5.0, 60.0, 900.0
 MOST_MEMORY = 2**30
+# After which a process makes room for another one: some libraries keep what they have seen.
+GROWN = 2**29
 FORBIDDEN = (
     "os.system",
     "os.exec",
@@ -73,13 +75,13 @@ class Watch:
             self.events.append(f"{event} {str(args)[:200]}")
 
 
-def _peak() -> int:
-    """Peak of the resident memory since it was last reset, in bytes; 0 where the system does not tell."""
+def _memory(of: str) -> int:
+    """Resident memory in bytes, VmRSS now or VmHWM at its peak; 0 where the system does not tell."""
     try:
         lines = Path("/proc/self/status").read_text().splitlines()
     except OSError:
         return 0
-    return next(1024 * int(line.split()[1]) for line in lines if line.startswith("VmHWM"))
+    return next(1024 * int(line.split()[1]) for line in lines if line.startswith(of))
 
 
 def _reset_peak() -> None:
@@ -98,7 +100,7 @@ def run(kind: str, seed: int, number: int, folder: Path, watch: Watch | None = N
     with warnings.catch_warnings(action="ignore"):
         action = KINDS[kind](random_of(kind, seed, number), folder)
     _reset_peak()
-    before, start, wall, said, where = _peak(), process_time(), monotonic(), "", ""
+    before, start, wall, said, where = _memory("VmHWM"), process_time(), monotonic(), "", ""
     slowest = SLOWEST_WORK_S if kind in WORKING else SLOWEST_S
     if watch:
         # A hang ends the process with a traceback: one that computes, or waits.
@@ -122,7 +124,7 @@ def run(kind: str, seed: int, number: int, folder: Path, watch: Watch | None = N
             signal.setitimer(signal.ITIMER_PROF, 0.0)
             faulthandler.cancel_dump_traceback_later()
             watch.on = False
-    seconds, memory = process_time() - start, _peak() - before
+    seconds, memory = process_time() - start, _memory("VmHWM") - before
     if watch and watch.events:
         end, said = "fault executed", "; ".join(watch.events)
     if (folder / MARK).exists() or Path(MARK).exists():
@@ -143,7 +145,7 @@ def run(kind: str, seed: int, number: int, folder: Path, watch: Watch | None = N
 
 
 def main(kind: str, seed: int, first: int, count: int, folder: Path) -> None:
-    """Run cases one after another."""
+    """Run cases one after another, until all are done or the process has grown."""
     # What a library prints must not stand among the lines of the cases.
     out = os.fdopen(os.dup(1), "w", buffering=1)
     os.dup2(2, 1)
@@ -151,9 +153,12 @@ def main(kind: str, seed: int, first: int, count: int, folder: Path) -> None:
     faulthandler.register(signal.SIGPROF, chain=True)
     watch = Watch()
     os.chdir(folder)
+    begun_with = _memory("VmRSS")
     for number in range(first, first + count):
         print(json.dumps({"number": number}), file=out)
         print(json.dumps(run(kind, seed, number, folder, watch)), file=out)
+        if _memory("VmRSS") - begun_with > GROWN:
+            break
 
 
 if __name__ == "__main__":

@@ -46,7 +46,7 @@ def decay_dataset(record: xr.Dataset, decay: CutDecay, said: str) -> xr.Dataset:
     chosen = slice(part.start, part.stop)
     time, signal = piece.time[chosen], piece.signal[chosen] - swing.equilibrium
     attrs = record["angle"].attrs
-    units = centred_in = str(attrs.get("units", "rad"))
+    units = centred_in = str(attrs.get("units") or "rad")
     equilibrium = swing.equilibrium, swing.standard_error
     measured = record.attrs.get("measured")
     beside = {}

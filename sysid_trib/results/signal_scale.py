@@ -70,7 +70,12 @@ def in_units_of_the_motion(function: Callable[P, R]) -> Callable[P, R]:
 
 def counts_angles(decay: xr.Dataset) -> bool:
     """Whether the signal of a decay is an angle in rad."""
-    return str(decay["angle"].attrs.get("units", ANGLE_UNIT)) == ANGLE_UNIT
+    return _angle_unit(decay) == ANGLE_UNIT
+
+
+def _angle_unit(data: xr.Dataset) -> str:
+    """Unit of `angle`; rad where none is stated."""
+    return str(data["angle"].attrs.get("units") or ANGLE_UNIT)
 
 
 def scalable(force: Force) -> bool:
@@ -125,7 +130,7 @@ class _SignalScale:
         """Every variable that is a signal, or a coefficient, times its factor; other ones as they are."""
         changed = data.copy()
         for name, variable in data.variables.items():
-            units = str(variable.attrs.get("units", ""))
+            units = _angle_unit(data) if name == "angle" else str(variable.attrs.get("units", ""))
             power = _power(str(name), units, old)
             if power:
                 attrs = dict(variable.attrs) | {"units": units.replace(old, new)}
@@ -234,7 +239,7 @@ def _scale_of(given: dict[str, Any]) -> _SignalScale | None:
         return _SignalScale(str(known[0].attrs[UNIT_ATTR]), float(known[0].attrs[SIZE_ATTR]), degrees)
     # What does not move, or is no number, is refused where it is used.
     size = 2.0 ** np.ceil(np.log2(largest / USUAL_SIZE)) if 0.0 < largest < np.inf else 1.0
-    unit = str((displacements or decays)[0]["angle"].attrs.get("units", ANGLE_UNIT))
+    unit = _angle_unit((displacements or decays)[0])
     return _SignalScale(unit, float(size), degrees)
 
 
