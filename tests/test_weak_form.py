@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 import scipy.linalg
+import scipy.sparse as sp
 from helpers import NOISE, SIX, W, decay, paper_run
 from scipy.interpolate import BSpline
 
@@ -148,3 +149,23 @@ def test_twenty_samples_a_period_have_rows_that_resolve_the_third_harmonic():
     periods = 20
     form = build_weak_form(np.arange(20 * periods) * 2.0 * np.pi / 20)
     assert form.rows / periods == pytest.approx(KNOTS_PER_PERIOD, rel=0.02)
+
+
+@pytest.mark.parametrize("gap", [False, True])
+def test_the_operator_on_the_noise_is_that_of_sparse_products(gap):
+    tau = np.arange(600) * 2.0 * np.pi / 40
+    form = build_weak_form(tau[(tau < 40.0) | (tau > 40.6)] if gap else tau)
+    stiffness, damping = 1.0 + 0.1 * np.cos(form.tau), 0.05 * np.abs(np.sin(form.tau))
+    rate = sp.diags_array(np.gradient(damping, form.tau))
+    expected = form.curvature + form.value @ sp.diags_array(stiffness)
+    expected = expected - form.slope @ sp.diags_array(damping) - form.value @ rate
+    entries = form.slope.tocoo()
+    # One entry more, a zero.
+    places = np.append(entries.row, 0), np.append(entries.col, len(form.tau) - 1)
+    slope = sp.csr_matrix((np.append(entries.data, 0.0), places), entries.shape)
+    apart = replace(form, slope=slope)
+    for each in (form, apart):
+        difference = noise_operator(each, stiffness, damping) - expected
+        assert np.abs(difference.toarray()).max() < 1e-13 * np.abs(expected.toarray()).max()
+    assert form.shares_entries
+    assert not apart.shares_entries

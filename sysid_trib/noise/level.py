@@ -1,6 +1,7 @@
 """The noise of the sensor: the one definition of `noise` in every result."""
 
 import math
+from functools import lru_cache
 
 import numpy as np
 import xarray as xr
@@ -9,6 +10,9 @@ from sysid_trib.decays.equilibrium import with_half_periods
 from sysid_trib.decays.half_periods import noise_level, quantisation_step
 from sysid_trib.errors import DecayError
 from sysid_trib.noise.smoothing import noise_about_spline
+
+# Every method and verdict asks for the noise of the same record, or of its few runs: the last are kept.
+KEPT_NOISES = 4
 
 
 def swing_frequency(decay: xr.Dataset) -> float:
@@ -61,6 +65,11 @@ def sensor_noise(decay: xr.Dataset) -> float:
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
     try:
         tau = nominal_frequency(swing_frequency(decay)) * (time - time[0])
-        return noise_about_spline(tau, angle)
+        return _about_spline(tau.tobytes(), angle.tobytes())
     except DecayError:
         return max(noise_level(time, angle), quantisation_step(angle) / float(np.sqrt(12.0)))
+
+
+@lru_cache(maxsize=KEPT_NOISES)
+def _about_spline(tau: bytes, angle: bytes) -> float:
+    return noise_about_spline(np.frombuffer(tau), np.frombuffer(angle))

@@ -1,10 +1,12 @@
 """The least-squares spline through a record: motion and its derivatives, and the noise beside it."""
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+import scipy.sparse as sp
 from scipy.interpolate import BSpline
-from scipy.linalg import solveh_banded
+from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError
@@ -13,6 +15,8 @@ SPLINE_DEGREE = 5
 KNOTS_PER_PERIOD = 12
 # Fewer samples than this between knots and the splines would follow the noise.
 SAMPLES_PER_KNOT = 2
+# Samples up to which splines or test functions are kept for the next record on the same grid: some 40 MB.
+MOST_KEPT = 100_000
 
 
 class SmoothedMotion(NamedTuple):
@@ -71,19 +75,32 @@ def least_squares_spline(tau: Array, values: Array, knots: Array) -> tuple[BSpli
     same to the bit, but looks for the interval of every sample from the first knot on: 12 s for 10^6 samples.
     """
     try:
-        if np.any(np.diff(tau) <= 0.0):
-            raise ValueError("times that do not increase")
-        basis = BSpline.design_matrix(tau, knots, SPLINE_DEGREE)
-        normal, count = basis.T @ basis, basis.shape[1]
-        band = np.zeros((SPLINE_DEGREE + 1, count))
-        for off in range(min(len(band), count)):
-            band[off, : count - off] = normal.diagonal(off)
-        coefficients = solveh_banded(band, basis.T @ values, lower=True, check_finite=False)
+        basis, factor = (
+            _kept(tau.tobytes(), knots.tobytes()) if len(tau) <= MOST_KEPT else _normal_equations(tau, knots)
+        )
+        coefficients = cho_solve_banded((factor, True), basis.T @ values, check_finite=False)
     except ValueError:
         raise DecayError(
             "The samples of this record do not determine a spline; check its sampling."
         ) from None
     return BSpline.construct_fast(knots, coefficients, SPLINE_DEGREE), np.asarray(basis @ coefficients)
+
+
+@lru_cache(maxsize=6)
+def _kept(tau: bytes, knots: bytes) -> tuple[sp.csr_array, Array]:
+    return _normal_equations(np.frombuffer(tau), np.frombuffer(knots))
+
+
+def _normal_equations(tau: Array, knots: Array) -> tuple[sp.csr_array, Array]:
+    """B-splines at the samples, (sample, spline), and the banded Cholesky factor of their products."""
+    if np.any(np.diff(tau) <= 0.0):
+        raise ValueError("times that do not increase")
+    basis = BSpline.design_matrix(tau, knots, SPLINE_DEGREE)
+    normal, count = basis.T @ basis, basis.shape[1]
+    band = np.zeros((SPLINE_DEGREE + 1, count))
+    for off in range(min(len(band), count)):
+        band[off, : count - off] = normal.diagonal(off)
+    return basis, cholesky_banded(band, lower=True, check_finite=False)
 
 
 def smooth(tau: Array, angle: Array) -> SmoothedMotion:

@@ -179,32 +179,36 @@ class ForceFeatures(BaseFeatureLibrary):
         averaged too, by two points (Gauss): values beside averages would be, of few samples a period, a
         pattern that no motion has, and that seems to tell apart what the record does not.
         """
-        columns = self.evaluate(time, angle, rate)
+        columns = np.empty((len(time), len(self._forces)))
         frequency = float(self.reference_frequency or 0.0)
         number = np.arange(points) - 0.5 * (points - 1)
-        parts = np.multiply.outer(number / points, frequency * np.gradient(time))
+        cell, parts = frequency * np.gradient(time), number / points
         errors = rate_error * ndtri(np.mod(golden_ratio * number + 0.5, 1.0))
 
-        def near(part: Array, error: float, at: Mask) -> tuple[Array, Array, Array]:
+        def near(part: float, error: float, at: Mask | slice) -> tuple[Array, Array, Array]:
+            # Of the samples that are asked for alone: few cells switch, and each has many points.
+            ahead = part * cell[at]
             return (
-                angle[at] + part * rate[at],
-                rate[at] + part * acceleration[at] + error,
-                time[at] + part / frequency,
+                angle[at] + ahead * rate[at],
+                rate[at] + ahead * acceleration[at] + error,
+                time[at] + ahead / frequency,
             )
 
-        every, extremes = np.ones(len(time), bool), np.unique([errors.min(), errors.max()])
-        gauss = frequency * np.gradient(time) / np.sqrt(12.0)
+        every, extremes = slice(None), np.unique([errors.min(), errors.max()])
         corners = [near(part, error, every) for part in parts[[0, -1]] for error in extremes]
+        before, after = (near(side / np.sqrt(12.0), 0.0, every) for side in (-1.0, 1.0))
         for i, force in enumerate(self._forces):
             # Internal states are continuous, and costly to compute.
             if not force.memoryless:
+                states = states_along(force, time * frequency, angle, rate, self.shapes, time=time)
+                columns[:, i] = force.value(angle, rate, time, shapes=self.shapes, hidden=states)
                 continue
-            whole = (near(side * gauss, 0.0, every) for side in (-1.0, 1.0))
-            columns[:, i] = np.mean([force.value(*point, shapes=self.shapes) for point in whole], axis=0)
+            low, high = (force.value(*point, shapes=self.shapes) for point in (before, after))
+            columns[:, i] = 0.5 * (low + high)
             if not force.surfaces:
                 continue
             at = _switches(force, [(angle, rate, time), *corners], self.shapes)
-            points_of_cells = (near(part[at], error, at) for part, error in zip(parts, errors, strict=True))
+            points_of_cells = (near(part, error, at) for part, error in zip(parts, errors, strict=True))
             columns[at, i] = np.mean(
                 [force.value(*point, shapes=self.shapes) for point in points_of_cells], axis=0
             )

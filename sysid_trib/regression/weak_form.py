@@ -18,7 +18,7 @@ from scipy.signal import lfilter
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError
 from sysid_trib.noise.autoregression import memory_samples
-from sysid_trib.noise.smoothing import SPLINE_DEGREE, knot_intervals, knot_sequence
+from sysid_trib.noise.smoothing import MOST_KEPT, SPLINE_DEGREE, knot_intervals, knot_sequence
 
 # With fewer samples than this a row, rows would nearly depend on each other; with many more, those of a
 # record of 20 samples a period would not resolve the third harmonic of the motion.
@@ -28,10 +28,10 @@ SAMPLES_PER_ROW = 1.5
 END_ROWS, END_DEGREE, END_PARTS = SPLINE_DEGREE - 2, 7, 6
 # Beside a gap, a step longer than so many others, there is nothing to interpolate.
 MOST_UNEVEN = 1.5
-# Samples up to which a weak form is kept for the next record on the same grid: some 40 MB.
+# Where a sparse matrix has entries.
+ENTRIES = "indptr", "indices"
 # Numbers that are filtered at once.
 MOST_DENSE = 4_000_000
-MOST_KEPT = 100_000
 
 
 @dataclass(frozen=True)
@@ -57,6 +57,15 @@ class WeakForm:
         """Covariance of the rows by white acceleration of unit size, int psi_i psi_j dtau: (band, row)."""
         return covariance_band(self.value @ sp.diags_array(1.0 / np.gradient(self.tau)) @ self.value.T)
 
+    @cached_property
+    def shares_entries(self) -> bool:
+        """Whether the three matrices have entries in the same places, in the same order."""
+        return all(
+            np.array_equal(getattr(self.value, name), getattr(other, name))
+            for other in (self.slope, self.curvature)
+            for name in ENTRIES
+        )
+
     @property
     def rows(self) -> int:
         """Number of test functions."""
@@ -79,7 +88,8 @@ def _kept(tau: bytes, intervals: int) -> WeakForm:
 
 
 def _built(tau: Array, intervals: int) -> WeakForm:
-    return WeakForm(tau, *(_sample_integrals(tau, intervals, order) for order in range(3)))
+    # Sorted, the three have their entries in the same places.
+    return WeakForm(tau, *(_sample_integrals(tau, intervals, order).sorted_indices() for order in range(3)))
 
 
 def _sample_integrals(tau: Array, intervals: int, order: int) -> sp.csr_matrix:
@@ -172,10 +182,15 @@ def noise_operator(form: WeakForm, stiffness: Array, damping: Array) -> sp.csr_m
     -------
     (row, sample) sparse array of float
     """
-    turned = form.curvature + form.value @ sp.diags_array(stiffness)
     # int psi d e' = -int (psi d)' e: the derivative is taken of the rows, never of the noise.
     rate = np.gradient(damping, form.tau)
-    return (turned - form.slope @ sp.diags_array(damping) - form.value @ sp.diags_array(rate)).tocsr()
+    if form.shares_entries:
+        at, value = form.value.indices, form.value.data
+        data = form.curvature.data + value * (stiffness - rate)[at] - form.slope.data * damping[at]
+        # Places of its own: scipy sorts them within a matrix.
+        return sp.csr_matrix((data, at, form.value.indptr), form.value.shape, copy=True)
+    turned = form.curvature + form.value @ sp.diags_array(stiffness - rate)
+    return (turned - form.slope @ sp.diags_array(damping)).tocsr()
 
 
 def coloured(operator: sp.csr_matrix, filter_: Array) -> sp.csr_matrix:

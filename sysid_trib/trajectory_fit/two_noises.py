@@ -75,6 +75,16 @@ class RowsLikelihood:
         """The operator on the innovations of the sensor's noise."""
         return coloured(self.matrix, sensor.filter_)
 
+    @cached_property
+    def band_of_white(self) -> Array:
+        """Covariance of the rows in white noise of the sensor, of unit variance: (band, row)."""
+        return covariance_of_local_rows(self.matrix)
+
+    def band(self, sensor: NoiseModel) -> Array:
+        """Covariance of the rows by the sensor's noise, of unit innovations: (band, row)."""
+        white = len(sensor.filter_) == 1
+        return self.band_of_white if white else covariance_of_local_rows(self.acting(sensor))
+
     def beside(self, sensor: NoiseModel) -> RatioLikelihood:
         """The likelihood by the ratio of the two variances, beside a sensor's noise of one colour."""
         prior = Prior(DEGREES_OF_PRIOR, DEGREES_OF_PRIOR * sensor.innovation**2)
@@ -82,7 +92,7 @@ class RowsLikelihood:
             lines, filter_ = self.lines, sensor.filter_
             prior = Prior(lines.independent, lines.squares(filter_), lines.log_determinant(filter_))
         gram = self.run.problem.form.gram
-        return RatioLikelihood(covariance_of_local_rows(self.acting(sensor)), gram, self.table, prior)
+        return RatioLikelihood(self.band(sensor), gram, self.table, prior)
 
     def ratio(self, sensor: NoiseModel, start: float | None) -> VarianceRatio:
         """Ratio of most likelihood beside a sensor's noise; near `start` if that is given."""
