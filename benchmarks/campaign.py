@@ -1,6 +1,6 @@
 """Campaigns: speed of two workers, memory over many records, kills of the campaign and of its workers.
 
-python benchmarks/campaign.py [--records N] [--only speed|memory|kills|workers|scheduler]
+python benchmarks/campaign.py [--records N] [--only speed|memory|kills|workers|scheduler] [--every S]
 
 speed: N simulated runs of the paper's experiment by averaging, direct and trajectory, in this process, by one
 worker and by two. memory: ten times as many by direct, the resident memory of each worker over time. kills: a
@@ -52,7 +52,6 @@ METHODS = {
     "trajectory": st.methods.Trajectory(),
 }
 KILLS, KILLED_RECORDS = 20, 400
-WORKER_KILLS_EVERY_S = 30.0
 SETTLED_RECORDS = 500
 # A thousand blocks of the size that a million records have.
 REFUSED_RECORDS = 100_000
@@ -149,12 +148,12 @@ def written(store: Path) -> int:
     return len(list(store.glob("status/[0-9]*")))
 
 
-def worker_kills(folder: Path, records: int) -> Table:
+def worker_kills(folder: Path, records: int, every: float) -> Table:
     """A worker killed every few seconds: nothing is lost."""
     ended, killed = threading.Event(), []
 
     def kill() -> None:
-        while not ended.wait(WORKER_KILLS_EVERY_S):
+        while not ended.wait(every):
             workers = [
                 p for p in psutil.Process().children(recursive=True) if "spawn" in " ".join(p.cmdline())
             ]
@@ -163,12 +162,14 @@ def worker_kills(folder: Path, records: int) -> Table:
                 killed[-1].kill()
 
     threading.Thread(target=kill, daemon=True).start()
+    start = time.perf_counter()
     drawn = st.load_study(study(folder, records))
     store = st.campaign(drawn, task("direct"), output=folder / "workers.zarr", workers=2)
     ended.set()
-    table = Table("records", "workers killed", "done", "lost")
+    table = Table("records", "workers killed", "done", "lost", "s")
     counts = counts_of(store)
-    table.add_row(f"{records:,}", str(len(killed)), str(counts["done"]), str(counts["lost"]))
+    spent = f"{time.perf_counter() - start:.0f}"
+    table.add_row(f"{records:,}", str(len(killed)), str(counts["done"]), str(counts["lost"]), spent)
     return table
 
 
@@ -215,6 +216,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--records", type=int, default=1000)
     parser.add_argument("--only", choices=("speed", "memory", "kills", "workers", "scheduler"))
+    parser.add_argument("--every", type=float, default=30.0, help="s between kills of a worker")
     parser.add_argument("--go-on", nargs=2, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.go_on:
@@ -227,7 +229,7 @@ def main() -> None:
             "speed": lambda: speed(folder, options.records),
             "memory": lambda: memory(folder, 10 * options.records),
             "kills": lambda: kills(folder),
-            "workers": lambda: worker_kills(folder, options.records),
+            "workers": lambda: worker_kills(folder, options.records, options.every),
             "scheduler": lambda: scheduler_load(folder, 5000),
         }
         for part, table in parts.items():

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from command_line import TIME, linear, run, write_csv
 
 import sysid_trib as st
 from sysid_trib.campaigns.conditions import estimates_of, read_conditions, reported_method
+from sysid_trib.campaigns.run import _wait_for_one
 from sysid_trib.campaigns.store import counts_of
 from sysid_trib.errors import RecordError, UsageError
 
@@ -260,6 +262,33 @@ def test_the_command_ends_with_a_page(tmp_path):
     assert "Coefficients against conditions" in page
     assert "run2.csv" in page
     assert page.count('<svg class="thumbnail"') == 3
+
+
+def test_no_worker_that_starts_is_a_sentence():
+    class Client:
+        def wait_for_workers(self, count, timeout):
+            raise TimeoutError(timeout)
+
+    with pytest.raises(UsageError, match="No worker has started within 120s; a script"):
+        _wait_for_one(Client())
+
+
+@pytest.mark.slow
+def test_a_worker_that_dies_while_it_starts_is_replaced(study, tmp_path):
+    psutil, killed = pytest.importorskip("psutil"), []
+
+    def kill_one():
+        while not killed:
+            time.sleep(0.05)
+            children = psutil.Process().children(recursive=True)
+            killed.extend([p for p in children if "spawn" in " ".join(p.cmdline())][:1])
+        killed[0].kill()
+
+    thread = threading.Thread(target=kill_one, daemon=True)
+    thread.start()
+    store = st.campaign(study, TASK, output=tmp_path / "a.zarr", workers=2)
+    thread.join()
+    assert counts_of(store)["done"] == 6
 
 
 SCRIPT = """

@@ -21,6 +21,9 @@ AHEAD = 3
 LOOKED_AFTER, STARTS_WITHIN = 20.0, "120s"
 # How often a block is given to another worker when one dies.
 DEATHS = 10
+# How often each process looks whether its loop still turns, and at the load of the machine; as often as dask
+# does by itself (20 ms, 0.5 s), idle processes take a twentieth of a core.
+TICK, MONITOR = "500ms", "5s"
 RecordAt = Callable[[int], Any]
 
 
@@ -60,11 +63,13 @@ def finished_blocks(
             yield block, rows_of(task, [record_at(at) for at in block])
         return
     with _client(workers, memory) as client:
-        yield from _through(client, task, blocks, record_at)
+        # On this machine not all may have started yet.
+        count = workers if isinstance(workers, int) else len(client.nthreads())
+        yield from _through(client, task, blocks, record_at, AHEAD * max(1, count))
 
 
 def _through(
-    client: Any, task: Task, blocks: Sequence[Index], record_at: RecordAt
+    client: Any, task: Task, blocks: Sequence[Index], record_at: RecordAt, count: int
 ) -> Iterator[tuple[Index, list[Row]]]:
     from distributed import as_completed
 
@@ -76,7 +81,6 @@ def _through(
         sent[future.key] = block
         return future
 
-    count = AHEAD * max(1, len(client.nthreads()))
     running = as_completed([submit(block) for block in islice(waiting, count)])
     for future in running:
         block = sent.pop(future.key)
@@ -106,6 +110,8 @@ def _client(workers: int | str, memory: str) -> Iterator[Any]:
         "distributed.comm.timeouts.connect": "10s",
         "distributed.deploy.lost-worker-timeout": STARTS_WITHIN,
         "distributed.worker.profile.enabled": False,
+        "distributed.admin.tick.interval": TICK,
+        "distributed.admin.system-monitor.interval": MONITOR,
         "distributed.admin.log-length": 100,
         "distributed.admin.low-level-log-length": 100,
         "distributed.admin.system-monitor.log-length": 100,
@@ -123,7 +129,8 @@ def _client(workers: int | str, memory: str) -> Iterator[Any]:
             return
         with (
             LocalCluster(
-                n_workers=workers,
+                # One that dies while it starts must not end the others: they are asked for below.
+                n_workers=0,
                 threads_per_worker=1,
                 memory_limit=memory,
                 # Without a page; what is served in its place must not want the port that others have.
@@ -134,13 +141,26 @@ def _client(workers: int | str, memory: str) -> Iterator[Any]:
             Client(cluster) as client,
             _looked_after(cluster, workers),
         ):
+            _wait_for_one(client)
             yield client
+
+
+def _wait_for_one(client: Any) -> None:
+    """Wait until a worker has started."""
+    try:
+        client.wait_for_workers(1, timeout=STARTS_WITHIN)
+    except TimeoutError:
+        raise UsageError(
+            f"No worker has started within {STARTS_WITHIN}; a script that starts processes wants "
+            'if __name__ == "__main__": around its campaign. Else give them more memory, or take workers=0.'
+        ) from None
 
 
 @contextmanager
 def _looked_after(cluster: Any, workers: int) -> Iterator[None]:
-    """Start workers anew in places that dask gave up, as it does where one dies while it starts."""
+    """Start workers, and others in places that dask gave up, as it does where one dies while it starts."""
     ended = Event()
+    cluster.scale(workers)
 
     def look() -> None:
         while not ended.wait(LOOKED_AFTER):
