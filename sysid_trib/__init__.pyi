@@ -24,12 +24,9 @@ from .physics.linear_systems import (
 )
 from .physics.sliding import sliding_coefficients as sliding_coefficients
 from .physics.units import inertia_with_mass as inertia_with_mass, physical_units as physical_units
-from .records.read import (
-    Reading as Reading,
-    read_record as read_record,
-    read_records as read_records,
-    scale_translation as scale_translation,
-)
+from .records.read import read_record as read_record, read_records as read_records
+from .records.reading import Reading as Reading
+from .records.translation import scale_translation as scale_translation
 from .regression.pysindy_features import ForceFeatures as ForceFeatures
 from .reporting.page import report as report
 from .results.contactless import with_contactless_frequency as with_contactless_frequency

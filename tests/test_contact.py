@@ -14,7 +14,8 @@ from command_line import run
 from sysid_trib.decays.free_decay import free_decays
 from sysid_trib.decays.half_periods import dominant_periods
 from sysid_trib.errors import SysidTribError, UsageError
-from sysid_trib.records.read import Reading, read_records
+from sysid_trib.records.read import read_records
+from sysid_trib.records.reading import Reading
 
 # Decays of a file, where it holds several.
 DECAYS = {"07_gyroscope.csv": 2, "23_five_plucks.csv": 5, "27_gaps.csv": 2, "39_two_runs.csv": 2}

@@ -5,7 +5,8 @@ import pytest
 from command_line import run
 
 import sysid_trib as st
-from sysid_trib.records.read import Reading, read_records
+from sysid_trib.records.read import read_records
+from sysid_trib.records.reading import Reading
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.trajectory_fit.observation import MEASURED, Observation, acceleration_of, measured_part
 

@@ -10,7 +10,8 @@ from benchmarks.contact.writing import KINDS, Draw, Right
 from sysid_trib.decays.free_decay import free_decays
 from sysid_trib.errors import SysidTribError
 from sysid_trib.looking.look import look
-from sysid_trib.records.read import Reading, read_records
+from sysid_trib.records.read import read_records
+from sysid_trib.records.reading import Reading
 
 PERIOD, DAMPING, AMPLITUDE = 0.01, 0.12, 0.12
 

@@ -74,7 +74,8 @@ def decays_within(given: DecayOptions, records: "list[xr.Dataset]") -> "list[xr.
 def _read(given: DecayOptions, record: Path | None) -> "tuple[list[xr.Dataset], str]":
     """The runs of a file, or the embedded example, and what they are."""
     from sysid_trib.forces.systems import load_system
-    from sysid_trib.records.read import Reading, read_records
+    from sysid_trib.records.read import read_records
+    from sysid_trib.records.reading import Reading
     from sysid_trib.simulation.example import paper_twin
 
     how = {name: getattr(given, name) for name in READING}

@@ -1,0 +1,92 @@
+"""Times of the rows of a file: by its time column, a sampling rate that is given, or one in its notes."""
+
+import numpy as np
+
+from sysid_trib.arrays import Array
+from sysid_trib.errors import RecordError, UsageError
+from sysid_trib.records.assumed_units import time_factor
+from sysid_trib.records.clock import Clock, read_clock
+from sysid_trib.records.columns import Chosen
+from sysid_trib.records.headers import split_header
+from sysid_trib.records.notes import noted_rate
+from sysid_trib.records.numbers import numbers
+from sysid_trib.records.reading import Reading
+from sysid_trib.records.tables import FileTable
+
+RATE_TOLERANCE = 0.01
+
+
+def row_times(
+    table: FileTable, columns: Chosen, how: Reading, values: Array, source: str
+) -> tuple[Clock, str, list[str]]:
+    """Times of the rows of a signal.
+
+    Parameters
+    ----------
+    table : FileTable
+    columns : Chosen
+        Which column is the time, if any.
+    how : Reading
+    values : (row,) array of float
+        The signal.
+    source : str
+        Of whom sentences speak.
+
+    Returns
+    -------
+    clock : Clock
+        Times in s, and the rows that they belong to.
+    unit : str
+        Of the times in the file.
+    said : list of str
+        What is to be said of it.
+
+    Raises
+    ------
+    RecordError
+        There is no time, or another number of them.
+    UsageError
+        Time stamps contradict the sampling rate that is given.
+    """
+    noted = noted_rate(table.notes)
+    if columns.time is None or (how.sampling_rate is not None and _idle(table, columns.time, values.size)):
+        rate = how.sampling_rate or noted
+        if rate is None:
+            over = [name for name in table.columns if split_header(name)[0].startswith("freq")]
+            if over:
+                raise RecordError(
+                    f"{source}: its columns are over {over[0]}, not over time: it is a response; a record "
+                    "is needed."
+                )
+            raise RecordError(
+                f"{source}: there is no time column; give the sampling rate (--sampling-rate HZ)."
+            )
+        said = [] if how.sampling_rate else [f"sampling rate of {rate:g} Hz from its notes"]
+        rows = np.arange(values.size)
+        return Clock(rows / rate, rows, (), (f"{rate:g} Hz",)), "s", said
+    stamps = numbers(table.columns[columns.time], columns.time, source)
+    if stamps.size != values.size:
+        raise RecordError(
+            f"{source}: {stamps.size} times but {values.size} angles; choose columns that belong together."
+        )
+    unit, factor, why = time_factor(table, columns.time, how.time_units, source)
+    if how.sampling_rate is not None:
+        rows = np.flatnonzero(np.isfinite(stamps))
+        counted = max(float(np.ptp(stamps[rows])) * factor, 1e-300)
+        # A coarse clock's last stamp lasts for as many samples as the others do.
+        rate = (rows.size - rows.size / np.unique(stamps[rows]).size) / counted
+        if abs(how.sampling_rate / rate - 1.0) > RATE_TOLERANCE + 1.0 / rows.size:
+            raise UsageError(
+                f"{source}: the time stamps of column {columns.time} say {rate:.6g} Hz, but --sampling-rate "
+                f"says {how.sampling_rate:g} Hz (sampling_rate= in Python); leave the option out, or give "
+                "the unit of the stamps, --time-units."
+            )
+        return Clock(rows / how.sampling_rate, rows, (), (f"{how.sampling_rate:g} Hz as given",)), unit, []
+    clock = read_clock(stamps, factor, source)
+    return clock, unit, [why] if why else []
+
+
+def _idle(table: FileTable, name: str, samples: int) -> bool:
+    """Whether a time column cannot contradict a sampling rate: it is of another length, or does not move."""
+    stamps = np.asarray(table.columns[name])
+    return stamps.size != samples or stamps.dtype.kind not in "fiu" or bool(np.ptp(stamps) == 0)
