@@ -189,6 +189,16 @@ def test_a_switch_that_never_switches(tmp_path, surface):
     np.testing.assert_allclose(moved.angle, viscous.angle, atol=1e-9)
 
 
+def test_a_start_model_without_a_slope_along_the_record_is_refused(tmp_path):
+    formula = "max(sin(tan(v)*pi/max(v, z))**3, min(cos(0.1 - sqrt(v**-20)), 0.5))**2"
+    memory = 'memory = { z = "v" }'
+    library = st.load_library(written(tmp_path / "a.toml", f'{FORCE}formula = "{formula}"\n{memory}\n'))
+    noise = 1e-4 * np.random.default_rng(0).standard_normal(ANGLE.size)
+    data = xr.Dataset({"angle": ("time", ANGLE + noise, {"units": "rad"})}, {"time": TIME})
+    with pytest.raises(LibraryError, match=r"along this record \(s\): a force or its slope"):
+        st.discover(st.free_decay(data), library, st.load_library("contact_forces"), max_effects=1)
+
+
 def test_a_table_of_a_hundred_thousand_columns(tmp_path):
     place = written(tmp_path / "a.csv", "\n".join([",".join(["1.0"] * 100_000)] * 3))
     start = process_time()

@@ -114,6 +114,15 @@ class FittedModel:
         ]
         return bool(np.isfinite(self.deviance) and all(near))
 
+    @property
+    def without_values(self) -> list[str]:
+        """Symbols of the forces that are not finite along a path; of all where their slopes are not."""
+        finite = np.ones(len(self.trials), bool)
+        for run in self.rows:
+            finite &= np.isfinite(run.path.columns(self.trials, run.operator)).all(axis=0)
+        named = [t.force.symbol for t, good in zip(self.trials, finite, strict=True) if not good]
+        return named or [trial.force.symbol for trial in self.trials]
+
     def sensor_errors(self, run: int) -> Array:
         """Zero and errors of the sensor along a run's path, (sample,), rad."""
         b, count = self.likelihood.coefficients, len(self.trials)

@@ -13,6 +13,7 @@ from sysid_trib.discrepancy.paths import RecordPath, path_of
 from sysid_trib.discrepancy.run_rows import RunRows
 from sysid_trib.discrepancy.settings import DEFAULTS, Settings
 from sysid_trib.discrepancy.trials import TrialEffect
+from sysid_trib.errors import LibraryError
 from sysid_trib.forces.force import Force
 from sysid_trib.noise.colour import MAX_COLOUR, colour_above, most_likely_colour, of_order
 from sysid_trib.noise.level import swing_frequency
@@ -42,11 +43,23 @@ def fit_start_model(
     frequency : float or None, rad/s
         The reference frequency, held; None has it fitted.
     settings : Settings
+
+    Raises
+    ------
+    LibraryError
+        A force has no values along the motion.
     """
     nominal = frequency or float(np.median([swing_frequency(run) for run in runs]))
     paths = [_first_path(run, nominal, settings) for run in runs]
     trials = [TrialEffect(force, default_shapes(force)) for force in forces]
-    return refitted(fit_model(paths, trials, frequency_free=frequency is None))
+    model = fit_model(paths, trials, frequency_free=frequency is None)
+    if not np.isfinite(model.deviance):
+        symbols = ", ".join(model.without_values)
+        raise LibraryError(
+            f"The start model cannot be computed along this record ({symbols}): a force or its slope is not "
+            "finite there; leave it out."
+        )
+    return refitted(model)
 
 
 def recoloured(model: FittedModel) -> FittedModel:
