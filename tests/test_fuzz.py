@@ -14,10 +14,12 @@ import pytest
 import xarray as xr
 
 import sysid_trib as st
+from sysid_trib.decays.half_periods import dominant_periods
 from sysid_trib.errors import DecayError, LibraryError, RecordError, SysidTribError, UsageError
 from sysid_trib.forces.systems import load_system
 from sysid_trib.records import probe
 from sysid_trib.records.headers import split_header
+from sysid_trib.records.numbers import _number
 from sysid_trib.records.units import signal_unit
 from sysid_trib.results.files import write_file
 
@@ -197,6 +199,14 @@ def test_a_start_model_without_a_slope_along_the_record_is_refused(tmp_path):
     data = xr.Dataset({"angle": ("time", ANGLE + noise, {"units": "rad"})}, {"time": TIME})
     with pytest.raises(LibraryError, match=r"along this record \(s\): a force or its slope"):
         st.discover(st.free_decay(data), library, st.load_library("contact_forces"), max_effects=1)
+
+
+def test_whole_numbers_beyond_all_floats_are_infinite():
+    assert _number(-(10**400), "a", 1, "a.csv") == -np.inf
+
+
+def test_times_that_are_all_but_equal_have_no_period():
+    assert dominant_periods(np.zeros(ANGLE.size), ANGLE) == []
 
 
 def test_a_table_of_a_hundred_thousand_columns(tmp_path):

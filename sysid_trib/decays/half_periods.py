@@ -145,7 +145,8 @@ def dominant_periods(time: Array, signal: Array) -> list[float]:
     periods: list[float] = []
     for peak in peaks:
         period = float(size * (time[-1] - time[0]) / (time.size - 1) / index[peak])
-        if not any(0.8 < period / other < 1.25 for other in periods):
+        # Of times near the smallest number a period may be zero.
+        if period > 0.0 and not any(0.8 < period / other < 1.25 for other in periods):
             periods.append(period)
     return periods
 

@@ -166,7 +166,8 @@ def _number(value: object, name: str, row: int, source: str) -> float:
         return float("nan")
     try:
         return float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
+        # A whole number of 400 digits is infinite as a text.
         pass
     try:
         return float(str(value).replace(",", "."))
