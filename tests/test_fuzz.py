@@ -1,5 +1,6 @@
 """Hostile input ends in a result or in one sentence of the package; the full run is benchmarks/fuzz.py."""
 
+import math
 import os
 import subprocess
 import sys
@@ -207,6 +208,22 @@ def test_whole_numbers_beyond_all_floats_are_infinite():
 
 def test_times_that_are_all_but_equal_have_no_period():
     assert dominant_periods(np.zeros(ANGLE.size), ANGLE) == []
+
+
+def test_a_time_that_dwarfs_all_others_is_named_by_its_row(tmp_path):
+    time = 0.01 * np.arange(400.0)
+    time[200] = -(2.0**63)
+    rows = "\n".join(f"{t!r},{0.3 * math.cos(6.0 * t)}" for t in time.tolist())
+    with pytest.raises(RecordError, match="row 20"):
+        st.read_record(written(tmp_path / "a.csv", f"time (s),angle (rad)\n{rows}"), time=0)
+
+
+def test_times_that_are_one_number_do_not_contradict_a_sampling_rate(tmp_path):
+    text = "time (s),angle (rad)\n0,0.1\n,0.2\n0,0.3\n"
+    assert st.read_record(written(tmp_path / "a.csv", text), sampling_rate=10.0).time.values.tolist() == [
+        0.0,
+        0.2,
+    ]
 
 
 def test_a_table_of_a_hundred_thousand_columns(tmp_path):

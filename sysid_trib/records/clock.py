@@ -91,6 +91,14 @@ def read_clock(stamps: Array, factor: float, source: str) -> Clock:
     if abs(time[0]) > LONGEST_COUNTED:
         sentences.append(f"counted from the first stamp, {given[0]:.10g}")
         time = time - time[0]
+    still = np.flatnonzero(np.diff(time) <= 0.0)
+    if still.size:
+        # Numbers so large beside their steps that these are lost in their digits.
+        row = int(rows[still[0] + 1]) + 1
+        raise RecordError(
+            f"{source}: its times do not rise by as much as their digits show, first in row {row}; correct "
+            "them, or give the sampling rate instead, --sampling-rate HZ (sampling_rate= in Python)."
+        )
     breaks = tuple(float(time[b]) for b in back)
     return Clock(time, rows, breaks, (*sentences, _said_rate(time, said)))
 

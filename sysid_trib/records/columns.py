@@ -250,9 +250,9 @@ def _certain(
 
 def _no_decay(pool: list[_Candidate], source: str) -> str:
     """Why none of several columns is a decay."""
-    reasons = [f"{column.name}: {column.reason}" for column in pool[:LISTED] if column.reason]
+    reasons = "; ".join(f"{column.name}: {column.reason}" for column in pool[:LISTED] if column.reason)
     return (
-        f"{source}: none of {len(pool)} columns swings as a free decay ({'; '.join(reasons)}); "
+        f"{source}: none of {len(pool)} columns swings as a free decay{f' ({reasons})' * bool(reasons)}; "
         "is it driven? A free decay is needed: switch the drive off, and record what follows."
     )
 

@@ -74,8 +74,9 @@ def row_times(
         rows = np.flatnonzero(np.isfinite(stamps))
         counted = max(float(np.ptp(stamps[rows])) * factor, 1e-300)
         # A coarse clock's last stamp lasts for as many samples as the others do.
-        rate = (rows.size - rows.size / np.unique(stamps[rows]).size) / counted
-        if abs(how.sampling_rate / rate - 1.0) > RATE_TOLERANCE + 1.0 / rows.size:
+        distinct = np.unique(stamps[rows]).size
+        rate = (rows.size - rows.size / max(1, distinct)) / counted
+        if distinct > 1 and abs(how.sampling_rate / rate - 1.0) > RATE_TOLERANCE + 1.0 / rows.size:
             raise UsageError(
                 f"{source}: the time stamps of column {columns.time} say {rate:.6g} Hz, but --sampling-rate "
                 f"says {how.sampling_rate:g} Hz (sampling_rate= in Python); leave the option out, or give "
