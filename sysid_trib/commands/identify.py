@@ -52,6 +52,7 @@ def identify(
         from sysid_trib.commands import checks
         from sysid_trib.commands.record_inputs import read_decays, refuse_hertz
         from sysid_trib.commands.terminal import record_sentences
+        from sysid_trib.decays.signal import unit_of_signal
         from sysid_trib.forces.systems import load_system
         from sysid_trib.methods.scope import constrained, with_random_force
         from sysid_trib.physics.translation import check_length_unit
@@ -71,7 +72,7 @@ def identify(
         tell("reading")
         decays, sources = read_decays(given, model.reference_frequency)
         if scale.mass is not None:
-            check_length_unit(str(decays[0].angle.attrs.get("units", "rad")))
+            check_length_unit(unit_of_signal(decays[0]))
         refuse_hertz(contactless[0] if contactless else None, decays, "--omega0")
         refuse_hertz(model.reference_frequency, decays, "--reference-frequency")
         methods, draws = _methods(offered, shapes, model.reference_frequency, decays)

@@ -10,6 +10,7 @@ from sysid_trib.decays.equilibrium import Swing
 from sysid_trib.decays.free_part import Part
 from sysid_trib.decays.half_sines import with_standard_error
 from sysid_trib.decays.integration import integrated
+from sysid_trib.decays.signal import unit_of_signal
 from sysid_trib.decays.uniform import Piece
 
 # Samples of a period that are kept of an integrated signal: integration leaves next to no noise above them.
@@ -46,7 +47,7 @@ def decay_dataset(record: xr.Dataset, decay: CutDecay, said: str) -> xr.Dataset:
     chosen = slice(part.start, part.stop)
     time, signal = piece.time[chosen], piece.signal[chosen] - swing.equilibrium
     attrs = record["angle"].attrs
-    units = centred_in = str(attrs.get("units") or "rad")
+    units = centred_in = unit_of_signal(record)
     equilibrium = swing.equilibrium, swing.standard_error
     measured = record.attrs.get("measured")
     beside = {}

@@ -12,6 +12,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.decays.analytic_signal import analytic_extrema
 from sysid_trib.decays.equilibrium import harmonic_sums, with_half_periods
 from sysid_trib.decays.half_periods import HalfPeriods, IntArray, noise_of_record
+from sysid_trib.decays.signal import unit_of_signal
 from sysid_trib.errors import DecayError, UsageError
 
 EnvelopeCurve: TypeAlias = Literal["half-sines", "analytic-signal"]
@@ -126,7 +127,7 @@ def envelope(decay: xr.Dataset, curve: EnvelopeCurve = "half-sines") -> xr.Datas
     at_noise = (extremum, noise * extremum_error), (extremum_time, noise * time_error)
     ratios = [_scatter_ratio(value, error, decay_ratio) for value, error in at_noise]
     errors = [ratio * error for ratio, (_, error) in zip(ratios, at_noise, strict=True)]
-    unit = str(decay["angle"].attrs.get("units", "rad"))
+    unit = unit_of_signal(decay)
     over, name, time_name = "half_period", "extremum of the half-sine", "time of the extremum"
     return xr.Dataset(
         {

@@ -10,6 +10,12 @@ from sysid_trib.errors import DecayError, UsageError
 # Squares and cubes of larger numbers overflow.
 LARGEST_NUMBER = 1e75
 FEWEST_SAMPLES = 4
+ANGLE_UNIT = "rad"
+
+
+def unit_of_signal(record: xr.Dataset) -> str:
+    """Unit of the `angle` of a record or decay; rad where none is stated."""
+    return str(record["angle"].attrs.get("units") or ANGLE_UNIT)
 
 
 def checked_signal(record: Any, *names: str) -> None:

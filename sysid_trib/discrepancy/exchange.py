@@ -12,10 +12,9 @@ from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.columns_beside import each_beside, projected
 from sysid_trib.discrepancy.evidence import evidence, least_penalty
 from sysid_trib.discrepancy.likelihood import likelihood
-from sysid_trib.discrepancy.model_fit import FittedModel, fit_model
+from sysid_trib.discrepancy.model_fit import NOT_FITTED, FittedModel, fit_model
 from sysid_trib.discrepancy.screening import Screening, is_physical, strengths
 from sysid_trib.discrepancy.trials import TrialEffect
-from sysid_trib.errors import SysidTribError
 
 
 @dataclass
@@ -84,7 +83,7 @@ class Fits:
                 worst=worst,
                 possible=possible,
             )
-        except (SysidTribError, np.linalg.LinAlgError, ValueError):
+        except NOT_FITTED:
             return None
         return model if np.isfinite(model.deviance) else None
 

@@ -26,6 +26,8 @@ SAME_REFERENCE, RESCALINGS = 0.02, 4
 MOST_RESCALED = 2.0
 # Difference of a shape parameter for its column, in parts of its range.
 SHAPE_DIFFERENCE = 1e-4
+# A path runs away to where nothing is finite, or rows say nothing: there is no fit.
+NOT_FITTED = (SysidTribError, np.linalg.LinAlgError, ValueError)
 
 
 @dataclass(frozen=True)
@@ -244,8 +246,7 @@ def fit_model(
         nearer = model.next_paths(1.0 if turn < WHOLE_STEPS else 0.5)
         try:
             after = fitted_along(nearer, model.next_trials(reach), guess, frequency_free)
-        except (SysidTribError, np.linalg.LinAlgError, ValueError):
-            # The path has run away to where nothing is finite, or rows say nothing.
+        except NOT_FITTED:
             return replace(model, settled=False)
         if not np.isfinite(after.deviance):
             return replace(model, settled=False)

@@ -6,6 +6,7 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.decays.half_periods import noise_level
 from sysid_trib.decays.half_sines import envelope
+from sysid_trib.decays.signal import unit_of_signal
 from sysid_trib.looking.sensor_step import sensor_step
 from sysid_trib.noise.level import sensor_noise
 from sysid_trib.results.per_run import group_names
@@ -57,7 +58,7 @@ def look(records: list[xr.Dataset], decays: list[xr.Dataset]) -> xr.DataTree:
 def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
     curve = envelope(decay)
     time, angle = decay.time.values, decay.angle.values
-    unit = str(decay.angle.attrs.get("units", "rad"))
+    unit = unit_of_signal(decay)
     frequency = float(np.median(curve.frequency))
     period = 2.0 * np.pi / frequency
     amplitude, instants = _beside_a_drift(curve.amplitude.values), curve.instant_time.values

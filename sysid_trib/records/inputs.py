@@ -7,7 +7,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
-from sysid_trib.decays.signal import checked_signal
+from sysid_trib.decays.signal import checked_signal, unit_of_signal
 from sysid_trib.errors import UsageError
 
 # Variable of a record.
@@ -67,7 +67,7 @@ def known_input_of(record: xr.Dataset) -> KnownInput | None:
     if INPUT not in record.variables:
         return None
     checked_signal(record, INPUT)
-    units, wanted = record[INPUT].attrs.get("units"), f"{record.angle.attrs.get('units', 'rad')}/s^2"
+    units, wanted = record[INPUT].attrs.get("units"), f"{unit_of_signal(record)}/s^2"
     if units != wanted:
         said = "says no unit" if units is None else f"is in {units}"
         raise UsageError(

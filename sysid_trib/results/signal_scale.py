@@ -15,7 +15,7 @@ from typing import Any, ParamSpec, TypeVar, cast
 import numpy as np
 import xarray as xr
 
-from sysid_trib.decays.signal import checked_signal
+from sysid_trib.decays.signal import ANGLE_UNIT, checked_signal, unit_of_signal
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import Force, ForceLibrary
@@ -26,7 +26,6 @@ from sysid_trib.results.variables import PER_FORCE_UNIT
 P = ParamSpec("P")
 R = TypeVar("R")
 
-ANGLE_UNIT = "rad"
 # The largest displacement becomes 1/4 to 1/2: a usual angle in rad.
 USUAL_SIZE = 0.5
 # rad; amplitudes for which a computation in radians loses no digit that counts.
@@ -70,12 +69,7 @@ def in_units_of_the_motion(function: Callable[P, R]) -> Callable[P, R]:
 
 def counts_angles(decay: xr.Dataset) -> bool:
     """Whether the signal of a decay is an angle in rad."""
-    return _angle_unit(decay) == ANGLE_UNIT
-
-
-def _angle_unit(data: xr.Dataset) -> str:
-    """Unit of `angle`; rad where none is stated."""
-    return str(data["angle"].attrs.get("units") or ANGLE_UNIT)
+    return unit_of_signal(decay) == ANGLE_UNIT
 
 
 def scalable(force: Force) -> bool:
@@ -130,7 +124,7 @@ class _SignalScale:
         """Every variable that is a signal, or a coefficient, times its factor; other ones as they are."""
         changed = data.copy()
         for name, variable in data.variables.items():
-            units = _angle_unit(data) if name == "angle" else str(variable.attrs.get("units", ""))
+            units = unit_of_signal(data) if name == "angle" else str(variable.attrs.get("units", ""))
             power = _power(str(name), units, old)
             if power:
                 attrs = dict(variable.attrs) | {"units": units.replace(old, new)}
@@ -239,7 +233,7 @@ def _scale_of(given: dict[str, Any]) -> _SignalScale | None:
         return _SignalScale(str(known[0].attrs[UNIT_ATTR]), float(known[0].attrs[SIZE_ATTR]), degrees)
     # What does not move, or is no number, is refused where it is used.
     size = 2.0 ** np.ceil(np.log2(largest / USUAL_SIZE)) if 0.0 < largest < np.inf else 1.0
-    unit = _angle_unit((displacements or decays)[0])
+    unit = unit_of_signal((displacements or decays)[0])
     return _SignalScale(unit, float(size), degrees)
 
 

@@ -108,12 +108,16 @@ class Motion:
 
     def rates(self, y: Values, p: Values, tau: Any, functions: Functions) -> list[Any]:
         """Derivative of `y` on the branch that the signs in `p` select."""
-        acceleration = -y[0] if self.push is None else self.push(tau) - y[0]
+        acceleration = self.unforced(y, tau)
         for i in range(len(self.forces)):
             # In numbers, a force that is off must not act even where it is singular.
             if not (isinstance(p[i], float) and p[i] == 0.0):
                 acceleration = acceleration - p[i] * self.force_value(i, y, p, tau, functions)
         return [y[1], acceleration, *self.state_rates(y, p, tau, functions)]
+
+    def unforced(self, y: Values, tau: Any) -> Any:
+        """Acceleration of the oscillator without forces, by its spring and what is known to push it."""
+        return -y[0] if self.push is None else self.push(tau) - y[0]
 
     def force_value(self, i: int, y: Values, p: Values, tau: Any, functions: Functions) -> Any:
         """What the coefficient of a force multiplies, on the branch that the signs in `p` select."""

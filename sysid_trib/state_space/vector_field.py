@@ -169,9 +169,7 @@ class VectorField:
         """What each coefficient multiplies, by its place in `p`, (instant,); rates, (state, row, instant)."""
         motion, count = self.motion, len(self.motion.variables)
         variables, p = list(y[:count]), [*self._fixed, *y[count:], *here.signs]
-        values, acceleration = {}, -y[0]
-        if motion.push is not None:
-            acceleration = acceleration + motion.push(here.tau)
+        values, acceleration = {}, motion.unforced(variables, here.tau)
         for i, force in enumerate(motion.forces):
             # A force that is off must not act even where it is singular.
             if p[i] or force.symbol in self.names:

@@ -7,6 +7,7 @@ from scipy.stats import binned_statistic, binned_statistic_2d
 from sysid_trib.arrays import Array
 from sysid_trib.averaging.internal_states import states_along
 from sysid_trib.decays.equilibrium import with_half_periods
+from sysid_trib.decays.signal import unit_of_signal
 from sysid_trib.noise.level import sensor_noise
 from sysid_trib.noise.smoothing import knot_intervals, smooth
 from sysid_trib.results.schema import model_of
@@ -65,7 +66,7 @@ def residual_force(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> xr.Da
     # A spline bends freely in the quarter period before its ends.
     inside = np.minimum(tau, tau[-1] - tau) > 0.5 * np.pi
     values = np.vstack([asked, -(drawn.acceleration + drawn.x).T])[:, inside]
-    return _in_cells(x[inside], v[inside], values, decay.angle.attrs.get("units", "rad"))
+    return _in_cells(x[inside], v[inside], values, unit_of_signal(decay))
 
 
 def model_force(model: Model, tau: Array, x: Array, v: Array, time: Array) -> Array:
