@@ -16,7 +16,7 @@ from sysid_trib.discrepancy.model_fit import FittedModel, refitted
 from sysid_trib.discrepancy.paths import RecordPath, path_of_run
 from sysid_trib.discrepancy.search import Search, search
 from sysid_trib.discrepancy.settings import DEFAULTS, Settings
-from sysid_trib.discrepancy.start_model import colour_penalty, fit_start_model, recoloured
+from sysid_trib.discrepancy.start_model import beside_noises, colour_penalty, fit_start_model, recoloured
 from sysid_trib.discrepancy.to_xarray import groups_of
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import Force, ForceLibrary
@@ -149,14 +149,19 @@ def _or_coloured_noise(
 ) -> Search:
     """The search beside noise of the likeliest colour, if that explains the record better.
 
-    What is named, or left, may be noise of a colour that the lines above the motion did not show.
+    What is named, or left, may be noise of a colour that the lines above the motion did not show: the colour
+    beside what was named, else that which does without.
     """
     tell("colour of the sensor's noise")
-    coloured = recoloured(start)
-    explained = verdict_of(done) == "explained"
-    beside = _with_colour(done.models[-1], done.effects) if explained else _with_colour(start, ())
-    if _with_colour(coloured, ()) > beside - start.settings.least_gain:
-        return done
+    last, least_gain = done.models[-1], start.settings.least_gain
+    beside_names = recoloured(last)
+    if _with_colour(beside_names, done.effects) < _with_colour(last, done.effects) - least_gain:
+        coloured = beside_noises(start, [rows.path.sensor for rows in beside_names.rows])
+    else:
+        coloured, explained = recoloured(start), verdict_of(done) == "explained"
+        beside = _with_colour(last, done.effects) if explained else _with_colour(start, ())
+        if _with_colour(coloured, ()) > beside - least_gain:
+            return done
     again = search(coloured, candidates, deadline=deadline, tell=tell)
     return min(done, again, key=lambda ended: _with_colour(ended.models[-1], ended.effects))
 

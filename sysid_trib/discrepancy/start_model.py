@@ -15,6 +15,7 @@ from sysid_trib.discrepancy.settings import DEFAULTS, Settings
 from sysid_trib.discrepancy.trials import TrialEffect
 from sysid_trib.errors import LibraryError
 from sysid_trib.forces.force import Force
+from sysid_trib.noise.autoregression import fractional_difference
 from sysid_trib.noise.colour import MAX_COLOUR, colour_above, most_likely_colour, of_order
 from sysid_trib.noise.level import swing_frequency
 from sysid_trib.noise.residual_noise import NoiseModel
@@ -23,6 +24,8 @@ from sysid_trib.regression.weak_form import coloured
 
 # Harmonics that the spline of a path follows, at least in part.
 ABOVE = 0.5 * KNOTS_PER_PERIOD + 2.0
+# The d of 1/f noise, and the periods over which it is followed: what is slower, the sensor's zero takes in part.
+FLICKER, FLICKER_PERIODS = 0.5, 2.0
 # Partial autocorrelation at which the deviance is computed for its slope where there is none.
 LITTLE_COLOUR = 0.05
 
@@ -66,9 +69,14 @@ def recoloured(model: FittedModel) -> FittedModel:
     """The model beside noise of the sensor of the colour that makes its rows likeliest.
 
     Where samples of a period are few, or the noise as 1/f, the spectrum above what a path follows does not
-    tell it. An order of the autoregression has the penalty of the Bayesian information criterion.
+    tell it. Autoregressions and 1/f noise, which has one parameter, are told apart by the Bayesian information
+    criterion.
     """
-    sensors = [_likeliest_sensor(model, run) for run in range(len(model.rows))]
+    return beside_noises(model, [_likeliest_sensor(model, run) for run in range(len(model.rows))])
+
+
+def beside_noises(model: FittedModel, sensors: Sequence[NoiseModel]) -> FittedModel:
+    """The model fitted beside other noises of the sensor, one of each run."""
     paths = [replace(rows.path, sensor=sensor) for rows, sensor in zip(model.rows, sensors, strict=True)]
     first = np.append(model.coefficients, model.stiffness)
     return refitted(fit_model(paths, model.trials, frequency_free=model.frequency_free, first=first))
@@ -96,7 +104,15 @@ def _likeliest_sensor(model: FittedModel, run: int) -> NoiseModel:
         )
         if deviance + order * np.log(samples) < best:
             best, filter_ = deviance + order * float(np.log(samples)), tried
+    if shown and likelihood_of(flicker := _flicker_filter(rows.path)).deviance + np.log(samples) < best:
+        filter_ = flicker
     return NoiseModel(float(np.sqrt(likelihood_of(filter_).variances[0])), filter_)
+
+
+def _flicker_filter(path: RecordPath) -> Array:
+    """Whitening filter of 1/f noise, (tap,)."""
+    per_period = 2.0 * np.pi / float(np.median(np.diff(path.form.tau)))
+    return fractional_difference(FLICKER, max(2 + MAX_COLOUR, round(FLICKER_PERIODS * per_period)))
 
 
 def gain_of_little_colour(deviance: Callable[[Array], float]) -> float:
@@ -115,8 +131,13 @@ def gain_of_little_colour(deviance: Callable[[Array], float]) -> float:
 
 def colour_penalty(model: FittedModel) -> float:
     """What the colours of a model's noise cost beside its deviance (Bayesian information criterion)."""
-    paths = [rows.path for rows in model.rows]
-    return float(sum((len(path.sensor.filter_) - 1) * np.log(len(path.time)) for path in paths))
+    return float(sum(_parameters_of(rows.path.sensor) * np.log(len(rows.path.time)) for rows in model.rows))
+
+
+def _parameters_of(sensor: NoiseModel) -> int:
+    """Of its colour: a filter that is longer than any autoregression's is that of 1/f noise, which has one."""
+    order = len(sensor.filter_) - 1
+    return order if order <= MAX_COLOUR else 1
 
 
 def _first_path(run: xr.Dataset, frequency: float, settings: Settings) -> RecordPath:
