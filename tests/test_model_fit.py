@@ -24,7 +24,7 @@ from kicked_motion import kicked_motion, smooth_forces
 
 from sysid_trib import cramer_rao_bound, simulate
 from sysid_trib.discrepancy.homogeneity_test import homogeneity
-from sysid_trib.discrepancy.jumps import Jumps, jumps_along
+from sysid_trib.discrepancy.fine_motion import fine_motion
 from sysid_trib.discrepancy.model_fit import fit_model
 from sysid_trib.discrepancy.paths import path_of
 from sysid_trib.discrepancy.run_rows import nuisances
@@ -281,21 +281,21 @@ def test_simulated_random_forces_of_the_package_are_found():
     assert abs(np.log(density / (10.0 * DENSITY))) < 4.0 * found.ratio_errors[0]
 
 
-def test_a_crossing_is_found_where_another_jump_bends_the_motion():
-    """Else a path with dry friction moves from round to round, and its deviance with it."""
-    bent = Jumps(np.array([0.497]), np.array([-40.0]))
-
-    def motion(tau, order):
-        line = np.stack([0.1 * tau - 0.5 * tau**2 * 0.2, 0.1 - 0.2 * tau, np.full_like(tau, -0.2)])
-        return line[order] + bent.value(tau, order)
-
-    friction = [TrialEffect(EVERY["lambda"], {})]
-    tau = np.arange(11) / 10.0
-    jumps = jumps_along(
-        tau, motion, lambda tau: tau, friction, np.ones(1), (motion(tau, 0), motion(tau, 1), tau)
-    )
-    np.testing.assert_allclose(jumps.tau, 0.497 + (0.1 - 0.2 * 0.497) / 40.2, rtol=0.0, atol=1e-8)
-    assert jumps.size == pytest.approx([2.0])
+def test_the_fine_motion_of_a_force_is_its_double_integral():
+    """A kick of a tenth of a cell, where a spline has no knot: exact at the edges of cells, and between."""
+    tau = np.linspace(0.0, 2.0, 21)
+    kick = np.where(np.arange(21) == 10, 40.0, -0.2)
+    fine = fine_motion(tau, kick)
+    at = np.array([0.95, 1.0, 1.05, 1.5])
+    since = np.clip(at - 0.95, 0.0, 0.1)
+    after = np.clip(at - 1.05, 0.0, None)
+    speed = -0.2 * at + 40.2 * since
+    place = -0.1 * at**2 + 40.2 * (0.5 * since**2 + since * after)
+    np.testing.assert_allclose(fine.value(at, 1), speed, rtol=0.0, atol=1e-13)
+    np.testing.assert_allclose(fine.value(at), place, rtol=0.0, atol=1e-13)
+    faster = fine.rescaled(1.5)
+    np.testing.assert_allclose(faster.value(1.5 * at), place, rtol=0.0, atol=1e-13)
+    np.testing.assert_allclose(faster.value(1.5 * at, 1), speed / 1.5, rtol=0.0, atol=1e-13)
 
 
 @pytest.mark.parametrize("curve", [-1.2, 1.2])

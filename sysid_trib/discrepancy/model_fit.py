@@ -179,14 +179,14 @@ class FittedModel:
             for at, (rows, table) in enumerate(zip(self.rows, self.tables, strict=True))
         ]
 
-    def next_paths(self, part: float = 1.0) -> list[RecordPath]:
-        """The most likely motions, or a part of the way there."""
+    def next_paths(self, coefficients: Array, part: float = 1.0) -> list[RecordPath]:
+        """The most likely motions, or a part of the way there; their fine part by such forces, (trial,)."""
         paths = []
         for at, (rows, residual) in enumerate(zip(self.rows, self.residuals(), strict=True)):
             ratio = float(self.likelihood.ratios[at])
             errors = self.sensor_errors(at), rows.path.sensor_slopes(self.trials, self.coefficients)
             motion = rows.smoothed_motion(residual, *errors, ratio, part)
-            paths.append(rows.path.follow(motion, self.trials, self.coefficients))
+            paths.append(rows.path.follow(motion, self.trials, coefficients))
         return paths
 
     def next_trials(self, reach: float) -> list[TrialEffect]:
@@ -239,11 +239,11 @@ def fit_model(
     """
     guess = np.zeros(len(trials) + 1) if first is None else first
     model, settings = fitted_along(paths, trials, guess, frequency_free), paths[0].settings
-    rounds, reach, before, astray = [], settings.shape_step, 0.0, 0
+    rounds, reach, before, astray, part = [], settings.shape_step, 0.0, 0, 1.0
     for turn in range(settings.rounds):
-        guess = np.append(model.coefficients, model.stiffness)
-        # A history-dependent force may have the path swing about where it settles.
-        nearer = model.next_paths(1.0 if turn < WHOLE_STEPS else 0.5)
+        latest = np.append(model.coefficients, model.stiffness)
+        guess = guess + part * (latest - guess) if turn else latest
+        nearer = model.next_paths(guess[:-1], part)
         try:
             after = fitted_along(nearer, model.next_trials(reach), guess, frequency_free)
         except NOT_FITTED:
@@ -263,8 +263,11 @@ def fit_model(
         on_its_way = any(abs(model.likelihood.coefficients[at]) > reach for *_, at in model.shape_columns)
         if turn > 1 and not on_its_way and model.deviance - 2.0 * abs(fall) > worst:
             return replace(model, settled=False)
-        # Shapes are stepped along tangents: one that leads up was too long.
-        reach *= 0.5 if turn and fall < 0.0 else 1.0
+        # Shapes are stepped along tangents: one that leads up was too long. A force that is narrow or has a
+        # history may have path and coefficients swing about where they settle.
+        uphill = bool(turn) and fall < 0.0
+        reach *= 0.5 if uphill else 1.0
+        part = 0.5 if uphill or turn + 1 >= WHOLE_STEPS else part
         rounds.append(model.light())
     best, next_best = sorted(rounds, key=lambda fitted: fitted.deviance)[:2]
     return replace(best, settled=next_best.deviance - best.deviance < ROUNDS_AGREE)

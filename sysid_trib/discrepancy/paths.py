@@ -6,8 +6,8 @@ deviations,
     A d + integral psi (x'' + (1 + kappa) x + sum c h) = A noise + integral psi (random force).
 
 All that is sought, forces and errors of the sensor alike, is a column of these rows. The path is a spline,
-beside the jumps that dry friction gives its acceleration: its derivatives are exact, so that no simulation is
-needed; what it differs from the motion counts in second order alone.
+beside the motion that the forces themselves give it, which may switch or turn within a sample: no simulation is
+needed; what the path differs from the motion counts in second order alone.
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ from scipy.interpolate import BSpline
 from sysid_trib.arrays import Array
 from sysid_trib.averaging.collocation import Index
 from sysid_trib.averaging.internal_states import GivenMotion, states_along, tangent_along, values_along
-from sysid_trib.discrepancy.jumps import NO_JUMPS, Jumps, jumps_along
+from sysid_trib.discrepancy.fine_motion import NO_FINE_MOTION, FineMotion, fine_motion
 from sysid_trib.discrepancy.settings import DEFAULTS, Settings
 from sysid_trib.discrepancy.trials import TrialEffect
 from sysid_trib.errors import SysidTribError
@@ -66,7 +66,7 @@ class RecordPath:
         To which coefficients refer; tau = frequency * time.
     form : WeakForm
     spline : BSpline
-        The path without its jumps, over tau.
+        The path without its fine part, over tau.
     sensor : NoiseModel
         Noise of the sensor; of its level there is but a guess.
     origin : float, s
@@ -74,8 +74,8 @@ class RecordPath:
     intervals : int
         Between the knots of path and test functions: these stay where they are when the frequency changes.
     settings : Settings
-    jumps : Jumps
-        Of its acceleration.
+    fine : FineMotion
+        By the forces that gave the path.
     """
 
     time: Array
@@ -87,7 +87,7 @@ class RecordPath:
     origin: float
     intervals: int
     settings: Settings
-    jumps: Jumps = NO_JUMPS
+    fine: FineMotion = NO_FINE_MOTION
 
     @property
     def elapsed(self) -> Array:
@@ -96,7 +96,7 @@ class RecordPath:
 
     def motion_at(self, tau: Array, order: int = 0) -> Array:
         """The path or a derivative by tau, (point,), rad."""
-        return np.asarray(self.spline(tau, order) + self.jumps.value(tau, order))
+        return np.asarray(self.spline(tau, order) + self.fine.value(tau, order))
 
     def elapsed_at(self, tau: Array) -> Array:
         """The `t` of formulas, (point,), s."""
@@ -115,7 +115,7 @@ class RecordPath:
         )
         x, v = self.motion_at(tau), self.motion_at(tau, 1)
         half = 0.5 * (tau[1] - tau[0])
-        rise = self.jumps.value(tau + half, 1) - self.jumps.value(tau - half, 1)
+        rise = self.fine.value(tau + half, 1) - self.fine.value(tau - half, 1)
         acceleration = self.spline(tau, 2) + rise / (2.0 * half)
         return Points(tau, x, v, acceleration, self.elapsed_at(tau), integrals)
 
@@ -241,20 +241,19 @@ class RecordPath:
         return np.stack(columns, axis=1)
 
     def follow(self, motion: Array, trials: Sequence[TrialEffect], coefficients: Array) -> "RecordPath":
-        """The path through a motion at the samples, (sample,), with the jumps that forces give this path."""
-        tau, x, v, _, time, _ = self.points
-        jumps = jumps_along(tau, self.motion_at, self.elapsed_at, trials, coefficients, (x, v, time))
-        spline = _spline(self.form.tau, motion - jumps.value(self.form.tau), self.intervals)
-        return replace(self, spline=spline, jumps=jumps)
+        """The path through a motion at the samples, (sample,), with what forces along this path give it."""
+        dynamic = [at for at, trial in enumerate(trials) if trial.force.kind == "force"]
+        force = self.force_values([trials[at] for at in dynamic]) @ coefficients[dynamic]
+        fine = fine_motion(self.points.tau, -force)
+        spline = _spline(self.form.tau, motion - fine.value(self.form.tau), self.intervals)
+        return replace(self, spline=spline, fine=fine)
 
     def rescaled(self, frequency: float) -> "RecordPath":
         """The same with coefficients that refer to another frequency."""
         form = build_weak_form(frequency * (self.time - self.time[0]), self.intervals)
-        # Over tau the acceleration, and so its jumps, are smaller where the frequency is higher.
-        part = frequency / self.frequency
-        jumps = Jumps(part * self.jumps.tau, self.jumps.size / part**2)
-        spline = _spline(form.tau, self.at_samples[0] - jumps.value(form.tau), self.intervals)
-        return replace(self, frequency=frequency, form=form, spline=spline, jumps=jumps)
+        fine = self.fine.rescaled(frequency / self.frequency)
+        spline = _spline(form.tau, self.at_samples[0] - fine.value(form.tau), self.intervals)
+        return replace(self, frequency=frequency, form=form, spline=spline, fine=fine)
 
 
 def path_of_run(
