@@ -23,8 +23,8 @@ from helpers import FIVE, NOISE, W, decay, rms, rms_range
 from kicked_motion import kicked_motion, smooth_forces
 
 from sysid_trib import cramer_rao_bound, simulate
-from sysid_trib.discrepancy.homogeneity_test import homogeneity
 from sysid_trib.discrepancy.fine_motion import fine_motion
+from sysid_trib.discrepancy.homogeneity_test import homogeneity
 from sysid_trib.discrepancy.model_fit import fit_model
 from sysid_trib.discrepancy.paths import path_of
 from sysid_trib.discrepancy.run_rows import nuisances

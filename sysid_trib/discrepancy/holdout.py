@@ -26,8 +26,8 @@ class Prediction:
 
     Attributes
     ----------
-    scores : tuple of (row,) array of float
-        Logarithm of the predictive density of each row of each part, given those before it.
+    scores : tuple of (period,) array of float
+        Of each part: mean logarithm of the predictive density of the rows of each period, given those before.
     rms : float, rad
         Residual of the free motion, its start and the sensor's zero fitted.
     """
@@ -59,9 +59,10 @@ def predicted(
 
     Notes
     -----
-    Coefficients, shapes and variances are the model's; of the part itself come its start, which the rows need
-    not know, and the sensor's zero. The rows follow each other in time, and the factor of their covariance is
-    triangular: each is predicted by those before it, a few samples ahead.
+    Variances are the model's, and so are coefficients and shapes, with their errors: a model is not blamed
+    for what it does not know. Of the part itself come its start, which the rows need not know, and the
+    sensor's zero. The rows follow each other in time, and the factor of their covariance is triangular: each
+    is predicted by those before it, a few samples ahead.
     """
     scores, residuals = [], []
     for part, origin, run in zip(parts, origins, runs, strict=True):
@@ -78,8 +79,8 @@ def predicted(
 
 
 def _scored(model: FittedModel, path: RecordPath, run: int) -> tuple[Array, RecordPath]:
-    """Logarithm of the predictive density of each row, and the smoothed path."""
-    ratio, variance = float(model.likelihood.ratios[run]), float(model.likelihood.variances[run])
+    """Mean logarithm of the predictive density of the rows of each period, and the smoothed path."""
+    ratio, deviation = float(model.likelihood.ratios[run]), float(np.sqrt(model.likelihood.variances[run]))
     guess = np.append(model.coefficients, model.stiffness)
     sensors = [at for at, trial in enumerate(model.trials) if trial.force.kind == "sensor"]
     for _ in range(PATH_ROUNDS):
@@ -94,8 +95,46 @@ def _scored(model: FittedModel, path: RecordPath, run: int) -> tuple[Array, Reco
         slopes = path.sensor_slopes(model.trials, model.coefficients)
         motion = rows.smoothed_motion(unexplained - offset * zero, offset + error, slopes, ratio)
         path = path.follow(motion, model.trials, model.coefficients)
-    innovation = (white[:, 0] - offset * white[:, 1]) / np.sqrt(variance)
-    return -0.5 * innovation**2 - np.log(factor[0]) - 0.5 * np.log(variance), path
+    parameters, covariance = model.without_zeros(rows)
+    white_zero = white[:, 1]
+    columns = whiten(factor, parameters) / deviation
+    columns = columns - np.outer(white_zero, white_zero @ columns) / (white_zero @ white_zero)
+    innovation = (white[:, 0] - offset * white_zero) / deviation
+    scores = _scores_of_periods(innovation, columns, covariance)
+    return scores - _means_of_periods(np.log(factor[0])) - np.log(deviation), path
+
+
+def _scores_of_periods(innovation: Array, columns: Array, covariance: Array) -> Array:
+    """Mean logarithm of the density of white rows in each period, beside parameters that are not quite known.
+
+    Parameters
+    ----------
+    innovation : (row,) array of float
+        With the parameters as they are thought to be.
+    columns : (row, parameter) array of float
+    covariance : (parameter, parameter) array of float
+        What is not known of them before the first row; each period makes them better known (recursive least
+        squares).
+    """
+    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    columns, covariance = columns * size, covariance / np.outer(size, size)
+    change, scores = np.zeros(len(size)), []
+    for begin in range(0, len(innovation) - KNOTS_PER_PERIOD + 1, KNOTS_PER_PERIOD):
+        part = columns[begin : begin + KNOTS_PER_PERIOD]
+        surprise = innovation[begin : begin + KNOTS_PER_PERIOD] - part @ change
+        spread = np.eye(KNOTS_PER_PERIOD) + part @ covariance @ part.T
+        gain = np.linalg.solve(spread, part @ covariance).T
+        squares = surprise @ np.linalg.solve(spread, surprise)
+        scores.append(-0.5 * (squares + np.linalg.slogdet(spread)[1]) / KNOTS_PER_PERIOD)
+        change = change + gain @ surprise
+        covariance = covariance - gain @ part @ covariance
+    return np.array(scores)
+
+
+def _means_of_periods(values: Array) -> Array:
+    """Means of values (row,) over whole periods, (period,)."""
+    periods = len(values) // KNOTS_PER_PERIOD
+    return np.asarray(values[: periods * KNOTS_PER_PERIOD].reshape(periods, KNOTS_PER_PERIOD).mean(axis=1))
 
 
 def improvements(predictions: Sequence[Prediction]) -> Array:
@@ -114,12 +153,8 @@ def better_by(after: Prediction, before: Prediction) -> float:
     Diebold and Mariano's test of means over periods, between which scores are taken as independent; nan of
     fewer than three.
     """
-    means = []
-    for later, other in zip(after.scores, before.scores, strict=True):
-        periods = len(later) // KNOTS_PER_PERIOD
-        difference = (later - other)[: periods * KNOTS_PER_PERIOD]
-        means.append(difference.reshape(periods, KNOTS_PER_PERIOD).mean(axis=1))
-    difference = np.concatenate(means)
+    pairs = zip(after.scores, before.scores, strict=True)
+    difference = np.concatenate([later - other for later, other in pairs])
     if len(difference) < 3 or not np.ptp(difference):
         return float("nan")
     return float(difference.mean() / difference.std(ddof=1) * np.sqrt(len(difference)))

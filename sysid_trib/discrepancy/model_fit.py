@@ -148,6 +148,16 @@ class FittedModel:
         jacobian[-1, -1] = 0.5 * self.rows[0].path.frequency
         return np.asarray(jacobian @ whole[: count + 1, : count + 1] @ jacobian.T)
 
+    def without_zeros(self, rows: RunRows) -> tuple[Array, Array]:
+        """Columns of the parameters in the rows of any run, (row, parameter), and their covariance.
+
+        Without the zeros of the sensor, which are each run's own.
+        """
+        guess, first = np.append(self.coefficients, self.stiffness), len(self.trials) + self.frequency_free
+        table = _table(rows, 0, 1, self.trials, guess, self.frequency_free)
+        kept = [*range(first), *range(first + len(self.rows), self.columns)]
+        return np.delete(table, first, axis=1), self.likelihood.covariance[np.ix_(kept, kept)]
+
     def shape_errors(self) -> dict[str, float]:
         """Standard errors of the shape parameters, by their names."""
         errors = np.sqrt(np.diag(self.likelihood.covariance))

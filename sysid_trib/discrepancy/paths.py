@@ -6,8 +6,8 @@ deviations,
     A d + integral psi (x'' + (1 + kappa) x + sum c h) = A noise + integral psi (random force).
 
 All that is sought, forces and errors of the sensor alike, is a column of these rows. The path is a spline,
-beside the motion that the forces themselves give it, which may switch or turn within a sample: no simulation is
-needed; what the path differs from the motion counts in second order alone.
+beside the motion that the forces themselves give it, which may switch or turn within a sample: no simulation
+is needed; what the path differs from the motion counts in second order alone.
 """
 
 from collections.abc import Sequence

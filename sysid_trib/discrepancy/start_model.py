@@ -24,7 +24,7 @@ from sysid_trib.regression.weak_form import coloured
 
 # Harmonics that the spline of a path follows, at least in part.
 ABOVE = 0.5 * KNOTS_PER_PERIOD + 2.0
-# The d of 1/f noise, and the periods over which it is followed: what is slower, the sensor's zero takes in part.
+# The d of 1/f noise, and the periods over which it is followed: the zero takes a part of what is slower.
 FLICKER, FLICKER_PERIODS = 0.5, 2.0
 # Partial autocorrelation at which the deviance is computed for its slope where there is none.
 LITTLE_COLOUR = 0.05
@@ -69,8 +69,8 @@ def recoloured(model: FittedModel) -> FittedModel:
     """The model beside noise of the sensor of the colour that makes its rows likeliest.
 
     Where samples of a period are few, or the noise as 1/f, the spectrum above what a path follows does not
-    tell it. Autoregressions and 1/f noise, which has one parameter, are told apart by the Bayesian information
-    criterion.
+    tell it. Autoregressions and 1/f noise, which has one parameter, are told apart by the Bayesian
+    information criterion.
     """
     return beside_noises(model, [_likeliest_sensor(model, run) for run in range(len(model.rows))])
 
@@ -135,7 +135,7 @@ def colour_penalty(model: FittedModel) -> float:
 
 
 def _parameters_of(sensor: NoiseModel) -> int:
-    """Of its colour: a filter that is longer than any autoregression's is that of 1/f noise, which has one."""
+    """Of its colour: a filter that is longer than any autoregression's is that of 1/f noise, with one."""
     order = len(sensor.filter_) - 1
     return order if order <= MAX_COLOUR else 1
 
