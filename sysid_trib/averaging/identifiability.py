@@ -114,7 +114,8 @@ def dependent_columns(table: Array, tolerance: float = DEPENDENCE) -> list[tuple
         Proportional columns first, in groups as large as they are; then, for each further column that is a
         combination of columns before it, the column with the fewest of these that make it up.
     """
-    table = np.asarray(table, dtype=float)
+    # Lengths and residuals are those of the triangular factor, which has few rows.
+    table = np.asarray(np.linalg.qr(np.asarray(table, dtype=float), mode="r"), dtype=float)
     norms = np.linalg.norm(table, axis=0)
     floor = 1e-14 * norms.max(initial=0.0)
     unit = {i: table[:, i] / norm for i, norm in enumerate(norms) if norm > floor}

@@ -168,8 +168,8 @@ def harmonic_sums(phase: Array, value: Array, weight: Array, first: IntArray) ->
     """Sums of cos cos, cos sin, sin sin, cos y and sin y over each half period, which starts at `first`."""
     cosine, sine = np.cos(phase), np.sin(phase)
     c, s = weight * cosine, weight * sine
-    terms = np.array([c * cosine, c * sine, s * sine, c * value, s * value])
-    return np.asarray(np.add.reduceat(terms, first, axis=1))
+    terms = (c * cosine, c * sine, s * sine, c * value, s * value)
+    return np.stack([np.add.reduceat(term, first) for term in terms])
 
 
 def robust_mean(extrema: Array, noise: float) -> tuple[float, float]:

@@ -15,7 +15,8 @@ SPLINE_DEGREE = 5
 KNOTS_PER_PERIOD = 12
 # Fewer samples than this between knots and the splines would follow the noise.
 SAMPLES_PER_KNOT = 2
-# Samples up to which splines or test functions are kept for the next record on the same grid: some 40 MB.
+# Samples up to which splines or test functions are kept for the next records on the same grids: some 40 MB.
+# Of the splines of longer records the last are.
 MOST_KEPT = 100_000
 
 
@@ -75,9 +76,8 @@ def least_squares_spline(tau: Array, values: Array, knots: Array) -> tuple[BSpli
     same to the bit, but looks for the interval of every sample from the first knot on: 12 s for 10^6 samples.
     """
     try:
-        basis, factor = (
-            _kept(tau.tobytes(), knots.tobytes()) if len(tau) <= MOST_KEPT else _normal_equations(tau, knots)
-        )
+        kept = _kept if len(tau) <= MOST_KEPT else _last
+        basis, factor = kept(tau.tobytes(), knots.tobytes())
         coefficients = cho_solve_banded((factor, True), basis.T @ values, check_finite=False)
     except ValueError:
         raise DecayError(
@@ -86,13 +86,9 @@ def least_squares_spline(tau: Array, values: Array, knots: Array) -> tuple[BSpli
     return BSpline.construct_fast(knots, coefficients, SPLINE_DEGREE), np.asarray(basis @ coefficients)
 
 
-@lru_cache(maxsize=6)
-def _kept(tau: bytes, knots: bytes) -> tuple[sp.csr_array, Array]:
-    return _normal_equations(np.frombuffer(tau), np.frombuffer(knots))
-
-
-def _normal_equations(tau: Array, knots: Array) -> tuple[sp.csr_array, Array]:
+def _normal_equations(tau_bytes: bytes, knots_bytes: bytes) -> tuple[sp.csr_array, Array]:
     """B-splines at the samples, (sample, spline), and the banded Cholesky factor of their products."""
+    tau, knots = np.frombuffer(tau_bytes), np.frombuffer(knots_bytes)
     if np.any(np.diff(tau) <= 0.0):
         raise ValueError("times that do not increase")
     basis = BSpline.design_matrix(tau, knots, SPLINE_DEGREE)
@@ -101,6 +97,9 @@ def _normal_equations(tau: Array, knots: Array) -> tuple[sp.csr_array, Array]:
     for off in range(min(len(band), count)):
         band[off, : count - off] = normal.diagonal(off)
     return basis, cholesky_banded(band, lower=True, check_finite=False)
+
+
+_kept, _last = lru_cache(maxsize=6)(_normal_equations), lru_cache(maxsize=1)(_normal_equations)
 
 
 def smooth(tau: Array, angle: Array) -> SmoothedMotion:

@@ -58,9 +58,9 @@ class WhiteRows:
         # The triangular factor of the design and the target holds all that is needed.
         size = np.linalg.norm(self.design, axis=0)
         size = np.where(size > 0.0, size, 1.0)
-        factor: Array = np.asarray(
-            np.linalg.qr(np.column_stack([self.design / size, self.target]), mode="r"), dtype=float
-        )
+        # Columns that lie in one piece, as LAPACK wants them, take a third of the time.
+        columns = np.concatenate([self.design.T / size[:, None], self.target[None]])
+        factor: Array = np.asarray(np.linalg.qr(columns.T, mode="r"), dtype=float)
         count = self.design.shape[1]
         degrees_of_freedom = self.degrees_of_freedom
         variance = max(float(factor[count, count] ** 2) / degrees_of_freedom, 1e-300)
@@ -138,9 +138,11 @@ def variance_ratio(
 
     none = rows(0.0).restricted_deviance()
     first, last = np.log(low), np.log(high)
-    if start is None or start == 0.0:
-        grid = np.linspace(first, last, max(3, round((last - first) / FIRST_GRID)))
-    else:
+    grid = np.linspace(first, last, max(3, round((last - first) / FIRST_GRID)))
+    if start == 0.0:
+        fallen = (number for number, at in enumerate(grid) if deviance(at) > none[0] + 1.0)
+        grid = grid[: next(fallen, len(grid)) + 1]
+    elif start is not None:
         grid = np.clip(np.log(start) + np.array([-1.0, 0.0, 1.0]), first, last)
     best = float(min(grid, key=deviance))
     reach = float(np.max(np.diff(grid))) if len(grid) > 1 else FIRST_GRID

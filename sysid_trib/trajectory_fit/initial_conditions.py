@@ -13,9 +13,8 @@ from sysid_trib.simulation.simulate import trajectory
 MAX_ROUNDS = 8
 # A last step of the start, in parts of the swing.
 SETTLED_START = 1e-5
-# The same of a motion that need only be near the record. One that does not come near in so many rounds has
-# slipped out of phase.
-SETTLED_NEARBY, NEARBY_ROUNDS = 1e-3, 4
+# A motion that does not come near the record in so many rounds has slipped out of phase.
+NEARBY_ROUNDS = 4
 
 
 @dataclass(frozen=True)
@@ -85,7 +84,8 @@ def fit_start(
     sensitivity : (sample, 2) array of float, optional
         Of a model nearby; by differences where left out.
     near : bool
-        Whether the motion need only be near the record, not the best of all.
+        Whether the motion need only be near the record, not the best of all: the last step is then taken by
+        its start alone.
 
     Returns
     -------
@@ -105,7 +105,6 @@ def fit_start(
     units = np.array([1.0, np.exp2(np.round(np.log2(model.reference_frequency)))])
     begin, zero = np.array(start, dtype=float), offset or 0.0
     motion = trajectory(model, time, *begin)
-    settled = SETTLED_NEARBY if near else SETTLED_START
     for _ in range(NEARBY_ROUNDS if near else MAX_ROUNDS):
         if sensitivity is None:
             sensitivity = _sensitivity(model, time, begin, 1e-6 * amplitude, motion.angle)
@@ -117,8 +116,10 @@ def fit_start(
         # A step as long as the swing itself is a phase slip, not a start.
         begin = begin + steps[:2] * min(1.0, 0.5 / max(longest, 1e-300))
         zero += float(steps[2]) if offset is not None else 0.0
+        if near and longest < SETTLED_START:
+            break
         motion = trajectory(model, time, *begin)
-        if longest < settled:
+        if longest < SETTLED_START:
             break
         if longest > 1e-2:
             sensitivity = None

@@ -28,8 +28,8 @@ from sysid_trib.trajectory_fit.ratio_errors import average_by_ratios
 from sysid_trib.trajectory_fit.refined_columns import (
     SETTLED_STEP,
     common_values,
+    fitted_motion,
     has_slipped,
-    simulated,
     step_in_errors,
 )
 from sysid_trib.trajectory_fit.two_noises import with_noises
@@ -40,8 +40,6 @@ MAX_SMOOTHED_PATHS = 12
 ROUNDS_TO_SETTLE, STEP_AMONG_ERRORS = 4, 0.2
 # Round in which the colour of the sensor's noise is estimated, by a motion that is no longer the first guess.
 COLOUR_ROUND = 1
-# Samples a period that suffice for the start of a motion that need only be near.
-STARTS_PER_PERIOD = 40
 # Points of each sample's cell at which forces that jump are averaged.
 POINTS_OF_CELL = 34
 
@@ -131,27 +129,24 @@ def _beside_motion(
     """A run with its path beside a free motion of its present model, where that follows the record."""
     problem, path = run.problem, run.reference
     try:
-        beside, sensitivity = simulated(run, active, sensitivity, _samples_of_start(run))
+        free = fitted_motion(run, active, sensitivity, near=True)
     except SimulationError:
         return _along_path(run), None
+    along = _columns(run, free.x, free.v)
+    force = (run.frequency / problem.nominal_frequency) ** 2 * (free.x + along @ run.acting)
+    # The first path: the free motion itself.
+    reference = ReferenceTrajectory(free.x, free.v, along, exact=False, near=NearbyMotion(free.x, force))
+    beside = replace(run, reference=reference, start=(free.angle, free.rate))
     if has_slipped(beside):
         return _along_path(run), None
-    free = beside.reference
-    k = (run.frequency / problem.nominal_frequency) ** 2
-    along = _columns(run, free.x, free.v)
-    force = k * (free.x + along @ beside.acting)
-    if run.noises is None:
-        # The first path: the free motion itself.
-        near = NearbyMotion(free.x, force)
-        reference = ReferenceTrajectory(free.x, free.v, along, exact=False, near=near)
-    else:
+    if run.noises is not None:
         # Friction holds a body that rests with what it takes, no more.
         near = NearbyMotion(free.x, np.where(free.v == 0.0, problem.pushes, force))
         error = smoothed_rate_error(run.noises.ratio, float(np.median(np.diff(problem.form.tau))))
         expected = _columns(run, path.x, path.v, error)
-        reference = ReferenceTrajectory(path.x, path.v, expected, exact=False, near=near)
+        beside = replace(beside, reference=replace(path, columns=expected, exact=False, near=near))
     # The zero of the sensor is that of the rows, which know the random force.
-    return replace(beside, reference=reference, offset=run.offset), sensitivity
+    return beside, free.sensitivity
 
 
 def _along_path(run: RunRegression) -> RunRegression:
@@ -169,14 +164,6 @@ def _columns(run: RunRegression, x: Array, v: Array, rate_error: float = 0.0) ->
         problem.elapsed, x, v, acceleration, points=POINTS_OF_CELL, rate_error=rate_error
     )
     return problem.with_sensor_terms(forces, x, v)
-
-
-def _samples_of_start(run: RunRegression) -> int | None:
-    """Of how many samples one is taken for the start of a free motion that a random force leads away from."""
-    if run.noises is None or not run.noises.ratio.ratio:
-        return None
-    per_period = 2.0 * np.pi / float(np.median(np.diff(run.problem.form.tau)))
-    return max(1, int(per_period / STARTS_PER_PERIOD))
 
 
 def _smoothed(runs: Runs, operators: Sequence[DeviationOperator], solution: Solution) -> Runs:

@@ -14,8 +14,7 @@ from sysid_trib.regression.problem import ReferenceTrajectory, RunRegression, Ru
 from sysid_trib.regression.rows import Rows, weak_regression
 from sysid_trib.regression.solution import Solution, solve
 from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.simulate import trajectory
-from sysid_trib.trajectory_fit.initial_conditions import fit_start
+from sysid_trib.trajectory_fit.initial_conditions import FittedMotion, fit_start
 
 MAX_REFINEMENTS = 25
 # A simulated motion this far from the record (RMS, of the record's) has slipped out of phase.
@@ -118,9 +117,7 @@ def _extrapolation(step: Array, last: Array | None) -> float:
     return rate / (1.0 - rate) if parallel and 0.4 < rate < 0.95 else 0.0
 
 
-def simulated(
-    run: RunRegression, active: Mask, sensitivity: Array | None, every: int | None = None
-) -> tuple[RunRegression, Array]:
+def simulated(run: RunRegression, active: Mask, sensitivity: Array | None) -> tuple[RunRegression, Array]:
     """A run with the motion of its present model as reference, the start fitted to the record.
 
     Parameters
@@ -129,38 +126,29 @@ def simulated(
     active : (force,) array of bool
     sensitivity : (sample, 2) array of float or None
         Of a motion nearby to its start, if it is known (see `fit_start`).
-    every : int, optional
-        Where the motion need only be near: of so many samples one is taken for the start and the sensitivity.
 
     Returns
     -------
     run : RunRegression
     sensitivity : (sample, 2) array of float
     """
-    problem, some = run.problem, slice(None, None, every or 1)
-    acting = active & ~problem.of_sensor
+    problem, motion = run.problem, fitted_motion(run, active, sensitivity)
+    forces = problem.features(run.frequency).evaluate(problem.elapsed, motion.x, motion.v, motion.hidden)
+    columns = problem.with_sensor_terms(forces, motion.x, motion.v)
+    reference = ReferenceTrajectory(motion.x, motion.v, columns, exact=True)
+    start = motion.angle, motion.rate
+    return replace(run, reference=reference, start=start, offset=motion.offset), motion.sensitivity
+
+
+def fitted_motion(
+    run: RunRegression, active: Mask, sensitivity: Array | None, *, near: bool = False
+) -> FittedMotion:
+    """Motion of a run's present model, its start fitted to the record or, with `near`, next to it."""
+    problem, acting = run.problem, active & ~run.problem.of_sensor
     pairs = zip(problem.library.symbols, run.coefficients.tolist(), acting, strict=True)
     kept = {s: c for s, c, keep in pairs if keep}
     model = Model(problem.library, kept, run.frequency, problem.shapes, problem.known_input)
-    time = problem.time[some]
-    if sensitivity is not None and len(sensitivity) != len(time):
-        # Of other samples.
-        sensitivity = None
-    motion = fit_start(
-        model,
-        time,
-        (run.measured + run.offset)[some],
-        run.start,
-        offset=run.offset,
-        sensitivity=sensitivity,
-        near=every is not None,
+    angle = run.measured + run.offset
+    return fit_start(
+        model, problem.time, angle, run.start, offset=run.offset, sensitivity=sensitivity, near=near
     )
-    start = motion.angle, motion.rate
-    x, v, hidden = motion.x, motion.v, motion.hidden
-    if len(time) < len(problem.time):
-        whole = trajectory(model, problem.time, *start)
-        x, v, hidden = whole.angle, whole.rate / run.frequency, whole.hidden
-    forces = problem.features(run.frequency).evaluate(problem.elapsed, x, v, hidden)
-    columns = problem.with_sensor_terms(forces, x, v)
-    reference = ReferenceTrajectory(x, v, columns, exact=True)
-    return replace(run, reference=reference, start=start, offset=motion.offset), motion.sensitivity
