@@ -53,9 +53,6 @@ for command in (look, identify, discover, compare, campaign, simulate, report, f
 
 def main() -> None:
     """Run the command line: errors in one line on stderr, exit status as documented."""
-    # Tables are tall and narrow: threads of BLAS would wait for each other longer than they compute.
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
     # A closed stream is none.
     if sys.stderr is None:
         sys.stderr = open(os.devnull, "w")  # noqa: SIM115 (as long as the process)

@@ -122,10 +122,10 @@ def _scores_of_periods(innovation: Array, columns: Array, covariance: Array) -> 
     for begin in range(0, len(innovation) - KNOTS_PER_PERIOD + 1, KNOTS_PER_PERIOD):
         part = columns[begin : begin + KNOTS_PER_PERIOD]
         surprise = innovation[begin : begin + KNOTS_PER_PERIOD] - part @ change
-        spread = np.eye(KNOTS_PER_PERIOD) + part @ covariance @ part.T
-        gain = np.linalg.solve(spread, part @ covariance).T
-        squares = surprise @ np.linalg.solve(spread, surprise)
-        scores.append(-0.5 * (squares + np.linalg.slogdet(spread)[1]) / KNOTS_PER_PERIOD)
+        expected = np.eye(KNOTS_PER_PERIOD) + part @ covariance @ part.T
+        gain = np.linalg.solve(expected, part @ covariance).T
+        squares = surprise @ np.linalg.solve(expected, surprise)
+        scores.append(-0.5 * (squares + np.linalg.slogdet(expected)[1]) / KNOTS_PER_PERIOD)
         change = change + gain @ surprise
         covariance = covariance - gain @ part @ covariance
     return np.array(scores)

@@ -69,7 +69,7 @@ def recoloured(model: FittedModel) -> FittedModel:
     """The model beside noise of the sensor of the colour that makes its rows likeliest.
 
     Where samples of a period are few, or the noise as 1/f, the spectrum above what a path follows does not
-    tell it. Autoregressions and 1/f noise, which has one parameter, are told apart by the Bayesian
+    tell it. Autoregressions and 1/f noise, which has one parameter, are compared by the Bayesian
     information criterion.
     """
     return beside_noises(model, [_likeliest_sensor(model, run) for run in range(len(model.rows))])
