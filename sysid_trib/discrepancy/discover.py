@@ -154,7 +154,7 @@ def _or_coloured_noise(
     """
     tell("colour of the sensor's noise")
     last, least_gain = done.models[-1], start.settings.least_gain
-    beside_names = recoloured(last)
+    beside_names = recoloured(last) if done.effects else last
     if _with_colour(beside_names, done.effects) < _with_colour(last, done.effects) - least_gain:
         coloured = beside_noises(start, [rows.path.sensor for rows in beside_names.rows])
     else:

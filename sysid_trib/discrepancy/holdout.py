@@ -96,10 +96,9 @@ def _scored(model: FittedModel, path: RecordPath, run: int) -> tuple[Array, Reco
         motion = rows.smoothed_motion(unexplained - offset * zero, offset + error, slopes, ratio)
         path = path.follow(motion, model.trials, model.coefficients)
     parameters, covariance = model.without_zeros(rows)
-    white_zero = white[:, 1]
-    columns = whiten(factor, parameters) / deviation
-    columns = columns - np.outer(white_zero, white_zero @ columns) / (white_zero @ white_zero)
-    innovation = (white[:, 0] - offset * white_zero) / deviation
+    columns, of_zero = whiten(factor, parameters) / deviation, white[:, 1]
+    columns = columns - np.outer(of_zero, of_zero @ columns) / (of_zero @ of_zero)
+    innovation = (white[:, 0] - offset * of_zero) / deviation
     scores = _scores_of_periods(innovation, columns, covariance)
     return scores - _means_of_periods(np.log(factor[0])) - np.log(deviation), path
 
@@ -122,12 +121,13 @@ def _scores_of_periods(innovation: Array, columns: Array, covariance: Array) -> 
     for begin in range(0, len(innovation) - KNOTS_PER_PERIOD + 1, KNOTS_PER_PERIOD):
         part = columns[begin : begin + KNOTS_PER_PERIOD]
         surprise = innovation[begin : begin + KNOTS_PER_PERIOD] - part @ change
-        expected = np.eye(KNOTS_PER_PERIOD) + part @ covariance @ part.T
-        gain = np.linalg.solve(expected, part @ covariance).T
-        squares = surprise @ np.linalg.solve(expected, surprise)
-        scores.append(-0.5 * (squares + np.linalg.slogdet(expected)[1]) / KNOTS_PER_PERIOD)
-        change = change + gain @ surprise
-        covariance = covariance - gain @ part @ covariance
+        along = part @ covariance
+        of_surprise = np.eye(KNOTS_PER_PERIOD) + along @ part.T
+        solved = np.linalg.solve(of_surprise, np.column_stack([surprise, along]))
+        squares = surprise @ solved[:, 0]
+        scores.append(-0.5 * (squares + np.linalg.slogdet(of_surprise)[1]) / KNOTS_PER_PERIOD)
+        change = change + along.T @ solved[:, 0]
+        covariance = covariance - along.T @ solved[:, 1:]
     return np.array(scores)
 
 

@@ -24,6 +24,8 @@ SETTLED_VARIANCE = 1e-4
 # Distance of the first values tried, in the logarithm of the ratio; a maximum of the likelihood is wider.
 FIRST_GRID = 2.0
 LOG_TOLERANCE = 0.02
+# Rise of the deviance over that without a random force, by which a ratio is a standard error too large.
+RISEN = 1.0
 # Differences for the curvature, in units of the logarithm.
 CURVATURE_STEP = 0.3
 
@@ -140,8 +142,8 @@ def variance_ratio(
     first, last = np.log(low), np.log(high)
     grid = np.linspace(first, last, max(3, round((last - first) / FIRST_GRID)))
     if start == 0.0:
-        fallen = (number for number, at in enumerate(grid) if deviance(at) > none[0] + 1.0)
-        grid = grid[: next(fallen, len(grid)) + 1]
+        risen = (number for number, at in enumerate(grid) if deviance(at) > none[0] + RISEN)
+        grid = grid[: next(risen, len(grid)) + 1]
     elif start is not None:
         grid = np.clip(np.log(start) + np.array([-1.0, 0.0, 1.0]), first, last)
     best = float(min(grid, key=deviance))
@@ -155,8 +157,8 @@ def variance_ratio(
     best = min((float(minimum.x), best), key=deviance)
     gain = none[0] - deviance(best)
     if gain <= 0.0:
-        risen = [at for at in sorted(known) if known[at][0] > none[0] + 1.0]
-        upper = float(np.exp(risen[0])) if risen else float("nan")
+        beyond = [at for at in sorted(known) if known[at][0] > none[0] + RISEN]
+        upper = float(np.exp(beyond[0])) if beyond else float("nan")
         return VarianceRatio(0.0, none[1], float("nan"), upper, 0.0, none[0])
     error = _relative_error(deviance, known, best, rows(0.0).degrees_of_freedom)
     return VarianceRatio(float(np.exp(best)), known[best][1], error, float("nan"), gain, deviance(best))

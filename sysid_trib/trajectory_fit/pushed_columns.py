@@ -28,8 +28,8 @@ from sysid_trib.trajectory_fit.ratio_errors import average_by_ratios
 from sysid_trib.trajectory_fit.refined_columns import (
     SETTLED_STEP,
     common_values,
-    fitted_motion,
     has_slipped,
+    motion_of_run,
     step_in_errors,
 )
 from sysid_trib.trajectory_fit.two_noises import with_noises
@@ -129,7 +129,7 @@ def _beside_motion(
     """A run with its path beside a free motion of its present model, where that follows the record."""
     problem, path = run.problem, run.reference
     try:
-        free = fitted_motion(run, active, sensitivity, near=True)
+        free = motion_of_run(run, active, sensitivity, near=True)
     except SimulationError:
         return _along_path(run), None
     along = _columns(run, free.x, free.v)

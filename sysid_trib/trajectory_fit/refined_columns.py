@@ -132,7 +132,7 @@ def simulated(run: RunRegression, active: Mask, sensitivity: Array | None) -> tu
     run : RunRegression
     sensitivity : (sample, 2) array of float
     """
-    problem, motion = run.problem, fitted_motion(run, active, sensitivity)
+    problem, motion = run.problem, motion_of_run(run, active, sensitivity)
     forces = problem.features(run.frequency).evaluate(problem.elapsed, motion.x, motion.v, motion.hidden)
     columns = problem.with_sensor_terms(forces, motion.x, motion.v)
     reference = ReferenceTrajectory(motion.x, motion.v, columns, exact=True)
@@ -140,7 +140,7 @@ def simulated(run: RunRegression, active: Mask, sensitivity: Array | None) -> tu
     return replace(run, reference=reference, start=start, offset=motion.offset), motion.sensitivity
 
 
-def fitted_motion(
+def motion_of_run(
     run: RunRegression, active: Mask, sensitivity: Array | None, *, near: bool = False
 ) -> FittedMotion:
     """Motion of a run's present model, its start fitted to the record or, with `near`, next to it."""
