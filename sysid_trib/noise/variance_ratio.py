@@ -157,8 +157,8 @@ def variance_ratio(
     best = min((float(minimum.x), best), key=deviance)
     gain = none[0] - deviance(best)
     if gain <= 0.0:
-        beyond = [at for at in sorted(known) if known[at][0] > none[0] + RISEN]
-        upper = float(np.exp(beyond[0])) if beyond else float("nan")
+        too_large = [at for at in sorted(known) if known[at][0] > none[0] + RISEN]
+        upper = float(np.exp(too_large[0])) if too_large else float("nan")
         return VarianceRatio(0.0, none[1], float("nan"), upper, 0.0, none[0])
     error = _relative_error(deviance, known, best, rows(0.0).degrees_of_freedom)
     return VarianceRatio(float(np.exp(best)), known[best][1], error, float("nan"), gain, deviance(best))
