@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicHermiteSpline, CubicSpline, PPoly
+from scipy.ndimage import uniform_filter1d
 
 from sysid_trib.arrays import Array
 from sysid_trib.averaging.collocation import Index, Panels, solve_states
-from sysid_trib.averaging.stepped_states import RADAU_STAGES, is_stepped, stepped_states
+from sysid_trib.averaging.stepped_states import RADAU_STAGES, is_linear, is_stepped, stepped_states
 from sysid_trib.errors import DecayError, LibraryError
 from sysid_trib.forces.force import Force
 
@@ -196,6 +197,7 @@ def tangent_along(motion: GivenMotion, force: Force, shapes: Mapping[str, float]
     -----
     Of a motion that is a little larger, or a little ahead of itself, each all along: the two changes of a
     swing that are not forgotten. A state is not what it was at another angle, and so not a spring there.
+    What is linear may ring by itself, which is no answer to the motion: then of a period, in the mean.
     """
     x, v, still = motion.at_samples["x"], motion.at_samples["v"], np.zeros_like(motion.tau)
     values, of_larger = (values_along(along, force, [shapes]) for along in (motion, motion.larger))
@@ -206,7 +208,13 @@ def tangent_along(motion: GivenMotion, force: Force, shapes: Mapping[str, float]
     by_size, by_advance = (of_larger[:, 0] - here) / LARGER, np.gradient(here, motion.tau)
     # Of the first the angle changes by x and the rate by v, of the second by v and -x, w = 1.
     square = x**2 + v**2 + np.finfo(float).tiny
-    of_x, of_v = (x * by_size + v * by_advance) / square, (v * by_size - x * by_advance) / square
+    along, across = x * by_size + v * by_advance, v * by_size - x * by_advance
+    if is_linear(force):
+        period = min(1 + int(2.0 * np.pi / np.median(np.diff(motion.tau))), len(x))
+        square, along, across = (
+            uniform_filter1d(part, period, mode="nearest") for part in (square, along, across)
+        )
+    of_x, of_v = along / square, across / square
     return np.nan_to_num(of_x, posinf=0.0, neginf=0.0), np.nan_to_num(of_v, posinf=0.0, neginf=0.0)
 
 

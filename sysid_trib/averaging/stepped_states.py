@@ -39,6 +39,21 @@ def is_stepped(force: Force) -> bool:
     return len(jacobian) < 2 or all(np.allclose(d, np.ravel(d)[0], rtol=1e-9, atol=1e-12) for d in jacobian)
 
 
+@lru_cache(maxsize=1024)
+def is_linear(force: Force) -> bool:
+    """Whether a force follows the motion by linear equations with constant coefficients, as an element of
+    springs, dashpots and masses does."""
+    if force.memory:
+        return False
+    with np.errstate(all="ignore"):
+        slopes = [
+            f.derivative(force.test_points, k)
+            for f in (force.formula, *force.state.values())
+            for k in ("x", "v", "t", *force.state)
+        ]
+    return all(np.allclose(d, np.ravel(d)[0], rtol=1e-9, atol=1e-12) for d in slopes)
+
+
 def stepped_states(force: Force, step: Array, names: Names, start: Mapping[str, float]) -> dict[str, Array]:
     """States of a force at the samples of a motion.
 
