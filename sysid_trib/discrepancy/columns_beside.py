@@ -61,7 +61,7 @@ def each_beside(
     if len(runs) == 1:
         solved = [_solved(part, inside) for part in parts[0]]
     else:
-        solved = [_solved(_in_noise_of(runs, model)[np.ix_(every, every)], inside)]
+        solved = [_solved(_in_noise_of(runs, model, every[1:]), inside)]
     deviance, coefficient, error = np.zeros(count), np.empty(count), np.empty(count)
     for run, part in zip(runs, parts, strict=True):
         deviances, variance = np.empty((2, len(run.ratios), count))
@@ -118,23 +118,22 @@ def projected(
     products : (column, column) array of float
         Of what is outside, in units of the noise.
     """
-    total = _in_noise_of(runs, model)
-    inside, others = np.asarray(base, dtype=int), np.asarray(columns, dtype=int)
+    # The target goes before them.
+    total = _in_noise_of(runs, model, [*base, *columns])[1:, 1:]
+    inside, others = slice(len(base)), slice(len(base), None)
     size = np.sqrt(np.maximum(np.diag(total), 1e-300))
     scaled = total / np.outer(size, size)
-    inner, cross = scaled[np.ix_(inside, inside)], scaled[np.ix_(inside, others)]
-    rest = (
-        scaled[np.ix_(others, others)] - cross.T @ np.linalg.pinv(inner, rcond=1e-13, hermitian=True) @ cross
-    )
+    inner, cross = scaled[inside, inside], scaled[inside, others]
+    rest = scaled[others, others] - cross.T @ np.linalg.pinv(inner, rcond=1e-13, hermitian=True) @ cross
     part = np.sqrt(np.maximum(np.diag(rest), 0.0))
     return part, rest * np.outer(size[others], size[others])
 
 
-def _in_noise_of(runs: Sequence[RunProducts], model: Likelihood) -> Array:
-    """Products of all runs in units of the noise of a model."""
-    total = np.zeros_like(runs[0].products[0])
+def _in_noise_of(runs: Sequence[RunProducts], model: Likelihood, columns: Sequence[int]) -> Array:
+    """Products of the target and columns, of all runs, in units of the noise of a model."""
+    total = np.zeros((1 + len(columns), 1 + len(columns)))
     for run, ratio, variance in zip(runs, model.ratios, model.variances, strict=True):
-        total += run.at(float(ratio)) / variance
+        total += run.at(float(ratio), np.asarray(columns, dtype=int)) / variance
     return total
 
 

@@ -56,15 +56,17 @@ class RunProducts:
         """Rows, with those that the level counts."""
         return self.rows + self.level_rows
 
-    def at(self, ratio: float) -> Array:
-        """Products in the covariance of any ratio, (column, column): a spline over those tried.
+    def at(self, ratio: float, columns: Array) -> Array:
+        """Products of the target and some columns in the covariance of any ratio, (column + 1, column + 1).
 
-        Each is the same sum of those tried, so that a target which the columns explain stays explained.
+        A spline over those tried: each is the same sum, so that a target which the columns explain stays
+        explained.
         """
         tried = np.flatnonzero(self.ratios == ratio)
         if len(tried):
-            return np.asarray(self.products[tried[0]])
-        return np.asarray(np.tensordot(self._weights(ratio), self.products[1:], 1))
+            at = np.concatenate([[0], columns])
+            return np.asarray(self.products[tried[0]][np.ix_(at, at)])
+        return np.asarray(np.tensordot(self._weights(ratio), self.of(columns)[1:], 1))
 
     def log_determinant_at(self, ratio: float) -> float:
         """The same of the covariance, over that of white noise of the sensor alone."""
@@ -193,9 +195,8 @@ def likelihood(runs: Sequence[RunProducts], columns: Sequence[int]) -> Likelihoo
         deviances, _ = _over_ratios(runs, parts, at, variances, r)
         ratios[r], least, errors[r] = _between(run.ratios, deviances, at[r])
         gains[r] = deviances[0] - least
-    of_columns = np.concatenate([[0], np.asarray(columns, dtype=int)])
     there = [
-        run.at(float(ratio))[np.ix_(of_columns, of_columns)] / np.outer(size, size)
+        run.at(float(ratio), np.asarray(columns, dtype=int)) / np.outer(size, size)
         for run, ratio in zip(runs, ratios, strict=True)
     ]
     # Of several runs at these ratios, whichever of those tried were nearest: else a fit could not settle.

@@ -86,9 +86,14 @@ def warm_up_samples(whitening_filter: Array) -> int:
 
 
 def memory_samples(whitening_filter: Array) -> int:
-    """Samples after which the inverse of a whitening filter is below a part `FORGOTTEN`."""
+    """Samples after which the inverse of a whitening filter is below a part `FORGOTTEN`.
+
+    Of a long one twice its length: what noise of long memory does after so long, it leaves out itself.
+    """
     if len(whitening_filter) == 1:
         return 0
+    if len(whitening_filter) - 1 > MAX_ORDER:
+        return 2 * len(whitening_filter)
     slowest = min(max(float(np.max(np.abs(np.roots(whitening_filter)))), 1e-3), 1.0 - 1e-4)
     return int(np.ceil(np.log(FORGOTTEN) / np.log(slowest))) + len(whitening_filter)
 
