@@ -361,6 +361,6 @@ def refitted(model: FittedModel, paths: Sequence[RecordPath] | None = None) -> F
         paths = None
         first = np.append(model.coefficients, 0.0)
         model = fit_model(near, model.trials, frequency_free=model.frequency_free, first=first)
-        if abs(model.stiffness) <= SAME_REFERENCE * model.stiffness_error:
+        if model.settled and abs(model.stiffness) <= SAME_REFERENCE * model.stiffness_error:
             break
     return model

@@ -13,6 +13,9 @@ from sysid_trib.regression.weak_form import noise_operator, whitener
 
 # Width, in units of the local amplitude, over which the noise feels a jump of a force at zero.
 JUMP_WIDTH = 0.8
+# Part of the amplitude within which a force that rises at zero is one that jumps there: test functions, whose
+# knots are half a radian apart, do not see how.
+STEEP = 0.2
 # Part of the swing over which the sensor's slope is taken.
 SLOPE_STEP = 1e-4
 
@@ -105,7 +108,7 @@ def derivatives_along(
     -----
     A force that jumps with v, as sign(v), damps the noise by a spike at each reversal. The test functions
     see no spike, but its mean: a sharper one would whiten away what they can see. A jump at zero is therefore
-    distributed over `JUMP_WIDTH`.
+    distributed over `JUMP_WIDTH`, and so is a rise that is nearly as steep, as that of abs(v)**0.1 sign(v).
     """
     amplitude = np.hypot(x, v) + 1e-12
     derivatives = [np.ones_like(x), np.zeros_like(x)]
@@ -121,11 +124,11 @@ def derivatives_along(
             # Where a power is singular the motion is for an instant.
             slope = np.where(np.isfinite(slope), slope, 0.0)
             if force.formula.surfaces:
-                along = names[name]
-                sides = [np.full_like(x, side) for side in (-1e-12, 1e-12)]
-                points = [(side, v) if name == "x" else (x, side) for side in sides]
+                along, steep = names[name], STEEP * amplitude
+                points = [(side, v) if name == "x" else (x, side) for side in (-steep, steep)]
                 before, after = (force.value(*point, time, shapes=shapes) for point in points)
                 jump = after - before
+                slope = np.where(np.abs(along) < steep, 0.0, slope)
                 # The swing is about a centre that the jump shifts by half of itself: near rest that is its
                 # size.
                 width = JUMP_WIDTH * (amplitude + 0.5 * np.abs(coefficient * jump))
