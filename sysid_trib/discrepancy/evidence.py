@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.special import log_ndtr
 
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.discrepancy.model_fit import FittedModel
@@ -24,7 +25,7 @@ def evidence(model: FittedModel, effects: Sequence[str]) -> float:
     information of one row (unit information), which makes its factor the number of rows; where physics fixes
     its sign, the prior is on that half line alone. Shapes are as likely anywhere in their range, or in its
     logarithm where that spans a decade: their factor is the part of the range that the record leaves, which
-    is not more than all of it.
+    is not more than all of it; of one at an end of its range the part inside of it.
     """
     total = model.deviance
     for symbol in effects:
@@ -34,7 +35,22 @@ def evidence(model: FittedModel, effects: Sequence[str]) -> float:
             covariance = model.likelihood.covariance[np.ix_(shapes, shapes)]
             within = np.linalg.pinv(2.0 * np.pi * covariance, hermitian=True)
             total += float(np.linalg.slogdet(np.eye(len(shapes)) + within)[1])
+            total += sum(_at_end(*model.at_ends[shape]) for shape in shapes if shape in model.at_ends)
     return float(total)
+
+
+def _at_end(beyond_end: float, error: float) -> float:
+    """Minus twice the logarithm of the part of its range that a record leaves to a shape at an end of it.
+
+    That of a Gaussian likelihood whose middle is outside, over what it is at the end.
+    """
+    if not 0.0 < error < np.inf:
+        return 0.0
+    near, far = log_ndtr(-beyond_end / error), log_ndtr(-(1.0 + beyond_end) / error)
+    inside = near + np.log1p(-np.exp(far - near))
+    return float(
+        -2.0 * (np.log(error) + 0.5 * np.log(2.0 * np.pi) + 0.5 * (beyond_end / error) ** 2 + inside)
+    )
 
 
 def least_penalty(model: FittedModel, forces: Sequence[Force]) -> float:

@@ -264,11 +264,13 @@ def _in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float, list
     best: dict[str, tuple[float, list[int]]] = {}
     for scored in sorted(scores, key=lambda scored: scored[0]):
         best.setdefault(current.trials[scored[1][0]].force.symbol if scored[1] else "", scored)
-    return [
-        scored
-        for scored in best.values()
-        if scored[0] < model.settings.slack * max(0.0, without) + model.settings.far
-    ]
+    in_model = [model.trials[model.columns_of(symbol)[0]].force for symbol in gone]
+
+    def is_near(score: float, at: Sequence[int]) -> bool:
+        slack = current.slack(at[0], in_model) if at else model.settings.slack
+        return score < slack * max(0.0, without) + model.settings.far
+
+    return [scored for scored in best.values() if is_near(*scored)]
 
 
 def _pairs_in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float, list[int]]]:

@@ -49,6 +49,9 @@ class FittedModel:
     frequency_free : bool
     likelihood : Likelihood
         Of these columns.
+    at_ends : dict of int to (float, float)
+        Of the columns of shapes held at an end of their range: by how much of it they would leave it, and
+        the standard error of that.
     settled : bool
         Whether paths and parameters have.
     """
@@ -60,6 +63,7 @@ class FittedModel:
     tables: tuple[Array, ...]
     frequency_free: bool
     likelihood: Likelihood
+    at_ends: dict[int, tuple[float, float]]
     settled: bool = True
 
     @property
@@ -290,17 +294,20 @@ def fitted_along(
     rows = tuple(run_rows(path, trials, guess) for path in paths)
     tables = [_table(run, at, len(rows), trials, guess, frequency_free) for at, run in enumerate(rows)]
     products = [run.products(table) for run, table in zip(rows, tables, strict=True)]
-    most_likely = _within_ranges(products, tables[0].shape[1], trials)
+    most_likely, at_ends = _within_ranges(products, tables[0].shape[1], trials)
     b, count = most_likely.coefficients, len(trials)
     stiffness = float(b[count]) if frequency_free else 0.0
-    return FittedModel(tuple(trials), b[:count], stiffness, rows, tuple(tables), frequency_free, most_likely)
+    forces, columns = tuple(trials), tuple(tables)
+    return FittedModel(forces, b[:count], stiffness, rows, columns, frequency_free, most_likely, at_ends)
 
 
-def _within_ranges(products: Sequence[RunProducts], count: int, trials: Sequence[TrialEffect]) -> Likelihood:
+def _within_ranges(
+    products: Sequence[RunProducts], count: int, trials: Sequence[TrialEffect]
+) -> tuple[Likelihood, dict[int, tuple[float, float]]]:
     """Maximum likelihood in `count` columns; shapes at an end of their range that would leave it are held."""
     shapes = [(t.force.shape[k], t.shapes[f"{t.force.symbol}.{k}"]) for t in trials for k in t.force.shape]
     first = count - len(shapes)
-    held: list[int] = []
+    held: dict[int, tuple[float, float]] = {}
     while True:
         free = [column for column in range(count) if column not in held]
         likeliest = likelihood(products, [1 + column for column in free])
@@ -311,8 +318,9 @@ def _within_ranges(products: Sequence[RunProducts], count: int, trials: Sequence
             if (side := end_of_range(shape, value)) and side * steps.get(first + i, 0.0) > 0.0
         ]
         if not leaving:
-            return likeliest.among(free, count)
-        held += leaving
+            return likeliest.among(free, count), held
+        errors = dict(zip(free, np.sqrt(np.diag(likeliest.covariance)).tolist(), strict=True))
+        held |= {column: (abs(steps[column]), errors[column]) for column in leaving}
 
 
 def _table(

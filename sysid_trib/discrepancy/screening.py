@@ -93,6 +93,11 @@ class Screening:
         """Trials that can be tested, or that might in the place of an effect which has the same column."""
         return [at for at, reason in enumerate(self.reasons) if reason in ("", SAME_EFFECT)]
 
+    def slack(self, at: int, fitted: Sequence[Force]) -> float:
+        """Part of its gain by which a trial's column may be off, beside the fits of other forces."""
+        settings, family = self.model.settings, self.trials[at].force.family
+        return settings.kin if family in {force.family for force in fitted} else settings.slack
+
     def allows(self, at: int, coefficient: float) -> bool:
         """Whether physics allows a trial this coefficient."""
         strongest = self.model.settings.strongest
@@ -196,8 +201,11 @@ def independent_tests(correlation: Array, seed: int = 0) -> float:
     if not len(correlation):
         return 1.0
     # Columns that are nearly alike need few draws; in which order they come is of no account.
-    factor, _, rank, _ = pstrf(correlation, tol=LEAST_OWN, lower=True)
-    draws = np.random.default_rng(seed).standard_normal((NOISE_DRAWS, rank)) @ np.tril(factor)[:, :rank].T
+    whole, _, rank, _ = pstrf(correlation, tol=LEAST_OWN, lower=True)
+    factor = np.tril(whole)[:, :rank]
+    # What rounding has left of columns that the model can nearly make may correlate by more than one.
+    factor /= np.maximum(1.0, np.linalg.norm(factor, axis=1))[:, None]
+    draws = np.random.default_rng(seed).standard_normal((NOISE_DRAWS, rank)) @ factor.T
     largest = np.quantile(np.max(np.abs(draws), axis=1), 1.0 - TAIL)
     return max(1.0, TAIL / (2.0 * float(norm.sf(largest))))
 

@@ -188,11 +188,12 @@ def _beyond_chance(current: Screening, effects: tuple[str, ...], fits: Fits) -> 
     """
     model, settings = current.model, current.model.settings
     likeliest = [at for at in current.best() if current.p_values[at] < settings.level]
-    here, least_of_column, tried = evidence(model, effects), 0.0, list[Move]()
+    here, gain_of_column, tried = evidence(model, effects), 0.0, list[Move]()
     # As many again as are fitted, since those that gain most may be what no sample can be.
     for at in likeliest[: 2 * settings.fitted]:
-        if current.gains[at] <= least_of_column:
-            break
+        slack = current.slack(at, [move.model.trials[-1].force for move in tried])
+        if current.gains[at] <= (1.0 - slack) * gain_of_column:
+            continue
         trial = current.trials[at]
         named = (*effects, trial.force.symbol)
         aim = min([here - settings.outside_of_set, *(move.evidence for move in tried)])
@@ -202,6 +203,6 @@ def _beyond_chance(current: Screening, effects: tuple[str, ...], fits: Fits) -> 
         gain, score = model.deviance - fitted.deviance, evidence(fitted, named)
         if current.p_value_of(gain, trial.force) < settings.level and score < here - settings.outside_of_set:
             if not tried:
-                least_of_column = current.gains[at] * (1.0 - settings.slack)
+                gain_of_column = float(current.gains[at])
             tried.append(Move(score, named, fitted))
     return tried

@@ -31,6 +31,9 @@ class Settings:
     slack: float = setting(
         0.1, "part of its gain by which a column may be off, before its exact fit", "curvature along one path"
     )
+    kin: float = setting(
+        0.5, "the same of one of the family of an effect that is fitted", "its shape may be far from its grid"
+    )
     fitted: int = setting(
         6,
         "candidates of a move, or in an effect's place, that are fitted",
