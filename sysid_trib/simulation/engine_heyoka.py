@@ -195,7 +195,7 @@ def _callback_at_zero(compiled: Compiled) -> Callback:
 
 
 def _callback_at_reversal(compiled: Compiled) -> Callback:
-    """`_callback` of v = 0 of forces without memory, taken to turn; `_wrong_turn` asks all of them at once."""
+    """`_callback` of v = 0 of forces without memory: taken to turn there, `_wrong_turn` asks afterwards."""
     general, sign = _callback(compiled), compiled.motion.signs_at.start
 
     def switch(taylor: Any, way: int) -> bool:
