@@ -154,7 +154,7 @@ class Compiled:
         taken = np.frombuffer(b"".join([state for _, state in progress.turns])).reshape(len(at), -1)
         up, down = self.turning.at_rest(taken, progress.p, progress.times[at])
         rises, falls = up[0] > 0.0, down[0] < 0.0
-        signs = progress.past[at, self.motion.signs_at.start :].T
+        signs = progress.past[at].T[self.motion.signs_at]
         right = (rises != falls) & (np.where(rises, up[1:], down[1:]) == signs).all(axis=0)
         if right.all():
             return None
@@ -203,13 +203,11 @@ def _callback_at_reversal(compiled: Compiled) -> Callback:
         p = progress.p
         turns = p.item(sign) != way
         at_rest = -AT_REST <= state.item(1) <= AT_REST
-        if not (at_rest and (turns or progress.turns) and progress.count()):
+        if not (at_rest and (turns or progress.turns)):
             return general(taylor, way)
-        progress.turns.append((progress.noted, state.tobytes()))
         # Twice the same way it did not turn the last time: no sign, so that it is found here at the latest.
         p[sign] = compiled.used[sign] = way if turns else 0.0
-        progress.note(taylor.time)
-        return turns
+        return progress.turn(taylor.time, state.tobytes()) and turns
 
     return switch
 

@@ -238,10 +238,12 @@ class Progress:
         self._times.append(tau)
         self._past.append(self.p.tobytes())
 
-    @property
-    def noted(self) -> int:
-        """How many times the parameters changed."""
-        return len(self._times)
+    def turn(self, tau: float, y: bytes) -> bool:
+        """Count and note a reversal at which the motion is taken to turn; False if the budget is spent."""
+        self.turns.append((len(self._times), y))
+        self._times.append(tau)
+        self._past.append(self.p.tobytes())
+        return self.count()
 
     def back_to(self, note: int) -> float:
         """Undo this note and what came after it; its tau."""
