@@ -5,7 +5,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+from threadpoolctl import threadpool_info, threadpool_limits
+
 import sysid_trib as st
+from sysid_trib.commands.threads import one_thread
 
 PACKAGE = Path(st.__file__).parent
 # What changes the process for all that runs in it.
@@ -50,3 +53,16 @@ def test_no_module_sets_what_is_the_whole_processs():
         if isinstance(node, ast.Attribute) and node.attr in PROCESS_WIDE
     ]
     assert touched == []
+
+
+def test_commands_compute_in_one_thread_and_leave_the_others_as_they_were():
+    def threads():
+        return [pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"]
+
+    with one_thread():
+        assert set(threads()) == {1}
+    with threadpool_limits(2, user_api="blas"):
+        before = threads()
+        with one_thread():
+            assert set(threads()) == {1}
+        assert threads() == before

@@ -189,6 +189,30 @@ def test_restricted_likelihood_finds_a_ratio_and_its_absence():
     assert there.p_value < 1e-6 < 0.01 < absent.p_value
 
 
+def test_a_ratio_that_was_zero_is_sought_anew_without_the_ratios_far_above():
+    random, scale = np.random.default_rng(3), np.linspace(0.1, 3.0, 4000)
+    random_part, other_part = random.standard_normal((2, 4000))
+
+    def found(kicks, start):
+        tried = []
+
+        def rows(ratio):
+            tried.append(ratio)
+            size = np.sqrt(1.0 + ratio * scale**2)
+            noise = (random_part + kicks * scale * other_part) / size
+            return WhiteRows(noise, np.ones((4000, 1)) / size[:, None], float(np.sum(np.log(size**2))))
+
+        return variance_ratio(rows, 1e-6, 1e4, start), tried
+
+    # Nothing pushes still; or it was missed by columns that were not yet right.
+    for kicks in (0.0, 0.1, 3.0):
+        (whole, all_tried), (short, few_tried) = (found(kicks, start) for start in (None, 0.0))
+        assert short.ratio == pytest.approx(whole.ratio, rel=2e-3)
+        assert short.gain == pytest.approx(whole.gain, abs=1e-3)
+        assert len(few_tried) <= len(all_tried)
+    assert max(found(0.0, 0.0)[1]) < 1.0 < 1e3 < max(found(0.0, None)[1])
+
+
 def test_a_body_that_friction_holds_is_not_pushed():
     linear, _ = linear_record()
     steps, held = linear.steps, np.zeros_like(linear.steps.diffusion)

@@ -12,6 +12,7 @@ from helpers import NOISE, SIX, W, decay, paper_run
 from scipy.interpolate import BSpline
 
 from sysid_trib.forces.constraints import Constraints
+from sysid_trib.noise import smoothing
 from sysid_trib.noise.smoothing import (
     KNOTS_PER_PERIOD,
     SAMPLES_PER_KNOT,
@@ -118,6 +119,19 @@ def test_smoothing_finds_motion_derivatives_and_noise():
     assert np.sqrt(np.mean((x - motion) ** 2)) < 0.4 * NOISE
     assert np.sqrt(np.mean((v - np.gradient(motion, tau, edge_order=2)) ** 2)) < 2e-3
     assert np.sqrt(np.mean((a[50:-50] + motion[50:-50]) ** 2)) < 2e-2
+
+
+def test_the_last_spline_of_a_long_record_is_kept(monkeypatch):
+    records = [(tau, np.cos(tau), np.sin(tau)) for tau in (EVEN, JITTERED)]
+    short = [[smooth(tau, angle).x for angle in angles] for tau, *angles in records]
+    monkeypatch.setattr(smoothing, "MOST_KEPT", 100)
+    smoothing._last.cache_clear()
+    for (tau, *angles), expected in zip(records, short, strict=True):
+        for angle, x in zip(angles, expected, strict=True):
+            assert np.array_equal(smooth(tau, angle).x, x)
+    counts = smoothing._last.cache_info()
+    assert (counts.misses, counts.hits, counts.currsize) == (2, 2, 1)
+    smoothing._last.cache_clear()
 
 
 def test_whitened_residual_of_a_true_model_is_white():

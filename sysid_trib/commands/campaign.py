@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sysid_trib.commands.options import ConstraintOptions, DecayOptions, ModelOptions, option, with_options
+from sysid_trib.commands.threads import one_thread
 from sysid_trib.errors import UsageError
 
 if TYPE_CHECKING:
@@ -45,7 +46,7 @@ def campaign(
     """Do one task with many records, on several processes, into a store that can be gone on with."""
     from sysid_trib.commands.terminal import command_line, progress
 
-    with progress() as tell:
+    with progress() as tell, one_thread():
         from sysid_trib.campaigns.campaign import campaign, check_extra
         from sysid_trib.campaigns.records import CampaignRecords
         from sysid_trib.campaigns.store import counts_of

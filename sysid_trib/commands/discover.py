@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from sysid_trib.commands.destination import Destination, figures_of_runs
 from sysid_trib.commands.next_command import keep_next
 from sysid_trib.commands.options import DEFAULT_LIBRARY, DecayOptions, option, with_options
+from sysid_trib.commands.threads import one_thread
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -46,7 +47,7 @@ def discover(*, given: DecayOptions, asked: SearchOptions, destination: Destinat
     """Find what a model lacks to explain a decay, name it, add it, and say how far the gap shrinks."""
     from sysid_trib.commands.terminal import progress
 
-    with progress() as tell:
+    with progress() as tell, one_thread():
         from sysid_trib.commands import checks, discovery_inputs
         from sysid_trib.commands.record_inputs import read_decays
         from sysid_trib.commands.terminal import record_sentences

@@ -4,9 +4,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
-import scipy.sparse as sp
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
 from sysid_trib.decays.analytic_signal import analytic_extrema
@@ -183,27 +182,25 @@ def _instants(b: Array, t: Array, errors: Sequence[Array], unit: str) -> dict[st
     return variables
 
 
-def instant_derivatives(result: xr.Dataset) -> dict[str, sp.csr_array]:
-    """Derivatives of an envelope's instants with respect to its extrema and their times.
+def instant_derivatives(result: xr.Dataset) -> dict[str, Array]:
+    """Derivatives of an envelope's instants by its extrema and their times, before and after each.
 
-    Neighbouring instants share extrema: with J one of these matrices and S the squared standard errors of the
-    extrema (or times), J diag(S) J' is the covariance of the instants.
+    Neighbouring instants share extrema, so that their errors are correlated.
 
     Returns
     -------
-    Sparse matrices (instant, half_period): ``amplitude_by_extremum``, ``amplitude_rate_by_extremum``,
+    Arrays (instant, 2): ``amplitude_by_extremum``, ``amplitude_rate_by_extremum``,
     ``amplitude_rate_by_time``, ``frequency_by_time``.
     """
     t = result["extremum_time"].to_numpy()
     span = t[2:] - t[:-2]
     rate, frequency = result["amplitude_rate"].to_numpy(), result["frequency"].to_numpy()
-    after, before = (sp.eye_array(span.size, t.size, k=shift, format="csr") for shift in (2, 0))
 
-    def difference(by: NDArray[np.float64]) -> sp.csr_array:
-        return sp.diags_array(by / span).tocsr() @ (after - before)
+    def difference(by: Array) -> Array:
+        return (by / span)[:, None] * np.array([-1.0, 1.0])
 
     return {
-        "amplitude_by_extremum": 0.5 * (after + before),
+        "amplitude_by_extremum": np.full((span.size, 2), 0.5),
         "amplitude_rate_by_extremum": difference(np.ones_like(span)),
         "amplitude_rate_by_time": difference(-rate),
         "frequency_by_time": difference(-frequency),

@@ -91,14 +91,14 @@ def slopes_of_equations(
     step = 1e-4 * a
     near = [_signature_columns(measured, library, shapes, a + s * step) @ coefficients for s in (-1.0, 1.0)]
     slope_by_amplitude = (near[1] - near[0]) / (2.0 * step)[:, None]
-    rate, frequency = (sp.diags_array(part) @ slope["amplitude_by_extremum"] for part in slope_by_amplitude.T)
-    rows = sp.block_array(
-        [
-            [slope["amplitude_rate_by_extremum"] - rate, slope["amplitude_rate_by_time"]],
-            [-frequency, slope["frequency_by_time"]],
-        ],
-        format="csr",
-    )
-    # Rate and frequency of each instant in turn.
-    in_turn = np.arange(2 * len(a)).reshape(2, -1).T.ravel()
-    return sp.csr_matrix(rows[in_turn])
+    by_amplitude = slope_by_amplitude[:, :, None] * slope["amplitude_by_extremum"][:, None]
+    # Of each instant: rate and frequency, by extrema and by times, before and after.
+    slopes = np.empty((len(a), 2, 2, 2))
+    slopes[:, 0, 0] = slope["amplitude_rate_by_extremum"] - by_amplitude[:, 0]
+    slopes[:, 0, 1] = slope["amplitude_rate_by_time"]
+    slopes[:, 1, 0] = -by_amplitude[:, 1]
+    slopes[:, 1, 1] = slope["frequency_by_time"]
+    half_periods = len(a) + 2
+    columns = np.add.outer(np.arange(len(a)), np.add.outer([0, half_periods], [0, 2]))[:, None]
+    places = np.broadcast_to(columns, slopes.shape).ravel(), np.arange(0, slopes.size + 1, 4)
+    return sp.csr_matrix((slopes.ravel(), *places), (2 * len(a), 2 * half_periods))

@@ -11,7 +11,7 @@ from scipy.constants import golden_ratio
 from scipy.special import ndtri
 from sklearn.utils.validation import check_is_fitted
 
-from sysid_trib.arrays import Array, Mask
+from sysid_trib.arrays import Array, Index, Mask
 from sysid_trib.averaging.internal_states import states_along
 from sysid_trib.errors import DecayError, LibraryError
 from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues
@@ -185,7 +185,7 @@ class ForceFeatures(BaseFeatureLibrary):
         cell, parts = frequency * np.gradient(time), number / points
         errors = rate_error * ndtri(np.mod(golden_ratio * number + 0.5, 1.0))
 
-        def near(part: float, error: float, at: Mask | slice) -> tuple[Array, Array, Array]:
+        def near(part: float, error: float, at: Index | slice) -> tuple[Array, Array, Array]:
             # Of the samples that are asked for alone: few cells switch, and each has many points.
             ahead = part * cell[at]
             return (
@@ -207,7 +207,7 @@ class ForceFeatures(BaseFeatureLibrary):
             columns[:, i] = 0.5 * (low + high)
             if not force.surfaces:
                 continue
-            at = _switches(force, [(angle, rate, time), *corners], self.shapes)
+            at = np.flatnonzero(_switches(force, [(angle, rate, time), *corners], self.shapes))
             points_of_cells = (near(part, error, at) for part, error in zip(parts, errors, strict=True))
             columns[at, i] = np.mean(
                 [force.value(*point, shapes=self.shapes) for point in points_of_cells], axis=0

@@ -102,7 +102,7 @@ class Compiled:
         self.turning: CompiledRule | None = None
         if complete and not motion.memory and keys[:1] == ["v"]:
             self.turning = self.rule(branches_from_rest)
-            callbacks[0] = _callback_at_reversal(mine, self.turning)
+            callbacks[0] = _callback_at_reversal(mine)
         # The automatic cooldown drops real crossings.
         pairs = zip(frozen, callbacks, strict=True)
         events = [hy.t_event(g, callback=callback, cooldown=1e-6) for g, callback in pairs if _moves(g)]
@@ -131,17 +131,38 @@ class Compiled:
         taylor.time = grid[0]
         self.state[:] = y
         self.used[:] = progress.p[: self.used.size]
-        if self.turning is not None:
-            self.turning.hold(progress.p)
+        progress.turns.clear()
         if taylor.with_events:
             taylor.reset_cooldowns()
         with _quiet():
             outcome, *_, rows = taylor.propagate_grid(grid, max_steps=progress.steps)
+        wrong = self._wrong_turn(progress)
+        if wrong is not None:
+            y, tau = wrong
+            return rows[1 : max(1, np.searchsorted(grid, tau))], y, tau
         if outcome == hy.taylor_outcome.step_limit:
             progress.failure = "needs too many steps"
         elif outcome == hy.taylor_outcome.err_nf_state:
             progress.failure = "is not finite"
         return rows[1:], self.state.copy(), taylor.time
+
+    def _wrong_turn(self, progress: Progress) -> tuple[Vector, float] | None:
+        """Where the motion first did not turn as it was taken to, and how it goes on from there."""
+        if not progress.turns or self.turning is None:
+            return None
+        at = [note for note, _ in progress.turns]
+        taken = np.frombuffer(b"".join([state for _, state in progress.turns])).reshape(len(at), -1)
+        up, down = self.turning.at_rest(taken, progress.p, progress.times[at])
+        rises, falls = up[0] > 0.0, down[0] < 0.0
+        signs = progress.past[at].T[self.motion.signs_at]
+        right = (rises != falls) & (np.where(rises, up[1:], down[1:]) == signs).all(axis=0)
+        if right.all():
+            return None
+        first = int(right.argmin())
+        y, tau = taken[first].copy(), progress.back_to(at[first])
+        progress.stuck = not (progress.count() and settle(self, y, progress.p, tau))
+        progress.note(tau)
+        return y, tau
 
 
 def _callback(compiled: Compiled) -> Callback:
@@ -173,25 +194,20 @@ def _callback_at_zero(compiled: Compiled) -> Callback:
     return switch
 
 
-def _callback_at_reversal(compiled: Compiled, turning: "CompiledRule") -> Callback:
-    """`_callback` of v = 0 of forces without memory, where the motion turns and does not stick."""
-    general, at_rest, values = _callback(compiled), turning.at_rest, turning.values
-    signs = slice(compiled.motion.signs_at.start, None)
-    half = len(values) // 2
-    up, down = values[1:half], values[half + 1 :]
+def _callback_at_reversal(compiled: Compiled) -> Callback:
+    """`_callback` of v = 0 of forces without memory: taken to turn there, `_wrong_turn` asks afterwards."""
+    general, sign = _callback(compiled), compiled.motion.signs_at.start
 
     def switch(taylor: Any, way: int) -> bool:
-        state = compiled.state
-        if not -AT_REST <= state.item(1) <= AT_REST:
+        state, progress = compiled.state, compiled.progress
+        p = progress.p
+        turns = p.item(sign) != way
+        at_rest = -AT_REST <= state.item(1) <= AT_REST
+        if not (at_rest and (turns or progress.turns)):
             return general(taylor, way)
-        tau, progress = taylor.time, compiled.progress
-        at_rest(state, tau)
-        rises, falls = values.item(0) > 0.0, values.item(half) < 0.0
-        if rises is falls or not progress.count():
-            return general(taylor, way)
-        progress.p[signs] = compiled.used[signs] = up if rises else down
-        progress.note(tau)
-        return True
+        # Twice the same way it did not turn the last time: no sign, so that it is found here at the latest.
+        p[sign] = compiled.used[sign] = way if turns else 0.0
+        return progress.turn(taylor.time, state.tobytes()) and turns
 
     return switch
 
@@ -214,25 +230,20 @@ class CompiledRule:
         values = rule(motion, inputs[:count], inputs[count:-1], inputs[-1], TAYLOR_FUNCTIONS)
         # heyoka takes one vector three times as fast as variables, parameters and time.
         self._function = hy.cfunc([_expr(value) for value in values], inputs)
-        self._given, self.values = np.zeros(len(inputs)), np.empty(len(values))
+        self._given, self._values = np.zeros(len(inputs)), np.empty(len(values))
 
     def __call__(self, y: Vector, p: Vector, tau: float) -> Vector:
         """Value of the rule."""
         given, count = self._given, self._count
         given[:count], given[count:-1], given[-1] = y, p, tau
-        self._function(given, self.values)
-        return self.values
+        self._function(given, self._values)
+        return self._values
 
-    def hold(self, p: Vector) -> None:
-        """Take these parameters for `at_rest`."""
-        self._given[self._count : -1] = p
-
-    def at_rest(self, y: Vector, tau: float) -> None:
-        """Bring `values` to `y` with v = 0 and to the parameters held (without memory no sign matters)."""
-        given = self._given
-        given[: self._count] = y
-        given[1], given[-1] = 0.0, tau
-        self._function(given, self.values)
+    def at_rest(self, y: Vector, p: Vector, tau: Vector) -> Vector:
+        """Both halves of the rule, (2, value, instant), at instants with v = 0 and the same parameters."""
+        given = np.empty((len(self._given), len(tau)))
+        given[: self._count], given[1], given[self._count : -1], given[-1] = y.T, 0.0, p[:, None], tau
+        return np.asarray(self._function(given)).reshape(2, -1, len(tau))
 
 
 @contextmanager

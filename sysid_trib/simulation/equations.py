@@ -218,6 +218,8 @@ class Progress:
         self.steps = steps
         self.stuck = False
         self.failure = ""
+        # Of each reversal at which the motion was taken to turn, which note that is, and `y` there as bytes.
+        self.turns: list[tuple[int, bytes]] = []
         self._times: list[float] = []
         self._past: list[bytes] = []
 
@@ -235,6 +237,20 @@ class Progress:
         """Note the parameters from `tau` on."""
         self._times.append(tau)
         self._past.append(self.p.tobytes())
+
+    def turn(self, tau: float, y: bytes) -> bool:
+        """Count and note a reversal at which the motion is taken to turn; False if the budget is spent."""
+        self.turns.append((len(self._times), y))
+        self._times.append(tau)
+        self._past.append(self.p.tobytes())
+        return self.count()
+
+    def back_to(self, note: int) -> float:
+        """Undo this note and what came after it; its tau."""
+        tau, self.p[:] = self._times[note], np.frombuffer(self._past[note - 1])
+        self.failure = ""
+        del self._times[note:], self._past[note:]
+        return tau
 
     def count(self) -> bool:
         """Take one switching from the budget; False if it is spent."""
