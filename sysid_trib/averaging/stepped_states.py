@@ -41,8 +41,7 @@ def is_stepped(force: Force) -> bool:
 
 @lru_cache(maxsize=1024)
 def is_linear(force: Force) -> bool:
-    """Whether a force follows the motion by linear equations with constant coefficients, as an element of
-    springs, dashpots and masses does."""
+    """Whether a force follows the motion as springs and dashpots do: linear, constant coefficients."""
     if force.memory:
         return False
     with np.errstate(all="ignore"):
