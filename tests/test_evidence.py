@@ -17,9 +17,10 @@ from discovery import (
 from helpers import FIVE, W
 from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.integrate import quad
 
 from sysid_trib.averaging.internal_states import values_along
-from sysid_trib.discrepancy.evidence import credible, evidence, probabilities
+from sysid_trib.discrepancy.evidence import _at_end, credible, evidence, probabilities
 from sysid_trib.discrepancy.likelihood import likelihood
 from sysid_trib.discrepancy.run_rows import nuisances
 from sysid_trib.discrepancy.settings import DEFAULTS
@@ -144,3 +145,14 @@ def test_two_effects_do_not_take_each_others_place_without_end():
     assert found.converged
     # One before the effect, one after it, and no more than one exchange.
     assert len(found.screenings) <= 3
+
+
+@pytest.mark.parametrize(("outside", "error"), [(0.0, 0.1), (0.1, 0.05), (2.0, 0.3), (0.01, 30.0)])
+def test_a_shape_at_an_end_of_its_range_costs_what_is_left_of_it(outside, error):
+    likely = quad(lambda part: np.exp(-(part**2 + 2.0 * part * outside) / (2.0 * error**2)), 0.0, 1.0)[0]
+    assert _at_end(outside, error) == pytest.approx(-2.0 * np.log(likely), abs=1e-6)
+
+
+def test_a_shape_that_says_nothing_at_its_end_costs_nothing():
+    assert _at_end(0.5, 0.0) == 0.0
+    assert abs(_at_end(0.5, 1e6)) < 1e-9

@@ -174,6 +174,19 @@ def test_each_beside_of_several_runs_is_not_likelier_than_the_most_likely(seed, 
         assert together.deviance[at] > likelihood(products, [*base, column]).deviance - SPLINE
 
 
+def test_a_strong_column_of_several_runs_is_judged_in_the_noise_that_it_leaves():
+    """Without it a random force takes the blame, in whose noise the rest of the model is known badly."""
+    tables = [drawn(seed, 3)[0] for seed in (1, 2)]
+    for table in tables:
+        table[:, 3] = np.convolve(np.random.default_rng(3).standard_normal(FORM.rows), np.ones(9), "same")
+        table[:, 0] += 300.0 * table[:, 3]
+    products = [products_of(BAND, BAND, table, FORM, LEVEL) for table in tables]
+    bare = likelihood(products, [1, 2])
+    assert bare.ratios.min() > 1.0
+    beside = each_beside(products, [1, 2], [3], bare)
+    assert beside.deviance[0] == pytest.approx(likelihood(products, [1, 2, 3]).deviance, abs=SPLINE)
+
+
 @given(seed=seeds, count=st.integers(2, 4))
 @settings(max_examples=10)
 def test_what_is_outside_of_columns_is_what_least_squares_leaves(seed, count):

@@ -8,7 +8,14 @@ from candidates import force
 from scipy.interpolate import CubicSpline
 
 from sysid_trib import load_library
-from sysid_trib.averaging.internal_states import LARGER, GivenMotion, roots_of, states_along, values_along
+from sysid_trib.averaging.internal_states import (
+    LARGER,
+    GivenMotion,
+    roots_of,
+    states_along,
+    tangent_along,
+    values_along,
+)
 from sysid_trib.averaging.stepped_states import is_stepped
 from sysid_trib.forces.formulas import parse
 
@@ -158,3 +165,13 @@ def test_a_larger_motion_is_one_of_that_size(symbol):
     drawn = GivenMotion(TAU, factor * X, factor * V, TAU)
     expected, found = (values_along(motion, effect, shapes) for motion in (drawn, MOTION.larger))
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("k", [3.0, 5.43])
+def test_a_ring_is_no_stiffness(k):
+    """A resonance answers a swing by its transfer function; its ring would be k times as stiff."""
+    of_x, of_v = tangent_along(MOTION, EFFECTS["resonator"], {"resonator.k": k, "resonator.d": 0.001})
+    answer = -1.0 / (k**2 - 1.0 + 0.002j)
+    middle = slice(200, -200)
+    np.testing.assert_allclose(of_x[middle], answer.real, atol=0.15 * k * abs(answer))
+    np.testing.assert_allclose(of_v[middle], answer.imag, atol=0.15 * k * abs(answer))

@@ -11,6 +11,7 @@ import scipy.sparse as sp
 from helpers import NOISE, SIX, W, decay, paper_run
 from scipy.interpolate import BSpline
 
+from sysid_trib import load_library
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.noise import smoothing
 from sysid_trib.noise.smoothing import (
@@ -22,7 +23,7 @@ from sysid_trib.noise.smoothing import (
     smooth,
 )
 from sysid_trib.regression.constraint_map import constraint_map
-from sysid_trib.regression.linearisation import linearised
+from sysid_trib.regression.linearisation import derivatives_along, linearised
 from sysid_trib.regression.problem import begin
 from sysid_trib.regression.rows import weak_rows
 from sysid_trib.regression.weak_form import (
@@ -183,3 +184,19 @@ def test_the_operator_on_the_noise_is_that_of_sparse_products(gap):
         assert np.abs(difference.toarray()).max() < 1e-13 * np.abs(expected.toarray()).max()
     assert form.shares_entries
     assert not apart.shares_entries
+
+
+@pytest.mark.parametrize("symbol", ["power_damping", "log_friction"])
+def test_what_rises_steeply_at_a_reversal_damps_the_noise_as_a_jump_does(symbol):
+    """No spike that the test functions cannot see, and the whole rise in the mean."""
+    steep = load_library("candidate_effects")[symbol]
+    ((name, shape),) = steep.shape.items()
+    shapes = {f"{symbol}.{name}": shape.low}
+    x, v = 0.2 * np.cos(EVEN), -0.2 * np.sin(EVEN)
+    small = 1e-4
+    damping = derivatives_along([(steep, small)], shapes, EVEN, x, v)[1] / small
+    fastest = float(steep.value(0.0, 0.2, 0.0, shapes=shapes))
+    assert damping.max() < 3.0 * fastest / 0.2
+    at = np.flatnonzero((0.5 * np.pi < EVEN) & (1.5 * np.pi > EVEN))
+    rise = np.trapezoid(damping[at], v[at])
+    assert rise == pytest.approx(2.0 * fastest, rel=0.2)
