@@ -206,11 +206,13 @@ def verdict_of(done: Search, predictions: Sequence[Prediction] = ()) -> str:
     predictions : sequence of Prediction
         Of what was held out, by each of its models.
     """
-    # Names that nearly cancel each other, or that do not predict, may imitate one that is not in the library.
+    # Names that nearly cancel each other, or that do not predict, may imitate one that is not in the library;
+    # a model that does not move as the record does explains nothing.
     settings = done.models[0].settings
     refuted = np.any(improvements(predictions) < -settings.refuted)
     missing = done.outstanding or done.screenings[-1].omnibus.p_value < settings.level
-    if done.collinear or refuted or missing:
+    astray = bool(done.effects) and not done.followed
+    if done.collinear or refuted or missing or astray:
         return "unknown effect"
     return "explained" if done.effects else "nothing missing"
 
