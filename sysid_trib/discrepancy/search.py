@@ -180,7 +180,7 @@ def _followed_of_set(
             continue
         other = refitted(fitted)
         if _is_followed(other):
-            costs = {tied: cost - excess for tied, cost in rivals[symbol].items()}
+            costs = {tied: its_excess - excess for tied, its_excess in rivals[symbol].items()}
             kept = {s: of_effect for s, of_effect in rivals.items() if s != symbol}
             return fitted, other, after, kept | {name: costs}
     return model, final, effects, rivals
