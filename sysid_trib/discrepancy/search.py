@@ -27,7 +27,7 @@ from sysid_trib.records.runs import root_mean_square
 from sysid_trib.validation.progress import Tell, silent
 
 # Noise levels that the residual of a free motion has where it leaves its path.
-FOLLOWED = 2.0
+FREE_RESIDUAL = 2.0
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ def _is_followed(model: FittedModel) -> bool:
     if not model.settled or np.any(model.likelihood.ratios > 0.0):
         return model.settled
     return all(
-        root_mean_square(motion.residual) < FOLLOWED * motion.noise.standard_deviation
+        root_mean_square(motion.residual) < FREE_RESIDUAL * motion.noise.standard_deviation
         for motion in free_motions(model)
     )
 
