@@ -5,7 +5,7 @@ follow one after another where their rates are linear with constant coefficients
 recurrence, a triangular banded system.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -15,7 +15,7 @@ from scipy.linalg import get_lapack_funcs, schur
 from sysid_trib.arrays import Array
 from sysid_trib.averaging.collocation import MAX_NEWTON
 from sysid_trib.forces.force import Force
-from sysid_trib.forces.formulas import Names
+from sysid_trib.forces.formulas import Formula, Names
 
 # Radau's method of order 3 (Hairer and Wanner 1996, IV.5): stages at a third and at the end of a step. It is
 # stiffly accurate: a state that follows at once is followed.
@@ -34,23 +34,20 @@ def is_stepped(force: Force) -> bool:
     """
     if any(f.names & set(force.state) for f in force.memory.values()):
         return False
-    with np.errstate(all="ignore"):
-        jacobian = [f.derivative(force.test_points, k) for f in force.state.values() for k in force.state]
-    return len(jacobian) < 2 or all(np.allclose(d, np.ravel(d)[0], rtol=1e-9, atol=1e-12) for d in jacobian)
+    return len(force.state) < 2 or _slopes_are_constant(force, [*force.state.values()], [*force.state])
 
 
 @lru_cache(maxsize=1024)
 def is_linear(force: Force) -> bool:
     """Whether a force follows the motion as springs and dashpots do: linear, constant coefficients."""
-    if force.memory:
-        return False
+    formulas, names = [force.formula, *force.state.values()], ["x", "v", "t", *force.state]
+    return not force.memory and _slopes_are_constant(force, formulas, names)
+
+
+def _slopes_are_constant(force: Force, formulas: Sequence[Formula], names: Sequence[str]) -> bool:
     with np.errstate(all="ignore"):
-        slopes = [
-            f.derivative(force.test_points, k)
-            for f in (force.formula, *force.state.values())
-            for k in ("x", "v", "t", *force.state)
-        ]
-    return all(np.allclose(d, np.ravel(d)[0], rtol=1e-9, atol=1e-12) for d in slopes)
+        slopes = [formula.derivative(force.test_points, name) for formula in formulas for name in names]
+    return all(np.allclose(slope, np.ravel(slope)[0], rtol=1e-9, atol=1e-12) for slope in slopes)
 
 
 def stepped_states(force: Force, step: Array, names: Names, start: Mapping[str, float]) -> dict[str, Array]:
