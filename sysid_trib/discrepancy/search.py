@@ -18,16 +18,12 @@ from sysid_trib.discrepancy.exchange import (
     not_beyond_chance,
     rivals_of,
 )
-from sysid_trib.discrepancy.free_motion import free_motions
+from sysid_trib.discrepancy.final_models import followed_of_set, nested_models
 from sysid_trib.discrepancy.likelihood import likelihood
-from sysid_trib.discrepancy.model_fit import FittedModel, fit_model, fitted_along, refitted
+from sysid_trib.discrepancy.model_fit import FittedModel
 from sysid_trib.discrepancy.screening import Screening, screen
 from sysid_trib.forces.force import Force
-from sysid_trib.records.runs import root_mean_square
 from sysid_trib.validation.progress import Tell, silent
-
-# Noise levels that the residual of a free motion has where it leaves its path.
-FREE_RESIDUAL = 2.0
 
 
 @dataclass(frozen=True)
@@ -69,7 +65,7 @@ class Search:
     collinear: list[str]
     converged: bool
     out_of_time: bool
-    followed: bool = True
+    followed: bool
 
 
 def search(
@@ -114,24 +110,24 @@ def search(
         model, effects = step
     if not converged:
         rivals = {symbol: rivals_of(screened(model, effects), effects, symbol, fits) for symbol in effects}
-    model, final, effects, rivals = _followed_of_set(model, effects, rivals, fits)
-    last = screened(model, effects)
-    effects = _by_weight(last, effects)
+    final = followed_of_set(model, effects, rivals, fits)
+    last = screened(final.model, final.effects)
+    effects = _by_weight(last, final.effects)
     failed = sorted({*fits.failed} - {*effects})
-    models = _models(model, final, effects)
+    models = nested_models(final, effects)
     tell("candidates beside each model")
     before = [screened(models[at], effects[:at]) for at in range(len(effects))]
     return Search(
         [*before, last],
         models,
         effects,
-        rivals,
+        final.rivals,
         tuple(failed),
         _outstanding(last, effects, fits),
         collinear_effects(last.model, last.products, effects),
         converged,
         fits.out_of_time,
-        _is_followed(models[-1]),
+        final.followed,
     )
 
 
@@ -147,58 +143,6 @@ def _by_weight(last: Screening, effects: Sequence[str]) -> tuple[str, ...]:
 
         ordered.append(min(rest, key=deviance_of))
     return tuple(ordered)
-
-
-def _is_followed(model: FittedModel) -> bool:
-    """Whether the fit has settled, and without a random force moves as its path does.
-
-    Rows say how a motion deviates, and not that it stops before the record does.
-    """
-    if not model.settled or np.any(model.likelihood.ratios > 0.0):
-        return model.settled
-    return all(
-        root_mean_square(motion.residual) < FREE_RESIDUAL * motion.noise.standard_deviation
-        for motion in free_motions(model)
-    )
-
-
-def _followed_of_set(
-    model: FittedModel, effects: tuple[str, ...], rivals: dict[str, dict[str, float]], fits: Fits
-) -> tuple[FittedModel, FittedModel, tuple[str, ...], dict[str, dict[str, float]]]:
-    """The model, itself with its frequency as the reference, its effects and their rivals.
-
-    Where that is not followed, the likeliest of those in a credible set with it that is.
-    """
-    final = refitted(model)
-    if not effects or _is_followed(final):
-        return model, final, effects, rivals
-    every = [(excess, symbol, name) for symbol, costs in rivals.items() for name, excess in costs.items()]
-    for excess, symbol, name in sorted(every):
-        after = tuple(name if other == symbol else other for other in effects)
-        fitted = fits.kept.get(frozenset(after))
-        if not name or name == symbol or fitted is None or excess >= model.settings.outside_of_set:
-            continue
-        other = refitted(fitted)
-        if _is_followed(other):
-            costs = {tied: its_excess - excess for tied, its_excess in rivals[symbol].items()}
-            kept = {s: of_effect for s, of_effect in rivals.items() if s != symbol}
-            return fitted, other, after, kept | {name: costs}
-    return model, final, effects, rivals
-
-
-def _models(model: FittedModel, final: FittedModel, effects: Sequence[str]) -> list[FittedModel]:
-    """The models with none, one, ... all of the effects; `final` has its frequency as the reference."""
-    models = [final if final.follows else model]
-    for symbol in reversed(effects):
-        last = models[0]
-        kept = [at for at, trial in enumerate(last.trials) if trial.force.symbol != symbol]
-        first = np.append(last.coefficients[kept], last.stiffness)
-        paths = [rows.path for rows in last.rows]
-        trials = [last.trials[at] for at in kept]
-        fewer = refitted(fit_model(paths, trials, frequency_free=last.frequency_free, first=first))
-        # With so much missing it may have no motion of its own: then along that of the model with more.
-        models.insert(0, fewer if fewer.follows else fitted_along(paths, trials, first, last.frequency_free))
-    return models
 
 
 def _outstanding(last: Screening, effects: tuple[str, ...], fits: Fits) -> tuple[str, ...]:

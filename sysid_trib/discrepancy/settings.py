@@ -65,6 +65,11 @@ class Settings:
         "errors by which the hold-out is predicted worse with a name it refutes",
         "Diebold, Mariano 1995",
     )
+    free_residual: float = setting(
+        2.0,
+        "noise levels that a free motion leaves of a record at most, if nothing is to push it",
+        "a guess: right models leave one",
+    )
     level_rows: float = setting(
         5.0,
         "rows as which the noise's level counts that its spectrum gives",
