@@ -555,17 +555,17 @@ def test_bad_candidates(folder, tmp_path):
     assert "No candidate is left" in ending.complaint
 
 
-def test_a_p_value_is_that_of_the_coefficient_beside_the_others(twin):
+def test_an_effect_that_explained_nothing_before_the_others_has_the_p_value_beside_them(twin):
     tree = twin[0].copy(deep=True)
     steps = tree["steps"].to_dataset()
     # The first effect explained nothing before the second was there.
     tree["steps"] = xr.DataTree(
-        steps.assign(z=("step", [-4980.0, 20.0]), p_value=("step", [1.0, 1e-9]), gain=("step", [-0.3, 9e4]))
+        steps.assign(z=("step", [-4980.0, 20.0]), p_value=("step", [0.0, 1e-9]), gain=("step", [-0.3, 9e4]))
     )
     told = story(tree)
     line = next(line for line in told.splitlines() if "z = -4.98e+03" in line)
     assert "corrected p < 1e-300" in line
-    assert "corrected p = 1" not in told
+    assert "z = 20, corrected p = 1e-09" in told
     assert "explains nothing before the effects below are added" in told
     assert discovery_json(tree)["steps"][0]["p_value"] == 0.0
 

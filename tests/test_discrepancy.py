@@ -25,12 +25,13 @@ from discovery import (
 )
 from helpers import FIVE, NOISE, W, decay, library_of_formulas, paper_run, rms, rms_range, share_range
 from kicked_motion import kicked_motion, smooth_forces
+from scipy.stats import chi2
 
 from sysid_trib import discover
 from sysid_trib.discrepancy import exchange
 from sysid_trib.discrepancy.decimation import decimated
 from sysid_trib.discrepancy.discover import verdict_of
-from sysid_trib.discrepancy.exchange import Fits, exchange_effects, rivals_of
+from sysid_trib.discrepancy.exchange import Fits, decisive_p_values, exchange_effects, rivals_of
 from sysid_trib.discrepancy.frequency_parameters import has_frequency_parameter, is_frequency, is_resonance
 from sysid_trib.discrepancy.holdout import better_by, predicted
 from sysid_trib.discrepancy.screening import independent_tests, screen
@@ -226,6 +227,25 @@ def test_an_effect_that_explains_nothing_is_dropped():
     step = exchange_effects(current, ("even_spring",), fits)
     assert step.effects == ()
     assert step.model.deviance == pytest.approx(fits.start.deviance, abs=0.5)
+
+
+def test_p_values_are_by_the_deviance_without_each_effect():
+    """Corrected; where chance would do as well along the path, by an exact fit."""
+    found = search(start_model([with_effect({"cubic_damping": 3e-2}, seed=3)]), FEW.forces)
+    assert found.effects == ("cubic_damping",)
+    start, final = found.models
+    expected = found.screenings[-1].tests * chi2.sf(start.deviance - final.deviance, 1)
+    assert DEFAULTS.level > expected > 1e-12
+    assert np.log(found.p_values[0]) == pytest.approx(np.log(expected), rel=0.05)
+    model, fits = wrong_model(with_effect({}, seed=9), "even_spring")
+    current = screen(model, [EVERY["bias"]])
+    along = decisive_p_values(current, ("even_spring",), fits)
+    fits.kept[frozenset()] = fits.start
+    exact = decisive_p_values(current, ("even_spring",), fits)
+    without = fits.start.deviance - model.deviance
+    assert exact[0] == pytest.approx(min(1.0, current.tests * chi2.sf(without, 1)))
+    assert along[0] == pytest.approx(exact[0], rel=0.05)
+    assert along[0] != exact[0]
 
 
 def test_chance_is_in_the_place_of_a_weak_effect_and_not_of_a_strong_one():

@@ -167,6 +167,19 @@ def chance_in_set(
     return None if fitted is None else (fitted, after)
 
 
+def decisive_p_values(current: Screening, effects: Sequence[str], fits: Fits) -> list[float]:
+    """P-value of each effect beside the others, by the deviance without it: those that keep it in the model.
+
+    Along the model's path; where chance would do as well along that, by the fit without the effect, if any.
+    """
+    chances = _p_values(current, effects)
+    for at, symbol in enumerate(effects):
+        fitted = fits.kept.get(frozenset(effects) - {symbol})
+        if chances[at] >= current.model.settings.level and fitted is not None:
+            chances[at] = _p_value(current, current.model, symbol, fitted.deviance)
+    return chances
+
+
 def _p_values(current: Screening, effects: Sequence[str]) -> list[float]:
     """Probability that chance explains as much as each effect beside the others, along the model's path."""
     model = current.model

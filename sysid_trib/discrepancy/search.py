@@ -12,6 +12,7 @@ from sysid_trib.discrepancy.exchange import (
     Move,
     better_rival,
     chance_in_set,
+    decisive_p_values,
     deviance_of,
     exchange_effects,
     kept_columns,
@@ -38,6 +39,8 @@ class Search:
         The start model, and those with one, two, ... of the effects, each referring to its frequency.
     effects : tuple of str
         Added, in the order of what each explains.
+    p_values : list of float
+        Of each of them, of a larger gain by chance beside the others, corrected: these keep it in the model.
     rivals : dict of str to dict of str to float
         Of each effect: minus twice the logarithm of the evidence with each candidate in its place, over its
         own; of nothing in its place under "".
@@ -59,6 +62,7 @@ class Search:
     screenings: list[Screening]
     models: list[FittedModel]
     effects: tuple[str, ...]
+    p_values: list[float]
     rivals: dict[str, dict[str, float]]
     failed: tuple[str, ...]
     outstanding: tuple[str, ...]
@@ -121,6 +125,7 @@ def search(
         [*before, last],
         models,
         effects,
+        decisive_p_values(last, effects, fits),
         final.rivals,
         tuple(failed),
         _outstanding(last, effects, fits),

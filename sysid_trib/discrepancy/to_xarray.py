@@ -140,8 +140,6 @@ def _steps(
     z = values[places] / errors[places]
     chosen = np.array([_selected_at(search, symbol) for symbol in search.effects])
     gains = -np.diff([model.deviance for model in search.models])
-    pairs = zip(chosen, gains, forces, strict=True)
-    p_value = [search.screenings[at].p_value_of(float(gain), force) for at, gain, force in pairs]
     collinear = np.isin(search.effects, search.collinear)
     residual = [root_mean_square(np.concatenate([run.residual for run in of_model])) for of_model in motions]
     white = _whitened(search)
@@ -158,7 +156,7 @@ def _steps(
             np.abs(z) >= norm.isf(0.5 * final.settings.level), "whether it is significant in the end"
         ),
         "gain": column(gains, "by how much the effect lowers the deviance", "1"),
-        "p_value": column(p_value, "p-value of what the effect explains, corrected", "1"),
+        "p_value": column(search.p_values, "p-value of what it explains beside the others, corrected", "1"),
         "selection_step": column(chosen, "selection step at which the effect was chosen", "1"),
         "residual_before": column(residual[:-1], "RMS residual of the free motion before", "rad"),
         "residual_after": column(residual[1:], "RMS residual of the free motion after", "rad"),

@@ -5,7 +5,6 @@ from typing import Any
 
 import xarray as xr
 
-from sysid_trib.printing.discovery_tables import p_value_in_final_model
 from sysid_trib.printing.layout import by_label, number, numbers, quantity_json, records_json
 from sysid_trib.printing.residual import noise_of, residual_of
 from sysid_trib.printing.runs import homogeneity_json
@@ -66,7 +65,7 @@ def _step_json(tree: xr.DataTree, at: int) -> dict[str, Any]:
     return {
         **{name: step[name].item() for name in STEP_WORDS},
         **numbers(step, STEP_NUMBERS),
-        "p_value": number(p_value_in_final_model(tree, at)),
+        "p_value": number(step.p_value.item()),
         "shapes": {name: number(value) for name, value in shapes_of(step, symbol).items()},
         "probability": probabilities.pop(symbol),
         "indistinguishable_from": [

@@ -12,7 +12,6 @@ from sysid_trib.printing.discovery_tables import (
     effect_name,
     effects_table,
     formula_text,
-    p_value_in_final_model,
     ranking_table,
 )
 from sysid_trib.printing.discovery_verdict import verdict_sentences
@@ -95,7 +94,7 @@ def _step(tree: xr.DataTree, at: int) -> list[str]:
     return [
         f"{at + 1}. {effect_name(step)}, {step['name'].item()} {formula_text(step)}{what}: "
         f"{coefficient_text(step)}, z = {step.z.item():.3g}, "
-        f"corrected p {p_value_text(p_value_in_final_model(tree, at))}.",
+        f"corrected p {p_value_text(step.p_value.item())}.",
         f"   Adding it takes the gap from {_shrinking(tree, at)}.",
         f"   {_random_force(step)}",
         *(f"   {remark}" for remark in _step_remarks(tree, at)),

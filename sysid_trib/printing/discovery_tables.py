@@ -4,7 +4,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
-from scipy.stats import norm
 
 from sysid_trib.printing.layout import coefficient_text, p_value_text, text_table
 from sysid_trib.printing.residual import noise_of
@@ -29,7 +28,7 @@ def effects_table(tree: xr.DataTree) -> "Table":
         residuals = ((step.residual_before.item(), step.residual_after.item()), (held[at], held[at + 1]))
         ratios = [" to ".join(f"{residual / noise:.3g}" for residual in pair) for pair in residuals]
         words = [effect_name(step), step["name"].item(), formula_text(step), coefficient_text(step)]
-        rows.append([*words, p_value_text(p_value_in_final_model(tree, at), ""), *ratios])
+        rows.append([*words, p_value_text(step.p_value.item(), ""), *ratios])
     heads = [
         "effect",
         "name",
@@ -40,17 +39,6 @@ def effects_table(tree: xr.DataTree) -> "Table":
         "held out / noise",
     ]
     return text_table(heads, rows, whole=(0,), numbers=(3, 4, 5, 6))
-
-
-def p_value_in_final_model(tree: xr.DataTree, at: int) -> float:
-    """P-value of a named effect, by its coefficient over its error beside all others of the final model.
-
-    That of the order in which effects were added says little: one may explain nothing before another is in.
-    Corrected for the number of tests of its selection step (Bonferroni).
-    """
-    step = tree["steps"].to_dataset().isel(step=at)
-    tests = tree["ranking"].independent_tests.values[int(step.selection_step)]
-    return min(1.0, 2.0 * float(tests) * float(norm.sf(abs(step.z.item()))))
 
 
 def effect_name(step: xr.Dataset) -> str:
