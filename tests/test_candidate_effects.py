@@ -14,6 +14,7 @@ from scipy.special import beta, dawsn, iv, j1, modstruve
 from sysid_trib import Model, indistinguishable, load_library
 from sysid_trib.averaging.identifiability import exactly_dependent, without_signature
 from sysid_trib.averaging.signatures import averages
+from sysid_trib.forces.scaling import reference_powers
 from sysid_trib.methods import Averaging
 from sysid_trib.simulation.simulate import simulate, trajectory
 
@@ -362,3 +363,32 @@ def test_every_candidate_moves_alike_on_both_engines(symbol):
     first, second = (simulate(model, time, 0.3, 0.5, engine=name).angle.values for name in ENGINES)
     np.testing.assert_allclose(first, second, atol=1e-10)
     assert np.max(np.abs(first - simulate(plain, time, 0.3, 0.5).angle.values)) > 1e-6
+
+
+# The power of the speed, and with it that of the reference frequency, is the shape parameter.
+NO_POWER = {"power_damping"}
+
+
+@pytest.mark.parametrize("symbol", [s for s in BOTH.symbols if s not in {"alpha", *NO_POWER}])
+def test_a_force_is_the_same_with_another_reference_frequency(symbol):
+    factor, force = 1.3, BOTH[symbol]
+    library, powers = replace(BOTH, forces=(BOTH["alpha"], force)), reference_powers(force)
+    defaults = {f"{symbol}.{name}": shape.default for name, shape in force.shape.items()}
+    scaled = {
+        f"{symbol}.{name}": shape.default * factor ** powers.shapes[name]
+        for name, shape in force.shape.items()
+    }
+    c, time = 2e-3, np.linspace(0.0, 6.0, 400)
+    here = Model(library, {"alpha": 0.0, symbol: c}, W, defaults)
+    there = Model(
+        library,
+        {"alpha": factor**-2 - 1.0, symbol: c * factor**powers.coefficient},
+        factor * W,
+        scaled,
+    )
+    one, other = (trajectory(model, time, 0.3, 0.0).angle for model in (here, there))
+    np.testing.assert_allclose(one, other, rtol=0.0, atol=2e-8)
+
+
+def test_a_power_that_is_a_shape_parameter_has_no_power_of_the_reference_frequency():
+    assert {s for s in BOTH.symbols if reference_powers(BOTH[s]) is None} == NO_POWER

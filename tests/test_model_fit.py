@@ -27,6 +27,7 @@ from sysid_trib.discrepancy.fine_motion import fine_motion
 from sysid_trib.discrepancy.homogeneity_test import homogeneity
 from sysid_trib.discrepancy.model_fit import fit_model
 from sysid_trib.discrepancy.paths import path_of
+from sysid_trib.discrepancy.reference import refitted
 from sysid_trib.discrepancy.run_rows import nuisances
 from sysid_trib.discrepancy.trials import TrialEffect, from_unit, to_unit
 from sysid_trib.forces.library import parse_library
@@ -306,3 +307,28 @@ def test_strong_errors_of_the_sensor_are_fitted(curve):
     model = start_model([run], library(*base, "sensor_curve"))
     assert model.settled
     assert np.all(np.abs(deviations(model, base | {"sensor_curve": curve})) < 4.5)
+
+
+def test_a_narrow_resonance_stays_where_it_is_with_another_reference_frequency():
+    """Its frequency is in units of the reference, which is off by many of its widths."""
+    truth = {"zeta": 4e-3, "resonator": 0.1}
+    shapes = {"resonator.k": 2.1, "resonator.d": 5e-3}
+    run = with_effect({"resonator": 0.1}, seed=3, base={"zeta": 4e-3}, shapes=shapes)
+    trials, first = trials_with(model_of(truth, shapes))
+    near = path_of(TIME, run.angle.values, W, WHITE).rescaled(0.94 * W)
+    factor = 0.94
+    away = fit_model(
+        [near],
+        [trial.referred(factor) for trial in trials],
+        frequency_free=True,
+        first=np.append(first[:-1] * factor ** np.array([-1.0, -4.0]), factor**-2 - 1.0),
+    )
+    again = refitted(away)
+    assert away.settled
+    assert again.settled
+    assert again.deviance == pytest.approx(away.deviance, abs=0.5)
+    assert again.rows[0].path.frequency == pytest.approx(W, rel=2e-3)
+    k = [model.trials[1].shapes["resonator.k"] * model.rows[0].path.frequency for model in (away, again)]
+    assert k[1] == pytest.approx(k[0], rel=1e-3)
+    assert abs(k[1] / W - 2.1) < 4.5 * again.shape_errors()["resonator.k"]
+    assert np.all(np.abs(deviations(again, truth)) < 4.5)

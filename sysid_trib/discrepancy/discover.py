@@ -12,8 +12,9 @@ import xarray as xr
 from sysid_trib.discrepancy.decimation import decimated
 from sysid_trib.discrepancy.evidence import evidence
 from sysid_trib.discrepancy.holdout import Prediction, improvements, predicted
-from sysid_trib.discrepancy.model_fit import FittedModel, refitted
+from sysid_trib.discrepancy.model_fit import FittedModel
 from sysid_trib.discrepancy.paths import RecordPath, path_of_run
+from sysid_trib.discrepancy.reference import refitted
 from sysid_trib.discrepancy.search import Search, search
 from sysid_trib.discrepancy.settings import DEFAULTS, Settings
 from sysid_trib.discrepancy.start_model import beside_noises, colour_penalty, fit_start_model, recoloured

@@ -7,7 +7,8 @@ import numpy as np
 
 from sysid_trib.discrepancy.exchange import Fits
 from sysid_trib.discrepancy.free_motion import free_motions
-from sysid_trib.discrepancy.model_fit import FittedModel, fit_model, fitted_along, refitted
+from sysid_trib.discrepancy.model_fit import FittedModel, fit_model, fitted_along
+from sysid_trib.discrepancy.reference import refitted
 from sysid_trib.records.runs import root_mean_square
 
 

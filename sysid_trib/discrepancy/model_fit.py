@@ -10,7 +10,14 @@ from sysid_trib.discrepancy.likelihood import Likelihood, RunProducts, likelihoo
 from sysid_trib.discrepancy.paths import RecordPath
 from sysid_trib.discrepancy.run_rows import RunRows, nuisances, run_rows
 from sysid_trib.discrepancy.settings import Settings
-from sysid_trib.discrepancy.trials import TrialEffect, end_of_range, from_unit, slope_of_unit, to_unit
+from sysid_trib.discrepancy.trials import (
+    TrialEffect,
+    end_of_range,
+    from_unit,
+    reference_power,
+    slope_of_unit,
+    to_unit,
+)
 from sysid_trib.errors import SysidTribError
 from sysid_trib.noise.residual_noise import NoiseModel
 from sysid_trib.records.runs import root_mean_square
@@ -20,10 +27,6 @@ WHOLE_STEPS = 3
 # A kink of a force may have the path swing about where it settles: then the best two rounds agree to this,
 # the deviance of one standard error.
 ROUNDS_AGREE = 1.0
-# Part of its standard error by which a frequency may differ from the reference, and rounds to get there.
-SAME_REFERENCE, RESCALINGS = 0.02, 4
-# Factor by which the reference changes at most in each.
-MOST_RESCALED = 2.0
 # Difference of a shape parameter for its column, in parts of its range.
 SHAPE_DIFFERENCE = 1e-4
 # A path runs away to where nothing is finite, or rows say nothing: there is no fit.
@@ -144,11 +147,9 @@ class FittedModel:
         count, whole = len(self.trials), self.likelihood.covariance
         if not self.frequency_free:
             return np.pad(whole[:count, :count], (0, 1))
-        degrees = [t.force.speed_degree for t in self.trials]
-        power = 0.5 * (2.0 - np.array([0.0 if q is None else q for q in degrees]))
-        dynamic = np.array([t.force.kind == "force" for t in self.trials])
+        powers = np.array([reference_power(trial.force) for trial in self.trials])
         jacobian = np.eye(count + 1)
-        jacobian[:count, -1] = -power * dynamic * self.coefficients
+        jacobian[:count, -1] = 0.5 * powers * self.coefficients
         jacobian[-1, -1] = 0.5 * self.rows[0].path.frequency
         return np.asarray(jacobian @ whole[: count + 1, : count + 1] @ jacobian.T)
 
@@ -343,32 +344,3 @@ def _beside(trial: TrialEffect, name: str) -> tuple[TrialEffect, float]:
     step = SHAPE_DIFFERENCE if part < 0.5 else -SHAPE_DIFFERENCE
     value = float(from_unit(shape, np.asarray(part + step)))
     return replace(trial, shapes={**trial.shapes, key: value}), step
-
-
-def rescaled(model: FittedModel) -> list[RecordPath]:
-    """The model's paths with its frequency as the reference."""
-    return [run.path.rescaled(run.path.frequency * _rescaling(model)) for run in model.rows]
-
-
-def _rescaling(model: FittedModel) -> float:
-    """Factor to the model's frequency, within bounds: a fit that left the motion must not run away."""
-    return float(np.clip(np.sqrt(max(0.0, 1.0 + model.stiffness)), 1.0 / MOST_RESCALED, MOST_RESCALED))
-
-
-def refitted(model: FittedModel, paths: Sequence[RecordPath] | None = None) -> FittedModel:
-    """The model fitted again, with its frequency as the reference.
-
-    `paths` : of the same frequency as the model's; by default the model's.
-    """
-    for _ in range(RESCALINGS):
-        near = (
-            rescaled(model)
-            if paths is None
-            else [path.rescaled(path.frequency * _rescaling(model)) for path in paths]
-        )
-        paths = None
-        first = np.append(model.coefficients, 0.0)
-        model = fit_model(near, model.trials, frequency_free=model.frequency_free, first=first)
-        if model.settled and abs(model.stiffness) <= SAME_REFERENCE * model.stiffness_error:
-            break
-    return model

@@ -8,8 +8,9 @@ import xarray as xr
 
 from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.likelihood import Likelihood, likelihood
-from sysid_trib.discrepancy.model_fit import FittedModel, fit_model, refitted
+from sysid_trib.discrepancy.model_fit import FittedModel, fit_model
 from sysid_trib.discrepancy.paths import RecordPath, path_of
+from sysid_trib.discrepancy.reference import refitted
 from sysid_trib.discrepancy.run_rows import RunRows
 from sysid_trib.discrepancy.settings import DEFAULTS, Settings
 from sysid_trib.discrepancy.trials import TrialEffect

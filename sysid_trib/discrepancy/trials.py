@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from sysid_trib.discrepancy.frequency_parameters import is_frequency, is_resonan
 from sysid_trib.discrepancy.settings import DEFAULTS, Settings
 from sysid_trib.forces.force import Force, Shape
 from sysid_trib.forces.formulas import Formula
+from sysid_trib.forces.scaling import reference_powers
 
 # Part of a range within which a shape parameter is at its end.
 END = 1e-9
@@ -39,6 +40,29 @@ class TrialEffect:
             )
             for surface in self.force.surfaces
         }
+
+    def referred(self, factor: float) -> "TrialEffect":
+        """The same effect, within the ranges of its shapes, with a reference frequency higher by a factor."""
+        powers = reference_powers(self.force)
+        if powers is None or not self.shapes:
+            return self
+        shapes = {
+            f"{self.force.symbol}.{name}": float(
+                np.clip(
+                    self.shapes[f"{self.force.symbol}.{name}"] * factor ** powers.shapes[name],
+                    shape.low,
+                    shape.high,
+                )
+            )
+            for name, shape in self.force.shape.items()
+        }
+        return replace(self, shapes=shapes)
+
+
+def reference_power(force: Force) -> float:
+    """Power of the reference frequency of a coefficient; where none is known, that of a force of x alone."""
+    powers = reference_powers(force)
+    return -2.0 if powers is None else powers.coefficient
 
 
 def trials_of(

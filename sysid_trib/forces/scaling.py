@@ -1,6 +1,7 @@
-"""How a coefficient and its shape parameters change with the unit of the signal."""
+"""How coefficients and shape parameters change with the unit of the signal and the reference frequency."""
 
 import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -14,6 +15,9 @@ FACTORS = (2.0, 0.125)
 # Powers of the signal that shape parameters, and states and memory, may have.
 SHAPE_POWERS = (0.0, 1.0, -1.0, -2.0)
 HIDDEN_POWERS = (1.0, 0.0, 2.0)
+# Powers of the reference frequency that these may have, and by how much those of rates, d/d(w t), are less.
+REFERENCE_POWERS = (0.0, -1.0, 1.0, -2.0, 2.0)
+OF_RATES = -1.0
 
 
 @dataclass(frozen=True)
@@ -32,6 +36,21 @@ class SignalDegree:
     shapes: dict[str, float]
 
 
+@dataclass(frozen=True)
+class ReferencePowers:
+    """Powers of the reference frequency with which the same force is written.
+
+    Attributes
+    ----------
+    coefficient : float
+    shapes : dict of str to float
+        Power of each shape parameter.
+    """
+
+    coefficient: float
+    shapes: dict[str, float]
+
+
 @lru_cache(maxsize=1024)
 def signal_degree(force: Force) -> SignalDegree | None:
     """Degree of a force in the signal, its states and shape parameters scaled along; None if it has none.
@@ -42,14 +61,43 @@ def signal_degree(force: Force) -> SignalDegree | None:
         `sin(x) - x` has none: it knows a radian. `tanh(v/s)` is of degree 0, with s of power 1. A degree that
         depends on a shape parameter, as that of abs(v)**p, is none.
     """
+    scaled = _powers(force, {"x": 1.0, "v": 1.0}, SHAPE_POWERS, HIDDEN_POWERS, 0.0)
+    return None if scaled is None else SignalDegree(*scaled)
+
+
+@lru_cache(maxsize=1024)
+def reference_powers(force: Force) -> ReferencePowers | None:
+    """Powers of the reference frequency w of a coefficient and its shape parameters; None if it has none.
+
+    Parameters
+    ----------
+    force : Force
+        -w^2 c f(x, v) with v = x'/w: of `v` the coefficient goes as 1/w, of `sin(x) - x` as 1/w^2. A natural
+        frequency in units of w goes as 1/w, a relaxation time as w. None of abs(v)**p, as of `signal_degree`.
+    """
+    scaled = _powers(force, {"v": -1.0}, REFERENCE_POWERS, REFERENCE_POWERS, OF_RATES)
+    if scaled is None:
+        return None
+    degree, shapes = scaled
+    return ReferencePowers(-degree - (0.0 if force.kind == "sensor" else 2.0), shapes)
+
+
+def _powers(
+    force: Force,
+    motion: Mapping[str, float],
+    of_shapes: Sequence[float],
+    of_hidden: Sequence[float],
+    of_rates: float,
+) -> tuple[float, dict[str, float]] | None:
+    """Degree of a force, and powers of its shape parameters, as x and v scale with given powers."""
     hidden = (*force.state, *force.memory)
-    for shape_powers in itertools.product(SHAPE_POWERS, repeat=len(force.shape)):
+    for shape_powers in itertools.product(of_shapes, repeat=len(force.shape)):
         shapes = dict(zip(force.shape, shape_powers, strict=True))
-        for hidden_powers in itertools.product(HIDDEN_POWERS, repeat=len(hidden)):
-            powers = {"x": 1.0, "v": 1.0, **shapes, **dict(zip(hidden, hidden_powers, strict=True))}
-            degrees = {_degree(force, powers, points) for points in _points(force, shapes)}
+        for hidden_powers in itertools.product(of_hidden, repeat=len(hidden)):
+            powers = {**motion, **shapes, **dict(zip(hidden, hidden_powers, strict=True))}
+            degrees = {_degree(force, powers, points, of_rates) for points in _points(force, shapes)}
             if None not in degrees and len(degrees) == 1:
-                return SignalDegree(float(degrees.pop() or 0.0), shapes)
+                return float(degrees.pop() or 0.0), shapes
     return None
 
 
@@ -60,11 +108,12 @@ def _points(force: Force, shapes: dict[str, float]) -> list[dict[str, Any]]:
     return [force.test_points | values for values in (pure if pure[0] else pure[:1])]
 
 
-def _degree(force: Force, powers: dict[str, float], points: dict[str, Any]) -> float | None:
+def _degree(force: Force, powers: dict[str, float], points: dict[str, Any], of_rates: float) -> float | None:
     """Degree of the force if states and memory keep their powers, else None."""
-    for name, formula in (*force.state.items(), *force.memory.items(), *force.start.items()):
-        if _power(formula, powers, points) not in (powers[name], np.inf):
-            return None
+    rates = [(formula, powers[name] + of_rates) for name, formula in force.state.items()]
+    values = [(f, powers[name]) for name, f in (*force.memory.items(), *force.start.items())]
+    if any(_power(formula, powers, points) not in (power, np.inf) for formula, power in rates + values):
+        return None
     degree = _power(force.formula, powers, points)
     return None if degree == np.inf else degree
 

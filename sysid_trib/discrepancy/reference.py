@@ -1,0 +1,37 @@
+"""A fitted model written with its own frequency as the reference."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid_trib.discrepancy.model_fit import FittedModel, fit_model
+from sysid_trib.discrepancy.paths import RecordPath
+from sysid_trib.discrepancy.trials import reference_power
+
+# Part of its standard error by which a frequency may differ from the reference, and rounds to get there.
+SAME_REFERENCE, RESCALINGS = 0.02, 4
+# Factor by which the reference changes at most in each: a fit that left the motion must not run away.
+MOST_RESCALED = 2.0
+
+
+def refitted(model: FittedModel, paths: Sequence[RecordPath] | None = None) -> FittedModel:
+    """The model fitted again, with its frequency as the reference.
+
+    `paths` : of the same frequency as the model's; by default the model's.
+    """
+    near = [rows.path for rows in model.rows] if paths is None else paths
+    for _ in range(RESCALINGS):
+        squared = max(0.0, 1.0 + model.stiffness)
+        factor = float(np.clip(np.sqrt(squared), 1.0 / MOST_RESCALED, MOST_RESCALED))
+        # The same forces, or a narrow resonance would no longer be where it was.
+        powers = np.array([reference_power(trial.force) for trial in model.trials])
+        model = fit_model(
+            [path.rescaled(path.frequency * factor) for path in near],
+            [trial.referred(factor) for trial in model.trials],
+            frequency_free=model.frequency_free,
+            first=np.append(model.coefficients * factor**powers, 0.0),
+        )
+        if model.settled and abs(model.stiffness) <= SAME_REFERENCE * model.stiffness_error:
+            break
+        near = [rows.path for rows in model.rows]
+    return model
