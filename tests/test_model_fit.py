@@ -29,7 +29,7 @@ from sysid_trib.discrepancy.model_fit import fit_model
 from sysid_trib.discrepancy.paths import path_of
 from sysid_trib.discrepancy.reference import refitted
 from sysid_trib.discrepancy.run_rows import nuisances
-from sysid_trib.discrepancy.trials import TrialEffect, from_unit, to_unit
+from sysid_trib.discrepancy.trials import TrialEffect, from_unit, to_unit, trials_of
 from sysid_trib.forces.library import parse_library
 from sysid_trib.noise.random_force import RandomForce
 from sysid_trib.regression.weak_form import cholesky_factor, whiten
@@ -332,3 +332,23 @@ def test_a_narrow_resonance_stays_where_it_is_with_another_reference_frequency()
     assert k[1] == pytest.approx(k[0], rel=1e-3)
     assert abs(k[1] / W - 2.1) < 4.5 * again.shape_errors()["resonator.k"]
     assert np.all(np.abs(deviations(again, truth)) < 4.5)
+
+
+@pytest.mark.parametrize("turns", np.linspace(-0.5, 0.5, 7))
+def test_a_phase_is_fitted_wherever_it_is(turns):
+    """A phase has no end: from 3 rad on the way to -3 rad is short. Half a turn off, the sign changes."""
+    truth, line = 2e-3, {"ambient.W": 1.7 * W, "ambient.p": 2.0 * np.pi * turns}
+    run = with_effect({"ambient": truth}, seed=2, base={"zeta": 4e-3}, shapes=line)
+    candidates = trials_of([EVERY["ambient"]], [1.7 * W], W)
+    off = [np.sin(line["ambient.p"] - trial.shapes["ambient.p"]) for trial in candidates]
+    for at in np.argsort(np.abs(off))[:4]:
+        path = path_of(TIME, run.angle.values, W, WHITE)
+        trials = [TrialEffect(EVERY["zeta"], {}), candidates[at]]
+        model = fit_model([path], trials, frequency_free=True)
+        phase = model.trials[1].shapes["ambient.p"]
+        assert model.settled
+        assert not model.at_ends
+        assert abs(phase) < 3.2
+        expected = truth * np.exp(1j * line["ambient.p"])
+        error = errors_of(model)["ambient"] + truth * model.shape_errors()["ambient.p"]
+        assert abs(model.coefficients[1] * np.exp(1j * phase) - expected) < 4.5 * error

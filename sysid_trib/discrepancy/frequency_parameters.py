@@ -1,4 +1,4 @@
-"""Shapes that are frequencies, told by the formulas: they are looked for at the lines of a spectrum."""
+"""Shapes that are frequencies, looked for at the lines of a spectrum, and phases: told by the formulas."""
 
 from functools import lru_cache
 
@@ -8,6 +8,7 @@ from sysid_trib.forces.force import Force
 
 # How nearly a natural frequency is the shape that gives it.
 SAME = 0.05
+TURN = 2.0 * np.pi
 
 
 @lru_cache(maxsize=1024)
@@ -57,3 +58,15 @@ def is_frequency_parameter(force: Force, name: str) -> bool:
 def has_frequency_parameter(force: Force) -> bool:
     """Whether a force has such a frequency."""
     return any(is_frequency_parameter(force, name) for name in force.shape)
+
+
+@lru_cache(maxsize=1024)
+def is_phase(force: Force, name: str) -> bool:
+    """Whether a shape parameter is an angle of which a turn more is the same, and its range a turn at least."""
+    shape, points = force.shape[name], force.test_points
+    if not force.memoryless or shape.high - shape.low < TURN:
+        return False
+    turned = [
+        force.formula.evaluate(points | {name: shape.default + part * TURN}) for part in (0.0, 0.3, 1.0)
+    ]
+    return bool(np.allclose(turned[0], turned[2]) and not np.allclose(turned[0], turned[1]))

@@ -16,6 +16,7 @@ from sysid_trib.discrepancy.trials import (
     from_unit,
     reference_power,
     slope_of_unit,
+    stepped_shape,
     to_unit,
 )
 from sysid_trib.errors import SysidTribError
@@ -194,6 +195,14 @@ class FittedModel:
             for at, (rows, table) in enumerate(zip(self.rows, self.tables, strict=True))
         ]
 
+    def is_on_its_way(self, reach: float) -> bool:
+        """Whether a shape would go further than it may in a round, and by more than its error.
+
+        The deviance is that along the tangent: it may have settled before the shape has.
+        """
+        steps, errors = self.likelihood.coefficients, np.sqrt(np.diag(self.likelihood.covariance))
+        return any(abs(steps[at]) > max(reach, errors[at]) for *_, at in self.shape_columns)
+
     def next_paths(self, coefficients: Array, part: float = 1.0) -> list[RecordPath]:
         """The most likely motions, or a part of the way there; their fine part by such forces, (trial,)."""
         paths = []
@@ -217,8 +226,7 @@ class FittedModel:
             own_size = abs(self.coefficients[at]) * sizes[at] / max(sizes[column], np.finfo(float).tiny)
             most = min(reach, own_size)
             step = np.clip(self.likelihood.coefficients[column], -most, most)
-            part = np.clip(to_unit(trial.force.shape[name], trial.shapes[key]) + step, 0.0, 1.0)
-            shapes[at][key] = float(from_unit(trial.force.shape[name], part))
+            shapes[at][key] = stepped_shape(trial.force, name, trial.shapes[key], step)
         return [replace(trial, shapes=table) for trial, table in zip(self.trials, shapes, strict=True)]
 
 
@@ -268,14 +276,13 @@ def fit_model(
         fall, model = model.deviance - after.deviance, after
         # Falls shrink as a geometric series at least: the next one is this one times their ratio.
         next_fall = abs(fall) * min(1.0, abs(fall) / before) if before else abs(fall)
-        if next_fall < settings.least_gain:
+        on_its_way = model.is_on_its_way(reach)
+        if next_fall < settings.least_gain and not on_its_way:
             return model
         before = abs(fall)
         astray = 0 if possible(model) else astray + 1
         if astray > 1 and turn > 1:
             return replace(model, settled=False)
-        # A shape that goes as far as it may in a round has still some way to go.
-        on_its_way = any(abs(model.likelihood.coefficients[at]) > reach for *_, at in model.shape_columns)
         if turn > 1 and not on_its_way and model.deviance - 2.0 * abs(fall) > worst:
             return replace(model, settled=False)
         # Shapes are stepped along tangents: one that leads up was too long. A force that is narrow or has a

@@ -8,7 +8,7 @@ import numpy as np
 
 from sysid_trib.arrays import Array
 from sysid_trib.averaging.stepped_states import is_stepped
-from sysid_trib.discrepancy.frequency_parameters import is_frequency, is_resonance
+from sysid_trib.discrepancy.frequency_parameters import TURN, is_frequency, is_phase, is_resonance
 from sysid_trib.discrepancy.settings import DEFAULTS, Settings
 from sysid_trib.forces.force import Force, Shape
 from sysid_trib.forces.formulas import Formula
@@ -101,10 +101,27 @@ def _grid(force: Force, name: str, frequencies: Sequence[float], w: float, setti
         inside = [q / w for q in frequencies if shape.low <= q / w <= shape.high]
         # It may be so broad that it makes no line.
         return np.sort([*inside, *np.geomspace(shape.low, shape.high, settings.lines)])
+    if is_phase(force, name):
+        # Neither end: from there the way is as long as it can be.
+        return np.linspace(-0.5, 0.5, settings.shape_values, endpoint=False) * TURN + _middle(shape)
     # Fewer where each is followed in time by itself, which is slow.
     fast = force.memoryless or is_stepped(force)
     count = settings.shape_values if fast else (settings.shape_values + 1) // 2
     return from_unit(shape, np.linspace(0.0, 1.0, count))
+
+
+def stepped_shape(force: Force, name: str, value: float, step: float) -> float:
+    """A shape parameter a step further, in parts of its range: within it, a phase by less than a turn."""
+    shape = force.shape[name]
+    further = to_unit(shape, value) + step
+    if is_phase(force, name):
+        angle = float(from_unit(shape, np.asarray(further))) - _middle(shape)
+        return _middle(shape) + float(np.remainder(angle + 0.5 * TURN, TURN)) - 0.5 * TURN
+    return float(from_unit(shape, np.clip(further, 0.0, 1.0)))
+
+
+def _middle(shape: Shape) -> float:
+    return 0.5 * (shape.low + shape.high)
 
 
 def is_wide(shape: Shape) -> bool:
