@@ -16,8 +16,13 @@ from sysid_trib import Model, compare, identify, load_library, plots
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.methods import Averaging, Direct, LinearDecrement, LogarithmicDecrement, WuDecrement
 from sysid_trib.noise.level import sensor_noise
+from sysid_trib.plots.comparison_data import comparison_data
 from sysid_trib.printing.comparison import coefficient_table, difference_table, quality_table
-from sysid_trib.printing.comparison_sentences import comparison_sentences
+from sysid_trib.printing.comparison_sentences import (
+    comparison_sentences,
+    method_widenings,
+    widened_comparison,
+)
 from sysid_trib.results.files import load, save
 from sysid_trib.simulation.model import rescaling_factors
 from sysid_trib.validation.compare import _by_label, every_method
@@ -206,6 +211,43 @@ def test_a_missing_force_is_told():
     tree = compare(paper_run(FIVE).decay(7), library, [Direct(), Averaging()])
     assert tree["comparison"].residual_over_noise.values.min() > 3.0
     assert "a force is missing or has another form" in " ".join(comparison_sentences(tree))
+
+
+def test_differences_are_over_the_errors_that_are_told():
+    """Where no method explains the record, errors are widened: in tables, sentences and figures alike."""
+    library = FORCES.select(["lambda", "zeta", "epsilon"])
+    tree = compare(paper_run(FIVE).decay(7), library, [Direct(), Averaging(), Direct(form="strong")])
+    factors, stated, told = method_widenings(tree), tree["comparison"].ds, widened_comparison(tree)
+    assert max(factors.values()) > 2.0
+    best = of(told, told.attrs["best"])
+    for label, factor in factors.items():
+        row = of(told, label)
+        np.testing.assert_allclose(row.standard_error, factor * of(stated, label).standard_error)
+        if label != told.attrs["best"]:
+            both = np.hypot(row.standard_error, best.standard_error)
+            np.testing.assert_allclose(row.z, (row.coefficient - best.coefficient) / both)
+    drawn = comparison_data(tree).quantity("lambda")
+    errors = told.standard_error.sel(force="lambda") / 10.0 ** drawn.attrs["power"]
+    np.testing.assert_allclose(drawn.error, errors.sel({"method": drawn.method.values}))
+
+
+def test_a_method_that_failed_does_not_predict_as_well():
+    tree, _ = paper()
+    tree = tree.copy(deep=True)
+    table = tree["comparison"].to_dataset()
+    other = next(label for label in FULL if label != table.attrs["best"])
+    at = table.method.values.tolist().index(other)
+    table.holdout_p_value[at] = 0.5
+    tree["comparison"] = xr.DataTree(table)
+    assert f"{other}." in as_good(tree) or f"{other}," in as_good(tree)
+    table.failure[at] = "its motion diverges"
+    tree["comparison"] = xr.DataTree(table)
+    assert other not in as_good(tree).replace(f"{other} (", "")
+
+
+def as_good(tree):
+    """The sentence that names the methods which predict as well."""
+    return next((s for s in comparison_sentences(tree) if s.startswith("These predict as well")), "")
 
 
 def test_a_prediction_that_is_good_by_accident_is_told():

@@ -93,7 +93,7 @@ def test_code_of_the_readme_runs_and_finds_the_missing_force(tmp_path, monkeypat
     monkeypatch.chdir(tmp_path)
     model = st.Model(st.load_library(), {"zeta": 0.0097, "epsilon": 0.3}, 9.91)
     motion = st.simulate(model, np.arange(0.0, 10.0, 0.005), 0.3)
-    write_csv(Path("swing.csv"), motion.time.values, np.degrees(motion.angle.values), "time,theta")
+    write_csv(Path("swing.csv"), motion.time.values, motion.angle.values, "time,theta")
     names: dict[str, object] = {}
     for kind, code in BLOCK.findall(README):
         if kind == "python":

@@ -13,7 +13,8 @@ from helpers import FIVE, W, paper_run
 from known_results import PAPER, known
 
 import sysid_trib as st
-from sysid_trib.printing.equation import equation_latex, equation_text, rounded
+from sysid_trib.forces.written import symbol_latex
+from sysid_trib.printing.equation import _sum, equation_latex, equation_text, rounded
 from sysid_trib.printing.exported import csv_text, latex_text, unit_in_latex
 from sysid_trib.printing.translation import translation_sentences
 from sysid_trib.results.contactless import with_contactless_frequency
@@ -37,6 +38,16 @@ def test_the_equation_is_the_model():
     expected = x + model_force(st.model_of(result), np.array([0.0, 1.0, 2.0]), x, v, np.zeros(3))
     np.testing.assert_allclose(total, expected, atol=1e-3)
     assert float(inside[2]) == pytest.approx(W, abs=1e-2)
+
+
+def test_the_sign_of_a_formula_goes_to_its_number():
+    terms = [("2.67", "-v"), ("-0.04", "-x*v"), ("0.9", "sin(x) - x"), ("3", "-x + v")]
+    assert _sum(terms) == " - 2.67*v + 0.04*x*v + 0.9*(sin(x) - x) + 3*(-x + v)"
+
+
+def test_a_word_is_no_letter_with_an_index():
+    names = {"lambda": r"\lambda", "c_3": "c_{3}", "sensor_curve": r"\mathrm{sensor\ curve}"}
+    assert {name: symbol_latex(name) for name in names} == names
 
 
 def test_a_stiffness_that_is_in_the_frequency_is_not_in_the_equation():

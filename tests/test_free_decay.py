@@ -111,6 +111,18 @@ def test_filmed_record_keeps_its_jittered_times():
     assert noise_level(time, angle) == pytest.approx(0.002, rel=0.2)
 
 
+@pytest.mark.parametrize("start", [0.0, 5.13])
+def test_only_missing_samples_are_filled(start):
+    """The measured ones beside a gap stay, by whatever rounding the clock has them off the grid."""
+    time = start + np.arange(3000) * 0.005
+    there = np.arange(time.size) % 7 != 2
+    angle = linear(time - start) + 2e-4 * np.random.default_rng(4).standard_normal(time.size)
+    decay = free_decay(record(time[there], angle[there]), equilibrium=0.0)
+    assert f"{np.count_nonzero(~there)} missing samples filled" in decay.attrs["free_decay"]
+    kept = np.searchsorted(time, decay.time.values - 1e-6)
+    np.testing.assert_allclose(decay.angle.values[there[kept]], angle[kept][there[kept]], rtol=0.0, atol=1e-9)
+
+
 @pytest.mark.parametrize("hold", [0.2, 1.0, 30.0])
 @pytest.mark.parametrize("rest", [0.0, 3.0, 40.0])
 @pytest.mark.parametrize("noise", [0.0, 1e-3])

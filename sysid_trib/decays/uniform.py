@@ -78,7 +78,8 @@ def _on_a_grid(time: Array, signal: Array, usual: float, period: float) -> Piece
     filled = 0
     for start in np.flatnonzero(np.diff(time) > PARTED_STEP * usual):
         low, high = time[start], time[start + 1]
-        inside = (grid > low) & (grid < high)
+        # The samples at its ends are there: by rounding a point of the grid may be after one.
+        inside = (grid > low + 0.5 * usual) & (grid < high - 0.5 * usual)
         near = (time >= low - LONGEST_FILLED * period) & (time <= high + LONGEST_FILLED * period)
         if np.count_nonzero(near) > 2 * FILL_DEGREE:
             fit = np.polynomial.Polynomial.fit(time[near], signal[near], FILL_DEGREE)

@@ -23,6 +23,7 @@ from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.to_identify import forces_to_identify
 from sysid_trib.records.runs import Decays, as_runs, one_or_all
+from sysid_trib.results.per_run import group_names
 from sysid_trib.results.schema import provenance
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.validation.holdout import split
@@ -99,7 +100,8 @@ def discover(
     asked: dict[str, Any] = {"max_effects": max_effects, "level": level, "seed": seed}
     settings = replace(settings, **{k: value for k, value in asked.items() if value is not None})
     deadline = time.monotonic() + time_limit
-    runs = [decimated(run, settings.samples_per_period) for run in as_runs(decay)]
+    whole = as_runs(decay)
+    runs = [decimated(run, settings.samples_per_period) for run in whole]
     if not len(model_forces):
         raise UsageError("The start model has no force; give at least one, such as a viscous one.")
     model = forces_to_identify(model_forces, reference_frequency)
@@ -122,6 +124,8 @@ def discover(
         seen = runs
     tell("where model and record differ")
     groups = groups_of(runs, seen, done, predictions, offered, reference_frequency)
+    for name, run in zip(group_names("record", len(whole)), whole, strict=True):
+        groups[name].attrs["kept_window"] = run.time.values[[0, -1]]
     tree = xr.DataTree.from_dict(groups)
     third = f"the last third{' of each run' * (len(runs) > 1)}"
     tree.attrs = {

@@ -62,7 +62,7 @@ def has_frequency_parameter(force: Force) -> bool:
 
 @lru_cache(maxsize=1024)
 def is_phase(force: Force, name: str) -> bool:
-    """Whether a shape parameter is an angle of which a turn more is the same, and its range a turn at least."""
+    """Whether a turn more of a shape parameter is the same, and its range is a turn at least."""
     shape, points = force.shape[name], force.test_points
     if not force.memoryless or shape.high - shape.low < TURN:
         return False

@@ -219,9 +219,7 @@ class Force:
     @property
     def latex_symbol(self) -> str:
         """The coefficient's symbol in LaTeX."""
-        import sympy
-
-        return str(sympy.latex(sympy.Symbol(self.symbol)))
+        return written.symbol_latex(self.symbol)
 
     @cached_property
     def test_points(self) -> dict[str, Any]:

@@ -27,6 +27,18 @@ def _toml(value: Any) -> str:
     return json.dumps(value)
 
 
+def symbol_latex(symbol: str) -> str:
+    """A symbol in LaTeX: letters, Greek too, with their index; a word stands upright, without one."""
+    import sympy
+
+    written = str(sympy.latex(sympy.Symbol(symbol)))
+    letter = written.split("_")[0]
+    if len(letter) == 1 or letter.startswith("\\"):
+        return written
+    words = symbol.replace("_", r"\ ")
+    return rf"\mathrm{{{words}}}"
+
+
 def formula_latex(force: "Force") -> str:
     """The formula in LaTeX, with theta and theta' = dtheta/d(w t)."""
     import sympy

@@ -23,6 +23,7 @@ from sysid_trib.plots.style import (
     SERIES,
     TWO_COLUMNS,
     axes,
+    columns_of_legend,
     in_latex,
     letter,
     line,
@@ -35,6 +36,8 @@ ROW_HEIGHT, FONT_SIZE = 1.75, 7.5
 # A coefficient is drawn from so far below zero to so far above it, in units of its value; its numbers stand
 # beside, where the axis goes on.
 COEFFICIENT_RANGE, END_OF_NUMBERS = (-0.5, 2.0), 5.0
+# Characters of a legend that fit beside the letter of a panel.
+LEGEND_ROOM = 42
 TOO_FEW = "too few samples a period"
 # Decades of an axis of powers that has labels between them, and all of them.
 DECADES_WITH_MINOR_LABELS = (1.5, 0.5)
@@ -130,7 +133,7 @@ def _shares(ax: Axes, data: OverviewData, quantity: str, label: str) -> Axes:
     ax.set(xlabel=f"amplitude ({data.units})", ylabel=label, xlim=(amplitude[0], amplitude[-1]))
     # Errors of shares may exceed all that a share can be.
     ax.set_ylim(max(low, -110.0), min(high, 110.0))
-    ax.legend(ncols=6, **SMALL_LEGEND)
+    _legend(ax, 6)
     return ax
 
 
@@ -151,8 +154,14 @@ def _power(ax: Axes, data: OverviewData) -> Axes:
     ax.set_ylim(low, 2.0 * largest)
     # Labels between decades would run into each other over many; few decades have no others.
     ax.yaxis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=DECADES_WITH_MINOR_LABELS))
-    ax.legend(ncols=4, **SMALL_LEGEND)
+    _legend(ax, 4)
     return ax
+
+
+def _legend(ax: Axes, most: int) -> None:
+    """Beside the letter of a panel, in as many rows as names need."""
+    labels = ax.get_legend_handles_labels()[1]
+    ax.legend(ncols=columns_of_legend(labels, most, LEGEND_ROOM), **SMALL_LEGEND)
 
 
 def _coefficients(ax: Axes, data: OverviewData) -> Axes:

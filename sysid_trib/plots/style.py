@@ -1,8 +1,10 @@
 """What figures share: colours, marks, legends, grids of panels, and axes where none are given."""
 
+import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import XAxis
 from matplotlib.figure import Figure
@@ -48,6 +50,8 @@ BESIDE_POINT: dict[str, Any] = {"textcoords": "offset points", "va": "center"}
 THRESHOLD: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": "--"}
 # Over so many times the smallest number there is room for powers of ten alone.
 CROWDED = 100.0
+# Characters that the line and the space of an entry of a legend take.
+HANDLE = 6
 LEGEND: dict[str, Any] = {
     "frameon": False,
     "fontsize": 8,
@@ -69,9 +73,19 @@ def mark(series: Style) -> dict[str, Any]:
 
 def in_latex(symbol: str) -> str:
     """A force's symbol as matplotlib writes it."""
-    import sympy
+    from sysid_trib.forces.written import symbol_latex
 
-    return f"${sympy.latex(sympy.Symbol(symbol))}$"
+    return f"${symbol_latex(symbol)}$"
+
+
+def columns_of_legend(labels: Iterable[str], most: int, room: int) -> int:
+    """Columns with which a legend above a panel stays within `room`, in characters of its size."""
+    sizes = [HANDLE + len(re.sub(r"\\mathrm|\\[a-z]+|[${}\\]", "", label)) for label in labels]
+    for count in range(min(most, len(sizes)), 1, -1):
+        # A legend is filled column by column, the first ones with one more.
+        if sum(column.max() for column in np.array_split(sizes, count)) <= room:
+            return count
+    return 1
 
 
 def new_figure(width: float, height: float) -> Figure:

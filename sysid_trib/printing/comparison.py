@@ -11,7 +11,7 @@ from sysid_trib.printing.comparison_sentences import (
     comparison_sentences,
     effective_sentence,
     explanation_sentences,
-    method_widenings,
+    widened_comparison,
 )
 from sysid_trib.printing.layers import ALWAYS, USUALLY, Block, Layer
 from sysid_trib.printing.layout import (
@@ -65,7 +65,7 @@ def comparison_blocks(tree: xr.DataTree, sources: Sequence[str]) -> list[Block]:
     -------
     list of Block
     """
-    table = tree["comparison"].ds
+    table = widened_comparison(tree)
     layers = {COEFFICIENTS: ALWAYS, DIFFERENCES: Layer.EXPLAIN, QUALITY: Layer.DEFAULT | Layer.EXPLAIN}
     verdict, *sentences = comparison_sentences(tree)
     return [
@@ -99,18 +99,16 @@ def coefficient_table(tree: xr.DataTree) -> "Table":
     A method that does not apply, or failed, has no row here; `quality_table` says why.
     """
     table = _applied(tree)
-    widened = np.array(list(method_widenings(tree).values()))
     columns = {}
     for symbol, row in by_label(table, "force").items():
         power = column_power(row)
         scale = 10.0**power
-        pairs = zip(row.coefficient.values / scale, widened * row.standard_error.values / scale, strict=True)
+        pairs = zip(row.coefficient.values / scale, row.standard_error.values / scale, strict=True)
         unit = [row.unit.item()] if row.unit.item() != "1" else []
         parts = " ".join([*([f"1e{power:+03d}"] if power else []), *unit])
         head = f"{symbol} ({parts})" if parts else symbol
         columns[head] = [value_with_error(float(value), float(error)) for value, error in pairs]
-    rows = zip(by_label(table, "method").values(), widened, strict=True)
-    frequencies = [quantity(row, "asymptotic_frequency", widened=factor) for row, factor in rows]
+    frequencies = [quantity(row, "asymptotic_frequency") for row in by_label(table, "method").values()]
     return _method_table(table, columns | {f"{FREQUENCY_SYMBOL} (rad/s)": frequencies})
 
 
@@ -177,7 +175,7 @@ def comparison_json(tree: xr.DataTree) -> dict[str, Any]:
 
 def _applied(tree: xr.DataTree) -> xr.Dataset:
     """The comparison, of methods that gave a coefficient or a frequency and did not fail."""
-    return applied_methods(tree["comparison"].to_dataset())
+    return applied_methods(widened_comparison(tree))
 
 
 def _method_table(table: xr.Dataset, columns: dict[str, list[str]], words: Sequence[str] = ()) -> "Table":

@@ -11,7 +11,7 @@ from sysid_trib.printing.model_verdict import EFFECTIVE
 from sysid_trib.results.per_run import record_groups
 from sysid_trib.results.signal_units import signal_units, small_units
 from sysid_trib.validation.breakdown import widening
-from sysid_trib.validation.comparison_table import applied_methods
+from sysid_trib.validation.comparison_table import applied_methods, contrast
 from sysid_trib.validation.cross_check import LARGE
 from sysid_trib.validation.verdict import is_found
 
@@ -34,7 +34,7 @@ CAUSES = {
 
 def comparison_sentences(tree: xr.DataTree) -> list[str]:
     """The comparison in plain sentences: which method predicts best, which differ and probably why."""
-    table = tree["comparison"].ds
+    table = widened_comparison(tree)
     sentences = [_prediction(tree), *explanation_sentences(table, tuple(CAUSES))]
     owner = table.attrs["common_frequency_of"]
     origin = "given" if owner == "given" else f"w of {owner}"
@@ -75,6 +75,21 @@ def method_widenings(tree: xr.DataTree) -> dict[str, float]:
         else widening(tree[label].to_dataset(), row.residual_over_noise.item())
         for label, row in rows.items()
     }
+
+
+def widened_comparison(tree: xr.DataTree) -> xr.Dataset:
+    """The comparison with the errors that are told, and differences over these."""
+    table = tree["comparison"].to_dataset()
+    widenings = method_widenings(tree)
+    factors = np.array([widenings.get(label, 1.0) for label in table.method.values.tolist()])
+    at = table.method.values.tolist().index(table.attrs["best"])
+    for name, z in (("coefficient", "z"), ("asymptotic_frequency", "asymptotic_frequency_z")):
+        error = "standard_error" if name == "coefficient" else f"{name}_standard_error"
+        values = table[name].values.reshape(factors.size, -1)
+        errors = factors[:, None] * table[error].values.reshape(values.shape)
+        table[error] = table[error].copy(data=errors.reshape(table[error].shape))
+        table[z] = table[z].copy(data=contrast(values, errors, at).reshape(table[z].shape))
+    return table
 
 
 def effective_sentence(tree: xr.DataTree) -> list[str]:
@@ -125,7 +140,8 @@ def _as_good(table: xr.Dataset) -> list[str]:
     labels = [
         label
         for label, row in methods.items()
-        if row.holdout_over_noise.item() <= limit or row.holdout_p_value.item() > ALIKE_LEVEL
+        if not row.failure.item()
+        and (row.holdout_over_noise.item() <= limit or row.holdout_p_value.item() > ALIKE_LEVEL)
     ]
     if not labels:
         return []

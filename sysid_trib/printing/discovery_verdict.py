@@ -105,9 +105,11 @@ def _unknown_effect(tree: xr.DataTree, details: bool) -> list[str]:
     """What remains was not named, or was named by effects that may imitate another."""
     residual = times_noise(residual_of(tree, "after"), noise_of(tree))
     omnibus = _last(tree, "omnibus")
-    collinear = " and ".join(_collinear(tree))
+    effects = _collinear(tree)
+    collinear, several = " and ".join(effects), len(effects) > 1
     imitate = (
-        f"{collinear} nearly cancel other forces of the model: they may imitate a force that is no candidate."
+        f"{collinear} nearly cancel{'' if several else 's'} other forces of the model: "
+        f"{'they' if several else 'it'} may imitate a force that is no candidate."
     )
     if collinear and not omnibus.significant:
         return [f"Unknown effect: the gap is {residual}, but {imitate}"]

@@ -88,7 +88,14 @@ def _terms(result: xr.Dataset) -> tuple[list[tuple[str, str]], list[tuple[str, s
 
 
 def _sum(terms: list[tuple[str, str]]) -> str:
-    return "".join(f" {_signed(number)}*{_factor(formula)}" for number, formula in terms)
+    return "".join(f" {_term(number, _factor(formula))}" for number, formula in terms)
+
+
+def _term(number: str, factor: str) -> str:
+    """A summand; the sign of a formula goes to its number."""
+    if factor.startswith("-"):
+        return _term(number[1:] if number.startswith("-") else f"-{number}", factor[1:])
+    return f"{_signed(number)}*{factor}"
 
 
 def _signed(number: str) -> str:

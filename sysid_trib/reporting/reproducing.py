@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
 from sysid_trib.errors import UsageError
@@ -44,7 +45,8 @@ def _one_decay(data: xr.Dataset) -> str:
         read = f"st.read_record({_given(_reading(attrs), attrs['source'])})"
     if "free_decay" not in attrs:
         return read
-    window = tuple(data.time.values[[0, -1]].tolist())
+    # The record of a discovery ends where what was held out begins.
+    window = tuple(np.asarray(attrs.get("kept_window", data.time.values[[0, -1]])).tolist())
     cut = {"window": window, "equilibrium": data.equilibrium.item()}
     return f"st.free_decay({read}, {_given(cut)})"
 

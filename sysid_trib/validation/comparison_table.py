@@ -56,7 +56,7 @@ def method_table(trials: Sequence[Trial], noises: Sequence[float], blocks: Seque
     variables: Variables = {
         "coefficient": variable(dims, values, "coefficient at the common frequency", PER_FORCE_UNIT),
         "standard_error": variable(dims, errors, "standard error of the coefficient", PER_FORCE_UNIT),
-        "z": variable(dims, _contrast(values, errors, at), CONTRAST, "1"),
+        "z": variable(dims, contrast(values, errors, at), CONTRAST, "1"),
         "common_frequency": variable((), reference, "frequency to which coefficients refer", "rad/s"),
         "noise": variable((), noise, "standard deviation of the sensor's noise", "rad"),
     }
@@ -149,7 +149,7 @@ def _coefficients(trials: Sequence[Trial], forces: Sequence[str], reference: flo
     return values, errors
 
 
-def _contrast(values: Array, errors: Array, best: int) -> Array:
+def contrast(values: Array, errors: Array, best: int) -> Array:
     """Differences from the best method's row over the root of the sum of both variances."""
     both = np.sqrt(errors**2 + errors[best] ** 2)
     z = np.divide(values - values[best], both, out=np.full_like(values, np.nan), where=both > 0.0)
@@ -168,7 +168,7 @@ def _frequencies(trials: Sequence[Trial], best: int) -> Variables:
         pair = scalars(name), scalars(f"{name}_standard_error")
         variables |= with_error(name, "method", pair, name.replace("_", " "), "rad/s")
     limit, error = (column[:, None] for column in pair)
-    z = _contrast(limit, error, best)[:, 0]
+    z = contrast(limit, error, best)[:, 0]
     return variables | {"asymptotic_frequency_z": variable("method", z, CONTRAST, "1")}
 
 

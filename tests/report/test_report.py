@@ -128,6 +128,15 @@ def test_python_of_compare_and_discover_is_python(pages):
         assert f"st.{kind}(" in code
 
 
+def test_python_of_discover_reads_the_whole_record(results, pages):
+    """Of the result it holds two thirds: what was held out is no part of its record."""
+    code = html.unescape(re.search(r'<pre id="python">(.*?)</pre>', pages["discover"], re.DOTALL)[1])
+    kept = re.search(r"kept ([\d.]+) s to ([\d.]+) s", results["discover"]["record"].attrs["free_decay"])
+    window = re.search(r"window=\(([\d.]+), ([\d.]+)\)", code)
+    assert [float(x) for x in window.groups()] == pytest.approx([float(x) for x in kept.groups()], abs=1e-2)
+    assert results["discover"]["record"].time.values[-1] < float(window[2]) - 1.0
+
+
 def test_hostile_names_are_text(results):
     tree = results["cross_check"].copy()
     tree["record"].attrs["source"] = '</script><script>alert("x")</script><img src="http://a.b/c">'
