@@ -130,7 +130,8 @@ def _discovered(tree: xr.DataTree) -> list[Section]:
 def _at_a_glance(tree: xr.DataTree) -> Section:
     """The forces of each run, and what is missing."""
     runs = range(len(record_groups(tree)))
-    texts = [f"{_of_run(tree, run)}{CAPTIONS['glance']}{_decimated(tree, run)}" for run in runs]
+    motions = CAPTIONS["glance_motions_printed" if "steps" in tree.children else "glance_motions"]
+    texts = [f"{_of_run(tree, run)}{motions}{CAPTIONS['glance']}{_decimated(tree, run)}" for run in runs]
     return Section("At a glance", figures=[glance_figures(tree, *pair) for pair in enumerate(texts)])
 
 
