@@ -28,7 +28,7 @@ from sysid_trib.discrepancy.settings import DEFAULTS, Settings
 from sysid_trib.discrepancy.trials import TrialEffect
 from sysid_trib.errors import SysidTribError
 from sysid_trib.noise.residual_noise import NoiseModel
-from sysid_trib.noise.smoothing import knot_intervals, knot_sequence, least_squares_spline
+from sysid_trib.noise.smoothing import knot_intervals, least_squares_spline
 from sysid_trib.regression.linearisation import derivatives_along
 from sysid_trib.regression.weak_form import (
     WeakForm,
@@ -285,4 +285,4 @@ def path_of(
 
 
 def _spline(tau: Array, motion: Array, intervals: int) -> BSpline:
-    return least_squares_spline(tau, motion, knot_sequence(tau, intervals))[0]
+    return least_squares_spline(tau, motion, intervals)[0]

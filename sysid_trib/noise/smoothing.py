@@ -56,14 +56,15 @@ def clamped_knots(tau: Array, intervals: int, degree: int) -> Array:
     return np.concatenate([np.full(degree, tau[0]), inner, np.full(degree, tau[-1])])
 
 
-def least_squares_spline(tau: Array, values: Array, knots: Array) -> tuple[BSpline, Array]:
-    """The spline of `SPLINE_DEGREE` on knots that is nearest to values, and what it is at their times.
+def least_squares_spline(tau: Array, values: Array, intervals: int | None = None) -> tuple[BSpline, Array]:
+    """The spline on a `knot_sequence` that is nearest to values, and what it is at their times.
 
     Parameters
     ----------
     tau : (sample,) array of float
     values : (sample,) or (sample, record) array of float
-    knots : (knot,) array of float
+    intervals : int, optional
+        Of its knots.
 
     Raises
     ------
@@ -75,6 +76,7 @@ def least_squares_spline(tau: Array, values: Array, knots: Array) -> tuple[BSpli
     The normal equations of B-splines are well conditioned, and banded. scipy's `make_lsq_spline` gives the
     same to the bit, but looks for the interval of every sample from the first knot on: 12 s for 10^6 samples.
     """
+    knots = knot_sequence(tau, intervals)
     try:
         kept = _kept if len(tau) <= MOST_KEPT else _last
         basis, factor = kept(tau.tobytes(), knots.tobytes())
@@ -120,13 +122,13 @@ def smooth(tau: Array, angle: Array) -> SmoothedMotion:
     DecayError
         See `least_squares_spline`.
     """
-    spline, x = least_squares_spline(tau, angle, knot_sequence(tau))
+    spline, x = least_squares_spline(tau, angle)
     return SmoothedMotion(x, spline(tau, 1), spline(tau, 2), _noise_about(spline, angle - x))
 
 
 def noise_about_spline(tau: Array, angle: Array) -> float:
     """`noise` of `smooth` by itself, without the derivatives of the motion."""
-    spline, x = least_squares_spline(tau, angle, knot_sequence(tau))
+    spline, x = least_squares_spline(tau, angle)
     return _noise_about(spline, angle - x)
 
 

@@ -17,7 +17,7 @@ from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import DecayError, SimulationError
 from sysid_trib.noise.random_force import RandomForceOption
 from sysid_trib.noise.ratio_posterior import RatioAverage
-from sysid_trib.noise.smoothing import knot_sequence, least_squares_spline
+from sysid_trib.noise.smoothing import least_squares_spline
 from sysid_trib.noise.smoothing_error import smoothed_rate_error
 from sysid_trib.regression.constraint_map import ConstraintMap
 from sysid_trib.regression.linearisation import DeviationOperator, sensor_slope
@@ -183,7 +183,7 @@ def _along_smoothed(run: RunRegression, operator: DeviationOperator, residual: A
     noise = innovation if run.noises is None else lfilter([1.0], run.noises.filter_, innovation)
     try:
         change = (run.measured - path.x - noise) / sensor_slope(run)
-        spline, x = least_squares_spline(tau, change, knot_sequence(tau))
+        spline, x = least_squares_spline(tau, change)
     except DecayError:
         return run
     v = path.v + spline(tau, 1) * (problem.nominal_frequency / run.frequency)
