@@ -1,5 +1,7 @@
 """Rows about a motion, and exact fits along smoothed motions: laws, recovered truths, errors."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from discovery import (
@@ -23,9 +25,10 @@ from helpers import FIVE, NOISE, W, decay, rms, rms_range
 from kicked_motion import kicked_motion, smooth_forces
 
 from sysid_trib import cramer_rao_bound, simulate
+from sysid_trib.discrepancy import model_fit
 from sysid_trib.discrepancy.fine_motion import fine_motion
 from sysid_trib.discrepancy.homogeneity_test import homogeneity
-from sysid_trib.discrepancy.model_fit import fit_model
+from sysid_trib.discrepancy.model_fit import fit_model, fitted_along
 from sysid_trib.discrepancy.paths import path_of
 from sysid_trib.discrepancy.reference import refitted
 from sysid_trib.discrepancy.run_rows import nuisances
@@ -352,3 +355,25 @@ def test_a_phase_is_fitted_wherever_it_is(turns):
         expected = truth * np.exp(1j * line["ambient.p"])
         error = errors_of(model)["ambient"] + truth * model.shape_errors()["ambient.p"]
         assert abs(model.coefficients[1] * np.exp(1j * phase) - expected) < 4.5 * error
+
+
+def test_a_path_that_runs_away_leaves_the_likeliest_round(monkeypatch):
+    """The model of its last round may have squares beyond all that can be computed."""
+    run = with_effect({}, seed=4, base={"zeta": 4e-3, "epsilon": 3.0})
+    seen = []
+
+    def astray(*arguments):
+        if len(seen) == 3:
+            raise np.linalg.LinAlgError
+        fitted = fitted_along(*arguments)
+        # The second is worse than the first: away from where it was likeliest.
+        fitted = replace(fitted, likelihood=replace(fitted.likelihood, deviance=[2.0, 1.0, 1e9][len(seen)]))
+        seen.append(fitted)
+        return fitted
+
+    monkeypatch.setattr(model_fit, "fitted_along", astray)
+    path = path_of(TIME, run.angle.values, W, WHITE)
+    model = fit_model([path], [TrialEffect(EVERY[s], {}) for s in ("zeta", "epsilon")], frequency_free=True)
+    assert len(seen) == 3
+    assert model.deviance == 1.0
+    assert not model.settled

@@ -270,9 +270,9 @@ def fit_model(
         try:
             after = fitted_along(nearer, model.next_trials(reach), guess, frequency_free)
         except NOT_FITTED:
-            return replace(model, settled=False)
+            return _best([*rounds, model])
         if not np.isfinite(after.deviance):
-            return replace(model, settled=False)
+            return _best([*rounds, model])
         fall, model = model.deviance - after.deviance, after
         # Falls shrink as a geometric series at least: the next one is this one times their ratio.
         next_fall = abs(fall) * min(1.0, abs(fall) / before) if before else abs(fall)
@@ -293,6 +293,11 @@ def fit_model(
         rounds.append(model.light())
     best, next_best = sorted(rounds, key=lambda fitted: fitted.deviance)[:2]
     return replace(best, settled=next_best.deviance - best.deviance < ROUNDS_AGREE)
+
+
+def _best(rounds: Sequence[FittedModel]) -> FittedModel:
+    """The likeliest round of a path that ran away."""
+    return replace(min(rounds, key=lambda fitted: fitted.deviance), settled=False)
 
 
 def fitted_along(
