@@ -200,6 +200,17 @@ def test_sampling_rate(tmp_path, decimal):
         read_record(both, sampling_rate=100, time="time")
 
 
+def test_whole_stamps_without_a_unit_are_said_to_be_taken_as_seconds(tmp_path):
+    """They may be milliseconds, or count samples."""
+    path = written(tmp_path, table(time=1000 * TIME))
+    assert (
+        "unit of time not stated: taken as s, though its stamps are whole"
+        in read_record(path).attrs["reading"]
+    )
+    for options, text in (({"time_units": "ms"}, table(time=1000 * TIME)), ({}, table())):
+        assert "unit of time" not in read_record(written(tmp_path, text), **options).attrs["reading"]
+
+
 def test_time_units_by_option(tmp_path):
     holds(read_record(written(tmp_path, table(time=1000 * TIME)), time_units="ms"))
 

@@ -76,7 +76,8 @@ def _beside_steps(table: FileTable, name: str, source: str) -> tuple[str, float,
     for text, low, high in EPOCH_STAMPS:
         if stamps.size and low < float(np.nanmedian(stamps)) < high:
             return text, TIME_UNITS[text], f"time in {text}: it counts from 1970"
-    return "s", 1.0, ""
+    counts = usual >= 1.0 and bool(np.all(stamps == np.round(stamps)))
+    return "s", 1.0, "unit of time not stated: taken as s, though its stamps are whole" if counts else ""
 
 
 def circle_radius(table: FileTable, name: str) -> float | None:
