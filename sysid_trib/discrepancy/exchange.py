@@ -85,7 +85,7 @@ class Fits:
             )
         except NOT_FITTED:
             return None
-        return model if np.isfinite(model.deviance) else None
+        return model if np.isfinite(model.likelihood.deviance) else None
 
 
 def _is_physical(model: FittedModel, base: int) -> bool:
@@ -149,7 +149,7 @@ def not_beyond_chance(
         return None
     worst = effects[int(np.argmax(chances))]
     fitted = fits.of(model, (worst,), ())
-    if fitted is None or _p_value(current, model, worst, fitted.deviance) < model.settings.level:
+    if fitted is None or _p_value(current, worst, fitted.deviance - model.deviance) < model.settings.level:
         return None
     return fitted, tuple(symbol for symbol in effects if symbol != worst)
 
@@ -176,7 +176,7 @@ def decisive_p_values(current: Screening, effects: Sequence[str], fits: Fits) ->
     for at, symbol in enumerate(effects):
         fitted = fits.kept.get(frozenset(effects) - {symbol})
         if chances[at] >= current.model.settings.level and fitted is not None:
-            chances[at] = _p_value(current, current.model, symbol, fitted.deviance)
+            chances[at] = _p_value(current, symbol, fitted.deviance - current.model.deviance)
     return chances
 
 
@@ -184,15 +184,16 @@ def _p_values(current: Screening, effects: Sequence[str]) -> list[float]:
     """Probability that chance explains as much as each effect beside the others, along the model's path."""
     model = current.model
     kept = [kept_columns(model, (symbol,)) for symbol in effects]
-    without = [likelihood(current.products, columns).deviance for columns in kept]
-    pairs = zip(effects, without, strict=True)
-    return [_p_value(current, model, symbol, deviance) for symbol, deviance in pairs]
+    # In the same rows.
+    here = model.likelihood.deviance
+    gains = [likelihood(current.products, columns).deviance - here for columns in kept]
+    return [_p_value(current, symbol, gain) for symbol, gain in zip(effects, gains, strict=True)]
 
 
-def _p_value(current: Screening, model: FittedModel, symbol: str, without: float) -> float:
-    """Probability that chance explains as much as an effect of a model, by the deviance without it."""
-    force = model.trials[model.columns_of(symbol)[0]].force
-    return current.p_value_of(without - model.deviance, force)
+def _p_value(current: Screening, symbol: str, gain: float) -> float:
+    """Probability that chance lowers the deviance as much as an effect of the model does."""
+    model = current.model
+    return current.p_value_of(gain, model.trials[model.columns_of(symbol)[0]].force)
 
 
 def better_rival(
@@ -265,7 +266,8 @@ def _in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float, list
     """
     model, kept = current.model, kept_columns(current.model, gone)
     bare = likelihood(current.products, kept)
-    without = bare.deviance - model.deviance
+    here = model.likelihood.deviance
+    without = bare.deviance - here
     scores = [(without - len(gone) * _of_effect(model), list[int]())]
     trials = _testable(current, projected(current.products, bare, kept, _columns(current))[0])
     beside = each_beside(current.products, kept, [current.first_trial + at for at in trials], bare)
@@ -273,7 +275,7 @@ def _in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float, list
         trials, beside.deviance.tolist(), beside.coefficients.tolist(), strict=True
     ):
         if current.allows(at, coefficient):
-            scores.append((deviance - model.deviance + (1 - len(gone)) * _of_effect(model), [at]))
+            scores.append((deviance - here + (1 - len(gone)) * _of_effect(model), [at]))
     best: dict[str, tuple[float, list[int]]] = {}
     for scored in sorted(scores, key=lambda scored: scored[0]):
         best.setdefault(current.trials[scored[1][0]].force.symbol if scored[1] else "", scored)
@@ -312,7 +314,7 @@ def _pairs_in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float
         likelier = likelihood(current.products, [*kept, *(current.first_trial + at for at in pair)])
         coefficients = likelier.coefficients[-2:]
         able = all(current.allows(at, c) for at, c in zip(pair, coefficients, strict=True))
-        score = likelier.deviance - model.deviance + (2 - len(gone)) * _of_effect(model)
+        score = likelier.deviance - model.likelihood.deviance + (2 - len(gone)) * _of_effect(model)
         if able and score < model.settings.far:
             scores.append((score, pair))
     return scores

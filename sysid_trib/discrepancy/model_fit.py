@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -75,10 +76,16 @@ class FittedModel:
         """Of the search."""
         return self.rows[0].path.settings
 
-    @property
+    @cached_property
     def deviance(self) -> float:
-        """Minus twice the logarithm of the likelihood."""
-        return self.likelihood.deviance
+        """Minus twice the logarithm of the likelihood, with what rows of other models resolve otherwise."""
+        ratios = self.likelihood.ratios.tolist()
+        excess = [
+            rows.unresolved(rows.path.tangent(self.trials, self.coefficients, self.stiffness), ratio)
+            for rows, ratio in zip(self.rows, ratios, strict=True)
+            if ratio > 0.0
+        ]
+        return self.likelihood.deviance + float(sum(excess))
 
     @property
     def columns(self) -> int:
@@ -122,7 +129,7 @@ class FittedModel:
             np.max(np.abs(run.path.at_samples[0] - run.path.angle)) < np.max(np.abs(run.path.angle))
             for run in self.rows
         ]
-        return bool(np.isfinite(self.deviance) and all(near))
+        return bool(np.isfinite(self.likelihood.deviance) and all(near))
 
     @property
     def without_values(self) -> list[str]:
@@ -262,7 +269,7 @@ def fit_model(
     """
     guess = np.zeros(len(trials) + 1) if first is None else first
     model, settings = fitted_along(paths, trials, guess, frequency_free), paths[0].settings
-    rounds, reach, before, astray, part = [], settings.shape_step, 0.0, 0, 1.0
+    rounds, reach, before, astray, part = list[FittedModel](), settings.shape_step, 0.0, 0, 1.0
     for turn in range(settings.rounds):
         latest = np.append(model.coefficients, model.stiffness)
         guess = guess + part * (latest - guess) if turn else latest
@@ -271,9 +278,9 @@ def fit_model(
             after = fitted_along(nearer, model.next_trials(reach), guess, frequency_free)
         except NOT_FITTED:
             return _best([*rounds, model])
-        if not np.isfinite(after.deviance):
+        if not np.isfinite(after.likelihood.deviance):
             return _best([*rounds, model])
-        fall, model = model.deviance - after.deviance, after
+        fall, model = model.likelihood.deviance - after.likelihood.deviance, after
         # Falls shrink as a geometric series at least: the next one is this one times their ratio.
         next_fall = abs(fall) * min(1.0, abs(fall) / before) if before else abs(fall)
         on_its_way = model.is_on_its_way(reach)
@@ -283,7 +290,7 @@ def fit_model(
         astray = 0 if possible(model) else astray + 1
         if astray > 1 and turn > 1:
             return replace(model, settled=False)
-        if turn > 1 and not on_its_way and model.deviance - 2.0 * abs(fall) > worst:
+        if turn > 1 and not on_its_way and model.likelihood.deviance - 2.0 * abs(fall) > worst:
             return replace(model, settled=False)
         # Shapes are stepped along tangents: one that leads up was too long. A force that is narrow or has a
         # history may have path and coefficients swing about where they settle.
@@ -291,13 +298,13 @@ def fit_model(
         reach *= 0.5 if uphill else 1.0
         part = 0.5 if uphill or turn + 1 >= WHOLE_STEPS else part
         rounds.append(model.light())
-    best, next_best = sorted(rounds, key=lambda fitted: fitted.deviance)[:2]
-    return replace(best, settled=next_best.deviance - best.deviance < ROUNDS_AGREE)
+    best, next_best = sorted(rounds, key=lambda fitted: fitted.likelihood.deviance)[:2]
+    return replace(best, settled=next_best.likelihood.deviance - best.likelihood.deviance < ROUNDS_AGREE)
 
 
 def _best(rounds: Sequence[FittedModel]) -> FittedModel:
     """The likeliest round of a path that ran away."""
-    return replace(min(rounds, key=lambda fitted: fitted.deviance), settled=False)
+    return replace(min(rounds, key=lambda fitted: fitted.likelihood.deviance), settled=False)
 
 
 def fitted_along(

@@ -134,11 +134,10 @@ class RecordPath:
         """Integrals of x, (row,)."""
         return np.asarray(self.points.integrals @ self.points.x)
 
-    def operator(self, trials: Sequence[TrialEffect], coefficients: Array, stiffness: float) -> sp.csr_matrix:
-        """The operator of small deviations of a record from a model, (row, sample).
-
-        A motion deviates by less than the record where errors of the sensor grow with the angle.
-        """
+    def tangent(
+        self, trials: Sequence[TrialEffect], coefficients: Array, stiffness: float
+    ) -> tuple[Array, Array]:
+        """Stiffness and damping of small deviations of the motion from a model, (point,) each."""
         forces = [
             (t.force, float(c)) for t, c in zip(trials, coefficients, strict=True) if t.force.kind == "force"
         ]
@@ -149,9 +148,11 @@ class RecordPath:
             if trial.force.kind == "force" and not trial.force.memoryless and c:
                 past_x, past_v = tangent_along(self.motion, trial.force, trial.shapes)
                 of_x, of_v = of_x + c * past_x, of_v + c * past_v
-        of_motion = noise_operator(self.form, self._at_samples(of_x) + stiffness, self._at_samples(of_v))
-        gain = self.sensor_gain(trials, coefficients)
-        return (of_motion @ sp.diags_array(1.0 / gain)).tocsr() if np.any(gain != 1.0) else of_motion
+        return of_x + stiffness, of_v
+
+    def operator(self, tangent: tuple[Array, Array]) -> sp.csr_matrix:
+        """The operator of small deviations of a motion, (row, sample)."""
+        return noise_operator(self.form, *(self._at_samples(values) for values in tangent))
 
     def _at_samples(self, values: Array) -> Array:
         """Means about the samples of values at points, (sample,): a stiffness may jump between samples."""

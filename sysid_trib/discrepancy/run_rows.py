@@ -11,6 +11,7 @@ from scipy.sparse.linalg import spsolve
 from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.likelihood import Likelihood, RunProducts, products_of
 from sysid_trib.discrepancy.paths import RecordPath
+from sysid_trib.discrepancy.resolution import unresolved
 from sysid_trib.discrepancy.trials import TrialEffect
 from sysid_trib.regression.local_rows import covariance_of_local_rows
 from sysid_trib.regression.weak_form import (
@@ -77,6 +78,21 @@ class RunRows:
         factor = cholesky_factor(self.band, self.path.form.gram, float(likelihood.ratios[run]))
         return whiten(factor, table) / np.sqrt(likelihood.variances[run])
 
+    def unresolved(self, tangent: tuple[Array, Array], ratio: float) -> float:
+        """By how much the deviance beside a random force is too low, where rows do not resolve a stiffness.
+
+        By all that the determinant of the noise alone is too large where the random force shows in far more,
+        by nothing without one.
+        """
+        if ratio == 0.0:
+            return 0.0
+        excess = unresolved(self.path.form, self.path.points.tau, *tangent, self.path.operator(tangent))
+        noise, both = (
+            2.0 * float(np.sum(np.log(cholesky_factor(self.band, self.path.form.gram, q)[0])))
+            for q in (0.0, ratio)
+        )
+        return excess * (both - noise) / (both - noise + excess) if excess else 0.0
+
     def smoothed_motion(
         self,
         residual: Array,
@@ -122,8 +138,11 @@ class RunRows:
 
 def run_rows(path: RecordPath, trials: Sequence[TrialEffect], guess: Array) -> RunRows:
     """The rows of a run beside a model of coefficients and stiffness `guess`, (trial + 1,)."""
-    operator = path.operator(trials, guess[:-1], guess[-1])
-    gain = path.sensor_gain(trials, guess[:-1])
+    tangent = path.tangent(trials, guess[:-1], guess[-1])
+    operator, gain = path.operator(tangent), path.sensor_gain(trials, guess[:-1])
+    # A motion deviates by less than the record where errors of the sensor grow with the angle.
+    if np.any(gain != 1.0):
+        operator = (operator @ sp.diags_array(1.0 / gain)).tocsr()
     return RunRows(path, operator, coloured(operator, path.sensor.filter_), gain)
 
 

@@ -11,7 +11,6 @@ from sysid_trib.discrepancy.likelihood import Likelihood, likelihood
 from sysid_trib.discrepancy.model_fit import FittedModel, fit_model
 from sysid_trib.discrepancy.paths import RecordPath, path_of
 from sysid_trib.discrepancy.reference import refitted
-from sysid_trib.discrepancy.run_rows import RunRows
 from sysid_trib.discrepancy.settings import DEFAULTS, Settings
 from sysid_trib.discrepancy.trials import TrialEffect
 from sysid_trib.errors import LibraryError
@@ -90,8 +89,8 @@ def _likeliest_sensor(model: FittedModel, run: int) -> NoiseModel:
     settings, columns = replace(model.settings, level_rows=0.0), range(1, 1 + table.shape[1])
 
     def likelihood_of(filter_: Array) -> Likelihood:
-        path = replace(rows.path, settings=settings)
-        coloured_rows = RunRows(path, rows.operator, coloured(rows.operator, filter_), rows.gain)
+        acting = coloured(rows.operator, filter_)
+        coloured_rows = replace(rows, path=replace(rows.path, settings=settings), acting=acting)
         return likelihood([coloured_rows.products(table)], columns)
 
     samples, best, filter_ = len(rows.path.time), np.inf, np.ones(1)

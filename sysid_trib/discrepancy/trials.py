@@ -8,7 +8,13 @@ import numpy as np
 
 from sysid_trib.arrays import Array
 from sysid_trib.averaging.stepped_states import is_stepped
-from sysid_trib.discrepancy.frequency_parameters import TURN, is_frequency, is_phase, is_resonance
+from sysid_trib.discrepancy.frequency_parameters import (
+    TURN,
+    is_frequency,
+    is_frequency_parameter,
+    is_phase,
+    is_resonance,
+)
 from sysid_trib.discrepancy.settings import DEFAULTS, Settings
 from sysid_trib.forces.force import Force, Shape
 from sysid_trib.forces.formulas import Formula
@@ -16,6 +22,8 @@ from sysid_trib.forces.scaling import reference_powers
 
 # Part of a range within which a shape parameter is at its end.
 END = 1e-9
+# Detunings at which a resonance is looked for where it makes no line of its own, in the swing's.
+BESIDE_SWING = (0.03, 0.08, 0.2)
 
 
 @dataclass(frozen=True)
@@ -82,7 +90,12 @@ def trials_of(
     trials = []
     for force in candidates:
         grids = [_grid(force, name, frequencies, w, settings) for name in force.shape]
-        most = max(settings.combinations, len(frequencies) * settings.shape_values)
+        tried = [
+            len(grid)
+            for grid, name in zip(grids, force.shape, strict=True)
+            if is_frequency_parameter(force, name)
+        ]
+        most = max(settings.combinations, max(tried, default=0) * settings.shape_values)
         while np.prod([len(grid) for grid in grids], dtype=int) > most:
             longest = int(np.argmax([len(grid) for grid in grids]))
             grids[longest] = grids[longest][::2]
@@ -99,8 +112,10 @@ def _grid(force: Force, name: str, frequencies: Sequence[float], w: float, setti
         return np.array(inside or [shape.default])
     if is_resonance(force, name):
         inside = [q / w for q in frequencies if shape.low <= q / w <= shape.high]
-        # It may be so broad that it makes no line.
-        return np.sort([*inside, *np.geomspace(shape.low, shape.high, settings.lines)])
+        # It may be so broad that it makes no line, or in the swing's own.
+        broad = np.geomspace(shape.low, shape.high, settings.lines)
+        beside = [1.0 + side * off for off in BESIDE_SWING for side in (-1.0, 1.0)]
+        return np.sort([*inside, *broad, *(k for k in beside if shape.low <= k <= shape.high)])
     if is_phase(force, name):
         # Neither end: from there the way is as long as it can be.
         return np.linspace(-0.5, 0.5, settings.shape_values, endpoint=False) * TURN + _middle(shape)

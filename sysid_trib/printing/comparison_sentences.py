@@ -78,7 +78,7 @@ def method_widenings(tree: xr.DataTree) -> dict[str, float]:
 
 
 def widened_comparison(tree: xr.DataTree) -> xr.Dataset:
-    """The comparison with the errors that are told, and differences over these."""
+    """The comparison with the errors that it prints, and differences over these."""
     table = tree["comparison"].to_dataset()
     widenings = method_widenings(tree)
     factors = np.array([widenings.get(label, 1.0) for label in table.method.values.tolist()])

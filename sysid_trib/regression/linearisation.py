@@ -109,8 +109,8 @@ def derivatives_along(
     A force that jumps with v, as sign(v), damps the noise by a spike at each reversal. The test functions
     see no spike, but its mean: a sharper one would whiten away what they can see. A jump at zero is therefore
     distributed over `JUMP_WIDTH`, and so is a rise that is nearly as steep, as that of abs(v)**0.1 sign(v).
+    A kink, as that of x abs(x), is none.
     """
-    amplitude = np.hypot(x, v) + 1e-12
     derivatives = [np.ones_like(x), np.zeros_like(x)]
     for force, coefficient in forces:
         if force.kind == "sensor" or not force.memoryless or coefficient == 0.0:
@@ -124,15 +124,41 @@ def derivatives_along(
             # Where a power is singular the motion is for an instant.
             slope = np.where(np.isfinite(slope), slope, 0.0)
             if force.formula.surfaces:
-                along, steep = names[name], STEEP * amplitude
-                points = [(side, v) if name == "x" else (x, side) for side in (-steep, steep)]
-                before, after = (force.value(*point, time, shapes=shapes) for point in points)
-                jump = after - before
-                slope = np.where(np.abs(along) < steep, 0.0, slope)
-                # The swing is about a centre that the jump shifts by half of itself: near rest that is its
-                # size.
-                width = JUMP_WIDTH * (amplitude + 0.5 * np.abs(coefficient * jump))
-                bump = np.clip(1.0 - (along / width) ** 2, 0.0, None)
-                slope = slope + jump * bump**2 * 15.0 / (16.0 * width)
+                slope = _with_jump(force, shapes, (x, v, time), i, slope, coefficient)
             derivatives[i] = derivatives[i] + coefficient * slope
     return derivatives[0], derivatives[1]
+
+
+def _with_jump(
+    force: Force,
+    shapes: Mapping[str, float],
+    motion: tuple[Array, Array, Array],
+    of: int,
+    slope: Array,
+    coefficient: float,
+) -> Array:
+    """Slope of a force by x (0) or v (1) along a motion x, v, t, with what jumps at zero as a bump.
+
+    What is left of the rise within `STEEP` of the amplitude by the tangents at its ends is the jump.
+    """
+    x, v, time = motion
+    amplitude, along = np.hypot(x, v) + 1e-12, motion[of]
+    steep = STEEP * amplitude
+    rises, slopes = [], []
+    for side in (-1.0, 1.0):
+        point = [x, v, time]
+        point[of] = side * steep
+        names = dict(zip("xvt", point, strict=True)) | force.shape_values(shapes)
+        with np.errstate(all="ignore"):
+            tangent = np.broadcast_to(force.formula.derivative(names, "xv"[of]), x.shape)
+        rises.append(side * force.value(*point, shapes=shapes))
+        slopes.append(np.where(np.isfinite(tangent), tangent, 0.0))
+    rise = rises[0] + rises[1]
+    jump = rise - steep * (slopes[0] + slopes[1])
+    jump = np.where(jump * rise > 0.0, jump, 0.0)
+    at_end = np.where(along < 0.0, slopes[0], slopes[1])
+    slope = np.where((np.abs(along) < steep) & (jump != 0.0), at_end, slope)
+    # The swing is about a centre that the jump shifts by half of itself: near rest that is its size.
+    width = JUMP_WIDTH * (amplitude + 0.5 * np.abs(coefficient * jump))
+    bump = np.clip(1.0 - (along / width) ** 2, 0.0, None)
+    return np.asarray(slope + jump * bump**2 * 15.0 / (16.0 * width))

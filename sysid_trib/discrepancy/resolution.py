@@ -1,0 +1,72 @@
+"""What test functions do not resolve of a stiffness that varies, in the determinant of the rows' noise."""
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+
+from sysid_trib.arrays import Array
+from sysid_trib.regression.local_rows import covariance_of_local_rows
+from sysid_trib.regression.weak_form import WeakForm, cholesky_factor, noise_operator
+
+
+def unresolved(
+    form: WeakForm, tau: Array, stiffness: Array, damping: Array, operator: sp.csr_matrix
+) -> float:
+    """By how much the logarithm of the determinant of the rows' white noise is too large.
+
+    Parameters
+    ----------
+    form : WeakForm
+    tau : (point,) array of float
+    stiffness, damping : (point,) array of float
+        Of small deviations.
+    operator : (row, sample) sparse array of float
+        Of these.
+
+    Returns
+    -------
+    float
+        0 where the stiffness is constant, or is resolved.
+
+    Notes
+    -----
+    A slow modulation of the swing leaves nearly nothing in the rows, so that a small random force shows.
+    Smooth test functions cannot follow a stiffness that jumps; then something is left, and it takes more of a
+    random force to show. But the determinant of the equation of small deviations is known: it goes as that of
+    the Gram matrix of its free motions with unit starts (Gelfand and Yaglom 1960; Forman 1987). So it is
+    compared with that of the mean stiffness and damping, which are resolved.
+    """
+    even = np.linspace(tau[0], tau[-1], len(tau))
+    k, d = (np.interp(even, tau, values) for values in (stiffness, damping))
+    means = [np.full_like(values, np.mean(values)) for values in (k, d)]
+    samples = operator.shape[1]
+    constant = noise_operator(form, *(np.full(samples, mean[0]) for mean in means))
+    with np.errstate(all="ignore"):
+        # A motion that grows beyond all numbers says nothing.
+        free = _log_determinant_of_free_motions(even, k, d) - _log_determinant_of_free_motions(even, *means)
+    excess = _log_determinant_of_noise(operator) - _log_determinant_of_noise(constant) - free
+    return max(0.0, excess) if np.isfinite(excess) else 0.0
+
+
+def _log_determinant_of_noise(operator: sp.csr_matrix) -> float:
+    factor = cholesky_factor(covariance_of_local_rows(operator))
+    return 2.0 * float(np.sum(np.log(factor[0])))
+
+
+def _log_determinant_of_free_motions(tau: Array, stiffness: Array, damping: Array) -> float:
+    """Of the Gram matrix of the two free motions with a unit angle and a unit rate at the start."""
+    step, count = tau[1] - tau[0], len(tau)
+    half = 0.5 * step * damping
+    # Central differences, each angle from the two before it: a lower triangular band.
+    band = np.zeros((3, count))
+    band[0, :2], band[0, 2:] = 1.0, 1.0 + half[1:-1]
+    band[1, 1:-1], band[2, :-2] = step**2 * stiffness[1:-1] - 2.0, 1.0 - half[1:-1]
+    start = np.zeros((count, 2))
+    start[0] = 1.0, 0.0
+    start[1] = 1.0 - 0.5 * step**2 * stiffness[0], step * (1.0 - half[0])
+    try:
+        motions = scipy.linalg.solve_banded((2, 0), band, start, check_finite=False)
+    except np.linalg.LinAlgError:
+        # What drives so strongly that steps do not follow it has no free motions to speak of.
+        return float("nan")
+    return float(np.linalg.slogdet(motions.T @ motions)[1])
