@@ -110,11 +110,13 @@ def _triangular(force: Force, step: Array, names: Names, start: Mapping[str, flo
     triangle, vectors = schur(jacobian, output="complex")
     inverse = vectors.conj().T
     push = np.stack([np.broadcast_to(f.evaluate(rest), (2, step.size)) for f in rates.values()])
-    push, first = np.tensordot(inverse, push, 1), inverse @ [start[k] for k in rates]
+    # Of so few states sums are faster than products of matrices.
+    push = np.stack([sum(c * part for c, part in zip(row, push, strict=True)) for row in inverse])
+    first = inverse @ [start[k] for k in rates]
     states, stages = np.zeros((len(rates), step.size + 1), complex), np.zeros_like(push)
     for i in reversed(range(len(rates))):
         length = step * _stretch(step * triangle[i, i])
-        driven = push[i] + np.tensordot(triangle[i, i + 1 :], stages[i + 1 :], 1)
+        driven = push[i] + sum(triangle[i, j] * stages[j] for j in range(i + 1, len(rates)))
         states[i], stages[i] = _radau_steps(first[i], length * driven, length * triangle[i, i])
     return np.asarray((vectors @ states).real)
 
