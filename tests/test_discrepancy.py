@@ -229,6 +229,17 @@ def test_an_effect_that_explains_nothing_is_dropped():
     assert step.model.deviance == pytest.approx(fits.start.deviance, abs=0.5)
 
 
+def test_a_resonance_beside_the_line_of_the_swing_is_looked_for():
+    """It makes no line of its own, and an ambient vibration gains a third of what it does."""
+    run = with_effect(
+        {"resonator": 8e-3}, seed=2, base={"zeta": 4e-3}, shapes={"resonator.k": 0.93, "resonator.d": 0.02}
+    )
+    screened = screen(start_model([run], library("zeta")), EFFECTS.forces)
+    first, second = screened.best()[:2]
+    assert screened.trials[first].force.symbol == "resonator"
+    assert screened.gains[first] > 2.0 * screened.gains[second]
+
+
 def test_p_values_are_by_the_deviance_without_each_effect():
     """Corrected; where chance would do as well along the path, by an exact fit."""
     found = search(start_model([with_effect({"cubic_damping": 3e-2}, seed=3)]), FEW.forces)
