@@ -132,7 +132,7 @@ def test_errors_of_a_study_stand_above_the_bound():
         r"$\lambda$",
         r"$\zeta$",
         r"$\nu$",
-        "$mine$",
+        r"$\mathrm{mine}$",
     ]
     # Levels stand below the last panel of each column.
     assert [bool(panel.get_xlabel()) for panel in figure.axes] == [False, True, True, True]
