@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.settings import DEFAULTS, Settings
 from sysid_trib.noise.variance_ratio import ratio_span
-from sysid_trib.regression.weak_form import WeakForm, cholesky_factor, whiten
+from sysid_trib.regression.weak_form import WeakForm, cholesky_factor, log_determinant, whiten
 
 # Distance of the ratios, in their logarithm, at which a spline between those tried is evaluated.
 BETWEEN_STEP = 0.03
@@ -103,20 +103,16 @@ def products_of(
     low, high = ratio_span(float(form.tau[-1] - form.tau[0]), float(np.median(steps)))
     logs = np.arange(np.log(low), np.log(high), settings.ratio_step)
     ratios = np.concatenate([[0.0], np.exp(logs)])
-    reference = _log_determinant(cholesky_factor(white_band))
+    reference = log_determinant(cholesky_factor(white_band))
     products, determinants = [], []
     for ratio in ratios:
         factor = cholesky_factor(band, form.gram, float(ratio))
         white = whiten(factor, table)
         products.append(white.T @ white)
-        determinants.append(_log_determinant(factor) - reference)
+        determinants.append(log_determinant(factor) - reference)
     return RunProducts(
         np.array(products), np.array(determinants), ratios, len(table), level, settings.level_rows
     )
-
-
-def _log_determinant(factor: Array) -> float:
-    return 2.0 * float(np.sum(np.log(factor[0])))
 
 
 @dataclass(frozen=True)

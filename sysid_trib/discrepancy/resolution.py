@@ -6,7 +6,7 @@ import scipy.sparse as sp
 
 from sysid_trib.arrays import Array
 from sysid_trib.regression.local_rows import covariance_of_local_rows
-from sysid_trib.regression.weak_form import WeakForm, cholesky_factor, noise_operator
+from sysid_trib.regression.weak_form import WeakForm, cholesky_factor, log_determinant, noise_operator
 
 
 def unresolved(
@@ -44,13 +44,11 @@ def unresolved(
     with np.errstate(all="ignore"):
         # A motion that grows beyond all numbers says nothing.
         free = _log_determinant_of_free_motions(even, k, d) - _log_determinant_of_free_motions(even, *means)
-    excess = _log_determinant_of_noise(operator) - _log_determinant_of_noise(constant) - free
+    noise, resolved = (
+        log_determinant(cholesky_factor(covariance_of_local_rows(rows))) for rows in (operator, constant)
+    )
+    excess = noise - resolved - free
     return max(0.0, excess) if np.isfinite(excess) else 0.0
-
-
-def _log_determinant_of_noise(operator: sp.csr_matrix) -> float:
-    factor = cholesky_factor(covariance_of_local_rows(operator))
-    return 2.0 * float(np.sum(np.log(factor[0])))
 
 
 def _log_determinant_of_free_motions(tau: Array, stiffness: Array, damping: Array) -> float:

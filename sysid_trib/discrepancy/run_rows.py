@@ -17,6 +17,7 @@ from sysid_trib.regression.local_rows import covariance_of_local_rows
 from sysid_trib.regression.weak_form import (
     cholesky_factor,
     coloured,
+    log_determinant,
     spline_design,
     whiten,
 )
@@ -88,8 +89,7 @@ class RunRows:
             return 0.0
         excess = unresolved(self.path.form, self.path.points.tau, *tangent, self.path.operator(tangent))
         noise, both = (
-            2.0 * float(np.sum(np.log(cholesky_factor(self.band, self.path.form.gram, q)[0])))
-            for q in (0.0, ratio)
+            log_determinant(cholesky_factor(self.band, self.path.form.gram, q)) for q in (0.0, ratio)
         )
         return excess * (both - noise) / (both - noise + excess) if excess else 0.0
 

@@ -277,7 +277,12 @@ def whitened_by_both(band: Array, gram: Array, ratio: float, table: Array) -> tu
         Of the covariance.
     """
     factor = cholesky_factor(band, gram, ratio)
-    return whiten(factor, table), 2.0 * float(np.sum(np.log(factor[0])))
+    return whiten(factor, table), log_determinant(factor)
+
+
+def log_determinant(factor: Array) -> float:
+    """Logarithm of the determinant of a covariance, by its banded Cholesky factor."""
+    return 2.0 * float(np.sum(np.log(factor[0])))
 
 
 def whiten(factor: Array, columns: Array) -> Array:
