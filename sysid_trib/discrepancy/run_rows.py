@@ -85,8 +85,6 @@ class RunRows:
         By all that the determinant of the noise alone is too large where the random force shows in far more,
         by nothing without one.
         """
-        if ratio == 0.0:
-            return 0.0
         excess = unresolved(self.path.form, self.path.points.tau, *tangent, self.path.operator(tangent))
         noise, both = (
             log_determinant(cholesky_factor(self.band, self.path.form.gram, q)) for q in (0.0, ratio)

@@ -54,13 +54,10 @@ class TrialEffect:
         powers = reference_powers(self.force)
         if powers is None or not self.shapes:
             return self
+        values = self.force.shape_values(self.shapes)
         shapes = {
             f"{self.force.symbol}.{name}": float(
-                np.clip(
-                    self.shapes[f"{self.force.symbol}.{name}"] * factor ** powers.shapes[name],
-                    shape.low,
-                    shape.high,
-                )
+                np.clip(values[name] * factor ** powers.shapes[name], shape.low, shape.high)
             )
             for name, shape in self.force.shape.items()
         }
