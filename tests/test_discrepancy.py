@@ -340,6 +340,13 @@ def test_a_candidate_that_cannot_be_followed_has_a_reason():
     assert screening.gains[0] == 0.0
 
 
+def test_a_candidate_whose_squares_overflow_has_a_reason():
+    wild, tame = library_of_formulas(wild="1e99*1e99*x**3", tame="x**7")
+    screening = screen(start_model([with_effect({}, seed=1)], library("zeta")), [wild, tame])
+    assert "not finite" in screening.reasons[0]
+    assert (screening.reasons[1], screening.gains[0]) == ("", 0.0)
+
+
 def learned(run, *symbols):
     """Models of the first two thirds without and with effects, and the rest."""
     first, rest = split(run)

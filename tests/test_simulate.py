@@ -12,6 +12,8 @@ from reference_motion import reference_motion
 from sysid_trib import Model, load_library
 from sysid_trib.errors import SimulationError, UsageError
 from sysid_trib.forces.library import parse_library
+from sysid_trib.simulation.engine_scipy import advance
+from sysid_trib.simulation.equations import Progress
 from sysid_trib.simulation.simulate import simulate, trajectory
 
 SIX = load_library("contact_forces")
@@ -387,6 +389,19 @@ def test_motions_without_a_future_are_refused_in_one_line(coefficients, message,
     assert "\n" not in str(caught.value)
     assert clock.process_time() - began < 30
     assert capfd.readouterr() == ("", "")
+
+
+def test_a_surface_that_is_no_number_on_the_way_ends_scipys_motion():
+    def guards(tau, y):
+        return np.array([0.1 if tau < 0.3 else np.nan if tau < 0.5 else -1.0])
+
+    def rates(tau, y):
+        return np.array([y[1], -y[0]])
+
+    progress = Progress(np.zeros(3), budget=10, steps=100)
+    *_, crossed = advance(rates, guards, np.array([0.3, 0.0]), np.linspace(0.0, 5.0, 50), progress, 1e-9)
+    assert not crossed
+    assert "not finite" in progress.failure
 
 
 @pytest.mark.parametrize("time", [[], [0.0, 1.0, 1.0], [1.0, 0.0], [0.0, np.nan], [[0.0, 1.0]]], ids=str)

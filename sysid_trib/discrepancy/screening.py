@@ -126,7 +126,9 @@ def screen(model: FittedModel, candidates: Sequence[Force]) -> Screening:
     """
     trials = trials_of(candidates, _lines(model), model.rows[0].path.frequency, model.settings)
     columns = [rows.coarse_columns(trials) for rows in model.rows]
-    good = np.all([np.all(np.isfinite(column), axis=0) for column in columns], axis=0)
+    # Their squares are asked, which products are made of.
+    with np.errstate(over="ignore"):
+        good = np.all([np.isfinite(np.sum(column**2, axis=0)) for column in columns], axis=0)
     columns = [np.where(good, column, 0.0) for column in columns]
     tables = [
         [table, column, trial_columns(rows.path)]

@@ -129,6 +129,9 @@ def advance(
             break
         dense = solver.dense_output()
         crossing = _first_crossing(guards, dense, solver.t_old, solver.t)
+        if crossing is not None and np.isnan(crossing):
+            progress.failure = "is not finite or too steep"
+            break
         reached = int(np.searchsorted(grid, solver.t if crossing is None else crossing, side="right"))
         rows += [dense(grid[done:reached]).T] if reached > done else []
         done = max(done, reached)
@@ -138,11 +141,12 @@ def advance(
 
 
 def _first_crossing(guards: Field, dense: Any, start: float, end: float) -> float | None:
+    """Where a guard first turns negative; nan where it is no number on the way there."""
     before, times = start, start + LOOKS * (end - start)
     for tau, y in zip(times.tolist(), dense(times).T, strict=True):
         crossed = np.flatnonzero(guards(tau, y) < -CROSSED)
         if len(crossed):
-            return min(_root(guards, dense, int(i), before, tau) for i in crossed)
+            return float(np.min([_root(guards, dense, int(i), before, tau) for i in crossed]))
         before = tau
     return None
 
@@ -151,7 +155,12 @@ def _root(guards: Field, dense: Any, i: int, before: float, after: float) -> flo
     def guard(tau: float) -> float:
         return float(guards(tau, dense(tau))[i])
 
-    return before if guard(before) <= 0.0 else float(brentq(guard, before, after, xtol=1e-15, rtol=1e-15))
+    if guard(before) <= 0.0:
+        return before
+    try:
+        return float(brentq(guard, before, after, xtol=1e-15, rtol=1e-15))
+    except ValueError:
+        return np.nan
 
 
 def _joined(rows: list[Vector], y: Vector) -> Vector:

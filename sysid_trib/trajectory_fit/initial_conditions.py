@@ -9,6 +9,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.noise.smoothing import least_squares_spline
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.simulated_motion import SimulatedMotion
 
 MAX_ROUNDS = 8
 # A last step of the start, in parts of the swing.
@@ -37,8 +38,9 @@ class FittedMotion:
         When the motion stops; nan if it does not within the record.
     hidden : mapping of str to (sample,) array of float
         States and memory of forces as `dahl.z`.
-    sensitivity : (sample, 2) array of float
-        Derivative of x by the angle (1) and the rate (s) at the first sample.
+    sensitivity : (sample, 2) array of float, or None
+        Derivative of the angle by the angle (1) and the rate (s) at the first sample, of a motion nearby; None
+        where the last of them is too far off.
     """
 
     angle: float
@@ -48,7 +50,7 @@ class FittedMotion:
     v: Array
     stop_time: float
     hidden: Mapping[str, Array]
-    sensitivity: Array
+    sensitivity: Array | None
 
 
 def first_guess(time: Array, angle: Array, frequency: float) -> tuple[float, float]:
@@ -108,7 +110,7 @@ def fit_start(
     motion = trajectory(model, time, *begin)
     for _ in range(NEARBY_ROUNDS if near else MAX_ROUNDS):
         if sensitivity is None:
-            sensitivity = _sensitivity(model, time, begin, 1e-6 * amplitude, motion.angle)
+            sensitivity = _sensitivity(model, time, begin, amplitude, motion)
         columns = sensitivity * units
         columns = columns if offset is None else np.column_stack([columns, np.ones(len(time))])
         steps, *_ = np.linalg.lstsq(columns, angle - zero - motion.angle, rcond=None)
@@ -124,14 +126,33 @@ def fit_start(
             break
         if longest > 1e-2:
             sensitivity = None
-    if sensitivity is None:
-        sensitivity = _sensitivity(model, time, begin, 1e-6 * amplitude, motion.angle)
     v = motion.rate / model.reference_frequency
     return FittedMotion(
         begin.item(0), begin.item(1), zero, motion.angle, v, motion.stop_time, motion.hidden, sensitivity
     )
 
 
-def _sensitivity(model: Model, time: Array, begin: Array, steps: Array, x: Array) -> Array:
+def _sensitivity(
+    model: Model, time: Array, begin: Array, amplitude: Array, motion: SimulatedMotion
+) -> Array:
+    """Derivative of a motion by its start, (sample, 2): by simulations a millionth of the swing away.
+
+    A motion under forces that neither time nor memory changes is its own derivative by a start that is later:
+    one simulation tells the rest.
+    """
+    if _is_autonomous(model) and len(time) > 2:
+        w, part = model.reference_frequency, 1e-6
+        further = trajectory(model, time, *((1.0 + part) * begin)).angle
+        along = np.stack([(further - motion.angle) / part, motion.rate / w])
+        acceleration = np.gradient(motion.rate[:3], time[:3], edge_order=2)[0]
+        moved = np.array([[begin[0], begin[1] / w], [begin[1] / w, acceleration / w**2]])
+        return np.asarray((np.linalg.pinv(moved) @ along).T / [1.0, w])
+    steps = 1e-6 * amplitude
     angles = [trajectory(model, time, *(begin + steps * unit)).angle for unit in np.eye(2)]
-    return (np.stack(angles, axis=1) - x[:, None]) / steps
+    return (np.stack(angles, axis=1) - motion.angle[:, None]) / steps
+
+
+def _is_autonomous(model: Model) -> bool:
+    """Whether the future of a motion depends on its angle and rate alone, and the sensor shows the angle."""
+    free = model.known_input is None and not model.sensors
+    return free and all(force.memoryless and not force.holds_time for force in model.forces)

@@ -84,7 +84,12 @@ def fitted_motions(
     runs: Sequence[xr.Dataset], results: Sequence[xr.Dataset]
 ) -> tuple[tuple[FittedMotion | None, ...], ...]:
     """Motions of each result in each run."""
-    return tuple(tuple(fitted_motion(run, result, at) for at, run in enumerate(runs)) for result in results)
+    motions: list[tuple[FittedMotion | None, ...]] = []
+    for result in results:
+        nearby = motions[0] if motions else [None] * len(runs)
+        pairs = zip(runs, nearby, strict=True)
+        motions.append(tuple(fitted_motion(run, result, at, nearby=near) for at, (run, near) in enumerate(pairs)))
+    return tuple(motions)
 
 
 def _stretches(run: xr.Dataset, duration: float, longest: float) -> list[xr.Dataset]:

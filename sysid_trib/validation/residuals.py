@@ -107,8 +107,13 @@ class ModelResiduals:
         return ""
 
 
-def fitted_motion(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> FittedMotion | None:
-    """Motion of an identified model in a run, start and sensor's zero fitted; None if it diverges."""
+def fitted_motion(
+    decay: xr.Dataset, result: xr.Dataset, run: int = 0, *, nearby: FittedMotion | None = None
+) -> FittedMotion | None:
+    """Motion of an identified model in a run, start and sensor's zero fitted; None if it diverges.
+
+    A motion of another model of the run, `nearby`, spares simulations.
+    """
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
     frequency = result.reference_frequency.item()
     if "start_angle" in result:
@@ -116,7 +121,8 @@ def fitted_motion(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> Fitted
     else:
         start = first_guess(time, angle, frequency)
     try:
-        return fit_start(model_of(result), time, angle, start)
+        sensitivity = None if nearby is None else nearby.sensitivity
+        return fit_start(model_of(result), time, angle, start, sensitivity=sensitivity)
     except SimulationError:
         return None
 
