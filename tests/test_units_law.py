@@ -48,6 +48,25 @@ def test_an_identification_is_the_same_in_every_unit(method, option, power, time
     assert other.noise.item() == pytest.approx(one.noise.item() * 2.0**power, rel=1e-6)
 
 
+@pytest.mark.parametrize(("power", "time_power"), POWERS)
+def test_what_is_kept_of_a_record_is_the_same_in_every_unit(power, time_power):
+    # Without noise, at rest in its last third, and at times that jitter by a tenth of a step.
+    model = st.Model(FORCES.select(["lambda", "zeta"]), {"lambda": 8e-3, "zeta": 5e-3}, 8.0)
+    time = TIME + np.random.default_rng(1).uniform(-2.5e-3, 2.5e-3, TIME.size)
+    angle = st.simulate(model, time, angle=0.4).angle.values
+
+    def kept(power, time_power):
+        values = {"angle": ("time", angle * 2.0**power, {"units": "px"})}
+        axis = {"time": ("time", time * 2.0**time_power, {"units": "s"})}
+        return st.free_decay(xr.Dataset(values, axis, {"source": "run.csv"}))
+
+    one, other = kept(0, 0), kept(power, time_power)
+    assert one.sizes["time"] < 0.9 * TIME.size
+    assert np.ptp(np.diff(one.time)) < 1e-9 * 0.025
+    assert other.time.values == pytest.approx(one.time.values * 2.0**time_power, rel=1e-12)
+    assert other.stop_time.item() == pytest.approx(one.stop_time.item() * 2.0**time_power, rel=1e-12)
+
+
 @cache
 def discovered(power, time_power):
     decay = recorded(power, time_power)

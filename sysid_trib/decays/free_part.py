@@ -9,6 +9,9 @@ from sysid_trib.decays import checks
 from sysid_trib.decays.equilibrium import Swing
 from sysid_trib.decays.half_periods import noise_level
 
+# Of the largest swing: what is as near to where it rests does not move, where there is no noise at all.
+STILL = 3e-9
+
 
 @dataclass(frozen=True)
 class Part:
@@ -92,12 +95,13 @@ def _find_stop(time: Array, angle: Array, swing: Swing) -> tuple[int, float]:
     rest = float(np.median(angle[first + 2 * (last - first) // 3 : last]))
     # In the rest itself there may be no noise at all, and on the way to it no repeated value.
     noise = noise_level(time[first:last], angle[first:last])
-    allowed = max(4.5 * noise, 1.2 * swing.oscillation.step, 1e-9)
+    still = STILL * float(halves.peak[run].max())
+    allowed = max(4.5 * noise, 1.2 * swing.oscillation.step, still)
     away = np.flatnonzero(np.abs(angle[:last] - rest) > allowed)
     stop = int(away[-1]) + 1 if away.size else 0
     # Motion that a single sample's noise hides may still show in the averages.
     oscillation = swing.oscillation
-    least = max(oscillation.floor, oscillation.step, 1e-9)
+    least = max(oscillation.floor, oscillation.step, still)
     hidden = np.abs(oscillation.signal - swing.equilibrium - rest) > least
     hidden &= oscillation.time < time[last - 1]
     stop = max(stop, int(np.searchsorted(time, oscillation.time[hidden].max(initial=time[0]))))

@@ -63,10 +63,10 @@ def uniform_pieces(time: Array, signal: Array, period: float, breaks: tuple[floa
 
 
 def is_uniform(time: Array) -> bool:
-    """Whether all steps are within 2 % of the median (1e-9 s keeps the limit itself on the good side)."""
+    """Whether all steps are within 2 % of the median (the limit itself is on the good side)."""
     steps = np.diff(time)
     median = float(np.median(steps))
-    return bool(np.abs(steps - median).max(initial=0.0) <= STEP_TOLERANCE * median + 1e-9)
+    return bool(np.abs(steps - median).max(initial=0.0) <= (1.0 + 1e-6) * STEP_TOLERANCE * median)
 
 
 def _on_a_grid(time: Array, signal: Array, usual: float, period: float) -> Piece:

@@ -94,7 +94,11 @@ def _scored(model: FittedModel, path: RecordPath, run: int) -> tuple[Array, Reco
         error = path.sensor_values([model.trials[at] for at in sensors]) @ model.coefficients[sensors]
         slopes = path.sensor_slopes(model.trials, model.coefficients)
         motion = rows.smoothed_motion(unexplained - offset * zero, offset + error, slopes, ratio)
-        path = path.follow(motion, model.trials, model.coefficients)
+        followed = path.follow(motion, model.trials, model.coefficients)
+        if not np.all(np.isfinite(followed.points.x)):
+            # A model that runs away is judged beside the last motion it follows.
+            break
+        path = followed
     parameters, covariance = model.without_zeros(rows)
     columns, of_zero = whiten(factor, parameters) / deviation, white[:, 1]
     columns = columns - np.outer(of_zero, of_zero @ columns) / (of_zero @ of_zero)

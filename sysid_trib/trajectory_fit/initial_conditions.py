@@ -39,7 +39,7 @@ class FittedMotion:
     hidden : mapping of str to (sample,) array of float
         States and memory of forces as `dahl.z`.
     sensitivity : (sample, 2) array of float, or None
-        Derivative of the angle by the angle (1) and the rate (s) at the first sample, of a motion nearby; None
+        Derivative of the angle by that (1) and the rate (s) at the first sample, of a motion nearby; None
         where the last of them is too far off.
     """
 
@@ -132,9 +132,7 @@ def fit_start(
     )
 
 
-def _sensitivity(
-    model: Model, time: Array, begin: Array, amplitude: Array, motion: SimulatedMotion
-) -> Array:
+def _sensitivity(model: Model, time: Array, begin: Array, amplitude: Array, motion: SimulatedMotion) -> Array:
     """Derivative of a motion by its start, (sample, 2): by simulations a millionth of the swing away.
 
     A motion under forces that neither time nor memory changes is its own derivative by a start that is later:

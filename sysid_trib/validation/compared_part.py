@@ -87,8 +87,8 @@ def fitted_motions(
     motions: list[tuple[FittedMotion | None, ...]] = []
     for result in results:
         nearby = motions[0] if motions else [None] * len(runs)
-        pairs = zip(runs, nearby, strict=True)
-        motions.append(tuple(fitted_motion(run, result, at, nearby=near) for at, (run, near) in enumerate(pairs)))
+        pairs = enumerate(zip(runs, nearby, strict=True))
+        motions.append(tuple(fitted_motion(run, result, at, nearby=near) for at, (run, near) in pairs))
     return tuple(motions)
 
 
