@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from sysid_trib.discrepancy.columns_beside import each_beside, projected
+from sysid_trib.discrepancy.columns_beside import _least, each_beside, projected
 from sysid_trib.discrepancy.likelihood import (
     DEVIANCE_SETTLED,
     likelihood,
@@ -185,6 +185,14 @@ def test_a_strong_column_of_several_runs_is_judged_in_the_noise_that_it_leaves()
     assert bare.ratios.min() > 1.0
     beside = each_beside(products, [1, 2], [3], bare)
     assert beside.deviance[0] == pytest.approx(likelihood(products, [1, 2, 3]).deviance, abs=SPLINE)
+
+
+def test_a_column_whose_deviance_overflows_gains_nothing():
+    deviances = np.outer([3.0, 2.0, 1.0, 2.0, 3.0], [1.0, 1.0])
+    deviances[2, 1] = np.inf
+    least, _ = _least(np.array([0.0, 1e-2, 1e-1, 1.0, 10.0]), deviances)
+    assert least[0] <= 1.0
+    assert least[1] == np.inf
 
 
 @given(seed=seeds, count=st.integers(2, 4))

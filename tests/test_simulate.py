@@ -64,6 +64,7 @@ ODD = parse_library(
             force("belt", "sign(v - 0.05)"),
             force("cubic", "x**3"),
             force("pole", "1/(x + 2)"),
+            force("zeros", "x*min((1 - 1)**-2, 1)"),
             force("offset", "1", kind="sensor"),
             force("clock", "t*v", kind="sensor"),
         ]
@@ -379,6 +380,7 @@ def test_the_dataset_says_what_it_holds():
         ({"wear": -1.0}, "diverges"),
         ({"belt": 0.01}, "switches without end"),
         ({"pole": 9.0}, "diverges|not finite|too steep|too many steps"),
+        ({"zeros": 0.1}, "not finite"),
     ],
 )
 @pytest.mark.parametrize("engine", [None, "scipy"])

@@ -86,7 +86,8 @@ def _each_in_noise(
         deviances, variance = np.empty((2, len(run.ratios), count))
         for g, products in enumerate(part):
             b, beta, _ = solved[g if len(runs) == 1 else 0]
-            squares = _left_by(products, b, beta, inside)
+            with np.errstate(over="ignore", invalid="ignore"):
+                squares = _left_by(products, b, beta, inside)
             variance[g] = (np.maximum(squares, 0.0) + run.level_rows * run.level**2) / run.degrees_of_freedom
             deviances[g] = run.degrees_of_freedom * np.log(variance[g]) + run.log_determinant[g]
         least, place = _least(run.ratios, deviances)
@@ -163,7 +164,12 @@ def correlation_of(products: Array) -> Array:
 
 
 def _least(ratios: Array, deviances: Array) -> tuple[Array, Array]:
-    """Least deviance of each column, by splines over the ratios, and its place among them, (column,) each."""
+    """Least deviance of each column, by splines over the ratios, and its place among them, (column,) each.
+
+    Infinite where it overflows, so that nothing is gained.
+    """
+    finite = np.isfinite(deviances).all(axis=0)
+    deviances = np.where(finite, deviances, 0.0)
     logs = np.log(ratios[1:])
     fine = np.linspace(logs[0], logs[-1], 1 + round((logs[-1] - logs[0]) / COARSE_STEP))
     between = CubicSpline(logs, deviances[1:])(fine)
@@ -171,7 +177,7 @@ def _least(ratios: Array, deviances: Array) -> tuple[Array, Array]:
     least = between[best, np.arange(between.shape[1])]
     with_force = least < deviances[0]
     place = np.where(with_force, 1.0 + (fine[best] - logs[0]) / (logs[1] - logs[0]), 0.0)
-    return np.minimum(least, deviances[0]), place
+    return np.where(finite, np.minimum(least, deviances[0]), np.inf), place
 
 
 def _at_place(values: Array, place: Array) -> Array:

@@ -150,7 +150,8 @@ def screen(model: FittedModel, candidates: Sequence[Force]) -> Screening:
         is_physical(trial.force, c, relative, model.settings.strongest)
         for trial, c, relative in zip(trials, beside.coefficients, relative_force, strict=True)
     ]
-    gains = np.where(able & np.array(physical, dtype=bool), whole.deviance - beside.deviance, 0.0)
+    fitted = able & np.array(physical, dtype=bool) & np.isfinite(beside.deviance)
+    gains = np.where(fitted, whole.deviance - beside.deviance, 0.0)
     gains = np.maximum(0.0, gains)
     correlation = correlation_of(rest[: len(trials), : len(trials)])
     tests = independent_tests(correlation[np.ix_(able, able)], model.settings.seed)

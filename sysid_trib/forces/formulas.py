@@ -28,7 +28,7 @@ LARGEST_CONSTANT = 1e100
 RESERVED_NAMES = frozenset(("x", "v", "t", "pi", *SWITCHING, *SMOOTH))
 
 
-def _divided(first: Any, second: Any) -> Any:
+def divided(first: Any, second: Any) -> Any:
     """A quotient; also of two plain numbers it is not finite, and no exception, where the second is zero."""
     if isinstance(first, int | float) and isinstance(second, int | float):
         with np.errstate(all="ignore"):
@@ -40,7 +40,7 @@ OPERATORS: dict[type, Callable[[Any, Any], Any]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
     ast.Mult: operator.mul,
-    ast.Div: _divided,
+    ast.Div: divided,
 }
 NUMPY: Functions = {
     "min": np.minimum,

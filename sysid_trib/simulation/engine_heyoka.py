@@ -11,7 +11,7 @@ import heyoka as hy
 import numpy as np
 
 from sysid_trib.forces.force import Force
-from sysid_trib.forces.formulas import Functions
+from sysid_trib.forces.formulas import Functions, divided
 from sysid_trib.simulation.equations import SMOOTHED, Motion, Progress, Vector
 from sysid_trib.simulation.stick_slip import AT_REST, Rule, branches_from_rest, settle
 
@@ -24,7 +24,7 @@ def _power(base: Any, exponent: Any) -> Any:
     """Whole powers as products; broken ones as b (b^2 + e^2)^((p-1)/2), analytic where b changes sign."""
     if isinstance(exponent, float) and exponent.is_integer():
         if exponent < 0:
-            return 1.0 / _power(base, -exponent)
+            return divided(1.0, _power(base, -exponent))
         return _product(base, int(exponent))
     return base * _expr(base * base + SMOOTHED**2) ** ((exponent - 1.0) / 2.0)
 
