@@ -39,8 +39,11 @@ from sysid_trib.discrepancy.search import search
 from sysid_trib.discrepancy.settings import DEFAULTS, Settings
 from sysid_trib.discrepancy.trials import TrialEffect, trials_of
 from sysid_trib.errors import SimulationError, UsageError
+from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.formulas import parse
+from sysid_trib.forces.library import parse_library
 from sysid_trib.printing.discovery_verdict import verdict_sentences
+from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation.holdout import split
 
@@ -361,8 +364,8 @@ def test_the_time_of_a_drift_counts_from_the_records_start():
     run = with_effect({"damping_drift": 1e-3}, seed=2)
     bare, drifting, rest = learned(run, "damping_drift")
     beginnings = float(run.time[0]), float(rest.time[0])
-    whole, late = (predicted(drifting, [rest], [begin], [0], W) for begin in beginnings)
-    without = predicted(bare, [rest], [beginnings[0]], [0], W)
+    whole, late = (predicted(drifting, [rest], [None], [begin], [0], W) for begin in beginnings)
+    without = predicted(bare, [rest], [None], [beginnings[0]], [0], W)
     assert better_by(whole, without) > 2.0
     assert better_by(whole, late) > 2.0
 
@@ -377,8 +380,25 @@ def test_an_effect_that_ends_is_refuted_by_what_follows():
     run = decay(TIME, np.append(before.angle[:-1], after.angle), seed=1)
     bare, drifting, rest = learned(run, "damping_drift")
     assert bare.deviance - drifting.deviance > 30.0
-    scores = [predicted(model, [rest], [0.0], [0], W) for model in (bare, drifting)]
+    scores = [predicted(model, [rest], [None], [0.0], [0], W) for model in (bare, drifting)]
     assert better_by(scores[1], scores[0]) < -DEFAULTS.refuted
+
+
+def test_what_rings_on_is_predicted_from_what_came_before():
+    """Whoever begins anew at what is held out takes a resonator that rings for one at rest."""
+    state = {"z": "u", "u": "-x - 3.61*z - 0.002*u"}
+    (ring,) = parse_library({"force": [{"symbol": "ring", "formula": "z", "state": state}]}, "test")
+    forces = ForceLibrary("of a test", (*library(*FIVE), ring))
+    run = decay(TIME, exact(Model(forces, {**FIVE, "ring": 2e-3}, W)), seed=5)
+    first, rest = split(run)
+    bare, ringing = start_model([first]), start_model([first], forces)
+    assert bare.deviance - ringing.deviance > 100.0
+    before = run.isel(time=slice(0, first.sizes["time"] + 1))
+    without, whole = (predicted(model, [rest], [before], [0.0], [0], W) for model in (bare, ringing))
+    anew = predicted(ringing, [rest], [None], [0.0], [0], W)
+    assert better_by(whole, without) > 2.0
+    assert better_by(whole, anew) > 2.0
+    assert whole.rms < 1.2 * NOISE < anew.rms
 
 
 def test_discover_is_blind_to_the_last_third_unless_asked():

@@ -6,6 +6,7 @@ For many values of the shape parameters, steps from sample to sample serve.
 
 from collections.abc import Mapping, Sequence
 from copy import copy
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -19,6 +20,7 @@ from sysid_trib.averaging.collocation import Index, Panels, solve_states
 from sysid_trib.averaging.stepped_states import RADAU_STAGES, is_linear, is_stepped, stepped_states
 from sysid_trib.errors import DecayError, LibraryError
 from sysid_trib.forces.force import Force
+from sysid_trib.forces.formulas import parse
 
 COLLOCATION_NODES = 4
 # Below this the error of the interpolated motion rules.
@@ -146,6 +148,27 @@ def states_along(
         )
     motion = GivenMotion(tau, x, v, np.broadcast_to(np.asarray(time, dtype=float), tau.shape))
     return _History(motion, force, force.shape_values(shapes)).settled()
+
+
+def begun_after(
+    force: Force,
+    tau: ArrayLike,
+    x: ArrayLike,
+    v: ArrayLike,
+    shapes: Mapping[str, float] | None = None,
+    *,
+    time: ArrayLike = 0.0,
+) -> Force:
+    """A force that begins with states and memory as they are at the end of a given motion.
+
+    Parameters and errors are those of `states_along`; one that does not depend on history is as it was.
+    """
+    hidden = states_along(force, tau, x, v, shapes, time=time)
+    starts = {
+        name: parse(repr(float(values[-1])), frozenset(), frozenset(), f"start of {force.symbol}")
+        for name, values in hidden.items()
+    }
+    return replace(force, start=starts) if starts else force
 
 
 def values_along(motion: GivenMotion, force: Force, shapes: Sequence[Mapping[str, float]]) -> Array | None:

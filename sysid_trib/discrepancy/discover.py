@@ -178,14 +178,19 @@ def _with_colour(model: FittedModel, effects: Sequence[str]) -> float:
 
 def _predictions(done: Search, runs: Sequence[xr.Dataset], parts: Sequence[xr.Dataset]) -> list[Prediction]:
     """How each model predicts runs that took no part, or the last third of each."""
+    befores: list[xr.Dataset | None] = [None] * len(parts)
     if parts:
         origins = [_origin(part, runs) for part in parts]
         noises = [min(at, len(runs) - 1) for at in range(len(parts))]
     else:
         parts = [split(run)[1] for run in runs]
+        befores = [
+            run.isel(time=slice(0, run.sizes["time"] - part.sizes["time"] + 1))
+            for run, part in zip(runs, parts, strict=True)
+        ]
         origins, noises = [float(run.time.values[0]) for run in runs], list(range(len(runs)))
     frequency = done.models[0].rows[0].path.frequency
-    return [predicted(model, parts, origins, noises, frequency) for model in done.models]
+    return [predicted(model, parts, befores, origins, noises, frequency) for model in done.models]
 
 
 def _origin(part: xr.Dataset, runs: Sequence[xr.Dataset]) -> float:

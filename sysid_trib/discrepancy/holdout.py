@@ -1,12 +1,13 @@
 """What has not been seen, predicted: by the likelihood of its rows, and by a free run."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
+from sysid_trib.averaging.internal_states import begun_after
 from sysid_trib.discrepancy.free_motion import free_motion, model_of_fit
 from sysid_trib.discrepancy.model_fit import FittedModel
 from sysid_trib.discrepancy.paths import RecordPath, path_of_run
@@ -39,6 +40,7 @@ class Prediction:
 def predicted(
     model: FittedModel,
     parts: Sequence[xr.Dataset],
+    befores: Sequence[xr.Dataset | None],
     origins: Sequence[float],
     runs: Sequence[int],
     frequency: float,
@@ -50,6 +52,8 @@ def predicted(
     model : FittedModel
     parts : sequence of Dataset
         With `angle(time)`.
+    befores : sequence of Dataset or None
+        The record of each up to the part's first sample, and with it; None of a record of its own.
     origins : sequence of float, s
         From which the `t` of formulas counts in each.
     runs : sequence of int
@@ -61,21 +65,39 @@ def predicted(
     -----
     Variances are the model's, and so are coefficients and shapes, with their errors: a model is not blamed
     for what it does not know. Of the part itself come its start, which the rows need not know, and the
-    sensor's zero. The rows follow each other in time, and the factor of their covariance is triangular: each
-    is predicted by those before it, a few samples ahead.
+    sensor's zero; of what came before what forces remember, as a resonator that rings on. The rows follow
+    each other in time, and the factor of their covariance is triangular: each is predicted by those before
+    it, a few samples ahead.
     """
     scores, residuals = [], []
-    for part, origin, run in zip(parts, origins, runs, strict=True):
-        near = model.rows[run].path
-        path = path_of_run(part, frequency, near.sensor, origin).rescaled(near.frequency)
-        scored, path = _scored(model, path, run)
+    for part, before, origin, run in zip(parts, befores, origins, runs, strict=True):
+        sensor, own = model.rows[run].path.sensor, model.rows[run].path.frequency
+        path = path_of_run(part, frequency, sensor, origin).rescaled(own)
+        acting = model
+        if before is not None:
+            acting = _remembering(model, path_of_run(before, frequency, sensor, origin).rescaled(own))
+        scored, path = _scored(acting, path, run)
         scores.append(scored)
         try:
-            motion = free_motion(model_of_fit(model), path, model.sensor(run))
+            motion = free_motion(model_of_fit(acting), path, model.sensor(run))
             residuals.append(root_mean_square(motion.residual))
         except SysidTribError:
             residuals.append(float("nan"))
     return Prediction(tuple(scores), root_mean_square(residuals))
+
+
+def _remembering(model: FittedModel, before: RecordPath) -> FittedModel:
+    """The model with states and memory of its forces as they are at the end of a path."""
+    trials = []
+    for trial in model.trials:
+        try:
+            force = begun_after(
+                trial.force, before.form.tau, *before.at_samples, trial.shapes, time=before.elapsed
+            )
+            trials.append(replace(trial, force=force))
+        except SysidTribError:
+            trials.append(trial)
+    return replace(model, trials=tuple(trials))
 
 
 def _scored(model: FittedModel, path: RecordPath, run: int) -> tuple[Array, RecordPath]:
