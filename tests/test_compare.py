@@ -14,6 +14,7 @@ from scipy.stats import chi2
 
 from sysid_trib import Model, compare, identify, load_library, plots
 from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.forces.library import parse_library
 from sysid_trib.methods import Averaging, Direct, LinearDecrement, LogarithmicDecrement, WuDecrement
 from sysid_trib.noise.level import sensor_noise
 from sysid_trib.plots.comparison_data import comparison_data
@@ -281,8 +282,18 @@ def test_time_in_a_formula_counts_from_the_start_of_the_decay():
     found = compare(record, library, [Direct()])
     assert found["comparison"].holdout_over_noise.item() < 1.2
     rest = split(record)[1]
-    late = predicted(rest, found["direct"].to_dataset(), found["envelope"].to_dataset(), rest.time.values[0])
+    late = predicted(rest, found["direct"].to_dataset(), found["envelope"].to_dataset(), rest.isel(time=[0]))
     assert late.rms > 3.0 * found["comparison"].holdout_rms.item()
+
+
+def test_what_rings_on_is_predicted_from_what_came_before():
+    ring = {"symbol": "ring", "formula": "z", "state": {"z": "u", "u": "-x - 3.61*z - 0.002*u"}}
+    library = parse_library({"force": [{"symbol": "zeta", "formula": "2*v"}, ring]}, "test")
+    record = Run(Model(library, {"zeta": 0.005, "ring": 2e-2}, W), paper_run().time).decay(3)
+    found = compare(record, library, [Direct()])
+    assert found["comparison"].holdout_over_noise.item() < 1.2
+    arguments = split(record)[1], found["direct"].to_dataset(), found["envelope"].to_dataset()
+    assert predicted(*arguments, record.isel(time=[0])).rms > 3.0 * found["comparison"].holdout_rms.item()
 
 
 def test_chance_of_a_difference():

@@ -45,7 +45,7 @@ from sysid_trib.forces.library import parse_library
 from sysid_trib.printing.discovery_verdict import verdict_sentences
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
-from sysid_trib.validation.holdout import split
+from sysid_trib.validation.holdout import split, up_to_held_out
 
 RUN = paper_run(FIVE)
 # What imitates each other least, and quickly follows a path.
@@ -393,8 +393,8 @@ def test_what_rings_on_is_predicted_from_what_came_before():
     first, rest = split(run)
     bare, ringing = start_model([first]), start_model([first], forces)
     assert bare.deviance - ringing.deviance > 100.0
-    before = run.isel(time=slice(0, first.sizes["time"] + 1))
-    without, whole = (predicted(model, [rest], [before], [0.0], [0], W) for model in (bare, ringing))
+    before = [up_to_held_out(run)]
+    without, whole = (predicted(model, [rest], before, [0.0], [0], W) for model in (bare, ringing))
     anew = predicted(ringing, [rest], [None], [0.0], [0], W)
     assert better_by(whole, without) > 2.0
     assert better_by(whole, anew) > 2.0

@@ -18,7 +18,7 @@ from scipy.ndimage import uniform_filter1d
 from sysid_trib.arrays import Array
 from sysid_trib.averaging.collocation import Index, Panels, solve_states
 from sysid_trib.averaging.stepped_states import RADAU_STAGES, is_linear, is_stepped, stepped_states
-from sysid_trib.errors import DecayError, LibraryError
+from sysid_trib.errors import DecayError, LibraryError, SysidTribError
 from sysid_trib.forces.force import Force
 from sysid_trib.forces.formulas import parse
 
@@ -151,23 +151,20 @@ def states_along(
 
 
 def begun_after(
-    force: Force,
-    tau: ArrayLike,
-    x: ArrayLike,
-    v: ArrayLike,
-    shapes: Mapping[str, float] | None = None,
-    *,
-    time: ArrayLike = 0.0,
+    force: Force, tau: ArrayLike, x: ArrayLike, v: ArrayLike, shapes: Mapping[str, float], time: ArrayLike
 ) -> Force:
-    """A force that begins with states and memory as they are at the end of a given motion.
+    """A force that begins with states and memory as they are at the end of a motion (see `states_along`).
 
-    Parameters and errors are those of `states_along`; one that does not depend on history is as it was.
+    As it was where it has none, or cannot be followed.
     """
-    hidden = states_along(force, tau, x, v, shapes, time=time)
-    starts = {
-        name: parse(repr(float(values[-1])), frozenset(), frozenset(), f"start of {force.symbol}")
-        for name, values in hidden.items()
-    }
+    try:
+        hidden = states_along(force, tau, x, v, shapes, time=time)
+        starts = {
+            name: parse(repr(float(values[-1])), frozenset(), frozenset(), force.symbol)
+            for name, values in hidden.items()
+        }
+    except SysidTribError:
+        return force
     return replace(force, start=starts) if starts else force
 
 

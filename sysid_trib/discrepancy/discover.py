@@ -26,7 +26,7 @@ from sysid_trib.records.runs import Decays, as_runs, one_or_all
 from sysid_trib.results.per_run import group_names
 from sysid_trib.results.schema import provenance
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.validation.holdout import split
+from sysid_trib.validation.holdout import split, up_to_held_out
 from sysid_trib.validation.progress import Tell, silent
 
 
@@ -184,10 +184,7 @@ def _predictions(done: Search, runs: Sequence[xr.Dataset], parts: Sequence[xr.Da
         noises = [min(at, len(runs) - 1) for at in range(len(parts))]
     else:
         parts = [split(run)[1] for run in runs]
-        befores = [
-            run.isel(time=slice(0, run.sizes["time"] - part.sizes["time"] + 1))
-            for run, part in zip(runs, parts, strict=True)
-        ]
+        befores = [up_to_held_out(run) for run in runs]
         origins, noises = [float(run.time.values[0]) for run in runs], list(range(len(runs)))
     frequency = done.models[0].rows[0].path.frequency
     return [predicted(model, parts, befores, origins, noises, frequency) for model in done.models]

@@ -88,16 +88,10 @@ def predicted(
 
 def _remembering(model: FittedModel, before: RecordPath) -> FittedModel:
     """The model with states and memory of its forces as they are at the end of a path."""
-    trials = []
-    for trial in model.trials:
-        try:
-            force = begun_after(
-                trial.force, before.form.tau, *before.at_samples, trial.shapes, time=before.elapsed
-            )
-            trials.append(replace(trial, force=force))
-        except SysidTribError:
-            trials.append(trial)
-    return replace(model, trials=tuple(trials))
+    motion = before.form.tau, *before.at_samples
+    forces = [begun_after(trial.force, *motion, trial.shapes, before.elapsed) for trial in model.trials]
+    trials = zip(model.trials, forces, strict=True)
+    return replace(model, trials=tuple(replace(trial, force=force) for trial, force in trials))
 
 
 def _scored(model: FittedModel, path: RecordPath, run: int) -> tuple[Array, RecordPath]:

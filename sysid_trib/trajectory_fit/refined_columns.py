@@ -117,7 +117,9 @@ def _extrapolation(step: Array, last: Array | None) -> float:
     return rate / (1.0 - rate) if parallel and 0.4 < rate < 0.95 else 0.0
 
 
-def simulated(run: RunRegression, active: Mask, sensitivity: Array | None) -> tuple[RunRegression, Array]:
+def simulated(
+    run: RunRegression, active: Mask, sensitivity: Array | None
+) -> tuple[RunRegression, Array | None]:
     """A run with the motion of its present model as reference, the start fitted to the record.
 
     Parameters
@@ -130,7 +132,8 @@ def simulated(run: RunRegression, active: Mask, sensitivity: Array | None) -> tu
     Returns
     -------
     run : RunRegression
-    sensitivity : (sample, 2) array of float
+    sensitivity : (sample, 2) array of float or None
+        Of its own motion, if it is known.
     """
     problem, motion = run.problem, motion_of_run(run, active, sensitivity)
     forces = problem.features(run.frequency).evaluate(problem.elapsed, motion.x, motion.v, motion.hidden)

@@ -3,7 +3,7 @@
 import re
 import tomllib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -12,10 +12,12 @@ import xarray as xr
 from scipy.stats import ttest_1samp
 
 from sysid_trib.arrays import Array
+from sysid_trib.averaging.internal_states import begun_after
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import parse_library
 from sysid_trib.noise.level import sensor_noise
-from sysid_trib.results.schema import library_of
+from sysid_trib.noise.smoothing import least_squares_spline
+from sysid_trib.results.schema import library_of, model_of
 from sysid_trib.results.variables import variable
 from sysid_trib.validation.residuals import ModelResidual, residual_of
 
@@ -45,6 +47,11 @@ class RunInParts:
         return max(1, round(2 * float(np.median(np.diff(self.envelope.extremum_time))) / step))
 
     @property
+    def before(self) -> xr.Dataset:
+        """The decay up to the first sample of the part held out, and with it."""
+        return up_to_held_out(self.decay)
+
+    @property
     def record(self) -> xr.Dataset:
         """The record with the time at which the part held out starts."""
         start = float(self.rest.time.values[0])
@@ -68,8 +75,13 @@ def split(decay: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
     return decay.isel(time=slice(0, first)), decay.isel(time=slice(first, None))
 
 
+def up_to_held_out(decay: xr.Dataset) -> xr.Dataset:
+    """The first two thirds of a decay and one sample, the first of the last third."""
+    return decay.isel(time=slice(0, first_held_out(decay.time.values.astype(float)) + 1))
+
+
 def predicted(
-    part: xr.Dataset, result: xr.Dataset, envelope: xr.Dataset, first_time: float
+    part: xr.Dataset, result: xr.Dataset, envelope: xr.Dataset, before: xr.Dataset
 ) -> ModelResidual | None:
     """Residual in a later part of a decay of a model from an earlier part; None if it diverges.
 
@@ -81,12 +93,20 @@ def predicted(
         The identification of the earlier part.
     envelope : Dataset
         The envelope of the decay.
-    first_time : float, s
-        Of the decay's first sample, from which `t` in a formula counts. Internal states of history-dependent
-        forces begin anew, as after a release.
+    before : Dataset
+        `angle(time)` of the decay up to the later part's first sample, and with it: `t` in a formula counts
+        from its first sample, and what forces remember at its last is where they begin.
     """
-    library = counted_from(library_of(result, whole=True), float(part.time.values[0] - first_time))
-    later = result.assign_attrs(library=library.to_toml())
+    model, library = model_of(result), library_of(result, whole=True)
+    time = before.time.values.astype(float)
+    elapsed = time - time[0]
+    tau = model.reference_frequency * elapsed
+    if len(time) > 1 and not all(force.memoryless for force in library):
+        spline, x = least_squares_spline(tau, before.angle.values.astype(float))
+        motion = tau, x, spline(tau, 1)
+        forces = [begun_after(force, *motion, model.shapes, elapsed) for force in library]
+        library = replace(library, forces=tuple(forces))
+    later = result.assign_attrs(library=counted_from(library, float(elapsed[-1])).to_toml())
     return residual_of(part, later.drop_vars(["start_angle", "start_rate"], errors="ignore"), envelope)
 
 

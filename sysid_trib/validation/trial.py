@@ -78,7 +78,7 @@ def try_method(
     reason = _complaint("its model", whole) if forces.damped else "its model has no damping"
     if part is not None:
         train = [(run.train, part, run.envelope, at) for at, run in enumerate(runs)]
-        later = [(run.rest, part, run.envelope, float(run.decay.time.values[0])) for run in runs]
+        later = [(run.rest, part, run.envelope, run.before) for run in runs]
         holdout = _of_all(predicted, later, none)
         trial = replace(trial, train=_of_all(residual_of, train, none), holdout=holdout)
         part_reason = _complaint("on the part held out it", holdout)
