@@ -158,6 +158,8 @@ def test_letters_beyond_the_first_plane_are_letters(tmp_path):
     data = xr.Dataset({"angle": ("time", ANGLE, {"units": "rad"})}, {"time": ("time", TIME, {"units": "s"})})
     found = st.identify(st.free_decay(data), library, st.methods.Direct())
     assert found.coefficient.item() == pytest.approx(0.05 / 9.0, rel=1e-3)
+    again = st.load_library(written(tmp_path / "again.toml", library.to_toml()))
+    assert (again.title, again.forces) == (library.title, library.forces)
     with pytest.raises(LibraryError):
         st.load_library(written(tmp_path / "b.toml", FORCE + 'formula = "𝑥😀"\n'))
 

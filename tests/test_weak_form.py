@@ -200,3 +200,9 @@ def test_what_rises_steeply_at_a_reversal_damps_the_noise_as_a_jump_does(symbol)
     at = np.flatnonzero((0.5 * np.pi < EVEN) & (1.5 * np.pi > EVEN))
     rise = np.trapezoid(damping[at], v[at])
     assert rise == pytest.approx(2.0 * fastest, rel=0.2)
+
+
+def test_nothing_to_whiten_is_nothing():
+    """LAPACK's tbtrs by scipy corrupts memory there."""
+    for _ in range(20):
+        assert whiten(np.ones((4, 133)), np.empty((133, 0))).shape == (133, 0)

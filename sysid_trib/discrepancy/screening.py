@@ -15,6 +15,7 @@ from sysid_trib.discrepancy.frequency_parameters import has_frequency_parameter
 from sysid_trib.discrepancy.likelihood import RunProducts, likelihood
 from sysid_trib.discrepancy.model_fit import FittedModel
 from sysid_trib.discrepancy.omnibus_test import OmnibusTest, omnibus, trial_columns
+from sysid_trib.discrepancy.shape_grids import refined
 from sysid_trib.discrepancy.trials import TrialEffect, trials_of
 from sysid_trib.forces.force import Force
 
@@ -125,7 +126,7 @@ def screen(model: FittedModel, candidates: Sequence[Force]) -> Screening:
     candidates : sequence of Force
     """
     trials = trials_of(candidates, _lines(model), model.rows[0].path.frequency, model.settings)
-    columns = [rows.coarse_columns(trials) for rows in model.rows]
+    trials, columns = refined(model, trials, [rows.coarse_columns(trials) for rows in model.rows])
     # Their squares are asked, which products are made of.
     with np.errstate(over="ignore"):
         good = np.all([np.isfinite(np.sum(column**2, axis=0)) for column in columns], axis=0)

@@ -1,7 +1,6 @@
 """Forces as data: a force is declared by lines of TOML, everything else is derived from its formula."""
 
 import itertools
-import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -309,7 +308,7 @@ class ForceLibrary:
     def to_toml(self) -> str:
         """The library as text in the format it is read from."""
         blocks = "".join(f"\n[[force]]\n{written.toml(force)}" for force in self.forces)
-        return f"title = {json.dumps(self.title)}\n{blocks}"
+        return f"title = {written.toml_value(self.title)}\n{blocks}"
 
 
 def _same(first: Any, second: Any) -> bool:

@@ -17,14 +17,16 @@ def toml(force: "Force") -> str:
     }
     tables["shape"] = {name: vars(shape) for name, shape in force.shape.items()}
     values = {**words, **tables, "passive": force.passive}
-    return "".join(f"{k} = {_toml(value)}\n" for k, value in values.items() if value)
+    return "".join(f"{k} = {toml_value(value)}\n" for k, value in values.items() if value)
 
 
-def _toml(value: Any) -> str:
+def toml_value(value: Any) -> str:
+    """A text, number, truth value or table of these in TOML."""
     if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{k} = {_toml(v)}" for k, v in value.items()) + " }"
+        return "{ " + ", ".join(f"{k} = {toml_value(v)}" for k, v in value.items()) + " }"
     # Texts, numbers and truth values of JSON are those of TOML; a number reads back as the same number.
-    return json.dumps(value)
+    # Letters as they are: TOML knows no pairs of escapes for those above U+FFFF.
+    return json.dumps(value, ensure_ascii=False)
 
 
 def symbol_latex(symbol: str) -> str:

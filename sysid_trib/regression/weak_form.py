@@ -287,6 +287,9 @@ def log_determinant(factor: Array) -> float:
 
 def whiten(factor: Array, columns: Array) -> Array:
     """Solve L z = columns, so that the noise of z has the unit matrix as covariance."""
+    # LAPACK of scipy 1.17 writes beside an array that holds nothing.
+    if not columns.size:
+        return columns.copy()
     solve = scipy.linalg.get_lapack_funcs("tbtrs", (factor, columns))
     solved, _ = solve(factor, columns.reshape(len(columns), -1), uplo="L")
     return np.asarray(solved).reshape(columns.shape)
