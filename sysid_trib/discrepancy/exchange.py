@@ -289,28 +289,26 @@ def _in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float, list
 
 
 def _pairs_in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float, list[int]]]:
-    """The same of two candidates in the place of effects; which, by the noise of the present model."""
+    """The same of two candidates in the place of effects; which, by the noise of the present model.
+
+    Of any two shapes of theirs: beside another one a candidate may have a shape that gains nothing alone.
+    """
     model, kept = current.model, kept_columns(current.model, gone)
     part, rest = projected(current.products, model.likelihood, kept, [0, *_columns(current)])
     trials = _testable(current, part[1:])
-    inside = [0, *(1 + current.in_place.index(at) for at in trials)]
-    rest = rest[np.ix_(inside, inside)]
-    along, size = rest[0, 1:], np.maximum(np.diag(rest)[1:], 1e-300)
-    best: dict[str, int] = {}
-    for i in np.argsort(-(along**2) / size).tolist():
-        best.setdefault(current.trials[trials[i]].force.symbol, i)
-    first, second = np.triu_indices(len(best), 1)
-    chosen = np.array(list(best.values()), dtype=int)
-    first, second = chosen[first], chosen[second]
-    cross = rest[1:, 1:][first, second]
-    outside = np.maximum(size[first] * size[second] - cross**2, 0.0)
-    gains = along[first] ** 2 * size[second] + along[second] ** 2 * size[first]
-    gains = gains - 2.0 * cross * along[first] * along[second]
-    distinct = outside > model.settings.testable**2 * size[first] * size[second]
-    gains = np.where(distinct, gains / np.where(distinct, outside, 1.0), 0.0)
+    # Of the target, and of these among all that may stand in the place of effects.
+    place = {at: 1 + number for number, at in enumerate(current.in_place)}
+    inside = [0, *(place[at] for at in trials)]
+    gains = _gains_of_pairs(current, trials, rest[np.ix_(inside, inside)])
+    symbols = [current.trials[at].force.symbol for at in trials]
+    likeliest: dict[tuple[str, str], list[int]] = {}
+    for flat in np.argsort(-gains, axis=None).tolist():
+        i, j = divmod(flat, len(trials))
+        if gains[i, j] <= 0.0 or len(likeliest) == model.settings.pairs:
+            break
+        likeliest.setdefault((symbols[i], symbols[j]), [trials[i], trials[j]])
     scores = []
-    for i in np.argsort(-gains)[: model.settings.pairs].tolist():
-        pair = [trials[first[i]], trials[second[i]]]
+    for pair in likeliest.values():
         likelier = likelihood(current.products, [*kept, *(current.first_trial + at for at in pair)])
         coefficients = likelier.coefficients[-2:]
         able = all(current.allows(at, c) for at, c in zip(pair, coefficients, strict=True))
@@ -318,3 +316,23 @@ def _pairs_in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float
         if able and score < model.settings.far:
             scores.append((score, pair))
     return scores
+
+
+def _gains_of_pairs(current: Screening, trials: Sequence[int], products: Array) -> Array:
+    """What two trials gain together, (trial, trial); 0 of one candidate twice, or where physics forbids.
+
+    Once each: i < j. `products` : of the target and the trials, in the noise of the model.
+    """
+    along, inner = products[0, 1:], products[1:, 1:]
+    size = np.maximum(np.diag(inner), 1e-300)
+    outside = np.outer(size, size) - inner**2
+    distinct = outside > current.model.settings.testable**2 * np.outer(size, size)
+    outside = np.where(distinct, outside, 1.0)
+    # Coefficient of the first beside the second.
+    first = (along[:, None] * size - inner * along) / outside
+    gains = first * along[:, None] + first.T * along
+    symbols = np.array([current.trials[at].force.symbol for at in trials])
+    able = np.array([current.allows(at, row) for at, row in zip(trials, first, strict=True)])
+    able = able.reshape(distinct.shape)
+    possible = np.triu(distinct & able & able.T & (symbols[:, None] != symbols), 1)
+    return np.where(possible, gains, 0.0)

@@ -5,11 +5,12 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.linalg.lapack import dpstrf as pstrf
 from scipy.signal import find_peaks
 from scipy.stats import chi2, norm
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, Mask
 from sysid_trib.discrepancy.columns_beside import correlation_of, each_beside, projected
 from sysid_trib.discrepancy.frequency_parameters import has_frequency_parameter
 from sysid_trib.discrepancy.likelihood import RunProducts, likelihood
@@ -99,8 +100,8 @@ class Screening:
         settings, family = self.model.settings, self.trials[at].force.family
         return settings.kin if family in {force.family for force in fitted} else settings.slack
 
-    def allows(self, at: int, coefficient: float) -> bool:
-        """Whether physics allows a trial this coefficient."""
+    def allows(self, at: int, coefficient: ArrayLike) -> Mask:
+        """Whether physics allows a trial this coefficient, or these."""
         strongest = self.model.settings.strongest
         return is_physical(self.trials[at].force, coefficient, self.relative_force[at], strongest)
 
@@ -182,13 +183,14 @@ def _numbered(tables: Sequence[Array]) -> list[list[int]]:
     return [list(range(start, end)) for start, end in pairwise(ends)]
 
 
-def is_physical(force: Force, coefficient: float, relative_force: float, strongest: float) -> bool:
-    """Whether a force may have this coefficient: one that only takes energy is not negative.
+def is_physical(force: Force, coefficient: ArrayLike, relative_force: float, strongest: float) -> Mask:
+    """Whether a force may have these coefficients: one that only takes energy is not negative.
 
     `relative_force` : of the force of coefficient 1, over the restoring force; `strongest` one may be.
     """
-    drives = force.passive and coefficient < 0.0
-    return not drives and (force.kind == "sensor" or abs(coefficient) * relative_force < strongest)
+    drives = np.logical_and(force.passive, np.less(coefficient, 0.0))
+    weak = np.abs(coefficient) * relative_force < strongest
+    return np.asarray(~drives & (np.bool_(force.kind == "sensor") | weak))
 
 
 def strengths(model: FittedModel, columns: Sequence[Array]) -> Array:
