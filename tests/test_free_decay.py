@@ -8,6 +8,7 @@ import xarray as xr
 from hypothesis import given, settings, strategies as st
 from scipy.integrate import solve_ivp
 
+from sysid_trib import Model, load_library, simulate
 from sysid_trib.decays.free_decay import free_decay, free_decays
 from sysid_trib.decays.half_periods import (
     find_half_periods,
@@ -368,3 +369,16 @@ def test_regular_run_of_nothing():
     time = np.arange(0.0, 10.0, 0.01)
     halves = find_half_periods(smooth(time, linear(time), 0.63), equilibrium=10.0)
     assert regular_run(halves, 0.6) == slice(0, 0)
+
+
+def test_a_sample_of_noise_in_the_rest_is_no_motion():
+    """What is six noise levels off where it sticks, three seconds later, is noise."""
+    model = Model(load_library().select(["lambda", "zeta"]), {"lambda": 5e-3, "zeta": 5e-3}, 9.91)
+    motion = simulate(model, time := np.arange(3500) / 100.0, 0.3)
+    angle = motion.angle.values + 1e-4 * np.random.default_rng(3).standard_normal(len(time))
+    late = int(np.searchsorted(time, motion.stop_time.item() + 3.0))
+    angle[late] = motion.angle.values[late] + 6e-4
+    record = xr.Dataset(
+        {"angle": ("time", angle, {"units": "rad"})}, {"time": ("time", time, {"units": "s"})}
+    )
+    assert free_decay(record).stop_time.item() == pytest.approx(motion.stop_time.item(), abs=0.1)

@@ -97,14 +97,15 @@ def _find_stop(time: Array, angle: Array, swing: Swing) -> tuple[int, float]:
     noise = noise_level(time[first:last], angle[first:last])
     still = STILL * float(halves.peak[run].max())
     allowed = max(4.5 * noise, 1.2 * swing.oscillation.step, still)
-    away = np.flatnonzero(np.abs(angle[:last] - rest) > allowed)
-    stop = int(away[-1]) + 1 if away.size else 0
-    # Motion that a single sample's noise hides may still show in the averages.
+    # Motion that a single sample's noise hides still shows in the averages: a sample long after is noise.
     oscillation = swing.oscillation
     least = max(oscillation.floor, oscillation.step, still)
-    hidden = np.abs(oscillation.signal - swing.equilibrium - rest) > least
-    hidden &= oscillation.time < time[last - 1]
-    stop = max(stop, int(np.searchsorted(time, oscillation.time[hidden].max(initial=time[0]))))
+    shown = np.abs(oscillation.signal - swing.equilibrium - rest) > least
+    shown &= oscillation.time < time[last - 1]
+    moves = float(oscillation.time[shown].max(initial=time[0]))
+    near = min(last, int(np.searchsorted(time, moves + duration)))
+    away = np.flatnonzero(np.abs(angle[:near] - rest) > allowed)
+    stop = max(int(away[-1]) + 1 if away.size else 0, int(np.searchsorted(time, moves)))
     if stop >= last or time[stop] > end + 5.0 * duration or time[last - 1] - time[stop] < duration:
         return time.size, np.nan
     # Fading below the noise looks the same unless the next extremum would have been seen, or the rest is off
