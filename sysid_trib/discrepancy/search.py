@@ -179,14 +179,15 @@ def _towards(
 def _beyond_chance(current: Screening, effects: tuple[str, ...], fits: Fits) -> list[Move]:
     """Models with one candidate more, of those that may be the most likely.
 
-    What it gains is beyond chance, and leaves that no place in its credible set.
+    What it gains is beyond chance, and leaves that no place in its credible set. What columns gain is taken to
+    be as far off as it was in the fits that were done: much where effects are strong.
     """
     model, settings = current.model, current.model.settings
     likeliest = [at for at in current.best() if current.p_values[at] < settings.level]
-    here, gain_of_column, tried = evidence(model, effects), 0.0, list[Move]()
+    here, gain_of_column, tried, off = evidence(model, effects), 0.0, list[Move](), 0.0
     # As many again as are fitted, since those that gain most may be what no sample can be.
     for at in likeliest[: 2 * settings.fitted]:
-        slack = current.slack(at, [move.model.trials[-1].force for move in tried])
+        slack = max(off, current.slack(at, [move.model.trials[-1].force for move in tried]))
         if current.gains[at] <= (1.0 - slack) * gain_of_column:
             continue
         trial = current.trials[at]
@@ -199,5 +200,6 @@ def _beyond_chance(current: Screening, effects: tuple[str, ...], fits: Fits) -> 
         if current.p_value_of(gain, trial.force) < settings.level and score < here - settings.outside_of_set:
             if not tried:
                 gain_of_column = float(current.gains[at])
+            off = max(off, abs(gain / float(current.gains[at]) - 1.0))
             tried.append(Move(score, named, fitted))
     return tried
