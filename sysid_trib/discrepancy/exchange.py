@@ -332,7 +332,7 @@ def _gains_of_pairs(current: Screening, trials: Sequence[int], products: Array) 
     first = (along[:, None] * size - inner * along) / outside
     gains = first * along[:, None] + first.T * along
     symbols = np.array([current.trials[at].force.symbol for at in trials])
-    able = np.array([current.allows(at, row) for at, row in zip(trials, first, strict=True)])
-    able = able.reshape(distinct.shape)
+    rows = zip(trials, first, strict=True)
+    able = np.array([current.allows(at, row) for at, row in rows], dtype=bool).reshape(distinct.shape)
     possible = np.triu(distinct & able & able.T & (symbols[:, None] != symbols), 1)
     return np.where(possible, gains, 0.0)

@@ -71,11 +71,11 @@ def predicted(
     """
     scores, residuals = [], []
     for part, before, origin, run in zip(parts, befores, origins, runs, strict=True):
-        sensor, own = model.rows[run].path.sensor, model.rows[run].path.frequency
-        path = path_of_run(part, frequency, sensor, origin).rescaled(own)
-        acting = model
+        near, acting = model.rows[run].path, model
+        path = path_of_run(part, frequency, near.sensor, origin).rescaled(near.frequency)
         if before is not None:
-            acting = _remembering(model, path_of_run(before, frequency, sensor, origin).rescaled(own))
+            earlier = path_of_run(before, frequency, near.sensor, origin).rescaled(near.frequency)
+            acting = _remembering(model, earlier)
         scored, path = _scored(acting, path, run)
         scores.append(scored)
         try:

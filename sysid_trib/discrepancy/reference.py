@@ -10,7 +10,8 @@ from sysid_trib.discrepancy.trials import reference_power
 
 # Part of its standard error by which a frequency may differ from the reference, and rounds to get there.
 SAME_REFERENCE, RESCALINGS = 0.02, 4
-# Factor by which the reference changes at most in each: a fit that left the motion must not run away.
+# Factor by which the reference changes at most in each. A model whose own frequency is lower than by that, or
+# none at all since forces of the motion hold it up, keeps the reference.
 MOST_RESCALED = 2.0
 
 
@@ -22,15 +23,18 @@ def refitted(model: FittedModel, paths: Sequence[RecordPath] | None = None) -> F
     near = [rows.path for rows in model.rows] if paths is None else paths
     for _ in range(RESCALINGS):
         squared = max(0.0, 1.0 + model.stiffness)
-        factor = float(np.clip(np.sqrt(squared), 1.0 / MOST_RESCALED, MOST_RESCALED))
+        oscillates = squared >= 1.0 / MOST_RESCALED**2
+        factor = min(float(np.sqrt(squared)), MOST_RESCALED) if oscillates else 1.0
         # The same forces, or a narrow resonance would no longer be where it was.
         powers = np.array([reference_power(trial.force) for trial in model.trials])
         model = fit_model(
             [path.rescaled(path.frequency * factor) for path in near],
             [trial.referred(factor) for trial in model.trials],
             frequency_free=model.frequency_free,
-            first=np.append(model.coefficients * factor**powers, 0.0),
+            first=np.append(model.coefficients * factor**powers, 0.0 if oscillates else model.stiffness),
         )
+        if not oscillates:
+            break
         if model.settled and abs(model.stiffness) <= SAME_REFERENCE * model.stiffness_error:
             break
         near = [rows.path for rows in model.rows]

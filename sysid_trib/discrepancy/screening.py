@@ -16,7 +16,7 @@ from sysid_trib.discrepancy.frequency_parameters import has_frequency_parameter
 from sysid_trib.discrepancy.likelihood import RunProducts, likelihood
 from sysid_trib.discrepancy.model_fit import FittedModel
 from sysid_trib.discrepancy.omnibus_test import OmnibusTest, omnibus, trial_columns
-from sysid_trib.discrepancy.shape_grids import refined
+from sysid_trib.discrepancy.shape_grids import has_products, refined
 from sysid_trib.discrepancy.trials import TrialEffect, trials_of
 from sysid_trib.forces.force import Force
 
@@ -128,9 +128,7 @@ def screen(model: FittedModel, candidates: Sequence[Force]) -> Screening:
     """
     trials = trials_of(candidates, _lines(model), model.rows[0].path.frequency, model.settings)
     trials, columns = refined(model, trials, [rows.coarse_columns(trials) for rows in model.rows])
-    # Their squares are asked, which products are made of.
-    with np.errstate(over="ignore"):
-        good = np.all([np.isfinite(np.sum(column**2, axis=0)) for column in columns], axis=0)
+    good = np.all([has_products(column) for column in columns], axis=0)
     columns = [np.where(good, column, 0.0) for column in columns]
     tables = [
         [table, column, trial_columns(rows.path)]
@@ -190,7 +188,7 @@ def is_physical(force: Force, coefficient: ArrayLike, relative_force: float, str
     """
     drives = np.logical_and(force.passive, np.less(coefficient, 0.0))
     weak = np.abs(coefficient) * relative_force < strongest
-    return np.asarray(~drives & (np.bool_(force.kind == "sensor") | weak))
+    return np.logical_and(~drives, np.logical_or(force.kind == "sensor", weak))
 
 
 def strengths(model: FittedModel, columns: Sequence[Array]) -> Array:

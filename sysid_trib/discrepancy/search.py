@@ -179,8 +179,8 @@ def _towards(
 def _beyond_chance(current: Screening, effects: tuple[str, ...], fits: Fits) -> list[Move]:
     """Models with one candidate more, of those that may be the most likely.
 
-    What it gains is beyond chance, and leaves that no place in its credible set. What columns gain is taken to
-    be as far off as it was in the fits that were done: much where effects are strong.
+    What it gains is beyond chance, and leaves that no place in its credible set. What columns gain is taken
+    to be as far off as it was in the fits that were done: much where effects are strong.
     """
     model, settings = current.model, current.model.settings
     likeliest = [at for at in current.best() if current.p_values[at] < settings.level]

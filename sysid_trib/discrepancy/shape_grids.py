@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, Mask
 from sysid_trib.discrepancy.frequency_parameters import is_frequency_parameter, is_phase
 from sysid_trib.discrepancy.model_fit import FittedModel
 from sysid_trib.discrepancy.trials import TrialEffect, from_unit, to_unit
@@ -60,11 +60,17 @@ def refined(
     return every, tables
 
 
+def has_products(columns: Array) -> Mask:
+    """Whether the squares of columns are finite, of which their products are made, (trial,)."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.isfinite(np.sum(columns**2, axis=0))
+
+
 def _outside(model: FittedModel, base: Array, columns: Sequence[Array]) -> tuple[Array, Array]:
     """Directions of columns outside of an orthonormal base, of unit length or zero, and that part of each."""
     white = np.vstack(
         [
-            rows.whitened(np.where(np.isfinite(column), column, 0.0), model.likelihood, at)
+            rows.whitened(np.where(has_products(column), column, 0.0), model.likelihood, at)
             for at, (rows, column) in enumerate(zip(model.rows, columns, strict=True))
         ]
     )

@@ -143,8 +143,8 @@ def _sensitivity(model: Model, time: Array, begin: Array, amplitude: Array, moti
         further = trajectory(model, time, *((1.0 + part) * begin)).angle
         along = np.stack([(further - motion.angle) / part, motion.rate / w])
         acceleration = np.gradient(motion.rate[:3], time[:3], edge_order=2)[0]
-        moved = np.array([[begin[0], begin[1] / w], [begin[1] / w, acceleration / w**2]])
-        return np.asarray((np.linalg.pinv(moved) @ along).T / [1.0, w])
+        directions = np.array([[begin[0], begin[1] / w], [begin[1] / w, acceleration / w**2]])
+        return np.asarray((np.linalg.pinv(directions) @ along).T / [1.0, w])
     steps = 1e-6 * amplitude
     angles = [trajectory(model, time, *(begin + steps * unit)).angle for unit in np.eye(2)]
     return (np.stack(angles, axis=1) - motion.angle[:, None]) / steps
