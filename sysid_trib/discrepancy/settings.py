@@ -29,7 +29,9 @@ class Settings:
         0.1, "deviance below which fits are equal: rounds have settled, no move is made", "odds of 1.05"
     )
     slack: float = setting(
-        0.1, "part of its gain by which a column may be off, before its exact fit", "curvature along one path"
+        0.1,
+        "part of its gain by which a column may be off: before its exact fit, and between values of a shape",
+        "curvature along one path",
     )
     kin: float = setting(
         0.5, "the same of one of the family of an effect that is fitted", "its shape may be far from its grid"
