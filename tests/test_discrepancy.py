@@ -33,7 +33,7 @@ from sysid_trib.discrepancy.decimation import decimated
 from sysid_trib.discrepancy.discover import verdict_of
 from sysid_trib.discrepancy.exchange import Fits, decisive_p_values, exchange_effects, rivals_of
 from sysid_trib.discrepancy.frequency_parameters import has_frequency_parameter, is_frequency, is_resonance
-from sysid_trib.discrepancy.holdout import better_by, predicted
+from sysid_trib.discrepancy.holdout import _scores_of_periods, better_by, predicted
 from sysid_trib.discrepancy.reference import refitted
 from sysid_trib.discrepancy.screening import independent_tests, screen
 from sysid_trib.discrepancy.search import search
@@ -43,6 +43,7 @@ from sysid_trib.errors import SimulationError, UsageError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.formulas import parse
 from sysid_trib.forces.library import parse_library
+from sysid_trib.noise.smoothing import KNOTS_PER_PERIOD
 from sysid_trib.printing.discovery_verdict import verdict_sentences
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
@@ -409,6 +410,16 @@ def test_what_rings_on_is_predicted_from_what_came_before():
     assert better_by(whole, without) > 2.0
     assert better_by(whole, anew) > 2.0
     assert whole.rms < 1.2 * NOISE < anew.rms
+
+
+def test_parameters_that_are_not_known_at_all_predict_badly_and_no_worse():
+    """Their variance drowns that of the noise in rounding."""
+    columns = np.random.default_rng(0).standard_normal((2 * KNOTS_PER_PERIOD, 3))
+    columns[:, 2] = columns[:, 0] * (1.0 + 1e-9)
+    innovation = np.random.default_rng(1).standard_normal(len(columns))
+    scores = [_scores_of_periods(innovation, columns, size * np.eye(3)) for size in (1.0, 1e82)]
+    assert np.all(np.isfinite(scores))
+    assert scores[1][0] < scores[0][0]
 
 
 def test_discover_is_blind_to_the_last_third_unless_asked():

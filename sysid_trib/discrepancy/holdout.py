@@ -142,10 +142,15 @@ def _scores_of_periods(innovation: Array, columns: Array, covariance: Array) -> 
         part = columns[begin : begin + KNOTS_PER_PERIOD]
         surprise = innovation[begin : begin + KNOTS_PER_PERIOD] - part @ change
         along = part @ covariance
-        of_surprise = np.eye(KNOTS_PER_PERIOD) + along @ part.T
-        solved = np.linalg.solve(of_surprise, np.column_stack([surprise, along]))
+        if not np.all(np.isfinite(along @ part.T)):
+            scores.append(-np.inf)
+            continue
+        # The unit matrix and what parameters add: no variance is below one, but for rounding.
+        variances, turned = np.linalg.eigh(np.eye(KNOTS_PER_PERIOD) + along @ part.T)
+        variances = np.maximum(variances, 1.0)
+        solved = turned @ (turned.T @ np.column_stack([surprise, along]) / variances[:, None])
         squares = surprise @ solved[:, 0]
-        scores.append(-0.5 * (squares + np.linalg.slogdet(of_surprise)[1]) / KNOTS_PER_PERIOD)
+        scores.append(-0.5 * (squares + np.sum(np.log(variances))) / KNOTS_PER_PERIOD)
         change = change + along.T @ solved[:, 0]
         covariance = covariance - along.T @ solved[:, 1:]
     return np.array(scores)
@@ -174,7 +179,10 @@ def better_by(after: Prediction, before: Prediction) -> float:
     fewer than three.
     """
     pairs = zip(after.scores, before.scores, strict=True)
-    difference = np.concatenate([later - other for later, other in pairs])
+    with np.errstate(invalid="ignore"):
+        difference = np.concatenate([later - other for later, other in pairs])
+    # Without periods in which a model's errors are not finite.
+    difference = difference[np.isfinite(difference)]
     if len(difference) < 3 or not np.ptp(difference):
         return float("nan")
     return float(difference.mean() / difference.std(ddof=1) * np.sqrt(len(difference)))

@@ -119,7 +119,9 @@ class RunRows:
         random force together; without a random force its rows vanish, and it is a free motion of the model.
         The multipliers of the rows in this saddle point are the random force over its covariance.
         """
-        tau, filter_ = self.path.form.tau, self.path.sensor.filter_
+        tau = self.path.form.tau
+        # The filter of a whole record may be longer than a part of it.
+        filter_ = self.path.sensor.filter_[: len(tau)]
         basis, rate = (spline_design(tau, self.path.spline.t, order) for order in range(2))
         seen = basis + sp.diags_array(slopes[0]) @ basis + sp.diags_array(slopes[1]) @ rate
         whitening = sp.diags_array(filter_, offsets=-np.arange(len(filter_)), shape=(len(tau), len(tau)))
