@@ -84,7 +84,7 @@ def free_motion(model: Model, path: RecordPath, noise: NoiseModel) -> FreeMotion
         motion = fit_start(acting, path.time, path.angle - error, begin)
     except SimulationError:
         # A model without a motion of its own has that which the record leaves it.
-        motion = FittedMotion(*begin, 0.0, x, v, np.nan, {}, np.empty((len(x), 2)))
+        motion = FittedMotion(*begin, 0.0, x, v, np.nan, {}, None)
     error = _sensor_error(model, path.elapsed, motion.x, motion.v)
     moving = len(path.time)
     if np.isfinite(motion.stop_time):

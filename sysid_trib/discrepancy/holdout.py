@@ -72,8 +72,9 @@ def predicted(
     scores, residuals = [], []
     for part, before, origin, run in zip(parts, befores, origins, runs, strict=True):
         near, acting = model.rows[run].path, model
+        memoryless = all(trial.force.memoryless for trial in model.trials)
         path = path_of_run(part, frequency, near.sensor, origin).rescaled(near.frequency)
-        if before is not None:
+        if before is not None and not memoryless:
             earlier = path_of_run(before, frequency, near.sensor, origin).rescaled(near.frequency)
             acting = _remembering(model, earlier)
         scored, path = _scored(acting, path, run)
@@ -142,11 +143,12 @@ def _scores_of_periods(innovation: Array, columns: Array, covariance: Array) -> 
         part = columns[begin : begin + KNOTS_PER_PERIOD]
         surprise = innovation[begin : begin + KNOTS_PER_PERIOD] - part @ change
         along = part @ covariance
-        if not np.all(np.isfinite(along @ part.T)):
+        of_parameters = along @ part.T
+        if not np.all(np.isfinite(of_parameters)):
             scores.append(-np.inf)
             continue
         # The unit matrix and what parameters add: no variance is below one, but for rounding.
-        variances, turned = np.linalg.eigh(np.eye(KNOTS_PER_PERIOD) + along @ part.T)
+        variances, turned = np.linalg.eigh(np.eye(KNOTS_PER_PERIOD) + of_parameters)
         variances = np.maximum(variances, 1.0)
         solved = turned @ (turned.T @ np.column_stack([surprise, along]) / variances[:, None])
         squares = surprise @ solved[:, 0]

@@ -22,7 +22,7 @@ def refitted(model: FittedModel, paths: Sequence[RecordPath] | None = None) -> F
     """
     near = [rows.path for rows in model.rows] if paths is None else paths
     for _ in range(RESCALINGS):
-        squared = max(0.0, 1.0 + model.stiffness)
+        squared = 1.0 + model.stiffness
         oscillates = squared >= 1.0 / MOST_RESCALED**2
         factor = min(float(np.sqrt(squared)), MOST_RESCALED) if oscillates else 1.0
         # The same forces, or a narrow resonance would no longer be where it was.
@@ -33,9 +33,8 @@ def refitted(model: FittedModel, paths: Sequence[RecordPath] | None = None) -> F
             frequency_free=model.frequency_free,
             first=np.append(model.coefficients * factor**powers, 0.0 if oscillates else model.stiffness),
         )
-        if not oscillates:
-            break
-        if model.settled and abs(model.stiffness) <= SAME_REFERENCE * model.stiffness_error:
+        same = model.settled and abs(model.stiffness) <= SAME_REFERENCE * model.stiffness_error
+        if same or not oscillates:
             break
         near = [rows.path for rows in model.rows]
     return model

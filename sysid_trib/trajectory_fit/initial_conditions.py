@@ -14,6 +14,8 @@ from sysid_trib.simulation.simulated_motion import SimulatedMotion
 MAX_ROUNDS = 8
 # A last step of the start, in parts of the swing.
 SETTLED_START = 1e-5
+# By which a start is moved for a derivative, in parts of the swing.
+START_DIFFERENCE = 1e-6
 # A motion that does not come near the record in so many rounds has slipped out of phase.
 NEARBY_ROUNDS = 4
 
@@ -139,13 +141,13 @@ def _sensitivity(model: Model, time: Array, begin: Array, amplitude: Array, moti
     one simulation tells the rest.
     """
     if _is_autonomous(model) and len(time) > 2:
-        w, part = model.reference_frequency, 1e-6
-        further = trajectory(model, time, *((1.0 + part) * begin)).angle
-        along = np.stack([(further - motion.angle) / part, motion.rate / w])
+        w = model.reference_frequency
+        further = trajectory(model, time, *((1.0 + START_DIFFERENCE) * begin)).angle
+        along = np.stack([(further - motion.angle) / START_DIFFERENCE, motion.rate / w])
         acceleration = np.gradient(motion.rate[:3], time[:3], edge_order=2)[0]
         directions = np.array([[begin[0], begin[1] / w], [begin[1] / w, acceleration / w**2]])
         return np.asarray((np.linalg.pinv(directions) @ along).T / [1.0, w])
-    steps = 1e-6 * amplitude
+    steps = START_DIFFERENCE * amplitude
     angles = [trajectory(model, time, *(begin + steps * unit)).angle for unit in np.eye(2)]
     return (np.stack(angles, axis=1) - motion.angle[:, None]) / steps
 

@@ -47,11 +47,6 @@ class RunInParts:
         return max(1, round(2 * float(np.median(np.diff(self.envelope.extremum_time))) / step))
 
     @property
-    def before(self) -> xr.Dataset:
-        """The decay up to the first sample of the part held out, and with it."""
-        return up_to_held_out(self.decay)
-
-    @property
     def record(self) -> xr.Dataset:
         """The record with the time at which the part held out starts."""
         start = float(self.rest.time.values[0])

@@ -15,7 +15,7 @@ from sysid_trib.methods.scope import ForceScope, Method, MethodScope, constraine
 from sysid_trib.records.runs import one_or_all
 from sysid_trib.results.contactless import with_contactless_frequency
 from sysid_trib.validation.breakdown import DIVERGES, no_nearer_than_rest
-from sysid_trib.validation.holdout import RunInParts, predicted
+from sysid_trib.validation.holdout import RunInParts, predicted, up_to_held_out
 from sysid_trib.validation.residuals import ModelResidual, ModelResiduals, residual_of
 
 
@@ -78,7 +78,7 @@ def try_method(
     reason = _complaint("its model", whole) if forces.damped else "its model has no damping"
     if part is not None:
         train = [(run.train, part, run.envelope, at) for at, run in enumerate(runs)]
-        later = [(run.rest, part, run.envelope, run.before) for run in runs]
+        later = [(run.rest, part, run.envelope, up_to_held_out(run.decay)) for run in runs]
         holdout = _of_all(predicted, later, none)
         trial = replace(trial, train=_of_all(residual_of, train, none), holdout=holdout)
         part_reason = _complaint("on the part held out it", holdout)
