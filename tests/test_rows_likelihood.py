@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from sysid_trib.discrepancy.columns_beside import _least, each_beside, projected
+from sysid_trib.discrepancy.columns_beside import each_beside, projected
 from sysid_trib.discrepancy.likelihood import (
     DEVIANCE_SETTLED,
+    has_products,
     likelihood,
     products_of,
 )
@@ -187,12 +188,32 @@ def test_a_strong_column_of_several_runs_is_judged_in_the_noise_that_it_leaves()
     assert beside.deviance[0] == pytest.approx(likelihood(products, [1, 2, 3]).deviance, abs=SPLINE)
 
 
-def test_a_column_whose_deviance_overflows_gains_nothing():
-    deviances = np.outer([3.0, 2.0, 1.0, 2.0, 3.0], [1.0, 1.0])
-    deviances[2, 1] = np.inf
-    least, _ = _least(np.array([0.0, 1e-2, 1e-1, 1.0, 10.0]), deviances)
-    assert least[0] <= 1.0
-    assert least[1] == np.inf
+def test_columns_that_overflow_have_no_products():
+    column = np.linspace(1.0, 2.0, 5)
+    table = np.outer(column, [0.0, 1e-250, 1.0, 1e90, 1e120, np.inf, np.nan])
+    assert has_products(np.nan_to_num(table, nan=np.nan, posinf=np.inf)).tolist() == [True] * 4 + [False] * 3
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-220, 1e-90, 1e90])
+def test_a_column_of_any_size_can_be_fitted(size):
+    table, _ = drawn(3, 3)
+    table[:, 2] *= size
+    run = products_of(BAND, BAND, table, FORM, LEVEL)
+    found, without = (likelihood([run], columns) for columns in ([1, 2, 3], [1, 3]))
+    assert found.deviance < without.deviance + 1e-6
+    beside = each_beside([run], [1, 3], [2], without)
+    assert beside.deviance[0] == pytest.approx(found.deviance, abs=0.02)
+
+
+def test_a_target_that_is_explained_wholly_leaves_its_rounding():
+    table, _ = drawn(4, 3)
+    table[:, 0] = table[:, 1:] @ [1e-3, 1.0, -2.0]
+    wholly = replace(DEFAULTS, level_rows=0.0)
+    run = products_of(BAND, BAND, table, FORM, LEVEL, wholly)
+    found = likelihood([run], [1, 2, 3])
+    assert np.isfinite(found.deviance)
+    assert np.all(found.variances > 0.0)
+    assert np.isfinite(each_beside([run], [1, 2], [3], likelihood([run], [1, 2])).deviance[0])
 
 
 @given(seed=seeds, count=st.integers(2, 4))

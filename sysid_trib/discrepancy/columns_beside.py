@@ -12,6 +12,7 @@ from sysid_trib.discrepancy.likelihood import (
     Likelihood,
     RunProducts,
     likelihood,
+    most_likely_variance,
 )
 
 # Distance of ratios between those tried, in their logarithm, at which single columns are judged.
@@ -28,11 +29,14 @@ class Beside:
         Of the model with each of them.
     coefficients, errors : (column,) array of float
         Of each.
+    effective_rows : (column,) array of float
+        As many rows of white noise as tell the error of each.
     """
 
     deviance: Array
     coefficients: Array
     errors: Array
+    effective_rows: Array
 
 
 def each_beside(
@@ -56,6 +60,10 @@ def each_beside(
     model without the column, and then each run's variances are the most likely ones beside them; and again
     for those of the model with the best column, since what is strong leaves another noise. The deviance is a
     little too high.
+
+    Where a random force is most of the noise of a column, few rows may tell how large it is, and so the error
+    of a column without effect: as many as the variance of this error's logarithm is that of a chi-square
+    (Satterthwaite 1946; Giesbrecht, Burns 1985).
     """
     beside = _each_in_noise(runs, base, columns, model)
     if len(runs) == 1 or not len(columns):
@@ -67,6 +75,7 @@ def each_beside(
         np.where(better, again.deviance, beside.deviance),
         np.where(better, again.coefficients, beside.coefficients),
         np.where(better, again.errors, beside.errors),
+        np.where(better, again.effective_rows, beside.effective_rows),
     )
 
 
@@ -77,32 +86,51 @@ def _each_in_noise(
     every = [0, *base, *columns]
     parts = [run.products[:, every][:, :, every] for run in runs]
     count, inside = len(columns), len(base)
-    if len(runs) == 1:
-        solved = [_solved(part, inside) for part in parts[0]]
-    else:
-        solved = [_solved(_in_noise_of(runs, model, every[1:]), inside)]
+    alone = [[_solved(products, inside) for products in part] for part in parts]
+    if len(runs) > 1:
+        together = _solved(_in_noise_of(runs, model, every[1:]), inside)
     deviance, coefficient, error = np.zeros(count), np.empty(count), np.empty(count)
-    for run, part in zip(runs, parts, strict=True):
+    informations, scatters = np.empty((2, len(runs), count))
+    for r, (run, part) in enumerate(zip(runs, parts, strict=True)):
         deviances, variance = np.empty((2, len(run.ratios), count))
         for g, products in enumerate(part):
-            b, beta, _ = solved[g if len(runs) == 1 else 0]
-            with np.errstate(over="ignore", invalid="ignore"):
-                squares = _left_by(products, b, beta, inside)
-            variance[g] = (np.maximum(squares, 0.0) + run.level_rows * run.level**2) / run.degrees_of_freedom
+            b, beta, *_ = alone[r][g] if len(runs) == 1 else together
+            squares = _left_by(products, b, beta, inside)
+            variance[g] = most_likely_variance(run, squares, products[0, 0])
             deviances[g] = run.degrees_of_freedom * np.log(variance[g]) + run.log_determinant[g]
         least, place = _least(run.ratios, deviances)
         deviance += least
+        information, left = (np.array([solution[k] for solution in alone[r]]) for k in (2, 3))
+        without = np.log(most_likely_variance(run, left, part[:, 0, 0]))[:, None] - np.log(information)
+        informations[r], scatters[r] = _without_effect(run, without, model, r)
         if len(runs) == 1:
-            beta, information = (np.array([solution[k] for solution in solved]) for k in (1, 2))
-            coefficient = _at_place(beta, place)
-            error = np.exp(_at_place(0.5 * np.log(variance / information), place))
+            coefficient = _at_place(np.array([solution[1] for solution in alone[r]]), place)
+            error = np.exp(0.5 * _at_place(np.log(variance / information), place))
     if len(runs) > 1:
-        coefficient, error = solved[0][1], 1.0 / np.sqrt(solved[0][2])
-    return Beside(deviance, coefficient, error)
+        coefficient, error = together[1], 1.0 / np.sqrt(together[2])
+    share = informations / np.sum(informations, axis=0)
+    return Beside(deviance, coefficient, error, 2.0 / np.sum(share**2 * scatters, axis=0))
 
 
-def _solved(products: Array, inside: int) -> tuple[Array, Array, Array]:
-    """Coefficients of the base beside each further column, (base, column), its own, and its information."""
+def _without_effect(run: RunProducts, log_square: Array, model: Likelihood, at: int) -> tuple[Array, Array]:
+    """Information on columns without effect, and the variance of its logarithm, (column,) each.
+
+    `log_square` : of the squares of their errors, (ratio, column).
+    """
+    ratio, ratio_error = float(model.ratios[at]), float(model.ratio_errors[at])
+    variance = 2.0 / run.degrees_of_freedom
+    if ratio == 0.0:
+        return np.exp(-log_square[0]), np.full(log_square.shape[1], variance)
+    spline = CubicSpline(np.log(run.ratios[1:]), log_square[1:])
+    of_ratio = (np.nan_to_num(ratio_error) * spline(np.log(ratio), 1)) ** 2
+    return np.exp(-spline(np.log(ratio))), of_ratio + variance
+
+
+def _solved(products: Array, inside: int) -> tuple[Array, Array, Array, float]:
+    """Coefficients of the base beside each further column, (base, column), its own, and its information.
+
+    And the squares that the base alone leaves.
+    """
     size = np.sqrt(np.maximum(np.diag(products), 1e-300))
     scaled = products / np.outer(size, size)
     base = scaled[1 : 1 + inside, 1 : 1 + inside]
@@ -114,7 +142,8 @@ def _solved(products: Array, inside: int) -> tuple[Array, Array, Array]:
     beta = (scaled[1 + inside :, 0] - cross.T @ of_target) / outside
     b = of_target[:, None] - of_columns * beta
     target, further = size[0], size[1 + inside :]
-    return b * target / size[1 : 1 + inside, None], beta * target / further, outside * further**2
+    left = target**2 * (1.0 - float(scaled[1 : 1 + inside, 0] @ of_target))
+    return b * target / size[1 : 1 + inside, None], beta * target / further, outside * further**2, left
 
 
 def _left_by(products: Array, b: Array, beta: Array, inside: int) -> Array:
@@ -164,12 +193,7 @@ def correlation_of(products: Array) -> Array:
 
 
 def _least(ratios: Array, deviances: Array) -> tuple[Array, Array]:
-    """Least deviance of each column, by splines over the ratios, and its place among them, (column,) each.
-
-    Infinite where it overflows, so that nothing is gained.
-    """
-    finite = np.isfinite(deviances).all(axis=0)
-    deviances = np.where(finite, deviances, 0.0)
+    """Least deviance of each column, by splines over the ratios, and its place among them, (column,) each."""
     logs = np.log(ratios[1:])
     fine = np.linspace(logs[0], logs[-1], 1 + round((logs[-1] - logs[0]) / COARSE_STEP))
     between = CubicSpline(logs, deviances[1:])(fine)
@@ -177,7 +201,7 @@ def _least(ratios: Array, deviances: Array) -> tuple[Array, Array]:
     least = between[best, np.arange(between.shape[1])]
     with_force = least < deviances[0]
     place = np.where(with_force, 1.0 + (fine[best] - logs[0]) / (logs[1] - logs[0]), 0.0)
-    return np.where(finite, np.minimum(least, deviances[0]), np.inf), place
+    return np.minimum(least, deviances[0]), place
 
 
 def _at_place(values: Array, place: Array) -> Array:

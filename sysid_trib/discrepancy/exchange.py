@@ -193,7 +193,9 @@ def _p_values(current: Screening, effects: Sequence[str]) -> list[float]:
 def _p_value(current: Screening, symbol: str, gain: float) -> float:
     """Probability that chance lowers the deviance as much as an effect of the model does."""
     model = current.model
-    return current.p_value_of(gain, model.trials[model.columns_of(symbol)[0]].force)
+    column, kept = model.columns_of(symbol)[0], kept_columns(model, (symbol,))
+    beside = each_beside(current.products, kept, [1 + column], likelihood(current.products, kept))
+    return current.p_value_of(gain, model.trials[column].force, float(beside.effective_rows[0]))
 
 
 def better_rival(
@@ -262,7 +264,8 @@ def _testable(current: Screening, part: Array) -> list[int]:
 def _in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float, list[int]]]:
     """Scores along the present path of nothing, and of each candidate, in the place of effects.
 
-    Relative to the present model; the best trial of each candidate, the best first, without what is far.
+    Relative to the present model; the best trial of each candidate, the best first, without what is far or
+    what chance would do as well.
     """
     model, kept = current.model, kept_columns(current.model, gone)
     bare = likelihood(current.products, kept)
@@ -271,11 +274,11 @@ def _in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float, list
     scores = [(without - len(gone) * _of_effect(model), list[int]())]
     trials = _testable(current, projected(current.products, bare, kept, _columns(current))[0])
     beside = each_beside(current.products, kept, [current.first_trial + at for at in trials], bare)
-    for at, deviance, coefficient in zip(
-        trials, beside.deviance.tolist(), beside.coefficients.tolist(), strict=True
-    ):
-        if current.allows(at, coefficient):
-            scores.append((deviance - here + (1 - len(gone)) * _of_effect(model), [at]))
+    gains, coefficients, rows = bare.deviance - beside.deviance, beside.coefficients, beside.effective_rows
+    for at, gain, coefficient, of_error in zip(trials, gains, coefficients, rows, strict=True):
+        chance = current.p_value_of(float(gain), current.trials[at].force, float(of_error))
+        if chance < model.settings.level and current.allows(at, coefficient):
+            scores.append((without - float(gain) + (1 - len(gone)) * _of_effect(model), [at]))
     best: dict[str, tuple[float, list[int]]] = {}
     for scored in sorted(scores, key=lambda scored: scored[0]):
         best.setdefault(current.trials[scored[1][0]].force.symbol if scored[1] else "", scored)

@@ -9,9 +9,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, Mask
 from sysid_trib.discrepancy.settings import DEFAULTS, Settings
 from sysid_trib.noise.variance_ratio import ratio_span
 from sysid_trib.regression.weak_form import WeakForm, cholesky_factor, log_determinant, whiten
@@ -21,6 +22,8 @@ BETWEEN_STEP = 0.03
 # Rounds in which the variances of several runs settle beside each other, and the fall of the deviance at
 # which they have.
 RATIO_ROUNDS, DEVIANCE_SETTLED = 20, 0.01
+# Squares of columns above which the products of products overflow, and below which they vanish.
+LEAST_SQUARES, MOST_SQUARES = 1e-200, 1e200
 # Part of the information that is added, so that columns which nothing tells apart have a solution.
 RIDGE = 1e-13
 
@@ -104,6 +107,7 @@ def products_of(
     logs = np.arange(np.log(low), np.log(high), settings.ratio_step)
     ratios = np.concatenate([[0.0], np.exp(logs)])
     reference = log_determinant(cholesky_factor(white_band))
+    table = np.where(np.sum(table**2, axis=0) < LEAST_SQUARES, 0.0, table)
     products, determinants = [], []
     for ratio in ratios:
         factor = cholesky_factor(band, form.gram, float(ratio))
@@ -113,6 +117,23 @@ def products_of(
     return RunProducts(
         np.array(products), np.array(determinants), ratios, len(table), level, settings.level_rows
     )
+
+
+def has_products(columns: Array) -> Mask:
+    """Whether the squares of columns, of which products are made, are far from overflowing, (column,)."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.asarray(np.sum(columns**2, axis=0) < MOST_SQUARES)
+
+
+def of_many_rows(rows: ArrayLike, columns: int) -> Array:
+    """By what a gain of one column is to be multiplied to have the tail of a chi-square.
+
+    That of Student's t with as many degrees of freedom as `columns` leave of the rows (Wallace 1959): of few
+    rows chance gains more.
+    """
+    freedom = np.maximum(1.0, np.asarray(rows) - columns)
+    part = freedom / np.maximum(rows, freedom + columns)
+    return np.asarray(part * ((8.0 * freedom + 1.0) / (8.0 * freedom + 3.0)) ** 2)
 
 
 @dataclass(frozen=True)
@@ -230,10 +251,19 @@ def _solution(parts: Sequence[Array], variances: Sequence[float]) -> tuple[Array
     return covariance @ total[1:, 0], covariance
 
 
+def most_likely_variance(run: RunProducts, squares: ArrayLike, target: ArrayLike) -> Array:
+    """The most likely variance of a run by the squares that are left of its rows and those of the target.
+
+    Of a target that is explained wholly, rounding is left.
+    """
+    least = np.finfo(float).eps * np.asarray(target)
+    return np.asarray((np.maximum(squares, least) + run.level_rows * run.level**2) / run.degrees_of_freedom)
+
+
 def _variance(run: RunProducts, products: Array, b: Array) -> float:
     """The most likely variance of a run beside coefficients."""
     squares = products[0, 0] - 2.0 * b @ products[1:, 0] + b @ products[1:, 1:] @ b
-    return float((max(squares, 0.0) + run.level_rows * run.level**2) / run.degrees_of_freedom)
+    return float(most_likely_variance(run, squares, products[0, 0]))
 
 
 def _over_ratios(
@@ -258,10 +288,9 @@ def _over_ratios(
         squares = squares + np.einsum(
             "gi,gij,gj->g", b, np.broadcast_to(part[:, 1:, 1:], information.shape), b
         )
-        dof = run.degrees_of_freedom
-        variance_of[q] = (np.maximum(squares, 0.0) + run.level_rows * run.level**2) / dof
+        variance_of[q] = most_likely_variance(run, squares, part[:, 0, 0])
         determinant = run.log_determinant if q == r else run.log_determinant[at[q]]
-        deviance = deviance + dof * np.log(variance_of[q]) + determinant
+        deviance = deviance + run.degrees_of_freedom * np.log(variance_of[q]) + determinant
     return deviance, variance_of
 
 

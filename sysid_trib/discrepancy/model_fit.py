@@ -220,6 +220,16 @@ class FittedModel:
             paths.append(rows.path.follow(motion, self.trials, coefficients))
         return paths
 
+    def possible_rows(self, random: np.random.Generator) -> list[RunRows]:
+        """The rows of each run along a motion that may be the true one as well, drawn by its probability."""
+        rows_of_runs = []
+        for at, rows in enumerate(self.rows):
+            deviation, ratio = np.sqrt(self.likelihood.variances[at]), float(self.likelihood.ratios[at])
+            slopes = rows.path.sensor_slopes(self.trials, self.coefficients)
+            aside = rows.possible_deviation(float(deviation), slopes, ratio, random)
+            rows_of_runs.append(replace(rows, path=rows.path.beside(aside)))
+        return rows_of_runs
+
     def next_trials(self, reach: float) -> list[TrialEffect]:
         """The trials with their shapes a step further, of `reach` at most, within their ranges.
 

@@ -8,7 +8,7 @@ from scipy.stats import chi2, norm
 
 from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.columns_beside import each_beside
-from sysid_trib.discrepancy.likelihood import Likelihood, RunProducts, likelihood
+from sysid_trib.discrepancy.likelihood import Likelihood, RunProducts, likelihood, of_many_rows
 from sysid_trib.discrepancy.model_fit import FittedModel
 from sysid_trib.discrepancy.paths import RecordPath
 from sysid_trib.discrepancy.simulated_gains import TestedRun, p_value_by_simulation
@@ -86,7 +86,10 @@ def omnibus(
     force has been blamed for is found.
     """
     single = each_beside(products, base, trials, whole)
-    scores = np.sqrt(np.maximum(0.0, whole.deviance - single.deviance)) * np.sign(single.coefficients)
+    gains = np.maximum(0.0, whole.deviance - single.deviance)
+    scores = np.sqrt(gains * of_many_rows(single.effective_rows, 1 + len(base))) * np.sign(
+        single.coefficients
+    )
     z = np.where(outside > OUTSIDE, scores, 0.0)
     kept = [column for column, part in zip(trials, outside, strict=True) if part > OUTSIDE]
     largest = len(z) * 2.0 * float(norm.sf(np.max(np.abs(z))))

@@ -249,6 +249,11 @@ class RecordPath:
         spline = _spline(self.form.tau, motion - fine.value(self.form.tau), self.intervals)
         return replace(self, spline=spline, fine=fine)
 
+    def beside(self, deviation: Array) -> "RecordPath":
+        """The path with a deviation at the samples, (sample,), rad, added."""
+        motion = self.at_samples[0] - self.fine.value(self.form.tau) + deviation
+        return replace(self, spline=_spline(self.form.tau, motion, self.intervals))
+
     def rescaled(self, frequency: float) -> "RecordPath":
         """The same with coefficients that refer to another frequency."""
         form = build_weak_form(frequency * (self.time - self.time[0]), self.intervals)

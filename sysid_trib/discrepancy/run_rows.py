@@ -119,21 +119,59 @@ class RunRows:
         random force together; without a random force its rows vanish, and it is a free motion of the model.
         The multipliers of the rows in this saddle point are the random force over its covariance.
         """
-        tau = self.path.form.tau
-        # The filter of a whole record may be longer than a part of it.
-        filter_ = self.path.sensor.filter_[: len(tau)]
-        basis, rate = (spline_design(tau, self.path.spline.t, order) for order in range(2))
-        seen = basis + sp.diags_array(slopes[0]) @ basis + sp.diags_array(slopes[1]) @ rate
-        whitening = sp.diags_array(filter_, offsets=-np.arange(len(filter_)), shape=(len(tau), len(tau)))
-        white, felt = (whitening @ seen).tocsr(), self.operator @ (sp.diags_array(self.gain) @ basis)
         unexplained = self.path.angle - errors - self.path.at_samples[0]
-        gram = self.path.form.gram
-        lower = sp.diags_array(gram, offsets=-np.arange(len(gram)), shape=(len(residual), len(residual)))
-        force = ratio * (lower + sp.tril(lower, -1).T)
-        system = sp.block_array([[white.T @ white, felt.T], [felt, -force]], format="csc")
-        right = np.concatenate([white.T @ (whitening @ unexplained), residual + self.operator @ unexplained])
-        step = spsolve(system, right)[: basis.shape[1]]
-        return np.asarray(self.path.at_samples[0] + part * (basis @ step))
+        at_rest = residual + self.operator @ unexplained
+        step = self._most_likely(self._whitening @ unexplained, at_rest, slopes, ratio)
+        return np.asarray(self.path.at_samples[0] + part * step)
+
+    def possible_deviation(
+        self, deviation: float, slopes: tuple[Array, Array], ratio: float, random: np.random.Generator
+    ) -> Array:
+        """By what the motion may differ from the most likely one, drawn by its probability, (sample,), rad.
+
+        Parameters
+        ----------
+        deviation : float, rad
+            Of the sensor's innovations.
+        slopes, ratio
+            As of `smoothed_motion`.
+        random : Generator
+
+        Notes
+        -----
+        The most likely motion of noises that are drawn has the covariance of the motion's uncertainty
+        (Papandreou, Yuille 2010).
+        """
+        innovations = random.standard_normal(len(self.path.time))
+        force = np.zeros(self.path.form.rows)
+        if ratio:
+            lower = cholesky_factor(np.zeros_like(self.band), self.path.form.gram, ratio)
+            force = _banded(lower, len(force)) @ random.standard_normal(len(force))
+        return deviation * self._most_likely(innovations, force, slopes, ratio)
+
+    @cached_property
+    def _whitening(self) -> sp.dia_array:
+        count = len(self.path.time)
+        # The filter of a whole record may be longer than a part of it.
+        return _banded(self.path.sensor.filter_[:count], count)
+
+    def _most_likely(
+        self, innovations: Array, force: Array, slopes: tuple[Array, Array], ratio: float
+    ) -> Array:
+        """The most likely spline at the samples by innovations (sample,) and integrals of a force (row,)."""
+        basis, rate = (spline_design(self.path.form.tau, self.path.spline.t, order) for order in range(2))
+        seen = basis + sp.diags_array(slopes[0]) @ basis + sp.diags_array(slopes[1]) @ rate
+        white, felt = (self._whitening @ seen).tocsr(), self.operator @ (sp.diags_array(self.gain) @ basis)
+        lower = _banded(self.path.form.gram, len(force))
+        covariance = ratio * (lower + sp.tril(lower, -1).T)
+        system = sp.block_array([[white.T @ white, felt.T], [felt, -covariance]], format="csc")
+        right = np.concatenate([white.T @ innovations, force])
+        return np.asarray(basis @ spsolve(system, right)[: basis.shape[1]])
+
+
+def _banded(diagonals: Array, count: int) -> sp.dia_array:
+    """A lower triangle of the diagonal and those below it, each of one value or of many."""
+    return sp.diags_array(diagonals, offsets=-np.arange(len(diagonals)), shape=(count, count))
 
 
 def run_rows(path: RecordPath, trials: Sequence[TrialEffect], guess: Array) -> RunRows:

@@ -13,10 +13,10 @@ from scipy.stats import chi2, norm
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.discrepancy.columns_beside import correlation_of, each_beside, projected
 from sysid_trib.discrepancy.frequency_parameters import has_frequency_parameter
-from sysid_trib.discrepancy.likelihood import RunProducts, likelihood
+from sysid_trib.discrepancy.likelihood import RunProducts, has_products, likelihood, of_many_rows
 from sysid_trib.discrepancy.model_fit import FittedModel
 from sysid_trib.discrepancy.omnibus_test import OmnibusTest, omnibus, trial_columns
-from sysid_trib.discrepancy.shape_grids import has_products, refined
+from sysid_trib.discrepancy.shape_grids import known_finely, refined
 from sysid_trib.discrepancy.trials import TrialEffect, trials_of
 from sysid_trib.forces.force import Force
 
@@ -26,6 +26,7 @@ NOISE_DRAWS, TAIL = 4000, 0.01
 # Part of the variance of a column that those before it leave, below which it is a mixture of these.
 LEAST_OWN = 1e-4
 NOT_FINITE = "it is not finite on this motion"
+TOO_FINE = "not testable on this record: it acts more finely than the motion is known beside a random force"
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,8 @@ class Screening:
     gains : (trial,) array of float
         By how much its column lowers the deviance, both variances of each run at their most likely values
         with and without it; 0 where physics forbids the sign of its coefficient.
-    coefficients, errors : (trial,) array of float
+    coefficients, errors, effective_rows : (trial,) array of float
+        And the rows that tell the error.
     outside : (trial,) array of float
         Part of its column that the model's cannot make.
     correlation : (trial, trial) array of float
@@ -64,6 +66,7 @@ class Screening:
     gains: Array
     coefficients: Array
     errors: Array
+    effective_rows: Array
     outside: Array
     correlation: Array
     relative_force: Array
@@ -105,12 +108,13 @@ class Screening:
         strongest = self.model.settings.strongest
         return is_physical(self.trials[at].force, coefficient, self.relative_force[at], strongest)
 
-    def p_value_of(self, gain: float, force: Force) -> float:
+    def p_value_of(self, gain: float, force: Force, effective_rows: float) -> float:
         """Probability of such a gain by chance in any of the tests.
 
         A frequency that is fitted has so many more as the largest of a spectrum between its lines has
-        (Davies 1987; Baluev 2008, eq. 6).
+        (Davies 1987; Baluev 2008, eq. 6). `effective_rows` : that tell the error of its coefficient.
         """
+        gain = gain * float(of_many_rows(effective_rows, 1 + self.model.columns))
         p_value = self.tests * float(chi2.sf(gain, 1))
         if has_frequency_parameter(force):
             lines = 0.5 * sum(run.rows for run in self.products)
@@ -143,6 +147,8 @@ def screen(model: FittedModel, candidates: Sequence[Force]) -> Screening:
     reasons = ["" if finite else NOT_FINITE for finite in good]
     for at in np.flatnonzero(good & (part[: len(trials)] < model.settings.testable)):
         reasons[at] = SAME_EFFECT
+    finely = known_finely(model, trials, columns)
+    reasons = [reason if reason or known else TOO_FINE for reason, known in zip(reasons, finely, strict=True)]
     relative_force = strengths(model, columns)
     able = np.array([not reason for reason in reasons], dtype=bool)
     beside = each_beside(products, base, offered, whole)
@@ -150,7 +156,7 @@ def screen(model: FittedModel, candidates: Sequence[Force]) -> Screening:
         is_physical(trial.force, c, relative, model.settings.strongest)
         for trial, c, relative in zip(trials, beside.coefficients, relative_force, strict=True)
     ]
-    fitted = able & np.array(physical, dtype=bool) & np.isfinite(beside.deviance)
+    fitted = able & np.array(physical, dtype=bool)
     gains = np.where(fitted, whole.deviance - beside.deviance, 0.0)
     gains = np.maximum(0.0, gains)
     correlation = correlation_of(rest[: len(trials), : len(trials)])
@@ -163,6 +169,7 @@ def screen(model: FittedModel, candidates: Sequence[Force]) -> Screening:
         gains=gains,
         coefficients=np.where(able, beside.coefficients, 0.0),
         errors=np.where(able, beside.errors, np.nan),
+        effective_rows=beside.effective_rows,
         outside=part[: len(trials)],
         correlation=correlation,
         relative_force=relative_force,
@@ -171,8 +178,9 @@ def screen(model: FittedModel, candidates: Sequence[Force]) -> Screening:
         products=products,
         omnibus=test,
     )
-    pairs = zip(gains, trials, strict=True)
-    return replace(screening, p_values=np.array([screening.p_value_of(g, t.force) for g, t in pairs]))
+    tested = zip(gains, trials, beside.effective_rows, strict=True)
+    p_values = np.array([screening.p_value_of(gain, t.force, rows) for gain, t, rows in tested])
+    return replace(screening, p_values=p_values)
 
 
 def _numbered(tables: Sequence[Array]) -> list[list[int]]:

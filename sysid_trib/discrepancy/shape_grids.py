@@ -8,6 +8,7 @@ import numpy as np
 
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.discrepancy.frequency_parameters import is_frequency_parameter, is_phase
+from sysid_trib.discrepancy.likelihood import has_products
 from sysid_trib.discrepancy.model_fit import FittedModel
 from sysid_trib.discrepancy.trials import TrialEffect, from_unit, to_unit
 
@@ -60,10 +61,29 @@ def refined(
     return every, tables
 
 
-def has_products(columns: Array) -> Mask:
-    """Whether the squares of columns are finite, of which their products are made, (trial,)."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        return np.isfinite(np.sum(columns**2, axis=0))
+def known_finely(model: FittedModel, trials: Sequence[TrialEffect], columns: Sequence[Array]) -> Mask:
+    """Whether the columns of trials are the same along a motion that is as likely, (trial,).
+
+    Parameters
+    ----------
+    model : FittedModel
+    trials : sequence of TrialEffect
+    columns : sequence of (row, trial) array of float
+        Of each run, along its path.
+
+    Notes
+    -----
+    Beside a random force a motion is known as well as the sensor tells it. What a column gains along the path
+    is its square correlation with the one along the motion: all but a part that the setting `slack` allows.
+    """
+    if not np.any(model.likelihood.ratios):
+        return np.ones(len(trials), dtype=bool)
+    random = np.random.default_rng(model.settings.seed)
+    aside = [rows.coarse_columns(trials) for rows in model.possible_rows(random)]
+    base = np.linalg.qr(np.vstack([table[:, 1:] for table in model.white_tables()]))[0]
+    (here, size), (there, _) = (_outside(model, base, tables) for tables in (columns, aside))
+    alike = np.einsum("ij,ij->j", here, there)
+    return (alike >= np.sqrt(1.0 - model.settings.slack)) | (size < model.settings.testable)
 
 
 def _outside(model: FittedModel, base: Array, columns: Sequence[Array]) -> tuple[Array, Array]:
