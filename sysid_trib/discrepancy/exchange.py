@@ -183,7 +183,7 @@ def decisive_p_values(current: Screening, effects: Sequence[str], fits: Fits) ->
 def _p_values(current: Screening, effects: Sequence[str]) -> list[float]:
     """Probability that chance explains as much as each effect beside the others, along the model's path."""
     model = current.model
-    kept = [kept_columns(model, (symbol,)) for symbol in effects]
+    kept = [model.columns_without((symbol,)) for symbol in effects]
     # In the same rows.
     here = model.likelihood.deviance
     gains = [likelihood(current.products, columns).deviance - here for columns in kept]
@@ -193,7 +193,7 @@ def _p_values(current: Screening, effects: Sequence[str]) -> list[float]:
 def _p_value(current: Screening, symbol: str, gain: float) -> float:
     """Probability that chance lowers the deviance as much as an effect of the model does."""
     model = current.model
-    column, kept = model.columns_of(symbol)[0], kept_columns(model, (symbol,))
+    column, kept = model.columns_of(symbol)[0], model.columns_without((symbol,))
     beside = each_beside(current.products, kept, [1 + column], likelihood(current.products, kept))
     return current.p_value_of(gain, model.trials[column].force, float(beside.effective_rows[0]))
 
@@ -239,12 +239,6 @@ def deviance_of(
     return score - least_penalty(model, forces)
 
 
-def kept_columns(model: FittedModel, gone: Sequence[str]) -> list[int]:
-    """Columns of the products that stay without some effects."""
-    dropped = {column for symbol in gone for column in model.columns_of(symbol)}
-    return [1 + column for column in range(model.columns) if column not in dropped]
-
-
 def _of_effect(model: FittedModel) -> float:
     """What an effect costs in the evidence, its sign and its shapes aside."""
     return float(np.log(sum(rows.path.form.rows for rows in model.rows)))
@@ -267,7 +261,7 @@ def _in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float, list
     Relative to the present model; the best trial of each candidate, the best first, without what is far or
     what chance would do as well.
     """
-    model, kept = current.model, kept_columns(current.model, gone)
+    model, kept = current.model, current.model.columns_without(gone)
     bare = likelihood(current.products, kept)
     here = model.likelihood.deviance
     without = bare.deviance - here
@@ -296,7 +290,7 @@ def _pairs_in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float
 
     Of any two shapes of theirs: beside another one a candidate may have a shape that gains nothing alone.
     """
-    model, kept = current.model, kept_columns(current.model, gone)
+    model, kept = current.model, current.model.columns_without(gone)
     part, rest = projected(current.products, model.likelihood, kept, [0, *_columns(current)])
     trials = _testable(current, part[1:])
     # Of the target, and of these among all that may stand in the place of effects.

@@ -110,6 +110,11 @@ class FittedModel:
         at = [trial.force.symbol for trial in self.trials].index(symbol)
         return [at, *(column for trial, _, column in self.shape_columns if trial == at)]
 
+    def columns_without(self, symbols: Sequence[str]) -> list[int]:
+        """Columns of the tables, the target at 0, that stay without some forces."""
+        gone = {column for symbol in symbols for column in self.columns_of(symbol)}
+        return [1 + column for column in range(self.columns) if column not in gone]
+
     def sensor(self, run: int) -> NoiseModel:
         """Noise of the sensor in a run, its level that of what the smoothed motion leaves of the record."""
         path = self.rows[run].path

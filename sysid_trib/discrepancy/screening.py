@@ -122,13 +122,15 @@ class Screening:
         return min(1.0, p_value)
 
 
-def screen(model: FittedModel, candidates: Sequence[Force]) -> Screening:
+def screen(model: FittedModel, candidates: Sequence[Force], effects: Sequence[str] = ()) -> Screening:
     """Hold candidates against a model, at grids of their shape parameters.
 
     Parameters
     ----------
     model : FittedModel
     candidates : sequence of Force
+    effects : sequence of str
+        Of the model, that candidates may replace.
     """
     trials = trials_of(candidates, _lines(model), model.rows[0].path.frequency, model.settings)
     trials, columns = refined(model, trials, [rows.coarse_columns(trials) for rows in model.rows])
@@ -147,7 +149,7 @@ def screen(model: FittedModel, candidates: Sequence[Force]) -> Screening:
     reasons = ["" if finite else NOT_FINITE for finite in good]
     for at in np.flatnonzero(good & (part[: len(trials)] < model.settings.testable)):
         reasons[at] = SAME_EFFECT
-    finely = known_finely(model, trials, columns)
+    finely = known_finely(model, trials, columns, effects)
     reasons = [reason if reason or known else TOO_FINE for reason, known in zip(reasons, finely, strict=True)]
     relative_force = strengths(model, columns)
     able = np.array([not reason for reason in reasons], dtype=bool)

@@ -15,7 +15,6 @@ from sysid_trib.discrepancy.exchange import (
     decisive_p_values,
     deviance_of,
     exchange_effects,
-    kept_columns,
     not_beyond_chance,
     rivals_of,
 )
@@ -93,7 +92,7 @@ def search(
     def screened(model: FittedModel, named: Sequence[str]) -> Screening:
         if frozenset(named) not in screenings:
             rest = [force for force in candidates if force.symbol not in named]
-            screenings[frozenset(named)] = screen(model, rest)
+            screenings[frozenset(named)] = screen(model, rest, named)
         return screenings[frozenset(named)]
 
     rivals: dict[str, dict[str, float]] = {}
@@ -144,7 +143,7 @@ def _by_weight(last: Screening, effects: Sequence[str]) -> tuple[str, ...]:
 
         def deviance_of(symbol: str, rest: Sequence[str] = tuple(rest)) -> float:
             gone = [other for other in rest if other != symbol]
-            return likelihood(last.products, kept_columns(model, gone)).deviance
+            return likelihood(last.products, model.columns_without(gone)).deviance
 
         ordered.append(min(rest, key=deviance_of))
     return tuple(ordered)

@@ -61,7 +61,9 @@ def refined(
     return every, tables
 
 
-def known_finely(model: FittedModel, trials: Sequence[TrialEffect], columns: Sequence[Array]) -> Mask:
+def known_finely(
+    model: FittedModel, trials: Sequence[TrialEffect], columns: Sequence[Array], effects: Sequence[str]
+) -> Mask:
     """Whether the columns of trials are the same along a motion that is as likely, (trial,).
 
     Parameters
@@ -70,6 +72,8 @@ def known_finely(model: FittedModel, trials: Sequence[TrialEffect], columns: Seq
     trials : sequence of TrialEffect
     columns : sequence of (row, trial) array of float
         Of each run, along its path.
+    effects : sequence of str
+        Of the model, which trials may replace: beside these they need not be told apart.
 
     Notes
     -----
@@ -80,7 +84,8 @@ def known_finely(model: FittedModel, trials: Sequence[TrialEffect], columns: Seq
         return np.ones(len(trials), dtype=bool)
     random = np.random.default_rng(model.settings.seed)
     aside = [rows.coarse_columns(trials) for rows in model.possible_rows(random)]
-    base = np.linalg.qr(np.vstack([table[:, 1:] for table in model.white_tables()]))[0]
+    kept = model.columns_without(effects)
+    base = np.linalg.qr(np.vstack([table[:, kept] for table in model.white_tables()]))[0]
     (here, size), (there, _) = (_outside(model, base, tables) for tables in (columns, aside))
     alike = np.einsum("ij,ij->j", here, there)
     return (alike >= np.sqrt(1.0 - model.settings.slack)) | (size < model.settings.testable)
