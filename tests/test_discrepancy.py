@@ -29,11 +29,13 @@ from scipy.stats import chi2
 
 from sysid_trib import discover
 from sysid_trib.discrepancy import exchange
+from sysid_trib.discrepancy.columns_beside import each_beside
 from sysid_trib.discrepancy.decimation import decimated
 from sysid_trib.discrepancy.discover import verdict_of
 from sysid_trib.discrepancy.exchange import Fits, decisive_p_values, exchange_effects, rivals_of
 from sysid_trib.discrepancy.frequency_parameters import has_frequency_parameter, is_frequency, is_resonance
 from sysid_trib.discrepancy.holdout import _scores_of_periods, better_by, predicted
+from sysid_trib.discrepancy.likelihood import likelihood, of_many_rows
 from sysid_trib.discrepancy.reference import refitted
 from sysid_trib.discrepancy.screening import independent_tests, screen
 from sysid_trib.discrepancy.search import search
@@ -262,7 +264,10 @@ def test_p_values_are_by_the_deviance_without_each_effect():
     fits.kept[frozenset()] = fits.start
     exact = decisive_p_values(current, ("even_spring",), fits)
     without = fits.start.deviance - model.deviance
-    assert exact[0] == pytest.approx(min(1.0, current.tests * chi2.sf(without, 1)))
+    kept, column = model.columns_without(["even_spring"]), 1 + model.columns_of("even_spring")[0]
+    rows = each_beside(current.products, kept, [column], likelihood(current.products, kept)).effective_rows
+    by_chance = chi2.sf(without * of_many_rows(rows, 1 + model.columns), 1)
+    assert exact[0] == pytest.approx(min(1.0, current.tests * float(by_chance[0])))
     assert along[0] == pytest.approx(exact[0], rel=0.05)
     assert along[0] != exact[0]
 

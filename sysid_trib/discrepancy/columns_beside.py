@@ -86,7 +86,7 @@ def _each_in_noise(
     every = [0, *base, *columns]
     parts = [run.products[:, every][:, :, every] for run in runs]
     count, inside = len(columns), len(base)
-    alone = [[_solved(products, inside) for products in part] for part in parts]
+    of_each = [[_solved(products, inside) for products in part] for part in parts]
     if len(runs) > 1:
         together = _solved(_in_noise_of(runs, model, every[1:]), inside)
     deviance, coefficient, error = np.zeros(count), np.empty(count), np.empty(count)
@@ -94,22 +94,22 @@ def _each_in_noise(
     for r, (run, part) in enumerate(zip(runs, parts, strict=True)):
         deviances, variance = np.empty((2, len(run.ratios), count))
         for g, products in enumerate(part):
-            b, beta, *_ = alone[r][g] if len(runs) == 1 else together
+            b, beta, *_ = of_each[r][g] if len(runs) == 1 else together
             squares = _left_by(products, b, beta, inside)
             variance[g] = most_likely_variance(run, squares, products[0, 0])
             deviances[g] = run.degrees_of_freedom * np.log(variance[g]) + run.log_determinant[g]
         least, place = _least(run.ratios, deviances)
         deviance += least
-        information, left = (np.array([solution[k] for solution in alone[r]]) for k in (2, 3))
+        information, left = (np.array([solution[k] for solution in of_each[r]]) for k in (2, 3))
         without = np.log(most_likely_variance(run, left, part[:, 0, 0]))[:, None] - np.log(information)
         informations[r], scatters[r] = _without_effect(run, without, model, r)
         if len(runs) == 1:
-            coefficient = _at_place(np.array([solution[1] for solution in alone[r]]), place)
+            coefficient = _at_place(np.array([solution[1] for solution in of_each[r]]), place)
             error = np.exp(0.5 * _at_place(np.log(variance / information), place))
     if len(runs) > 1:
         coefficient, error = together[1], 1.0 / np.sqrt(together[2])
-    share = informations / np.sum(informations, axis=0)
-    return Beside(deviance, coefficient, error, 2.0 / np.sum(share**2 * scatters, axis=0))
+    weights = informations / np.sum(informations, axis=0)
+    return Beside(deviance, coefficient, error, 2.0 / np.sum(weights**2 * scatters, axis=0))
 
 
 def _without_effect(run: RunProducts, log_square: Array, model: Likelihood, at: int) -> tuple[Array, Array]:

@@ -270,8 +270,8 @@ def _in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float, list
     beside = each_beside(current.products, kept, [current.first_trial + at for at in trials], bare)
     gains, coefficients, rows = bare.deviance - beside.deviance, beside.coefficients, beside.effective_rows
     for at, gain, coefficient, of_error in zip(trials, gains, coefficients, rows, strict=True):
-        chance = current.p_value_of(float(gain), current.trials[at].force, float(of_error))
-        if chance < model.settings.level and current.allows(at, coefficient):
+        p_value = current.p_value_of(float(gain), current.trials[at].force, float(of_error))
+        if p_value < model.settings.level and current.allows(at, coefficient):
             scores.append((without - float(gain) + (1 - len(gone)) * _of_effect(model), [at]))
     best: dict[str, tuple[float, list[int]]] = {}
     for scored in sorted(scores, key=lambda scored: scored[0]):

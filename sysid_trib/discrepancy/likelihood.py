@@ -131,9 +131,9 @@ def of_many_rows(rows: ArrayLike, columns: int) -> Array:
     That of Student's t with as many degrees of freedom as `columns` leave of the rows (Wallace 1959): of few
     rows chance gains more.
     """
-    freedom = np.maximum(1.0, np.asarray(rows) - columns)
-    part = freedom / np.maximum(rows, freedom + columns)
-    return np.asarray(part * ((8.0 * freedom + 1.0) / (8.0 * freedom + 3.0)) ** 2)
+    dof = np.maximum(1.0, np.asarray(rows) - columns)
+    part = dof / np.maximum(rows, dof + columns)
+    return np.asarray(part * ((8.0 * dof + 1.0) / (8.0 * dof + 3.0)) ** 2)
 
 
 @dataclass(frozen=True)

@@ -114,7 +114,7 @@ class Screening:
         A frequency that is fitted has so many more as the largest of a spectrum between its lines has
         (Davies 1987; Baluev 2008, eq. 6). `effective_rows` : that tell the error of its coefficient.
         """
-        gain = gain * float(of_many_rows(effective_rows, 1 + self.model.columns))
+        gain = max(0.0, gain) * float(of_many_rows(effective_rows, 1 + self.model.columns))
         p_value = self.tests * float(chi2.sf(gain, 1))
         if has_frequency_parameter(force):
             lines = 0.5 * sum(run.rows for run in self.products)

@@ -196,8 +196,8 @@ def _beyond_chance(current: Screening, effects: tuple[str, ...], fits: Fits) -> 
         if fitted is None:
             continue
         gain, score = model.deviance - fitted.deviance, evidence(fitted, named)
-        chance = current.p_value_of(gain, trial.force, float(current.effective_rows[at]))
-        if chance < settings.level and score < here - settings.outside_of_set:
+        p_value = current.p_value_of(gain, trial.force, float(current.effective_rows[at]))
+        if p_value < settings.level and score < here - settings.outside_of_set:
             if not tried:
                 gain_of_column = float(current.gains[at])
             off = max(off, abs(gain / float(current.gains[at]) - 1.0))

@@ -30,7 +30,8 @@ class Settings:
     )
     slack: float = setting(
         0.1,
-        "part of its gain by which a column may be off: before its exact fit, and between values of a shape",
+        "part of its gain by which a column may be off: before its exact fit, between values of a shape, and "
+        "along another motion that is as likely",
         "curvature along one path",
     )
     kin: float = setting(
