@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid_trib.arrays import Array
-from sysid_trib.discrepancy.columns_beside import each_beside, projected
+from sysid_trib.discrepancy.columns_beside import correlation_of, each_beside, projected
 from sysid_trib.discrepancy.evidence import evidence, least_penalty
-from sysid_trib.discrepancy.likelihood import likelihood
+from sysid_trib.discrepancy.likelihood import Likelihood, likelihood
 from sysid_trib.discrepancy.model_fit import NOT_FITTED, FittedModel, fit_model
 from sysid_trib.discrepancy.screening import Screening, is_physical, strengths
 from sysid_trib.discrepancy.trials import TrialEffect
@@ -214,15 +214,20 @@ def better_rival(
 
 
 def rivals_of(current: Screening, effects: tuple[str, ...], symbol: str, fits: Fits) -> dict[str, float]:
-    """Evidence with each candidate in an effect's place, over its own; of nothing in its place under ""."""
-    model = current.model
+    """Evidence with each candidate in an effect's place, over its own; of nothing in its place under "".
+
+    Fitted are as many as the settings say, and all that would be in the set along the present path.
+    """
+    model, settings = current.model, current.model.settings
     here = evidence(model, effects)
     likelier = {symbol: 0.0}
-    for _, at in _in_place(current, (symbol,))[: current.model.settings.fitted]:
+    for place, (score, at) in enumerate(_in_place(current, (symbol,))):
+        if place >= settings.fitted and score > settings.outside_of_set:
+            break
         trials = [current.trials[i] for i in at]
         names = [trial.force.symbol for trial in trials]
         after = (*(s for s in effects if s != symbol), *names)
-        worst = deviance_of(here + model.settings.far, model, after, trials)
+        worst = deviance_of(here + settings.far, model, after, trials)
         fitted = fits.of(model, (symbol,), trials, worst)
         if fitted is None:
             # Outside of every credible set, or it failed, or there was no time.
@@ -255,6 +260,21 @@ def _testable(current: Screening, part: Array) -> list[int]:
     return [at for at, outside in zip(current.in_place, part, strict=True) if outside >= least]
 
 
+def _testable_in_place(
+    current: Screening, gone: Sequence[str], kept: Sequence[int], bare: Likelihood
+) -> list[int]:
+    """Trials that can be tested in the place of effects, or whose column is that of one of these.
+
+    Of a magnet beside a cubic force there is hardly more than a quintic one: a part that is too small to be
+    tested, but no error of the path, which would not be like an effect that is seen.
+    """
+    effects = [1 + current.model.columns_of(symbol)[0] for symbol in gone]
+    part, rest = projected(current.products, bare, kept, [*effects, *_columns(current)])
+    alike = np.max(np.abs(correlation_of(rest)[: len(gone), len(gone) :]), axis=0)
+    part = np.where(alike >= np.sqrt(1.0 - current.model.settings.slack), np.inf, part[len(gone) :])
+    return _testable(current, part)
+
+
 def _in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float, list[int]]]:
     """Scores along the present path of nothing, and of each candidate, in the place of effects.
 
@@ -266,7 +286,7 @@ def _in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float, list
     here = model.likelihood.deviance
     without = bare.deviance - here
     scores = [(without - len(gone) * _of_effect(model), list[int]())]
-    trials = _testable(current, projected(current.products, bare, kept, _columns(current))[0])
+    trials = _testable_in_place(current, gone, kept, bare)
     beside = each_beside(current.products, kept, [current.first_trial + at for at in trials], bare)
     gains, coefficients, rows = bare.deviance - beside.deviance, beside.coefficients, beside.effective_rows
     for at, gain, coefficient, of_error in zip(trials, gains, coefficients, rows, strict=True):
