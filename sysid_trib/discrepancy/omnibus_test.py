@@ -4,9 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.linalg
 from scipy.stats import chi2, norm
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, Mask
 from sysid_trib.discrepancy.columns_beside import each_beside
 from sysid_trib.discrepancy.likelihood import Likelihood, RunProducts, likelihood, of_many_rows
 from sysid_trib.discrepancy.model_fit import FittedModel
@@ -16,8 +17,6 @@ from sysid_trib.noise.smoothing import KNOTS_PER_PERIOD
 
 TRIAL_POWERS = range(4)
 TRIAL_HARMONICS = range(1, 5)
-# Directions whose part outside of the model's columns is smaller than this are not tested.
-OUTSIDE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -61,9 +60,9 @@ def trial_columns(path: RecordPath) -> Array:
 
 def omnibus(
     products: Sequence[RunProducts],
-    base: Sequence[int],
     trials: Sequence[int],
-    outside: Array,
+    tested: Mask,
+    mixtures: Array,
     model: FittedModel,
     whole: Likelihood,
 ) -> OmnibusTest:
@@ -72,10 +71,12 @@ def omnibus(
     Parameters
     ----------
     products : sequence of RunProducts
-    base, trials : sequence of int
-        Columns of the model, and of the trial forces.
-    outside : (trial_force,) array of float
-        Part of each that the model's columns cannot make.
+    trials : sequence of int
+        Columns of the trial forces; those of the model are the first.
+    tested : (trial_force,) array of bool
+        Those that differ from the model's columns and act no more finely than the motion is known.
+    mixtures : (trial_force, mixture) array of float
+        Of the trial forces, that are known so.
     model : FittedModel
     whole : Likelihood
         Of its columns among the products.
@@ -85,31 +86,33 @@ def omnibus(
     With and without trial forces both variances of each run take their most likely values: what a random
     force has been blamed for is found.
     """
+    base = range(1, 1 + model.columns)
     single = each_beside(products, base, trials, whole)
     gains = np.maximum(0.0, whole.deviance - single.deviance)
-    scores = np.sqrt(gains * of_many_rows(single.effective_rows, 1 + len(base))) * np.sign(
-        single.coefficients
-    )
-    z = np.where(outside > OUTSIDE, scores, 0.0)
-    kept = [column for column, part in zip(trials, outside, strict=True) if part > OUTSIDE]
+    scores = np.sqrt(gains * of_many_rows(single.effective_rows, 1 + model.columns))
+    z = np.where(tested, scores * np.sign(single.coefficients), 0.0)
     largest = len(z) * 2.0 * float(norm.sf(np.max(np.abs(z))))
     residuals = model.white_residuals()
     least = min(largest, _strongest_line(residuals), _largest_part(residuals))
     if 4.0 * least >= model.settings.level:
-        gain = max(0.0, whole.deviance - likelihood(products, [*base, *kept]).deviance)
+        mixed = [_mixed(run, model.columns, trials, mixtures) for run in products]
+        every = range(1, 1 + model.columns + mixtures.shape[1])
+        gain = max(0.0, whole.deviance - likelihood(mixed, every).deviance)
         # Chance gains more than a chi-square of their number: simulated where that would decide.
-        if 4.0 * float(chi2.sf(gain, len(kept))) < model.settings.level:
-            tested = np.asarray(kept, dtype=int) - trials[0]
+        if 4.0 * float(chi2.sf(gain, mixtures.shape[1])) < model.settings.level:
             runs = [
-                TestedRun(
-                    rows,
-                    np.column_stack([table, trial_columns(rows.path)[:, tested]]),
-                    replace(of_run, products=of_run.of(np.array([*base, *kept]))),
-                )
-                for rows, table, of_run in zip(model.rows, model.tables, products, strict=True)
+                TestedRun(rows, np.column_stack([table, trial_columns(rows.path) @ mixtures]), of_run)
+                for rows, table, of_run in zip(model.rows, model.tables, mixed, strict=True)
             ]
-            least = p_value_by_simulation(gain, runs, len(base), whole, model.settings.seed)
+            least = p_value_by_simulation(gain, runs, model.columns, whole, model.settings.seed)
     return OmnibusTest(trial_names(), z, min(1.0, 4.0 * least))
+
+
+def _mixed(run: RunProducts, columns: int, trials: Sequence[int], mixtures: Array) -> RunProducts:
+    """Products of the target, the model's columns and mixtures of trial forces."""
+    whole = run.of(np.array([*range(1, 1 + columns), *trials]))
+    mix = scipy.linalg.block_diag(np.eye(1 + columns), mixtures)
+    return replace(run, products=mix.T @ whole @ mix)
 
 
 def _strongest_line(residuals: Sequence[Array]) -> float:

@@ -16,8 +16,9 @@ from sysid_trib.discrepancy.frequency_parameters import has_frequency_parameter
 from sysid_trib.discrepancy.likelihood import RunProducts, has_products, likelihood, of_many_rows
 from sysid_trib.discrepancy.model_fit import FittedModel
 from sysid_trib.discrepancy.omnibus_test import OmnibusTest, omnibus, trial_columns
-from sysid_trib.discrepancy.shape_grids import known_finely, refined
+from sysid_trib.discrepancy.shape_grids import refined
 from sysid_trib.discrepancy.trials import TrialEffect, trials_of
+from sysid_trib.discrepancy.white_columns import known_directions, known_finely
 from sysid_trib.forces.force import Force
 
 SAME_EFFECT = "not testable on this record: parameters of the model have the same effect"
@@ -149,8 +150,8 @@ def screen(model: FittedModel, candidates: Sequence[Force], effects: Sequence[st
     reasons = ["" if finite else NOT_FINITE for finite in good]
     for at in np.flatnonzero(good & (part[: len(trials)] < model.settings.testable)):
         reasons[at] = SAME_EFFECT
-    finely = known_finely(model, trials, columns, effects)
-    reasons = [reason if reason or known else TOO_FINE for reason, known in zip(reasons, finely, strict=True)]
+    known, omnibus_known, directions = _known_finely(model, trials, columns, effects)
+    reasons = [reason if reason or fine else TOO_FINE for reason, fine in zip(reasons, known, strict=True)]
     relative_force = strengths(model, columns)
     able = np.array([not reason for reason in reasons], dtype=bool)
     beside = each_beside(products, base, offered, whole)
@@ -163,7 +164,8 @@ def screen(model: FittedModel, candidates: Sequence[Force], effects: Sequence[st
     gains = np.maximum(0.0, gains)
     correlation = correlation_of(rest[: len(trials), : len(trials)])
     tests = independent_tests(correlation[np.ix_(able, able)], model.settings.seed)
-    test = omnibus(products, base, trial_forces, part[len(trials) :], model, whole)
+    tested = omnibus_known & (part[len(trials) :] >= model.settings.testable)
+    test = omnibus(products, trial_forces, tested, directions, model, whole)
     screening = Screening(
         model=model,
         trials=trials,
@@ -180,9 +182,26 @@ def screen(model: FittedModel, candidates: Sequence[Force], effects: Sequence[st
         products=products,
         omnibus=test,
     )
-    tested = zip(gains, trials, beside.effective_rows, strict=True)
-    p_values = np.array([screening.p_value_of(gain, t.force, rows) for gain, t, rows in tested])
+    gained = zip(gains, trials, beside.effective_rows, strict=True)
+    p_values = np.array([screening.p_value_of(gain, t.force, rows) for gain, t, rows in gained])
     return replace(screening, p_values=p_values)
+
+
+def _known_finely(
+    model: FittedModel, trials: Sequence[TrialEffect], columns: Sequence[Array], effects: Sequence[str]
+) -> tuple[Mask, Mask, Array]:
+    """Whether the motion is known as finely as trials act, and the forces of the omnibus test.
+
+    And mixtures of these that it is known as finely as, (force, mixture).
+    """
+    along = [trial_columns(rows.path) for rows in model.rows]
+    possible = model.possible_rows(np.random.default_rng(model.settings.seed))
+    aside = [trial_columns(rows.path) for rows in possible]
+    beside_all, directions = known_finely(model, along, aside), known_directions(model, along, aside)
+    if not np.any(model.likelihood.ratios):
+        return np.ones(len(trials), dtype=bool), beside_all, directions
+    trials_aside = [rows.coarse_columns(trials) for rows in possible]
+    return known_finely(model, columns, trials_aside, effects), beside_all, directions
 
 
 def _numbered(tables: Sequence[Array]) -> list[list[int]]:

@@ -1,0 +1,81 @@
+"""Columns in noise that is white: what a model cannot make of them, and if they are known so finely."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid_trib.arrays import Array, Mask
+from sysid_trib.discrepancy.likelihood import has_products
+from sysid_trib.discrepancy.model_fit import FittedModel
+
+
+def outside_of(
+    model: FittedModel, columns: Sequence[Array], effects: Sequence[str] = ()
+) -> tuple[Array, Array]:
+    """What of columns is outside of the model's, and which part of each.
+
+    Parameters
+    ----------
+    model : FittedModel
+    columns : sequence of (row, column) array of float
+        Of each run.
+    effects : sequence of str
+        Of the model, whose columns are left out of it.
+
+    Returns
+    -------
+    outside : (row, column) array of float
+        In units of the noise.
+    part : (column,) array of float
+    """
+    kept = model.columns_without(effects)
+    base = np.linalg.qr(np.vstack([table[:, kept] for table in model.white_tables()]))[0]
+    white = np.vstack(
+        [
+            rows.whitened(np.where(has_products(column), column, 0.0), model.likelihood, at)
+            for at, (rows, column) in enumerate(zip(model.rows, columns, strict=True))
+        ]
+    )
+    rest = white - base @ (base.T @ white)
+    return rest, np.linalg.norm(rest, axis=0) / np.maximum(np.linalg.norm(white, axis=0), 1e-300)
+
+
+def known_finely(
+    model: FittedModel, columns: Sequence[Array], aside: Sequence[Array], effects: Sequence[str] = ()
+) -> Mask:
+    """Whether columns are the same along a motion that is as likely, (column,).
+
+    Parameters
+    ----------
+    model : FittedModel
+    columns, aside : sequence of (row, column) array of float
+        Of each run, along its path and along one of `model.possible_rows`.
+    effects : sequence of str
+        Of the model, which these may replace: beside them they need not be told apart.
+
+    Notes
+    -----
+    Beside a random force a motion is known as well as the sensor tells it. What a column gains along the path
+    is its square correlation with the one along the motion: all but a part that the setting `slack` allows.
+    """
+    (here, part), (there, _) = (outside_of(model, tables, effects) for tables in (columns, aside))
+    return _alike(here, there, model.settings.slack) | (part < model.settings.testable)
+
+
+def known_directions(model: FittedModel, columns: Sequence[Array], aside: Sequence[Array]) -> Array:
+    """Mixtures of columns that are the same along a motion that is as likely, (column, direction).
+
+    Of directions outside of the model's columns that are orthogonal in its noise. Parameters as of
+    `known_finely`: columns that differ little may be known though their difference is not.
+    """
+    (here, _), (there, _) = (outside_of(model, tables) for tables in (columns, aside))
+    length = np.maximum(np.linalg.norm(here, axis=0), 1e-300)
+    _, size, mixtures = np.linalg.svd(here / length, full_matrices=False)
+    mixtures = mixtures[size > model.settings.testable * size[0]].T / length[:, None]
+    return mixtures[:, _alike(here @ mixtures, there @ mixtures, model.settings.slack)]
+
+
+def _alike(here: Array, there: Array, slack: float) -> Mask:
+    """Whether columns correlate but for such a part of their squares, (column,)."""
+    along = np.einsum("ij,ij->j", here, there)
+    return along >= np.sqrt(1.0 - slack) * np.linalg.norm(here, axis=0) * np.linalg.norm(there, axis=0)
