@@ -8,7 +8,9 @@ from scipy.stats import chi2, t as student
 
 from sysid_trib.discrepancy.columns_beside import each_beside
 from sysid_trib.discrepancy.likelihood import likelihood, of_many_rows, products_of
+from sysid_trib.discrepancy.omnibus_test import trial_columns
 from sysid_trib.discrepancy.screening import TOO_FINE, screen
+from sysid_trib.discrepancy.white_columns import known_directions, outside_of
 from sysid_trib.regression.weak_form import (
     build_weak_form,
     covariance_band,
@@ -107,3 +109,17 @@ def test_what_acts_more_finely_than_a_pushed_motion_is_known_is_not_tested():
     # Wider than the speed it is what viscous friction can make, but for little.
     assert TOO_FINE not in {reason for s, reason in reasons["pushed"].items() if 0.05 < s < 0.3}
     assert TOO_FINE not in reasons["free"].values()
+
+
+def test_mixtures_of_trial_forces_are_tested_as_far_as_the_motion_is_known():
+    of_run = {"pushed": start_model([pushed(1)]), "free": start_model([with_effect({}, seed=1)])}
+    count = {}
+    for name, model in of_run.items():
+        along = [trial_columns(rows.path) for rows in model.rows]
+        aside = [trial_columns(rows.path) for rows in model.possible_rows(np.random.default_rng(0))]
+        mixtures = known_directions(model, along, aside)
+        count[name] = mixtures.shape[1]
+        outside, _ = outside_of(model, [columns @ mixtures for columns in along])
+        size = np.linalg.norm(outside, axis=0)
+        assert np.all(np.abs(np.triu(outside.T @ outside, 1)) < 1e-6 * np.outer(size, size) + 1e-9)
+    assert 20 < count["pushed"] < count["free"] <= 36

@@ -68,8 +68,8 @@ def known_directions(model: FittedModel, columns: Sequence[Array], aside: Sequen
     Of directions outside of the model's columns that are orthogonal in its noise. Parameters as of
     `known_finely`: columns that differ little may be known though their difference is not.
     """
-    (here, _), (there, _) = (outside_of(model, tables) for tables in (columns, aside))
-    length = np.maximum(np.linalg.norm(here, axis=0), 1e-300)
+    (here, part), (there, _) = (outside_of(model, tables) for tables in (columns, aside))
+    length = np.where(part < model.settings.testable, np.inf, np.linalg.norm(here, axis=0))
     _, size, mixtures = np.linalg.svd(here / length, full_matrices=False)
     mixtures = mixtures[size > model.settings.testable * size[0]].T / length[:, None]
     return mixtures[:, _alike(here @ mixtures, there @ mixtures, model.settings.slack)]
