@@ -2,15 +2,16 @@
 
 import numpy as np
 import pytest
-from discovery import EFFECTS, TIME, start_model, with_effect
+from discovery import EFFECTS, EVERY, TIME, start_model, with_effect
 from helpers import NOISE, W
 from scipy.stats import chi2, t as student
 
 from sysid_trib.discrepancy.columns_beside import each_beside
 from sysid_trib.discrepancy.likelihood import likelihood, of_many_rows, products_of
-from sysid_trib.discrepancy.omnibus_test import trial_columns
+from sysid_trib.discrepancy.omnibus_test import trial_columns, trial_names
 from sysid_trib.discrepancy.screening import TOO_FINE, screen
-from sysid_trib.discrepancy.white_columns import known_directions, outside_of
+from sysid_trib.discrepancy.trials import TrialEffect
+from sysid_trib.discrepancy.white_columns import known_directions, known_finely, outside_of
 from sysid_trib.regression.weak_form import (
     build_weak_form,
     covariance_band,
@@ -22,6 +23,8 @@ SAMPLES, LEVEL = 160, 0.01
 FORM = build_weak_form(np.arange(SAMPLES) * 0.25)
 OPERATOR = noise_operator(FORM, np.ones(SAMPLES), np.full(SAMPLES, 0.02))
 BAND = covariance_band(OPERATOR @ OPERATOR.T)
+QUINTIC = TrialEffect(EVERY["quintic"], {})
+NARROW = TrialEffect(EVERY["stribeck"], {"stribeck.s": 1e-3})
 
 
 @pytest.mark.parametrize("rows", [10.0, 25.0, 80.0, 1000.0])
@@ -67,14 +70,14 @@ def test_chance_gains_no_more_than_is_told_where_few_rows_tell_a_random_force():
     assert np.mean(chi2.sf(gains * of_many_rows(rows, 6), 1) < 0.1) > 0.05
 
 
-def pushed(seed):
+def pushed(seed, size=3.0):
     """A record with a random force that shows."""
     rng = np.random.default_rng(seed)
     run = with_effect({}, seed=seed)
     step = W * (TIME[1] - TIME[0])
     # Pushes of a free swing of the mean frequency: a random walk of its two free motions.
     tau = W * TIME
-    pushes = 3.0 * NOISE * np.sqrt(step) * rng.standard_normal(len(tau))
+    pushes = size * NOISE * np.sqrt(step) * rng.standard_normal(len(tau))
     inside = np.cumsum(pushes * np.cos(tau)), np.cumsum(pushes * np.sin(tau))
     run["angle"] = run.angle + np.sin(tau) * inside[0] - np.cos(tau) * inside[1]
     return run
@@ -111,15 +114,35 @@ def test_what_acts_more_finely_than_a_pushed_motion_is_known_is_not_tested():
     assert TOO_FINE not in reasons["free"].values()
 
 
-def test_mixtures_of_trial_forces_are_tested_as_far_as_the_motion_is_known():
-    of_run = {"pushed": start_model([pushed(1)]), "free": start_model([with_effect({}, seed=1)])}
-    count = {}
-    for name, model in of_run.items():
-        along = [trial_columns(rows.path) for rows in model.rows]
-        aside = [trial_columns(rows.path) for rows in model.possible_rows(np.random.default_rng(0))]
-        mixtures = known_directions(model, along, aside)
-        count[name] = mixtures.shape[1]
-        outside, _ = outside_of(model, [columns @ mixtures for columns in along])
-        size = np.linalg.norm(outside, axis=0)
-        assert np.all(np.abs(np.triu(outside.T @ outside, 1)) < 1e-6 * np.outer(size, size) + 1e-9)
-    assert 20 < count["pushed"] < count["free"] <= 36
+def alike_but_for_a_narrow_peak(rows, part):
+    """Columns of a quintic force, and of the same with a little friction in a narrow range of speeds."""
+    wide, narrow = rows.coarse_columns([QUINTIC, NARROW]).T
+    return np.stack([wide, wide + part * narrow], axis=1)
+
+
+@pytest.mark.parametrize(("name", "expected"), [("pushed", 1), ("free", 2)])
+def test_columns_may_be_known_and_their_difference_not(name, expected):
+    model = start_model([{"pushed": pushed(1), "free": with_effect({}, seed=1)}[name]])
+    possible = model.possible_rows(np.random.default_rng(0))
+    sizes = []
+    for trial in (QUINTIC, NARROW):
+        outside, _ = outside_of(model, [rows.coarse_columns([trial]) for rows in model.rows])
+        sizes.append(np.linalg.norm(outside))
+    part = 0.1 * sizes[0] / sizes[1]
+    along = [alike_but_for_a_narrow_peak(rows, part) for rows in model.rows]
+    aside = [alike_but_for_a_narrow_peak(rows, part) for rows in possible]
+    assert np.all(known_finely(model, along, aside))
+    mixtures = known_directions(model, along, aside)
+    assert mixtures.shape == (2, expected)
+    outside, _ = outside_of(model, [columns @ mixtures for columns in along])
+    products = outside.T @ outside
+    assert products == pytest.approx(np.diag(np.diag(products)), abs=1e-6 * products.max())
+
+
+def test_the_omnibus_test_leaves_out_what_a_model_makes_itself():
+    model = start_model([with_effect({}, seed=1)])
+    along = [trial_columns(rows.path) for rows in model.rows]
+    mixtures = known_directions(model, along, along)
+    of_model = [name in ("r^1 cos 1 phi", "r^1 sin 1 phi") for name in trial_names()]
+    assert np.all(mixtures[of_model] == 0.0)
+    assert 30 < mixtures.shape[1] <= 34
