@@ -131,10 +131,16 @@ def two_for_one(current: Screening, effects: tuple[str, ...], fits: Fits) -> Mov
     """The most likely model with two candidates in one effect's place, of which it is outside of the set.
 
     An effect may be named for two of which each alone explains less: a one-sided spring for a curve of the
-    sensor beside an equilibrium that drifts.
+    sensor beside an equilibrium that drifts. Of the pairs, too, chance would not have gained as much in any.
     """
     proposed = [(*pair, (symbol,)) for symbol in effects for pair in _pairs_in_place(current, (symbol,))]
-    return _likeliest(current, effects, fits, proposed, current.model.settings.outside_of_set)
+    step = _likeliest(current, effects, fits, proposed, current.model.settings.outside_of_set)
+    if step is None:
+        return None
+    pair = [at for at, trial in enumerate(current.trials) if trial.force.symbol in step.effects[-2:]]
+    rows, gain = float(np.min(current.effective_rows[pair])), current.model.deviance - step.model.deviance
+    p_value = current.tests * current.p_value_of(gain, step.model.trials[-1].force, rows)
+    return step if p_value < current.model.settings.level else None
 
 
 def _likeliest(
