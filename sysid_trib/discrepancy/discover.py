@@ -155,17 +155,18 @@ def _or_coloured_noise(
     """The search beside noise of the likeliest colour, if that explains the record better.
 
     What is named, or left, may be noise of a colour that the lines above the motion did not show: the colour
-    beside what was named, else that which does without.
+    beside what was named, of which that of the search is outside of the set, else that which does without.
     """
     tell("colour of the sensor's noise")
-    last, least_gain = done.models[-1], start.settings.least_gain
+    last, settings = done.models[-1], start.settings
     beside_names = recoloured(last) if done.effects else last
-    if _with_colour(beside_names, done.effects) < _with_colour(last, done.effects) - least_gain:
+    known, without = _with_colour(last, done.effects), _with_colour(start, ())
+    if _with_colour(beside_names, done.effects) < known - settings.outside_of_set:
         coloured = beside_noises(start, [rows.path.sensor for rows in beside_names.rows])
     else:
         coloured, explained = recoloured(start), verdict_of(done) == "explained"
-        beside = _with_colour(last, done.effects) if explained else _with_colour(start, ())
-        if _with_colour(coloured, ()) > beside - least_gain:
+        worst = known - settings.least_gain if explained else without - settings.outside_of_set
+        if _with_colour(coloured, ()) > worst:
             return done
     again = search(coloured, candidates, deadline=deadline, tell=tell)
     return min(done, again, key=lambda ended: _with_colour(ended.models[-1], ended.effects))
