@@ -130,6 +130,12 @@ def kept(keep: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in keep.read_text().splitlines()] if keep.exists() else []
 
 
+def head() -> str:
+    """Hash of the commit that is checked out."""
+    command = ["git", "-C", str(ROOT), "rev-parse", "HEAD"]
+    return subprocess.run(command, capture_output=True, check=True, text=True).stdout.strip()
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--records", type=int, default=1000, metavar="N")
@@ -139,8 +145,7 @@ def main() -> None:
     parser.add_argument("--keep", type=Path, metavar="FILE")
     parser.add_argument("--report", action="store_true", help="of what there is")
     options = parser.parse_args()
-    head = ["git", "-C", str(ROOT), "rev-parse", "HEAD"]
-    salt = options.salt or subprocess.run(head, capture_output=True, check=True, text=True).stdout.strip()
+    salt = options.salt or head()
     keep = options.keep or ROOT / "build" / f"confirmation-{salt[:12]}.jsonl"
     if not options.report:
         numbers = range(options.first, options.first + options.records)
