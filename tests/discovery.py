@@ -9,7 +9,7 @@ from helpers import FIVE, NOISE, Array, W, decay
 
 from sysid_trib import ForceLibrary, Model, load_library
 from sysid_trib.discrepancy.evidence import credible, probabilities
-from sysid_trib.discrepancy.model_fit import FittedModel
+from sysid_trib.discrepancy.fitted_model import FittedModel
 from sysid_trib.discrepancy.paths import path_of
 from sysid_trib.discrepancy.run_rows import RunRows, run_rows
 from sysid_trib.discrepancy.search import Search, search

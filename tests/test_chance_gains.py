@@ -7,8 +7,9 @@ from helpers import NOISE, W
 from scipy.stats import chi2, t as student
 
 from sysid_trib.discrepancy.columns_beside import each_beside
-from sysid_trib.discrepancy.likelihood import likelihood, of_many_rows, products_of
+from sysid_trib.discrepancy.likelihood import likelihood, of_many_rows
 from sysid_trib.discrepancy.omnibus_test import trial_columns, trial_names
+from sysid_trib.discrepancy.run_products import products_of
 from sysid_trib.discrepancy.screening import TOO_FINE, screen
 from sysid_trib.discrepancy.trials import TrialEffect
 from sysid_trib.discrepancy.white_columns import known_directions, known_finely, outside_of

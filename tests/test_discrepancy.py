@@ -28,11 +28,12 @@ from kicked_motion import kicked_motion, smooth_forces
 from scipy.stats import chi2
 
 from sysid_trib import discover
-from sysid_trib.discrepancy import exchange
+from sysid_trib.discrepancy import fits as fits_of_search
 from sysid_trib.discrepancy.columns_beside import each_beside
 from sysid_trib.discrepancy.decimation import decimated
 from sysid_trib.discrepancy.discover import verdict_of
-from sysid_trib.discrepancy.exchange import Fits, decisive_p_values, exchange_effects, rivals_of
+from sysid_trib.discrepancy.exchange import decisive_p_values, exchange_effects, rivals_of
+from sysid_trib.discrepancy.fits import Fits
 from sysid_trib.discrepancy.frequency_parameters import has_frequency_parameter, is_frequency, is_resonance
 from sysid_trib.discrepancy.holdout import _scores_of_periods, better_by, predicted
 from sysid_trib.discrepancy.likelihood import likelihood, of_many_rows
@@ -336,8 +337,8 @@ def test_a_candidate_without_a_fit_is_reported(monkeypatch):
             raise SimulationError("The motion diverges.")
         return unfailing(paths, trials, **options)
 
-    unfailing = exchange.fit_model
-    monkeypatch.setattr(exchange, "fit_model", refuse)
+    unfailing = fits_of_search.fit_model
+    monkeypatch.setattr(fits_of_search, "fit_model", refuse)
     few = EFFECTS.select(["quintic", "cubic_damping"])
     found = searched([with_effect({"quintic": 1.5}, seed=3)], few)
     assert found.failed == ("quintic",)

@@ -5,7 +5,9 @@ from dataclasses import replace
 import pytest
 from discovery import EVERY, library, searched, start_model, with_effect
 
-from sysid_trib.discrepancy.exchange import Fits, _in_place, rivals_of, two_for_one
+from sysid_trib.discrepancy.exchange import rivals_of, two_for_one
+from sysid_trib.discrepancy.fits import Fits
+from sysid_trib.discrepancy.in_place import in_place
 from sysid_trib.discrepancy.screening import SAME_EFFECT, screen
 from sysid_trib.discrepancy.settings import DEFAULTS
 from sysid_trib.discrepancy.trials import TrialEffect
@@ -36,7 +38,7 @@ def test_all_that_are_as_likely_along_the_path_are_fitted():
     current = screen(model, others.forces, ["quintic"])
     near = {
         current.trials[at[0]].force.symbol
-        for score, at in _in_place(current, ("quintic",))
+        for score, at in in_place(current, ("quintic",))
         if at and score < settings.outside_of_set
     }
     assert len(near) > 1

@@ -7,12 +7,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from sysid_trib.discrepancy.columns_beside import each_beside, projected
-from sysid_trib.discrepancy.likelihood import (
-    DEVIANCE_SETTLED,
-    has_products,
-    likelihood,
-    products_of,
-)
+from sysid_trib.discrepancy.likelihood import DEVIANCE_SETTLED, likelihood
+from sysid_trib.discrepancy.run_products import has_products, products_of
 from sysid_trib.discrepancy.settings import DEFAULTS
 from sysid_trib.noise.variance_ratio import ratio_span
 from sysid_trib.regression.weak_form import build_weak_form, covariance_band, noise_operator

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from discovery import EFFECTS, start_model, with_effect
 
-from sysid_trib.discrepancy.exchange import Fits
+from sysid_trib.discrepancy.fits import Fits
 from sysid_trib.discrepancy.screening import screen
 from sysid_trib.discrepancy.settings import DEFAULTS
 from sysid_trib.discrepancy.shape_grids import HALVINGS

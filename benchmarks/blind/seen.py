@@ -12,8 +12,9 @@ import xarray as xr
 from sysid_trib import ForceLibrary, free_decay, load_library
 from sysid_trib.discrepancy.columns_beside import each_beside, projected
 from sysid_trib.discrepancy.decimation import decimated
+from sysid_trib.discrepancy.fitted_model import FittedModel
 from sysid_trib.discrepancy.likelihood import likelihood
-from sysid_trib.discrepancy.model_fit import FittedModel, fit_model
+from sysid_trib.discrepancy.model_fit import fit_model
 from sysid_trib.discrepancy.screening import screen
 from sysid_trib.discrepancy.start_model import fit_start_model
 from sysid_trib.discrepancy.trials import TrialEffect

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid_trib.discrepancy.columns_beside import projected
-from sysid_trib.discrepancy.likelihood import RunProducts
-from sysid_trib.discrepancy.model_fit import FittedModel
+from sysid_trib.discrepancy.fitted_model import FittedModel
+from sysid_trib.discrepancy.run_products import RunProducts
 
 
 def collinear_effects(

@@ -11,8 +11,8 @@ import xarray as xr
 
 from sysid_trib.discrepancy.decimation import decimated
 from sysid_trib.discrepancy.evidence import evidence
+from sysid_trib.discrepancy.fitted_model import FittedModel
 from sysid_trib.discrepancy.holdout import Prediction, improvements, predicted
-from sysid_trib.discrepancy.model_fit import FittedModel
 from sysid_trib.discrepancy.paths import RecordPath, path_of_run
 from sysid_trib.discrepancy.reference import refitted
 from sysid_trib.discrepancy.search import Search, search

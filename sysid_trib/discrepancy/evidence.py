@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from sysid_trib.arrays import Array, Mask
-from sysid_trib.discrepancy.model_fit import FittedModel
+from sysid_trib.discrepancy.fitted_model import FittedModel
 from sysid_trib.forces.force import Force
 
 

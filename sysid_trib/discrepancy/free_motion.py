@@ -8,7 +8,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
-from sysid_trib.discrepancy.model_fit import FittedModel
+from sysid_trib.discrepancy.fitted_model import FittedModel
 from sysid_trib.discrepancy.paths import RecordPath
 from sysid_trib.errors import SimulationError
 from sysid_trib.forces.force import ForceLibrary

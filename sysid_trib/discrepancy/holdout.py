@@ -8,8 +8,8 @@ import xarray as xr
 
 from sysid_trib.arrays import Array
 from sysid_trib.averaging.internal_states import begun_after
+from sysid_trib.discrepancy.fitted_model import FittedModel
 from sysid_trib.discrepancy.free_motion import free_motion, model_of_fit
-from sysid_trib.discrepancy.model_fit import FittedModel
 from sysid_trib.discrepancy.paths import RecordPath, path_of_run
 from sysid_trib.discrepancy.run_rows import run_rows
 from sysid_trib.errors import SysidTribError

@@ -9,9 +9,10 @@ from scipy.stats import chi2, norm
 
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.discrepancy.columns_beside import each_beside
-from sysid_trib.discrepancy.likelihood import Likelihood, RunProducts, likelihood, of_many_rows
-from sysid_trib.discrepancy.model_fit import FittedModel
+from sysid_trib.discrepancy.fitted_model import FittedModel
+from sysid_trib.discrepancy.likelihood import Likelihood, likelihood, of_many_rows
 from sysid_trib.discrepancy.paths import RecordPath
+from sysid_trib.discrepancy.run_products import RunProducts
 from sysid_trib.discrepancy.simulated_gains import TestedRun, p_value_by_simulation
 from sysid_trib.noise.smoothing import KNOTS_PER_PERIOD
 

@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sysid_trib.discrepancy.model_fit import FittedModel, fit_model
+from sysid_trib.discrepancy.fitted_model import FittedModel
+from sysid_trib.discrepancy.model_fit import fit_model
 from sysid_trib.discrepancy.paths import RecordPath
 from sysid_trib.discrepancy.trials import reference_power
 

@@ -12,10 +12,11 @@ from scipy.stats import chi2, norm
 
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.discrepancy.columns_beside import correlation_of, each_beside, projected
+from sysid_trib.discrepancy.fitted_model import FittedModel
 from sysid_trib.discrepancy.frequency_parameters import has_frequency_parameter
-from sysid_trib.discrepancy.likelihood import RunProducts, has_products, likelihood, of_many_rows
-from sysid_trib.discrepancy.model_fit import FittedModel
+from sysid_trib.discrepancy.likelihood import likelihood, of_many_rows
 from sysid_trib.discrepancy.omnibus_test import OmnibusTest, omnibus, trial_columns
+from sysid_trib.discrepancy.run_products import RunProducts, has_products
 from sysid_trib.discrepancy.shape_grids import refined
 from sysid_trib.discrepancy.trials import TrialEffect, trials_of
 from sysid_trib.discrepancy.white_columns import known_directions, known_finely

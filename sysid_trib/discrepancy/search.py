@@ -8,7 +8,6 @@ import numpy as np
 from sysid_trib.discrepancy.collinearity import collinear_effects
 from sysid_trib.discrepancy.evidence import evidence
 from sysid_trib.discrepancy.exchange import (
-    Fits,
     Move,
     better_rival,
     chance_in_set,
@@ -20,8 +19,9 @@ from sysid_trib.discrepancy.exchange import (
     two_for_one,
 )
 from sysid_trib.discrepancy.final_models import followed_of_set, nested_models
+from sysid_trib.discrepancy.fits import Fits
+from sysid_trib.discrepancy.fitted_model import FittedModel
 from sysid_trib.discrepancy.likelihood import likelihood
-from sysid_trib.discrepancy.model_fit import FittedModel
 from sysid_trib.discrepancy.screening import Screening, screen
 from sysid_trib.forces.force import Force
 from sysid_trib.validation.progress import Tell, silent
@@ -169,7 +169,7 @@ def _outstanding(last: Screening, effects: tuple[str, ...], fits: Fits) -> tuple
 def _towards(
     current: Screening, effects: tuple[str, ...], fits: Fits
 ) -> tuple[FittedModel, tuple[str, ...]] | None:
-    """The more likely model of as many effects or fewer, else of one more, by two for one last."""
+    """The more likely model of as many effects or fewer, else of one more, two for one last; or None."""
     step = exchange_effects(current, effects, fits)
     if step is None and len(effects) < current.model.settings.max_effects:
         step = min(_beyond_chance(current, effects, fits), key=lambda move: move.evidence, default=None)

@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 
 from sysid_trib.arrays import Array
+from sysid_trib.discrepancy.fitted_model import FittedModel
 from sysid_trib.discrepancy.frequency_parameters import is_frequency_parameter, is_phase
-from sysid_trib.discrepancy.model_fit import FittedModel
 from sysid_trib.discrepancy.trials import TrialEffect, from_unit, to_unit
 from sysid_trib.discrepancy.white_columns import outside_of
 

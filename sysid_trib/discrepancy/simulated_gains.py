@@ -9,7 +9,8 @@ import scipy.sparse as sp
 from scipy.stats import chi2
 
 from sysid_trib.arrays import Array
-from sysid_trib.discrepancy.likelihood import Likelihood, RunProducts, likelihood
+from sysid_trib.discrepancy.likelihood import Likelihood, likelihood
+from sysid_trib.discrepancy.run_products import RunProducts
 from sysid_trib.discrepancy.run_rows import RunRows
 from sysid_trib.regression.weak_form import cholesky_factor, whiten
 

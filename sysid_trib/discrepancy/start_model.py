@@ -7,8 +7,9 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
+from sysid_trib.discrepancy.fitted_model import FittedModel
 from sysid_trib.discrepancy.likelihood import Likelihood, likelihood
-from sysid_trib.discrepancy.model_fit import FittedModel, fit_model
+from sysid_trib.discrepancy.model_fit import fit_model
 from sysid_trib.discrepancy.paths import RecordPath, path_of
 from sysid_trib.discrepancy.reference import refitted
 from sysid_trib.discrepancy.settings import DEFAULTS, Settings

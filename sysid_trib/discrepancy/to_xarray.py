@@ -11,10 +11,10 @@ from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.demodulation import demodulate
 from sysid_trib.discrepancy.detectability import detectability, texts_of
 from sysid_trib.discrepancy.evidence import credible, probabilities
+from sysid_trib.discrepancy.fitted_model import FittedModel
 from sysid_trib.discrepancy.free_motion import FreeMotion, free_motions, model_identification
 from sysid_trib.discrepancy.holdout import Prediction, improvements
 from sysid_trib.discrepancy.homogeneity_test import homogeneity
-from sysid_trib.discrepancy.model_fit import FittedModel
 from sysid_trib.discrepancy.screening import Screening
 from sysid_trib.discrepancy.search import Search
 from sysid_trib.forces.force import ForceLibrary

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid_trib.arrays import Array, Mask
-from sysid_trib.discrepancy.likelihood import has_products
-from sysid_trib.discrepancy.model_fit import FittedModel
+from sysid_trib.discrepancy.fitted_model import FittedModel
+from sysid_trib.discrepancy.run_products import has_products
 
 
 def outside_of(

@@ -1,0 +1,91 @@
+"""The exact fits of a search, each done once."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from time import monotonic
+
+import numpy as np
+
+from sysid_trib.discrepancy.fitted_model import FittedModel
+from sysid_trib.discrepancy.model_fit import NOT_FITTED, fit_model
+from sysid_trib.discrepancy.screening import is_physical, strengths
+from sysid_trib.discrepancy.trials import TrialEffect
+
+
+@dataclass
+class Fits:
+    """Exact fits of a search, each done once: by the symbols of the effects; and what could not be fitted.
+
+    After the deadline, by `time.monotonic`, none is done. What does not reach the deviance that was asked
+    for is not kept, but `unlikely`, with that deviance, from where it started: from other shapes it may.
+    """
+
+    start: FittedModel
+    deadline: float = np.inf
+    kept: dict[frozenset[str], FittedModel] = field(default_factory=dict)
+    failed: list[str] = field(default_factory=list)
+    unlikely: dict[tuple[tuple[str, tuple[float, ...]], ...], float] = field(default_factory=dict)
+
+    @property
+    def out_of_time(self) -> bool:
+        """Whether the deadline has passed."""
+        return monotonic() > self.deadline
+
+    def of(
+        self, near: FittedModel, drop: Sequence[str], add: Sequence[TrialEffect], worst: float = np.inf
+    ) -> FittedModel | None:
+        """A model near another one, with forces dropped and added; None if it does not reach `worst`."""
+        trials = [t for t in near.trials if t.force.symbol not in drop] + list(add)
+        base = {t.force.symbol for t in self.start.trials}
+        key = frozenset(t.force.symbol for t in trials) - base
+        if key in self.kept:
+            return self.kept[key]
+        place = tuple(sorted((t.force.symbol, tuple(t.shapes.values())) for t in trials))
+        if self.out_of_time or self.unlikely.get(place, -np.inf) >= worst:
+            return None
+
+        def possible(fitted: FittedModel) -> bool:
+            return _is_physical(fitted, len(base))
+
+        model = self._fitted(near, trials, worst, possible)
+        # A fit that leaves what is physical has not failed: the effect does not explain the record.
+        physical = model is None or possible(model)
+        if model is not None and model.settled and physical:
+            self.kept[key] = model.light()
+            return self.kept[key]
+        given_up = model is not None and not model.settled and model.deviance > worst
+        self.unlikely[place] = worst if given_up else np.inf
+        if physical and not given_up:
+            self.failed += [trial.force.symbol for trial in add]
+        return None
+
+    def _fitted(
+        self,
+        near: FittedModel,
+        trials: Sequence[TrialEffect],
+        worst: float,
+        possible: Callable[[FittedModel], bool],
+    ) -> FittedModel | None:
+        known = dict(zip([t.force.symbol for t in near.trials], near.coefficients.tolist(), strict=True))
+        first = np.array([*(known.get(t.force.symbol, 0.0) for t in trials), near.stiffness])
+        paths = [rows.path for rows in near.rows]
+        try:
+            model = fit_model(
+                paths,
+                trials,
+                frequency_free=near.frequency_free,
+                first=first,
+                worst=worst,
+                possible=possible,
+            )
+        except NOT_FITTED:
+            return None
+        return model if np.isfinite(model.likelihood.deviance) else None
+
+
+def _is_physical(model: FittedModel, base: int) -> bool:
+    """Whether the forces beside the first ones, those of the start model, may have their coefficients."""
+    relative_force = strengths(model, [table[:, : len(model.trials)] for table in model.tables])
+    effects = zip(model.trials, model.coefficients.tolist(), relative_force.tolist(), strict=True)
+    strongest = model.settings.strongest
+    return all(is_physical(trial.force, c, size, strongest) for trial, c, size in list(effects)[base:])
