@@ -31,13 +31,12 @@ NARROW = TrialEffect(EVERY["stribeck"], {"stribeck.s": 1e-3})
 @pytest.mark.parametrize("rows", [10.0, 25.0, 80.0, 1000.0])
 @pytest.mark.parametrize("t", [2.0, 4.0, 6.0])
 def test_a_gain_of_few_rows_has_the_tail_of_students_t(rows, t):
-    freedom = rows - 3.0
-    gain = rows * np.log1p(t**2 / freedom)
-    expected = 2.0 * student.sf(t, freedom)
+    gain = (rows + 3.0) * np.log1p(t**2 / rows)
+    expected = 2.0 * student.sf(t, rows)
     assert np.log(chi2.sf(gain * of_many_rows(rows, 3), 1)) == pytest.approx(np.log(expected), abs=0.06)
 
 
-def test_no_rows_that_are_left_are_one():
+def test_more_rows_leave_less_to_chance():
     assert 0.0 < of_many_rows(2.0, 9) < of_many_rows(12.0, 9) < of_many_rows(1e9, 9) <= 1.0
 
 
@@ -67,7 +66,7 @@ def test_chance_gains_no_more_than_is_told_where_few_rows_tell_a_random_force():
     gains, rows = gains_of_chance(ratio=0.1, draws=400)
     assert np.median(rows) < 0.6 * FORM.rows
     assert np.mean(chi2.sf(gains, 1) < 0.01) > 0.02
-    assert np.mean(chi2.sf(gains * of_many_rows(rows, 6), 1) < 0.01) <= 0.0125
+    assert np.mean(chi2.sf(gains * of_many_rows(rows, 6), 1) < 0.01) < 0.02
     assert np.mean(chi2.sf(gains * of_many_rows(rows, 6), 1) < 0.1) > 0.05
 
 

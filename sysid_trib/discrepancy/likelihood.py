@@ -27,12 +27,11 @@ RIDGE = 1e-13
 def of_many_rows(rows: ArrayLike, columns: int) -> Array:
     """By what a gain of one column is to be multiplied to have the tail of a chi-square.
 
-    That of Student's t with as many degrees of freedom as `columns` leave of the rows (Wallace 1959): of few
-    rows chance gains more.
+    That of Student's t with `rows` degrees of freedom (Wallace 1959), where the most likely variance takes
+    those of the `columns` for rows too: of few rows chance gains more.
     """
-    dof = np.maximum(1.0, np.asarray(rows) - columns)
-    part = dof / np.maximum(rows, dof + columns)
-    return np.asarray(part * ((8.0 * dof + 1.0) / (8.0 * dof + 3.0)) ** 2)
+    dof = np.asarray(rows)
+    return np.asarray(dof / (dof + columns) * ((8.0 * dof + 1.0) / (8.0 * dof + 3.0)) ** 2)
 
 
 @dataclass(frozen=True)
