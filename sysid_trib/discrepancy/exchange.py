@@ -151,13 +151,16 @@ def better_rival(
     rivals: dict[str, dict[str, float]],
     fits: Fits,
 ) -> tuple[FittedModel, tuple[str, ...]] | None:
-    """The model with a rival in an effect's place that is more likely; None if there is none."""
+    """The model with a rival in an effect's place that is more likely and beyond chance, or with nothing."""
     every = [(excess, symbol, name) for symbol, costs in rivals.items() for name, excess in costs.items()]
-    excess, symbol, name = min(every, default=(0.0, "", ""))
-    if excess > -current.model.settings.least_gain:
-        return None
-    after = tuple(s for s in effects if s != symbol) + ((name,) if name else ())
-    return fits.kept[frozenset(after)], after
+    for excess, symbol, name in sorted(every):
+        if excess > -current.model.settings.least_gain:
+            return None
+        likely = {current.trials[at[0]].force.symbol if at else "" for _, at in in_place(current, (symbol,))}
+        if name in likely:
+            after = tuple(s for s in effects if s != symbol) + ((name,) if name else ())
+            return fits.kept[frozenset(after)], after
+    return None
 
 
 def rivals_of(current: Screening, effects: tuple[str, ...], symbol: str, fits: Fits) -> dict[str, float]:
@@ -168,7 +171,7 @@ def rivals_of(current: Screening, effects: tuple[str, ...], symbol: str, fits: F
     model, settings = current.model, current.model.settings
     here = evidence(model, effects)
     likelier = {symbol: 0.0}
-    for place, (score, at) in enumerate(in_place(current, (symbol,))):
+    for place, (score, at) in enumerate(in_place(current, (symbol,), by_chance=True)):
         if place >= settings.fitted and score > settings.outside_of_set:
             break
         trials = [current.trials[i] for i in at]

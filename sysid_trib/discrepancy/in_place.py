@@ -11,11 +11,13 @@ from sysid_trib.discrepancy.likelihood import Likelihood, likelihood
 from sysid_trib.discrepancy.screening import Screening
 
 
-def in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float, list[int]]]:
+def in_place(
+    current: Screening, gone: Sequence[str], *, by_chance: bool = False
+) -> list[tuple[float, list[int]]]:
     """Scores along the present path of nothing, and of each candidate, in the place of effects.
 
-    Relative to the present model; the best trial of each candidate, the best first, without what is far or
-    what chance would do as well.
+    Relative to the present model; the best trial of each candidate, the best first, without what is far.
+    `by_chance` : with those that gain there no more than chance may.
     """
     model, kept = current.model, current.model.columns_without(gone)
     bare = likelihood(current.products, kept)
@@ -27,7 +29,7 @@ def in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float, list[
     gains, coefficients, rows = bare.deviance - beside.deviance, beside.coefficients, beside.effective_rows
     for at, gain, coefficient, of_error in zip(trials, gains, coefficients, rows, strict=True):
         p_value = current.p_value_of(float(gain), current.trials[at].force, float(of_error))
-        if p_value < model.settings.level and current.allows(at, coefficient):
+        if (by_chance or p_value < model.settings.level) and current.allows(at, coefficient):
             scores.append((without - float(gain) + (1 - len(gone)) * _of_effect(model), [at]))
     best: dict[str, tuple[float, list[int]]] = {}
     for scored in sorted(scores, key=lambda scored: scored[0]):
