@@ -2,6 +2,7 @@
 
 import errno
 import io
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -16,7 +17,7 @@ import xarray as xr
 from command_line import TIME, linear, run, write_csv
 
 import sysid_trib as st
-from sysid_trib.campaigns.conditions import estimates_of, read_conditions, reported_method
+from sysid_trib.campaigns.conditions import estimates_of, read_conditions, reported_method, varying
 from sysid_trib.campaigns.run import _wait_for_one
 from sysid_trib.campaigns.store import counts_of
 from sysid_trib.errors import RecordError, UsageError
@@ -153,6 +154,28 @@ def test_a_bad_record_is_a_row_with_its_reason(tmp_path):
     assert np.isfinite(store.outline.values).any(axis=(1, 2)).tolist() == [True, False, True]
 
 
+def test_a_record_whose_file_has_changed_is_done_anew(tmp_path, monkeypatch):
+    files = [write_csv(tmp_path / f"{at}.csv", angle=linear(zeta=0.01 + 0.001 * at)) for at in range(3)]
+    good, others = files[1].read_bytes(), files[0].read_bytes()
+    files[1].write_text("")
+    before = st.campaign(files, TASK, output=tmp_path / "out.zarr", workers=0).load()
+    assert counts_of(before)["refused"] == 1
+    files[1].write_bytes(good)
+    files[2].write_bytes(others)
+    told = []
+    again = st.campaign(
+        files, TASK, output=tmp_path / "out.zarr", workers=0, tell=lambda *text: told.append(text[0])
+    ).load()
+    assert "2 records have changed" in told[0]
+    assert counts_of(again)["done"] == 3
+    assert (before.seconds == again.seconds).values.tolist() == [True, False, False]
+    np.testing.assert_array_equal(again.coefficient[2], again.coefficient[0])
+    assert not np.array_equal(again.coefficient[2], before.coefficient[2])
+    files[2].unlink()
+    kept = st.campaign(files, TASK, output=tmp_path / "out.zarr", workers=0).load()
+    xr.testing.assert_identical(kept, again)
+
+
 def test_a_fault_of_the_package_ends_one_record_alone(tmp_path):
     def read(path):
         raise ZeroDivisionError(path)
@@ -208,6 +231,69 @@ def test_conditions_are_found_by_file_name_or_by_order(tmp_path):
     assert read_conditions(table, ["x", "y"]).load.tolist() == [3, 4]
     with pytest.raises(UsageError, match="2 rows for 3 records"):
         read_conditions(table, ["x", "y", "z"])
+
+
+@pytest.mark.parametrize(
+    ("text", "records", "sentence"),
+    [
+        ("record,load\na.csv,\n", ["a.csv"], r"'load' has no value for a\.csv"),
+        ("load\n1\n\n", ["a.csv", "b.csv"], "1 rows for 2 records"),
+        ("file,load\na.csv,1\n", ["d/a.csv"], "column 'file' holds names of records; call it 'record'"),
+        ("record,load\na.csv,1\n", ["d/a.csv", "e/a.csv"], r"'a\.csv' is the name of several records"),
+    ],
+)
+def test_a_table_of_conditions_is_refused_before_the_work_is_done(tmp_path, text, records, sentence):
+    table = tmp_path / "runs.csv"
+    table.write_text(text)
+    with pytest.raises(UsageError, match=sentence):
+        read_conditions(table, records)
+
+
+def test_a_table_of_conditions_may_have_semicolons_and_decimal_commas(tmp_path):
+    table = tmp_path / "runs.csv"
+    table.write_text("record;load;material\nb.csv;2,5;steel\na.csv;1,25;brass\n")
+    read = read_conditions(table, ["d/a.csv", "b.csv"])
+    assert read.load.tolist() == [1.25, 2.5]
+    assert list(varying(read.iloc[:1])) == []
+    assert list(varying(read)) == ["load", "material"]
+
+
+def test_a_campaign_without_any_result_ends_with_one(tmp_path):
+    (tmp_path / "a.csv").write_text("")
+    done = run("campaign", str(tmp_path / "a.csv"), "--workers", "0", "-o", str(tmp_path / "out.zarr"))
+    assert done.status == 1
+    assert "no record has a result" in done.err
+    assert "the file is empty" in done.out
+    assert (tmp_path / "out.html").exists()
+
+
+def test_a_damaged_store_is_a_sentence(tmp_path):
+    file = write_csv(tmp_path / "a.csv", angle=linear(zeta=0.01))
+    arguments = ["campaign", str(file), "--workers", "0", "--methods", "direct", "--forces", "zeta"]
+    assert run(*arguments, "-o", f"{tmp_path}/out.zarr").status == 0
+    for chunk in (tmp_path / "out.zarr" / "outline").glob("0*"):
+        chunk.write_bytes(chunk.read_bytes()[:20])
+    done = run(*arguments, "-o", f"{tmp_path}/out.zarr")
+    assert (done.status, done.err.count("\n")) == (1, 1)
+    assert "a part of the store is damaged" in done.err
+
+
+def test_discover_has_no_methods(tmp_path):
+    done = run("campaign", "a.csv", "--task", "discover", "--methods", "direct", "-o", f"{tmp_path}/o.zarr")
+    assert (done.status, done.err.count("\n")) == (2, 1)
+    assert "--methods are of identify and compare" in done.err
+
+
+def test_a_campaign_in_a_process_that_is_being_started_says_what_is_lacking(tmp_path, monkeypatch):
+    monkeypatch.setattr(multiprocessing.current_process(), "_inheriting", True, raising=False)
+    with pytest.raises(UsageError, match="__main__"):
+        st.campaign(["a.csv"], TASK, output=tmp_path / "out.zarr")
+
+
+def test_a_store_is_no_result_of_one_record(study, tmp_path):
+    st.campaign(study, TASK, output=tmp_path / "a.zarr", workers=0)
+    with pytest.raises(RecordError, match=r"a\.html"):
+        st.load(tmp_path / "a.zarr")
 
 
 def test_estimates_are_at_one_frequency_and_of_one_unit(study, tmp_path):

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Sequence
 from importlib.util import find_spec
+from multiprocessing import current_process
 from pathlib import Path
 
 import xarray as xr
@@ -38,7 +39,8 @@ def campaign(
     task : Task
         What is done with each.
     output : path-like
-        The store. One that is there is gone on with: what is done in it is not done again.
+        The store. One that is there is gone on with: what is done in it is not done again, unless a record's
+        file has changed since.
     workers : int or str
         Processes on this machine; 0: this process alone, without dask. Or the address of a scheduler of dask
         (tcp://...), whose workers see the files under the same names.
@@ -70,18 +72,29 @@ def campaign(
     is given up, and tried again when the campaign is gone on with.
     """
     check_extra()
+    _check_process()
     whole = CampaignRecords(records)
     count = len(whole)
     store = Store(Path(output), task, whole, max(1, min(LARGEST_BLOCK, count // BLOCKS)))
-    blocks = store.unfinished()
-    done, bad = count - sum(len(at) for at in blocks), store.without_result()
-    tell("workers")
+    changed = store.changed(whole)
+    blocks = store.unfinished(changed)
+    done, bad = count - sum(len(at) for at in blocks), store.without_result(changed)
+    tell(f"workers; {changed.sum():,} records have changed" if changed.any() else "workers")
     for at, rows in finished_blocks(task, blocks, whole.record, workers=workers, memory=memory):
         store.write(at, rows)
         done += len(at)
         bad += sum(row["status"] > 1 for row in rows)
         tell(f"{done:,} of {count:,} records, {bad:,} without a result", done / count)
     return open_store(store.path)
+
+
+def _check_process() -> None:
+    """Refuse a campaign that a process which it starts would begin again, as its script is read there."""
+    if getattr(current_process(), "_inheriting", False):
+        raise UsageError(
+            'A script that starts processes wants if __name__ == "__main__": around its campaign; '
+            "or take workers=0."
+        )
 
 
 def check_extra() -> None:

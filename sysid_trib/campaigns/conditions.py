@@ -104,12 +104,23 @@ def read_conditions(path: Path, records: Sequence[str]) -> pd.DataFrame:
         It is no table.
     """
     try:
-        table = pd.read_csv(path, skipinitialspace=True)
+        with path.open() as file:
+            heading = file.readline()
+        # As spreadsheets write it where the comma is the decimal mark.
+        marks = {"sep": ";", "decimal": ","} if ";" in heading and "," not in heading else {}
+        table = pd.read_csv(path, skipinitialspace=True, **marks)
     except FileNotFoundError:
         raise UsageError(f"There is no file {path}.") from None
     except (OSError, ValueError) as error:
         raise RecordError(f"{path.name}: not a table of conditions in CSV ({error}).") from None
+    _check_values(path, table)
     if RECORD not in table:
+        base_names = {Path(name).name for name in records}
+        for column in table:
+            if set(table[column].astype(str)) & base_names:
+                raise UsageError(
+                    f"{path.name}: column '{column}' holds names of records; call it '{RECORD}'."
+                )
         if len(table) != len(records):
             raise UsageError(
                 f"{path.name}: {len(table)} rows for {len(records)} records; give one row a record, or a "
@@ -120,7 +131,26 @@ def read_conditions(path: Path, records: Sequence[str]) -> pd.DataFrame:
     if names.duplicated().any():
         raise UsageError(f"{path.name}: '{names[names.duplicated()].iloc[0]}' has two rows.")
     table.index = pd.Index(names)
+    short = [Path(name).name for name in records if name not in table.index]
+    if twice := [name for name in short if short.count(name) > 1 and name in table.index]:
+        raise UsageError(
+            f"{path.name}: '{twice[0]}' is the name of several records; give them with their folders."
+        )
     known = [name if name in table.index else Path(name).name for name in records]
     if lacking := [name for name in known if name not in table.index]:
         raise UsageError(f"{path.name}: has no row for record '{lacking[0]}'.")
     return table.loc[known].reset_index(drop=True)
+
+
+def _check_values(path: Path, table: pd.DataFrame) -> None:
+    """Refuse a table in which a record lacks a condition, before the work is done."""
+    for column in table:
+        missing = np.flatnonzero(table[column].isna())
+        if len(missing):
+            row = table[RECORD].iloc[missing[0]] if RECORD in table else f"row {missing[0] + 1}"
+            raise UsageError(f"{path.name}: '{column}' has no value for {row}; complete it.")
+
+
+def varying(table: pd.DataFrame) -> pd.DataFrame:
+    """The conditions that are not the same in all of these records."""
+    return table[[name for name in table if len(set(table[name])) > 1]]

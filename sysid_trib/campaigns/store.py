@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from sysid_trib.arrays import Index
+from sysid_trib.arrays import Index, Mask
 from sysid_trib.campaigns.outline import EDGES
 from sysid_trib.campaigns.records import CampaignRecords
 from sysid_trib.campaigns.task import (
@@ -24,6 +24,7 @@ from sysid_trib.campaigns.task import (
     SCALARS,
     Row,
     Task,
+    checksum_of,
     empty_row,
     error_of,
     shape_names,
@@ -92,16 +93,31 @@ class Store:
         for partial in path.rglob(PARTIAL):
             partial.unlink(missing_ok=True)
 
-    def unfinished(self) -> list[Index]:
-        """The records of each block that are still to be done; those whose worker died are tried again."""
+    def unfinished(self, changed: Mask) -> list[Index]:
+        """The records of each block that are still to be done; those whose worker died are tried again.
+
+        `changed` : (record,) array of bool; what was done of these is done anew.
+        """
         status = self.arrays["status"][:]
         blocks = np.arange(len(status)) // self.block
-        todo = np.flatnonzero((status == WAITING) | (status == LOST))
+        todo = np.flatnonzero((status == WAITING) | (status == LOST) | changed)
         return [todo[blocks[todo] == at] for at in np.unique(blocks[todo])]
 
-    def without_result(self) -> int:
-        """How many records were refused, or failed."""
-        return int(np.isin(self.arrays["status"][:], (REFUSED, FAILED)).sum())
+    def changed(self, records: CampaignRecords) -> Mask:
+        """Which records that were done, or refused, have another file now, (record,)."""
+        changed = np.zeros(len(records), dtype=bool)
+        if "record_checksum" not in self.arrays:
+            return changed
+        known = np.asarray(self.arrays["record_checksum"][:]).astype(str)
+        for at in np.flatnonzero(self.arrays["status"][:] != WAITING).tolist():
+            checksum = checksum_of(records.record(at))
+            # One that is no longer there, or that only the workers see, is what it was.
+            changed[at] = bool(checksum) and checksum != known[at]
+        return changed
+
+    def without_result(self, changed: Mask) -> int:
+        """How many records were refused, or failed, without those that are done anew."""
+        return int((np.isin(self.arrays["status"][:], (REFUSED, FAILED)) & ~changed).sum())
 
     def write(self, at: Index, rows: Sequence[Row]) -> None:
         """Write the rows of records of one block.

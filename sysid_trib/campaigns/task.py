@@ -1,5 +1,6 @@
 """What a campaign does with each record, and the row of numbers that comes of it."""
 
+import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from time import perf_counter
@@ -49,12 +50,13 @@ ERROR_OF = {
 # What a comparison says of a record, before the name of a method.
 PREDICTS_BEST = "predicts best: "
 # Characters that a text of the store holds; a million records of 400 in every text would be 6 GB.
-LONGEST_TEXT = {"verdict": 100, "named": 200, "message": 400, "signal_units": 40}
+LONGEST_TEXT = {"verdict": 100, "named": 200, "message": 400, "signal_units": 40, "record_checksum": 64}
 RECORD_TEXTS = {
     "verdict": "verdict on the record",
     "named": "effects that a discovery named",
     "message": "why a record has no numbers",
     "signal_units": "unit of the record's signal",
+    "record_checksum": "SHA-256 of the record's file",
 }
 
 
@@ -200,8 +202,10 @@ def _row_of(task: Task, record: Any) -> Row:
         if isinstance(record, tuple):
             study, at = record
             row |= _truth(study, at, task.symbols)
+        checksum = {"record_checksum": checksum_of(record)}
+        row |= checksum
         decays = _decays(task, record)
-        seen = {"signal_units": signal_units(decays[0]), "outline": outline_of(decays[0])}
+        seen = checksum | {"signal_units": signal_units(decays[0]), "outline": outline_of(decays[0])}
         row |= seen
         row |= _numbers(task, task.result(decays)) | seen | {"status": IDENTIFIED}
     except SysidTribError as error:
@@ -211,6 +215,17 @@ def _row_of(task: Task, record: Any) -> Row:
         row |= {"status": FAILED, "message": f"{type(error).__name__}: {error}"}
     texts = {name: row[name][:longest] for name, longest in LONGEST_TEXT.items()}
     return row | texts | {"seconds": perf_counter() - start}
+
+
+def checksum_of(record: Any) -> str:
+    """SHA-256 of a record's file; empty of one that cannot be read, or is none."""
+    if not isinstance(record, str):
+        return ""
+    try:
+        with open(record, "rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError:
+        return ""
 
 
 def _decays(task: Task, record: Any) -> Sequence[xr.Dataset]:

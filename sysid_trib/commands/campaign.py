@@ -1,5 +1,8 @@
 """`sysid-trib campaign`."""
 
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from glob import glob, has_magic
@@ -8,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from sysid_trib.commands.options import ConstraintOptions, DecayOptions, ModelOptions, option, with_options
 from sysid_trib.commands.threads import one_thread
-from sysid_trib.errors import UsageError
+from sysid_trib.errors import RecordError, UsageError
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -63,14 +66,29 @@ def campaign(
             memory=asked.memory,
             tell=tell,
         )
-        tell("what varies between the records")
-        compared = _compared(store, table, asked.laboratories)
-        tell("report")
-        page = output.with_suffix(PAGE_ENDING)
-        from sysid_trib.reporting.campaign import write_campaign
+        with _readable(output):
+            tell("what varies between the records")
+            compared = _compared(store, table, asked.laboratories)
+            tell("report")
+            page, counts = output.with_suffix(PAGE_ENDING), counts_of(store)
+            from sysid_trib.reporting.campaign import write_campaign
 
-        write_campaign(store, compared, table, page, command_line())
-    _print(store, counts_of(store), compared, (output, page), asked.as_json)
+            write_campaign(store, compared, table, page, command_line())
+    with _readable(output):
+        _print(store, counts, compared, (output, page), asked.as_json)
+    if not counts["done"]:
+        raise RecordError(f"{output}: no record has a result; why each has none is in {page}.")
+
+
+@contextmanager
+def _readable(store: Path) -> Iterator[None]:
+    """Say of a store that is damaged that it is."""
+    try:
+        yield
+    except (RuntimeError, zlib.error) as error:
+        raise RecordError(
+            f"{store}: a part of the store is damaged ({error}); remove the store, and repeat the command."
+        ) from None
 
 
 def decays_of(given: DecayOptions, path: str) -> "list[xr.Dataset]":
@@ -140,6 +158,8 @@ def _task(
     swinging = None if given.system is None else load_system(given.system)
     read = partial(decays_of, given)
     if asked.task == "discover":
+        if asked.methods is not None:
+            raise UsageError("--methods are of identify and compare; discover has one of its own.")
         held = model.reference_frequency
         start = discovery_inputs.start_forces(model.library, model.forces, held, swinging)
         offered = discovery_inputs.offered_candidates(model.library, asked.candidates, start)
@@ -171,13 +191,19 @@ def _task(
 
 def _compared(store: "xr.Dataset", table: Any, laboratories: str | None) -> "xr.Dataset | None":
     """What varies between the records, by the identification that is reported; None of too few."""
-    from sysid_trib.campaigns.conditions import estimates_of, reported_method
+    from sysid_trib.campaigns.conditions import estimates_of, reported_method, varying
     from sysid_trib.validation.between_runs import between_runs
 
     estimates = estimates_of(store, reported_method(store))
     if min(estimates.sizes["run"], estimates.sizes["quantity"]) < 1 or estimates.sizes["run"] < 2:
         return None
-    rows = None if table is None else table.iloc[estimates["at"].values].reset_index(drop=True)
+    if table is None:
+        return between_runs(estimates)
+    rows = varying(table.iloc[estimates["at"].values].reset_index(drop=True))
+    if laboratories is not None and laboratories not in rows:
+        raise UsageError(
+            f"--laboratories '{laboratories}': all records that have a result are of one; leave it out."
+        )
     return between_runs(estimates, rows, laboratories=laboratories)
 
 

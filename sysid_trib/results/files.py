@@ -147,6 +147,11 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
     place = Path(path)
     if not os.path.exists(place):
         raise UsageError(f"There is no file {path}.")
+    if place.is_dir():
+        raise RecordError(
+            f"{place.name}: a folder, no result in netCDF; the store of a campaign has its page beside it "
+            f"({place.stem}.html), and st.open_store reads it."
+        )
     try:
         with place.open("rb") as file:
             hdf5 = file.read(4) == b"\x89HDF"
