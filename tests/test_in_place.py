@@ -1,11 +1,10 @@
-"""What may stand in an effect's place: neighbours however alike, all of a set, two for one."""
+"""What may stand in an effect's place: neighbours however alike, and all of a set."""
 
 from dataclasses import replace
 
-import pytest
-from discovery import EVERY, library, searched, start_model, with_effect
+from discovery import EVERY, library, start_model, with_effect
 
-from sysid_trib.discrepancy.exchange import rivals_of, two_for_one
+from sysid_trib.discrepancy.exchange import rivals_of
 from sysid_trib.discrepancy.fits import Fits
 from sysid_trib.discrepancy.in_place import in_place
 from sysid_trib.discrepancy.screening import SAME_EFFECT, screen
@@ -43,19 +42,3 @@ def test_all_that_are_as_likely_along_the_path_are_fitted():
     }
     assert len(near) > 1
     assert near <= rivals_of(current, ("quintic",), "quintic", fits).keys()
-
-
-def test_two_effects_take_the_place_of_one_that_stands_for_both():
-    run = with_effect({"sensor_curve": 4e-3, "equilibrium_drift": -3e-5}, seed=3)
-    model, fits = fitted(run, "bilinear")
-    current = screen(model, library("sensor_curve", "equilibrium_drift", "detent").forces, ["bilinear"])
-    step = two_for_one(current, ("bilinear",), fits)
-    assert set(step.effects) == {"sensor_curve", "equilibrium_drift"}
-    assert two_for_one(screen(step.model, [EVERY["bilinear"], EVERY["detent"]]), step.effects, fits) is None
-
-
-@pytest.mark.slow
-def test_a_search_ends_with_two_effects_that_one_would_stand_for():
-    run = with_effect({"sensor_curve": 4e-3, "equilibrium_drift": -3e-5}, seed=3)
-    found = searched([run], library("bilinear", "sensor_curve", "equilibrium_drift", "detent", "wall"))
-    assert set(found.effects) == {"sensor_curve", "equilibrium_drift"}

@@ -40,40 +40,13 @@ def exchange_effects(current: Screening, effects: tuple[str, ...], fits: Fits) -
     Move or None
         None if no such model is more likely than the present one.
     """
+    model, settings = current.model, current.model.settings
+    here = evidence(model, effects) if effects else 0.0
+    aim = here - settings.least_gain
     proposed = list[tuple[float, list[int], tuple[str, ...]]]()
     for gone in (*((symbol,) for symbol in effects), *combinations(effects, 2)):
         pairs = pairs_in_place(current, gone) if len(gone) == 2 else []
         proposed += [(*place, gone) for place in in_place(current, gone) + pairs]
-    return _likeliest(current, effects, fits, proposed, current.model.settings.least_gain)
-
-
-def two_for_one(current: Screening, effects: tuple[str, ...], fits: Fits) -> Move | None:
-    """The most likely model with two candidates in one effect's place, of which it is outside of the set.
-
-    An effect may be named for two of which each alone explains less: a one-sided spring for a curve of the
-    sensor beside an equilibrium that drifts. Of the pairs, too, chance would not have gained as much in any.
-    """
-    proposed = [(*pair, (symbol,)) for symbol in effects for pair in pairs_in_place(current, (symbol,))]
-    step = _likeliest(current, effects, fits, proposed, current.model.settings.outside_of_set)
-    if step is None:
-        return None
-    pair = [at for at, trial in enumerate(current.trials) if trial.force.symbol in step.effects[-2:]]
-    rows, gain = float(np.min(current.effective_rows[pair])), current.model.deviance - step.model.deviance
-    p_value = current.tests * current.p_value_of(gain, step.model.trials[-1].force, rows)
-    return step if p_value < current.model.settings.level else None
-
-
-def _likeliest(
-    current: Screening,
-    effects: tuple[str, ...],
-    fits: Fits,
-    proposed: Sequence[tuple[float, list[int], tuple[str, ...]]],
-    by: float,
-) -> Move | None:
-    """The most likely fit of proposed moves (score, trials, effects that go), if `by` that much."""
-    model, settings = current.model, current.model.settings
-    here = evidence(model, effects) if effects else 0.0
-    aim = here - by
     best: Move | None = None
     for score, at, gone in sorted(proposed, key=lambda scored: scored[0])[: settings.fitted]:
         if score > aim - here + settings.far:

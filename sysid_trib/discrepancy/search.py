@@ -16,7 +16,6 @@ from sysid_trib.discrepancy.exchange import (
     exchange_effects,
     not_beyond_chance,
     rivals_of,
-    two_for_one,
 )
 from sysid_trib.discrepancy.final_models import followed_of_set, nested_models
 from sysid_trib.discrepancy.fits import Fits
@@ -169,11 +168,10 @@ def _outstanding(last: Screening, effects: tuple[str, ...], fits: Fits) -> tuple
 def _towards(
     current: Screening, effects: tuple[str, ...], fits: Fits
 ) -> tuple[FittedModel, tuple[str, ...]] | None:
-    """The more likely model of as many effects or fewer, else of one more, two for one last; or None."""
+    """The more likely model of as many effects or fewer, else of one more; None if there is none."""
     step = exchange_effects(current, effects, fits)
     if step is None and len(effects) < current.model.settings.max_effects:
         step = min(_beyond_chance(current, effects, fits), key=lambda move: move.evidence, default=None)
-        step = step or two_for_one(current, effects, fits)
     return None if step is None else (step.model, step.effects)
 
 
