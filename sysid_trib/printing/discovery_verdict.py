@@ -89,16 +89,15 @@ def _closed(tree: xr.DataTree) -> list[str]:
 
 
 def _high_but_not_significant(tree: xr.DataTree) -> list[str]:
-    """Candidates above the threshold of one test each that were tried at many frequencies."""
+    """Candidates above the threshold of one test each, of many rows, that are not significant."""
     last = _last(tree, "ranking")
     limit = last.threshold.item()
     high = last.isel(candidate=(abs(last.z.values) > limit) & ~last.significant.values)
     if not high.sizes["candidate"]:
         return []
     named = ", ".join(f"{symbol} ({abs(z):.3g})" for symbol, z in high.z.to_series().items())
-    return [
-        f"Above the threshold of {limit:.3g}, but not significant for so many frequencies tried: {named}."
-    ]
+    why = "many frequencies were tried, or few swings tell how strong a random force is there"
+    return [f"Above the threshold of {limit:.3g}, but not significant ({why}): {named}."]
 
 
 def _unknown_effect(tree: xr.DataTree, details: bool) -> list[str]:
