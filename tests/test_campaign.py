@@ -405,3 +405,20 @@ def test_a_campaign_that_is_killed_goes_on_to_the_same_store(tmp_path):
     resumed = numbers(st.campaign(study, TASK, output=tmp_path / "part.zarr", workers=2))
     xr.testing.assert_identical(resumed, whole)
     assert not list((tmp_path / "part.zarr").rglob("*.partial"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("after", [4.0, 7.0])
+def test_an_interrupt_while_workers_start_is_one_line(tmp_path, after):
+    for at in range(4):
+        write_csv(tmp_path / f"run{at}.csv", angle=linear(zeta=0.01 + 0.001 * at))
+    command = [sys.executable, "-m", "sysid_trib", "campaign", "run*.csv", "-o", "out.zarr"]
+    with subprocess.Popen(
+        command, cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, start_new_session=True
+    ) as process:
+        time.sleep(after)
+        # To all of its processes, as a terminal does; it may have ended already.
+        os.killpg(process.pid, signal.SIGINT)
+        told = process.stderr.read().decode()
+    assert "Traceback" not in told
+    assert process.returncode in (0, 130)

@@ -1,9 +1,11 @@
 """Blocks of records through the workers: in this process, on a local cluster, or on any scheduler of dask."""
 
+import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import islice
 from logging import CRITICAL
+from multiprocessing import resource_tracker
 from threading import Event, Thread
 from typing import Any
 
@@ -127,8 +129,8 @@ def _client(workers: int | str, memory: str) -> Iterator[Any]:
                     "or leave --scheduler out."
                 ) from None
             return
-        with (
-            LocalCluster(
+        with _interrupts_held():
+            local = LocalCluster(
                 # One that dies while it starts must not end the others: they are asked for below.
                 n_workers=0,
                 threads_per_worker=1,
@@ -137,12 +139,29 @@ def _client(workers: int | str, memory: str) -> Iterator[Any]:
                 dashboard_address="127.0.0.1:0",
                 scheduler_kwargs={"dashboard": False},
                 silence_logs=CRITICAL,
-            ) as cluster,
+            )
+        with (
+            local as cluster,
             Client(cluster) as client,
             _looked_after(cluster, workers),
         ):
             _wait_for_one(client)
             yield client
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Threads that are begun here, and the processes that these start, do not see an interrupt.
+
+    It is for this process, which ends them; each of theirs would print a traceback.
+    """
+    # The first process that is started would let interrupts through again.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _wait_for_one(client: Any) -> None:

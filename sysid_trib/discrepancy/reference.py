@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid_trib.discrepancy.fitted_model import FittedModel
-from sysid_trib.discrepancy.model_fit import ROUNDS_AGREE, fit_model, fitted_along
+from sysid_trib.discrepancy.model_fit import fit_model, fitted_along
 from sysid_trib.discrepancy.paths import RecordPath
 from sysid_trib.discrepancy.trials import reference_power
 
@@ -19,11 +19,8 @@ MOST_RESCALED = 2.0
 def refitted(model: FittedModel, paths: Sequence[RecordPath] | None = None) -> FittedModel:
     """The model fitted again, with its frequency as the reference.
 
-    `paths` : of the same frequency as the model's; by default the model's, along which a model that has its
-    frequency already stays what it is.
+    `paths` : of the same frequency as the model's; by default the model's.
     """
-    if paths is None and _has_its_frequency(model):
-        return model
     near = [rows.path for rows in model.rows] if paths is None else paths
     for _ in range(RESCALINGS):
         squared = 1.0 + model.stiffness
@@ -35,16 +32,12 @@ def refitted(model: FittedModel, paths: Sequence[RecordPath] | None = None) -> F
         rescaled = [path.rescaled(path.frequency * factor) for path in near]
         trials, free = [trial.referred(factor) for trial in model.trials], model.frequency_free
         after = fit_model(rescaled, trials, frequency_free=free, first=first)
-        if paths is None and after.likelihood.deviance > model.likelihood.deviance + ROUNDS_AGREE:
+        if paths is None and after.likelihood.deviance > model.likelihood.deviance + model.settings.far:
             # Shapes that hardly matter may lead astray: along the path where they were found, then.
             after = fitted_along(rescaled, trials, first, free)
         model = after
-        if _has_its_frequency(model) or not oscillates:
+        same = model.settled and abs(model.stiffness) <= SAME_REFERENCE * model.stiffness_error
+        if same or not oscillates:
             break
         near = [rows.path for rows in model.rows]
     return model
-
-
-def _has_its_frequency(model: FittedModel) -> bool:
-    """Whether a fit has settled, with its frequency as the reference."""
-    return model.settled and abs(model.stiffness) <= SAME_REFERENCE * model.stiffness_error
