@@ -97,6 +97,8 @@ def test_what_goes_with_a_condition_is_named_and_nothing_else():
     assert abs(slope.effect - 0.5) < 3.0 * slope.effect_standard_error
     jump = told.sel(quantity="zeta", term="material=steel")
     assert abs(jump.effect - 1.0) < 3.0 * jump.effect_standard_error
+    # The mean is that of all runs, whatever the conditions are: as many of each were made.
+    np.testing.assert_allclose(told.sel(term="mean").effect, columns.mean(axis=0), rtol=1e-6)
 
 
 def test_a_unit_changes_nothing():

@@ -57,7 +57,9 @@ def columns_of(table: pd.DataFrame) -> tuple[dict[str, Array], list[str]]:
             continue
         groups = column.astype(str)
         for group in list(dict.fromkeys(groups))[1:]:
-            columns[f"{name}={group}"] = (groups == group).to_numpy(dtype=float)
+            inside = (groups == group).to_numpy(dtype=float)
+            # As of numbers: the mean stays that of all runs, the effect is over the first group.
+            columns[f"{name}={group}"] = inside - inside.mean()
             condition_of.append(str(name))
     design = np.column_stack(list(columns.values()))
     sized = design / np.maximum(np.linalg.norm(design, axis=0), 1e-300)
