@@ -234,6 +234,8 @@ def test_story_in_one_picture(twin):
     marks = [line.get_xdata()[0] for line in explained.lines if line.get_linestyle() == "None"]
     expected = [residual_of(tree, "before"), *tree["steps"].residual_after.values]
     np.testing.assert_allclose(marks, np.array(expected) / noise_of(tree))
+    titles = {text.get_text() for text in record.texts} | {record.get_title(loc="left")}
+    assert any("record, its last third held out" in title for title in titles)
     named = [text.get_text() for text in explained.texts if " = " in text.get_text()]
     assert [text.partition(" = ")[0].split(", ")[-1] for text in named] == ["nu", "epsilon"]
     assert {panel.get_ylabel() for panel in (record, before, after)} == {"angle (rad)", "gap (mrad)"}

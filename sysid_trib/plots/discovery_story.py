@@ -1,5 +1,7 @@
 """Figure of a discovery in one picture: the record, the gap before and after, and the effects named."""
 
+import json
+
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -37,13 +39,20 @@ def story(tree: xr.DataTree, run: int = 0) -> Figure:
     figure.align_ylabels(panels[:3])
     _explained(panels[3], tree)
     titles = (
-        "record",
+        _record_title(tree),
         "gap before: record \N{MINUS SIGN} start model",
         "gap after: record \N{MINUS SIGN} final model",
         "effects named",
     )
     style.letter(panels, titles)
     return figure
+
+
+def _record_title(tree: xr.DataTree) -> str:
+    """What of the record is shown: what a search has seen, unless its models were fitted to all of it."""
+    seen_alone = str(tree.attrs["held_out"]).startswith("the last third")
+    refit = json.loads(tree.attrs["options"])["refit"]
+    return "record, its last third held out" if seen_alone and not refit else "record"
 
 
 def _explained(ax: Axes, tree: xr.DataTree) -> None:
