@@ -615,3 +615,15 @@ def test_the_next_step_after_a_discovery(twin):
     assert next_step(out_of_time).without == ("time_limit",)
     tree.attrs["verdict"] = "explained"
     assert next_step(tree).options["forces"] == ",".join(tree["after"].force.values)
+
+
+def test_a_span_of_which_nothing_is_known_counts_for_nothing():
+    tau, amplitude = np.linspace(0.0, 50.0, 20), np.linspace(0.3, 0.05, 20)
+    value, error, run = 2e-3 * tau, np.full(20, 1e-4), np.zeros(20, dtype=int)
+    rate, where = trend(value, error, run, tau, amplitude)
+    value[3], error[7], error[9] = np.nan, np.inf, 0.0
+    without, there = trend(value, error, run, tau, amplitude)
+    assert where == there
+    np.testing.assert_allclose(rate, without)
+    nothing, _ = trend(np.full(20, np.nan), error, run, tau, amplitude)
+    assert np.all(np.isfinite(nothing))

@@ -33,6 +33,9 @@ def trend(value: Array, error: Array, run: Array, tau: Array, amplitude: Array) 
     A conservative force a^(p+1) makes the phase slip at a rate a^p; what the model can adjust itself, its
     frequency or its viscous friction, is in the constant. So where the force acts is where the rate changes.
     """
+    # What is not known counts for nothing.
+    known = np.isfinite(value) & np.isfinite(error) & (error > 0.0)
+    value, error = np.where(known, value, 0.0), np.where(known, error, np.inf)
     offsets = (run[:, None] == np.unique(run)).astype(float)
     plain = np.column_stack([offsets, tau])
     steady, chi_square = _fitted(plain, value, error)
@@ -52,7 +55,7 @@ def trend(value: Array, error: Array, run: Array, tau: Array, amplitude: Array) 
 
 def _fitted(columns: Array, value: Array, error: Array) -> tuple[Array, float]:
     """Weighted least squares: coefficients and chi-square."""
-    size = np.linalg.norm(columns / error[:, None], axis=0)
+    size = np.maximum(np.linalg.norm(columns / error[:, None], axis=0), np.finfo(float).tiny)
     values = np.linalg.lstsq(columns / error[:, None] / size, value / error, rcond=1e-12)[0] / size
     return values, float(np.sum(((value - columns @ values) / error) ** 2))
 
