@@ -10,7 +10,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.fitted_model import FittedModel
 from sysid_trib.discrepancy.frequency_parameters import is_frequency_parameter, is_phase
 from sysid_trib.discrepancy.trials import TrialEffect, from_unit, to_unit
-from sysid_trib.discrepancy.white_columns import outside_of
+from sysid_trib.discrepancy.white_columns import base_of, outside_of
 
 # Times a cell of a grid is halved at most.
 HALVINGS = 4
@@ -37,7 +37,8 @@ def refined(
     every, tables = list(trials), list(columns)
     alike, most = 1.0 - 2.0 * model.settings.slack, 2 * model.settings.shape_values
     added: dict[str, int] = {}
-    outside, part = _directions(model, tables)
+    base = base_of(model)
+    outside, part = _directions(model, base, tables)
     for _ in range(HALVINGS):
         pairs = [
             (float(outside[:, at] @ outside[:, other]), trial)
@@ -53,16 +54,16 @@ def refined(
         if not between:
             break
         new = [rows.coarse_columns(between) for rows in model.rows]
-        added_outside, added_part = _directions(model, new)
+        added_outside, added_part = _directions(model, base, new)
         outside, part = np.column_stack([outside, added_outside]), np.append(part, added_part)
         every += between
         tables = [np.column_stack([table, column]) for table, column in zip(tables, new, strict=True)]
     return every, tables
 
 
-def _directions(model: FittedModel, columns: Sequence[Array]) -> tuple[Array, Array]:
+def _directions(model: FittedModel, base: Array, columns: Sequence[Array]) -> tuple[Array, Array]:
     """What of columns is outside of the model's, of unit length or zero, and which part of each that is."""
-    outside, part = outside_of(model, columns)
+    outside, part = outside_of(model, columns, base)
     return outside / np.maximum(np.linalg.norm(outside, axis=0), 1e-300), part
 
 

@@ -9,8 +9,14 @@ from sysid_trib.discrepancy.fitted_model import FittedModel
 from sysid_trib.discrepancy.run_products import has_products
 
 
+def base_of(model: FittedModel, effects: Sequence[str] = ()) -> Array:
+    """Orthonormal base of the model's columns, those of `effects` left out, (row, column)."""
+    kept = model.columns_without(effects)
+    return np.linalg.qr(np.vstack([table[:, kept] for table in model.white_tables()]))[0]
+
+
 def outside_of(
-    model: FittedModel, columns: Sequence[Array], effects: Sequence[str] = ()
+    model: FittedModel, columns: Sequence[Array], base: Array | None = None
 ) -> tuple[Array, Array]:
     """What of columns is outside of the model's, and which part of each.
 
@@ -19,8 +25,8 @@ def outside_of(
     model : FittedModel
     columns : sequence of (row, column) array of float
         Of each run.
-    effects : sequence of str
-        Of the model, whose columns are left out of it.
+    base : (row, base_column) array of float, optional
+        Of the model's columns, or of some: `base_of`; by default of all.
 
     Returns
     -------
@@ -28,8 +34,7 @@ def outside_of(
         In units of the noise.
     part : (column,) array of float
     """
-    kept = model.columns_without(effects)
-    base = np.linalg.qr(np.vstack([table[:, kept] for table in model.white_tables()]))[0]
+    base = base_of(model) if base is None else base
     white = np.vstack(
         [
             rows.whitened(np.where(has_products(column), column, 0.0), model.likelihood, at)
@@ -58,7 +63,8 @@ def known_finely(
     Beside a random force a motion is known as well as the sensor tells it. What a column gains along the path
     is its square correlation with the one along the motion: all but a part that the setting `slack` allows.
     """
-    (here, part), (there, _) = (outside_of(model, tables, effects) for tables in (columns, aside))
+    base = base_of(model, effects)
+    (here, part), (there, _) = (outside_of(model, tables, base) for tables in (columns, aside))
     return _alike(here, there, model.settings.slack) | (part < model.settings.testable)
 
 
@@ -68,7 +74,8 @@ def known_directions(model: FittedModel, columns: Sequence[Array], aside: Sequen
     Of directions outside of the model's columns that are orthogonal in its noise. Parameters as of
     `known_finely`: columns that differ little may be known though their difference is not.
     """
-    (here, part), (there, _) = (outside_of(model, tables) for tables in (columns, aside))
+    base = base_of(model)
+    (here, part), (there, _) = (outside_of(model, tables, base) for tables in (columns, aside))
     length = np.where(part < model.settings.testable, np.inf, np.linalg.norm(here, axis=0))
     _, size, mixtures = np.linalg.svd(here / length, full_matrices=False)
     mixtures = mixtures[size > model.settings.testable * size[0]].T / length[:, None]
