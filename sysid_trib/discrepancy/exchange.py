@@ -102,19 +102,19 @@ def decisive_p_values(current: Screening, effects: Sequence[str], fits: Fits) ->
 
 def _p_values(current: Screening, effects: Sequence[str]) -> list[float]:
     """Probability that chance explains as much as each effect beside the others, along the model's path."""
-    model = current.model
-    kept = [model.columns_without((symbol,)) for symbol in effects]
-    # In the same rows.
-    here = model.likelihood.deviance
-    gains = [likelihood(current.products, columns).deviance - here for columns in kept]
-    return [_p_value(current, symbol, gain) for symbol, gain in zip(effects, gains, strict=True)]
+    return [_p_value(current, symbol) for symbol in effects]
 
 
-def _p_value(current: Screening, symbol: str, gain: float) -> float:
-    """Probability that chance lowers the deviance as much as an effect of the model does."""
+def _p_value(current: Screening, symbol: str, gain: float | None = None) -> float:
+    """Probability that chance lowers the deviance as much as an effect of the model does.
+
+    By default as it does in the rows along the model's path.
+    """
     model = current.model
     column, kept = model.columns_of(symbol)[0], model.columns_without((symbol,))
-    beside = each_beside(current.products, kept, [1 + column], likelihood(current.products, kept))
+    bare = likelihood(current.products, kept)
+    beside = each_beside(current.products, kept, [1 + column], bare)
+    gain = bare.deviance - model.likelihood.deviance if gain is None else gain
     return current.p_value_of(gain, model.trials[column].force, float(beside.effective_rows[0]))
 
 
