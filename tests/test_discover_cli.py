@@ -17,7 +17,7 @@ from sysid_trib.plots import style
 from sysid_trib.printing.detectability import remedy
 from sysid_trib.printing.discovery_json import discovery_json
 from sysid_trib.printing.discovery_story import discovery_blocks, discovery_story
-from sysid_trib.printing.discovery_tables import ranking_table, strongest
+from sysid_trib.printing.discovery_tables import or_others, ranking_table, strongest
 from sysid_trib.printing.layers import Layer
 from sysid_trib.printing.layout import coefficient_text
 from sysid_trib.printing.next_step import SECOND_RECORD, next_step
@@ -28,6 +28,10 @@ from sysid_trib.simulation.simulate import trajectory
 
 VISCOUS = {"zeta": "2*v"}
 OFFERED = {"drag": "v*abs(v)", "cubic": "x**3", "rubber": "x*abs(x)", "wild": "sqrt(2.25 - x**2)*x"}
+OF_DISCOVERY = [
+    *(plots.story, plots.discovery, plots.overview),
+    *(plots.disagreement, plots.rankings, plots.forecasts),
+]
 TIME = np.arange(0.0, 8.0, 0.02)
 CHILDREN = {
     *("record", "discrepancy", "discrepancy_after", "detectability", "detectability_after", "ranking"),
@@ -230,15 +234,36 @@ def test_story_in_one_picture(twin):
     for panel, model in ((before, "before"), (after, "after")):
         gap = 1e3 * (angle - tree["record"].simulated_angle.sel(model=model).values)
         np.testing.assert_allclose(panel.lines[0].get_ydata(), gap)
-    assert [text.get_text() for text in explained.get_yticklabels()] == ["start model", "+ nu", "+ epsilon"]
+    assert [text.get_text() for text in explained.get_yticklabels()] == [
+        "start model",
+        "+ nu",
+        "+ epsilon\nor 2 more",
+    ]
     marks = [line.get_xdata()[0] for line in explained.lines if line.get_linestyle() == "None"]
     expected = [residual_of(tree, "before"), *tree["steps"].residual_after.values]
     np.testing.assert_allclose(marks, np.array(expected) / noise_of(tree))
-    titles = {text.get_text() for text in record.texts} | {record.get_title(loc="left")}
-    assert any("record, its last third held out" in title for title in titles)
     named = [text.get_text() for text in explained.texts if " = " in text.get_text()]
     assert [text.partition(" = ")[0].split(", ")[-1] for text in named] == ["nu", "epsilon"]
+    assert [text.partition("; ")[2] for text in named] == ["", "or gravity or magnet"]
     assert {panel.get_ylabel() for panel in (record, before, after)} == {"angle (rad)", "gap (mrad)"}
+
+
+@pytest.mark.parametrize("draw", OF_DISCOVERY, ids=lambda draw: draw.__name__)
+def test_figures_say_what_is_held_out(twin, draw):
+    assert draw(twin[0]).get_supxlabel() == "Held out, and not in this figure: the last third of the record."
+
+
+def test_figures_of_a_model_fitted_to_the_whole_record_hold_nothing_out(twin):
+    tree = twin[0].copy()
+    tree.attrs["options"] = json.dumps(json.loads(tree.attrs["options"]) | {"refit": True})
+    assert plots.story(tree).get_supxlabel() == ""
+    assert "Held out of the search, and of these numbers" in plots.rankings(tree).get_supxlabel()
+
+
+def test_of_many_tied_names_the_first_are_told():
+    assert or_others(["a", "b", "c"], 3) == or_others(["a", "b", "c"], 2) == "a or b or c"
+    assert or_others(["a", "b", "c", "d", "e"], 3) == "a or b or c or 2 more"
+    assert or_others(["a"], 1) == "a"
 
 
 def test_figure_of_the_gap_shows_the_records(twin):
@@ -250,7 +275,7 @@ def test_figure_of_the_gap_shows_the_records(twin):
     np.testing.assert_array_equal(drawn["record"], record.angle.values)
     for model, panel in (("before", panels[1]), ("after", panels[2])):
         moved = record.simulated_angle.sel(model=model).values
-        label = {"before": "start model", "after": "with nu and epsilon"}[model]
+        label = {"before": "start model", "after": "with nu and (epsilon or 2 more)"}[model]
         np.testing.assert_array_equal(drawn[label], moved)
         np.testing.assert_allclose(panel.lines[0].get_ydata(), 1e3 * (record.angle.values - moved))
         assert "(mrad)" in panel.get_ylabel()
@@ -280,11 +305,13 @@ def test_errors_of_the_disagreement_map_are_those_of_the_noise(twin, folder, tmp
     assert len(dots.get_xdata()) == beyond.sum() > 0
 
 
-@pytest.mark.parametrize("draw", [plots.disagreement, plots.forecasts], ids=["map", "detectable"])
+@pytest.mark.parametrize("draw", [plots.disagreement, plots.forecasts, plots.overview])
 @pytest.mark.parametrize("width", [3.46, 7.2])
 def test_a_figure_of_a_column_is_whole(twin, draw, width):
     figure = draw(twin[0], width=width)
     assert overlaps(figure) == []
+    # Drawn once for the PDF and again for the PNG: labels that have no room move out by then.
+    figure.draw_without_rendering()
     inside = figure.bbox.padded(1.0)
     for panel in figure.axes:
         extent = panel.get_tightbbox(figure.canvas.get_renderer())

@@ -1,5 +1,7 @@
 """A discovery as numbers to draw, the same on paper and on a page."""
 
+import json
+
 import numpy as np
 import xarray as xr
 
@@ -8,6 +10,7 @@ from sysid_trib.printing.discovery_tables import strongest
 from sysid_trib.results.discoveries import added_effects, credible_set, shapes_of
 from sysid_trib.results.signal_units import signal_units, small_units
 
+LAST_THIRD = "the last third"
 # Candidates in a ranking.
 MOST_CANDIDATES = 15
 # A score beyond so many thresholds asks for a logarithmic axis.
@@ -19,6 +22,26 @@ ALL_BEYOND, ROOM_BELOW = 1.5, 0.2
 FEWEST_IN_CELL = 5
 COLOUR_PERCENT = 98.0
 DOT_BEYOND = 3.0
+
+
+def held_out_sentence(tree: xr.DataTree, *, of_search: bool = False) -> str:
+    """What of the records is held out of a figure; empty where nothing is.
+
+    Parameters
+    ----------
+    tree : xr.DataTree
+        Result of a command.
+    of_search : bool
+        Whether the figure is of the search itself, which never sees what is held out; models may be fitted to
+        the whole records in the end.
+    """
+    if "steps" not in tree.children:
+        return ""
+    held = str(tree.attrs["held_out"])
+    held += " of the record" * (held == LAST_THIRD)
+    if json.loads(tree.attrs["options"])["refit"] and held.startswith(LAST_THIRD):
+        return f"Held out of the search, and of these numbers: {held}." if of_search else ""
+    return f"Held out, and not in this figure: {held}."
 
 
 def missing_force(tree: xr.DataTree, *, after: bool) -> tuple[xr.DataArray, xr.DataArray, float]:

@@ -1,19 +1,21 @@
 """Figure of a discovery in one picture: the record, the gap before and after, and the effects named."""
 
-import json
-
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sysid_trib.plots import style
+from sysid_trib.plots.discovery_data import held_out_sentence
 from sysid_trib.plots.motion_data import motion_data
 from sysid_trib.plots.motion_figures import draw_in_time
+from sysid_trib.printing.discovery_tables import or_others, tied_name
 from sysid_trib.printing.exported import unit_in_latex
 from sysid_trib.printing.layout import quantity
 from sysid_trib.printing.residual import noise_of, residual_of
-from sysid_trib.results.discoveries import added_effects
+from sysid_trib.results.discoveries import added_effects, credible_set
 
+# Effects that a row names beside its own.
+MOST_TIED = 3
 # Heights of the panels, inch: record, gap before, gap after, models without rows; and of a row.
 PANEL_HEIGHTS, MODEL_ROW = (1.75, 1.15, 1.55, 0.85), 0.34
 
@@ -39,20 +41,14 @@ def story(tree: xr.DataTree, run: int = 0) -> Figure:
     figure.align_ylabels(panels[:3])
     _explained(panels[3], tree)
     titles = (
-        _record_title(tree),
+        "record",
         "gap before: record \N{MINUS SIGN} start model",
         "gap after: record \N{MINUS SIGN} final model",
         "effects named",
     )
     style.letter(panels, titles)
+    style.footnote(figure, held_out_sentence(tree))
     return figure
-
-
-def _record_title(tree: xr.DataTree) -> str:
-    """What of the record is shown: what a search has seen, unless its models were fitted to all of it."""
-    seen_alone = str(tree.attrs["held_out"]).startswith("the last third")
-    refit = json.loads(tree.attrs["options"])["refit"]
-    return "record, its last third held out" if seen_alone and not refit else "record"
 
 
 def _explained(ax: Axes, tree: xr.DataTree) -> None:
@@ -61,7 +57,7 @@ def _explained(ax: Axes, tree: xr.DataTree) -> None:
     steps = [tree["steps"].to_dataset().isel(step=at) for at in range(len(symbols))]
     residuals = [residual_of(tree, "before"), *(step.residual_after.item() for step in steps)]
     ratios = [residual / noise_of(tree) for residual in residuals]
-    texts = [f"{step['name'].item()}, {step.symbol.item()} = {_in_numbers(step)}" for step in steps]
+    texts = [_in_words(step) for step in steps]
     note = style.BESIDE_POINT | {"fontsize": 8, "annotation_clip": False}
     for row, (ratio, text) in enumerate(zip(ratios, ["", *texts], strict=True)):
         look = style.CANDIDATE_MARKS["named"] if row else style.DETECTABLE_MARKS["start model"]
@@ -71,10 +67,22 @@ def _explained(ax: Axes, tree: xr.DataTree) -> None:
         # Above its line: beside a mark a long name may not have room.
         ax.annotate(text, (1.0, row), (8, 10), **note)
     ax.axvline(1.0, **style.THRESHOLD)
-    style.name_rows(ax, ["start model", *(f"+ {symbol}" for symbol in symbols)])
+    style.name_rows(ax, ["start model", *(_row_name(step) for step in steps)])
     low, high = min(1.0, *ratios) / 1.15, max(2.0, *ratios)
     ax.set(xlabel="RMS of the gap over the noise", xscale="log", xlim=(low, high * (high / low) ** 0.2))
     style.logarithmic_ticks(ax.xaxis, low, high)
+
+
+def _row_name(step: xr.Dataset) -> str:
+    """An effect with what it cannot be separated from, in lines as narrow as a name."""
+    return f"+ {tied_name(step, 1)}".replace(" or ", "\nor ")
+
+
+def _in_words(step: xr.Dataset) -> str:
+    """An effect with its coefficient, and the effects that it cannot be separated from."""
+    others = [symbol for symbol in credible_set(step) if symbol != step.symbol.item()]
+    tied = f"; or {or_others(others, MOST_TIED)}" if others else ""
+    return f"{step['name'].item()}, {step.symbol.item()} = {_in_numbers(step)}{tied}"
 
 
 def _in_numbers(step: xr.Dataset) -> str:

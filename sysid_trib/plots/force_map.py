@@ -9,12 +9,12 @@ from matplotlib.collections import QuadMesh
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 
-from sysid_trib.plots.discovery_data import DOT_BEYOND, missing_force
-from sysid_trib.plots.style import FULL_WIDTH, LEGEND, TWO_COLUMNS, axes, letter, new_figure
+from sysid_trib.plots.discovery_data import DOT_BEYOND, held_out_sentence, missing_force
+from sysid_trib.plots.style import FULL_WIDTH, LEGEND, TWO_COLUMNS, axes, footnote, letter, new_figure
 from sysid_trib.results.signal_units import signal_label, signal_symbol, signal_units, small_units
 
 # Of a map beside another, inch.
-MAP_HEIGHT = 3.3
+MAP_HEIGHT = 3.5
 
 
 def disagreement(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
@@ -44,6 +44,7 @@ def disagreement(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
             panel.get_legend().remove()
         figure.legend(handles, labels, loc="outside upper right", frameon=False, fontsize=LEGEND["fontsize"])
     _add_colours(figure, mesh, [first, second], signal_units(tree))
+    footnote(figure, held_out_sentence(tree))
     return figure
 
 
@@ -85,4 +86,4 @@ def _map(tree: xr.DataTree, ax: Axes, after: bool) -> QuadMesh:
 def _add_colours(figure: Any, mesh: QuadMesh, panels: Any, units: str) -> None:
     x, unit = signal_symbol(units), small_units(units)[1]
     bar = figure.colorbar(mesh, ax=panels, extend="both", shrink=0.9)
-    bar.set_label(rf"missing $f$ in $\ddot{{{x}}} + \omega^2 {x} = -\omega^2 f$ ({unit})")
+    bar.set_label(f"missing $f$ ({unit}),\n" + rf"$\ddot{{{x}}} + \omega^2 {x} = -\omega^2 f$")

@@ -14,7 +14,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.decays.half_sines import envelope as half_sine_envelope
 from sysid_trib.errors import SysidTribError
 from sysid_trib.plots.style import MODEL_LINES, Style
-from sysid_trib.results.discoveries import added_effects
+from sysid_trib.printing.discovery_tables import tied_name
 from sysid_trib.results.per_run import record_groups
 from sysid_trib.results.signal_units import signal_label, signal_units, small_units
 from sysid_trib.validation.breakdown import breakdown, run_record_noise
@@ -110,7 +110,7 @@ def motion_data(tree: xr.DataTree, run: int) -> MotionData:
     data = tree[record_groups(tree)[run]].to_dataset()
     if "steps" in tree.children:
         names = ("before", "after")
-        labels = {"before": "start model", "after": f"with {_few(added_effects(tree))}"}
+        labels = {"before": "start model", "after": f"with {_few(_tied_names(tree))}"}
         shown = [np.isfinite(data.simulated_angle.sel(model=name).values).all() for name in names]
     else:
         checked = tree["comparison"].attrs
@@ -121,6 +121,13 @@ def motion_data(tree: xr.DataTree, run: int) -> MotionData:
     lines = {name: style for name, style, drawn in zip(names, MODEL_LINES, shown, strict=True) if drawn}
     noise = run_record_noise(tree, run)
     return MotionData(data, noise, lines, labels)
+
+
+def _tied_names(tree: xr.DataTree) -> list[str]:
+    """The effects of the final model, each with what it cannot be separated from."""
+    count = tree["steps"].attrs["count"]
+    names = [tied_name(tree["steps"].to_dataset().isel(step=at), 1) for at in range(count)]
+    return [f"({name})" if " or " in name and count > 1 else name for name in names]
 
 
 def _few(effects: Sequence[str]) -> str:

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sysid_trib.arrays import Array
+from sysid_trib.plots.discovery_data import held_out_sentence
 from sysid_trib.plots.motion_data import MotionData, drawn_samples, motion_data
 from sysid_trib.plots.style import (
     BAR_WIDTH,
@@ -15,6 +16,7 @@ from sysid_trib.plots.style import (
     OPEN_MARKS,
     Style,
     axes,
+    footnote,
     letter,
     logarithmic_amplitude,
     new_figure,
@@ -48,7 +50,9 @@ def discovery(tree: xr.DataTree, run: int = 0) -> Figure:
         Which of several runs, from 0.
     """
     drawn = motion_data(tree, run)
-    return _motion_figure(drawn, [[model] for model in drawn.labels])
+    figure = _motion_figure(drawn, [[model] for model in drawn.labels])
+    footnote(figure, held_out_sentence(tree))
+    return figure
 
 
 def curve(ax: Axes, time: Array, values: Array, style: Style) -> None:

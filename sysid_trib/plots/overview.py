@@ -24,6 +24,7 @@ from sysid_trib.plots.style import (
     TWO_COLUMNS,
     axes,
     columns_of_legend,
+    footnote,
     in_latex,
     letter,
     line,
@@ -78,7 +79,7 @@ def drawn_overview(data: OverviewData, width: float = FULL_WIDTH) -> Figure:
         figure = new_figure(width, ROW_HEIGHT * len(rows))
         panels = figure.subplot_mosaic(";".join(rows))
         draw_in_time([panels["A"], panels["B"]], data.motion, [list(data.models)])
-        panels["A"].legend(ncols=3, **SMALL_LEGEND)
+        _legend(panels["A"], 3, LEGEND_ROOM * (2 if width >= TWO_COLUMNS else 1))
         _shares(panels["C"], data, "decay_share", "share of the decay (%)")
         _shares(panels["D"], data, "frequency_share", "share of the shift (%)")
         _power(panels["E"], data)
@@ -87,6 +88,7 @@ def drawn_overview(data: OverviewData, width: float = FULL_WIDTH) -> Figure:
         _profiles(panels["H"], data)
         titles = [*[""] * 6, "what is missing; dots: beyond 3 errors", ""]
         letter(panels.values(), titles, fontsize=FONT_SIZE + 0.5)
+        footnote(figure, data.held_out)
         if not data.holds:
             figure.suptitle(EFFECTIVE_TITLE, fontsize=FONT_SIZE, color="0.3")
     return figure
@@ -158,10 +160,10 @@ def _power(ax: Axes, data: OverviewData) -> Axes:
     return ax
 
 
-def _legend(ax: Axes, most: int) -> None:
+def _legend(ax: Axes, most: int, room: int = LEGEND_ROOM) -> None:
     """Beside the letter of a panel, in as many rows as names need."""
     labels = ax.get_legend_handles_labels()[1]
-    ax.legend(ncols=columns_of_legend(labels, most, LEGEND_ROOM), **SMALL_LEGEND)
+    ax.legend(ncols=columns_of_legend(labels, most, room), **SMALL_LEGEND)
 
 
 def _coefficients(ax: Axes, data: OverviewData) -> Axes:

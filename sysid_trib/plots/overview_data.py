@@ -11,7 +11,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError
 from sysid_trib.physics.energy import dissipated_energy
 from sysid_trib.physics.force_weights import weights
-from sysid_trib.plots.discovery_data import COLOUR_PERCENT, DOT_BEYOND
+from sysid_trib.plots.discovery_data import COLOUR_PERCENT, DOT_BEYOND, held_out_sentence
 from sysid_trib.plots.motion_data import MotionData, motion_data
 from sysid_trib.plots.style import MODEL_LINES
 from sysid_trib.printing.model_verdict import holds, kept_results, widenings
@@ -50,6 +50,8 @@ class OverviewData:
         Whether the model explains the record.
     models : tuple of str
         Those whose motions are drawn: of a discovery the last alone.
+    held_out : str
+        What of the record a discovery held out, as a sentence.
     """
 
     motion: MotionData
@@ -60,6 +62,7 @@ class OverviewData:
     missing: xr.Dataset | None
     holds: bool
     models: tuple[str, ...]
+    held_out: str
 
     @property
     def units(self) -> str:
@@ -116,7 +119,8 @@ def overview_data(tree: xr.DataTree, run: int = 0) -> OverviewData:
             weighed = weights(main, _amplitudes(halves.amplitude.values))
             power = _power(main, halves)
     models = tuple(drawn.lines)[-1 if "steps" in tree.children else 0 :]
-    return OverviewData(drawn, results, widened, weighed, power, missing, explained, models)
+    held = held_out_sentence(tree)
+    return OverviewData(drawn, results, widened, weighed, power, missing, explained, models, held)
 
 
 def _best_motion(tree: xr.DataTree, run: int) -> MotionData:

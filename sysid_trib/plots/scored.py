@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sysid_trib.plots import style
-from sysid_trib.plots.discovery_data import detectability_data, ranking_data, rankings_data
+from sysid_trib.plots.discovery_data import detectability_data, held_out_sentence, ranking_data, rankings_data
 
 # Height of a panel of rankings, and of detectable coefficients: without rows, and of a row, inch.
 RANKING_HEIGHT, DETECTABLE_HEIGHT, DETECTABLE_ROW = 3.35, 0.95, 0.155
@@ -30,6 +30,7 @@ def rankings(tree: xr.DataTree) -> Figure:
     style.letter(panels, [data.title for data in drawn])
     handles = style.legend_marks(style.CANDIDATE_MARKS | {"threshold": style.THRESHOLD})
     figure.legend(handles=handles, ncols=4, loc="outside upper center", frameon=False, fontsize=8)
+    style.footnote(figure, held_out_sentence(tree, of_search=True))
     return figure
 
 
@@ -91,6 +92,7 @@ def forecasts(tree: xr.DataTree, *, width: float = style.FULL_WIDTH) -> Figure:
     rows = tree["detectability"].sizes["candidate"]
     figure = style.new_figure(width, DETECTABLE_HEIGHT + DETECTABLE_ROW * rows)
     forecast(tree, figure.subplots())
+    style.footnote(figure, held_out_sentence(tree, of_search=True))
     return figure
 
 

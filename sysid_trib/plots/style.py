@@ -130,6 +130,12 @@ def letter(panels: Iterable[Axes], titles: Iterable[str] = (), fontsize: float =
         panel.set_title(title.rstrip(), loc="left", fontsize=fontsize)
 
 
+def footnote(figure: Figure, text: str) -> None:
+    """A sentence below all panels, if there is one."""
+    if text:
+        figure.supxlabel(text, x=0.01, ha="left", fontsize=7, color="0.3")
+
+
 def name_rows(ax: Axes, names: list[str]) -> None:
     """Names as rows, the first on top."""
     ax.set_yticks(range(len(names)), names)

@@ -1,5 +1,6 @@
 """A discovery as tables."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -43,10 +44,29 @@ def effects_table(tree: xr.DataTree) -> "Table":
 
 def effect_name(step: xr.Dataset) -> str:
     """Symbol of an effect; one that is less probable than another stands for that one."""
+    symbol, named = step.symbol.item(), _named(step)
+    return symbol if named == symbol else f"{named} (fitted by {symbol})"
+
+
+def _named(step: xr.Dataset) -> str:
+    """The effect that has the name."""
     symbol, likeliest = step.symbol.item(), likeliest_effect(step)
     # Fits that are as good as each other have no order.
     better = credible_set(step)[likeliest] - credible_set(step)[symbol] > LIKELIER
-    return f"{likeliest} (fitted by {symbol})" if better else symbol
+    return likeliest if better else symbol
+
+
+def tied_name(step: xr.Dataset, most: int) -> str:
+    """An effect or those that it cannot be separated from, `most` of them by name: "epsilon or 2 more"."""
+    named = _named(step)
+    return or_others([named, *(symbol for symbol in credible_set(step) if symbol != named)], most)
+
+
+def or_others(symbols: Sequence[str], most: int) -> str:
+    """Symbols of which one is right, the first `most` by name; one more has its name too."""
+    named = list(symbols[: most if len(symbols) > most + 1 else most + 1])
+    more = len(symbols) - len(named)
+    return " or ".join([*named, *([f"{more} more"] if more else [])])
 
 
 def formula_text(step: xr.Dataset) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib import plots
+from sysid_trib.plots.discovery_data import held_out_sentence
 from sysid_trib.plots.motion_data import MOST_POINTS, motion_data
 from sysid_trib.printing.comparison import comparison_tables
 from sysid_trib.printing.comparison_sentences import comparison_sentences
@@ -107,14 +108,17 @@ def _compared(tree: xr.DataTree) -> list[Section]:
 
 def _discovered(tree: xr.DataTree) -> list[Section]:
     story = discovery_story(tree)
+    held, of_search = _held_out(tree), _held_out(tree, of_search=True)
     figures = {
         "Where model and record disagree": [
             *_motions(tree),
-            Figures(CAPTIONS["force_map"], map_panels(tree), [plots.disagreement(tree)]),
+            Figures(CAPTIONS["force_map"] + held, map_panels(tree), [plots.disagreement(tree)]),
         ],
-        "What is missing": [Figures(CAPTIONS["scores"], ranking_panels(tree), [plots.rankings(tree)])],
+        "What is missing": [
+            Figures(CAPTIONS["scores"] + of_search, ranking_panels(tree), [plots.rankings(tree)])
+        ],
         "What this record can show": [
-            Figures(CAPTIONS["detectable"], [detectability_panel(tree)], [plots.forecasts(tree)])
+            Figures(CAPTIONS["detectable"] + of_search, [detectability_panel(tree)], [plots.forecasts(tree)])
         ],
     }
     models = coefficient_table({name: tree[name].to_dataset() for name in ("before", "after")})
@@ -131,7 +135,10 @@ def _at_a_glance(tree: xr.DataTree) -> Section:
     """The forces of each run, and what is missing."""
     runs = range(len(record_groups(tree)))
     motions = CAPTIONS["glance_motions_printed" if "steps" in tree.children else "glance_motions"]
-    texts = [f"{_of_run(tree, run)}{motions}{CAPTIONS['glance']}{_decimated(tree, run)}" for run in runs]
+    texts = [
+        f"{_of_run(tree, run)}{motions}{CAPTIONS['glance']}{_decimated(tree, run)}{_held_out(tree)}"
+        for run in runs
+    ]
     return Section("At a glance", figures=[glance_figures(tree, *pair) for pair in enumerate(texts)])
 
 
@@ -141,7 +148,7 @@ def _motions(tree: xr.DataTree) -> list[Figures]:
     for run in range(len(record_groups(tree))):
         drawn = motion_data(tree, run)
         panels = [*time_panels(drawn, together=False), *half_period_panels(drawn)]
-        caption = f"{_of_run(tree, run)}{CAPTIONS['motions_apart']}{_decimated(tree, run)}"
+        caption = f"{_of_run(tree, run)}{CAPTIONS['motions_apart']}{_decimated(tree, run)}{_held_out(tree)}"
         made.append(Figures(caption, panels, [plots.discovery(tree, run)]))
     return made
 
@@ -156,6 +163,11 @@ def _half_periods(tree: xr.DataTree) -> list[Figures]:
         )
         for run in range(len(record_groups(tree)))
     ]
+
+
+def _held_out(tree: xr.DataTree, *, of_search: bool = False) -> str:
+    """What a discovery held out, after a caption."""
+    return f" {held_out_sentence(tree, of_search=of_search)}".rstrip()
 
 
 def _of_run(tree: xr.DataTree, run: int) -> str:
