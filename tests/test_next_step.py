@@ -86,6 +86,25 @@ def test_a_record_that_is_not_explained_leads_to_discover():
     assert next_step(unexplained()).command == "discover"
 
 
+def test_a_search_starts_from_the_forces_that_were_given(tmp_path):
+    time = np.arange(0.0, 12.0, 0.02)
+    moved = st.simulate(st.Model(FORCES, {"lambda": 1e-3, "zeta": 0.01, "nu": -0.4}, W), time, 0.4, 0.0).angle
+    path = write_csv(tmp_path / "swing.csv", time, moved.values)
+    told = json.loads(run("identify", path, "--forces", "lambda,zeta", "--json").out)["next"]
+    assert shlex.split(told, comments=True)[1:] == ["discover", str(path), "--forces", "lambda,zeta"]
+    given = dataclasses.replace(ModelOptions(), forces="lambda,zeta")
+    methods = {"direct": st.methods.Direct(), "averaging": st.methods.Averaging()}
+    compared = st.compare(paper_run(FIVE).decay(7), FORCES.select(["lambda", "zeta"]), methods)
+    assert command_after(next_step(compared), [given]) == "sysid-trib discover --forces lambda,zeta"
+
+
+def test_a_search_does_not_start_from_a_term_of_the_sensor():
+    delay = parse_library({"force": [{"symbol": "delay", "formula": "-v", "kind": "sensor"}]}, "sensor")
+    library = dataclasses.replace(FORCES, forces=(*FORCES.select(["zeta"]), *delay))
+    methods = {"direct": st.methods.Direct(), "energy_decay": st.methods.EnergyDecay()}
+    assert next_step(st.compare(paper_run(FIVE).decay(7), library, methods)).options == {"forces": "zeta"}
+
+
 def test_a_record_that_decides_nothing_leads_to_fewer_forces_and_then_to_a_longer_one():
     tree = undetermined()
     assert tree["comparison"].attrs["verdict_on_record"] == "undetermined"
@@ -118,10 +137,10 @@ def test_the_next_command_takes_over_what_was_given(tmp_path):
     for pair in (["--angle", "theta"], ["--window", "2:60"], ["--fix", "zeta=0.01"], ["--fix", "lambda=0"]):
         assert " ".join(pair) in " ".join(compare)
     assert "8.87±0.02" in compare
-    discover = shlex.split(command_after(NextStep("discover", "", without=("forces",)), groups))
-    assert "--units" in discover
+    discover = shlex.split(command_after(NextStep("discover", "", without=("units",)), groups))
+    assert discover[-2:] == ["--forces", "zeta"]
     # These are no options of discover, or not wanted.
-    assert not {"--forces", "--omega0", "--fix"} & set(discover)
+    assert not {"--units", "--omega0", "--fix"} & set(discover)
     other = command_after(NextStep("identify", "", {"window": "3:"}, ("b.csv",)), groups)
     assert "2:60" not in other
     assert other.endswith("--window 3:")

@@ -65,7 +65,7 @@ def _after_identification(tree: xr.DataTree) -> NextStep:
     if checked.attrs["verdict_on_record"] == "undetermined":
         return _after_nothing(second)
     if not holds(tree):
-        return NextStep("discover", "names what is missing", without=("forces",))
+        return _search(tree, "names what is missing")
     failed = failures(tree)
     if failed:
         name = next(iter(failed))
@@ -103,7 +103,16 @@ def _after_comparison(tree: xr.DataTree) -> NextStep:
     ratio = best.holdout_over_noise.item()
     ratio = best.residual_over_noise.item() if np.isnan(ratio) else ratio
     reason = "tests further effects" if ratio <= LARGE else "names what is missing"
-    return NextStep("discover", reason, without=("forces",))
+    return _search(tree, reason)
+
+
+def _search(tree: xr.DataTree, reason: str) -> NextStep:
+    """What is missing beside the forces that were given; terms of the sensor are candidates alone."""
+    results = [node.to_dataset() for node in tree.children.values() if "covariance" in node.ds]
+    # Methods for two forces hold no others.
+    library = library_of(max(results, key=lambda result: result.sizes["force"]))
+    forces = [force.symbol for force in library if force.kind != "sensor"]
+    return NextStep("discover", reason, {"forces": ",".join(forces)} if len(forces) < len(library) else {})
 
 
 def _after_discovery(tree: xr.DataTree) -> NextStep:
