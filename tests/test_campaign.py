@@ -1,5 +1,6 @@
 """Campaigns: one row a record, whatever the workers, the order, the bad records and the kills."""
 
+import dataclasses
 import errno
 import io
 import multiprocessing
@@ -21,9 +22,12 @@ from sysid_trib.campaigns.conditions import estimates_of, read_conditions, repor
 from sysid_trib.campaigns.run import _wait_for_one
 from sysid_trib.campaigns.store import counts_of
 from sysid_trib.errors import RecordError, UsageError
+from sysid_trib.printing.campaign import named_text
+from sysid_trib.reporting.campaign import write_campaign
 
 pytest.importorskip("zarr", reason="campaigns need the extra of this name")
-LIBRARY = st.load_library("contact_forces").select(["lambda", "zeta"])
+LIBRARY_OF_ALL = st.load_library("contact_forces")
+LIBRARY = LIBRARY_OF_ALL.select(["lambda", "zeta"])
 METHODS = {"direct": st.methods.Direct()}
 TASK = st.Task("identify", LIBRARY, METHODS)
 STUDY = """
@@ -276,6 +280,33 @@ def test_a_damaged_store_is_a_sentence(tmp_path):
     done = run(*arguments, "-o", f"{tmp_path}/out.zarr")
     assert (done.status, done.err.count("\n")) == (1, 1)
     assert "a part of the store is damaged" in done.err
+
+
+def test_a_discovery_keeps_what_its_names_cannot_be_separated_from(tmp_path):
+    noise = 5e-4 * np.random.default_rng(3).standard_normal(len(TIME))
+    cubic = st.Model(LIBRARY_OF_ALL, {"zeta": 0.01, "epsilon": 0.3}, 10.0)
+    moved = st.simulate(cubic, TIME, 0.3, 0.0).angle.values
+    files = [write_csv(tmp_path / "cubic.csv", angle=moved + noise)]
+    files += [write_csv(tmp_path / "plain.csv", angle=linear(zeta=0.01) + noise)]
+    candidates = st.load_library("candidate_effects").select(["gravity", "bias"])
+    candidates = dataclasses.replace(candidates, forces=(*LIBRARY_OF_ALL.select(["epsilon"]), *candidates))
+    task = st.Task("discover", LIBRARY_OF_ALL.select(["zeta"]), candidates=candidates)
+    store = st.campaign(list(map(str, files)), task, output=tmp_path / "found.zarr", workers=0).load()
+    named = store.named.item(0)
+    assert named in ("epsilon", "gravity")
+    assert set(store.tied.item(0).split(" or ")) == {"epsilon", "gravity"}
+    p_values = store.effect_p_value.isel(record=0)
+    assert p_values.sel(force=named) < 1e-4
+    assert int(np.isfinite(p_values).sum()) == 1
+    assert (store.named.item(1), store.tied.item(1)) == ("", "")
+    assert store.effect_p_value.isel(record=1).isnull().all()
+    write_campaign(store, None, None, tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert f"{named} (p = {p_values.sel(force=named).item():.2g})" in page
+    assert f"not to be separated: {store.tied.item(0)}" in page
+    # As an older version has begun it.
+    older = store.drop_vars(["tied", "effect_p_value"])
+    assert named_text(older.isel(record=0)) == named
 
 
 def test_discover_has_no_methods(tmp_path):

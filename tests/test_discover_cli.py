@@ -17,12 +17,12 @@ from sysid_trib.plots import style
 from sysid_trib.printing.detectability import remedy
 from sysid_trib.printing.discovery_json import discovery_json
 from sysid_trib.printing.discovery_story import discovery_blocks, discovery_story
-from sysid_trib.printing.discovery_tables import or_others, ranking_table, strongest
+from sysid_trib.printing.discovery_tables import ranking_table, strongest
 from sysid_trib.printing.layers import Layer
 from sysid_trib.printing.layout import coefficient_text
 from sysid_trib.printing.next_step import SECOND_RECORD, next_step
 from sysid_trib.printing.residual import noise_of, residual_of
-from sysid_trib.results.discoveries import credible_set
+from sysid_trib.results.discoveries import credible_set, or_others
 from sysid_trib.results.files import save
 from sysid_trib.simulation.simulate import trajectory
 

@@ -17,11 +17,13 @@ from sysid_trib.arrays import Index, Mask
 from sysid_trib.campaigns.outline import EDGES
 from sysid_trib.campaigns.records import CampaignRecords
 from sysid_trib.campaigns.task import (
+    EFFECT_P_VALUE,
     FAILED,
     LONGEST_TEXT,
     RECORD_TEXTS,
     REFUSED,
     SCALARS,
+    TIED,
     Row,
     Task,
     checksum_of,
@@ -250,7 +252,7 @@ def _array(
 
 def _dims(name: str) -> tuple[str, ...]:
     """Dimensions of a variable beside the record."""
-    if name == "true_coefficient":
+    if name in ("true_coefficient", EFFECT_P_VALUE):
         return ("force",)
     for known, dims in DIMS.items():
         if name in (known, error_of(known)):
@@ -266,13 +268,16 @@ def _described(name: str) -> tuple[str, str]:
         "shape": "shape parameter",
         "true_coefficient": "coefficient that the record was simulated with",
         "p_value": "p-value of the agreement of both methods",
+        EFFECT_P_VALUE: "corrected p-value of an effect that a discovery named",
+        TIED: "effects that those named cannot be separated from",
         "seconds": "time that the record took",
         "outline": "lowest and highest value of the record in each part of its time",
         **SCALARS,
         **RECORD_TEXTS,
     }
     if name in texts:
-        default = {"p_value": "1", "seconds": "s", "true_coefficient": FORCE_UNIT}.get(name, "")
+        units = {"p_value": "1", EFFECT_P_VALUE: "1", "seconds": "s", "true_coefficient": FORCE_UNIT}
+        default = units.get(name, "")
         return texts[name], UNITS.get(name, default)
     value = next(value for value in texts if error_of(value) == name)
     return f"standard error of the {texts[value]}", UNITS.get(value, "")

@@ -22,6 +22,7 @@ from sysid_trib.methods.scope import Method, constrained
 from sysid_trib.records.read import read_records
 from sysid_trib.records.runs import one_or_all
 from sysid_trib.results.contactless import with_contactless_frequency
+from sysid_trib.results.discoveries import credible_set, tied_name
 from sysid_trib.results.schema import map_identifications
 from sysid_trib.results.signal_units import signal_units
 from sysid_trib.validation.compare import compare, every_method
@@ -49,8 +50,19 @@ ERROR_OF = {
 }
 # What a comparison says of a record, before the name of a method.
 PREDICTS_BEST = "predicts best: "
+# Of a discovery, in the store beside `named`: what no other task has.
+TIED, EFFECT_P_VALUE = "tied", "effect_p_value"
 # Characters that a text of the store holds; a million records of 400 in every text would be 6 GB.
-LONGEST_TEXT = {"verdict": 100, "named": 200, "message": 400, "signal_units": 40, "record_checksum": 64}
+LONGEST_TEXT = {
+    "verdict": 100,
+    "named": 200,
+    TIED: 400,
+    "message": 400,
+    "signal_units": 40,
+    "record_checksum": 64,
+}
+# Competing effects that a store has by name, the most probable of each effect.
+MOST_TIED = 10
 RECORD_TEXTS = {
     "verdict": "verdict on the record",
     "named": "effects that a discovery named",
@@ -169,6 +181,8 @@ def empty_row(task: Task) -> Row:
         row |= {name: np.full(size, np.nan), error_of(name): np.full(size, np.nan)}
     for name in SCALARS:
         row |= {key: np.full(methods, np.nan) for key in (name, error_of(name)) if key}
+    if task.name == "discover":
+        row |= {TIED: "", EFFECT_P_VALUE: np.full(forces, np.nan)}
     row["outline"] = np.full((len(EDGES), OUTLINE_PARTS), np.nan)
     return row | {"p_value": np.nan, "seconds": np.nan, **dict.fromkeys(RECORD_TEXTS, "")}
 
@@ -213,7 +227,7 @@ def _row_of(task: Task, record: Any) -> Row:
     except Exception as error:
         # One bad record ends no campaign; what it was is kept with it.
         row |= {"status": FAILED, "message": f"{type(error).__name__}: {error}"}
-    texts = {name: row[name][:longest] for name, longest in LONGEST_TEXT.items()}
+    texts = {name: row[name][:longest] for name, longest in LONGEST_TEXT.items() if name in row}
     return row | texts | {"seconds": perf_counter() - start}
 
 
@@ -255,11 +269,21 @@ def _numbers(task: Task, tree: xr.DataTree) -> Row:
     if task.name == "compare":
         row |= {"verdict": f"{PREDICTS_BEST}{tree['comparison'].attrs['best']}"}
     if task.name == "discover":
-        steps = tree["steps"].to_dataset()
-        count = steps.attrs["count"]
-        row |= {"verdict": str(tree.attrs["verdict"])}
-        row |= {"named": ", ".join(steps.symbol.values[:count].tolist())}
+        row |= {"verdict": str(tree.attrs["verdict"])} | _named(tree, task.symbols)
     return row
+
+
+def _named(tree: xr.DataTree, symbols: Sequence[str]) -> Row:
+    """The effects that a discovery named, each with its p-value and what it cannot be separated from."""
+    table = tree["steps"].to_dataset()
+    steps = [table.isel(step=at) for at in range(table.attrs["count"])]
+    p_values = {step.symbol.item(): step.p_value.item() for step in steps}
+    tied = [tied_name(step, MOST_TIED) for step in steps if len(credible_set(step)) > 1]
+    return {
+        "named": ", ".join(p_values),
+        TIED: "; ".join(tied),
+        EFFECT_P_VALUE: np.array([p_values.get(symbol, np.nan) for symbol in symbols]),
+    }
 
 
 def _fill(row: Row, at: int, result: xr.Dataset, symbols: Sequence[str], shapes: Sequence[str]) -> None:

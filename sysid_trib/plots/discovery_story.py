@@ -8,11 +8,10 @@ from sysid_trib.plots import style
 from sysid_trib.plots.discovery_data import held_out_sentence
 from sysid_trib.plots.motion_data import motion_data
 from sysid_trib.plots.motion_figures import draw_in_time
-from sysid_trib.printing.discovery_tables import or_others, tied_name
 from sysid_trib.printing.exported import unit_in_latex
 from sysid_trib.printing.layout import quantity
 from sysid_trib.printing.residual import noise_of, residual_of
-from sysid_trib.results.discoveries import added_effects, credible_set
+from sysid_trib.results.discoveries import added_effects, credible_set, or_others, tied_name
 
 # Effects that a row names beside its own.
 MOST_TIED = 3

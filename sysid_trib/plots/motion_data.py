@@ -14,7 +14,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.decays.half_sines import envelope as half_sine_envelope
 from sysid_trib.errors import SysidTribError
 from sysid_trib.plots.style import MODEL_LINES, Style
-from sysid_trib.printing.discovery_tables import tied_name
+from sysid_trib.results.discoveries import tied_name
 from sysid_trib.results.per_run import record_groups
 from sysid_trib.results.signal_units import signal_label, signal_units, small_units
 from sysid_trib.validation.breakdown import breakdown, run_record_noise

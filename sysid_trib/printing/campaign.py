@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from sysid_trib.campaigns.task import EFFECT_P_VALUE, TIED
 from sysid_trib.printing.layout import number, p_value_text, text_table, value_with_error
 
 if TYPE_CHECKING:
@@ -39,6 +40,18 @@ def verdict_sentences(store: xr.Dataset) -> list[str]:
     names, counts = np.unique(verdicts[verdicts != ""], return_counts=True)
     order = np.argsort(-counts, kind="stable")[:REFUSALS]
     return ["; ".join(f"{counts[at]:,} {names[at]}" for at in order) + "."] if len(names) else []
+
+
+def named_text(record: xr.Dataset) -> str:
+    """The effects that a discovery named, each with its p-value, and what they cannot be separated from."""
+    named = str(record.named.item())
+    # A store that was begun by an older version has the names alone.
+    if not named or EFFECT_P_VALUE not in record:
+        return named
+    p_values = record[EFFECT_P_VALUE]
+    pairs = [f"{s} (p {p_value_text(p_values.sel(force=s).item())})" for s in named.split(", ")]
+    tied = str(record[TIED].item())
+    return f"{', '.join(pairs)}{f'; not to be separated: {tied}' if tied else ''}"
 
 
 def between_runs_table(compared: xr.Dataset) -> "Table":

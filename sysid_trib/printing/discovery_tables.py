@@ -1,6 +1,5 @@
 """A discovery as tables."""
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -8,15 +7,13 @@ import xarray as xr
 
 from sysid_trib.printing.layout import coefficient_text, p_value_text, text_table
 from sysid_trib.printing.residual import noise_of
-from sysid_trib.results.discoveries import added_effects, credible_set, likeliest_effect, shapes_of
+from sysid_trib.results.discoveries import added_effects, named_effect, shapes_of
 
 if TYPE_CHECKING:
     from rich.table import Table
 
 # Candidates in the table: those of the highest score at any step, and at the last.
 ROWS, LAST = 10, 3
-# An effect that is more probable by so much than the one that was fitted has the name.
-LIKELIER = 0.5
 RANKING = "Named and strongest candidates, |z| before each step and at the end (-: in the model, or untested)"
 
 
@@ -44,29 +41,8 @@ def effects_table(tree: xr.DataTree) -> "Table":
 
 def effect_name(step: xr.Dataset) -> str:
     """Symbol of an effect; one that is less probable than another stands for that one."""
-    symbol, named = step.symbol.item(), _named(step)
+    symbol, named = step.symbol.item(), named_effect(step)
     return symbol if named == symbol else f"{named} (fitted by {symbol})"
-
-
-def _named(step: xr.Dataset) -> str:
-    """The effect that has the name."""
-    symbol, likeliest = step.symbol.item(), likeliest_effect(step)
-    # Fits that are as good as each other have no order.
-    better = credible_set(step)[likeliest] - credible_set(step)[symbol] > LIKELIER
-    return likeliest if better else symbol
-
-
-def tied_name(step: xr.Dataset, most: int) -> str:
-    """An effect or those that it cannot be separated from, `most` of them by name: "epsilon or 2 more"."""
-    named = _named(step)
-    return or_others([named, *(symbol for symbol in credible_set(step) if symbol != named)], most)
-
-
-def or_others(symbols: Sequence[str], most: int) -> str:
-    """Symbols of which one is right, the first `most` by name; one more has its name too."""
-    named = list(symbols[: most if len(symbols) > most + 1 else most + 1])
-    more = len(symbols) - len(named)
-    return " or ".join([*named, *([f"{more} more"] if more else [])])
 
 
 def formula_text(step: xr.Dataset) -> str:

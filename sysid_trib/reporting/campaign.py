@@ -146,7 +146,7 @@ def _row(
     errors.append((record.asymptotic_frequency.item(), record.asymptotic_frequency_standard_error.item()))
     cells = [value_with_error(value, error) for value, error in errors]
     status = STATUS[int(record.status)]
-    texts = [text for text in (record.verdict.item(), record.named.item()) if text]
+    texts = [text for text in (record.verdict.item(), words.named_text(record)) if text]
     verdict = "; ".join(texts) if status == "done" else f"{status}: {record.message.item()}"
     name = str(record.record.item())
     return [name, _thumbnail(record, name), *conditions, *cells, f"{off:.1f}" if off else "", verdict]

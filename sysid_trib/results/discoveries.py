@@ -1,10 +1,15 @@
 """What a result of `discover` says of its effects: names, credible sets, shapes, selection steps."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import xarray as xr
 
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import library_of_text
+
+# An effect that is more probable by so much than the one that was fitted has the name.
+LIKELIER = 0.5
 
 
 def candidates_of(tree: xr.DataTree) -> ForceLibrary:
@@ -42,6 +47,27 @@ def likeliest_effect(step: xr.Dataset) -> str:
     """The most probable of the effects that may be the truth in the place of a step's effect, or itself."""
     likely = credible_set(step)
     return max(likely, key=lambda symbol: likely[symbol])
+
+
+def named_effect(step: xr.Dataset) -> str:
+    """The effect that has the name."""
+    symbol, likeliest = step.symbol.item(), likeliest_effect(step)
+    # Fits that are as good as each other have no order.
+    better = credible_set(step)[likeliest] - credible_set(step)[symbol] > LIKELIER
+    return likeliest if better else symbol
+
+
+def tied_name(step: xr.Dataset, most: int) -> str:
+    """An effect or those that it cannot be separated from, `most` of them by name: "epsilon or 2 more"."""
+    named = named_effect(step)
+    return or_others([named, *(symbol for symbol in credible_set(step) if symbol != named)], most)
+
+
+def or_others(symbols: Sequence[str], most: int) -> str:
+    """Symbols of which one is right, the first `most` by name; one more has its name too."""
+    named = list(symbols[: most if len(symbols) > most + 1 else most + 1])
+    more = len(symbols) - len(named)
+    return " or ".join([*named, *([f"{more} more"] if more else [])])
 
 
 def failed_competitors(step: xr.Dataset) -> list[str]:
