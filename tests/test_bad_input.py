@@ -305,3 +305,18 @@ def test_refusals_come_before_the_work(refused):
     begin = time.process_time()
     refused(*GOOD, "-o", "missing/x.nc")
     assert time.process_time() - begin < 1.0
+
+
+MANY = "bias,even_spring,quintic,cubic_damping,van_der_pol,angle_damping,angle_friction,even_drag"
+
+
+def test_what_a_method_refuses_names_the_file(folder):
+    paths = [write_csv(folder / f"{at}.csv", angle=linear(zeta=0.01 + 0.01 * at)) for at in range(2)]
+    model = ("--library", "candidate_effects", "--forces", MANY, "--window", "0:1.9")
+    said = run("identify", paths[0], *model).complaint
+    assert said.startswith("sysid-trib: 0.csv: 3 amplitudes cannot decide 8 forces")
+    assert run("identify", *paths, *model).complaint.startswith("sysid-trib: 0.csv and 1 more: ")
+
+
+def test_one_sample_is_no_plural():
+    assert "only 1 sample between" in run("identify", "good.csv", "--window", "3:3.001").complaint

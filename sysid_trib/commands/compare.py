@@ -3,6 +3,7 @@
 from functools import partial
 
 from sysid_trib.commands.destination import Destination, figures_of_runs
+from sysid_trib.commands.naming import named
 from sysid_trib.commands.next_command import keep_next
 from sysid_trib.commands.options import ConstraintOptions, DecayOptions, ModelOptions, with_options
 from sysid_trib.commands.terminal import progress, record_sentences
@@ -14,7 +15,7 @@ def compare(
     *, given: DecayOptions, model: ModelOptions, constraint: ConstraintOptions, destination: Destination
 ) -> None:
     """Identify the forces of a decay by every method, and test each on a part that it has not seen."""
-    with progress() as tell, one_thread():
+    with progress() as tell, one_thread(), named(given.records):
         from sysid_trib.commands import checks
         from sysid_trib.commands.record_inputs import read_decays, refuse_hertz
         from sysid_trib.forces.systems import load_system

@@ -5,6 +5,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sysid_trib.commands.destination import Destination, figures_of_runs
+from sysid_trib.commands.naming import named
 from sysid_trib.commands.next_command import keep_next
 from sysid_trib.commands.options import DEFAULT_LIBRARY, DecayOptions, option, with_options
 from sysid_trib.commands.threads import one_thread
@@ -47,7 +48,7 @@ def discover(*, given: DecayOptions, asked: SearchOptions, destination: Destinat
     """Find what a model lacks to explain a decay, name it, add it, and say how far the gap shrinks."""
     from sysid_trib.commands.terminal import progress
 
-    with progress() as tell, one_thread():
+    with progress() as tell, one_thread(), named(given.records):
         from sysid_trib.commands import checks, discovery_inputs
         from sysid_trib.commands.record_inputs import read_decays
         from sysid_trib.commands.terminal import record_sentences

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sysid_trib.commands.destination import Destination, figures_of_runs, random_force_figures
+from sysid_trib.commands.naming import named
 from sysid_trib.commands.next_command import keep_next
 from sysid_trib.commands.options import ConstraintOptions, DecayOptions, ModelOptions, option, with_options
 from sysid_trib.commands.threads import one_thread
@@ -49,7 +50,7 @@ def identify(
     """Identify the forces of a decay in two ways, and cross-check them."""
     from sysid_trib.commands.terminal import progress
 
-    with progress() as tell, one_thread():
+    with progress() as tell, one_thread(), named(given.records):
         from sysid_trib.commands import checks
         from sysid_trib.commands.record_inputs import read_decays, refuse_hertz
         from sysid_trib.commands.terminal import record_sentences

@@ -58,9 +58,9 @@ def after_the_largest(time: Array, angle: Array, swing: Swing, source: str) -> S
     count = run.stop - run.start
     if count < FEWEST_EXTREMA:
         raise DecayError(
-            f"{source}: only {count} whole half periods of steady oscillation were found (period about "
-            f"{swing.oscillation.period:.3g} s), at least five are needed, three full periods in all; record "
-            "longer or widen the window."
+            f"{source}: only {count} whole half period{'s' * (count != 1)} of steady oscillation (period "
+            f"about {swing.oscillation.period:.3g} s), at least five are needed, three full periods in all; "
+            "record longer or widen the window."
         )
     peak = np.abs(signed_extrema(time, angle - swing.equilibrium, swing.halves.select(run)))
     # Generous for an extremum's own scatter: by noise, which averaging over a third of a period would leave,

@@ -267,9 +267,9 @@ def _in_window(record: xr.Dataset, window: tuple[float | None, float | None], so
     time = record["time"].to_numpy()
     first, last = int(np.searchsorted(time, start)), int(np.searchsorted(time, stop, "right"))
     inside = record.isel(time=slice(first, last))
-    if inside.sizes["time"] < 20:
+    if (count := inside.sizes["time"]) < 20:
         raise DecayError(
-            f"{source}: only {inside.sizes['time']} samples between {max(start, time[0]):g} s and "
+            f"{source}: only {count} sample{'s' * (count != 1)} between {max(start, time[0]):g} s and "
             f"{min(stop, time[-1]):g} s (the record runs from {time[0]:g} s to {time[-1]:g} s); "
             "widen the window."
         )

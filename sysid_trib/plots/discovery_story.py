@@ -14,7 +14,7 @@ from sysid_trib.printing.residual import noise_of, residual_of
 from sysid_trib.results.discoveries import added_effects, credible_set, or_others, tied_name
 
 # Effects that a row names beside its own.
-MOST_TIED = 3
+TIED_IN_A_ROW = 3
 # Heights of the panels, inch: record, gap before, gap after, models without rows; and of a row.
 PANEL_HEIGHTS, MODEL_ROW = (1.75, 1.15, 1.55, 0.85), 0.34
 
@@ -80,7 +80,7 @@ def _row_name(step: xr.Dataset) -> str:
 def _in_words(step: xr.Dataset) -> str:
     """An effect with its coefficient, and the effects that it cannot be separated from."""
     others = [symbol for symbol in credible_set(step) if symbol != step.symbol.item()]
-    tied = f"; or {or_others(others, MOST_TIED)}" if others else ""
+    tied = f"; or {or_others(others, TIED_IN_A_ROW)}" if others else ""
     return f"{step['name'].item()}, {step.symbol.item()} = {_in_numbers(step)}{tied}"
 
 
