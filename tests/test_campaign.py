@@ -309,6 +309,14 @@ def test_a_discovery_keeps_what_its_names_cannot_be_separated_from(tmp_path):
     assert named_text(older.isel(record=0)) == named
 
 
+@pytest.mark.parametrize("command", ["campaign", "report", "simulate", "identify"])
+def test_help_says_that_a_file_is_replaced(command):
+    said = " ".join(run(command, "--help").out.split())
+    assert (
+        "in the place of one that is there" if command == "campaign" else "replaces what is there"
+    ) in said
+
+
 def test_discover_has_no_methods(tmp_path):
     done = run("campaign", "a.csv", "--task", "discover", "--methods", "direct", "-o", f"{tmp_path}/o.zarr")
     assert (done.status, done.err.count("\n")) == (2, 1)
@@ -372,12 +380,14 @@ def test_the_command_ends_with_a_page(tmp_path):
         write_csv(tmp_path / f"run{at}.csv", angle=linear(zeta=0.01 + 0.001 * at) + noise)
     (tmp_path / "runs.csv").write_text("record,load\nrun0.csv,1\nrun1.csv,2\nrun2.csv,4\n")
     arguments = ["campaign", f"{tmp_path}/run?.csv", "--conditions", f"{tmp_path}/runs.csv"]
+    (tmp_path / "out.html").write_text("of another result")
     done = run(*arguments, "--forces", "zeta,delta", "-o", f"{tmp_path}/out.zarr")
     assert done.status == 0, done.err
     assert "3 of 3 records done." in done.out
     page = (tmp_path / "out.html").read_text(encoding="utf-8")
     assert "Coefficients against conditions" in page
     assert "run2.csv" in page
+    assert "of another result" not in page
     assert page.count('<svg class="thumbnail"') == 3
 
 

@@ -123,6 +123,12 @@ def test_no_command_draws_over_a_picture_of_the_documentation():
     assert pictures.isdisjoint(st.plots.__all__)
 
 
+def test_no_method_is_chosen_by_a_keyword_of_xarrays_own():
+    pages = [*DOCS.glob("*.md"), *(ROOT / "notebooks").glob("*.py"), ROOT / "README.md"]
+    assert [page.name for page in pages if "sel(method=" in page.read_text(encoding="utf-8")] == []
+    assert 'sel({"method": "direct"})' in (DOCS / "campaigns.md").read_text(encoding="utf-8")
+
+
 def test_json_keys_are_those_documented(generated):
     page = (DOCS / "files.md").read_text(encoding="utf-8")
     results = generated.small_results()

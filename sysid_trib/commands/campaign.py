@@ -38,7 +38,11 @@ class CampaignOptions:
     workers: int = option("N", "Processes on this machine; 0: this one.", 2, least=0)
     scheduler: str | None = option("ADDRESS", "Scheduler of dask, such as tcp://host:8786.")
     memory: str = option("SIZE", "Most of each process, such as 2GB.", "auto")
-    output: Path | None = option("STORE", "Zarr store of the results.", flags=("-o", "--output"))
+    output: Path | None = option(
+        "STORE",
+        "Zarr store of the results; its page is beside it (.html), in the place of one that is there.",
+        flags=("-o", "--output"),
+    )
     as_json: bool = option(None, "Print the result as JSON, and nothing else.", False, flags=("--json",))
 
 

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sysid_trib.commands.options import option
+from sysid_trib.commands.options import WHERE_TO_WRITE, option
 from sysid_trib.commands.terminal import command_line, print_blocks, print_written, progress
 from sysid_trib.errors import RecordError, UsageError, printable
 from sysid_trib.printing.layers import Block, Layer
@@ -38,7 +38,7 @@ class Destination:
         What standard output shows.
     """
 
-    output: Path | None = option("FILE", "Where to write.", flags=("-o", "--output"))
+    output: Path | None = option("FILE", WHERE_TO_WRITE, flags=("-o", "--output"))
     as_json: bool = option(None, "Print the result as JSON, and nothing else.", False, flags=("--json",))
     csv: Path | None = option("FILE", "Where to write coefficients and frequencies as a table (CSV).")
     latex: Path | None = option("FILE", "Where to write the table and the equation for LaTeX.")

@@ -11,6 +11,7 @@ from typing import Annotated, Any, get_type_hints
 import typer
 
 DEFAULT_LIBRARY = "contact_forces"
+WHERE_TO_WRITE = "Where to write; replaces what is there."
 DEFAULT_RANDOM_FORCE = "auto"
 
 

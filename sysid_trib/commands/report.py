@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from sysid_trib.commands.options import WHERE_TO_WRITE
 from sysid_trib.commands.terminal import print_written, progress
 from sysid_trib.errors import RecordError, UsageError
 
@@ -13,7 +14,7 @@ def report(
     result: Annotated[
         Path, typer.Argument(metavar="RESULT.nc", help="What identify, compare or discover wrote with -o.")
     ],
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="REPORT.html", help="Where to write.")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="REPORT.html", help=WHERE_TO_WRITE)],
 ) -> None:
     """Show a saved result as one self-contained page, with figures that can be zoomed."""
     with progress() as tell:

@@ -5,12 +5,15 @@ from typing import Annotated
 
 import typer
 
-from sysid_trib.commands.options import DEFAULT_LIBRARY
+from sysid_trib.commands.options import DEFAULT_LIBRARY, WHERE_TO_WRITE
 from sysid_trib.commands.terminal import progress
 
 
 def simulate(
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="RECORD.csv|.nc", help="Where to write.")],
+    output: Annotated[
+        Path,
+        typer.Option("-o", "--output", metavar="RECORD.csv|.nc", help=WHERE_TO_WRITE),
+    ],
     set_: Annotated[
         list[str],
         typer.Option("--set", metavar="SYMBOL=VALUE", help="A coefficient or shape (dahl.s=0.02); repeat."),

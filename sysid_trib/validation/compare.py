@@ -95,7 +95,8 @@ def compare(
         `holdout_p_value` of the difference from the best (Diebold-Mariano test); `time_taken` (s); the texts
         `reason`, `bias`, `identifies`, `neglects`, `cannot_tell_apart`, `assumes`, `family`; and whether
         errors hold in `white_noise` only. Of several runs also `run_noise(run)` and, over `method` and `run`,
-        `run_residual_rms`, `run_train_rms`, `run_holdout_rms` (rad).
+        `run_residual_rms`, `run_train_rms`, `run_holdout_rms` (rad). A method is chosen by
+        `sel({"method": label})`: `method=` is an argument of xarray's own.
 
     Raises
     ------
