@@ -22,7 +22,7 @@ from sysid_trib.campaigns.conditions import estimates_of, read_conditions, repor
 from sysid_trib.campaigns.run import _wait_for_one
 from sysid_trib.campaigns.store import counts_of
 from sysid_trib.errors import RecordError, UsageError
-from sysid_trib.printing.campaign import named_text
+from sysid_trib.printing.campaign import named_sentences, named_text
 from sysid_trib.reporting.campaign import write_campaign
 
 pytest.importorskip("zarr", reason="campaigns need the extra of this name")
@@ -304,9 +304,23 @@ def test_a_discovery_keeps_what_its_names_cannot_be_separated_from(tmp_path):
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert f"{named} (p = {p_values.sel(force=named).item():.2g})" in page
     assert f"not to be separated: {store.tied.item(0)}" in page
+    assert "of the final model; off by" in page
+    assert named_sentences(store) == [
+        f"Named, or not to be separated from a name: {first} in 1, {second} in 1."
+        for first, second in [sorted(("epsilon", "gravity"))]
+    ]
     # As an older version has begun it.
     older = store.drop_vars(["tied", "effect_p_value"])
     assert named_text(older.isel(record=0)) == named
+    assert named_sentences(older) == []
+
+
+def test_a_folder_is_refused_before_a_store_is_made(tmp_path):
+    (tmp_path / "data").mkdir()
+    said = run("campaign", tmp_path / "data", "-o", tmp_path / "a.zarr")
+    assert said.status == 2
+    assert said.complaint.endswith("data: this is a folder; give its files: '" + f"{tmp_path}/data/*.csv'.")
+    assert not (tmp_path / "a.zarr").exists()
 
 
 @pytest.mark.parametrize("command", ["campaign", "report", "simulate", "identify"])

@@ -128,6 +128,8 @@ def _records(patterns: list[Path], study: Path | None, conditions: Path | None) 
         if not those:
             raise UsageError(f"No file is named like {pattern}.")
         files += those
+    if folders := [file for file in files if Path(file).is_dir()]:
+        raise UsageError(f"{folders[0]}: this is a folder; give its files: '{Path(folders[0]) / '*.csv'}'.")
     if not files:
         raise UsageError("A campaign wants files ('data/*.csv') or --study FILE.")
     return [file for file in dict.fromkeys(files) if conditions is None or Path(file) != conditions]
@@ -229,7 +231,8 @@ def _print(
         print(json.dumps(words.campaign_json(store, counts, compared), indent=2, allow_nan=False))
         return
     print(words.counts_sentence(counts))
-    for sentence in (*words.verdict_sentences(store), *words.refusal_sentences(store)):
+    sentences = (words.verdict_sentences, words.named_sentences, words.refusal_sentences)
+    for sentence in (said for of_store in sentences for said in of_store(store)):
         print(printable(sentence))
     if compared is not None:
         print()

@@ -1,5 +1,7 @@
 """A campaign in words and tables: what was done, what varies between the records, which stand out."""
 
+import re
+from collections import Counter
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +14,7 @@ from sysid_trib.printing.layout import number, p_value_text, text_table, value_w
 if TYPE_CHECKING:
     from rich.table import Table
 
-REFUSALS = 5
+REFUSALS, NAMES_LISTED = 5, 6
 # Standard deviations beyond which a record stands out.
 STANDS_OUT = 4.0
 
@@ -40,6 +42,25 @@ def verdict_sentences(store: xr.Dataset) -> list[str]:
     names, counts = np.unique(verdicts[verdicts != ""], return_counts=True)
     order = np.argsort(-counts, kind="stable")[:REFUSALS]
     return ["; ".join(f"{counts[at]:,} {names[at]}" for at in order) + "."] if len(names) else []
+
+
+def named_sentences(store: xr.Dataset) -> list[str]:
+    """In how many records each effect is named, or cannot be separated from one that is."""
+    if TIED not in store:
+        return []
+    done = store.isel(record=np.flatnonzero(store.status.values == 1))
+    texts = zip(done.named.values.tolist(), done[TIED].values.tolist(), strict=True)
+    # "nu, epsilon" and "epsilon or gravity; ...", of many "or 3 more".
+    words = [set(re.split(r", |; | or ", f"{named}, {tied}")) for named, tied in texts]
+    counts = Counter(word for of_record in words for word in of_record if word in store.force.values)
+    if not counts:
+        return []
+    listed = [
+        f"{symbol} in {count:,}"
+        for symbol, count in sorted(counts.items(), key=lambda pair: (-pair[1], pair[0]))[:NAMES_LISTED]
+    ]
+    more = len(counts) - len(listed)
+    return [f"Named, or not to be separated from a name: {', '.join(listed)}{f', {more} more' * (more > 0)}."]
 
 
 def named_text(record: xr.Dataset) -> str:

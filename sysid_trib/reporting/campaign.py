@@ -22,6 +22,8 @@ from sysid_trib.reporting.parts import Figures, Page, PageTable, Panel, Section,
 
 # Rows of the page; the store has all of them.
 MOST_ROWS = 1000
+# Of a discovery, whose identifications are models and no methods.
+BY_MODEL = {"before": "of the start model", "after": "of the final model"}
 FAR_STYLE, NEAR_STYLE = {"color": ORANGE, "marker": "o"}, {"color": INK, "marker": "o"}
 
 
@@ -66,6 +68,7 @@ def write_campaign(
     if bad := words.refusal_sentences(store):
         sections.append(Section("Without a result", bad))
     summary = [words.counts_sentence(counts_of(store)), *words.verdict_sentences(store)]
+    summary += words.named_sentences(store)
     facts = [("task", str(store.attrs["task"])), ("version of sysid_trib", __version__)]
     facts += [("methods", ", ".join(store.method.values.tolist()))]
     source = {"source": f"{store.sizes['record']:,} records"}
@@ -129,7 +132,8 @@ def _records(store: xr.Dataset, compared: xr.Dataset | None, conditions: pd.Data
     more = store.sizes["record"] - len(order)
     said = [f"{more:,} more records are in the store alone."] if more else []
     numbers = frozenset(range(2 + len(names), len(heads) - 1))
-    title = f"Coefficients by {last.method.item()}; off by: distance from the others in standard deviations"
+    by = BY_MODEL.get(last.method.item(), f"by {last.method.item()}")
+    title = f"Coefficients {by}; off by: distance from the others in standard deviations"
     return Section("Records, those that stand out first", said, [PageTable(title, heads, rows, numbers)])
 
 
