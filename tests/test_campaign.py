@@ -241,7 +241,7 @@ def test_conditions_are_found_by_file_name_or_by_order(tmp_path):
     ("text", "records", "sentence"),
     [
         ("record,load\na.csv,\n", ["a.csv"], r"'load' has no value for a\.csv"),
-        ("load\n1\n\n", ["a.csv", "b.csv"], "1 rows for 2 records"),
+        ("load\n1\n\n", ["a.csv", "b.csv"], "1 row for 2 records"),
         ("file,load\na.csv,1\n", ["d/a.csv"], "column 'file' holds names of records; call it 'record'"),
         ("record,load\na.csv,1\n", ["d/a.csv", "e/a.csv"], r"'a\.csv' is the name of several records"),
     ],
@@ -253,13 +253,25 @@ def test_a_table_of_conditions_is_refused_before_the_work_is_done(tmp_path, text
         read_conditions(table, records)
 
 
-def test_a_table_of_conditions_may_have_semicolons_and_decimal_commas(tmp_path):
+def test_a_table_of_conditions_may_have_semicolons_and_decimal_commas_or_tabs(tmp_path):
     table = tmp_path / "runs.csv"
     table.write_text("record;load;material\nb.csv;2,5;steel\na.csv;1,25;brass\n")
     read = read_conditions(table, ["d/a.csv", "b.csv"])
     assert read.load.tolist() == [1.25, 2.5]
     assert list(varying(read.iloc[:1])) == []
     assert list(varying(read)) == ["load", "material"]
+    table.write_text("record\tload\nb.csv\t2.5\na.csv\t1.25\n")
+    assert read_conditions(table, ["d/a.csv", "b.csv"]).load.tolist() == [1.25, 2.5]
+
+
+def test_conditions_that_go_together_are_refused_before_the_work_is_done(tmp_path):
+    for name in "abc":
+        write_csv(tmp_path / f"{name}.csv", angle=linear(zeta=0.01))
+    table = tmp_path / "runs.txt"
+    table.write_text("record,load,wear\na.csv,1,10\nb.csv,2,20\nc.csv,3,30\n")
+    asked = ("campaign", f"{tmp_path}/?.csv", "--conditions", table, "-o", tmp_path / "a.zarr")
+    assert "'load', 'wear' go together" in run(*asked).complaint
+    assert not (tmp_path / "a.zarr").exists()
 
 
 def test_a_campaign_without_any_result_ends_with_one(tmp_path):

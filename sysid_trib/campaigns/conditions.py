@@ -108,6 +108,8 @@ def read_conditions(path: Path, records: Sequence[str]) -> pd.DataFrame:
             heading = file.readline()
         # As spreadsheets write it where the comma is the decimal mark.
         marks = {"sep": ";", "decimal": ","} if ";" in heading and "," not in heading else {}
+        # As they are copied out of one.
+        marks = {"sep": "\t"} if "\t" in heading and "," not in heading else marks
         table = pd.read_csv(path, skipinitialspace=True, **marks)
     except FileNotFoundError:
         raise UsageError(f"There is no file {path}.") from None
@@ -122,8 +124,9 @@ def read_conditions(path: Path, records: Sequence[str]) -> pd.DataFrame:
                     f"{path.name}: column '{column}' holds names of records; call it '{RECORD}'."
                 )
         if len(table) != len(records):
+            rows = f"{len(table)} row{'s' * (len(table) != 1)}"
             raise UsageError(
-                f"{path.name}: {len(table)} rows for {len(records)} records; give one row a record, or a "
+                f"{path.name}: {rows} for {len(records)} records; give one row a record, or a "
                 f"column '{RECORD}' with their names."
             )
         return table

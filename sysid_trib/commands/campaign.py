@@ -141,11 +141,18 @@ def _conditions(asked: CampaignOptions, names: list[str]) -> Any:
         if asked.laboratories is not None:
             raise UsageError("--laboratories is a column of --conditions: give both.")
         return None
-    from sysid_trib.campaigns.conditions import read_conditions
+    from sysid_trib.campaigns.conditions import read_conditions, varying
+    from sysid_trib.validation.run_conditions import columns_of
 
     table = read_conditions(asked.conditions, names)
     if asked.laboratories is not None and asked.laboratories not in table:
         raise UsageError(f"--laboratories '{asked.laboratories}': the conditions have {', '.join(table)}.")
+    # Conditions that go together in all records do so in those with a result: refused before the work.
+    columns_of(
+        varying(table).drop(
+            columns=[] if asked.laboratories is None else [asked.laboratories], errors="ignore"
+        )
+    )
     return table
 
 
