@@ -260,6 +260,11 @@ def test_figures_of_a_model_fitted_to_the_whole_record_hold_nothing_out(twin):
     assert "Held out of the search, and of these numbers" in plots.rankings(tree).get_supxlabel()
 
 
+def test_the_story_of_a_record_that_lacks_nothing_names_nothing(folder, tmp_path):
+    small(folder, folder / "plain.csv", "-o", tmp_path / "plain.nc")
+    assert plots.story(load(tmp_path / "plain.nc")).axes[-1].get_title(loc="left") == "(d) no effect named"
+
+
 def test_of_many_tied_names_the_first_are_told():
     assert or_others(["a", "b", "c"], 3) == or_others(["a", "b", "c"], 2) == "a or b or c"
     assert or_others(["a", "b", "c", "d", "e"], 3) == "a or b or c or 2 more"

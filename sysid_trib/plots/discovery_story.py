@@ -43,7 +43,7 @@ def story(tree: xr.DataTree, run: int = 0) -> Figure:
         "record",
         "gap before: record \N{MINUS SIGN} start model",
         "gap after: record \N{MINUS SIGN} final model",
-        "effects named",
+        "effects named" if added_effects(tree) else "no effect named",
     )
     style.letter(panels, titles)
     style.footnote(figure, held_out_sentence(tree))
