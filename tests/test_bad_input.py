@@ -59,7 +59,10 @@ RECORDS = {
     "only noise": ((TIME, 1e-3 * NOISE), "no oscillation stands out"),
     "growing": ((TIME, linear(zeta=-0.005, amplitude=0.01)), "grows by 3"),
     "clipped": ((TIME, np.clip(linear(), -0.02, 0.02)), "clipped at"),
-    "stuck at once": ((TIME, np.where(TIME < 0.5, linear(), 0.07)), "half periods of steady oscillation"),
+    "stuck at once": (
+        (TIME, np.where(TIME < 0.5, linear(), 0.07)),
+        "1 whole half period of steady oscillation",
+    ),
     "degrees as radians": ((TIME, linear(amplitude=30.0)), "if it is in degrees say so"),
     "huge": ((TIME, linear(amplitude=1e300)), "too much for an oscillation"),
 }
