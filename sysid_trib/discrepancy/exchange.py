@@ -114,7 +114,7 @@ def _p_value(current: Screening, symbol: str, gain: float | None = None) -> floa
     column, kept = model.columns_of(symbol)[0], model.columns_without((symbol,))
     bare = likelihood(current.products, kept)
     beside = each_beside(current.products, kept, [1 + column], bare)
-    gain = bare.deviance - model.likelihood.deviance if gain is None else gain
+    gain = bare.deviance - current.whole.deviance if gain is None else gain
     return current.p_value_of(gain, model.trials[column].force, float(beside.effective_rows[0]))
 
 
@@ -124,10 +124,19 @@ def better_rival(
     rivals: dict[str, dict[str, float]],
     fits: Fits,
 ) -> tuple[FittedModel, tuple[str, ...]] | None:
-    """The model with a rival in an effect's place that is more likely and beyond chance, or with nothing."""
-    every = [(excess, symbol, name) for symbol, costs in rivals.items() for name, excess in costs.items()]
+    """The model with a rival in an effect's place that is more likely and beyond chance, or with nothing.
+
+    Of two that are as likely the one of fewer shapes is taken.
+    """
+    model, equal = current.model, current.model.settings.least_gain
+    shapes = {t.force.symbol: len(t.force.shape) for t in (*current.trials, *model.trials)} | {"": 0}
+    every = [
+        (excess + 2.0 * equal * (shapes[name] - shapes[symbol]), symbol, name)
+        for symbol, costs in rivals.items()
+        for name, excess in costs.items()
+    ]
     for excess, symbol, name in sorted(every):
-        if excess > -current.model.settings.least_gain:
+        if excess > -equal:
             return None
         likely = {current.trials[at[0]].force.symbol if at else "" for _, at in in_place(current, (symbol,))}
         if name in likely:

@@ -44,7 +44,9 @@ class FittedModel:
         steps of the shapes in parts of their ranges.
     frequency_free : bool
     likelihood : Likelihood
-        Of these columns.
+        Of the shapes as they stand; its covariance is that beside their steps.
+    stepped : Likelihood
+        Of all columns. A step of a shape goes along its tangent: what it promises is not reached yet.
     at_ends : dict of int to (float, float)
         Of the columns of shapes held at an end of their range: by how much of it they would leave it, and
         the standard error of that.
@@ -59,6 +61,7 @@ class FittedModel:
     tables: tuple[Array, ...]
     frequency_free: bool
     likelihood: Likelihood
+    stepped: Likelihood
     at_ends: dict[int, tuple[float, float]]
     settled: bool = True
 
@@ -162,8 +165,10 @@ class FittedModel:
 
         Without the zeros of the sensor, which are each run's own.
         """
-        guess, first = np.append(self.coefficients, self.stiffness), len(self.trials) + self.frequency_free
-        table = table_of(rows, 0, 1, self.trials, guess, self.frequency_free)
+        first = len(self.trials) + self.frequency_free
+        table = table_of(rows, 0, 1, self.trials, self.frequency_free)
+        for at, _, column in self.shape_columns:
+            table[:, column + 1 - len(self.rows)] *= self.coefficients[at]
         kept = [*range(first), *range(first + len(self.rows), self.columns)]
         return np.delete(table, first, axis=1), self.likelihood.covariance[np.ix_(kept, kept)]
 
@@ -198,19 +203,29 @@ class FittedModel:
             for at, (rows, table) in enumerate(zip(self.rows, self.tables, strict=True))
         ]
 
-    def is_on_its_way(self, reach: float) -> bool:
-        """Whether a shape would go further than it may in a round, and by more than its error.
+    @property
+    def on_its_way(self) -> float:
+        """By how much a step of the shapes would lower the deviance, if tangents held so far."""
+        return self.likelihood.deviance - self.stepped.deviance
 
-        The deviance is that along the tangent: it may have settled before the shape has.
-        """
-        steps, errors = self.likelihood.coefficients, np.sqrt(np.diag(self.likelihood.covariance))
-        return any(abs(steps[at]) > max(reach, errors[at]) for *_, at in self.shape_columns)
+    def ahead(self, shapes: Array) -> Array:
+        """By how much coefficients and stiffness change with these steps of the shapes, (trial + 1,)."""
+        first, count = self.columns - len(shapes), len(self.trials)
+        covariance = self.stepped.covariance
+        errors = np.sqrt(np.diag(covariance)[first:])
+        errors[errors == 0.0] = 1.0  # held at an end of its range
+        inner = covariance[first:, first:] / np.outer(errors, errors)
+        along = np.linalg.pinv(inner, hermitian=True) @ (shapes / errors) / errors
+        changes = covariance[: count + 1, first:] @ along
+        return np.asarray(changes if self.frequency_free else np.append(changes[:count], 0.0))
 
     def next_paths(self, coefficients: Array, part: float = 1.0) -> list[RecordPath]:
         """The most likely motions, or a part of the way there; their fine part by such forces, (trial,)."""
         paths = []
-        for at, (rows, residual) in enumerate(zip(self.rows, self.residuals(), strict=True)):
-            ratio = float(self.likelihood.ratios[at])
+        of_each = zip(self.rows, self.tables, strict=True)
+        for at, (rows, table) in enumerate(of_each):
+            residual = rows.target - table @ self.stepped.coefficients
+            ratio = float(self.stepped.ratios[at])
             errors = self.sensor_errors(at), rows.path.sensor_slopes(self.trials, self.coefficients)
             motion = rows.smoothed_motion(residual, *errors, ratio, part)
             paths.append(rows.path.follow(motion, self.trials, coefficients))
@@ -226,34 +241,40 @@ class FittedModel:
             rows_of_runs.append(replace(rows, path=rows.path.beside(aside)))
         return rows_of_runs
 
-    def next_trials(self, reach: float) -> list[TrialEffect]:
-        """The trials with their shapes a step further, of `reach` at most, within their ranges.
+    def next_steps(self, reach: float) -> Array:
+        """Steps of the shapes, of `reach` at most, in parts of their ranges, (shape,).
 
-        No step changes an effect by more than its own size: a tangent does not hold so far. Of a frequency
+        None changes an effect by more than its own size: a tangent does not hold so far. Of a frequency
         that is a radian of its phase over the record.
         """
-        shapes = [dict(trial.shapes) for trial in self.trials]
         sizes = np.sqrt(np.sum([np.sum(table**2, axis=0) for table in self.tables], axis=0))
-        for at, name, column in self.shape_columns:
-            trial, key = self.trials[at], f"{self.trials[at].force.symbol}.{name}"
+        steps = list[float]()
+        for at, _, column in self.shape_columns:
             own_size = abs(self.coefficients[at]) * sizes[at] / max(sizes[column], np.finfo(float).tiny)
             most = min(reach, own_size)
-            step = np.clip(self.likelihood.coefficients[column], -most, most)
+            steps.append(float(np.clip(self.stepped.coefficients[column], -most, most)))
+        return np.array(steps)
+
+    def next_trials(self, steps: Array) -> list[TrialEffect]:
+        """The trials with their shapes so many steps further, (shape,), within their ranges."""
+        shapes = [dict(trial.shapes) for trial in self.trials]
+        for (at, name, _), step in zip(self.shape_columns, steps.tolist(), strict=True):
+            trial, key = self.trials[at], f"{self.trials[at].force.symbol}.{name}"
             shapes[at][key] = stepped_shape(trial.force, name, trial.shapes[key], step)
         return [replace(trial, shapes=table) for trial, table in zip(self.trials, shapes, strict=True)]
 
 
 def table_of(
-    rows: RunRows, run: int, runs: int, trials: Sequence[TrialEffect], guess: Array, frequency_free: bool
+    rows: RunRows, run: int, runs: int, trials: Sequence[TrialEffect], frequency_free: bool
 ) -> Array:
-    """Columns of the trials, the nuisances, and the steps of the shapes."""
+    """Columns of the trials, the nuisances, and the slopes by the shapes of forces of coefficient 1."""
     columns = rows.columns(trials)
-    steps = []
+    slopes = []
     for at, trial in enumerate(trials):
         for name in trial.force.shape:
             beside, difference = _beside(trial, name)
-            steps.append(guess[at] * (rows.columns([beside])[:, 0] - columns[:, at]) / difference)
-    return np.column_stack([columns, nuisances(rows, run, runs, frequency_free), *steps])
+            slopes.append((rows.columns([beside])[:, 0] - columns[:, at]) / difference)
+    return np.column_stack([columns, nuisances(rows, run, runs, frequency_free), *slopes])
 
 
 def _beside(trial: TrialEffect, name: str) -> tuple[TrialEffect, float]:

@@ -21,7 +21,7 @@ def in_place(
     """
     model, kept = current.model, current.model.columns_without(gone)
     bare = likelihood(current.products, kept)
-    here = model.likelihood.deviance
+    here = current.whole.deviance
     without = bare.deviance - here
     scores = [(without - len(gone) * _of_effect(model), list[int]())]
     trials = _testable_in_place(current, gone, kept, bare)
@@ -67,7 +67,7 @@ def pairs_in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float,
         likelier = likelihood(current.products, [*kept, *(current.first_trial + at for at in pair)])
         coefficients = likelier.coefficients[-2:]
         able = all(current.allows(at, c) for at, c in zip(pair, coefficients, strict=True))
-        score = likelier.deviance - model.likelihood.deviance + (2 - len(gone)) * _of_effect(model)
+        score = likelier.deviance - current.whole.deviance + (2 - len(gone)) * _of_effect(model)
         if able and score < model.settings.far:
             scores.append((score, pair))
     return scores

@@ -59,9 +59,9 @@ def fit_model(
     for turn in range(settings.rounds):
         latest = np.append(model.coefficients, model.stiffness)
         guess = guess + part * (latest - guess) if turn else latest
-        nearer = model.next_paths(guess[:-1], part)
+        nearer, steps = model.next_paths(guess[:-1], part), model.next_steps(reach)
         try:
-            after = fitted_along(nearer, model.next_trials(reach), guess, frequency_free)
+            after = fitted_along(nearer, model.next_trials(steps), guess + model.ahead(steps), frequency_free)
         except NOT_FITTED:
             return _best([*rounds, model])
         if not np.isfinite(after.likelihood.deviance):
@@ -69,14 +69,15 @@ def fit_model(
         fall, model = model.likelihood.deviance - after.likelihood.deviance, after
         # Falls shrink as a geometric series at least: the next one is this one times their ratio.
         next_fall = abs(fall) * min(1.0, abs(fall) / before) if before else abs(fall)
-        on_its_way = model.is_on_its_way(reach)
+        # Along its tangents a shape may go on where the deviance hardly falls.
+        on_its_way = model.on_its_way > ROUNDS_AGREE
         if next_fall < settings.least_gain and not on_its_way:
             return model
         before = abs(fall)
         astray = 0 if possible(model) else astray + 1
         if astray > 1 and turn > 1:
             return replace(model, settled=False)
-        if turn > 1 and not on_its_way and model.likelihood.deviance - 2.0 * abs(fall) > worst:
+        if turn > 1 and not on_its_way and model.stepped.deviance - 2.0 * abs(fall) > worst:
             return replace(model, settled=False)
         # Shapes are stepped along tangents: one that leads up was too long. A force that is narrow or has a
         # history may have path and coefficients swing about where they settle.
@@ -96,15 +97,27 @@ def _best(rounds: Sequence[FittedModel]) -> FittedModel:
 def fitted_along(
     paths: Sequence[RecordPath], trials: Sequence[TrialEffect], guess: Array, frequency_free: bool
 ) -> FittedModel:
-    """The most likely coefficients, and steps of the shapes, along paths that are held."""
+    """The most likely coefficients along paths that are held, and steps of the shapes beside them.
+
+    Tangents are those at these coefficients (variable projection: Golub, Pereyra 1973).
+    """
     rows = tuple(run_rows(path, trials, guess) for path in paths)
-    tables = [table_of(run, at, len(rows), trials, guess, frequency_free) for at, run in enumerate(rows)]
+    tables = [table_of(run, at, len(rows), trials, frequency_free) for at, run in enumerate(rows)]
     products = [run.products(table) for run, table in zip(rows, tables, strict=True)]
-    most_likely, at_ends = _within_ranges(products, tables[0].shape[1], trials)
-    b, count = most_likely.coefficients, len(trials)
+    of_shapes = [at for at, trial in enumerate(trials) for _ in trial.force.shape]
+    columns = tables[0].shape[1]
+    kept = range(columns - len(of_shapes))
+    standing = likelihood(products, [1 + column for column in kept]).among(kept, columns)
+    stepped, at_ends = standing, dict[int, tuple[float, float]]()
+    b, count = standing.coefficients, len(trials)
+    if of_shapes:
+        factors = np.concatenate([np.ones(len(kept)), b[of_shapes]])
+        tables = [table * factors for table in tables]
+        stepped, at_ends = _within_ranges([run.scaled(factors) for run in products], columns, trials)
     stiffness = float(b[count]) if frequency_free else 0.0
-    forces, columns = tuple(trials), tuple(tables)
-    return FittedModel(forces, b[:count], stiffness, rows, columns, frequency_free, most_likely, at_ends)
+    told = replace(standing, covariance=stepped.covariance)
+    forces, held = tuple(trials), tuple(tables)
+    return FittedModel(forces, b[:count], stiffness, rows, held, frequency_free, told, stepped, at_ends)
 
 
 def _within_ranges(

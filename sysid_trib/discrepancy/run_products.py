@@ -1,6 +1,6 @@
 """Products of a run's columns in the covariance of its rows, for a grid of the ratios of both noises."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -56,6 +56,11 @@ class RunProducts:
             at = np.concatenate([[0], columns])
             return np.asarray(self.products[tried[0]][np.ix_(at, at)])
         return np.asarray(np.tensordot(self._weights(ratio), self.of(columns)[1:], 1))
+
+    def scaled(self, factors: Array) -> "RunProducts":
+        """The same of columns times factors, (column,)."""
+        each = np.concatenate([[1.0], factors])
+        return replace(self, products=self.products * np.outer(each, each))
 
     def log_determinant_at(self, ratio: float) -> float:
         """The same of the covariance, over that of white noise of the sensor alone."""

@@ -14,7 +14,7 @@ from sysid_trib.arrays import Array, Mask
 from sysid_trib.discrepancy.columns_beside import correlation_of, each_beside, projected
 from sysid_trib.discrepancy.fitted_model import FittedModel
 from sysid_trib.discrepancy.frequency_parameters import has_frequency_parameter
-from sysid_trib.discrepancy.likelihood import likelihood, of_many_rows
+from sysid_trib.discrepancy.likelihood import Likelihood, likelihood, of_many_rows
 from sysid_trib.discrepancy.omnibus_test import OmnibusTest, omnibus, trial_columns
 from sysid_trib.discrepancy.run_products import RunProducts, has_products
 from sysid_trib.discrepancy.shape_grids import refined
@@ -60,6 +60,8 @@ class Screening:
         Of the model's columns, then the trials', then the omnibus test's.
     omnibus : OmnibusTest
         Of what the model leaves.
+    whole : Likelihood
+        Of the model's columns along its path, steps of its shapes among them.
     """
 
     model: FittedModel
@@ -76,6 +78,7 @@ class Screening:
     p_values: Array
     products: tuple[RunProducts, ...]
     omnibus: OmnibusTest
+    whole: Likelihood
 
     @property
     def first_trial(self) -> int:
@@ -182,6 +185,7 @@ def screen(model: FittedModel, candidates: Sequence[Force], effects: Sequence[st
         p_values=np.ones(len(trials)),
         products=products,
         omnibus=test,
+        whole=whole,
     )
     gained = zip(gains, trials, beside.effective_rows, strict=True)
     p_values = np.array([screening.p_value_of(gain, t.force, rows) for gain, t, rows in gained])
