@@ -49,7 +49,7 @@ def test_what_is_told_is_the_likelihood_of_the_shapes_as_they_stand():
 def test_coefficients_ahead_of_a_step_are_those_beside_it():
     """Of all of the step that the tangents ask for those that are the most likely with it."""
     near = fitted("delta", 1)
-    trials = [replace(t, shapes={key: 1e-3 for key in t.shapes}) for t in near.trials]
+    trials = [replace(t, shapes=dict.fromkeys(t.shapes, 0.001)) for t in near.trials]
     latest = np.append(near.coefficients, near.stiffness)
     model = fitted_along([rows.path for rows in near.rows], trials, latest, True)
     step = model.stepped.coefficients[model.columns_of("log_friction")[1:]]

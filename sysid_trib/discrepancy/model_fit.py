@@ -107,17 +107,19 @@ def fitted_along(
     of_shapes = [at for at, trial in enumerate(trials) for _ in trial.force.shape]
     columns = tables[0].shape[1]
     kept = range(columns - len(of_shapes))
-    standing = likelihood(products, [1 + column for column in kept]).among(kept, columns)
-    stepped, at_ends = standing, dict[int, tuple[float, float]]()
-    b, count = standing.coefficients, len(trials)
+    at_shapes = likelihood(products, [1 + column for column in kept]).among(kept, columns)
+    stepped, at_ends = at_shapes, dict[int, tuple[float, float]]()
+    b, count = at_shapes.coefficients, len(trials)
     if of_shapes:
         factors = np.concatenate([np.ones(len(kept)), b[of_shapes]])
         tables = [table * factors for table in tables]
         stepped, at_ends = _within_ranges([run.scaled(factors) for run in products], columns, trials)
     stiffness = float(b[count]) if frequency_free else 0.0
-    told = replace(standing, covariance=stepped.covariance)
+    most_likely = replace(at_shapes, covariance=stepped.covariance)
     forces, held = tuple(trials), tuple(tables)
-    return FittedModel(forces, b[:count], stiffness, rows, held, frequency_free, told, stepped, at_ends)
+    return FittedModel(
+        forces, b[:count], stiffness, rows, held, frequency_free, most_likely, stepped, at_ends
+    )
 
 
 def _within_ranges(

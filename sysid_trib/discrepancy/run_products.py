@@ -59,8 +59,8 @@ class RunProducts:
 
     def scaled(self, factors: Array) -> "RunProducts":
         """The same of columns times factors, (column,)."""
-        each = np.concatenate([[1.0], factors])
-        return replace(self, products=self.products * np.outer(each, each))
+        with_target = np.concatenate([[1.0], factors])
+        return replace(self, products=self.products * np.outer(with_target, with_target))
 
     def log_determinant_at(self, ratio: float) -> float:
         """The same of the covariance, over that of white noise of the sensor alone."""
