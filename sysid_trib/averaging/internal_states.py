@@ -265,6 +265,8 @@ class _History:
 
     def memory_at_samples(self, count: int) -> dict[str, Array]:
         """Memory that depends on no state, (sample, column), for `count` values of the shape parameters."""
+        if not self.force.memory:
+            return {}
         rows, segment = self.motion.reversals.size + 1, self.motion.segment(self.motion.tau)
         memory = {k: np.reshape(m, (rows, -1)) for k, m in self.memory({}).items()}
         return {k: np.broadcast_to(m, (rows, count))[segment] for k, m in memory.items()}
@@ -280,9 +282,11 @@ class _History:
     def memory(self, states: Mapping[str, Array]) -> dict[str, Array]:
         """Memory in each segment of the motion, (segment, ...), given the states at the reversals."""
         force, tau = self.force, self.motion.reversals
+        if not force.memory:
+            return {}
         given = self.motion.names(tau) | {"v": np.zeros(tau.size)} | dict(states)
         rows = [{k: self.start[k] for k in force.memory}]
-        for i in range(tau.size if force.memory else 0):
+        for i in range(tau.size):
             names = {k: value[i] for k, value in given.items()} | self.shapes | rows[-1]
             rows.append({k: formula.evaluate(names) for k, formula in force.memory.items()})
         return {k: np.stack(np.broadcast_arrays(*(row[k] for row in rows))) for k in force.memory}

@@ -154,22 +154,26 @@ def _or_coloured_noise(
 ) -> Search:
     """The search beside noise of the likeliest colour, if that explains the record better.
 
-    What is named, or left, may be noise of a colour that the lines above the motion did not show: the colour
-    beside what was named, of which that of the search is outside of the set, else that which does without.
+    What is named, or left, may be noise of a colour that the lines above the motion did not show. As chance
+    must be outside of an effect's credible set, so must noise of another colour, without any name, of that of
+    all of them; else the colour beside what was named is tried, of which that of the search is outside.
     """
     tell("colour of the sensor's noise")
     last, settings = done.models[-1], start.settings
-    beside_names = recoloured(last) if done.effects else last
-    known, without = _with_colour(last, done.effects), _with_colour(start, ())
-    if _with_colour(beside_names, done.effects) < known - settings.outside_of_set:
-        coloured = beside_noises(start, [rows.path.sensor for rows in beside_names.rows])
-    else:
-        coloured, explained = recoloured(start), verdict_of(done) == "explained"
-        worst = known - settings.least_gain if explained else without - settings.outside_of_set
-        if _with_colour(coloured, ()) > worst:
+    beside_names, without_names = recoloured(last) if done.effects else last, recoloured(start)
+    known, named = _with_colour(last, done.effects), _with_colour(beside_names, done.effects)
+    nameless = _with_colour(without_names, ())
+    coloured, begin = without_names, None
+    if nameless >= min(known, named) + settings.outside_of_set:
+        if named < known - settings.outside_of_set:
+            coloured = beside_noises(start, [rows.path.sensor for rows in beside_names.rows])
+            begin = beside_names
+        elif verdict_of(done) == "explained" or nameless > _with_colour(start, ()) - settings.outside_of_set:
             return done
-    again = search(coloured, candidates, deadline=deadline, tell=tell)
-    return min(done, again, key=lambda ended: _with_colour(ended.models[-1], ended.effects))
+    again = search(coloured, candidates, begin=begin, deadline=deadline, tell=tell)
+    fewer = settings.outside_of_set * (len(again.effects) < len(done.effects))
+    ends = [_with_colour(ended.models[-1], ended.effects) for ended in (done, again)]
+    return again if ends[1] < ends[0] + fewer else done
 
 
 def _with_colour(model: FittedModel, effects: Sequence[str]) -> float:

@@ -75,18 +75,23 @@ def search(
     start: FittedModel,
     candidates: Sequence[Force],
     *,
+    begin: FittedModel | None = None,
     deadline: float = np.inf,
     tell: Tell = silent,
 ) -> Search:
     """Add, exchange and drop effects until no move raises the evidence of the model.
 
     An effect is added where what it gains is beyond chance, corrected for the number of tests,
-    and nothing in its place is outside of its credible set; where that no longer holds it is dropped. After
-    `deadline`, by `time.monotonic`, no further model is fitted.
+    and nothing in its place is outside of its credible set; where that no longer holds it is dropped. The
+    first model is `begin`, which has the noise of `start`, if any. After `deadline`, by `time.monotonic`, no
+    further model is fitted.
     """
     fits = Fits(start, deadline)
     model, effects = start, tuple[str, ...]()
     fits.kept[frozenset()] = start
+    known = {trial.force.symbol for trial in start.trials}
+    if begin is not None and (fitted := fits.of(begin, (), ())) is not None:
+        model, effects = fitted, tuple(t.force.symbol for t in begin.trials if t.force.symbol not in known)
     screenings: dict[frozenset[str], Screening] = {}
 
     def screened(model: FittedModel, named: Sequence[str]) -> Screening:
