@@ -83,13 +83,14 @@ def compared_part(whole: ComparedPart) -> ComparedPart:
 def fitted_motions(
     runs: Sequence[xr.Dataset], results: Sequence[xr.Dataset]
 ) -> tuple[tuple[FittedMotion | None, ...], ...]:
-    """Motions of each result in each run."""
-    motions: list[tuple[FittedMotion | None, ...]] = []
-    for result in results:
-        nearby = motions[0] if motions else [None] * len(runs)
+    """Motions of each result in each run; one that knows its starts comes first and spares the others."""
+    motions: dict[int, tuple[FittedMotion | None, ...]] = {}
+    nearby: Sequence[FittedMotion | None] = [None] * len(runs)
+    for number in sorted(range(len(results)), key=lambda number: "start_angle" not in results[number]):
         pairs = enumerate(zip(runs, nearby, strict=True))
-        motions.append(tuple(fitted_motion(run, result, at, nearby=near) for at, (run, near) in pairs))
-    return tuple(motions)
+        found = tuple(fitted_motion(run, results[number], at, nearby=near) for at, (run, near) in pairs)
+        motions[number], nearby = found, found
+    return tuple(motions[number] for number in range(len(results)))
 
 
 def _stretches(run: xr.Dataset, duration: float, longest: float) -> list[xr.Dataset]:
