@@ -181,6 +181,7 @@ class ForceFeatures(BaseFeatureLibrary):
         """
         columns = np.empty((len(time), len(self._forces)))
         frequency = float(self.reference_frequency or 0.0)
+        timed = any(force.holds_time for force in self._forces)
         number = np.arange(points) - 0.5 * (points - 1)
         cell, parts = frequency * np.gradient(time), number / points
         errors = rate_error * ndtri(np.mod(golden_ratio * number + 0.5, 1.0))
@@ -188,11 +189,11 @@ class ForceFeatures(BaseFeatureLibrary):
         def near(part: float, error: float, at: Index | slice) -> tuple[Array, Array, Array]:
             # Of the samples that are asked for alone: few cells switch, and each has many points.
             ahead = part * cell[at]
-            return (
-                angle[at] + ahead * rate[at],
-                rate[at] + ahead * acceleration[at] + error,
-                time[at] + ahead / frequency,
-            )
+            x, v = ahead * rate[at], ahead * acceleration[at]
+            x += angle[at]
+            v += rate[at]
+            v += error
+            return x, v, time[at] + ahead / frequency if timed else time[at]
 
         every, extremes = slice(None), np.unique([errors.min(), errors.max()])
         corners = [near(part, error, every) for part in parts[[0, -1]] for error in extremes]

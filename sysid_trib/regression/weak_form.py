@@ -89,25 +89,28 @@ def _kept(tau: bytes, intervals: int) -> WeakForm:
 
 
 def _built(tau: Array, intervals: int) -> WeakForm:
-    # Sorted, the three have their entries in the same places.
-    return WeakForm(tau, *(_sample_integrals(tau, intervals, order).sorted_indices() for order in range(3)))
+    integrals = [_sample_integrals(tau, intervals, order) for order in range(3)]
+    for each in integrals:
+        # Sorted, the three have their entries in the same places.
+        each.sort_indices()
+    return WeakForm(tau, *integrals)
 
 
 def _sample_integrals(tau: Array, intervals: int, order: int) -> sp.csr_matrix:
     """Integrals against a derivative of the test functions from values at the samples, (row, sample)."""
-    inside = _integrals(tau, tau, intervals, order)
     # The first and last rows of a short record are the same ones.
-    if inside.shape[0] < 2 * END_ROWS:
-        return inside
+    if intervals + 1 < 2 * END_ROWS:
+        return _integrals(tau, tau, intervals, order)
     turned = tau[0] + tau[-1] - tau[::-1]
     first, last = _first_rows(tau, intervals, order), _first_rows(turned, intervals, order)
     if first is None or last is None:
-        return inside
+        return _integrals(tau, tau, intervals, order)
     # Turned back entry by entry: scipy would sort all samples.
     last = last.tocoo()
     places = END_ROWS - 1 - last.row, len(tau) - 1 - last.col
     last = sp.coo_array(((-1.0) ** order * last.data, places), last.shape).tocsr()
-    return sp.vstack([first, inside[END_ROWS:-END_ROWS], last]).tocsr()
+    inside = _integrals(tau, tau, intervals, order, ends=END_ROWS)
+    return sp.vstack([first, inside, last]).tocsr()
 
 
 def _first_rows(tau: Array, intervals: int, order: int) -> sp.csr_matrix | None:
@@ -164,12 +167,12 @@ def _between_samples(tau: Array, parts: int) -> Array:
     return np.interp(np.arange(parts * (len(tau) - 1) + 1) / parts, np.arange(len(tau)), tau)
 
 
-def _integrals(points: Array, tau: Array, intervals: int, order: int) -> sp.csr_matrix:
-    """Integrals against a derivative of the test functions on `tau`, from values at the points."""
+def _integrals(points: Array, tau: Array, intervals: int, order: int, ends: int = 0) -> sp.csr_matrix:
+    """Integrals against a derivative of the test functions on `tau`, but so many of each end, by points."""
     knots = knot_sequence(tau, intervals)
     weights = np.gradient(points) * _end_weights(len(points))
     # The first two and last two clamped splines have a value or a slope at the ends: they are left out.
-    keep = slice(2, len(knots) - SPLINE_DEGREE - 1 - 2)
+    keep = slice(2 + ends, len(knots) - SPLINE_DEGREE - 1 - 2 - ends)
     rows = spline_design(points, knots, order).T.tocsr()[keep]
     # A spline is zero at its last knot, its derivatives have no entry there.
     rows.eliminate_zeros()
@@ -199,9 +202,13 @@ def noise_operator(form: WeakForm, stiffness: Array, damping: Array) -> sp.csr_m
     rate = np.gradient(damping, form.tau)
     if form.shares_entries:
         at, value = form.value.indices, form.value.data
-        data = form.curvature.data + value * (stiffness - rate)[at] - form.slope.data * damping[at]
-        # Places of its own: scipy sorts them within a matrix.
-        return sp.csr_matrix((data, at, form.value.indptr), form.value.shape, copy=True)
+        # In place: these are the largest tables there are.
+        data, damped = (stiffness - rate)[at], damping[at]
+        data *= value
+        data += form.curvature.data
+        damped *= form.slope.data
+        data -= damped
+        return sp.csr_matrix((data, at, form.value.indptr), form.value.shape)
     turned = form.curvature + form.value @ sp.diags_array(stiffness - rate)
     return (turned - form.slope @ sp.diags_array(damping)).tocsr()
 
