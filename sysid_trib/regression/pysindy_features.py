@@ -212,10 +212,8 @@ class ForceFeatures(BaseFeatureLibrary):
             at = np.flatnonzero(_switches(force, [(angle, rate, time), *corners], self.shapes))
             # Of these samples alone: few cells switch, and each has many points.
             switching = [values[at] for values in every]
-            points_of_cells = (near(part, error, *switching) for part, error in zip(parts, errors, strict=True))
-            columns[at, i] = np.mean(
-                [force.value(*point, shapes=self.shapes) for point in points_of_cells], axis=0
-            )
+            of_cells = (near(part, error, *switching) for part, error in zip(parts, errors, strict=True))
+            columns[at, i] = np.mean([force.value(*point, shapes=self.shapes) for point in of_cells], axis=0)
         return columns
 
     def _columns(self, x: Any) -> AxesArray:

@@ -83,14 +83,18 @@ def compared_part(whole: ComparedPart) -> ComparedPart:
 def fitted_motions(
     runs: Sequence[xr.Dataset], results: Sequence[xr.Dataset]
 ) -> tuple[tuple[FittedMotion | None, ...], ...]:
-    """Motions of each result in each run; one that knows its starts comes first and spares the others."""
-    motions: dict[int, tuple[FittedMotion | None, ...]] = {}
-    nearby: Sequence[FittedMotion | None] = [None] * len(runs)
-    for number in sorted(range(len(results)), key=lambda number: "start_angle" not in results[number]):
-        pairs = enumerate(zip(runs, nearby, strict=True))
-        found = tuple(fitted_motion(run, results[number], at, nearby=near) for at, (run, near) in pairs)
-        motions[number], nearby = found, found
-    return tuple(motions[number] for number in range(len(results)))
+    """Motions of each result in each run."""
+    motions: list[tuple[FittedMotion | None, ...]] = []
+    knows_start = next((result for result in results if "start_angle" in result), None)
+    for result in results:
+        nearby = motions[0] if motions else [None] * len(runs)
+        motions.append(
+            tuple(
+                fitted_motion(run, result, at, nearby=near, knows_start=knows_start)
+                for at, (run, near) in enumerate(zip(runs, nearby, strict=True))
+            )
+        )
+    return tuple(motions)
 
 
 def _stretches(run: xr.Dataset, duration: float, longest: float) -> list[xr.Dataset]:
