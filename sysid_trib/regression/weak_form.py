@@ -90,9 +90,9 @@ def _kept(tau: bytes, intervals: int) -> WeakForm:
 
 def _built(tau: Array, intervals: int) -> WeakForm:
     integrals = [_sample_integrals(tau, intervals, order) for order in range(3)]
-    for each in integrals:
+    for matrix in integrals:
         # Sorted, the three have their entries in the same places.
-        each.sort_indices()
+        matrix.sort_indices()
     return WeakForm(tau, *integrals)
 
 
