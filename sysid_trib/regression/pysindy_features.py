@@ -186,9 +186,8 @@ class ForceFeatures(BaseFeatureLibrary):
         cell, parts = frequency * np.gradient(time), number / points
         errors = rate_error * ndtri(np.mod(golden_ratio * number + 0.5, 1.0))
 
-        def near(
-            part: float, error: float, cell: Array, at: Array, angle: Array, rate: Array, acceleration: Array
-        ) -> tuple[Array, Array, Array]:
+        def near(part: float, error: float, samples: Sequence[Array]) -> tuple[Array, Array, Array]:
+            cell, at, angle, rate, acceleration = samples
             ahead = part * cell
             x, v = ahead * rate, ahead * acceleration
             x += angle
@@ -197,8 +196,8 @@ class ForceFeatures(BaseFeatureLibrary):
             return x, v, at + ahead / frequency if timed else at
 
         every, extremes = (cell, time, angle, rate, acceleration), np.unique([errors.min(), errors.max()])
-        corners = [near(part, error, *every) for part in parts[[0, -1]] for error in extremes]
-        before, after = (near(side / np.sqrt(12.0), 0.0, *every) for side in (-1.0, 1.0))
+        corners = [near(part, error, every) for part in parts[[0, -1]] for error in extremes]
+        before, after = (near(side / np.sqrt(12.0), 0.0, every) for side in (-1.0, 1.0))
         for i, force in enumerate(self._forces):
             # Internal states are continuous, and costly to compute.
             if not force.memoryless:
@@ -212,7 +211,7 @@ class ForceFeatures(BaseFeatureLibrary):
             at = np.flatnonzero(_switches(force, [(angle, rate, time), *corners], self.shapes))
             # Of these samples alone: few cells switch, and each has many points.
             switching = [values[at] for values in every]
-            of_cells = (near(part, error, *switching) for part, error in zip(parts, errors, strict=True))
+            of_cells = (near(part, error, switching) for part, error in zip(parts, errors, strict=True))
             columns[at, i] = np.mean([force.value(*point, shapes=self.shapes) for point in of_cells], axis=0)
         return columns
 
