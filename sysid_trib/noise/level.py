@@ -9,7 +9,7 @@ import xarray as xr
 from sysid_trib.decays.equilibrium import with_half_periods
 from sysid_trib.decays.half_periods import noise_level, quantisation_step
 from sysid_trib.errors import DecayError
-from sysid_trib.noise.smoothing import noise_about_spline
+from sysid_trib.noise.smoothing import MOST_KEPT, noise_about_spline
 
 # Every method and verdict asks for the noise of the same record, or of its few runs: the last are kept.
 KEPT_NOISES = 4
@@ -65,11 +65,15 @@ def sensor_noise(decay: xr.Dataset) -> float:
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
     try:
         tau = nominal_frequency(swing_frequency(decay)) * (time - time[0])
-        return _about_spline(tau.tobytes(), angle.tobytes())
+        about_spline = _about_spline if len(tau) <= MOST_KEPT else _about_long_spline
+        return about_spline(tau.tobytes(), angle.tobytes())
     except DecayError:
         return max(noise_level(time, angle), quantisation_step(angle) / float(np.sqrt(12.0)))
 
 
-@lru_cache(maxsize=KEPT_NOISES)
-def _about_spline(tau: bytes, angle: bytes) -> float:
+def _noise(tau: bytes, angle: bytes) -> float:
     return noise_about_spline(np.frombuffer(tau), np.frombuffer(angle))
+
+
+# A long record outlasts the records that are simulated of it.
+_about_spline, _about_long_spline = lru_cache(KEPT_NOISES)(_noise), lru_cache(1)(_noise)

@@ -93,7 +93,8 @@ def _normal_equations(tau_bytes: bytes, knots_bytes: bytes) -> tuple[sp.csr_arra
     tau, knots = np.frombuffer(tau_bytes), np.frombuffer(knots_bytes)
     if np.any(np.diff(tau) <= 0.0):
         raise ValueError("times that do not increase")
-    basis = BSpline.design_matrix(tau, knots, SPLINE_DEGREE)
+    # No sample is beyond the knots: without extrapolation Python's own min and max look through all of them.
+    basis = BSpline.design_matrix(tau, knots, SPLINE_DEGREE, extrapolate=True)
     normal, count = basis.T @ basis, basis.shape[1]
     band = np.zeros((SPLINE_DEGREE + 1, count))
     for off in range(min(len(band), count)):

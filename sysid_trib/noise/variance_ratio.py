@@ -138,7 +138,8 @@ def variance_ratio(
             known[log_ratio] = rows(float(np.exp(log_ratio))).restricted_deviance()
         return known[log_ratio][0]
 
-    none = rows(0.0).restricted_deviance()
+    unpushed = rows(0.0)
+    none = unpushed.restricted_deviance()
     first, last = np.log(low), np.log(high)
     grid = np.linspace(first, last, max(3, round((last - first) / FIRST_GRID)))
     if start == 0.0:
@@ -160,7 +161,7 @@ def variance_ratio(
         too_large = [at for at in sorted(known) if known[at][0] > none[0] + RISEN]
         upper = float(np.exp(too_large[0])) if too_large else float("nan")
         return VarianceRatio(0.0, none[1], float("nan"), upper, 0.0, none[0])
-    error = _relative_error(deviance, known, best, rows(0.0).degrees_of_freedom)
+    error = _relative_error(deviance, known, best, unpushed.degrees_of_freedom)
     return VarianceRatio(float(np.exp(best)), known[best][1], error, float("nan"), gain, deviance(best))
 
 

@@ -18,7 +18,8 @@ def covariance_of_local_rows(operator: sp.csr_matrix) -> Array:
     operator : (row, sample) sparse array of float
         Each row on neighbouring samples, later rows on later ones.
     """
-    operator = operator.sorted_indices()
+    if not operator.has_sorted_indices:
+        operator = operator.sorted_indices()
     rows = operator.shape[0]
     first = np.minimum.accumulate(operator.indices[operator.indptr[:-1]][::-1])[::-1]
     end = np.maximum.accumulate(operator.indices[operator.indptr[1:] - 1] + 1)

@@ -11,7 +11,7 @@ from scipy.constants import golden_ratio
 from scipy.special import ndtri
 from sklearn.utils.validation import check_is_fitted
 
-from sysid_trib.arrays import Array, Index, Mask
+from sysid_trib.arrays import Array, Mask
 from sysid_trib.averaging.internal_states import states_along
 from sysid_trib.errors import DecayError, LibraryError
 from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues
@@ -181,20 +181,21 @@ class ForceFeatures(BaseFeatureLibrary):
         """
         columns = np.empty((len(time), len(self._forces)))
         frequency = float(self.reference_frequency or 0.0)
+        timed = any(force.holds_time for force in self._forces)
         number = np.arange(points) - 0.5 * (points - 1)
         cell, parts = frequency * np.gradient(time), number / points
         errors = rate_error * ndtri(np.mod(golden_ratio * number + 0.5, 1.0))
 
-        def near(part: float, error: float, at: Index | slice) -> tuple[Array, Array, Array]:
-            # Of the samples that are asked for alone: few cells switch, and each has many points.
-            ahead = part * cell[at]
-            return (
-                angle[at] + ahead * rate[at],
-                rate[at] + ahead * acceleration[at] + error,
-                time[at] + ahead / frequency,
-            )
+        def near(part: float, error: float, samples: Sequence[Array]) -> tuple[Array, Array, Array]:
+            cell, at, angle, rate, acceleration = samples
+            ahead = part * cell
+            x, v = ahead * rate, ahead * acceleration
+            x += angle
+            v += rate
+            v += error
+            return x, v, at + ahead / frequency if timed else at
 
-        every, extremes = slice(None), np.unique([errors.min(), errors.max()])
+        every, extremes = (cell, time, angle, rate, acceleration), np.unique([errors.min(), errors.max()])
         corners = [near(part, error, every) for part in parts[[0, -1]] for error in extremes]
         before, after = (near(side / np.sqrt(12.0), 0.0, every) for side in (-1.0, 1.0))
         for i, force in enumerate(self._forces):
@@ -208,10 +209,10 @@ class ForceFeatures(BaseFeatureLibrary):
             if not force.surfaces:
                 continue
             at = np.flatnonzero(_switches(force, [(angle, rate, time), *corners], self.shapes))
-            points_of_cells = (near(part, error, at) for part, error in zip(parts, errors, strict=True))
-            columns[at, i] = np.mean(
-                [force.value(*point, shapes=self.shapes) for point in points_of_cells], axis=0
-            )
+            # Of these samples alone: few cells switch, and each has many points.
+            switching = [values[at] for values in every]
+            of_cells = (near(part, error, switching) for part, error in zip(parts, errors, strict=True))
+            columns[at, i] = np.mean([force.value(*point, shapes=self.shapes) for point in of_cells], axis=0)
         return columns
 
     def _columns(self, x: Any) -> AxesArray:
@@ -229,8 +230,9 @@ def _switches(force: Force, points: Sequence[tuple[Array, Array, Array]], shapes
     switches = np.zeros(len(points[0][0]), bool)
     for surface in force.surfaces:
         names = [dict(zip("xvt", point, strict=True)) | force.shape_values(shapes) for point in points]
-        positive = np.array([np.broadcast_to(surface.evaluate(at) > 0.0, switches.shape) for at in names])
-        switches |= positive.any(axis=0) & ~positive.all(axis=0)
+        first, *others = (surface.evaluate(at) > 0.0 for at in names)
+        for other in others:
+            switches |= first != other
     return switches
 
 

@@ -55,7 +55,8 @@ class WeakForm:
     @cached_property
     def gram(self) -> Array:
         """Covariance of the rows by white acceleration of unit size, int psi_i psi_j dtau: (band, row)."""
-        return covariance_band(self.value @ sp.diags_array(1.0 / np.gradient(self.tau)) @ self.value.T)
+        weighed = _with_columns_times(self.value, 1.0 / np.gradient(self.tau))
+        return covariance_band(weighed @ self.value.T)
 
     @cached_property
     def shares_entries(self) -> bool:
@@ -88,22 +89,28 @@ def _kept(tau: bytes, intervals: int) -> WeakForm:
 
 
 def _built(tau: Array, intervals: int) -> WeakForm:
-    # Sorted, the three have their entries in the same places.
-    return WeakForm(tau, *(_sample_integrals(tau, intervals, order).sorted_indices() for order in range(3)))
+    integrals = [_sample_integrals(tau, intervals, order) for order in range(3)]
+    for matrix in integrals:
+        # Sorted, the three have their entries in the same places.
+        matrix.sort_indices()
+    return WeakForm(tau, *integrals)
 
 
 def _sample_integrals(tau: Array, intervals: int, order: int) -> sp.csr_matrix:
     """Integrals against a derivative of the test functions from values at the samples, (row, sample)."""
-    inside = _integrals(tau, tau, intervals, order)
     # The first and last rows of a short record are the same ones.
-    if inside.shape[0] < 2 * END_ROWS:
-        return inside
+    if intervals + 1 < 2 * END_ROWS:
+        return _integrals(tau, tau, intervals, order)
     turned = tau[0] + tau[-1] - tau[::-1]
     first, last = _first_rows(tau, intervals, order), _first_rows(turned, intervals, order)
     if first is None or last is None:
-        return inside
-    last = (-1.0) ** order * last[::-1, ::-1]
-    return sp.vstack([first, inside[END_ROWS:-END_ROWS], last]).tocsr()
+        return _integrals(tau, tau, intervals, order)
+    # Turned back entry by entry: scipy would sort all samples.
+    last = last.tocoo()
+    places = END_ROWS - 1 - last.row, len(tau) - 1 - last.col
+    last = sp.coo_array(((-1.0) ** order * last.data, places), last.shape).tocsr()
+    inside = _integrals(tau, tau, intervals, order, ends=END_ROWS)
+    return sp.vstack([first, inside, last]).tocsr()
 
 
 def _first_rows(tau: Array, intervals: int, order: int) -> sp.csr_matrix | None:
@@ -160,13 +167,22 @@ def _between_samples(tau: Array, parts: int) -> Array:
     return np.interp(np.arange(parts * (len(tau) - 1) + 1) / parts, np.arange(len(tau)), tau)
 
 
-def _integrals(points: Array, tau: Array, intervals: int, order: int) -> sp.csr_matrix:
-    """Integrals against a derivative of the test functions on `tau`, from values at the points."""
+def _integrals(points: Array, tau: Array, intervals: int, order: int, ends: int = 0) -> sp.csr_matrix:
+    """Integrals against a derivative of the test functions on `tau`, but so many of each end, by points."""
     knots = knot_sequence(tau, intervals)
-    weights = sp.diags_array(np.gradient(points) * _end_weights(len(points)))
+    weights = np.gradient(points) * _end_weights(len(points))
     # The first two and last two clamped splines have a value or a slope at the ends: they are left out.
-    keep = slice(2, len(knots) - SPLINE_DEGREE - 1 - 2)
-    return (spline_design(points, knots, order).T.tocsr()[keep] @ weights).tocsr()
+    keep = slice(2 + ends, len(knots) - SPLINE_DEGREE - 1 - 2 - ends)
+    rows = spline_design(points, knots, order).T.tocsr()[keep]
+    # A spline is zero at its last knot, its derivatives have no entry there.
+    rows.eliminate_zeros()
+    return _with_columns_times(rows, weights)
+
+
+def _with_columns_times(matrix: sp.csr_matrix, weights: Array) -> sp.csr_matrix:
+    """`matrix @ diag(weights)` without a search for where it has entries."""
+    data = matrix.data * weights[matrix.indices]
+    return sp.csr_array((data, matrix.indices, matrix.indptr), matrix.shape)
 
 
 def noise_operator(form: WeakForm, stiffness: Array, damping: Array) -> sp.csr_matrix:
@@ -186,9 +202,13 @@ def noise_operator(form: WeakForm, stiffness: Array, damping: Array) -> sp.csr_m
     rate = np.gradient(damping, form.tau)
     if form.shares_entries:
         at, value = form.value.indices, form.value.data
-        data = form.curvature.data + value * (stiffness - rate)[at] - form.slope.data * damping[at]
-        # Places of its own: scipy sorts them within a matrix.
-        return sp.csr_matrix((data, at, form.value.indptr), form.value.shape, copy=True)
+        # In place: these are the largest tables there are.
+        data, damped = (stiffness - rate)[at], damping[at]
+        data *= value
+        data += form.curvature.data
+        damped *= form.slope.data
+        data -= damped
+        return sp.csr_matrix((data, at, form.value.indptr), form.value.shape)
     turned = form.curvature + form.value @ sp.diags_array(stiffness - rate)
     return (turned - form.slope @ sp.diags_array(damping)).tocsr()
 
@@ -250,9 +270,10 @@ def whitener(operator: sp.csr_matrix) -> Array:
 def cholesky_factor(band: Array, gram: Array | None = None, ratio: float = 0.0) -> Array:
     """Banded Cholesky factor of a covariance, to which that of a random force (band, row) is added."""
     if gram is not None and ratio:
-        bands = max(len(band), len(gram))
-        whole, part = (np.pad(b, ((0, bands - len(b)), (0, 0))) for b in (band, gram))
-        band = whole + ratio * part
+        whole = np.zeros((max(len(band), len(gram)), band.shape[1]))
+        whole[: len(band)] = band
+        whole[: len(gram)] += ratio * gram
+        band = whole
     try:
         return scipy.linalg.cholesky_banded(band, lower=True, check_finite=False)
     except np.linalg.LinAlgError:
@@ -297,7 +318,9 @@ def whiten(factor: Array, columns: Array) -> Array:
 
 def spline_design(tau: Array, knots: Array, order: int) -> sp.csr_matrix:
     """Values of the `order`-th derivative of every B-spline of `SPLINE_DEGREE` at points, (point, spline)."""
-    design = BSpline.design_matrix(tau, knots[order : len(knots) - order], SPLINE_DEGREE - order)
+    # No point is beyond the knots: without extrapolation Python's own min and max look through all of them.
+    lowest = knots[order : len(knots) - order]
+    design = BSpline.design_matrix(tau, lowest, SPLINE_DEGREE - order, extrapolate=True)
     # d/dx B_{i,p} = p (B_{i,p-1}/(t_{i+p}-t_i) - B_{i+1,p-1}/(t_{i+p+1}-t_{i+1})), from low to high degree.
     for lift in range(order, 0, -1):
         degree = SPLINE_DEGREE - lift + 1

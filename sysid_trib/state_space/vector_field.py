@@ -4,30 +4,23 @@ Derivatives are complex steps (Squire and Trapp 1998): on a branch every formula
 imaginary part of its value at z + i e is e times the derivative, without a difference of near numbers.
 """
 
-import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, reduce
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from sysid_trib.arrays import Array, Index, Mask
-from sysid_trib.forces.formulas import ANALYTIC, IMAGINARY_STEP, NUMPY, SWITCHING, Functions
+from sysid_trib.forces.formulas import ANALYTIC, IMAGINARY_STEP, NUMPY, SWITCHING, Functions, power
 from sysid_trib.simulation.equations import SMOOTHED, Motion
 from sysid_trib.simulation.model import Model
-
-# Powers up to this one are products.
-LARGEST_PRODUCT = 5
 
 
 def _power(base: Array, exponent: complex) -> Array:
     """Whole powers; broken ones smoothed where the base is zero, as the compiled engine does."""
     if isinstance(exponent, int | float) and float(exponent).is_integer():
-        # Products take a tenth of the time of a complex power.
-        if 1.0 <= exponent <= LARGEST_PRODUCT:
-            return np.asarray(reduce(operator.mul, [base] * int(exponent)))
-        return np.asarray(base ** int(exponent))
+        return np.asarray(power(base, int(exponent)))
     return np.asarray(base * (base * base + SMOOTHED**2) ** (0.5 * (exponent - 1.0)))
 
 

@@ -136,7 +136,9 @@ def with_noises(
     weak, kept = rows_about(run, matrix), constraints.keep(active)
     free = weak.columns @ (weak.scale[:, None] * kept.matrix)
     target = weak.target - weak.columns @ (weak.scale * kept.constant)
-    likelihood = RowsLikelihood(run, matrix, np.column_stack([free, weak.nuisances, target]))
+    # By columns, as LAPACK takes them many times.
+    table = np.asfortranarray(np.column_stack([free, weak.nuisances, target]))
+    likelihood = RowsLikelihood(run, matrix, table)
     if not isinstance(option, str):
         sensor = _white(run)
         noises = NoisePair(likelihood.held_ratio(sensor, float(option)), sensor, sensor)
