@@ -85,15 +85,10 @@ def fitted_motions(
 ) -> tuple[tuple[FittedMotion | None, ...], ...]:
     """Motions of each result in each run."""
     motions: list[tuple[FittedMotion | None, ...]] = []
-    knows_start = next((result for result in results if "start_angle" in result), None)
     for result in results:
         nearby = motions[0] if motions else [None] * len(runs)
-        motions.append(
-            tuple(
-                fitted_motion(run, result, at, nearby=near, knows_start=knows_start)
-                for at, (run, near) in enumerate(zip(runs, nearby, strict=True))
-            )
-        )
+        pairs = enumerate(zip(runs, nearby, strict=True))
+        motions.append(tuple(fitted_motion(run, result, at, nearby=near) for at, (run, near) in pairs))
     return tuple(motions)
 
 

@@ -108,23 +108,19 @@ class ModelResiduals:
 
 
 def fitted_motion(
-    decay: xr.Dataset,
-    result: xr.Dataset,
-    run: int = 0,
-    *,
-    nearby: FittedMotion | None = None,
-    knows_start: xr.Dataset | None = None,
+    decay: xr.Dataset, result: xr.Dataset, run: int = 0, *, nearby: FittedMotion | None = None
 ) -> FittedMotion | None:
     """Motion of an identified model in a run, start and sensor's zero fitted; None if it diverges.
 
-    A motion of another model of the run, `nearby`, spares simulations. Where the result has no start, that of
-    another that `knows_start` is the first guess.
+    A motion of another model of the run, `nearby`, spares simulations: its start is the first guess where
+    the result has none.
     """
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
     frequency = result.reference_frequency.item()
-    known = result if "start_angle" in result else knows_start
-    if known is not None:
-        start = (float(np.ravel(known.start_angle)[run]), float(np.ravel(known.start_rate)[run]))
+    if "start_angle" in result:
+        start = (float(np.ravel(result.start_angle)[run]), float(np.ravel(result.start_rate)[run]))
+    elif nearby is not None:
+        start = nearby.angle, nearby.rate
     else:
         start = first_guess(time, angle, frequency)
     try:
