@@ -112,15 +112,12 @@ def fitted_motion(
 ) -> FittedMotion | None:
     """Motion of an identified model in a run, start and sensor's zero fitted; None if it diverges.
 
-    A motion of another model of the run, `nearby`, spares simulations: its start is the first guess where
-    the result has none.
+    A motion of another model of the run, `nearby`, spares simulations.
     """
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
     frequency = result.reference_frequency.item()
     if "start_angle" in result:
         start = (float(np.ravel(result.start_angle)[run]), float(np.ravel(result.start_rate)[run]))
-    elif nearby is not None:
-        start = nearby.angle, nearby.rate
     else:
         start = first_guess(time, angle, frequency)
     try:
