@@ -1,0 +1,27 @@
+"""Noise of the sensor of a colour that its spectrum did not show is not named as forces."""
+
+import numpy as np
+import pytest
+from discovery import CONTACT, EFFECTS, exact, model_of
+from helpers import decay
+
+from sysid_trib.discrepancy.discover import discover
+
+TIME = np.arange(600) / 20.0
+
+
+def flicker_noise(count: int, seed: int):
+    """1/f noise of unit size."""
+    white = np.random.default_rng(seed).standard_normal(4 * count)
+    frequency = np.fft.rfftfreq(4 * count)
+    frequency[0] = np.inf
+    noise = np.fft.irfft(np.fft.rfft(white) / np.sqrt(frequency))[:count]
+    return noise / np.std(noise)
+
+
+# Of these what is slow was named as an ambient vibration, where its colour without any name is as likely.
+@pytest.mark.parametrize("seed", [0, 5, 6, 10])
+def test_slow_noise_is_not_named(seed):
+    angle = exact(model_of({"zeta": 4e-3}), TIME) + 2e-3 * flicker_noise(len(TIME), seed)
+    found = discover(decay(TIME, angle, seed), CONTACT.select(["zeta"]), EFFECTS)
+    assert found.attrs["verdict"] == "nothing missing"
