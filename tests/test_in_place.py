@@ -42,3 +42,27 @@ def test_all_that_are_as_likely_along_the_path_are_fitted():
     }
     assert len(near) > 1
     assert near <= rivals_of(current, ("quintic",), "quintic", fits).keys()
+
+
+def test_what_has_the_frequency_of_an_effect_is_its_rival():
+    """A resonator leaves no line of its own, at which an ambient vibration would be tried in its place."""
+    shapes = {"resonator.k": 2.1, "resonator.d": 1e-3}
+    run = with_effect({"resonator": 3e-3}, seed=3, shapes=shapes)
+    fits = Fits(start_model([run]))
+    model = fits.of(fits.start, (), [TrialEffect(EVERY["resonator"], shapes)])
+    current = screen(model, library("ambient", "cubic_damping").forces, ["resonator"])
+    near = [t.shapes["ambient.W"] for t in current.trials if t.force.symbol == "ambient"]
+    kept, w = model.trials[-1].shapes["resonator.k"], model.rows[0].path.frequency
+    assert min(abs(value / (kept * w) - 1.0) for value in near) < 1e-12
+
+
+def test_a_fit_that_is_less_likely_than_a_model_it_contains_has_failed():
+    run = with_effect({}, seed=2)
+    fits = Fits(start_model([run]))
+    fits.kept[frozenset()] = fits.start
+    trial = [TrialEffect(EVERY["cubic_damping"], {})]
+    assert fits.of(fits.start, (), trial) is not None
+    likelier = replace(fits.start.likelihood, deviance=fits.start.deviance - 50.0)
+    astray = Fits(fits.start, kept={frozenset(): replace(fits.start, likelihood=likelier)})
+    assert astray.of(fits.start, (), trial) is None
+    assert astray.failed == ["cubic_damping"]

@@ -1,13 +1,13 @@
 """The exact fits of a search, each done once."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from time import monotonic
 
 import numpy as np
 
 from sysid_trib.discrepancy.fitted_model import FittedModel
-from sysid_trib.discrepancy.model_fit import NOT_FITTED, fit_model
+from sysid_trib.discrepancy.model_fit import NOT_FITTED, ROUNDS_AGREE, Limits, fit_model
 from sysid_trib.discrepancy.screening import is_physical, strengths
 from sysid_trib.discrepancy.trials import TrialEffect
 
@@ -47,7 +47,13 @@ class Fits:
         def possible(fitted: FittedModel) -> bool:
             return _is_physical(fitted, len(base))
 
-        model = self._fitted(near, trials, worst, possible)
+        # Whole steps may lead astray, where the first ones are far: half of them then.
+        for part in (1.0, 0.5):
+            model = self._fitted(near, trials, Limits(worst, possible), part)
+            if model is not None and self._is_astray(model, key):
+                model = None
+            if model is not None and (model.settled or model.deviance > worst or not possible(model)):
+                break
         # A fit that leaves what is physical has not failed: the effect does not explain the record.
         physical = model is None or possible(model)
         if model is not None and model.settled and physical:
@@ -59,12 +65,18 @@ class Fits:
             self.failed += [trial.force.symbol for trial in add]
         return None
 
+    def _is_astray(self, model: FittedModel, key: frozenset[str]) -> bool:
+        """Whether a fit has settled where it is less likely than a model that it contains."""
+        deviances = [kept.deviance for symbols, kept in self.kept.items() if symbols <= key]
+        contained = min(deviances, default=np.inf)
+        return model.settled and model.deviance > contained + ROUNDS_AGREE
+
     def _fitted(
         self,
         near: FittedModel,
         trials: Sequence[TrialEffect],
-        worst: float,
-        possible: Callable[[FittedModel], bool],
+        limits: Limits,
+        part: float,
     ) -> FittedModel | None:
         known = dict(zip([t.force.symbol for t in near.trials], near.coefficients.tolist(), strict=True))
         first = np.array([*(known.get(t.force.symbol, 0.0) for t in trials), near.stiffness])
@@ -75,8 +87,8 @@ class Fits:
                 trials,
                 frequency_free=near.frequency_free,
                 first=first,
-                worst=worst,
-                possible=possible,
+                limits=limits,
+                part=part,
             )
         except NOT_FITTED:
             return None

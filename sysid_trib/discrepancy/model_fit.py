@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,14 +24,28 @@ ROUNDS_AGREE = 1.0
 NOT_FITTED = (SysidTribError, np.linalg.LinAlgError, ValueError)
 
 
+class Limits(NamedTuple):
+    """Where a fit is given up.
+
+    It will not reach the deviance `worst`, by what its last round gained, or has left for two rounds what
+    physics allows (`possible`).
+    """
+
+    worst: float = np.inf
+    possible: Callable[[FittedModel], bool] = lambda model: True
+
+
+NO_LIMITS = Limits()
+
+
 def fit_model(
     paths: Sequence[RecordPath],
     trials: Sequence[TrialEffect],
     *,
     frequency_free: bool,
     first: Array | None = None,
-    worst: float = np.inf,
-    possible: Callable[["FittedModel"], bool] = lambda model: True,
+    limits: Limits = NO_LIMITS,
+    part: float = 1.0,
 ) -> FittedModel:
     """Fit coefficients, shapes, frequency and both variances of each run along smoothed motions.
 
@@ -43,10 +58,9 @@ def fit_model(
     frequency_free : bool
     first : (trial + 1,) array of float, optional
         First guess of the coefficients and the stiffness, for the operator of small deviations.
-    worst : float
-        A fit that will not reach this deviance, by what its last round gained, is given up.
-    possible : callable
-        Whether physics allows a model: a fit that has left it for two rounds is given up.
+    limits : Limits
+    part : float
+        Of the way that a round goes at first.
 
     Notes
     -----
@@ -55,7 +69,7 @@ def fit_model(
     """
     guess = np.zeros(len(trials) + 1) if first is None else first
     model, settings = fitted_along(paths, trials, guess, frequency_free), paths[0].settings
-    rounds, reach, before, astray, part = list[FittedModel](), settings.shape_step, 0.0, 0, 1.0
+    rounds, reach, before, astray = list[FittedModel](), part * settings.shape_step, 0.0, 0
     for turn in range(settings.rounds):
         latest = np.append(model.coefficients, model.stiffness)
         guess = guess + part * (latest - guess) if turn else latest
@@ -74,16 +88,16 @@ def fit_model(
         if next_fall < settings.least_gain and not on_its_way:
             return model
         before = abs(fall)
-        astray = 0 if possible(model) else astray + 1
+        astray = 0 if limits.possible(model) else astray + 1
         if astray > 1 and turn > 1:
             return replace(model, settled=False)
-        if turn > 1 and not on_its_way and model.stepped.deviance - 2.0 * abs(fall) > worst:
+        if turn > 1 and not on_its_way and model.stepped.deviance - 2.0 * abs(fall) > limits.worst:
             return replace(model, settled=False)
         # Shapes are stepped along tangents: one that leads up was too long. A force that is narrow or has a
         # history may have path and coefficients swing about where they settle.
         uphill = bool(turn) and fall < 0.0
         reach *= 0.5 if uphill else 1.0
-        part = 0.5 if uphill or turn + 1 >= WHOLE_STEPS else part
+        part = min(part, 0.5) if uphill or turn + 1 >= WHOLE_STEPS else part
         rounds.append(model.light())
     best, next_best = sorted(rounds, key=lambda fitted: fitted.likelihood.deviance)[:2]
     return replace(best, settled=next_best.likelihood.deviance - best.likelihood.deviance < ROUNDS_AGREE)

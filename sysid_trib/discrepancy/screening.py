@@ -18,7 +18,7 @@ from sysid_trib.discrepancy.likelihood import Likelihood, likelihood, of_many_ro
 from sysid_trib.discrepancy.omnibus_test import OmnibusTest, omnibus, trial_columns
 from sysid_trib.discrepancy.run_products import RunProducts, has_products
 from sysid_trib.discrepancy.shape_grids import refined
-from sysid_trib.discrepancy.trials import TrialEffect, trials_of
+from sysid_trib.discrepancy.trials import TrialEffect, frequencies_of, trials_of
 from sysid_trib.discrepancy.white_columns import known_directions, known_finely
 from sysid_trib.forces.force import Force
 
@@ -249,7 +249,10 @@ def independent_tests(correlation: Array, seed: int = 0) -> float:
 
 
 def _lines(model: FittedModel) -> list[float]:
-    """Frequencies (rad/s) of the strongest lines in what the model leaves of the rows."""
+    """Frequencies (rad/s) of the strongest lines in what the model leaves of the rows, and of its own.
+
+    What has the frequency of a force of the model leaves no line, and may stand in its place.
+    """
     strongest: list[tuple[float, float]] = []
     for rows, residual in zip(model.rows, model.white_residuals(), strict=True):
         count = len(residual)
@@ -261,4 +264,6 @@ def _lines(model: FittedModel) -> list[float]:
             (float(power[at]), float(frequency[at]))
             for at in peaks[np.argsort(-power[peaks])[: model.settings.lines]]
         ]
-    return [w for _, w in sorted(strongest, reverse=True)[: model.settings.lines]]
+    reference = model.rows[0].path.frequency
+    of_model = [w for trial in model.trials for w in frequencies_of(trial, reference)]
+    return of_model + [w for _, w in sorted(strongest, reverse=True)[: model.settings.lines]]

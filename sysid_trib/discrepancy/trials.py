@@ -102,6 +102,16 @@ def trials_of(
     return trials
 
 
+def frequencies_of(trial: TrialEffect, w: float) -> list[float]:
+    """Frequencies (rad/s) at which a force is periodic or resonates, with `w` rad/s as the reference."""
+    force, frequencies = trial.force, list[float]()
+    for name in force.shape:
+        value = trial.shapes[f"{force.symbol}.{name}"]
+        if is_frequency_parameter(force, name):
+            frequencies.append(value if is_frequency(force, name) else value * w)
+    return frequencies
+
+
 def _grid(force: Force, name: str, frequencies: Sequence[float], w: float, settings: Settings) -> Array:
     shape = force.shape[name]
     if is_frequency(force, name):
