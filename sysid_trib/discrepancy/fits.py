@@ -47,13 +47,11 @@ class Fits:
         def possible(fitted: FittedModel) -> bool:
             return _is_physical(fitted, len(base))
 
-        # Whole steps may lead astray, where the first ones are far: half of them then.
-        for part in (1.0, 0.5):
-            model = self._fitted(near, trials, Limits(worst, possible), part)
-            if model is not None and self._is_astray(model, key):
-                model = None
-            if model is not None and (model.settled or model.deviance > worst or not possible(model)):
-                break
+        model = self._fitted(near, trials, Limits(worst, possible))
+        if self._is_astray(model, key):
+            # Whole steps may lead there, where the first ones are far.
+            model = self._fitted(near, trials, Limits(worst, possible), part=0.5)
+            model = None if self._is_astray(model, key) else model
         # A fit that leaves what is physical has not failed: the effect does not explain the record.
         physical = model is None or possible(model)
         if model is not None and model.settled and physical:
@@ -65,18 +63,18 @@ class Fits:
             self.failed += [trial.force.symbol for trial in add]
         return None
 
-    def _is_astray(self, model: FittedModel, key: frozenset[str]) -> bool:
+    def _is_astray(self, model: FittedModel | None, key: frozenset[str]) -> bool:
         """Whether a fit has settled where it is less likely than a model that it contains."""
         deviances = [kept.deviance for symbols, kept in self.kept.items() if symbols <= key]
         contained = min(deviances, default=np.inf)
-        return model.settled and model.deviance > contained + ROUNDS_AGREE
+        return model is not None and model.settled and model.deviance > contained + ROUNDS_AGREE
 
     def _fitted(
         self,
         near: FittedModel,
         trials: Sequence[TrialEffect],
         limits: Limits,
-        part: float,
+        part: float = 1.0,
     ) -> FittedModel | None:
         known = dict(zip([t.force.symbol for t in near.trials], near.coefficients.tolist(), strict=True))
         first = np.array([*(known.get(t.force.symbol, 0.0) for t in trials), near.stiffness])
