@@ -8,13 +8,15 @@ from bokeh import models, plotting
 from numpy.typing import ArrayLike
 
 from sysid_trib.plots.motion_data import drawn_samples
-from sysid_trib.plots.style import Style
+from sysid_trib.plots.style import Style, columns_of_legend
 
 RECORD_GREY, BAND_GREY = "#b3b3b3", "#e4e4e4"
 # Heights of a panel, px: usual, of residuals, and of a list without its rows; and of a row. A list that is
 # shorter than its axis is not legible.
 PANEL_HEIGHT_PX, RESIDUAL_HEIGHT_PX, LIST_HEIGHT_PX, ROW_HEIGHT_PX = 300, 220, 70, 19
 FEWEST_ROWS = 3
+# Characters of a legend that a narrow screen has room for.
+LEGEND_ROOM = 46
 DASHES = {"-": "solid", "--": "dashed"}
 # Matplotlib's marks by bokeh's names.
 MARKERS = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle"}
@@ -101,7 +103,9 @@ def tell(on: plotting.figure, drawn: Sequence[models.GlyphRenderer], tooltips: T
 
 def legend(on: plotting.figure, entries: Sequence[tuple[str, Sequence[models.GlyphRenderer]]]) -> None:
     """A legend above the figure; a click on an entry hides what it stands for."""
-    on.add_layout(models.Legend(items=[(label, list(drawn)) for label, drawn in entries]), "above")
+    columns = columns_of_legend([label for label, _ in entries], len(entries), LEGEND_ROOM)
+    items = [(label, list(drawn)) for label, drawn in entries]
+    on.add_layout(models.Legend(items=items, ncols=columns), "above")
 
 
 def band(on: plotting.figure, low: float, high: float, *, along: str = "x") -> None:
