@@ -16,7 +16,7 @@ RECORD_GREY, BAND_GREY = "#b3b3b3", "#e4e4e4"
 PANEL_HEIGHT_PX, RESIDUAL_HEIGHT_PX, LIST_HEIGHT_PX, ROW_HEIGHT_PX = 300, 220, 70, 19
 FEWEST_ROWS = 3
 # Characters of a legend that a narrow screen has room for.
-LEGEND_ROOM = 46
+NARROW_LEGEND = 46
 DASHES = {"-": "solid", "--": "dashed"}
 # Matplotlib's marks by bokeh's names.
 MARKERS = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle"}
@@ -103,7 +103,7 @@ def tell(on: plotting.figure, drawn: Sequence[models.GlyphRenderer], tooltips: T
 
 def legend(on: plotting.figure, entries: Sequence[tuple[str, Sequence[models.GlyphRenderer]]]) -> None:
     """A legend above the figure; a click on an entry hides what it stands for."""
-    columns = columns_of_legend([label for label, _ in entries], len(entries), LEGEND_ROOM)
+    columns = columns_of_legend([label for label, _ in entries], len(entries), NARROW_LEGEND)
     items = [(label, list(drawn)) for label, drawn in entries]
     on.add_layout(models.Legend(items=items, ncols=columns), "above")
 
