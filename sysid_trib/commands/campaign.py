@@ -148,11 +148,7 @@ def _conditions(asked: CampaignOptions, names: list[str]) -> Any:
     if asked.laboratories is not None and asked.laboratories not in table:
         raise UsageError(f"--laboratories '{asked.laboratories}': the conditions have {', '.join(table)}.")
     # Conditions that go together in all records do so in those with a result: refused before the work.
-    columns_of(
-        varying(table).drop(
-            columns=[] if asked.laboratories is None else [asked.laboratories], errors="ignore"
-        )
-    )
+    columns_of(varying(table).drop(columns=asked.laboratories or [], errors="ignore"))
     return table
 
 
@@ -238,9 +234,9 @@ def _print(
         print(json.dumps(words.campaign_json(store, counts, compared), indent=2, allow_nan=False))
         return
     print(words.counts_sentence(counts))
-    sentences = (words.verdict_sentences, words.named_sentences, words.refusal_sentences)
-    for sentence in (said for of_store in sentences for said in of_store(store)):
-        print(printable(sentence))
+    for sentences in (words.verdict_sentences, words.named_sentences, words.refusal_sentences):
+        for sentence in sentences(store):
+            print(printable(sentence))
     if compared is not None:
         print()
         print_table(words.between_runs_table(compared))

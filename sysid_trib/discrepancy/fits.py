@@ -47,10 +47,11 @@ class Fits:
         def possible(fitted: FittedModel) -> bool:
             return _is_physical(fitted, len(base))
 
-        model = self._fitted(near, trials, Limits(worst, possible))
+        limits = Limits(worst, possible)
+        model = self._fitted(near, trials, limits)
         if self._is_astray(model, key):
             # Whole steps may lead there, where the first ones are far.
-            model = self._fitted(near, trials, Limits(worst, possible), part=0.5)
+            model = self._fitted(near, trials, limits, part=0.5)
             model = None if self._is_astray(model, key) else model
         # A fit that leaves what is physical has not failed: the effect does not explain the record.
         physical = model is None or possible(model)

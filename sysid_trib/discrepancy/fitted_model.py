@@ -204,7 +204,7 @@ class FittedModel:
         ]
 
     @property
-    def on_its_way(self) -> float:
+    def promised(self) -> float:
         """By how much a step of the shapes would lower the deviance, if tangents held so far."""
         return self.likelihood.deviance - self.stepped.deviance
 
@@ -222,8 +222,7 @@ class FittedModel:
     def next_paths(self, coefficients: Array, part: float = 1.0) -> list[RecordPath]:
         """The most likely motions, or a part of the way there; their fine part by such forces, (trial,)."""
         paths = []
-        of_each = zip(self.rows, self.tables, strict=True)
-        for at, (rows, table) in enumerate(of_each):
+        for at, (rows, table) in enumerate(zip(self.rows, self.tables, strict=True)):
             residual = rows.target - table @ self.stepped.coefficients
             ratio = float(self.stepped.ratios[at])
             errors = self.sensor_errors(at), rows.path.sensor_slopes(self.trials, self.coefficients)

@@ -84,7 +84,7 @@ def fit_model(
         # Falls shrink as a geometric series at least: the next one is this one times their ratio.
         next_fall = abs(fall) * min(1.0, abs(fall) / before) if before else abs(fall)
         # Along its tangents a shape may go on where the deviance hardly falls.
-        on_its_way = model.on_its_way > ROUNDS_AGREE
+        on_its_way = model.promised > ROUNDS_AGREE
         if next_fall < settings.least_gain and not on_its_way:
             return model
         before = abs(fall)
