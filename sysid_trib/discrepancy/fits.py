@@ -8,7 +8,7 @@ import numpy as np
 
 from sysid_trib.discrepancy.fitted_model import FittedModel
 from sysid_trib.discrepancy.model_fit import NOT_FITTED, ROUNDS_AGREE, Limits, fit_model
-from sysid_trib.discrepancy.screening import is_physical, strengths
+from sysid_trib.discrepancy.physical import is_physical, strengths
 from sysid_trib.discrepancy.trials import TrialEffect
 
 

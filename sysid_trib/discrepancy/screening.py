@@ -16,7 +16,9 @@ from sysid_trib.discrepancy.fitted_model import FittedModel
 from sysid_trib.discrepancy.frequency_parameters import has_frequency_parameter
 from sysid_trib.discrepancy.likelihood import Likelihood, likelihood, of_many_rows
 from sysid_trib.discrepancy.omnibus_test import OmnibusTest, omnibus, trial_columns
+from sysid_trib.discrepancy.physical import is_physical, strengths
 from sysid_trib.discrepancy.run_products import RunProducts, has_products
+from sysid_trib.discrepancy.shape_climb import climbed
 from sysid_trib.discrepancy.shape_grids import refined
 from sysid_trib.discrepancy.trials import TrialEffect, frequencies_of, trials_of
 from sysid_trib.discrepancy.white_columns import known_directions, known_finely
@@ -139,6 +141,11 @@ def screen(model: FittedModel, candidates: Sequence[Force], effects: Sequence[st
     """
     trials = trials_of(candidates, _lines(model), model.rows[0].path.frequency, model.settings)
     trials, columns = refined(model, trials, [rows.coarse_columns(trials) for rows in model.rows])
+    tops = climbed(model, candidates)
+    if tops:
+        trials += tops
+        further = [rows.coarse_columns(tops) for rows in model.rows]
+        columns = [np.column_stack(pair) for pair in zip(columns, further, strict=True)]
     good = np.all([has_products(column) for column in columns], axis=0)
     columns = [np.where(good, column, 0.0) for column in columns]
     tables = [
@@ -213,22 +220,6 @@ def _numbered(tables: Sequence[Array]) -> list[list[int]]:
     """Numbers of the columns of tables side by side, of which the first follows the target."""
     ends = np.cumsum([1, *(table.shape[1] for table in tables)]).tolist()
     return [list(range(start, end)) for start, end in pairwise(ends)]
-
-
-def is_physical(force: Force, coefficient: ArrayLike, relative_force: float, strongest: float) -> Mask:
-    """Whether a force may have these coefficients: one that only takes energy is not negative.
-
-    `relative_force` : of the force of coefficient 1, over the restoring force; `strongest` one may be.
-    """
-    drives = np.logical_and(force.passive, np.less(coefficient, 0.0))
-    weak = np.abs(coefficient) * relative_force < strongest
-    return np.logical_and(~drives, np.logical_or(force.kind == "sensor", weak))
-
-
-def strengths(model: FittedModel, columns: Sequence[Array]) -> Array:
-    """RMS of each trial's column over that of the restoring force, (trial,)."""
-    squares = np.sum([np.sum(column**2, axis=0) for column in columns], axis=0)
-    return np.sqrt(squares / np.sum([np.sum(rows.path.stiffness_column**2) for rows in model.rows]))
 
 
 def independent_tests(correlation: Array, seed: int = 0) -> float:

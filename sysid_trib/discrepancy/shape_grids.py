@@ -42,7 +42,7 @@ def refined(
     for _ in range(HALVINGS):
         pairs = [
             (float(outside[:, at] @ outside[:, other]), trial)
-            for at, other, trial in _neighbours(every)
+            for at, other, trial in neighbours(every)
             if max(part[at], part[other]) >= model.settings.testable
         ]
         between: list[TrialEffect] = []
@@ -67,7 +67,7 @@ def _directions(model: FittedModel, base: Array, columns: Sequence[Array]) -> tu
     return outside / np.maximum(np.linalg.norm(outside, axis=0), 1e-300), part
 
 
-def _neighbours(trials: Sequence[TrialEffect]) -> Iterator[tuple[int, int, TrialEffect]]:
+def neighbours(trials: Sequence[TrialEffect]) -> Iterator[tuple[int, int, TrialEffect]]:
     """Trials next to each other in one shape parameter, by their places, and the one halfway between."""
     lines: dict[tuple[str, str, tuple[tuple[str, float], ...]], list[tuple[float, int]]] = {}
     for at, trial in enumerate(trials):
