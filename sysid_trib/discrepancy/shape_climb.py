@@ -1,7 +1,8 @@
-"""Several shape parameters of a candidate, from the best values of their grid to where its column gains most."""
+"""Several shape parameters of a candidate, from a grid to the values at which its column gains most."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,47 +23,52 @@ FINER = 9
 FIRST_STEP = 2.0
 
 
+class Climb(NamedTuple):
+    """What a trial gains, and the step of its shapes that is tried next, in parts of their ranges."""
+
+    gain: float
+    trial: TrialEffect
+    step: float
+
+
 def climbed(model: FittedModel, candidates: Iterable[Force]) -> list[TrialEffect]:
-    """Candidates of several shapes at the combinations where their columns gain most.
+    """Candidates of several shapes, each at the combination where its column gains most.
 
     Notes
     -----
     What is screened has two to four values of each of three shapes, none of which may be near. From each
-    combination of a finer grid that is better than those next to it the shapes go one at a time to the best
-    of their neighbours, in steps that are halved down to the setting `shape_step` (compass search: Kolda,
-    Lewis, Torczon 2003). What gains no more than chance stays.
+    combination of a finer grid that is not worse than those next to it the shapes go one at a time to the
+    best of their neighbours, in steps that are halved down to the setting `shape_step` (compass search:
+    Kolda, Lewis, Torczon 2003). What gains no more than chance stays.
     """
     settings, frequency = model.settings, model.rows[0].path.frequency
     finer = replace(settings, combinations=FINER * settings.combinations)
     several = [f for f in candidates if len(f.shape) > 1 and not has_frequency_parameter(f)]
-    return [top for force in several for top in _tops(model, trials_of([force], (), frequency, finer))]
+    return [top for force in several for top in _top(model, trials_of([force], (), frequency, finer))]
 
 
-def _tops(model: FittedModel, grid: list[TrialEffect]) -> list[TrialEffect]:
-    """Where the best combinations of a grid lead."""
-    gains = _gains(model, grid)
-    beaten = {min(pair, key=lambda at: (gains[at], -at)) for *pair, _ in neighbours(grid)}
-    first = FIRST_STEP * model.settings.shape_step
-    climbs = [
-        (float(gains[at]), grid[at], first)
-        for at in range(len(grid))
-        if at not in beaten and gains[at] > model.settings.outside_of_set
-    ]
-    tops = list[TrialEffect]()
+def _top(model: FittedModel, grid: list[TrialEffect]) -> list[TrialEffect]:
+    """The best combination to which those of a grid lead; none where none gains more than chance."""
+    gains, settings = _gains(model, grid), model.settings
+    pairs = [sorted(pair, key=lambda at: gains[at]) for *pair, _ in neighbours(grid)]
+    # Of two that are alike either may lead further: where a shape hardly matters yet.
+    beaten = {worse for worse, better in pairs if gains[better] > gains[worse] + settings.least_gain}
+    promising = [at for at in np.flatnonzero(gains > settings.outside_of_set).tolist() if at not in beaten]
+    climbs = [Climb(float(gains[at]), grid[at], FIRST_STEP * settings.shape_step) for at in promising]
+    top = climbs[:0]
     while climbs:
-        aside = [_aside(trial, step) for _, trial, step in climbs]
+        top = [max([*top, *climbs], key=lambda climb: climb.gain)]
+        aside = [_aside(climb.trial, climb.step) for climb in climbs]
         gains_aside = iter(_gains(model, [trial for near in aside for trial in near]).tolist())
         further = []
-        for (gain, trial, step), near in zip(climbs, aside, strict=True):
-            best, at = max((next(gains_aside), -i) for i in range(len(near)))
-            if best > gain + model.settings.least_gain:
-                further.append((best, near[-at], step))
-            elif step > model.settings.shape_step:
-                further.append((gain, trial, 0.5 * step))
-            else:
-                tops.append(trial)
-        climbs = further
-    return tops
+        for climb, near in zip(climbs, aside, strict=True):
+            best, trial = max(((next(gains_aside), trial) for trial in near), key=lambda scored: scored[0])
+            if best > climb.gain + settings.least_gain:
+                further.append(Climb(best, trial, climb.step))
+            elif climb.step > settings.shape_step:
+                further.append(climb._replace(step=0.5 * climb.step))
+        climbs = [climb for at, climb in enumerate(further) if climb not in further[:at]]
+    return [climb.trial for climb in top]
 
 
 def _aside(trial: TrialEffect, step: float) -> list[TrialEffect]:

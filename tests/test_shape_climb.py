@@ -1,0 +1,47 @@
+"""Candidates of several shapes: they are seen and fitted though no value of their grids is near."""
+
+import pytest
+from discovery import EFFECTS, W, start_model, with_effect
+
+from sysid_trib.discrepancy.fits import Fits
+from sysid_trib.discrepancy.screening import screen
+from sysid_trib.discrepancy.settings import DEFAULTS
+from sysid_trib.discrepancy.shape_climb import climbed
+from sysid_trib.discrepancy.trials import TrialEffect, trials_of
+
+LUGRE, DAHL = EFFECTS.select(["lugre", "dahl"])
+SHAPES = {"lugre.s": 0.008, "lugre.r": 1.5, "lugre.u": 0.04}
+
+
+def screened(seed):
+    return screen(start_model([with_effect({"lugre": 0.01}, shapes=SHAPES, seed=seed)]), [LUGRE, DAHL])
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_fit_of_three_shapes_settles_at_the_truth(seed):
+    screening = screened(seed)
+    fits = Fits(screening.model)
+    trial_of = {screening.trials[at].force.symbol: screening.trials[at] for at in screening.best()}
+    found, dahl = (fits.of(screening.model, (), [trial_of[name]]) for name in ("lugre", "dahl"))
+    assert found.deviance < dahl.deviance - DEFAULTS.far
+    # The start model's frequency is higher, by the bristles.
+    truth = TrialEffect(LUGRE, SHAPES).referred(found.rows[0].path.frequency / W).shapes
+    errors = found.shape_errors()
+    for name, value in found.trials[-1].shapes.items():
+        assert abs(value - truth[name]) < 4.0 * errors[name], name
+
+
+def test_its_column_gains_more_than_those_of_the_grid():
+    screening = screened(0)
+    model, gains = screening.model, screening.gains
+    (top,) = climbed(model, [LUGRE])
+    grid = trials_of([LUGRE], (), model.rows[0].path.frequency)
+    of_shapes = {str(t.shapes): gain for t, gain in zip(screening.trials, gains.tolist(), strict=True)}
+    assert of_shapes[str(top.shapes)] > 1.2 * max(of_shapes[str(trial.shapes)] for trial in grid)
+
+
+def test_nothing_is_climbed_where_nothing_is_hidden_nor_along_frequencies():
+    model = start_model([with_effect({}, seed=3)])
+    assert climbed(model, [LUGRE]) == []
+    pushed = start_model([with_effect({"lugre": 0.01}, shapes=SHAPES, seed=0)])
+    assert climbed(pushed, EFFECTS.select(["ambient", "resonator", "dahl"])) == []
