@@ -12,7 +12,7 @@ from sysid_trib.discrepancy.evidence import credible, probabilities
 from sysid_trib.discrepancy.fitted_model import FittedModel
 from sysid_trib.discrepancy.paths import path_of
 from sysid_trib.discrepancy.run_rows import RunRows, run_rows
-from sysid_trib.discrepancy.search import Search, search
+from sysid_trib.discrepancy.search import Search, search, with_steps
 from sysid_trib.discrepancy.settings import DEFAULTS, Settings
 from sysid_trib.discrepancy.start_model import fit_start_model
 from sysid_trib.discrepancy.trials import TrialEffect
@@ -72,7 +72,7 @@ def start_model(
 
 
 def searched(runs, candidates: ForceLibrary = EFFECTS, forces: ForceLibrary = BASE) -> Search:
-    return search(start_model(runs, forces), candidates.forces)
+    return with_steps(search(start_model(runs, forces), candidates.forces), candidates.forces)
 
 
 def credible_set(found: Search, symbol: str) -> set[str]:

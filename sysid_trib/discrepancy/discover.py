@@ -15,7 +15,7 @@ from sysid_trib.discrepancy.fitted_model import FittedModel
 from sysid_trib.discrepancy.holdout import Prediction, improvements, predicted
 from sysid_trib.discrepancy.paths import RecordPath, path_of_run
 from sysid_trib.discrepancy.reference import refitted
-from sysid_trib.discrepancy.search import Search, search
+from sysid_trib.discrepancy.search import Search, search, with_steps
 from sysid_trib.discrepancy.settings import DEFAULTS, Settings
 from sysid_trib.discrepancy.start_model import beside_noises, colour_penalty, fit_start_model, recoloured
 from sysid_trib.discrepancy.to_xarray import groups_of
@@ -116,6 +116,7 @@ def discover(
     done = search(start, offered.forces, deadline=deadline, tell=tell)
     if verdict_of(done) != "nothing missing":
         done = _or_coloured_noise(done, start, offered.forces, deadline, tell)
+    done = with_steps(done, offered.forces, tell)
     tell("hold-out")
     predictions = _predictions(done, runs, parts)
     if refit and not unseen:
@@ -160,7 +161,8 @@ def _or_coloured_noise(
     """
     tell("colour of the sensor's noise")
     last, settings = done.models[-1], start.settings
-    beside_names, without_names = recoloured(last) if done.effects else last, recoloured(start)
+    beside_names = recoloured(last) if done.effects else last
+    without_names = recoloured(start, beside_names)
     known, named = _with_colour(last, done.effects), _with_colour(beside_names, done.effects)
     nameless = _with_colour(without_names, ())
     coloured, begin = without_names, None

@@ -61,9 +61,9 @@ def _is_followed(model: FittedModel) -> bool:
     )
 
 
-def nested_models(final: Final, effects: Sequence[str]) -> list[FittedModel]:
+def nested_models(final: FittedModel, effects: Sequence[str]) -> list[FittedModel]:
     """The models with none, one, ... all of the effects, in this order."""
-    models = [final.referred if final.referred.follows else final.model]
+    models = [final]
     for symbol in reversed(effects):
         last = models[0]
         kept = [at for at, trial in enumerate(last.trials) if trial.force.symbol != symbol]

@@ -140,8 +140,10 @@ def screen(model: FittedModel, candidates: Sequence[Force], effects: Sequence[st
         Of the model, that candidates may replace.
     """
     trials = trials_of(candidates, _lines(model), model.rows[0].path.frequency, model.settings)
-    trials, columns = refined(model, trials, [rows.coarse_columns(trials) for rows in model.rows])
-    tops = climbed(model, candidates)
+    trials, columns, scores = refined(model, trials, [rows.coarse_columns(trials) for rows in model.rows])
+    likely = scores >= (1.0 - model.settings.kin) * np.max(scores, initial=0.0)
+    families = {trials[at].force.family for at in np.flatnonzero(likely)}
+    tops = climbed(model, [force for force in candidates if force.family in families])
     if tops:
         trials += tops
         further = [rows.coarse_columns(tops) for rows in model.rows]

@@ -1,7 +1,7 @@
 """The search: candidates are screened as columns, a few models are fitted exactly, one evidence decides."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,7 +35,8 @@ class Search:
     screenings : list of Screening
         Beside each of the models.
     models : list of FittedModel
-        The start model, and those with one, two, ... of the effects, each referring to its frequency.
+        The final one, referring to its frequency; of `with_steps` the start model before it, and those with
+        one, two, ... of the effects.
     effects : tuple of str
         Added, in the order of what each explains.
     p_values : list of float
@@ -56,6 +57,8 @@ class Search:
         Whether the search ended at its deadline.
     followed : bool
         Whether the last model moves as its path does.
+    known : dict of frozenset of str to Screening
+        All that were made, by the effects of the model.
     """
 
     screenings: list[Screening]
@@ -69,6 +72,7 @@ class Search:
     converged: bool
     out_of_time: bool
     followed: bool
+    known: dict[frozenset[str], Screening]
 
 
 def search(
@@ -92,13 +96,10 @@ def search(
     known = {trial.force.symbol for trial in start.trials}
     if begin is not None and (fitted := fits.of(begin, (), ())) is not None:
         model, effects = fitted, tuple(t.force.symbol for t in begin.trials if t.force.symbol not in known)
-    screenings: dict[frozenset[str], Screening] = {}
+    known_screenings: dict[frozenset[str], Screening] = {}
 
     def screened(model: FittedModel, named: Sequence[str]) -> Screening:
-        if frozenset(named) not in screenings:
-            rest = [force for force in candidates if force.symbol not in named]
-            screenings[frozenset(named)] = screen(model, rest, named)
-        return screenings[frozenset(named)]
+        return _screened(known_screenings, candidates, model, named)
 
     rivals: dict[str, dict[str, float]] = {}
     converged = False
@@ -122,12 +123,9 @@ def search(
     last = screened(final.model, final.effects)
     effects = _by_weight(last, final.effects)
     failed = sorted({*fits.failed} - {*effects})
-    models = nested_models(final, effects)
-    tell("candidates beside each model")
-    before = [screened(models[at], effects[:at]) for at in range(len(effects))]
     return Search(
-        [*before, last],
-        models,
+        [last],
+        [final.referred if final.referred.follows else final.model],
         effects,
         decisive_p_values(last, effects, fits),
         final.rivals,
@@ -137,7 +135,30 @@ def search(
         converged,
         fits.out_of_time,
         final.followed,
+        known_screenings,
     )
+
+
+def with_steps(found: Search, candidates: Sequence[Force], tell: Tell = silent) -> Search:
+    """The same with the models of none, one, two, ... of its effects, and the candidates beside each."""
+    effects, last = found.effects, found.screenings[-1]
+    models = nested_models(found.models[-1], effects)
+    tell("candidates beside each model")
+    before = [_screened(found.known, candidates, models[at], effects[:at]) for at in range(len(effects))]
+    return replace(found, screenings=[*before, last], models=models, known={})
+
+
+def _screened(
+    known: dict[frozenset[str], Screening],
+    candidates: Sequence[Force],
+    model: FittedModel,
+    named: Sequence[str],
+) -> Screening:
+    """The candidates that are not in a model of these effects, held against it, once."""
+    if frozenset(named) not in known:
+        rest = [force for force in candidates if force.symbol not in named]
+        known[frozenset(named)] = screen(model, rest, named)
+    return known[frozenset(named)]
 
 
 def _by_weight(last: Screening, effects: Sequence[str]) -> tuple[str, ...]:

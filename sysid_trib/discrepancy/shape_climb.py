@@ -53,7 +53,8 @@ def _top(model: FittedModel, grid: list[TrialEffect]) -> list[TrialEffect]:
     pairs = [sorted(pair, key=lambda at: gains[at]) for *pair, _ in neighbours(grid)]
     # Of two that are alike either may lead further: where a shape hardly matters yet.
     beaten = {worse for worse, better in pairs if gains[better] > gains[worse] + settings.least_gain}
-    promising = [at for at in np.flatnonzero(gains > settings.outside_of_set).tolist() if at not in beaten]
+    least = max(settings.outside_of_set, (1.0 - settings.kin) * float(np.max(gains)))
+    promising = [at for at in np.flatnonzero(gains > least).tolist() if at not in beaten]
     climbs = [Climb(float(gains[at]), grid[at], FIRST_STEP * settings.shape_step) for at in promising]
     top = climbs[:0]
     while climbs:

@@ -18,8 +18,10 @@ HALVINGS = 4
 
 def refined(
     model: FittedModel, trials: Sequence[TrialEffect], columns: Sequence[Array]
-) -> tuple[list[TrialEffect], list[Array]]:
+) -> tuple[list[TrialEffect], list[Array], Array]:
     """Trials with values of their shapes between those whose columns are not alike, and all their columns.
+
+    And what these gain in the model's own noises, (trial,).
 
     Parameters
     ----------
@@ -32,7 +34,7 @@ def refined(
     -----
     A column halfway between two of correlation c, beside the model and in its noise, has the correlation
     ((1 + c) / 2)^(1/2) with either: what it gains is seen but for a part of (1 - c) / 2. That part is the
-    setting `slack`.
+    setting `slack`. Several shapes of a candidate are climbed instead (`shape_climb`).
     """
     every, tables = list(trials), list(columns)
     alike, most = 1.0 - 2.0 * model.settings.slack, 2 * model.settings.shape_values
@@ -43,7 +45,7 @@ def refined(
         pairs = [
             (float(outside[:, at] @ outside[:, other]), trial)
             for at, other, trial in neighbours(every)
-            if max(part[at], part[other]) >= model.settings.testable
+            if len(trial.shapes) == 1 and max(part[at], part[other]) >= model.settings.testable
         ]
         between: list[TrialEffect] = []
         for correlation, trial in sorted(pairs, key=lambda pair: pair[0]):
@@ -58,7 +60,7 @@ def refined(
         outside, part = np.column_stack([outside, added_outside]), np.append(part, added_part)
         every += between
         tables = [np.column_stack([table, column]) for table, column in zip(tables, new, strict=True)]
-    return every, tables
+    return every, tables, (outside.T @ np.concatenate(model.white_residuals())) ** 2
 
 
 def _directions(model: FittedModel, base: Array, columns: Sequence[Array]) -> tuple[Array, Array]:

@@ -12,22 +12,24 @@ from sysid_trib.discrepancy.likelihood import Likelihood, likelihood
 from sysid_trib.discrepancy.model_fit import fit_model
 from sysid_trib.discrepancy.paths import RecordPath, path_of
 from sysid_trib.discrepancy.reference import refitted
+from sysid_trib.discrepancy.run_products import products_of
 from sysid_trib.discrepancy.settings import DEFAULTS, Settings
 from sysid_trib.discrepancy.trials import TrialEffect
 from sysid_trib.errors import LibraryError
 from sysid_trib.forces.force import Force
 from sysid_trib.noise.autoregression import fractional_difference
-from sysid_trib.noise.colour import MAX_COLOUR, colour_above, most_likely_colour, of_order
+from sysid_trib.noise.colour import MAX_COLOUR, colour_above, colours_beside, most_likely_colour, of_order
 from sysid_trib.noise.level import swing_frequency
 from sysid_trib.noise.residual_noise import NoiseModel
 from sysid_trib.noise.smoothing import KNOTS_PER_PERIOD, smooth
+from sysid_trib.regression.local_rows import covariance_of_local_rows
 from sysid_trib.regression.weak_form import coloured
 
 # Harmonics that the spline of a path follows, at least in part.
 ABOVE = 0.5 * KNOTS_PER_PERIOD + 2.0
 # The d of 1/f noise, and the periods over which it is followed: the zero takes a part of what is slower.
 FLICKER, FLICKER_PERIODS = 0.5, 2.0
-# Partial autocorrelation at which the deviance is computed for its slope where there is none.
+# By which a partial autocorrelation is changed for the slope of the deviance.
 LITTLE_COLOUR = 0.05
 
 
@@ -66,14 +68,14 @@ def fit_start_model(
     return refitted(model)
 
 
-def recoloured(model: FittedModel) -> FittedModel:
+def recoloured(model: FittedModel, other: FittedModel | None = None) -> FittedModel:
     """The model beside noise of the sensor of the colour that makes its rows likeliest.
 
     Where samples of a period are few, or the noise as 1/f, the spectrum above what a path follows does not
     tell it. Autoregressions and 1/f noise, which has one parameter, are compared by the Bayesian
-    information criterion.
+    information criterion. How far that is from `other`, of the same runs, need be known to a part of itself.
     """
-    return beside_noises(model, [_likeliest_sensor(model, run) for run in range(len(model.rows))])
+    return beside_noises(model, [_likeliest_sensor(model, run, other) for run in range(len(model.rows))])
 
 
 def beside_noises(model: FittedModel, sensors: Sequence[NoiseModel]) -> FittedModel:
@@ -83,31 +85,41 @@ def beside_noises(model: FittedModel, sensors: Sequence[NoiseModel]) -> FittedMo
     return refitted(fit_model(paths, model.trials, frequency_free=model.frequency_free, first=first))
 
 
-def _likeliest_sensor(model: FittedModel, run: int) -> NoiseModel:
+def _likeliest_sensor(model: FittedModel, run: int, other: FittedModel | None) -> NoiseModel:
     """Noise of a run of the likeliest colour, of the order that its rows ask for."""
-    rows, table = model.rows[run], model.tables[run]
-    # Of a level that another colour gave nothing is known.
-    settings, columns = replace(model.settings, level_rows=0.0), range(1, 1 + table.shape[1])
+    path = model.rows[run].path
+    known, samples = path.sensor.filter_, len(path.time)
+    beside_colour = _beside_colours(model, run)
 
-    def likelihood_of(filter_: Array) -> Likelihood:
-        acting = coloured(rows.operator, filter_)
-        coloured_rows = replace(rows, path=replace(rows.path, settings=settings), acting=acting)
-        return likelihood([coloured_rows.products(table)], columns)
+    def deviance_of(filter_: Array) -> float:
+        return beside_colour(filter_).deviance
 
-    samples, best, filter_ = len(rows.path.time), np.inf, np.ones(1)
-    # Most noise is white, and its spectrum says so: then a little colour is tried before a search.
-    shown = len(rows.path.sensor.filter_) > 1
-    shown = shown or gain_of_little_colour(lambda at: likelihood_of(at).deviance) > np.log(samples)
-    for order in range(MAX_COLOUR + 1 if shown else 1):
-        starts = [of_order(known, order) for known in (np.ones(1), filter_, rows.path.sensor.filter_)]
-        tried, deviance = most_likely_colour(
-            lambda at: likelihood_of(at).deviance, starts, samples=float(rows.path.form.rows)
-        )
+    least = _beside_colours(other, run)(other.rows[run].path.sensor.filter_).deviance if other else np.inf
+    best, filter_ = np.inf, known
+    # The spectrum mostly shows the colour: a little more of it is tried before a search.
+    shown = gain_of_little_colour(deviance_of, known) > np.log(samples)
+    for order in range(MAX_COLOUR + 1 if shown else 0):
+        starts = [of_order(start, order) for start in (np.ones(1), filter_, known)]
+        tried, deviance = most_likely_colour(deviance_of, starts, samples=float(path.form.rows), least=least)
         if deviance + order * np.log(samples) < best:
             best, filter_ = deviance + order * float(np.log(samples)), tried
-    if shown and likelihood_of(flicker := _flicker_filter(rows.path)).deviance + np.log(samples) < best:
+    if shown and deviance_of(flicker := _flicker_filter(path)) + np.log(samples) < best:
         filter_ = flicker
-    return NoiseModel(float(np.sqrt(likelihood_of(filter_).variances[0])), filter_)
+    return NoiseModel(float(np.sqrt(beside_colour(filter_).variances[0])), filter_)
+
+
+def _beside_colours(model: FittedModel, run: int) -> Callable[[Array], Likelihood]:
+    """Maximum likelihood of a run's rows beside noise of a whitening filter (tap,)."""
+    rows, table = model.rows[run], np.column_stack([model.rows[run].target, model.tables[run]])
+    # Of a level that another colour gave nothing is known.
+    form, settings = rows.path.form, replace(model.settings, level_rows=0.0)
+    columns, level = range(1, table.shape[1]), rows.path.sensor.innovation
+
+    def beside(filter_: Array) -> Likelihood:
+        band = covariance_of_local_rows(coloured(rows.operator, filter_))
+        return likelihood([products_of(band, rows.white_band, table, form, level, settings)], columns)
+
+    return beside
 
 
 def _flicker_filter(path: RecordPath) -> Array:
@@ -116,16 +128,16 @@ def _flicker_filter(path: RecordPath) -> Array:
     return fractional_difference(FLICKER, max(2 + MAX_COLOUR, round(FLICKER_PERIODS * per_period)))
 
 
-def gain_of_little_colour(deviance: Callable[[Array], float]) -> float:
-    """By how much the deviance of white noise would fall by the partial autocorrelation that shows most.
+def gain_of_little_colour(deviance: Callable[[Array], float], filter_: Array) -> float:
+    """By how much the deviance would fall by the partial autocorrelation that shows most beside a colour.
 
-    By its slope and its bend where there is none (Rao's score test).
+    By its slope and its bend there (Rao's score test).
     `deviance` : of a whitening filter, (tap,).
     """
-    white, gains = deviance(np.ones(1)), []
-    for lag in range(1, MAX_COLOUR + 1):
-        down, up = (deviance(np.append(np.eye(1, lag)[0], side)) for side in (LITTLE_COLOUR, -LITTLE_COLOUR))
-        slope, bend = up - down, up - 2.0 * white + down
+    here, gains = deviance(of_order(filter_, MAX_COLOUR)), []
+    for less, more in colours_beside(filter_, LITTLE_COLOUR):
+        below, above = deviance(less), deviance(more)
+        slope, bend = above - below, above - 2.0 * here + below
         gains.append(slope**2 / (8.0 * bend) if bend > 0.0 else np.inf)
     return max(gains)
 

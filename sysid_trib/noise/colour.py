@@ -323,6 +323,13 @@ def of_order(filter_: Array, order: int) -> Array:
     return _filter(partial)
 
 
+def colours_beside(filter_: Array, step: float) -> list[tuple[Array, Array]]:
+    """Whitening filters of which one partial autocorrelation, each in turn, is a step less and more."""
+    partial = _partial(of_order(filter_, MAX_COLOUR))
+    aside = np.minimum(step, 0.5 * (1.0 - np.abs(partial))) * np.eye(MAX_COLOUR)
+    return [(_filter(partial - off), _filter(partial + off)) for off in aside]
+
+
 def _partial(filter_: Array) -> Array:
     """Partial autocorrelations of a whitening filter, (order,): the inverse of `_filter`."""
     partial = []
