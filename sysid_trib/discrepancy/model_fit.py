@@ -85,7 +85,7 @@ def fit_model(
         next_fall = abs(fall) * min(1.0, abs(fall) / before) if before else abs(fall)
         # Along its tangents a shape may go on where the deviance hardly falls.
         on_its_way = model.promised > ROUNDS_AGREE
-        if next_fall < settings.least_gain and not on_its_way:
+        if next_fall < min(1.0, 2.0 * part) * settings.least_gain and not on_its_way:
             return model
         before = abs(fall)
         astray = 0 if limits.possible(model) else astray + 1
@@ -97,7 +97,8 @@ def fit_model(
         # history may have path and coefficients swing about where they settle.
         uphill = bool(turn) and fall < 0.0
         reach *= 0.5 if uphill else 1.0
-        part = min(part, 0.5) if uphill or turn + 1 >= WHOLE_STEPS else part
+        part = min(part, 0.5) if turn + 1 >= WHOLE_STEPS else part
+        part *= 0.5 if uphill else 1.0
         rounds.append(model.light())
     best, next_best = sorted(rounds, key=lambda fitted: fitted.likelihood.deviance)[:2]
     return replace(best, settled=next_best.likelihood.deviance - best.likelihood.deviance < ROUNDS_AGREE)
