@@ -12,7 +12,7 @@ from sysid_trib.discrepancy.likelihood import Likelihood, likelihood
 from sysid_trib.discrepancy.paths import RecordPath
 from sysid_trib.discrepancy.run_products import RunProducts
 from sysid_trib.discrepancy.run_rows import run_rows
-from sysid_trib.discrepancy.trials import TrialEffect, end_of_range
+from sysid_trib.discrepancy.trials import TrialEffect, end_of_range, shape_values, to_unit
 from sysid_trib.errors import SysidTribError
 
 # Rounds after which a path goes half of its way.
@@ -20,6 +20,8 @@ WHOLE_STEPS = 3
 # A kink of a force may have the path swing about where it settles: then the best two rounds agree to this,
 # the deviance of one standard error.
 ROUNDS_AGREE = 1.0
+# Rounds of a fit that does not come to rest, in which no parameter moves by its error: the least likely is it.
+LAST_ROUNDS = 4
 # A path runs away to where nothing is finite, or rows say nothing: there is no fit.
 NOT_FITTED = (SysidTribError, np.linalg.LinAlgError, ValueError)
 
@@ -81,13 +83,13 @@ def fit_model(
         if not np.isfinite(after.likelihood.deviance):
             return _best([*rounds, model])
         fall, model = model.likelihood.deviance - after.likelihood.deviance, after
-        # Falls shrink as a geometric series at least: the next one is this one times their ratio.
-        next_fall = abs(fall) * min(1.0, abs(fall) / before) if before else abs(fall)
+        # Falls shrink as a geometric series at least: the next one is this one times their ratio. A small
+        # part of the way has a small part of the fall.
+        next_fall = abs(fall) * min(1.0, abs(fall / before)) if before else abs(fall)
         # Along its tangents a shape may go on where the deviance hardly falls.
         on_its_way = model.promised > ROUNDS_AGREE
         if next_fall < min(1.0, 2.0 * part) * settings.least_gain and not on_its_way:
             return model
-        before = abs(fall)
         astray = 0 if limits.possible(model) else astray + 1
         if astray > 1 and turn > 1:
             return replace(model, settled=False)
@@ -95,18 +97,32 @@ def fit_model(
             return replace(model, settled=False)
         # Shapes are stepped along tangents: one that leads up was too long. A force that is narrow or has a
         # history may have path and coefficients swing about where they settle.
-        uphill = bool(turn) and fall < 0.0
-        reach *= 0.5 if uphill else 1.0
-        part = min(part, 0.5) if turn + 1 >= WHOLE_STEPS else part
-        part *= 0.5 if uphill else 1.0
+        reach *= 0.5 if turn and fall < 0.0 else 1.0
+        part = min(part, 0.5) if turn + 1 >= WHOLE_STEPS or (turn and fall < 0.0) else part
+        part *= 0.5 if turn > 1 and fall * before < 0.0 else 1.0
+        before = fall
         rounds.append(model.light())
     best, next_best = sorted(rounds, key=lambda fitted: fitted.likelihood.deviance)[:2]
-    return replace(best, settled=next_best.likelihood.deviance - best.likelihood.deviance < ROUNDS_AGREE)
+    if next_best.likelihood.deviance - best.likelihood.deviance < ROUNDS_AGREE:
+        return best
+    # Reversals of a stick may have the deviance jump where parameters hardly move.
+    last = rounds[-LAST_ROUNDS:]
+    agree = not on_its_way and _agree(last)
+    return max(last, key=lambda fitted: fitted.likelihood.deviance) if agree else replace(best, settled=False)
 
 
 def _best(rounds: Sequence[FittedModel]) -> FittedModel:
     """The likeliest round of a path that ran away."""
     return replace(min(rounds, key=lambda fitted: fitted.likelihood.deviance), settled=False)
+
+
+def _agree(rounds: Sequence[FittedModel]) -> bool:
+    """Whether no coefficient or shape differs between rounds by more than its standard error."""
+    shapes = [[to_unit(shape, value) for shape, value in shape_values(fitted.trials)] for fitted in rounds]
+    spread = [np.ptp([fitted.likelihood.coefficients for fitted in rounds], axis=0), np.ptp(shapes, axis=0)]
+    errors = np.sqrt(np.diag(rounds[-1].likelihood.covariance))
+    steady = len(errors) - len(shapes[0])
+    return bool(np.all(spread[0][:steady] <= errors[:steady]) and np.all(spread[1] <= errors[steady:]))
 
 
 def fitted_along(
@@ -141,7 +157,7 @@ def _within_ranges(
     products: Sequence[RunProducts], count: int, trials: Sequence[TrialEffect]
 ) -> tuple[Likelihood, dict[int, tuple[float, float]]]:
     """Maximum likelihood in `count` columns; shapes at an end of their range that would leave it are held."""
-    shapes = [(t.force.shape[k], t.shapes[f"{t.force.symbol}.{k}"]) for t in trials for k in t.force.shape]
+    shapes = shape_values(trials)
     first = count - len(shapes)
     held: dict[int, tuple[float, float]] = {}
     while True:

@@ -64,6 +64,13 @@ class TrialEffect:
         return replace(self, shapes=shapes)
 
 
+def shape_values(trials: Iterable[TrialEffect]) -> list[tuple[Shape, float]]:
+    """The shape parameters of trials, and the value of each."""
+    return [
+        (t.force.shape[name], t.shapes[f"{t.force.symbol}.{name}"]) for t in trials for name in t.force.shape
+    ]
+
+
 def reference_power(force: Force) -> float:
     """Power of the reference frequency of a coefficient; where none is known, that of a force of x alone."""
     powers = reference_powers(force)
