@@ -39,7 +39,7 @@ from sysid_trib.discrepancy.holdout import _scores_of_periods, better_by, predic
 from sysid_trib.discrepancy.likelihood import likelihood, of_many_rows
 from sysid_trib.discrepancy.reference import refitted
 from sysid_trib.discrepancy.screening import independent_tests, screen
-from sysid_trib.discrepancy.search import search
+from sysid_trib.discrepancy.search import search, with_steps
 from sysid_trib.discrepancy.settings import DEFAULTS, Settings
 from sysid_trib.discrepancy.trials import TrialEffect, trials_of
 from sysid_trib.errors import SimulationError, UsageError
@@ -253,7 +253,8 @@ def test_a_resonance_beside_the_line_of_the_swing_is_looked_for():
 
 def test_p_values_are_by_the_deviance_without_each_effect():
     """Corrected; where chance would do as well along the path, by an exact fit."""
-    found = search(start_model([with_effect({"cubic_damping": 3e-2}, seed=3)]), FEW.forces)
+    record = with_effect({"cubic_damping": 3e-2}, seed=3)
+    found = with_steps(search(start_model([record]), FEW.forces), FEW.forces)
     assert found.effects == ("cubic_damping",)
     start, final = found.models
     expected = found.screenings[-1].tests * chi2.sf(start.deviance - final.deviance, 1)
@@ -293,7 +294,7 @@ def test_a_search_that_is_cut_short_says_so():
     assert len(found.effects) == 1
     assert not found.out_of_time
     # The screenings are one before each move, and that of the final model.
-    assert len(found.screenings) == 2
+    assert len(found.known) == 2
 
 
 def test_a_search_ends_at_its_time_limit():

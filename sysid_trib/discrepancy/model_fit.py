@@ -20,7 +20,7 @@ WHOLE_STEPS = 3
 # A kink of a force may have the path swing about where it settles: then the best two rounds agree to this,
 # the deviance of one standard error.
 ROUNDS_AGREE = 1.0
-# Rounds of a fit that does not come to rest, in which no parameter moves by its error: the least likely is it.
+# Last rounds of a fit that does not come to rest, which are alike but for the errors of its parameters.
 LAST_ROUNDS = 4
 # A path runs away to where nothing is finite, or rows say nothing: there is no fit.
 NOT_FITTED = (SysidTribError, np.linalg.LinAlgError, ValueError)
@@ -119,10 +119,10 @@ def _best(rounds: Sequence[FittedModel]) -> FittedModel:
 def _agree(rounds: Sequence[FittedModel]) -> bool:
     """Whether no coefficient or shape differs between rounds by more than its standard error."""
     shapes = [[to_unit(shape, value) for shape, value in shape_values(fitted.trials)] for fitted in rounds]
-    spread = [np.ptp([fitted.likelihood.coefficients for fitted in rounds], axis=0), np.ptp(shapes, axis=0)]
+    ranges = [np.ptp([fitted.likelihood.coefficients for fitted in rounds], axis=0), np.ptp(shapes, axis=0)]
     errors = np.sqrt(np.diag(rounds[-1].likelihood.covariance))
     steady = len(errors) - len(shapes[0])
-    return bool(np.all(spread[0][:steady] <= errors[:steady]) and np.all(spread[1] <= errors[steady:]))
+    return bool(np.all(ranges[0][:steady] <= errors[:steady]) and np.all(ranges[1] <= errors[steady:]))
 
 
 def fitted_along(

@@ -139,13 +139,13 @@ def search(
     )
 
 
-def with_steps(found: Search, candidates: Sequence[Force], tell: Tell = silent) -> Search:
+def with_steps(search: Search, candidates: Sequence[Force], tell: Tell = silent) -> Search:
     """The same with the models of none, one, two, ... of its effects, and the candidates beside each."""
-    effects, last = found.effects, found.screenings[-1]
-    models = nested_models(found.models[-1], effects)
+    effects, last = search.effects, search.screenings[-1]
+    models = nested_models(search.models[-1], effects)
     tell("candidates beside each model")
-    before = [_screened(found.known, candidates, models[at], effects[:at]) for at in range(len(effects))]
-    return replace(found, screenings=[*before, last], models=models, known={})
+    before = [_screened(search.known, candidates, models[at], effects[:at]) for at in range(len(effects))]
+    return replace(search, screenings=[*before, last], models=models, known={})
 
 
 def _screened(
