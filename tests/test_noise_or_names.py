@@ -20,7 +20,7 @@ def flicker_noise(count: int, seed: int):
 
 
 # Of these what is slow was named as an ambient vibration, where its colour without any name is as likely.
-@pytest.mark.parametrize("seed", [0, 5, 6, 10])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (5, 6, 10))])
 def test_slow_noise_is_not_named(seed):
     angle = exact(model_of({"zeta": 4e-3}), TIME) + 2e-3 * flicker_noise(len(TIME), seed)
     found = discover(decay(TIME, angle, seed), CONTACT.select(["zeta"]), EFFECTS)

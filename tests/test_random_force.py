@@ -257,7 +257,7 @@ def test_coloured_noise_beside_a_random_force_is_refused():
         st.methods.Trajectory(random_force=1e-4, noise="coloured")
 
 
-@pytest.mark.parametrize("friction", [0.0, 1e-3])
+@pytest.mark.parametrize("friction", [pytest.param(0.0, marks=pytest.mark.slow), 1e-3])
 def test_a_fit_tells_the_two_noises_apart(friction):
     truth = {"zeta": 1e-4, "delta": 2e-3, "epsilon": -0.1} | ({"lambda": friction} if friction else {})
     model, time, noise = model_with(**truth), np.arange(500) * 2.0 * np.pi / W / 25, 2e-4

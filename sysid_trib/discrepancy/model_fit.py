@@ -40,6 +40,23 @@ class Limits(NamedTuple):
 NO_LIMITS = Limits()
 
 
+class Stride(NamedTuple):
+    """How far a round goes: a shape by `reach` of its range at most, the path by `part` of its way."""
+
+    reach: float
+    part: float
+
+    def after(self, turn: int, fall: float, before: float) -> "Stride":
+        """Of the round after the one number `turn`, by which the deviance fell so much, and before it.
+
+        Shapes are stepped along tangents: one that leads up was too long. A force that is narrow or has a
+        history may have path and coefficients swing about where they settle.
+        """
+        uphill, swings = turn > 0 and fall < 0.0, turn > 1 and fall * before < 0.0
+        part = min(self.part, 0.5) if uphill or turn + 1 >= WHOLE_STEPS else self.part
+        return Stride(0.5 * self.reach if uphill else self.reach, 0.5 * part if swings else part)
+
+
 def fit_model(
     paths: Sequence[RecordPath],
     trials: Sequence[TrialEffect],
@@ -71,11 +88,11 @@ def fit_model(
     """
     guess = np.zeros(len(trials) + 1) if first is None else first
     model, settings = fitted_along(paths, trials, guess, frequency_free), paths[0].settings
-    rounds, reach, before, astray = list[FittedModel](), part * settings.shape_step, 0.0, 0
+    rounds, stride, before, astray = list[FittedModel](), Stride(part * settings.shape_step, part), 0.0, 0
     for turn in range(settings.rounds):
         latest = np.append(model.coefficients, model.stiffness)
-        guess = guess + part * (latest - guess) if turn else latest
-        nearer, steps = model.next_paths(guess[:-1], part), model.next_steps(reach)
+        guess = guess + stride.part * (latest - guess) if turn else latest
+        nearer, steps = model.next_paths(guess[:-1], stride.part), model.next_steps(stride.reach)
         try:
             after = fitted_along(nearer, model.next_trials(steps), guess + model.ahead(steps), frequency_free)
         except NOT_FITTED:
@@ -88,27 +105,28 @@ def fit_model(
         next_fall = abs(fall) * min(1.0, abs(fall / before)) if before else abs(fall)
         # Along its tangents a shape may go on where the deviance hardly falls.
         on_its_way = model.promised > ROUNDS_AGREE
-        if next_fall < min(1.0, 2.0 * part) * settings.least_gain and not on_its_way:
+        if next_fall < min(1.0, 2.0 * stride.part) * settings.least_gain and not on_its_way:
             return model
         astray = 0 if limits.possible(model) else astray + 1
         if astray > 1 and turn > 1:
             return replace(model, settled=False)
         if turn > 1 and not on_its_way and model.stepped.deviance - 2.0 * abs(fall) > limits.worst:
             return replace(model, settled=False)
-        # Shapes are stepped along tangents: one that leads up was too long. A force that is narrow or has a
-        # history may have path and coefficients swing about where they settle.
-        reach *= 0.5 if turn and fall < 0.0 else 1.0
-        part = min(part, 0.5) if turn + 1 >= WHOLE_STEPS or (turn and fall < 0.0) else part
-        part *= 0.5 if turn > 1 and fall * before < 0.0 else 1.0
-        before = fall
+        stride, before = stride.after(turn, fall, before), fall
         rounds.append(model.light())
+    return _ended(rounds, on_its_way)
+
+
+def _ended(rounds: Sequence[FittedModel], on_its_way: bool) -> FittedModel:
+    """What a fit has come to that goes on after all of its rounds."""
     best, next_best = sorted(rounds, key=lambda fitted: fitted.likelihood.deviance)[:2]
     if next_best.likelihood.deviance - best.likelihood.deviance < ROUNDS_AGREE:
         return best
-    # Reversals of a stick may have the deviance jump where parameters hardly move.
+    # Where a contact sticks a reversal more or less has the deviance jump, parameters hardly move.
     last = rounds[-LAST_ROUNDS:]
-    agree = not on_its_way and _agree(last)
-    return max(last, key=lambda fitted: fitted.likelihood.deviance) if agree else replace(best, settled=False)
+    if _agree(last) and not on_its_way:
+        return max(last, key=lambda fitted: fitted.likelihood.deviance)
+    return replace(best, settled=False)
 
 
 def _best(rounds: Sequence[FittedModel]) -> FittedModel:
