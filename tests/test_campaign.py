@@ -204,6 +204,66 @@ def test_a_store_of_another_campaign_is_refused(study, tmp_path):
         st.open_store(tmp_path)
 
 
+def files_of(study, folder, numbers):
+    """Records of a study as files, named by their numbers."""
+    folder.mkdir(exist_ok=True)
+    for at in numbers:
+        decay = study.decay(at)
+        write_csv(folder / f"{at}.csv", decay.time.values, decay.angle.values)
+    return sorted(folder.glob("*.csv"))
+
+
+def test_what_was_done_stays_when_records_come_to_it(study, tmp_path):
+    """Files that sort between the others, a task that counts what it reads."""
+    folder, read = tmp_path / "data", []
+
+    def counted(path):
+        read.append(Path(path).name)
+        return [st.free_decay(st.read_record(path))]
+
+    task, output = st.Task("identify", LIBRARY, METHODS, read=counted), tmp_path / "out.zarr"
+    st.campaign(files_of(study, folder, [1, 4]), task, output=output, workers=0)
+    grown = numbers(st.campaign(files_of(study, folder, [0, 3, 5]), task, output=output, workers=0))
+    assert read == ["1.csv", "4.csv", "0.csv", "3.csv", "5.csv"]
+    at_once = st.campaign(sorted(folder.glob("*.csv")), task, output=tmp_path / "once.zarr", workers=0)
+    once = numbers(at_once)
+    assert grown.attrs.pop("fingerprint") == once.attrs.pop("fingerprint")
+    xr.testing.assert_identical(grown, once)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["data", "once.zarr", "out.zarr", "study.toml"]
+    with pytest.raises(UsageError, match="records that are not among these"):
+        st.campaign(files_of(study, folder, [])[1:], task, output=output, workers=0)
+
+
+def test_a_study_of_more_records_goes_on(study, tmp_path):
+    output = tmp_path / "out.zarr"
+    st.campaign(dataclasses.replace(study, records=4), TASK, output=output, workers=0)
+    took = st.open_store(output).seconds.values
+    grown = st.campaign(study, TASK, output=output, workers=0)
+    np.testing.assert_array_equal(grown.seconds.values[:4], took)
+    xr.testing.assert_identical(
+        numbers(grown), numbers(st.campaign(study, TASK, output=tmp_path / "whole.zarr", workers=0))
+    )
+
+
+def test_a_store_whose_growth_was_killed_is_put_back(study, tmp_path, monkeypatch):
+    output = tmp_path / "out.zarr"
+    few = dataclasses.replace(study, records=4)
+    kept = numbers(st.campaign(few, TASK, output=output, workers=0))
+
+    def killed(*places):
+        raise KeyboardInterrupt
+
+    # Between both renames there is no store at its place.
+    rename = os.rename
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(os, "rename", lambda old, new: rename(old, new) if Path(old) == output else killed())
+        st.campaign(study, TASK, output=output, workers=0)
+    assert not output.exists()
+    xr.testing.assert_identical(numbers(st.campaign(few, TASK, output=output, workers=0)), kept)
+    st.campaign(study, TASK, output=output, workers=0)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.zarr", "study.toml"]
+
+
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [

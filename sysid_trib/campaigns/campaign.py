@@ -40,7 +40,7 @@ def campaign(
         What is done with each.
     output : path-like
         The store. One that is there is gone on with: what is done in it is not done again, unless a record's
-        file has changed since.
+        file has changed since; more records may come to it.
     workers : int or str
         Processes on this machine; 0: this process alone, without dask. Or the address of a scheduler of dask
         (tcp://...), whose workers see the files under the same names.

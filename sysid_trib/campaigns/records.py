@@ -64,17 +64,28 @@ class CampaignRecords:
 
     def fingerprint(self, task: Task) -> str:
         """What a store must have been begun with to be gone on with: version, task, names, content."""
-        if isinstance(self.items, Study):
-            content: Any = asdict(self.items)
-        else:
-            in_memory = [item for item in self.items if isinstance(item, xr.Dataset)]
-            content = [hashlib.sha256(item["angle"].values.tobytes()).hexdigest() for item in in_memory]
+        return _digest([self.fingerprint_of_task(task), self.names, self._content()])
+
+    def fingerprint_of_task(self, task: Task) -> str:
+        """The same without the records: of files and of a study more may come."""
         libraries = [library.to_toml() for library in (task.library, task.candidates) if library is not None]
         methods = {label: repr(method) for label, method in task.methods.items()}
         asked = [task.name, task.judged, methods, repr(task.constraints), repr(task.contactless)]
         options = sorted((name, repr(value)) for name, value in task.options.items())
-        whole = [__version__, self.names, content, libraries, asked, options, _callable_text(task.read)]
-        return hashlib.sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()
+        study = asdict(self.items) | {"records": None} if isinstance(self.items, Study) else None
+        in_memory = self._content() if study is None else []
+        return _digest([__version__, study, in_memory, libraries, asked, options, _callable_text(task.read)])
+
+    def _content(self) -> Any:
+        """Of a study, or of what is in memory; files say themselves when they change."""
+        if isinstance(self.items, Study):
+            return asdict(self.items)
+        in_memory = [item for item in self.items if isinstance(item, xr.Dataset)]
+        return [hashlib.sha256(item["angle"].values.tobytes()).hexdigest() for item in in_memory]
+
+
+def _digest(content: Any) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def _callable_text(read: Any) -> str:

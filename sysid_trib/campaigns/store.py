@@ -5,7 +5,6 @@ renamed into its place when it is whole: at any moment the store can be read, an
 """
 
 import os
-import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -14,40 +13,23 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Index, Mask
-from sysid_trib.campaigns.outline import EDGES
+from sysid_trib.campaigns.growth import exchange, recover
+from sysid_trib.campaigns.new_store import FINGERPRINT, STATUS, TASK_FINGERPRINT, made_beside
 from sysid_trib.campaigns.records import CampaignRecords
 from sysid_trib.campaigns.task import (
-    EFFECT_P_VALUE,
     FAILED,
     LONGEST_TEXT,
-    RECORD_TEXTS,
     REFUSED,
-    SCALARS,
-    TIED,
     Row,
     Task,
     checksum_of,
     empty_row,
-    error_of,
-    shape_names,
 )
 from sysid_trib.errors import RecordError, UsageError
-from sysid_trib.results.schema import force_labels
 
-STATUS = ("waiting", "done", "refused", "failed", "lost")
 WAITING, LOST = 0, 4
 # What a killed process leaves of a chunk.
 PARTIAL = "*.partial"
-FINGERPRINT = "fingerprint"
-DIMS = {
-    "coefficient": ("method", "force"),
-    "shape": ("method", "shape_parameter"),
-    "outline": ("edge", "part"),
-}
-FORCE_UNIT = "see the coordinate unit"
-UNITS = {"coefficient": FORCE_UNIT, "shape": "see the library", "random_force_density": "(rad/s^2)^2/Hz"}
-UNITS["outline"] = "see signal_units"
-UNITS |= dict.fromkeys(("reference_frequency", "asymptotic_frequency"), "rad/s")
 
 
 class Store:
@@ -73,12 +55,17 @@ class Store:
     def __init__(self, path: Path, task: Task, records: CampaignRecords, block: int) -> None:
         import zarr
 
-        self.path, fingerprint = path, records.fingerprint(task)
+        self.path = path
         try:
+            recover(path)
             if not path.exists():
-                _make(path, task, records, fingerprint, block)
+                os.replace(made_beside(path, task, records, block), path)
             group: Any = zarr.open_group(path, mode="r+")
-            begun_with = dict(group.attrs).get(FINGERPRINT)
+            begun_with = dict(group.attrs)
+            if begun_with[FINGERPRINT] != records.fingerprint(task) and _has_grown(group, task, records):
+                exchange(path, made_beside(path, task, records, block, group))
+                group = zarr.open_group(path, mode="r+")
+                begun_with = dict(group.attrs)
             # Opened once: each time takes as long as to write a record.
             self.arrays: dict[str, Any] = dict(group.arrays())
             self.block = int(self.arrays["status"].chunks[0])
@@ -87,10 +74,11 @@ class Store:
             raise RecordError(
                 f"{path}: cannot be made, or is no store of a campaign ({reason}); choose another with -o."
             ) from None
-        if begun_with != fingerprint:
+        if begun_with[FINGERPRINT] != records.fingerprint(task):
             raise UsageError(
-                f"{path}: is the store of another campaign (other records, task, options or version); choose "
-                "another place with -o, or repeat the command that made it to go on."
+                f"{path}: is the store of another campaign (other task, options or version, or records that "
+                "are not among these); choose another place with -o, or repeat the command that made it to "
+                "go on."
             )
         for partial in path.rglob(PARTIAL):
             partial.unlink(missing_ok=True)
@@ -191,93 +179,8 @@ def open_store(path: str | os.PathLike[str]) -> xr.Dataset:
     return store
 
 
-def _make(path: Path, task: Task, records: CampaignRecords, fingerprint: str, block: int) -> None:
-    """An empty store: coordinates, and arrays of which no chunk is written."""
-    import zarr
-
-    temporary = path.with_name(f".{path.name}.partial")
-    try:
-        _fill(zarr.open_group(temporary, mode="w", zarr_format=2), task, records, fingerprint, block)
-        os.replace(temporary, path)
-    except OSError:
-        shutil.rmtree(temporary, ignore_errors=True)
-        raise
-
-
-def _fill(group: Any, task: Task, records: CampaignRecords, fingerprint: str, block: int) -> None:
-    """Make the arrays of a store."""
-    forces = {force.symbol: force for lib in (task.library, task.candidates or ()) for force in lib}
-    labels = force_labels([forces[symbol] for symbol in task.symbols])
-    coordinates: dict[str, tuple[str, Sequence[Any]]] = {
-        "record": ("record", records.names),
-        "method": ("method", task.labels),
-        "force": ("force", task.symbols),
-        "unit": ("force", labels["unit"][1]),
-        "speed_degree": ("force", labels["speed_degree"][1]),
-        "shape_parameter": ("shape_parameter", shape_names(task)),
-        "edge": ("edge", EDGES),
-    }
-    for name, (dim, texts) in coordinates.items():
-        values = np.asarray(list(texts), dtype=float if name == "speed_degree" else str)
-        if len(values):
-            _array(group, name, (dim,), values.shape, values.dtype, len(values))[:] = values
-    row = empty_row(task)
-    if records.simulated:
-        row["true_coefficient"] = np.full(len(task.symbols), np.nan)
-    for name, empty in row.items():
-        if not np.size(empty):
-            continue
-        dims = _dims(name)
-        kind = f"<U{LONGEST_TEXT[name]}" if name in LONGEST_TEXT else float
-        array = _array(
-            group, name, ("record", *dims), (len(records), *np.shape(empty)), np.dtype(kind), block
-        )
-        array.attrs["long_name"], units = _described(name)
-        if units:
-            array.attrs["units"] = units
-    status = _array(group, "status", ("record",), (len(records),), np.dtype("int8"), block)
-    status.attrs.update(flag_values=list(range(len(STATUS))), flag_meanings=" ".join(STATUS))
-    group.attrs.update({FINGERPRINT: fingerprint, "task": task.name, "coordinates": "unit speed_degree"})
-
-
-def _array(
-    group: Any, name: str, dims: tuple[str, ...], shape: tuple[int, ...], dtype: Any, block: int
-) -> Any:
-    fill = {"f": np.nan, "U": "", "i": 0}[dtype.kind]
-    chunks = (max(1, min(block, shape[0])), *(max(1, size) for size in shape[1:]))
-    array = group.create_array(name, shape=shape, dtype=dtype, chunks=chunks, fill_value=fill)
-    array.attrs["_ARRAY_DIMENSIONS"] = list(dims)
-    return array
-
-
-def _dims(name: str) -> tuple[str, ...]:
-    """Dimensions of a variable beside the record."""
-    if name in ("true_coefficient", EFFECT_P_VALUE):
-        return ("force",)
-    for known, dims in DIMS.items():
-        if name in (known, error_of(known)):
-            return dims
-    per_method = {key for scalar in SCALARS for key in (scalar, error_of(scalar))}
-    return ("method",) if name in per_method else ()
-
-
-def _described(name: str) -> tuple[str, str]:
-    """Long name and unit of a variable."""
-    texts = {
-        "coefficient": "coefficient",
-        "shape": "shape parameter",
-        "true_coefficient": "coefficient that the record was simulated with",
-        "p_value": "p-value of the agreement of both methods",
-        EFFECT_P_VALUE: "corrected p-value of an effect that a discovery named",
-        TIED: "effects that those named cannot be separated from",
-        "seconds": "time that the record took",
-        "outline": "lowest and highest value of the record in each part of its time",
-        **SCALARS,
-        **RECORD_TEXTS,
-    }
-    if name in texts:
-        units = {"p_value": "1", EFFECT_P_VALUE: "1", "seconds": "s", "true_coefficient": FORCE_UNIT}
-        default = units.get(name, "")
-        return texts[name], UNITS.get(name, default)
-    value = next(value for value in texts if error_of(value) == name)
-    return f"standard error of the {texts[value]}", UNITS.get(value, "")
+def _has_grown(group: Any, task: Task, records: CampaignRecords) -> bool:
+    """Whether a store is of the same campaign with fewer records."""
+    known = np.asarray(group["record"][:]).astype(str).tolist()
+    same = dict(group.attrs).get(TASK_FINGERPRINT) == records.fingerprint_of_task(task)
+    return same and set(known) < set(records.names)

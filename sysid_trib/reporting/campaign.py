@@ -11,7 +11,8 @@ from bokeh import plotting
 from sysid_trib import plots
 from sysid_trib._version import __version__
 from sysid_trib.campaigns.conditions import reported_method
-from sysid_trib.campaigns.store import STATUS, counts_of
+from sysid_trib.campaigns.new_store import STATUS
+from sysid_trib.campaigns.store import counts_of
 from sysid_trib.plots.conditions import FAR, places
 from sysid_trib.plots.style import INK, ORANGE
 from sysid_trib.printing import campaign as words
