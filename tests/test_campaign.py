@@ -255,9 +255,10 @@ def test_a_store_whose_growth_was_killed_is_put_back(study, tmp_path, monkeypatc
 
     # Between both renames there is no store at its place.
     rename = os.rename
-    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+    with monkeypatch.context() as patch:
         patch.setattr(os, "rename", lambda old, new: rename(old, new) if Path(old) == output else killed())
-        st.campaign(study, TASK, output=output, workers=0)
+        with pytest.raises(KeyboardInterrupt):
+            st.campaign(study, TASK, output=output, workers=0)
     assert not output.exists()
     xr.testing.assert_identical(numbers(st.campaign(few, TASK, output=output, workers=0)), kept)
     st.campaign(study, TASK, output=output, workers=0)

@@ -8,8 +8,6 @@ from typing import Any
 
 import numpy as np
 
-RECORD = "record"
-
 
 def copy_rows(old: Any, new: Any, names: Sequence[str], block: int) -> None:
     """Fill the rows of a new store that an old one has, a block at a time.
@@ -22,10 +20,10 @@ def copy_rows(old: Any, new: Any, names: Sequence[str], block: int) -> None:
     block : int
         Records in a chunk of the new one.
     """
-    place = {name: at for at, name in enumerate(np.asarray(old[RECORD][:]).astype(str).tolist())}
+    place = {name: at for at, name in enumerate(np.asarray(old["record"][:]).astype(str).tolist())}
     known = np.array([place.get(name, -1) for name in names])
     for name, array in old.arrays():
-        if array.attrs["_ARRAY_DIMENSIONS"][0] != RECORD or name == RECORD:
+        if array.attrs["_ARRAY_DIMENSIONS"][0] != "record" or name == "record":
             continue
         for first in range(0, len(known), block):
             at = known[first : first + block]

@@ -31,17 +31,32 @@ class Fits:
         """Whether the deadline has passed."""
         return monotonic() > self.deadline
 
+    @property
+    def ended(self) -> bool:
+        """Whether no further model is fitted: it is too late, or as many were as the settings say."""
+        return self.out_of_time or len(self.kept) + len(self.unlikely) > self.start.settings.most_fits
+
     def of(
         self, near: FittedModel, drop: Sequence[str], add: Sequence[TrialEffect], worst: float = np.inf
     ) -> FittedModel | None:
         """A model near another one, with forces dropped and added; None if it does not reach `worst`."""
+        fitted = self._of(near, drop, add, worst)
+        for at, trial in enumerate(add):
+            for start in trial.starts:
+                if fitted is None:
+                    fitted = self._of(near, drop, [*add[:at], start, *add[at + 1 :]], worst)
+        return fitted
+
+    def _of(
+        self, near: FittedModel, drop: Sequence[str], add: Sequence[TrialEffect], worst: float
+    ) -> FittedModel | None:
         trials = [t for t in near.trials if t.force.symbol not in drop] + list(add)
         base = {t.force.symbol for t in self.start.trials}
         key = frozenset(t.force.symbol for t in trials) - base
         if key in self.kept:
             return self.kept[key]
         place = tuple(sorted((t.force.symbol, tuple(t.shapes.values())) for t in trials))
-        if self.out_of_time or self.unlikely.get(place, -np.inf) >= worst:
+        if self.ended or self.unlikely.get(place, -np.inf) >= worst:
             return None
 
         def possible(fitted: FittedModel) -> bool:

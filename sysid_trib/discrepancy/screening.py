@@ -139,15 +139,7 @@ def screen(model: FittedModel, candidates: Sequence[Force], effects: Sequence[st
     effects : sequence of str
         Of the model, that candidates may replace.
     """
-    trials = trials_of(candidates, _lines(model), model.rows[0].path.frequency, model.settings)
-    trials, columns, scores = refined(model, trials, [rows.coarse_columns(trials) for rows in model.rows])
-    likely = scores >= (1.0 - model.settings.kin) * np.max(scores, initial=0.0)
-    families = {trials[at].force.family for at in np.flatnonzero(likely)}
-    tops = climbed(model, [force for force in candidates if force.family in families])
-    if tops:
-        trials += tops
-        further = [rows.coarse_columns(tops) for rows in model.rows]
-        columns = [np.column_stack(pair) for pair in zip(columns, further, strict=True)]
+    trials, columns = _tried(model, candidates, effects)
     good = np.all([has_products(column) for column in columns], axis=0)
     columns = [np.where(good, column, 0.0) for column in columns]
     tables = [
@@ -199,6 +191,22 @@ def screen(model: FittedModel, candidates: Sequence[Force], effects: Sequence[st
     gained = zip(gains, trials, beside.effective_rows, strict=True)
     p_values = np.array([screening.p_value_of(gain, t.force, rows) for gain, t, rows in gained])
     return replace(screening, p_values=p_values)
+
+
+def _tried(
+    model: FittedModel, candidates: Sequence[Force], effects: Sequence[str]
+) -> tuple[list[TrialEffect], list[Array]]:
+    """Candidates at grids of their shapes, refined, and where several are climbed; columns in each run."""
+    trials = trials_of(candidates, _lines(model), model.rows[0].path.frequency, model.settings)
+    trials, columns, scores = refined(model, trials, [rows.coarse_columns(trials) for rows in model.rows])
+    likely = scores >= (1.0 - model.settings.kin) * np.max(scores, initial=0.0)
+    families = {trials[at].force.family for at in np.flatnonzero(likely)}
+    families |= {trial.force.family for trial in model.trials if trial.force.symbol in effects}
+    tops = climbed(model, [force for force in candidates if force.family in families], effects)
+    if not tops:
+        return trials, columns
+    further = [rows.coarse_columns(tops) for rows in model.rows]
+    return [*trials, *tops], [np.column_stack(pair) for pair in zip(columns, further, strict=True)]
 
 
 def _known_finely(

@@ -48,7 +48,7 @@ class Search:
         Candidates whose fits failed.
     outstanding : tuple of str
         Candidates that would gain more than chance, and are not in the model: no more effects were asked for,
-        their fits failed, or there was no time.
+        their fits failed, or the search ended before.
     collinear : list of str
         Effects that are not separately identifiable.
     converged : bool
@@ -103,7 +103,7 @@ def search(
 
     rivals: dict[str, dict[str, float]] = {}
     converged = False
-    for _ in range(start.settings.most_moves):
+    for _ in range(start.settings.most_fits):
         tell(f"candidates beside {', '.join(effects) or 'the start model'}")
         current = screened(model, effects)
         step = _towards(current, effects, fits)
@@ -113,7 +113,7 @@ def search(
             tell("rivals of each effect")
             rivals = {symbol: rivals_of(current, effects, symbol, fits) for symbol in effects}
             step = better_rival(current, effects, rivals, fits) or chance_in_set(effects, rivals, fits)
-        converged = step is None and not fits.out_of_time
+        converged = step is None and not fits.ended
         if step is None:
             break
         model, effects = step
@@ -176,18 +176,14 @@ def _by_weight(last: Screening, effects: Sequence[str]) -> tuple[str, ...]:
 
 
 def _outstanding(last: Screening, effects: tuple[str, ...], fits: Fits) -> tuple[str, ...]:
-    """Candidates that are missing from the final model, or whose fits beside it failed or had no time."""
+    """Candidates that are missing from the final model, or whose fits beside it failed or were not made."""
     failed = [
         last.trials[at].force.symbol for at in last.best() if last.p_values[at] < last.model.settings.level
     ]
     missing = [move.effects[-1] for move in _beyond_chance(last, effects, fits)]
     return (
         *missing,
-        *(
-            symbol
-            for symbol in failed[: last.model.settings.fitted]
-            if symbol in fits.failed or fits.out_of_time
-        ),
+        *(symbol for symbol in failed[: last.model.settings.fitted] if symbol in fits.failed or fits.ended),
     )
 
 

@@ -43,7 +43,7 @@ class Settings:
         "sets hold hardly more than three",
     )
     pairs: int = setting(20, "pairs whose likelihood is computed along the path", "time")
-    most_moves: int = setting(20, "moves after which a search has not converged", "five an effect")
+    most_fits: int = setting(50, "fits, and moves, after which a search has not converged", "time")
     rounds: int = setting(12, "rounds of path and parameters in a fit", "time")
     shape_step: float = setting(
         0.1, "largest step of a shape in a round, of its range", "a cell of the grid of its values"

@@ -19,6 +19,8 @@ from sysid_trib.forces.force import Force
 
 # Combinations of the finer grid, over those that are screened: of three shapes two have thrice the values.
 FINER = 9
+# Others that a fit starts from where that from the best fails.
+STARTS = 3
 # First step, over the last.
 FIRST_STEP = 2.0
 
@@ -31,8 +33,17 @@ class Climb(NamedTuple):
     step: float
 
 
-def climbed(model: FittedModel, candidates: Iterable[Force]) -> list[TrialEffect]:
+def climbed(
+    model: FittedModel, candidates: Iterable[Force], effects: Sequence[str] = ()
+) -> list[TrialEffect]:
     """Candidates of several shapes, each at the combination where its column gains most.
+
+    Parameters
+    ----------
+    model : FittedModel
+    candidates : iterable of Force
+    effects : sequence of str
+        Of the model: a candidate of the family of some stands in the place of these.
 
     Notes
     -----
@@ -44,23 +55,28 @@ def climbed(model: FittedModel, candidates: Iterable[Force]) -> list[TrialEffect
     settings, frequency = model.settings, model.rows[0].path.frequency
     finer = replace(settings, combinations=FINER * settings.combinations)
     several = [f for f in candidates if len(f.shape) > 1 and not has_frequency_parameter(f)]
-    return [top for force in several for top in _top(model, trials_of([force], (), frequency, finer))]
+    family = {t.force.symbol: t.force.family for t in model.trials if t.force.symbol in effects}
+    tops = list[TrialEffect]()
+    for force in several:
+        gone = [symbol for symbol in family if family[symbol] == force.family]
+        ends = _ends(model, trials_of([force], (), frequency, finer), gone)
+        tops += [replace(ends[0], starts=tuple(ends[1 : 1 + STARTS]))] if ends else []
+    return tops
 
 
-def _top(model: FittedModel, grid: list[TrialEffect]) -> list[TrialEffect]:
-    """The best combination to which those of a grid lead; none where none gains more than chance."""
-    gains, settings = _gains(model, grid), model.settings
+def _ends(model: FittedModel, grid: list[TrialEffect], gone: Sequence[str]) -> list[TrialEffect]:
+    """Combinations to which the best of a grid lead, best first; none where none gains more than chance."""
+    gains, settings = _gains(model, grid, gone), model.settings
     pairs = [sorted(pair, key=lambda at: gains[at]) for *pair, _ in neighbours(grid)]
     # Of two that are alike either may lead further: where a shape hardly matters yet.
     beaten = {worse for worse, better in pairs if gains[better] > gains[worse] + settings.least_gain}
     least = max(settings.outside_of_set, (1.0 - settings.kin) * float(np.max(gains)))
     promising = [at for at in np.flatnonzero(gains > least).tolist() if at not in beaten]
     climbs = [Climb(float(gains[at]), grid[at], FIRST_STEP * settings.shape_step) for at in promising]
-    top = climbs[:0]
+    ends = list[Climb]()
     while climbs:
-        top = [max([*top, *climbs], key=lambda climb: climb.gain)]
         aside = [_aside(climb.trial, climb.step) for climb in climbs]
-        gains_aside = iter(_gains(model, [trial for near in aside for trial in near]).tolist())
+        gains_aside = iter(_gains(model, [trial for near in aside for trial in near], gone).tolist())
         further = []
         for climb, near in zip(climbs, aside, strict=True):
             best, trial = max(((next(gains_aside), trial) for trial in near), key=lambda scored: scored[0])
@@ -68,8 +84,10 @@ def _top(model: FittedModel, grid: list[TrialEffect]) -> list[TrialEffect]:
                 further.append(Climb(best, trial, climb.step))
             elif climb.step > settings.shape_step:
                 further.append(climb._replace(step=0.5 * climb.step))
+            elif climb not in ends:
+                ends.append(climb)
         climbs = [climb for at, climb in enumerate(further) if climb not in further[:at]]
-    return [climb.trial for climb in top]
+    return [climb.trial for climb in sorted(ends, key=lambda climb: -climb.gain)]
 
 
 def _aside(trial: TrialEffect, step: float) -> list[TrialEffect]:
@@ -83,8 +101,11 @@ def _aside(trial: TrialEffect, step: float) -> list[TrialEffect]:
     return near
 
 
-def _gains(model: FittedModel, trials: Sequence[TrialEffect]) -> Array:
-    """By how much the column of each lowers the deviance; 0 where physics forbids its sign, (trial,)."""
+def _gains(model: FittedModel, trials: Sequence[TrialEffect], gone: Sequence[str]) -> Array:
+    """By how much the column of each, in the place of effects, lowers the deviance, (trial,).
+
+    0 where physics forbids its sign.
+    """
     columns = [rows.coarse_columns(trials) for rows in model.rows]
     good = np.all([has_products(column) for column in columns], axis=0)
     columns = [np.where(good, column, 0.0) for column in columns]
@@ -92,9 +113,9 @@ def _gains(model: FittedModel, trials: Sequence[TrialEffect]) -> Array:
         rows.products(np.column_stack([table, column]))
         for rows, table, column in zip(model.rows, model.tables, columns, strict=True)
     ]
-    base = range(1, 1 + model.columns)
+    base, first = model.columns_without(gone), 1 + model.columns
     whole = likelihood(products, base)
-    beside = each_beside(products, base, range(base.stop, base.stop + len(trials)), whole)
+    beside = each_beside(products, base, range(first, first + len(trials)), whole)
     relative_force = strengths(model, columns)
     physical = [
         is_physical(trial.force, c, relative, model.settings.strongest)

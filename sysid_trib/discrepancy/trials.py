@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -28,10 +28,14 @@ BESIDE_SWING = (0.03, 0.08, 0.2)
 
 @dataclass(frozen=True)
 class TrialEffect:
-    """A candidate with its shape parameters held (`{"dahl.s": 0.02}`)."""
+    """A candidate with its shape parameters held (`{"dahl.s": 0.02}`).
+
+    `starts` : others of it, from which a fit starts where that from these shapes fails.
+    """
 
     force: Force
     shapes: Mapping[str, float]
+    starts: tuple["TrialEffect", ...] = field(default=(), compare=False)
 
     def surfaces(self) -> dict[tuple[str, tuple[float, ...]], Callable[[Array, Array, Array], Array]]:
         """Switching surfaces of a force without states, of x, v and t, by their text and shape values."""

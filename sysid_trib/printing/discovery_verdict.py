@@ -56,7 +56,7 @@ def _ended_early(tree: xr.DataTree) -> list[str]:
     if tree.attrs["converged"] == "True":
         return []
     limit = tree.attrs["out_of_time"]
-    why = f"at its time limit of {limit}" if limit else "after as many moves as its settings allow"
+    why = f"at its time limit of {limit}" if limit else "after as many fits as its settings allow"
     return [f"The search ended {why}, before it had converged."]
 
 
@@ -163,8 +163,8 @@ def _outstanding(tree: xr.DataTree) -> list[str]:
     reason = (
         f"no more than {most} effects were asked for (--max-effects)"
         if tree["steps"].attrs["count"] >= most
-        else "there was no time to fit them"
-        if tree.attrs["out_of_time"]
+        else "the search ended before they were fitted"
+        if tree.attrs["converged"] != "True"
         else "fitted in full, none reduces the gap as its score promises"
     )
     return [f"By their scores, these candidates stand out: {_highest(strong.z)}; {reason}."]
