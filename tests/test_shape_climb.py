@@ -1,5 +1,7 @@
 """Candidates of several shapes: they are seen and fitted though no value of their grids is near."""
 
+from dataclasses import replace
+
 import pytest
 from discovery import EFFECTS, W, start_model, with_effect
 
@@ -29,6 +31,19 @@ def test_a_fit_of_three_shapes_settles_at_the_truth(seed):
     errors = found.shape_errors()
     for name, value in found.trials[-1].shapes.items():
         assert abs(value - truth[name]) < 4.0 * errors[name], name
+
+
+def test_where_a_fit_fails_it_starts_from_others():
+    model, truth = screened(0).model, TrialEffect(LUGRE, SHAPES)
+    # Without a peak in reach of the record it is a Dahl friction, and its fit stays one.
+    astray = TrialEffect(LUGRE, {"lugre.s": 0.0014, "lugre.r": 5.0, "lugre.u": 1.0})
+    worst = Fits(model).of(model, (), [truth]).deviance + DEFAULTS.far
+    fits = Fits(model)
+    assert fits.of(model, (), [astray], worst).deviance > worst
+    fitted = fits.of(model, (), [replace(astray, starts=(truth,))], worst)
+    assert fitted.deviance < worst
+    assert fits.of(model, (), [astray], worst) is fitted
+    assert fits.failed == []
 
 
 def test_its_column_gains_more_than_those_of_the_grid():

@@ -1,6 +1,6 @@
 """The exact fits of a search, each done once."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from time import monotonic
 
@@ -14,17 +14,17 @@ from sysid_trib.discrepancy.trials import TrialEffect
 
 @dataclass
 class Fits:
-    """Exact fits of a search, each done once: by the symbols of the effects; and what could not be fitted.
+    """Exact fits of a search: by the symbols of the effects the likeliest; and what could not be fitted.
 
-    After the deadline, by `time.monotonic`, none is done. What does not reach the deviance that was asked
-    for is not kept, but `unlikely`, with that deviance, from where it started: from other shapes it may.
+    After the deadline, by `time.monotonic`, none is done. `tried` has from where each started, and the
+    deviance that it was asked to reach if it was given up above that: for a higher one it is tried again.
     """
 
     start: FittedModel
     deadline: float = np.inf
     kept: dict[frozenset[str], FittedModel] = field(default_factory=dict)
     failed: list[str] = field(default_factory=list)
-    unlikely: dict[tuple[tuple[str, tuple[float, ...]], ...], float] = field(default_factory=dict)
+    tried: dict[tuple[tuple[str, tuple[float, ...]], ...], float] = field(default_factory=dict)
 
     @property
     def out_of_time(self) -> bool:
@@ -34,29 +34,39 @@ class Fits:
     @property
     def ended(self) -> bool:
         """Whether no further model is fitted: it is too late, or as many were as the settings say."""
-        return self.out_of_time or len(self.kept) + len(self.unlikely) > self.start.settings.most_fits
+        return self.out_of_time or len(self.tried) >= self.start.settings.most_fits
 
     def of(
         self, near: FittedModel, drop: Sequence[str], add: Sequence[TrialEffect], worst: float = np.inf
     ) -> FittedModel | None:
-        """A model near another one, with forces dropped and added; None if it does not reach `worst`."""
-        fitted = self._of(near, drop, add, worst)
-        for at, trial in enumerate(add):
-            for start in trial.starts:
-                if fitted is None:
-                    fitted = self._of(near, drop, [*add[:at], start, *add[at + 1 :]], worst)
+        """A model near another one, with forces dropped and added; None if there is no fit.
+
+        One that does not reach the deviance `worst` may be given up, and is tried from other starts.
+        """
+        stay = [t for t in near.trials if t.force.symbol not in drop]
+        key = frozenset(t.force.symbol for t in [*stay, *add]) - {t.force.symbol for t in self.start.trials}
+        fitted = self.kept.get(key)
+        if fitted is not None and not any(trial.starts for trial in add):
+            return fitted
+        failed_before = len(self.failed)
+        for added in _from_each_start(add):
+            if fitted is not None and fitted.deviance <= worst:
+                break
+            other = self._settled(near, stay, added, worst)
+            if other is not None and (fitted is None or other.deviance < fitted.deviance):
+                fitted = self.kept[key] = other
+        if fitted is not None:
+            del self.failed[failed_before:]
         return fitted
 
-    def _of(
-        self, near: FittedModel, drop: Sequence[str], add: Sequence[TrialEffect], worst: float
+    def _settled(
+        self, near: FittedModel, stay: Sequence[TrialEffect], added: Sequence[TrialEffect], worst: float
     ) -> FittedModel | None:
-        trials = [t for t in near.trials if t.force.symbol not in drop] + list(add)
-        base = {t.force.symbol for t in self.start.trials}
+        """A fit from these shapes, once; None if it does not settle."""
+        trials, base = [*stay, *added], {t.force.symbol for t in self.start.trials}
         key = frozenset(t.force.symbol for t in trials) - base
-        if key in self.kept:
-            return self.kept[key]
         place = tuple(sorted((t.force.symbol, tuple(t.shapes.values())) for t in trials))
-        if self.ended or self.unlikely.get(place, -np.inf) >= worst:
+        if self.ended or self.tried.get(place, -np.inf) >= worst:
             return None
 
         def possible(fitted: FittedModel) -> bool:
@@ -70,14 +80,12 @@ class Fits:
             model = None if self._is_astray(model, key) else model
         # A fit that leaves what is physical has not failed: the effect does not explain the record.
         physical = model is None or possible(model)
-        if model is not None and model.settled and physical:
-            self.kept[key] = model.light()
-            return self.kept[key]
+        settled = model is not None and model.settled and physical
         given_up = model is not None and not model.settled and model.deviance > worst
-        self.unlikely[place] = worst if given_up else np.inf
-        if physical and not given_up:
-            self.failed += [trial.force.symbol for trial in add]
-        return None
+        self.tried[place] = worst if given_up else np.inf
+        if physical and not settled and not given_up:
+            self.failed += [trial.force.symbol for trial in added]
+        return model.light() if model is not None and settled else None
 
     def _is_astray(self, model: FittedModel | None, key: frozenset[str]) -> bool:
         """Whether a fit has settled where it is less likely than a model that it contains."""
@@ -107,6 +115,14 @@ class Fits:
         except NOT_FITTED:
             return None
         return model if np.isfinite(model.likelihood.deviance) else None
+
+
+def _from_each_start(trials: Sequence[TrialEffect]) -> Iterator[list[TrialEffect]]:
+    """The trials, then with each of the other starts of one of them."""
+    yield list(trials)
+    for at, trial in enumerate(trials):
+        for start in trial.starts:
+            yield [*trials[:at], start, *trials[at + 1 :]]
 
 
 def _is_physical(model: FittedModel, base: int) -> bool:
