@@ -234,6 +234,17 @@ def test_what_was_done_stays_when_records_come_to_it(study, tmp_path):
         st.campaign(files_of(study, folder, [])[1:], task, output=output, workers=0)
 
 
+def test_the_command_goes_on_with_more_files(study, tmp_path):
+    options = ("--task", "identify", "--methods", "direct", "--workers", "0", "-o", tmp_path / "out.zarr")
+    files_of(study, tmp_path, [1, 2])
+    assert run("campaign", tmp_path / "[12].csv", *options).status == 0
+    took = st.open_store(tmp_path / "out.zarr").seconds.values
+    files_of(study, tmp_path, [0])
+    ending = run("campaign", tmp_path / "*.csv", *options)
+    assert (ending.status, ending.err) == (0, "")
+    np.testing.assert_array_equal(st.open_store(tmp_path / "out.zarr").seconds.values[1:], took)
+
+
 def test_a_study_of_more_records_goes_on(study, tmp_path):
     output = tmp_path / "out.zarr"
     st.campaign(dataclasses.replace(study, records=4), TASK, output=output, workers=0)

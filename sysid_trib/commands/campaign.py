@@ -165,7 +165,8 @@ def _task(
     if asked.task not in TASKS:
         raise UsageError(f"--task '{asked.task}' is unknown: give {', '.join(TASKS)}.")
     swinging = None if given.system is None else load_system(given.system)
-    read = partial(decays_of, given)
+    # How a file is read does not depend on which others there are.
+    read = partial(decays_of, replace(given, records=[]))
     if asked.task == "discover":
         if asked.methods is not None:
             raise UsageError("--methods are of identify and compare; discover has one of its own.")
