@@ -22,6 +22,7 @@ from sysid_trib.campaigns.conditions import estimates_of, read_conditions, repor
 from sysid_trib.campaigns.run import _wait_for_one
 from sysid_trib.campaigns.store import counts_of
 from sysid_trib.errors import RecordError, UsageError
+from sysid_trib.plots.conditions import places
 from sysid_trib.printing.campaign import named_sentences, named_text
 from sysid_trib.reporting.campaign import write_campaign
 
@@ -232,6 +233,13 @@ def test_what_was_done_stays_when_records_come_to_it(study, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["data", "once.zarr", "out.zarr", "study.toml"]
     with pytest.raises(UsageError, match="records that are not among these"):
         st.campaign(files_of(study, folder, [])[1:], task, output=output, workers=0)
+
+
+def test_runs_of_a_group_stand_about_its_label():
+    at, labels = places(np.array(["steel", "PTFE", "steel", "brass"], dtype=object))
+    assert labels == ["PTFE", "brass", "steel"]
+    np.testing.assert_allclose(at, [1.875, 0.0, 2.125, 1.0])
+    np.testing.assert_array_equal(places(np.array([3, 1]))[0], [3.0, 1.0])
 
 
 def test_the_command_goes_on_with_more_files(study, tmp_path):

@@ -75,6 +75,9 @@ def places(condition: np.ndarray) -> tuple[np.ndarray, Sequence[str]]:
     if condition.dtype.kind in "fiu":
         return condition.astype(float), ()
     labels, numbers = np.unique(condition.astype(str), return_inverse=True)
-    # Runs of a group side by side, so that none hides another.
-    beside = np.linspace(-0.25, 0.25, len(numbers))
-    return numbers + beside, labels.tolist()
+    at = numbers.astype(float)
+    for group in range(len(labels)):
+        # Runs of a group side by side about its label, so that none hides another.
+        count = np.count_nonzero(numbers == group)
+        at[numbers == group] += (np.arange(count) + 0.5) / (2.0 * count) - 0.25
+    return at, labels.tolist()

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from bokeh import plotting
+from bokeh.models import Range1d
 
 from sysid_trib import plots
 from sysid_trib._version import __version__
@@ -94,6 +95,8 @@ def _panel(of_quantity: xr.Dataset, name: str, condition: np.ndarray) -> plottin
     unit = str(of_quantity.unit.item()).removeprefix("1")
     made = drawing.panel(name, f"{of_quantity.quantity.item()}{f' ({unit})' if unit else ''}", height=260)
     if ticks:
+        # All of them, also those beside which no run stands.
+        made.x_range = Range1d(-0.5, len(ticks) - 0.5)
         made.xaxis.ticker = list(range(len(ticks)))
         made.xaxis.major_label_overrides = dict(enumerate(ticks))
     far = np.abs(of_quantity.z.values) > FAR
