@@ -6,9 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from helpers import decay
 
-from sysid_trib import discover, free_decay
-from sysid_trib.errors import SysidTribError
+from sysid_trib import discover, free_decay, load_library
+from sysid_trib.discrepancy.frequency_parameters import is_resonance
+from sysid_trib.errors import LibraryError, SysidTribError
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
 from blind.cases import HIDDEN
@@ -69,3 +71,27 @@ def test_a_random_record_has_a_verdict_or_a_reason(seed):
         return
     assert found.attrs["verdict"] in VERDICTS
     assert np.all(np.isfinite(found["after"].standard_error.values))
+
+
+def test_a_slope_by_a_shape_that_is_no_number_is_refused(tmp_path):
+    """Of v^p at p = 1 the force has values, and its slope by p has none where v is negative."""
+    place = tmp_path / "own.toml"
+    place.write_text(
+        '[[force]]\nsymbol = "own"\nformula = "v**p"\n'
+        "[force.shape]\np = { default = 1.0, low = 0.1, high = 4.0 }\n"
+    )
+    time = np.arange(400) / 20.0
+    angle = 0.3 * np.exp(-0.05 * time) * np.cos(6.0 * time)
+    with pytest.raises(LibraryError, match=r"\(own\): a force or its slope is not finite"):
+        discover(decay(time, angle, 1), load_library(place), load_library())
+
+
+def test_states_whose_equations_are_no_number_have_no_frequency(tmp_path):
+    place = tmp_path / "own.toml"
+    place.write_text(
+        '[[force]]\nsymbol = "own"\nformula = "z"\n'
+        'state = { z = "min(z, exp(1e99) + (z**2 - 1)*max(v/v*(1e-99 + z), min(0, x)*1e99))" }\n'
+        "[force.shape]\np = { default = 1.0, low = 0.1, high = 4.0 }\n"
+    )
+    (force,) = load_library(place)
+    assert not is_resonance(force, "p")

@@ -114,7 +114,7 @@ class Fits:
             )
         except NOT_FITTED:
             return None
-        return model if np.isfinite(model.likelihood.deviance) else None
+        return model if model.is_finite else None
 
 
 def _from_each_start(trials: Sequence[TrialEffect]) -> Iterator[list[TrialEffect]]:

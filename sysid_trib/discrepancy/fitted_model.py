@@ -82,6 +82,11 @@ class FittedModel:
         return self.likelihood.deviance + float(sum(excess))
 
     @property
+    def is_finite(self) -> bool:
+        """Whether it and the steps of its shapes have a likelihood."""
+        return bool(np.isfinite(self.likelihood.deviance) and np.isfinite(self.stepped.deviance))
+
+    @property
     def columns(self) -> int:
         """Number of its columns: trials, nuisances, steps of the shapes."""
         return len(self.likelihood.coefficients)

@@ -37,13 +37,16 @@ def is_resonance(force: Force, name: str) -> bool:
         value = factor * force.shape[name].default
         shapes = force.shape_values({f"{force.symbol}.{name}": value})
         rest = {"x": 0.0, "v": 0.0, "t": 0.0, **dict.fromkeys((*states, *force.memory), 0.0), **shapes}
-        jacobian = [
-            [
-                (float(f.evaluate(rest | {z: 1e-6})) - float(f.evaluate(rest | {z: -1e-6}))) / 2e-6
-                for z in states
+        with np.errstate(all="ignore"):
+            jacobian = [
+                [
+                    (float(f.evaluate(rest | {z: 1e-6})) - float(f.evaluate(rest | {z: -1e-6}))) / 2e-6
+                    for z in states
+                ]
+                for f in force.state.values()
             ]
-            for f in force.state.values()
-        ]
+        if not np.all(np.isfinite(jacobian)):
+            return False
         natural = np.abs(np.imag(np.linalg.eigvals(np.reshape(jacobian, (len(states),) * 2))))
         if not np.any(np.abs(natural - value) < SAME * value):
             return False

@@ -97,7 +97,7 @@ def fit_model(
             after = fitted_along(nearer, model.next_trials(steps), guess + model.ahead(steps), frequency_free)
         except NOT_FITTED:
             return _best([*rounds, model])
-        if not np.isfinite(after.likelihood.deviance):
+        if not after.is_finite:
             return _best([*rounds, model])
         fall, model = model.likelihood.deviance - after.likelihood.deviance, after
         # Falls shrink as a geometric series at least: the next one is this one times their ratio. A small

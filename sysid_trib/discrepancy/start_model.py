@@ -59,7 +59,7 @@ def fit_start_model(
     paths = [_first_path(run, nominal, settings) for run in runs]
     trials = [TrialEffect(force, default_shapes(force)) for force in forces]
     model = fit_model(paths, trials, frequency_free=frequency is None)
-    if not np.isfinite(model.deviance):
+    if not (model.is_finite and np.isfinite(model.deviance)):
         symbols = ", ".join(model.without_values)
         raise LibraryError(
             f"The start model cannot be computed along this record ({symbols}): a force or its slope is not "
