@@ -294,6 +294,8 @@ def test_a_search_that_is_cut_short_says_so():
     assert len(found.effects) == 1
     assert found.outstanding
     assert not found.out_of_time
+    # The screenings are one before each move, and that of the final model.
+    assert len(found.known) == 2
 
 
 def test_a_search_ends_at_its_time_limit():

@@ -55,17 +55,16 @@ class Store:
     def __init__(self, path: Path, task: Task, records: CampaignRecords, block: int) -> None:
         import zarr
 
-        self.path = path
+        self.path, fingerprint = path, records.fingerprint(task)
         try:
             recover(path)
             if not path.exists():
                 os.replace(made_beside(path, task, records, block), path)
             group: Any = zarr.open_group(path, mode="r+")
-            begun_with = dict(group.attrs)
-            if begun_with[FINGERPRINT] != records.fingerprint(task) and _has_grown(group, task, records):
+            same = dict(group.attrs).get(FINGERPRINT) == fingerprint
+            if not same and _has_grown(group, task, records):
                 exchange(path, made_beside(path, task, records, block, group))
-                group = zarr.open_group(path, mode="r+")
-                begun_with = dict(group.attrs)
+                group, same = zarr.open_group(path, mode="r+"), True
             # Opened once: each time takes as long as to write a record.
             self.arrays: dict[str, Any] = dict(group.arrays())
             self.block = int(self.arrays["status"].chunks[0])
@@ -74,7 +73,7 @@ class Store:
             raise RecordError(
                 f"{path}: cannot be made, or is no store of a campaign ({reason}); choose another with -o."
             ) from None
-        if begun_with[FINGERPRINT] != records.fingerprint(task):
+        if not same:
             raise UsageError(
                 f"{path}: is the store of another campaign (other task, options or version, or records that "
                 "are not among these); choose another place with -o, or repeat the command that made it to "
@@ -181,6 +180,6 @@ def open_store(path: str | os.PathLike[str]) -> xr.Dataset:
 
 def _has_grown(group: Any, task: Task, records: CampaignRecords) -> bool:
     """Whether a store is of the same campaign with fewer records."""
-    known = np.asarray(group["record"][:]).astype(str).tolist()
-    same = dict(group.attrs).get(TASK_FINGERPRINT) == records.fingerprint_of_task(task)
-    return same and set(known) < set(records.names)
+    if dict(group.attrs).get(TASK_FINGERPRINT) != records.fingerprint_of_task(task):
+        return False
+    return set(np.asarray(group["record"][:]).astype(str).tolist()) < set(records.names)

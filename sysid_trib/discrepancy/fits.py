@@ -1,4 +1,4 @@
-"""The exact fits of a search, each done once."""
+"""The exact fits of a search: of each model the likeliest is kept."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -8,7 +8,7 @@ import numpy as np
 
 from sysid_trib.discrepancy.fitted_model import FittedModel
 from sysid_trib.discrepancy.model_fit import NOT_FITTED, ROUNDS_AGREE, Limits, fit_model
-from sysid_trib.discrepancy.physical import is_physical, strengths
+from sysid_trib.discrepancy.physical import are_physical, strengths
 from sysid_trib.discrepancy.trials import TrialEffect
 
 
@@ -44,7 +44,7 @@ class Fits:
         One that does not reach the deviance `worst` may be given up, and is tried from other starts.
         """
         stay = [t for t in near.trials if t.force.symbol not in drop]
-        key = frozenset(t.force.symbol for t in [*stay, *add]) - {t.force.symbol for t in self.start.trials}
+        key = self._key([*stay, *add])
         fitted = self.kept.get(key)
         if fitted is not None and not any(trial.starts for trial in add):
             return fitted
@@ -63,14 +63,14 @@ class Fits:
         self, near: FittedModel, stay: Sequence[TrialEffect], added: Sequence[TrialEffect], worst: float
     ) -> FittedModel | None:
         """A fit from these shapes, once; None if it does not settle."""
-        trials, base = [*stay, *added], {t.force.symbol for t in self.start.trials}
-        key = frozenset(t.force.symbol for t in trials) - base
+        trials = [*stay, *added]
+        key = self._key(trials)
         place = tuple(sorted((t.force.symbol, tuple(t.shapes.values())) for t in trials))
         if self.ended or self.tried.get(place, -np.inf) >= worst:
             return None
 
         def possible(fitted: FittedModel) -> bool:
-            return _is_physical(fitted, len(base))
+            return _is_physical(fitted, len(self.start.trials))
 
         limits = Limits(worst, possible)
         model = self._fitted(near, trials, limits)
@@ -86,6 +86,10 @@ class Fits:
         if physical and not settled and not given_up:
             self.failed += [trial.force.symbol for trial in added]
         return model.light() if model is not None and settled else None
+
+    def _key(self, trials: Sequence[TrialEffect]) -> frozenset[str]:
+        """Symbols of the effects of a model, those beside the start model's."""
+        return frozenset(t.force.symbol for t in trials) - {t.force.symbol for t in self.start.trials}
 
     def _is_astray(self, model: FittedModel | None, key: frozenset[str]) -> bool:
         """Whether a fit has settled where it is less likely than a model that it contains."""
@@ -128,6 +132,5 @@ def _from_each_start(trials: Sequence[TrialEffect]) -> Iterator[list[TrialEffect
 def _is_physical(model: FittedModel, base: int) -> bool:
     """Whether the forces beside the first ones, those of the start model, may have their coefficients."""
     relative_force = strengths(model, [table[:, : len(model.trials)] for table in model.tables])
-    effects = zip(model.trials, model.coefficients.tolist(), relative_force.tolist(), strict=True)
-    strongest = model.settings.strongest
-    return all(is_physical(trial.force, c, size, strongest) for trial, c, size in list(effects)[base:])
+    physical = are_physical(model.trials, model.coefficients, relative_force, model.settings.strongest)
+    return bool(np.all(physical[base:]))

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.discrepancy.fitted_model import FittedModel
+from sysid_trib.discrepancy.trials import TrialEffect
 from sysid_trib.forces.force import Force
 
 
@@ -18,6 +19,14 @@ def is_physical(force: Force, coefficient: ArrayLike, relative_force: float, str
     drives = np.logical_and(force.passive, np.less(coefficient, 0.0))
     weak = np.abs(coefficient) * relative_force < strongest
     return np.logical_and(~drives, np.logical_or(force.kind == "sensor", weak))
+
+
+def are_physical(
+    trials: Sequence[TrialEffect], coefficients: Array, relative_force: Array, strongest: float
+) -> Mask:
+    """The same of several trials and the coefficient of each, (trial,)."""
+    forces = zip(trials, coefficients, relative_force, strict=True)
+    return np.array([is_physical(trial.force, c, size, strongest) for trial, c, size in forces], dtype=bool)
 
 
 def strengths(model: FittedModel, columns: Sequence[Array]) -> Array:

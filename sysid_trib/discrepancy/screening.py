@@ -16,7 +16,7 @@ from sysid_trib.discrepancy.fitted_model import FittedModel
 from sysid_trib.discrepancy.frequency_parameters import has_frequency_parameter
 from sysid_trib.discrepancy.likelihood import Likelihood, likelihood, of_many_rows
 from sysid_trib.discrepancy.omnibus_test import OmnibusTest, omnibus, trial_columns
-from sysid_trib.discrepancy.physical import is_physical, strengths
+from sysid_trib.discrepancy.physical import are_physical, is_physical, strengths
 from sysid_trib.discrepancy.run_products import RunProducts, has_products
 from sysid_trib.discrepancy.shape_climb import climbed
 from sysid_trib.discrepancy.shape_grids import refined
@@ -160,11 +160,7 @@ def screen(model: FittedModel, candidates: Sequence[Force], effects: Sequence[st
     relative_force = strengths(model, columns)
     able = np.array([not reason for reason in reasons], dtype=bool)
     beside = each_beside(products, base, offered, whole)
-    physical = [
-        is_physical(trial.force, c, relative, model.settings.strongest)
-        for trial, c, relative in zip(trials, beside.coefficients, relative_force, strict=True)
-    ]
-    fitted = able & np.array(physical, dtype=bool)
+    fitted = able & are_physical(trials, beside.coefficients, relative_force, model.settings.strongest)
     gains = np.where(fitted, whole.deviance - beside.deviance, 0.0)
     gains = np.maximum(0.0, gains)
     correlation = correlation_of(rest[: len(trials), : len(trials)])

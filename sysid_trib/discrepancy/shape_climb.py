@@ -11,7 +11,7 @@ from sysid_trib.discrepancy.columns_beside import each_beside
 from sysid_trib.discrepancy.fitted_model import FittedModel
 from sysid_trib.discrepancy.frequency_parameters import has_frequency_parameter
 from sysid_trib.discrepancy.likelihood import likelihood
-from sysid_trib.discrepancy.physical import is_physical, strengths
+from sysid_trib.discrepancy.physical import are_physical, strengths
 from sysid_trib.discrepancy.run_products import has_products
 from sysid_trib.discrepancy.shape_grids import neighbours
 from sysid_trib.discrepancy.trials import TrialEffect, stepped_shape, trials_of
@@ -116,9 +116,6 @@ def _gains(model: FittedModel, trials: Sequence[TrialEffect], gone: Sequence[str
     base, first = model.columns_without(gone), 1 + model.columns
     whole = likelihood(products, base)
     beside = each_beside(products, base, range(first, first + len(trials)), whole)
-    relative_force = strengths(model, columns)
-    physical = [
-        is_physical(trial.force, c, relative, model.settings.strongest)
-        for trial, c, relative in zip(trials, beside.coefficients, relative_force, strict=True)
-    ]
-    return np.where(good & np.array(physical, dtype=bool), whole.deviance - beside.deviance, 0.0)
+    strongest = model.settings.strongest
+    physical = are_physical(trials, beside.coefficients, strengths(model, columns), strongest)
+    return np.where(good & physical, whole.deviance - beside.deviance, 0.0)
