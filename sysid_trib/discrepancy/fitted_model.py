@@ -224,12 +224,14 @@ class FittedModel:
         changes = covariance[: count + 1, first:] @ along
         return np.asarray(changes if self.frequency_free else np.append(changes[:count], 0.0))
 
-    def next_paths(self, coefficients: Array, part: float = 1.0) -> list[RecordPath]:
+    def next_paths(
+        self, coefficients: Array, part: float = 1.0, random_force: float = 1.0
+    ) -> list[RecordPath]:
         """The most likely motions, or a part of the way there; their fine part by such forces, (trial,)."""
         paths = []
         for at, (rows, table) in enumerate(zip(self.rows, self.tables, strict=True)):
             residual = rows.target - table @ self.stepped.coefficients
-            ratio = float(self.stepped.ratios[at])
+            ratio = random_force * float(self.stepped.ratios[at])
             errors = self.sensor_errors(at), rows.path.sensor_slopes(self.trials, self.coefficients)
             motion = rows.smoothed_motion(residual, *errors, ratio, part)
             paths.append(rows.path.follow(motion, self.trials, coefficients))

@@ -22,6 +22,9 @@ WHOLE_STEPS = 3
 ROUNDS_AGREE = 1.0
 # Last rounds of a fit that does not come to rest, which are alike but for the errors of its parameters.
 LAST_ROUNDS = 4
+# Parts of the random force by which the first paths are smoothed where an error of the sensor is new: beside
+# all of it a path follows the record, errors and all.
+LED_BY = (0.1, 0.01, 1e-3, 1e-4, 1e-4)
 # A path runs away to where nothing is finite, or rows say nothing: there is no fit.
 NOT_FITTED = (SysidTribError, np.linalg.LinAlgError, ValueError)
 
@@ -89,16 +92,23 @@ def fit_model(
     guess = np.zeros(len(trials) + 1) if first is None else first
     model, settings = fitted_along(paths, trials, guess, frequency_free), paths[0].settings
     rounds, stride, before, astray = list[FittedModel](), Stride(part * settings.shape_step, part), 0.0, 0
-    for turn in range(settings.rounds):
+    led_by = LED_BY if _has_new_sensor(trials, guess) else ()
+    for turn in range(settings.rounds + len(led_by)):
+        led = turn < len(led_by)
         latest = np.append(model.coefficients, model.stiffness)
         guess = guess + stride.part * (latest - guess) if turn else latest
-        nearer, steps = model.next_paths(guess[:-1], stride.part), model.next_steps(stride.reach)
+        random_force = led_by[turn] if led else 1.0
+        nearer = model.next_paths(guess[:-1], stride.part, random_force)
+        steps = model.next_steps(stride.reach)
         try:
             after = fitted_along(nearer, model.next_trials(steps), guess + model.ahead(steps), frequency_free)
         except NOT_FITTED:
             return _best([*rounds, model])
         if not after.is_finite:
             return _best([*rounds, model])
+        if led:
+            model = after
+            continue
         fall, model = model.likelihood.deviance - after.likelihood.deviance, after
         # Falls shrink as a geometric series at least: the next one is this one times their ratio. A small
         # part of the way has a small part of the fall.
@@ -115,6 +125,11 @@ def fit_model(
         stride, before = stride.after(turn, fall, before), fall
         rounds.append(model.light())
     return _ended(rounds, on_its_way)
+
+
+def _has_new_sensor(trials: Sequence[TrialEffect], first: Array) -> bool:
+    """Whether a model has an error of the sensor of which nothing is known yet."""
+    return any(t.force.kind == "sensor" and not c for t, c in zip(trials, first[:-1], strict=True))
 
 
 def _ended(rounds: Sequence[FittedModel], on_its_way: bool) -> FittedModel:

@@ -107,7 +107,11 @@ class Screening:
 
     def slack(self, at: int, fitted: Sequence[Force]) -> float:
         """Part of its gain by which a trial's column may be off, beside the fits of other forces."""
-        settings, family = self.model.settings, self.trials[at].force.family
+        settings, force = self.model.settings, self.trials[at].force
+        # Beside a random force stronger than the noise a path follows the record, the sensor's errors too.
+        if force.kind == "sensor" and np.max(self.model.likelihood.ratios) > 1.0:
+            return 1.0
+        family = force.family
         return settings.kin if family in {force.family for force in fitted} else settings.slack
 
     def allows(self, at: int, coefficient: ArrayLike) -> Mask:

@@ -206,8 +206,10 @@ def _beyond_chance(current: Screening, effects: tuple[str, ...], fits: Fits) -> 
     model, settings = current.model, current.model.settings
     likeliest = [at for at in current.best() if current.p_values[at] < settings.level]
     here, gain_of_column, tried, off = evidence(model, effects), 0.0, list[Move](), 0.0
-    # As many again as are fitted, since those that gain most may be what no sample can be.
-    for at in likeliest[: 2 * settings.fitted]:
+    # As many again as are fitted, since those that gain most may be what no sample can be; and those of
+    # which a column says little.
+    few = 2 * settings.fitted
+    for at in (*likeliest[:few], *(at for at in likeliest[few:] if current.slack(at, ()) >= 1.0)):
         slack = max(off, current.slack(at, [move.model.trials[-1].force for move in tried]))
         if current.gains[at] <= (1.0 - slack) * gain_of_column:
             continue
