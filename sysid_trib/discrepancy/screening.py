@@ -199,10 +199,14 @@ def _tried(
     """Candidates at grids of their shapes, refined, and where several are climbed; columns in each run."""
     trials = trials_of(candidates, _lines(model), model.rows[0].path.frequency, model.settings)
     trials, columns, scores = refined(model, trials, [rows.coarse_columns(trials) for rows in model.rows])
-    likely = scores >= (1.0 - model.settings.kin) * np.max(scores, initial=0.0)
-    families = {trials[at].force.family for at in np.flatnonzero(likely)}
-    families |= {trial.force.family for trial in model.trials if trial.force.symbol in effects}
-    tops = climbed(model, [force for force in candidates if force.family in families], effects)
+    drives = np.array([trial.force.passive for trial in trials], dtype=bool) & (scores < 0.0)
+    gains = np.where(drives, 0.0, scores**2)
+    # Of a few of its values, and beside one that may be as far off.
+    likely = gains >= (1.0 - model.settings.kin) ** 2 * np.max(gains, initial=0.0)
+    promising = {trials[at].force.symbol for at in np.flatnonzero(likely)}
+    families = {trial.force.family for trial in model.trials if trial.force.symbol in effects}
+    several = [force for force in candidates if force.symbol in promising or force.family in families]
+    tops = climbed(model, several, effects)
     if not tops:
         return trials, columns
     further = [rows.coarse_columns(tops) for rows in model.rows]

@@ -50,7 +50,8 @@ def climbed(
     What is screened has two to four values of each of three shapes, none of which may be near. From each
     combination of a finer grid that is not worse than those next to it the shapes go one at a time to the
     best of their neighbours, in steps that are halved down to the setting `shape_step` (compass search:
-    Kolda, Lewis, Torczon 2003). What gains no more than chance stays.
+    Kolda, Lewis, Torczon 2003). What gains no more than chance stays, and what is screened of it gains far
+    less than the effects in whose place it is.
     """
     settings, frequency = model.settings, model.rows[0].path.frequency
     finer = replace(settings, combinations=FINER * settings.combinations)
@@ -59,6 +60,9 @@ def climbed(
     tops = list[TrialEffect]()
     for force in several:
         gone = [symbol for symbol in family if family[symbol] == force.family]
+        screened = trials_of([force], (), frequency, settings)
+        if gone and np.max(_gains(model, screened, gone)) < (1.0 - settings.kin) * _gain_of(model, gone):
+            continue
         ends = _ends(model, trials_of([force], (), frequency, finer), gone)
         tops += [replace(ends[0], starts=tuple(ends[1 : 1 + STARTS]))] if ends else []
     return tops
@@ -99,6 +103,13 @@ def _aside(trial: TrialEffect, step: float) -> list[TrialEffect]:
             value = stepped_shape(trial.force, name, trial.shapes[key], side)
             near.append(replace(trial, shapes={**trial.shapes, key: value}))
     return near
+
+
+def _gain_of(model: FittedModel, effects: Sequence[str]) -> float:
+    """By how much effects of the model lower its deviance, along its path."""
+    products = [rows.products(table) for rows, table in zip(model.rows, model.tables, strict=True)]
+    whole = likelihood(products, range(1, 1 + model.columns))
+    return likelihood(products, model.columns_without(effects)).deviance - whole.deviance
 
 
 def _gains(model: FittedModel, trials: Sequence[TrialEffect], gone: Sequence[str]) -> Array:

@@ -21,7 +21,7 @@ def refined(
 ) -> tuple[list[TrialEffect], list[Array], Array]:
     """Trials with values of their shapes between those whose columns are not alike, and all their columns.
 
-    And what these gain in the model's own noises, (trial,).
+    And the root of what these gain in the model's own noises, with the sign of its coefficient, (trial,).
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def refined(
         outside, part = np.column_stack([outside, added_outside]), np.append(part, added_part)
         every += between
         tables = [np.column_stack([table, column]) for table, column in zip(tables, new, strict=True)]
-    return every, tables, (outside.T @ np.concatenate(model.white_residuals())) ** 2
+    return every, tables, outside.T @ np.concatenate(model.white_residuals())
 
 
 def _directions(model: FittedModel, base: Array, columns: Sequence[Array]) -> tuple[Array, Array]:
