@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -32,6 +33,13 @@ class Beside:
     coefficients: Array
     errors: Array
     effective_rows: Array
+
+
+class BaseProducts(NamedTuple):
+    """Products of the target and the base with all columns, (1 + base, column), and the columns' squares."""
+
+    products: Array
+    squares: Array
 
 
 def each_beside(
@@ -79,24 +87,26 @@ def _each_in_noise(
 ) -> Beside:
     """The same, coefficients of several runs in the noise of a model."""
     every = [0, *base, *columns]
-    parts = [run.products[:, every][:, :, every] for run in runs]
-    count, inside = len(columns), len(base)
-    of_each = [[_solved(products, inside) for products in part] for part in parts]
+    parts = [_for_each_ratio(run, every, 1 + len(base)) for run in runs]
+    count = len(columns)
+    of_each = [[_solved(products) for products in part] for part in parts]
     if len(runs) > 1:
-        together = _solved(_in_noise_of(runs, model, every[1:]), inside)
+        total = _in_noise_of(runs, model, every[1:])
+        together = _solved(BaseProducts(total[: 1 + len(base)], np.diag(total)))
     deviance, coefficient, error = np.zeros(count), np.empty(count), np.empty(count)
     informations, scatters = np.empty((2, len(runs), count))
     for r, (run, part) in enumerate(zip(runs, parts, strict=True)):
         deviances, variance = np.empty((2, len(run.ratios), count))
         for g, products in enumerate(part):
             b, beta, *_ = of_each[r][g] if len(runs) == 1 else together
-            squares = _left_by(products, b, beta, inside)
-            variance[g] = most_likely_variance(run, squares, products[0, 0])
+            squares = _left_by(products, b, beta)
+            variance[g] = most_likely_variance(run, squares, products.squares[0])
             deviances[g] = run.degrees_of_freedom * np.log(variance[g]) + run.log_determinant[g]
         least, place = _least(run.ratios, deviances)
         deviance += least
         information, left = (np.array([solution[k] for solution in of_each[r]]) for k in (2, 3))
-        without = np.log(most_likely_variance(run, left, part[:, 0, 0]))[:, None] - np.log(information)
+        of_target = run.products[:, 0, 0]
+        without = np.log(most_likely_variance(run, left, of_target))[:, None] - np.log(information)
         informations[r], scatters[r] = _without_effect(run, without, model, r)
         if len(runs) == 1:
             coefficient = _at_place(np.array([solution[1] for solution in of_each[r]]), place)
@@ -121,33 +131,43 @@ def _without_effect(run: RunProducts, log_square: Array, model: Likelihood, at: 
     return np.exp(-spline(np.log(ratio))), of_ratio + variance
 
 
-def _solved(products: Array, inside: int) -> tuple[Array, Array, Array, float]:
+def _for_each_ratio(run: RunProducts, columns: Sequence[int], count: int) -> list[BaseProducts]:
+    """Products of a run's columns, of which the first, so many, are the target and the base."""
+    at = np.asarray(columns, dtype=int)
+    products, squares = run.products[:, at[:count, None], at], run.products[:, at, at]
+    return [BaseProducts(*pair) for pair in zip(products, squares, strict=True)]
+
+
+def _solved(of_base: BaseProducts) -> tuple[Array, Array, Array, float]:
     """Coefficients of the base beside each further column, (base, column), its own, and its information.
 
     And the squares that the base alone leaves.
     """
-    size = np.sqrt(np.maximum(np.diag(products), 1e-300))
-    scaled = products / np.outer(size, size)
-    base = scaled[1 : 1 + inside, 1 : 1 + inside]
-    right = np.column_stack([scaled[1 : 1 + inside, 0], scaled[1 : 1 + inside, 1 + inside :]])
-    reduced = np.linalg.solve(base + RIDGE * np.eye(inside), right)
+    products, squares = of_base
+    count = len(products)
+    size = np.sqrt(np.maximum(squares, 1e-300))
+    scaled = products / np.outer(size[:count], size)
+    base, cross = scaled[1:, 1:count], scaled[1:, count:]
+    right = np.column_stack([scaled[1:, 0], cross])
+    reduced = np.linalg.solve(base + RIDGE * np.eye(count - 1), right)
     of_target, of_columns = reduced[:, 0], reduced[:, 1:]
-    cross = scaled[1 : 1 + inside, 1 + inside :]
     outside = np.maximum(1.0 - np.einsum("ij,ij->j", cross, of_columns), RIDGE)
-    beta = (scaled[1 + inside :, 0] - cross.T @ of_target) / outside
+    beta = (scaled[0, count:] - cross.T @ of_target) / outside
     b = of_target[:, None] - of_columns * beta
-    target, further = size[0], size[1 + inside :]
-    left = target**2 * (1.0 - float(scaled[1 : 1 + inside, 0] @ of_target))
-    return b * target / size[1 : 1 + inside, None], beta * target / further, outside * further**2, left
+    target, further = size[0], size[count:]
+    left = target**2 * (1.0 - float(scaled[1:, 0] @ of_target))
+    return b * target / size[1:count, None], beta * target / further, outside * further**2, left
 
 
-def _left_by(products: Array, b: Array, beta: Array, inside: int) -> Array:
+def _left_by(of_base: BaseProducts, b: Array, beta: Array) -> Array:
     """Squares that the base and each further column leave of the target, (column,)."""
-    base, further = slice(1, 1 + inside), np.arange(1 + inside, len(products))
-    squares = products[0, 0] - 2.0 * (products[0, base] @ b + beta * products[0, further])
-    inner = np.einsum("ij,ij->j", b, products[base, base] @ b)
-    cross = 2.0 * beta * np.einsum("ij,ij->j", b, products[base, 1 + inside :])
-    return np.asarray(squares + inner + cross + beta**2 * products[further, further])
+    products, of_columns = of_base
+    count = len(products)
+    target, further = products[0], products[1:, count:]
+    squares = of_columns[0] - 2.0 * (target[1:count] @ b + beta * target[count:])
+    inner = np.einsum("ij,ij->j", b, products[1:, 1:count] @ b)
+    cross = 2.0 * beta * np.einsum("ij,ij->j", b, further)
+    return np.asarray(squares + inner + cross + beta**2 * of_columns[count:])
 
 
 def projected(
