@@ -12,8 +12,8 @@ import sysid_trib as st
 from sysid_trib.methods import Direct, Trajectory
 from sysid_trib.noise.colour import lines_above, most_likely_colour, sensor_colour
 from sysid_trib.noise.random_force import RandomForce, random_force_of
-from sysid_trib.regression.local_rows import covariance_of_local_rows
-from sysid_trib.regression.weak_form import build_weak_form, coloured, covariance_band, noise_operator
+from sysid_trib.regression.local_rows import covariance_band, covariance_of_local_rows
+from sysid_trib.regression.weak_form import build_weak_form, coloured, noise_operator
 from sysid_trib.state_space.linearised import Derivatives, linearised_about
 
 W, NOISE = 8.87, 2e-4
