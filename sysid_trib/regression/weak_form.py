@@ -177,7 +177,8 @@ def _integrals(points: Array, tau: Array, intervals: int, order: int, ends: int 
     rows = spline_design(points, knots, order).T.tocsr()[keep]
     # A spline is zero at its last knot, its derivatives have no entry there.
     rows.eliminate_zeros()
-    return _with_columns_times(rows, weights)
+    rows.data *= weights[rows.indices]
+    return rows
 
 
 def _with_columns_times(matrix: sp.csr_matrix, weights: Array) -> sp.csr_matrix:
