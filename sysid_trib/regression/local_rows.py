@@ -74,15 +74,15 @@ def _of_rows_alike(operator: sp.csr_matrix, other: sp.csr_matrix, alike: slice, 
     """`covariance_of_local_rows` of which most rows are alike: shifted tables of numbers, without indices."""
     rows, step = operator.shape[0], int(np.diff(operator.indices[operator.indptr[alike.start :][:2]])[0])
     tables = [m.data[m.indptr[alike.start] : m.indptr[alike.stop]] for m in (operator, other)]
-    one, two = (table.reshape(alike.stop - alike.start, -1) for table in tables)
+    left, right = (table.reshape(alike.stop - alike.start, -1) for table in tables)
     ends = slice(alike.start + bands), slice(alike.stop - bands, rows)
     of_ends = [covariance_band(operator[part] @ other[part].T) for part in ends]
-    band = np.zeros((max(-(-one.shape[1] // step), *map(len, of_ends)), rows))
+    band = np.zeros((max(-(-left.shape[1] // step), *map(len, of_ends)), rows))
     for part, of_end in zip(ends, of_ends, strict=True):
         band[: len(of_end), part] = of_end
-    for below, shift in enumerate(range(0, one.shape[1], step)):
+    for below, shift in enumerate(range(0, left.shape[1], step)):
         # The sample that is `shift` further in a row is the first of the row so many below.
-        count = len(one) - below
-        products = np.einsum("rs,rs->r", one[:count, shift:], two[below:, : one.shape[1] - shift])
+        count = len(left) - below
+        products = np.einsum("rs,rs->r", left[:count, shift:], right[below:, : left.shape[1] - shift])
         band[below, alike.start : alike.start + count] = products
     return band
