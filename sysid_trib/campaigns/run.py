@@ -106,8 +106,8 @@ def _client(workers: int | str, memory: str) -> Iterator[Any]:
     import dask
     from distributed import Client, LocalCluster
 
-    # What a worker has to say comes with its rows; profiles and logs of all that happened only grow. Memory that
-    # is given back at each chance is taken anew with each array of a record, a tenth of its time.
+    # What a worker has to say comes with its rows; profiles and logs of all that happened only grow.
+    # Memory that is given back at each chance is taken anew with each array: 5 % of the time of a record.
     quiet = {
         "distributed.scheduler.allowed-failures": DEATHS,
         "distributed.comm.timeouts.connect": "10s",

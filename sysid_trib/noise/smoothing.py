@@ -85,7 +85,7 @@ def least_squares_spline(tau: Array, values: Array, intervals: int | None = None
 
 
 def first_of_spline(tau: Array, values: Array) -> tuple[float, float]:
-    """The first value of `least_squares_spline` and its first derivative, by the samples that these depend on."""
+    """First value and slope of `least_squares_spline`, by the samples that they depend on."""
     knots = knot_sequence(tau)
     if len(knots) > FELT_KNOTS + 2 * (SPLINE_DEGREE + 1):
         last = knots[SPLINE_DEGREE + FELT_KNOTS]

@@ -148,7 +148,7 @@ def variance_ratio(
     elif start is not None:
         grid = np.clip(np.log(start) + np.array([-1.0, 0.0, 1.0]), first, last)
     best = float(min(grid, key=deviance))
-    # A maximum of the likelihood is wider than the grid: below a smallest ratio that is too large it is at zero.
+    # A maximum of the likelihood is wider than the grid: below a smallest ratio that is too large is none.
     if best > first or deviance(best) <= none[0] + RISEN:
         best = _refined(deviance, grid, best, (first, last))
     gain = none[0] - deviance(best)

@@ -1,4 +1,4 @@
-"""Covariance of rows that each act on neighbouring samples: as they do on a uniform clock, or in long memory."""
+"""Covariance of rows that each act on neighbouring samples: all alike, or many of them in long memory."""
 
 import numpy as np
 import scipy.sparse as sp
@@ -17,7 +17,7 @@ def covariance_of_local_rows(operator: sp.csr_matrix, other: sp.csr_matrix | Non
     operator : (row, sample) sparse array of float
         Each row on neighbouring samples, later rows on later ones.
     other : (row, sample) sparse array of float, optional
-        In the place of the second operator where the product is symmetric too; with entries in the same places.
+        In the place of the second operator, with entries in the same places; the product is symmetric too.
     """
     if other is None:
         operator = other = operator if operator.has_sorted_indices else operator.sorted_indices()

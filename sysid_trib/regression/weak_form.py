@@ -31,8 +31,10 @@ END_ROWS, END_DEGREE, END_PARTS = SPLINE_DEGREE - 2, 7, 6
 MOST_UNEVEN = 1.5
 # Where a sparse matrix has entries.
 ENTRIES = "indptr", "indices"
-# Numbers that are filtered at once, and entries that are combined at once: these fit into the cache of a core.
-MOST_DENSE, ENTRIES_AT_ONCE = 4_000_000, 2**14
+# Numbers that are filtered at once.
+MOST_DENSE = 4_000_000
+# Entries that are combined at once: they fit into the cache of a core.
+ENTRIES_AT_ONCE = 2**14
 
 
 @dataclass(frozen=True)
@@ -205,7 +207,7 @@ def noise_operator(form: WeakForm, stiffness: Array, damping: Array) -> sp.csr_m
     if form.shares_entries:
         indices, stiffness = form.value.indices, stiffness - rate
         data = np.empty(len(indices))
-        # These are the largest tables there are: a part at a time, so that what is between stays in the cache.
+        # These are the largest tables there are: of a part what is between stays in the cache.
         for start in range(0, len(data), ENTRIES_AT_ONCE):
             part = slice(start, start + ENTRIES_AT_ONCE)
             at = indices[part]
