@@ -18,6 +18,7 @@ import xarray as xr
 from command_line import TIME, linear, run, write_csv
 
 import sysid_trib as st
+from sysid_trib.campaigns.chunks import write_chunk
 from sysid_trib.campaigns.conditions import estimates_of, read_conditions, reported_method, varying
 from sysid_trib.campaigns.run import _wait_for_one
 from sysid_trib.campaigns.store import counts_of
@@ -569,3 +570,24 @@ def test_an_interrupt_while_workers_start_is_one_line(tmp_path, after):
         told = process.stderr.read().decode()
     assert "Traceback" not in told
     assert process.returncode in (0, 130)
+
+
+@pytest.mark.parametrize("kind", ["float64", "<U20", "int8"])
+def test_a_chunk_is_what_zarr_writes(tmp_path, kind):
+    import zarr
+
+    fill = {"f": np.nan, "U": "", "i": 0}[np.dtype(kind).kind]
+    group = zarr.open_group(tmp_path / "a.zarr", mode="w", zarr_format=2)
+    arrays = {
+        name: group.create_array(name, shape=(7, 2), dtype=kind, chunks=(3, 2), fill_value=fill)
+        for name in ("ours", "its")
+    }
+    values = np.arange(14).reshape(7, 2).astype(kind)
+    values[3:6] = fill
+    for number in (0, 1, 2, 0):
+        part = slice(3 * number, 3 * number + 3)
+        arrays["its"][part] = values[part]
+        write_chunk(tmp_path / "a.zarr" / "ours", arrays["ours"], number, values[part])
+    assert np.array_equal(arrays["ours"][:], arrays["its"][:], equal_nan=kind == "float64")
+    ours, its = ({p.name: p.read_bytes() for p in (tmp_path / "a.zarr" / name).iterdir()} for name in arrays)
+    assert ours == its

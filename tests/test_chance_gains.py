@@ -13,12 +13,8 @@ from sysid_trib.discrepancy.run_products import products_of
 from sysid_trib.discrepancy.screening import TOO_FINE, screen
 from sysid_trib.discrepancy.trials import TrialEffect
 from sysid_trib.discrepancy.white_columns import known_directions, known_finely, outside_of
-from sysid_trib.regression.weak_form import (
-    build_weak_form,
-    covariance_band,
-    noise_operator,
-    spline_design,
-)
+from sysid_trib.regression.local_rows import covariance_band
+from sysid_trib.regression.weak_form import build_weak_form, noise_operator, spline_design
 
 SAMPLES, LEVEL = 160, 0.01
 FORM = build_weak_form(np.arange(SAMPLES) * 0.25)

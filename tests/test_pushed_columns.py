@@ -12,8 +12,8 @@ import sysid_trib as st
 from sysid_trib.methods import Direct, Trajectory
 from sysid_trib.noise.colour import lines_above, most_likely_colour, sensor_colour
 from sysid_trib.noise.random_force import RandomForce, random_force_of
-from sysid_trib.regression.local_rows import covariance_of_local_rows
-from sysid_trib.regression.weak_form import build_weak_form, coloured, covariance_band, noise_operator
+from sysid_trib.regression.local_rows import covariance_band, covariance_of_local_rows
+from sysid_trib.regression.weak_form import build_weak_form, coloured, noise_operator
 from sysid_trib.state_space.linearised import Derivatives, linearised_about
 
 W, NOISE = 8.87, 2e-4
@@ -45,14 +45,21 @@ def test_a_coloured_operator_is_the_dense_product(filter_):
 
 @pytest.mark.parametrize("filter_", [[1.0], [1.0, -0.8], [1.0, -0.99]], ids=["white", "short", "long"])
 @pytest.mark.parametrize("samples", [60, 3000])
-def test_the_covariance_of_local_rows_is_the_sparse_product(samples, filter_):
-    form = build_weak_form(np.arange(samples) * 0.1)
+@pytest.mark.parametrize("clock", ["even", "two rates", "jittered"])
+def test_the_covariance_of_local_rows_is_the_sparse_product(samples, filter_, clock):
+    steps = np.full(samples, 0.1)
+    if clock == "two rates":
+        steps[: samples // 3] = 0.2
+    if clock == "jittered":
+        steps *= np.random.default_rng(1).uniform(0.8, 1.2, samples)
+    form = build_weak_form(np.cumsum(steps))
     operator = coloured(noise_operator(form, np.ones(samples), np.full(samples, 0.01)), np.array(filter_))
-    band, product = covariance_of_local_rows(operator), covariance_band(operator @ operator.T)
-    bands = min(len(band), len(product))
-    assert band[:bands] == pytest.approx(product[:bands], abs=1e-12 * product.max())
-    assert not band[bands:].any()
-    assert not product[bands:].any()
+    for band in (covariance_of_local_rows(operator), covariance_of_local_rows(operator, operator.copy())):
+        product = covariance_band(operator @ operator.T)
+        bands = min(len(band), len(product))
+        assert band[:bands] == pytest.approx(product[:bands], abs=1e-12 * product.max())
+        assert not band[bands:].any()
+        assert not product[bands:].any()
 
 
 @pytest.mark.parametrize("filter_", [[1.0], [1.0, -0.8], [1.0, -1.2, 0.5]], ids=str)

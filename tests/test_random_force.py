@@ -213,6 +213,21 @@ def test_a_ratio_that_was_zero_is_sought_anew_without_the_ratios_far_above():
     assert max(found(0.0, 0.0)[1]) < 1.0 < 1e3 < max(found(0.0, None)[1])
 
 
+def test_below_a_smallest_ratio_that_is_too_large_nothing_is_tried():
+    random, scale, tried = np.random.default_rng(3), np.linspace(0.1, 3.0, 4000), []
+    noise = random.standard_normal(4000)
+
+    def rows(ratio):
+        tried.append(ratio)
+        size = np.sqrt(1.0 + ratio * scale**2)
+        return WhiteRows(noise / size, np.ones((4000, 1)) / size[:, None], float(np.sum(np.log(size**2))))
+
+    absent = variance_ratio(rows, 1.0, 1e4, 0.0)
+    assert (absent.ratio, absent.gain) == (0.0, 0.0)
+    assert absent.upper == pytest.approx(1.0)
+    assert len(tried) == 2
+
+
 def test_a_body_that_friction_holds_is_not_pushed():
     linear, _ = linear_record()
     steps, held = linear.steps, np.zeros_like(linear.steps.diffusion)

@@ -11,7 +11,8 @@ from sysid_trib.discrepancy.likelihood import DEVIANCE_SETTLED, likelihood
 from sysid_trib.discrepancy.run_products import has_products, products_of
 from sysid_trib.discrepancy.settings import DEFAULTS
 from sysid_trib.noise.variance_ratio import ratio_span
-from sysid_trib.regression.weak_form import build_weak_form, covariance_band, noise_operator
+from sysid_trib.regression.local_rows import covariance_band
+from sysid_trib.regression.weak_form import build_weak_form, noise_operator
 
 FORM = build_weak_form(np.arange(90) * 0.25)
 OPERATOR = noise_operator(FORM, np.ones(90), np.full(90, 0.02))

@@ -18,8 +18,10 @@ from sysid_trib.noise.smoothing import (
     KNOTS_PER_PERIOD,
     SAMPLES_PER_KNOT,
     SPLINE_DEGREE,
+    first_of_spline,
     knot_intervals,
     knot_sequence,
+    least_squares_spline,
     smooth,
 )
 from sysid_trib.regression.constraint_map import constraint_map
@@ -133,6 +135,17 @@ def test_the_last_spline_of_a_long_record_is_kept(monkeypatch):
     counts = smoothing._last.cache_info()
     assert (counts.misses, counts.hits, counts.currsize) == (2, 2, 1)
     smoothing._last.cache_clear()
+
+
+@pytest.mark.parametrize("samples", [300, 20_000])
+def test_the_first_value_of_a_spline_is_that_of_the_whole(samples):
+    random = np.random.default_rng(1)
+    tau = np.cumsum(random.uniform(0.05, 0.07, samples))
+    angle = np.cos(tau) + 1e-2 * random.standard_normal(samples)
+    spline, x = least_squares_spline(tau, angle)
+    value, slope = first_of_spline(tau, angle)
+    assert value == pytest.approx(x[0], rel=1e-12)
+    assert slope == pytest.approx(spline(tau[0], 1), rel=1e-11)
 
 
 def test_whitened_residual_of_a_true_model_is_white():

@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Index, Mask
+from sysid_trib.campaigns.chunks import UNFINISHED, write_chunk
 from sysid_trib.campaigns.growth import exchange, recover
 from sysid_trib.campaigns.new_store import FINGERPRINT, STATUS, TASK_FINGERPRINT, made_beside
 from sysid_trib.campaigns.records import CampaignRecords
@@ -28,8 +29,6 @@ from sysid_trib.campaigns.task import (
 from sysid_trib.errors import RecordError, UsageError
 
 WAITING, LOST = 0, 4
-# What a killed process leaves of a chunk.
-PARTIAL = "*.partial"
 
 
 class Store:
@@ -79,7 +78,7 @@ class Store:
                 "are not among these); choose another place with -o, or repeat the command that made it to "
                 "go on."
             )
-        for partial in path.rglob(PARTIAL):
+        for partial in path.rglob(f"*{UNFINISHED}"):
             partial.unlink(missing_ok=True)
 
     def unfinished(self, changed: Mask) -> list[Index]:
@@ -128,7 +127,7 @@ class Store:
                     values = new.astype(array.dtype)
                 else:
                     values[at - first] = new
-                array[chunk] = values
+                write_chunk(self.path / name, array, first // self.block, values)
         except OSError as error:
             raise RecordError(
                 f"{self.path}: cannot be written ({error.strerror or error}); what was done is "

@@ -23,6 +23,8 @@ BINOMIAL = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
 DRIFT_BLOCKS = 8
 SHORT_BINOMIAL = np.array([1.0, 2.0, 1.0]) / 4.0
 KEPT_DECAYS = 64
+# Half periods that are summed at once: of a hundred samples each, their terms fit into the cache of a core.
+HALF_PERIODS_AT_ONCE = 64
 # The swing is what moves so many times as far as the line of the most travel, in so many half periods.
 HUM = 2.0
 FEWEST_REGULAR = 5
@@ -166,10 +168,19 @@ def signed_extrema(time: Array, signal: Array, halves: HalfPeriods) -> Array:
 
 def harmonic_sums(phase: Array, value: Array, weight: Array, first: IntArray) -> Array:
     """Sums of cos cos, cos sin, sin sin, cos y and sin y over each half period, which starts at `first`."""
-    cosine, sine = np.cos(phase), np.sin(phase)
-    c, s = weight * cosine, weight * sine
-    terms = (c * cosine, c * sine, s * sine, c * value, s * value)
-    return np.stack([np.add.reduceat(term, first) for term in terms])
+    sums = np.empty((5, len(first)))
+    # Some at a time: what is between stays in the cache, however long the record is.
+    for start in range(0, len(first), HALF_PERIODS_AT_ONCE):
+        begin = first[start : start + HALF_PERIODS_AT_ONCE]
+        # One without samples, as the next one starts where it does, takes the next one's first.
+        last = start + len(begin)
+        end = len(phase) if last == len(first) else max(first[last], begin[-1] + 1)
+        part = slice(begin[0], end)
+        cosine, sine, y = np.cos(phase[part]), np.sin(phase[part]), value[part]
+        c, s = weight[part] * cosine, weight[part] * sine
+        terms = (c * cosine, c * sine, s * sine, c * y, s * y)
+        sums[:, start:last] = [np.add.reduceat(term, begin - begin[0]) for term in terms]
+    return sums
 
 
 def robust_mean(extrema: Array, noise: float) -> tuple[float, float]:

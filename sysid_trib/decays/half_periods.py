@@ -137,8 +137,11 @@ def dominant_periods(time: Array, signal: Array) -> list[float]:
     """
     size = next_fast_len(2 * signal.size, real=True)
     spectrum = np.abs(rfft(signal - np.median(signal), size))[1:]
-    spectrum[spectrum < 8.0 * np.median(spectrum)] = 0.0
-    index = np.arange(1, spectrum.size + 1)
+    # Few lines stand out: what follows is done with these alone.
+    out = np.flatnonzero(~(spectrum < 8.0 * np.median(spectrum)))
+    spectrum, index = spectrum[out], out + 1
+    if not spectrum.size:
+        return []
     peaks = [int(np.argmax(spectrum * index**power)) for power in (1.0, 0.5, 0.0)]
     if spectrum[peaks[0]] == 0.0:
         return []

@@ -252,8 +252,10 @@ def _likeliest_colour(lines: Lines, response: Array) -> NoiseModel:
 def _spectrum(deviation: Array, tau: Array, segments: int = 1) -> tuple[Array, Array, Array]:
     """Lines of a spectrum in cycles a sample, their power, and their frequency in units of the motion's."""
     length = len(deviation) // segments
-    line, power = welch(deviation, nperseg=length, detrend="linear", return_onesided=False)
-    line, power = np.abs(line[: len(line) // 2]), power[: len(power) // 2]
+    line, power = welch(deviation, nperseg=length, detrend="linear")
+    # One-sided, which takes half of the time: each line but the first is there twice.
+    line, power = line[: length // 2], power[: length // 2]
+    power[1:] *= 0.5
     return line, power, 2.0 * np.pi * line / float(np.median(np.diff(tau)))
 
 

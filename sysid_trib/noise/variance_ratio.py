@@ -148,14 +148,9 @@ def variance_ratio(
     elif start is not None:
         grid = np.clip(np.log(start) + np.array([-1.0, 0.0, 1.0]), first, last)
     best = float(min(grid, key=deviance))
-    reach = float(np.max(np.diff(grid))) if len(grid) > 1 else FIRST_GRID
-    minimum = minimize_scalar(
-        deviance,
-        bounds=(max(first, best - reach), min(last, best + reach)),
-        method="bounded",
-        options={"xatol": LOG_TOLERANCE},
-    )
-    best = min((float(minimum.x), best), key=deviance)
+    # A maximum of the likelihood is wider than the grid: below a smallest ratio that is too large is none.
+    if best > first or deviance(best) <= none[0] + RISEN:
+        best = _refined(deviance, grid, best, (first, last))
     gain = none[0] - deviance(best)
     if gain <= 0.0:
         too_large = [at for at in sorted(known) if known[at][0] > none[0] + RISEN]
@@ -163,6 +158,20 @@ def variance_ratio(
         return VarianceRatio(0.0, none[1], float("nan"), upper, 0.0, none[0])
     error = _relative_error(deviance, known, best, unpushed.degrees_of_freedom)
     return VarianceRatio(float(np.exp(best)), known[best][1], error, float("nan"), gain, deviance(best))
+
+
+def _refined(
+    deviance: Callable[[float], float], grid: Array, best: float, span: tuple[float, float]
+) -> float:
+    """Where the deviance is least about the best logarithm of a grid."""
+    reach = float(np.max(np.diff(grid))) if len(grid) > 1 else FIRST_GRID
+    minimum = minimize_scalar(
+        deviance,
+        bounds=(max(span[0], best - reach), min(span[1], best + reach)),
+        method="bounded",
+        options={"xatol": LOG_TOLERANCE},
+    )
+    return min((float(minimum.x), best), key=deviance)
 
 
 def ratio_span(duration: float, step: float) -> tuple[float, float]:

@@ -17,7 +17,8 @@ from sysid_trib.decays.half_sines import EnvelopeCurve
 from sysid_trib.decays.kick_response import KICKS, SPAN, kick_response
 from sysid_trib.noise.random_force import RandomForce, RandomForceOption
 from sysid_trib.noise.variance_ratio import VarianceRatio, WhiteRows, held_ratio, ratio_span, variance_ratio
-from sysid_trib.regression.weak_form import covariance_band, whitened_by_both
+from sysid_trib.regression.local_rows import covariance_band
+from sysid_trib.regression.weak_form import whitened_by_both
 
 DENSITY = "random_force_density"
 # Of tau: largest kicks tried are those that hide the sensor's noise within so short a time.

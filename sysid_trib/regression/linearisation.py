@@ -8,8 +8,9 @@ import scipy.sparse as sp
 
 from sysid_trib.arrays import Array
 from sysid_trib.forces.force import Force
+from sysid_trib.regression.local_rows import covariance_of_local_rows
 from sysid_trib.regression.problem import RunRegression
-from sysid_trib.regression.weak_form import noise_operator, whitener
+from sysid_trib.regression.weak_form import cholesky_factor, noise_operator
 
 # Width, in units of the local amplitude, over which the noise feels a jump of a force at zero.
 JUMP_WIDTH = 0.8
@@ -42,7 +43,7 @@ class DeviationOperator:
 def linearised(run: RunRegression) -> DeviationOperator:
     """The operator about a run's reference trajectory, with what whitens its rows in white noise alone."""
     matrix = deviation_matrix(run)
-    return DeviationOperator(matrix, matrix, whitener(matrix))
+    return DeviationOperator(matrix, matrix, cholesky_factor(covariance_of_local_rows(matrix)))
 
 
 def deviation_matrix(run: RunRegression) -> sp.csr_matrix:

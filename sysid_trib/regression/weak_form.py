@@ -19,6 +19,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError
 from sysid_trib.noise.autoregression import memory_samples
 from sysid_trib.noise.smoothing import MOST_KEPT, SPLINE_DEGREE, knot_intervals, knot_sequence
+from sysid_trib.regression.local_rows import covariance_band, covariance_of_local_rows
 
 # With fewer samples than this a row, rows would nearly depend on each other; with many more, those of a
 # record of 20 samples a period would not resolve the third harmonic of the motion.
@@ -32,6 +33,8 @@ MOST_UNEVEN = 1.5
 ENTRIES = "indptr", "indices"
 # Numbers that are filtered at once.
 MOST_DENSE = 4_000_000
+# Entries that are combined at once: they fit into the cache of a core.
+ENTRIES_AT_ONCE = 2**14
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,7 @@ class WeakForm:
     def gram(self) -> Array:
         """Covariance of the rows by white acceleration of unit size, int psi_i psi_j dtau: (band, row)."""
         weighed = _with_columns_times(self.value, 1.0 / np.gradient(self.tau))
-        return covariance_band(weighed @ self.value.T)
+        return covariance_of_local_rows(weighed, self.value)
 
     @cached_property
     def shares_entries(self) -> bool:
@@ -176,7 +179,8 @@ def _integrals(points: Array, tau: Array, intervals: int, order: int, ends: int 
     rows = spline_design(points, knots, order).T.tocsr()[keep]
     # A spline is zero at its last knot, its derivatives have no entry there.
     rows.eliminate_zeros()
-    return _with_columns_times(rows, weights)
+    rows.data *= weights[rows.indices]
+    return rows
 
 
 def _with_columns_times(matrix: sp.csr_matrix, weights: Array) -> sp.csr_matrix:
@@ -201,14 +205,16 @@ def noise_operator(form: WeakForm, stiffness: Array, damping: Array) -> sp.csr_m
     # int psi d e' = -int (psi d)' e: the derivative is taken of the rows, never of the noise.
     rate = np.gradient(damping, form.tau)
     if form.shares_entries:
-        at, value = form.value.indices, form.value.data
-        # In place: these are the largest tables there are.
-        data, damped = (stiffness - rate)[at], damping[at]
-        data *= value
-        data += form.curvature.data
-        damped *= form.slope.data
-        data -= damped
-        return sp.csr_matrix((data, at, form.value.indptr), form.value.shape)
+        indices, stiffness = form.value.indices, stiffness - rate
+        data = np.empty(len(indices))
+        # These are the largest tables there are: of a part what is between stays in the cache.
+        for start in range(0, len(data), ENTRIES_AT_ONCE):
+            part = slice(start, start + ENTRIES_AT_ONCE)
+            at = indices[part]
+            sum_ = np.multiply(stiffness[at], form.value.data[part], out=data[part])
+            sum_ += form.curvature.data[part]
+            sum_ -= damping[at] * form.slope.data[part]
+        return sp.csr_matrix((data, indices, form.value.indptr), form.value.shape)
     turned = form.curvature + form.value @ sp.diags_array(stiffness - rate)
     return (turned - form.slope @ sp.diags_array(damping)).tocsr()
 
@@ -250,16 +256,6 @@ def coloured(operator: sp.csr_matrix, filter_: Array) -> sp.csr_matrix:
         columns.append((last[block][:, None] - np.arange(backwards.shape[1]))[inside])
     pointers = np.append(0, np.cumsum(length))
     return sp.csr_matrix((np.concatenate(values), np.concatenate(columns), pointers), operator.shape)
-
-
-def covariance_band(covariance: sp.csr_matrix) -> Array:
-    """Diagonals of a banded covariance, (band, row), lower as scipy.linalg stores them."""
-    entries = covariance.tocoo()
-    below = entries.row - entries.col
-    band = np.zeros((int(below.max()) + 1, covariance.shape[0]))
-    lower = below >= 0
-    band[below[lower], entries.col[lower]] = entries.data[lower]
-    return band
 
 
 def whitener(operator: sp.csr_matrix) -> Array:

@@ -202,8 +202,7 @@ def _callback_at_reversal(compiled: Compiled) -> Callback:
         state, progress = compiled.state, compiled.progress
         p = progress.p
         turns = p.item(sign) != way
-        at_rest = -AT_REST <= state.item(1) <= AT_REST
-        if not (at_rest and (turns or progress.turns)):
+        if not (-AT_REST <= state.item(1) <= AT_REST and (turns or progress.turns)):
             return general(taylor, way)
         # Twice the same way it did not turn the last time: no sign, so that it is found here at the latest.
         p[sign] = compiled.used[sign] = way if turns else 0.0

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid_trib.arrays import Array
-from sysid_trib.noise.smoothing import least_squares_spline
+from sysid_trib.noise.smoothing import first_of_spline
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.simulation.simulated_motion import SimulatedMotion
@@ -59,9 +59,8 @@ class FittedMotion:
 
 def first_guess(time: Array, angle: Array, frequency: float) -> tuple[float, float]:
     """Angle (rad) and rate (rad/s) at the first sample, of the smoothed record."""
-    tau = frequency * (time - time[0])
-    spline, x = least_squares_spline(tau, angle)
-    return float(x[0]), float(spline(tau[0], 1) * frequency)
+    value, slope = first_of_spline(frequency * (time - time[0]), angle)
+    return value, slope * frequency
 
 
 def fit_start(
