@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import xarray as xr
 from discovery import (
     BASE,
     EFFECTS,
@@ -27,6 +28,7 @@ from kicked_motion import kicked_motion, smooth_forces
 from sysid_trib import cramer_rao_bound, simulate
 from sysid_trib.discrepancy import model_fit
 from sysid_trib.discrepancy.fine_motion import fine_motion
+from sysid_trib.discrepancy.fits import Fits
 from sysid_trib.discrepancy.homogeneity_test import homogeneity
 from sysid_trib.discrepancy.model_fit import fit_model, fitted_along
 from sysid_trib.discrepancy.paths import path_of
@@ -310,6 +312,30 @@ def test_strong_errors_of_the_sensor_are_fitted(curve):
     model = start_model([run], library(*base, "sensor_curve"))
     assert model.settled
     assert np.all(np.abs(deviations(model, base | {"sensor_curve": curve})) < 4.5)
+
+
+@pytest.mark.parametrize(
+    ("base", "shutter", "amplitude", "noise", "per_period", "periods"),
+    [
+        ({"lambda": 2e-4, "zeta": 3.3e-3, "delta": 0.144, "nu": -5.6}, 25.3, 0.03, 1e-4, 24, 16),
+        ({"zeta": 0.01, "delta": 0.018, "nu": 0.1, "epsilon": -0.16}, -0.89, 0.77, 3e-4, 25, 14),
+    ],
+)
+def test_a_strong_error_of_the_sensor_is_no_random_force(
+    base, shutter, amplitude, noise, per_period, periods
+):
+    """A path through the record has the error in it: it is led by the model at first."""
+    time = np.arange(periods * per_period) * 2.0 * np.pi / W / per_period
+    angle = exact(model_of({**base, "shutter": shutter}), time, amplitude)
+    angle += noise * np.random.default_rng(1).standard_normal(len(time))
+    run = xr.Dataset({"angle": ("time", angle)}, {"time": time})
+    start = start_model([run], library(*base))
+    fitted = Fits(start).of(start, (), [TrialEffect(EVERY["shutter"], {})])
+    assert start.likelihood.ratios[0] > 1e3
+    assert fitted.likelihood.ratios[0] == 0.0
+    truth = base | {"shutter": shutter}
+    referred = refitted(fitted)
+    assert np.all(np.abs(deviations(referred, truth)) < 4.5)
 
 
 def test_a_narrow_resonance_stays_where_it_is_with_another_reference_frequency():

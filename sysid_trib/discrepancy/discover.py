@@ -159,6 +159,9 @@ def _or_coloured_noise(
     must be outside of an effect's credible set, so must noise of another colour, without any name, of that of
     all of them; else the colour beside what was named is tried, of which that of the search is outside.
     """
+    if done.effects and not done.converged:
+        # What is left of the record is no noise yet.
+        return done
     tell("colour of the sensor's noise")
     last, settings = done.models[-1], start.settings
     beside_names = recoloured(last) if done.effects else last

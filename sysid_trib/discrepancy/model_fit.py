@@ -22,9 +22,9 @@ WHOLE_STEPS = 3
 ROUNDS_AGREE = 1.0
 # Last rounds of a fit that does not come to rest, which are alike but for the errors of its parameters.
 LAST_ROUNDS = 4
-# Parts of the random force by which the first paths are smoothed where an error of the sensor is new: beside
-# all of it a path follows the record, errors and all.
-LED_BY = (0.1, 0.01, 1e-3, 1e-4, 1e-4)
+# Parts of the random force by which paths are smoothed at first where an error of the sensor is new: beside
+# all of it a path follows the record, errors and all, and a strong one is taken for forces.
+LED_BY = (1e-2, 1e-4, 1e-6, 1e-8)
 # A path runs away to where nothing is finite, or rows say nothing: there is no fit.
 NOT_FITTED = (SysidTribError, np.linalg.LinAlgError, ValueError)
 
@@ -92,23 +92,18 @@ def fit_model(
     guess = np.zeros(len(trials) + 1) if first is None else first
     model, settings = fitted_along(paths, trials, guess, frequency_free), paths[0].settings
     rounds, stride, before, astray = list[FittedModel](), Stride(part * settings.shape_step, part), 0.0, 0
-    led_by = LED_BY if _has_new_sensor(trials, guess) else ()
-    for turn in range(settings.rounds + len(led_by)):
-        led = turn < len(led_by)
+    if _has_new_sensor(trials, guess):
+        model = _led(model, stride)
+    for turn in range(settings.rounds):
         latest = np.append(model.coefficients, model.stiffness)
         guess = guess + stride.part * (latest - guess) if turn else latest
-        random_force = led_by[turn] if led else 1.0
-        nearer = model.next_paths(guess[:-1], stride.part, random_force)
-        steps = model.next_steps(stride.reach)
+        nearer, steps = model.next_paths(guess[:-1], stride.part), model.next_steps(stride.reach)
         try:
             after = fitted_along(nearer, model.next_trials(steps), guess + model.ahead(steps), frequency_free)
         except NOT_FITTED:
             return _best([*rounds, model])
         if not after.is_finite:
             return _best([*rounds, model])
-        if led:
-            model = after
-            continue
         fall, model = model.likelihood.deviance - after.likelihood.deviance, after
         # Falls shrink as a geometric series at least: the next one is this one times their ratio. A small
         # part of the way has a small part of the fall.
@@ -130,6 +125,23 @@ def fit_model(
 def _has_new_sensor(trials: Sequence[TrialEffect], first: Array) -> bool:
     """Whether a model has an error of the sensor of which nothing is known yet."""
     return any(t.force.kind == "sensor" and not c for t, c in zip(trials, first[:-1], strict=True))
+
+
+def _led(model: FittedModel, stride: Stride) -> FittedModel:
+    """The model after rounds whose paths are led more and more by what it says."""
+    for random_force in LED_BY:
+        latest = np.append(model.coefficients, model.stiffness)
+        nearer = model.next_paths(latest[:-1], stride.part, random_force)
+        steps = model.next_steps(stride.reach)
+        ahead = latest + model.ahead(steps)
+        try:
+            after = fitted_along(nearer, model.next_trials(steps), ahead, model.frequency_free)
+        except NOT_FITTED:
+            return model
+        if not after.is_finite:
+            return model
+        model = after
+    return model
 
 
 def _ended(rounds: Sequence[FittedModel], on_its_way: bool) -> FittedModel:
