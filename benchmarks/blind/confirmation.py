@@ -32,7 +32,7 @@ if __package__ in (None, "", "benchmarks.blind"):
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
     __package__ = "blind"
 
-from blind.confirmation_report import report
+from blind.confirmation_report import SLOW, report
 from blind.naming import named_blind
 from blind.wide_cases import Drawn, draw_case
 from sysid_trib.discrepancy.settings import DEFAULTS, Settings
@@ -144,13 +144,16 @@ def main() -> None:
     parser.add_argument("--salt", metavar="HASH")
     parser.add_argument("--keep", type=Path, metavar="FILE")
     parser.add_argument("--report", action="store_true", help="of what there is")
+    parser.add_argument(
+        "--slow", type=float, default=SLOW, metavar="SECONDS", help="above which a record is too slow here"
+    )
     options = parser.parse_args()
     salt = options.salt or head()
     keep = options.keep or ROOT / "build" / f"confirmation-{salt[:12]}.jsonl"
     if not options.report:
         numbers = range(options.first, options.first + options.records)
         study(salt, numbers, keep, options.jobs)
-    print(report(kept(keep), salt, keep.with_suffix(".png")))
+    print(report(kept(keep), salt, keep.with_suffix(".png"), options.slow))
 
 
 if __name__ == "__main__":
