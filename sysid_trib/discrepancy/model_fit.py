@@ -128,7 +128,11 @@ def _has_new_sensor(trials: Sequence[TrialEffect], first: Array) -> bool:
 
 
 def _led(model: FittedModel, stride: Stride) -> FittedModel:
-    """The model after rounds whose paths are led more and more by what it says."""
+    """The model after rounds whose paths are led more and more by what it says.
+
+    A continuation in the random force, whose likelihood has a maximum about each path that follows the record
+    (graduated non-convexity: Blake, Zisserman 1987).
+    """
     for random_force in LED_BY:
         latest = np.append(model.coefficients, model.stiffness)
         nearer = model.next_paths(latest[:-1], stride.part, random_force)
