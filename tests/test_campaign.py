@@ -24,7 +24,7 @@ from sysid_trib.campaigns.run import _wait_for_one
 from sysid_trib.campaigns.store import counts_of
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.plots.conditions import places
-from sysid_trib.printing.campaign import named_sentences, named_text
+from sysid_trib.printing.campaign import campaign_json, named_sentences, named_text
 from sysid_trib.reporting.campaign import write_campaign
 
 pytest.importorskip("zarr", reason="campaigns need the extra of this name")
@@ -402,10 +402,12 @@ def test_a_discovery_keeps_what_its_names_cannot_be_separated_from(tmp_path):
         f"Named, or not to be separated from a name: {first} in 1, {second} in 1."
         for first, second in [sorted(("epsilon", "gravity"))]
     ]
+    assert campaign_json(store, counts_of(store), None)["named_or_tied"] == {"epsilon": 1, "gravity": 1}
     # As an older version has begun it.
     older = store.drop_vars(["tied", "effect_p_value"])
     assert named_text(older.isel(record=0)) == named
     assert named_sentences(older) == []
+    assert "named_or_tied" not in campaign_json(older, counts_of(older), None)
 
 
 def test_a_folder_is_refused_before_a_store_is_made(tmp_path):

@@ -44,21 +44,24 @@ def verdict_sentences(store: xr.Dataset) -> list[str]:
     return ["; ".join(f"{counts[at]:,} {names[at]}" for at in order) + "."] if len(names) else []
 
 
-def named_sentences(store: xr.Dataset) -> list[str]:
-    """In how many records each effect is named, or cannot be separated from one that is."""
+def named_counts(store: xr.Dataset) -> dict[str, int]:
+    """In how many records each effect is named, or cannot be separated from one that is; most first."""
     if TIED not in store:
-        return []
+        return {}
     done = store.isel(record=np.flatnonzero(store.status.values == 1))
     texts = zip(done.named.values.tolist(), done[TIED].values.tolist(), strict=True)
     # "nu, epsilon" and "epsilon or gravity; ...", of many "or 3 more".
     words = [set(re.split(r", |; | or ", f"{named}, {tied}")) for named, tied in texts]
     counts = Counter(word for of_record in words for word in of_record if word in store.force.values)
+    return dict(sorted(counts.items(), key=lambda pair: (-pair[1], pair[0])))
+
+
+def named_sentences(store: xr.Dataset) -> list[str]:
+    """The same in a sentence."""
+    counts = named_counts(store)
     if not counts:
         return []
-    listed = [
-        f"{symbol} in {count:,}"
-        for symbol, count in sorted(counts.items(), key=lambda pair: (-pair[1], pair[0]))[:NAMES_LISTED]
-    ]
+    listed = [f"{symbol} in {count:,}" for symbol, count in [*counts.items()][:NAMES_LISTED]]
     more = len(counts) - len(listed)
     return [f"Named, or not to be separated from a name: {', '.join(listed)}{f', {more} more' * (more > 0)}."]
 
@@ -124,6 +127,8 @@ def campaign_json(
     bad = store.isel(record=np.flatnonzero(store.status.values > 1))
     reasons = dict(zip(bad.record.values.tolist(), bad.message.values.tolist(), strict=True))
     made: dict[str, Any] = {"records": dict(counts), "without_result": reasons}
+    if TIED in store:
+        made["named_or_tied"] = named_counts(store)
     if compared is None:
         return made
     quantities = {}

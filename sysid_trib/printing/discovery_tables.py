@@ -7,13 +7,15 @@ import xarray as xr
 
 from sysid_trib.printing.layout import coefficient_text, p_value_text, text_table
 from sysid_trib.printing.residual import noise_of
-from sysid_trib.results.discoveries import added_effects, named_effect, shapes_of
+from sysid_trib.results.discoveries import added_effects, credible_set, named_effect, or_others, shapes_of
 
 if TYPE_CHECKING:
     from rich.table import Table
 
 # Candidates in the table: those of the highest score at any step, and at the last.
 ROWS, LAST = 10, 3
+# Candidates that are named with an effect which cannot be separated from them.
+TIES_NAMED = 2
 RANKING = "Named and strongest candidates, |z| before each step and at the end (-: in the model, or untested)"
 
 
@@ -43,6 +45,13 @@ def effect_name(step: xr.Dataset) -> str:
     """Symbol of an effect; one that is less probable than another stands for that one."""
     symbol, named = step.symbol.item(), named_effect(step)
     return symbol if named == symbol else f"{named} (fitted by {symbol})"
+
+
+def effect_with_ties(step: xr.Dataset) -> str:
+    """The same with what it cannot be separated from: "epsilon (or gravity or magnet)"."""
+    fitted_or_named = step.symbol.item(), named_effect(step)
+    others = [symbol for symbol in credible_set(step) if symbol not in fitted_or_named]
+    return f"{effect_name(step)}{f' (or {or_others(others, TIES_NAMED)})' if others else ''}"
 
 
 def formula_text(step: xr.Dataset) -> str:

@@ -3,7 +3,7 @@
 import numpy as np
 import xarray as xr
 
-from sysid_trib.printing.discovery_tables import effect_name
+from sysid_trib.printing.discovery_tables import effect_with_ties
 from sysid_trib.printing.equation import equation_text
 from sysid_trib.printing.layout import coefficient_text, p_value_text, quantity
 from sysid_trib.printing.residual import (
@@ -69,7 +69,7 @@ def _closed(tree: xr.DataTree) -> list[str]:
     """Nothing more stands out of the residual."""
     residual = times_noise(residual_of(tree, "after"), noise_of(tree))
     steps = tree["steps"].to_dataset()
-    effects = [effect_name(steps.isel(step=at)) for at in range(steps.attrs["count"])]
+    effects = [effect_with_ties(steps.isel(step=at)) for at in range(steps.attrs["count"])]
     after = tree["after"].to_dataset()
     if not determines(after):
         return [UNDECIDED, UNSEEN]
