@@ -22,7 +22,7 @@ from sysid_trib.methods.scope import Method, constrained
 from sysid_trib.records.read import read_records
 from sysid_trib.records.runs import one_or_all
 from sysid_trib.results.contactless import with_contactless_frequency
-from sysid_trib.results.discoveries import credible_set, tied_name
+from sysid_trib.results.discoveries import others_in_place, tied_name
 from sysid_trib.results.schema import map_identifications
 from sysid_trib.results.signal_units import signal_units
 from sysid_trib.validation.compare import compare, every_method
@@ -278,7 +278,7 @@ def _named(tree: xr.DataTree, symbols: Sequence[str]) -> Row:
     table = tree["steps"].to_dataset()
     steps = [table.isel(step=at) for at in range(table.attrs["count"])]
     p_values = {step.symbol.item(): step.p_value.item() for step in steps}
-    tied = [tied_name(step, MOST_TIED) for step in steps if len(credible_set(step)) > 1]
+    tied = [tied_name(step, MOST_TIED) for step in steps if others_in_place(step)]
     return {
         "named": ", ".join(p_values),
         TIED: "; ".join(tied),

@@ -21,6 +21,7 @@ from sysid_trib.discrepancy.final_models import followed_of_set, nested_models
 from sysid_trib.discrepancy.fits import Fits
 from sysid_trib.discrepancy.fitted_model import FittedModel
 from sysid_trib.discrepancy.likelihood import likelihood
+from sysid_trib.discrepancy.pairs import pairs_of
 from sysid_trib.discrepancy.screening import Screening, screen
 from sysid_trib.forces.force import Force
 from sysid_trib.validation.progress import Tell, silent
@@ -44,6 +45,8 @@ class Search:
     rivals : dict of str to dict of str to float
         Of each effect: minus twice the logarithm of the evidence with each candidate in its place, over its
         own; of nothing in its place under "".
+    pairs : dict of str to dict of (str, str) to float
+        Of each effect the pairs of candidates that may be the truth in its place, likewise.
     failed : tuple of str
         Candidates whose fits failed.
     outstanding : tuple of str
@@ -66,6 +69,7 @@ class Search:
     effects: tuple[str, ...]
     p_values: list[float]
     rivals: dict[str, dict[str, float]]
+    pairs: dict[str, dict[tuple[str, str], float]]
     failed: tuple[str, ...]
     outstanding: tuple[str, ...]
     collinear: list[str]
@@ -129,6 +133,7 @@ def search(
         effects,
         decisive_p_values(last, effects, fits),
         final.rivals,
+        {symbol: pairs_of(last, effects, symbol, fits) for symbol in effects},
         tuple(failed),
         _outstanding(last, effects, fits),
         collinear_effects(last.model, last.products, effects),

@@ -20,6 +20,7 @@ from sysid_trib.discrepancy.search import Search
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.noise.random_force import DENSITY_UNITS, RandomForce
 from sysid_trib.records.runs import root_mean_square
+from sysid_trib.results.discoveries import PAIR, PAIRS
 from sysid_trib.results.per_run import group_names
 from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, text_variable, variable, with_error
 
@@ -174,7 +175,7 @@ def _steps(
     }
     texts = texts_of(forces, STEP_TEXTS)
     data |= {name: text_variable("step", text, f"{name} of the effect") for name, text in texts.items()}
-    data |= _competition(search, offered) | _step_shapes(search)
+    data |= _competition(search, offered) | _pairs(search) | _step_shapes(search)
     shaped = {"shape_parameter": list(_shapes(final))} if "shape" in data else {}
     return xr.Dataset(data, {"candidate": list(offered.symbols)} | shaped, {"count": len(forces)})
 
@@ -236,6 +237,19 @@ def _competition(search: Search, offered: ForceLibrary) -> Variables:
         "chance_probability": variable("step", p_value_of, by_chance, "1"),
         "credible": variable(dims, np.isfinite(probability), "whether it is in the 95 % credible set"),
         "penalised_deviance": variable(dims, deviance, odds, "1"),
+    }
+
+
+def _pairs(search: Search) -> Variables:
+    """Of each effect the pairs of candidates that may be the truth in its place."""
+    pairs = [search.pairs[symbol] for symbol in search.effects]
+    texts = [PAIRS.join(PAIR.join(names) for names in of_effect) for of_effect in pairs]
+    best = np.array([min(of_effect.values(), default=np.nan) for of_effect in pairs])
+    return {
+        "pairs": text_variable("step", texts, "pairs that cannot be separated from the effect"),
+        "pair_odds": variable(
+            "step", np.exp(-0.5 * best), "odds of the likeliest pair to it, nan of none", "1"
+        ),
     }
 
 

@@ -11,7 +11,13 @@ from sysid_trib.plots.motion_figures import draw_in_time
 from sysid_trib.printing.exported import unit_in_latex
 from sysid_trib.printing.layout import quantity
 from sysid_trib.printing.residual import noise_of, residual_of
-from sysid_trib.results.discoveries import added_effects, credible_set, or_others, tied_name
+from sysid_trib.results.discoveries import (
+    added_effects,
+    credible_set,
+    or_others,
+    pairs_in_place,
+    tied_name,
+)
 
 # Effects that a row names beside its own.
 TIED_IN_A_ROW = 3
@@ -79,9 +85,10 @@ def _row_name(step: xr.Dataset) -> str:
 
 def _in_words(step: xr.Dataset) -> str:
     """An effect with its coefficient, and the effects that it cannot be separated from."""
-    others = [symbol for symbol in credible_set(step) if symbol != step.symbol.item()]
+    symbol = step.symbol.item()
+    others = [*(other for other in credible_set(step) if other != symbol), *pairs_in_place(step)]
     tied = f"; or {or_others(others, TIED_IN_A_ROW)}" if others else ""
-    return f"{step['name'].item()}, {step.symbol.item()} = {_in_numbers(step)}{tied}"
+    return f"{step['name'].item()}, {symbol} = {_in_numbers(step)}{tied}"
 
 
 def _in_numbers(step: xr.Dataset) -> str:

@@ -8,7 +8,13 @@ import xarray as xr
 from sysid_trib.printing.layout import by_label, number, numbers, quantity_json, records_json
 from sysid_trib.printing.residual import noise_of, residual_of
 from sysid_trib.printing.runs import homogeneity_json
-from sysid_trib.results.discoveries import candidates_of, credible_set, shapes_of
+from sysid_trib.results.discoveries import (
+    PAIR,
+    candidates_of,
+    credible_set,
+    pairs_in_place,
+    shapes_of,
+)
 
 STEP_NUMBERS = ("coefficient", "standard_error", "z", "p_value", "residual_before", "residual_after")
 STEP_WORDS = ("symbol", "name", "formula", "family", "kind", "unit")
@@ -77,6 +83,8 @@ def _step_json(tree: xr.DataTree, at: int) -> dict[str, Any]:
             }
             for other, probability in probabilities.items()
         ],
+        "indistinguishable_pairs": [pair.split(PAIR) for pair in pairs_in_place(step)],
+        "pair_odds": number(step.pair_odds.item()) if pairs_in_place(step) else None,
         "holdout_before": held[at],
         "holdout_after": held[at + 1],
         "worsens_holdout": bool(step.worsens_holdout.item()),

@@ -26,11 +26,18 @@ from sysid_trib.printing.residual import (
     times_noise,
 )
 from sysid_trib.printing.runs import step_heterogeneity_sentences
-from sysid_trib.results.discoveries import candidates_of, credible_set, failed_competitors
+from sysid_trib.results.discoveries import (
+    candidates_of,
+    credible_set,
+    failed_competitors,
+    pairs_in_place,
+)
 from sysid_trib.results.signal_units import signal_units, small_units
 
 # Competing effects that are named, the most probable; a file has all.
 COMPETING = 10
+# And pairs of them.
+COMPETING_PAIRS = 3
 
 
 def discovery_blocks(tree: xr.DataTree, sources: Sequence[str]) -> list[Block]:
@@ -146,7 +153,7 @@ def _competing(tree: xr.DataTree, step: xr.Dataset) -> list[str]:
     probabilities = credible_set(step)
     symbol, *others = probabilities
     if not others:
-        return []
+        return _competing_pairs(step)
     offered = candidates_of(tree)
     named = ", ".join(f"{s} ({offered[s].formula.text})" for s in others[:COMPETING])
     more = f", and {len(others) - COMPETING} more" if len(others) > COMPETING else ""
@@ -155,6 +162,20 @@ def _competing(tree: xr.DataTree, step: xr.Dataset) -> list[str]:
         f"{symbol} cannot be separated from: {named}{more}.",
         f"With equal prior probabilities: {', '.join(f'{s} {_probability(p)}' for s, p in pairs)}.",
         remedy([offered[s] for s in probabilities]),
+        *_competing_pairs(step),
+    ]
+
+
+def _competing_pairs(step: xr.Dataset) -> list[str]:
+    """Pairs of candidates that explain together what an effect does, and how probable the likeliest is."""
+    pairs = pairs_in_place(step)
+    if not pairs:
+        return []
+    more = f", {len(pairs) - COMPETING_PAIRS} more pairs" if len(pairs) > COMPETING_PAIRS else ""
+    return [
+        f"Two together would do as well in the place of {step.symbol.item()}: "
+        f"{', '.join(pairs[:COMPETING_PAIRS])}{more}; the first with odds of {step.pair_odds.item():.2g} to "
+        "it if they were as likely before."
     ]
 
 

@@ -7,7 +7,7 @@ import xarray as xr
 
 from sysid_trib.printing.layout import coefficient_text, p_value_text, text_table
 from sysid_trib.printing.residual import noise_of
-from sysid_trib.results.discoveries import added_effects, credible_set, named_effect, or_others, shapes_of
+from sysid_trib.results.discoveries import added_effects, named_effect, or_others, others_in_place, shapes_of
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -49,8 +49,7 @@ def effect_name(step: xr.Dataset) -> str:
 
 def effect_with_ties(step: xr.Dataset) -> str:
     """The same with what it cannot be separated from: "epsilon (or gravity or magnet)"."""
-    fitted_or_named = step.symbol.item(), named_effect(step)
-    others = [symbol for symbol in credible_set(step) if symbol not in fitted_or_named]
+    others = [symbol for symbol in others_in_place(step) if symbol != step.symbol.item()]
     return f"{effect_name(step)}{f' (or {or_others(others, TIES_NAMED)})' if others else ''}"
 
 

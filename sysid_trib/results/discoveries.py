@@ -8,6 +8,8 @@ import xarray as xr
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import library_of_text
 
+# Between the names of a pair of candidates, and between pairs.
+PAIR, PAIRS = " and ", "; "
 # An effect that is more probable by so much than the one that was fitted has the name.
 LIKELIER = 0.5
 
@@ -43,6 +45,19 @@ def credible_set(step: xr.Dataset) -> dict[str, float]:
     return {effect: likely.pop(effect), **likely}
 
 
+def pairs_in_place(step: xr.Dataset) -> list[str]:
+    """Pairs of candidates that cannot be separated from a step's effect, such as "lambda and delta"."""
+    # A result that an older version saved has none.
+    text = str(step.pairs.item()) if "pairs" in step else ""
+    return text.split(PAIRS) if text else []
+
+
+def others_in_place(step: xr.Dataset) -> list[str]:
+    """Candidates, then pairs of them, that cannot be separated from the effect that has the name."""
+    named = named_effect(step)
+    return [*(symbol for symbol in credible_set(step) if symbol != named), *pairs_in_place(step)]
+
+
 def likeliest_effect(step: xr.Dataset) -> str:
     """The most probable of the effects that may be the truth in the place of a step's effect, or itself."""
     likely = credible_set(step)
@@ -59,8 +74,7 @@ def named_effect(step: xr.Dataset) -> str:
 
 def tied_name(step: xr.Dataset, most: int) -> str:
     """An effect or those that it cannot be separated from, `most` of them by name: "epsilon or 2 more"."""
-    named = named_effect(step)
-    return or_others([named, *(symbol for symbol in credible_set(step) if symbol != named)], most)
+    return or_others([named_effect(step), *others_in_place(step)], most)
 
 
 def or_others(symbols: Sequence[str], most: int) -> str:
