@@ -109,7 +109,8 @@ def cross_check(
     Notes
     -----
     Where the errors that the methods state exceed those by the noise alone, because the residual is more than
-    noise, the methods no longer share their errors: the stated covariances add. A model without a motion
+    noise or they allow for a random force that was not found, the methods no longer share their errors: the
+    stated covariances add. A model without a motion
     (it diverges) has nan for its angle and residual.
 
     z = (difference - expected_difference)/standard_error; chi-square with the covariance of the scatter, its

@@ -173,10 +173,9 @@ def _of_unpushed(
     results: Sequence[xr.Dataset], kept: Sequence[str], expected: Array, drawn: Array, draws: int
 ) -> Scatter:
     """Scatter of records that differ by the sensor's noise alone; `drawn` : (record, method, quantity)."""
-    covariance = _covariance(drawn)
-    if _largest_excess(results, kept, drawn) > LARGEST_CHANCE:
-        covariance = _stated(results, kept)
-    return Scatter(expected, covariance, draws)
+    stated = _largest_excess(results, kept, drawn) > LARGEST_CHANCE
+    covariance = _stated(results, kept) if stated else _covariance(drawn)
+    return Scatter(expected, covariance, draws, stated)
 
 
 def _of_pushed(results: Sequence[xr.Dataset], kept: Sequence[str], bias: Array, drawn: Array) -> Scatter:
