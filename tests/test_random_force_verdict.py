@@ -223,7 +223,10 @@ def test_a_cross_check_says_that_a_force_is_missing():
     tree = st.cross_check(decay, identified(decay, library, "off"), identified(decay, library), draws=1)
     assert tree["comparison"].attrs["verdict_on_record"] == "not explained"
     assert "depends on the" in verdict_sentence(tree)
-    assert "sign of something missing" in " ".join(identification_sentences(tree))
+    told = " ".join(identification_sentences(tree))
+    assert "sign of something missing" in told
+    assert "What is left, taken for a random force, has a density of " in told
+    assert "agree within their errors" not in told
 
 
 def test_without_a_random_force_the_verdict_is_that_of_the_residual(pushed):

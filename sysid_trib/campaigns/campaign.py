@@ -109,4 +109,6 @@ def check_extra() -> None:
         With what installs them.
     """
     if lacking := [name for name in EXTRA if find_spec(name) is None]:
-        raise UsageError(f"A campaign needs {' and '.join(lacking)}: pip install '.[campaigns]' in a clone.")
+        raise UsageError(
+            f"A campaign needs {' and '.join(lacking)}: pip install -e '.[campaigns]' in a clone."
+        )

@@ -51,7 +51,7 @@ class DecayOptions:
         metadata={
             "typer": typer.Argument(
                 metavar="[RECORD]...",
-                help="Files with decays, runs of one experiment; without any the embedded example runs.",
+                help="Files with decays, runs of one experiment; without any the embedded example runs, but in a campaign.",
                 show_default=False,
                 readable=False,
             )

@@ -82,7 +82,7 @@ def _agreement_sentence(checked: xr.Dataset) -> str:
         return f"{pair} disagree: {test}"
     if checked.p_value.item() < BARELY:
         return f"{pair} agree, but barely: {test}"
-    if checked.attrs["explained"] == "yes":
+    if checked.attrs["explained"] == "yes" and checked.attrs.get("verdict_on_record") != "not explained":
         return f"{pair} agree within their errors: {test}"
     return f"{pair} differ by no more than their errors: {test}"
 
