@@ -51,7 +51,8 @@ class DecayOptions:
         metadata={
             "typer": typer.Argument(
                 metavar="[RECORD]...",
-                help="Files with decays, runs of one experiment; without any the embedded example runs, but in a campaign.",
+                help="Files with decays, runs of one experiment; without any the embedded example runs "
+                "(not in a campaign).",
                 show_default=False,
                 readable=False,
             )

@@ -85,15 +85,15 @@ def random_force_sentences(tree: xr.DataTree, amplitude: float) -> list[str]:
     given = "" if size else ", as given"
     lasts = _periods_of_record(tree, frequency)
     periods = [_periods(force.periods_to(limit, frequency), lasts) for limit in (noise, USEFUL * amplitude)]
-    contradiction = _contradiction(tree, not size)
-    is_one = ", taken for a random force, has" if contradiction else " is a random force with"
+    missing = tree["comparison"].attrs["verdict_on_record"] == "not explained"
+    is_one = ", taken for a random force, has" if missing else " is a random force with"
     return [
         f"What is left{is_one} a density of {size or f'{force.density:.3g}'} "
         f"{_density_units(units)}{given}; its root is {force.relative(frequency):.1e} w^2 per root hertz.",
         f"From a known state the motion can be predicted to the sensor's noise ({noise:.2g} {units}) for "
         f"{periods[0]}, and to {100.0 * USEFUL:g} % of its amplitude ({amplitude:.2g} {units}) for "
         f"{periods[1]}.",
-        *_whose(tree, bool(contradiction)),
+        *_whose(tree, bool(contradiction := _contradiction(tree, not size))),
         *contradiction,
     ]
 
