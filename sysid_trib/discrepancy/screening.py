@@ -108,8 +108,8 @@ class Screening:
     def slack(self, at: int, fitted: Sequence[Force]) -> float:
         """Part of its gain by which a trial's column may be off, beside the fits of other forces."""
         settings, force = self.model.settings, self.trials[at].force
-        # Beside a random force a path follows the record, the sensor's errors too.
-        if force.kind == "sensor" and np.any(self.model.likelihood.ratios > 0.0):
+        # Beside a random force stronger than the noise a path follows the record, the sensor's errors too.
+        if force.kind == "sensor" and np.max(self.model.likelihood.ratios) > 1.0:
             return 1.0
         family = force.family
         return settings.kin if family in {force.family for force in fitted} else settings.slack
@@ -160,9 +160,7 @@ def screen(model: FittedModel, candidates: Sequence[Force], effects: Sequence[st
     for at in np.flatnonzero(good & (part[: len(trials)] < model.settings.testable)):
         reasons[at] = SAME_EFFECT
     known, omnibus_known, directions = _known_finely(model, trials, columns, effects)
-    # Errors of the sensor are fitted whatever their columns are along a path that has them in it.
-    sensors = np.array([trial.force.kind == "sensor" for trial in trials], dtype=bool)
-    reasons = [r if r or fine else TOO_FINE for r, fine in zip(reasons, known | sensors, strict=True)]
+    reasons = [reason if reason or fine else TOO_FINE for reason, fine in zip(reasons, known, strict=True)]
     relative_force = strengths(model, columns)
     able = np.array([not reason for reason in reasons], dtype=bool)
     beside = each_beside(products, base, offered, whole)
