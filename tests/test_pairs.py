@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 from discovery import CONTACT, EFFECTS, library, with_effect
 
-from sysid_trib import discover
+from sysid_trib import discover, plots
 from sysid_trib.printing.discovery_json import discovery_json
 from sysid_trib.printing.discovery_tables import effect_with_ties
 from sysid_trib.results.discoveries import pairs_in_place, tied_name
@@ -38,6 +38,18 @@ def test_a_pair_that_does_as_well_is_said_with_the_name(tree, tmp_path):
     assert pairs_in_place(again) == ["lambda and delta"]
     # As an older version has saved it.
     assert pairs_in_place(step.drop_vars(["pairs", "pair_odds"])) == []
+
+
+def test_many_pairs_leave_the_figure_its_width(tree):
+    many = tree.copy(deep=True)
+    steps = many["steps"].to_dataset()
+    pairs = "; ".join(f"three_halves_damping and {symbol}" for symbol in ("friction_drift", "damping_drift"))
+    many["steps"] = xr.DataTree(steps.assign(pairs=("step", [pairs])))
+    figure = plots.story(many)
+    figure.draw_without_rendering()
+    assert all(ax.get_position().width > 0.6 for ax in figure.axes)
+    texts = " ".join(text.get_text() for ax in figure.axes for text in ax.texts)
+    assert "; or one of 2 pairs" in texts
 
 
 def test_an_effect_of_no_shape_has_no_pairs():

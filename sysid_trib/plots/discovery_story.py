@@ -86,7 +86,10 @@ def _row_name(step: xr.Dataset) -> str:
 def _in_words(step: xr.Dataset) -> str:
     """An effect with its coefficient, and the effects that it cannot be separated from."""
     symbol = step.symbol.item()
-    others = [*(other for other in credible_set(step) if other != symbol), *pairs_in_place(step)]
+    pairs = pairs_in_place(step)
+    # Their names would be wider than the figure.
+    together = [f"one of {len(pairs)} pairs"] if len(pairs) > 1 else pairs
+    others = [*(other for other in credible_set(step) if other != symbol), *together]
     tied = f"; or {or_others(others, TIED_IN_A_ROW)}" if others else ""
     return f"{step['name'].item()}, {symbol} = {_in_numbers(step)}{tied}"
 
