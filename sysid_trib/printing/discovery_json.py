@@ -67,7 +67,7 @@ def _step_json(tree: xr.DataTree, at: int) -> dict[str, Any]:
     step, offered = tree["steps"].to_dataset().isel(step=at), candidates_of(tree)
     held = number(tree["holdout"].rms.values.tolist())
     probabilities = {s: number(round(probability, 4)) for s, probability in credible_set(step).items()}
-    symbol = step.symbol.item()
+    symbol, pairs = step.symbol.item(), pairs_in_place(step)
     return {
         **{name: step[name].item() for name in STEP_WORDS},
         **numbers(step, STEP_NUMBERS),
@@ -83,8 +83,8 @@ def _step_json(tree: xr.DataTree, at: int) -> dict[str, Any]:
             }
             for other, probability in probabilities.items()
         ],
-        "indistinguishable_pairs": [pair.split(PAIR) for pair in pairs_in_place(step)],
-        "pair_odds": number(step.pair_odds.item()) if pairs_in_place(step) else None,
+        "indistinguishable_pairs": [pair.split(PAIR) for pair in pairs],
+        "pair_odds": number(step.pair_odds.item()) if pairs else None,
         "holdout_before": held[at],
         "holdout_after": held[at + 1],
         "worsens_holdout": bool(step.worsens_holdout.item()),

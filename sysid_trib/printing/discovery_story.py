@@ -137,7 +137,7 @@ def _step_remarks(tree: xr.DataTree, at: int) -> list[str]:
             f"{symbol} is in the fit only: it makes the prediction of what was held out worse "
             f"(z = {step.prediction_z.item():.2g})."
         )
-    remarks += _competing(tree, step)
+    remarks += [*_competing(tree, step), *_competing_pairs(step)]
     if (probability := step.chance_probability.item()) > 0.0:
         remarks.append(
             "No force in its place, a random force taking the blame, has the probability "
@@ -153,7 +153,7 @@ def _competing(tree: xr.DataTree, step: xr.Dataset) -> list[str]:
     probabilities = credible_set(step)
     symbol, *others = probabilities
     if not others:
-        return _competing_pairs(step)
+        return []
     offered = candidates_of(tree)
     named = ", ".join(f"{s} ({offered[s].formula.text})" for s in others[:COMPETING])
     more = f", and {len(others) - COMPETING} more" if len(others) > COMPETING else ""
@@ -162,7 +162,6 @@ def _competing(tree: xr.DataTree, step: xr.Dataset) -> list[str]:
         f"{symbol} cannot be separated from: {named}{more}.",
         f"With equal prior probabilities: {', '.join(f'{s} {_probability(p)}' for s, p in pairs)}.",
         remedy([offered[s] for s in probabilities]),
-        *_competing_pairs(step),
     ]
 
 

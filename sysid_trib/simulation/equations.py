@@ -240,14 +240,9 @@ class Progress:
 
     def turn(self, tau: float, y: bytes) -> bool:
         """Count and note a reversal at which the motion is taken to turn; False if the budget is spent."""
-        times = self._times
-        self.turns.append((len(times), y))
-        times.append(tau)
+        self.turns.append((len(self._times), y))
+        self._times.append(tau)
         self._past.append(self.p.tobytes())
-        # Without a call while there is a budget: a long record turns ten thousand times.
-        if self.budget > 0:
-            self.budget -= 1
-            return True
         return self.count()
 
     def back_to(self, note: int) -> float:
