@@ -9,17 +9,18 @@ from scipy.stats import chi2, t as student
 from sysid_trib.discrepancy.columns_beside import each_beside
 from sysid_trib.discrepancy.likelihood import likelihood, of_many_rows
 from sysid_trib.discrepancy.omnibus_test import trial_columns, trial_names
-from sysid_trib.discrepancy.run_products import products_of
+from sysid_trib.discrepancy.run_products import RowNoise, products_of
 from sysid_trib.discrepancy.screening import TOO_FINE, screen
 from sysid_trib.discrepancy.trials import TrialEffect
 from sysid_trib.discrepancy.white_columns import known_directions, known_finely, outside_of
 from sysid_trib.regression.local_rows import covariance_band
-from sysid_trib.regression.weak_form import build_weak_form, noise_operator, spline_design
+from sysid_trib.regression.weak_form import build_weak_form, noise_operator
 
 SAMPLES, LEVEL = 160, 0.01
 FORM = build_weak_form(np.arange(SAMPLES) * 0.25)
 OPERATOR = noise_operator(FORM, np.ones(SAMPLES), np.full(SAMPLES, 0.02))
 BAND = covariance_band(OPERATOR @ OPERATOR.T)
+ROW_NOISE = RowNoise(BAND, BAND, FORM, LEVEL)
 QUINTIC = TrialEffect(EVERY["quintic"], {})
 NARROW = TrialEffect(EVERY["stribeck"], {"stribeck.s": 1e-3})
 
@@ -51,7 +52,7 @@ def gains_of_chance(ratio, draws):
     gains, rows = np.empty((2, draws))
     for draw in range(draws):
         noise = LEVEL * factor @ random.standard_normal(FORM.rows)
-        run = products_of(BAND, BAND, np.column_stack([noise, *waves]), FORM, LEVEL)
+        run = products_of(ROW_NOISE, np.column_stack([noise, *waves]))
         without = likelihood([run], range(1, 6))
         beside = each_beside([run], range(1, 6), [6], without)
         gains[draw], rows[draw] = without.deviance - beside.deviance[0], beside.effective_rows[0]
@@ -85,7 +86,7 @@ def test_a_drawn_deviation_has_the_uncertainty_of_the_motion():
     still = (np.zeros(len(TIME)),) * 2
     random = np.random.default_rng(2)
     drawn = np.array([rows.possible_deviation(1.0, still, ratio, random) for _ in range(300)])
-    design = spline_design(rows.path.form.tau, rows.path.spline.t, 0)
+    design = rows.path.form.splines.basis
     force = np.linalg.inv(ratio * dense(rows.path.form.gram))
     felt = (rows.operator @ design).toarray()
     covariance = np.linalg.inv((design.T @ design).toarray() + felt.T @ force @ felt)

@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 
 from sysid_trib.discrepancy.columns_beside import each_beside, projected
 from sysid_trib.discrepancy.likelihood import DEVIANCE_SETTLED, likelihood
-from sysid_trib.discrepancy.run_products import has_products, products_of
+from sysid_trib.discrepancy.run_products import RowNoise, has_products, products_of
 from sysid_trib.discrepancy.settings import DEFAULTS
 from sysid_trib.noise.variance_ratio import ratio_span
 from sysid_trib.regression.local_rows import covariance_band
@@ -19,6 +19,7 @@ OPERATOR = noise_operator(FORM, np.ones(90), np.full(90, 0.02))
 BAND = covariance_band(OPERATOR @ OPERATOR.T)
 SENSOR = (OPERATOR @ OPERATOR.T).toarray()
 LEVEL = 0.7
+NOISE = RowNoise(BAND, BAND, FORM, LEVEL)
 # A spline between the ratios that are tried is off by so much of the deviance.
 SPLINE = 0.5
 
@@ -41,7 +42,7 @@ def drawn(seed, count, *, ratio=0.0, scale=1.0):
     table[:, 1:] *= 10.0 ** rng.uniform(-4.0, 4.0, count)
     noise = np.linalg.cholesky(SENSOR + ratio * FORCE) @ rng.standard_normal(FORM.rows)
     table[:, 0] = scale * noise + table[:, 1:] @ (rng.standard_normal(count) / np.std(table[:, 1:], axis=0))
-    return table, products_of(BAND, BAND, table, FORM, LEVEL)
+    return table, products_of(NOISE, table)
 
 
 def dense_deviance(table, b, variance, ratio):
@@ -178,7 +179,7 @@ def test_a_strong_column_of_several_runs_is_judged_in_the_noise_that_it_leaves()
     for table in tables:
         table[:, 3] = np.convolve(np.random.default_rng(3).standard_normal(FORM.rows), np.ones(9), "same")
         table[:, 0] += 300.0 * table[:, 3]
-    products = [products_of(BAND, BAND, table, FORM, LEVEL) for table in tables]
+    products = [products_of(NOISE, table) for table in tables]
     bare = likelihood(products, [1, 2])
     assert bare.ratios.min() > 1.0
     beside = each_beside(products, [1, 2], [3], bare)
@@ -195,7 +196,7 @@ def test_columns_that_overflow_have_no_products():
 def test_a_column_of_any_size_can_be_fitted(size):
     table, _ = drawn(3, 3)
     table[:, 2] *= size
-    run = products_of(BAND, BAND, table, FORM, LEVEL)
+    run = products_of(NOISE, table)
     found, without = (likelihood([run], columns) for columns in ([1, 2, 3], [1, 3]))
     assert found.deviance < without.deviance + 1e-6
     beside = each_beside([run], [1, 3], [2], without)
@@ -206,7 +207,7 @@ def test_a_target_that_is_explained_wholly_leaves_its_rounding():
     table, _ = drawn(4, 3)
     table[:, 0] = table[:, 1:] @ [1e-3, 1.0, -2.0]
     wholly = replace(DEFAULTS, level_rows=0.0)
-    run = products_of(BAND, BAND, table, FORM, LEVEL, wholly)
+    run = products_of(NOISE, table, wholly)
     found = likelihood([run], [1, 2, 3])
     assert np.isfinite(found.deviance)
     assert np.all(found.variances > 0.0)
@@ -235,7 +236,7 @@ def test_what_is_outside_of_columns_is_what_least_squares_leaves(seed, count):
 def test_units_of_columns_do_not_matter(seed, factor):
     table, run = drawn(seed, 3)
     table = table * [1.0, factor, 1.0, 1.0]
-    scaled = products_of(BAND, BAND, table, FORM, LEVEL)
+    scaled = products_of(NOISE, table)
     here, there = likelihood([run], [1, 2, 3]), likelihood([scaled], [1, 2, 3])
     assert there.deviance == pytest.approx(here.deviance, abs=1e-5)
     assert there.coefficients[0] * factor == pytest.approx(here.coefficients[0], rel=1e-5)

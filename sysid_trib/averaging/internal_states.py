@@ -27,6 +27,8 @@ COLLOCATION_NODES = 4
 STATE_TOLERANCE = 1e-8
 # Part by which a motion is larger, of which a force changes to this order.
 LARGER = 1e-5
+# Values of the shape parameters of a force that are followed at once and kept with their motion.
+MOST_FOLLOWED = 4
 
 
 class GivenMotion:
@@ -48,8 +50,8 @@ class GivenMotion:
         zeros = np.sort(roots_of(self.v))
         # Not the release itself: there the start values hold. One at a sample is found in both steps.
         self.reversals = zeros[np.diff(zeros, prepend=tau[0]) > 1e-9]
-        # What was followed for its tangent is asked for again.
-        self.followed: dict[tuple[str, tuple[float, ...]], Array] = {}
+        # What a force with values of its shape parameters was along this motion.
+        self.followed: dict[tuple[Force, tuple[float, ...]], Array] = {}
 
     @cached_property
     def larger(self) -> "GivenMotion":
@@ -187,19 +189,19 @@ def values_along(motion: GivenMotion, force: Force, shapes: Sequence[Mapping[str
     """
     if not is_stepped(force):
         return None
-    values = {k: np.array([column[f"{force.symbol}.{k}"] for column in shapes]) for k in force.shape}
-    with np.errstate(all="ignore"):
-        memory = _History(motion, force, values).memory_at_samples(len(shapes))
-        # Column by column: what is not finite in one leaves the others alone.
-        columns = []
-        for i in range(len(shapes)):
-            key = force.symbol, tuple(float(q[i]) for q in values.values())
-            if key not in motion.followed:
+    keys = [(force, tuple(force.shape_values(column).values())) for column in shapes]
+    # The columns of a fit are asked for again, those of a screen are too many to keep.
+    followed = motion.followed if len(shapes) <= MOST_FOLLOWED else dict(motion.followed)
+    missing = [key for key in dict.fromkeys(keys) if key not in followed]
+    if missing:
+        values = dict(zip(force.shape, np.array([key[1] for key in missing]).T, strict=True))
+        with np.errstate(all="ignore"):
+            memory = _History(motion, force, values).memory_at_samples(len(missing))
+            # Column by column: what is not finite in one leaves the others alone.
+            for i, key in enumerate(missing):
                 history = _History(motion, force, {k: q[i] for k, q in values.items()})
-                columns.append(history.stepped_value({k: m[:, i] for k, m in memory.items()}))
-            else:
-                columns.append(motion.followed[key])
-    return np.stack(columns).T
+                followed[key] = history.stepped_value({k: m[:, i] for k, m in memory.items()})
+    return np.stack([followed[key] for key in keys]).T
 
 
 def tangent_along(motion: GivenMotion, force: Force, shapes: Mapping[str, float]) -> tuple[Array, Array]:
@@ -224,7 +226,6 @@ def tangent_along(motion: GivenMotion, force: Force, shapes: Mapping[str, float]
     if values is None or of_larger is None:
         return still, still
     here = values[:, 0]
-    motion.followed[force.symbol, tuple(force.shape_values(shapes).values())] = here
     by_size, by_advance = (of_larger[:, 0] - here) / LARGER, np.gradient(here, motion.tau)
     # Of the first the angle changes by x and the rate by v, of the second by v and -x, w = 1.
     square = x**2 + v**2 + np.finfo(float).tiny
@@ -285,11 +286,22 @@ class _History:
         if not force.memory:
             return {}
         given = self.motion.names(tau) | {"v": np.zeros(tau.size)} | dict(states)
-        rows = [{k: self.start[k] for k in force.memory}]
+        rows, columns = 1 + tau.size, np.broadcast_shapes(*map(np.shape, self.shapes.values()))
+        given = {k: np.reshape(value, (-1, *[1] * len(columns))) for k, value in given.items()}
+        held = {k: np.empty((rows, *columns)) for k in force.memory}
+        for k in force.memory:
+            held[k][0] = self.start[k]
+        # What does not depend on what was held is replaced at all reversals at once.
+        after_held = {k: f for k, f in force.memory.items() if f.names & set(force.memory)}
+        for k in force.memory.keys() - after_held:
+            held[k][1:] = force.memory[k].evaluate(given | self.shapes)
+        used = frozenset[str]().union(*(formula.names for formula in after_held.values()))
+        series = {k: value for k, value in (given | held).items() if k in used}
         for i in range(tau.size):
-            names = {k: value[i] for k, value in given.items()} | self.shapes | rows[-1]
-            rows.append({k: formula.evaluate(names) for k, formula in force.memory.items()})
-        return {k: np.stack(np.broadcast_arrays(*(row[k] for row in rows))) for k in force.memory}
+            here = {k: value[i] for k, value in series.items()} | self.shapes
+            for k, formula in after_held.items():
+                held[k][i + 1] = formula.evaluate(here)
+        return held
 
     def collocated(self, memory: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, Array]]:
         """States at the samples and at the reversals, given the memory of each segment."""

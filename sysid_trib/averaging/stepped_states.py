@@ -1,8 +1,8 @@
 """Internal states of a force along a densely sampled motion, by linear steps from sample to sample.
 
-One state may have any rate: its whole course is linearised and solved again until it settles. Several states
-follow one after another where their rates are linear with constant coefficients. Either way each is a scalar
-recurrence, a triangular banded system.
+One state may have any rate: its whole course is linearised, and where the rate is not linear solved again
+until it settles. Several states follow one after another where their rates are linear with constant
+coefficients. Either way each is a scalar recurrence, a triangular banded system.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,6 +24,8 @@ RADAU_WEIGHTS = ((5.0 / 12.0, -1.0 / 12.0), (3.0 / 4.0, 1.0 / 4.0))
 # Newton's iteration ends where what is not linear moves the state by less than this part of its size; the
 # steps themselves are not as good.
 NEWTON_TOLERANCE = 1e-6
+# LAPACK's, of banded triangular systems of real and of complex numbers.
+TRIANGULAR_SOLVERS = {kind: get_lapack_funcs("tbtrs", dtype=kind) for kind in "dD"}
 
 
 @lru_cache(maxsize=1024)
@@ -72,22 +74,27 @@ def stepped_states(force: Force, step: Array, names: Names, start: Mapping[str, 
     if not force.state:
         return {}
     with np.errstate(all="ignore"):
-        states = (_newton if len(force.state) == 1 else _triangular)(force, step, names, start)
+        states = (_single if len(force.state) == 1 else _triangular)(force, step, names, start)
     return dict(zip(force.state, states, strict=True))
 
 
-def _newton(force: Force, step: Array, names: Names, start: Mapping[str, float]) -> Array:
-    """The only state, (1, sample), by Newton's iteration on its whole course."""
+def _single(force: Force, step: Array, names: Names, start: Mapping[str, float]) -> Array:
+    """The only state, (1, sample): in one go, or by Newton's iteration on its whole course."""
     ((name, rate),) = force.state.items()
+
+    def change_and_pull(stages: Any) -> tuple[Array, Array]:
+        value, slope = rate.with_derivative({**names, name: stages}, name)
+        return step * np.broadcast_to(value, (2, step.size)), step * slope
+
+    if rate.order_in(name) <= 1.0:
+        return _radau_steps(start[name], *change_and_pull(0.0))[0][None]
     stages = np.full((2, step.size), start[name])
-    change = step * rate.evaluate({**names, name: stages})
+    change, pull = change_and_pull(stages)
     for _ in range(MAX_NEWTON):
-        pull = step * rate.derivative({**names, name: stages}, name)
         state, new = _radau_steps(start[name], change - pull * stages, pull)
-        linear = change + pull * (new - stages)
-        stages, change = new, step * rate.evaluate({**names, name: new})
-        # A rate that is linear in the state ends here in the first round.
-        rest = np.sum(np.abs(change - linear) / (1.0 + np.abs(pull)), axis=-1).max()
+        linear, slope = change + pull * (new - stages), 1.0 + np.abs(pull)
+        stages, (change, pull) = new, change_and_pull(new)
+        rest = np.sum(np.abs(change - linear) / slope, axis=-1).max()
         if rest <= NEWTON_TOLERANCE * np.abs(new).max():
             return state[None]
         if not np.isfinite(rest):
@@ -149,6 +156,6 @@ def _radau_steps(start: complex, push: Array, pull: Array) -> tuple[Array, Array
     # y[n + 1] - factor[n] y[n] = added[n]
     band = np.ones((2, factor.size + 1), factor.dtype)
     band[1, :-1] = -factor
-    (solve,) = get_lapack_funcs(("tbtrs",), (band, added))
+    solve = TRIANGULAR_SOLVERS[band.dtype.char]
     y = np.asarray(solve(band, np.append(start, added)[:, None], uplo="L", diag="U")[0][:, 0])
     return y, np.stack([(y[:-1] + first + b * late * y[1:]) / diagonal, y[1:]])

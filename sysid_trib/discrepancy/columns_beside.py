@@ -91,8 +91,7 @@ def _each_in_noise(
     count = len(columns)
     of_each = [[_solved(products) for products in part] for part in parts]
     if len(runs) > 1:
-        total = _in_noise_of(runs, model, every[1:])
-        together = _solved(BaseProducts(total[: 1 + len(base)], np.diag(total)))
+        together = _solved(_in_noise_of(runs, model, every, 1 + len(base)))
     deviance, coefficient, error = np.zeros(count), np.empty(count), np.empty(count)
     informations, scatters = np.empty((2, len(runs), count))
     for r, (run, part) in enumerate(zip(runs, parts, strict=True)):
@@ -182,8 +181,8 @@ def projected(
     products : (column, column) array of float
         Of what is outside, in units of the noise.
     """
-    # The target goes before them.
-    total = _in_noise_of(runs, model, [*base, *columns])[1:, 1:]
+    every = [*base, *columns]
+    total = _in_noise_of(runs, model, every, len(every)).products
     inside, others = slice(len(base)), slice(len(base), None)
     size = np.sqrt(np.maximum(np.diag(total), 1e-300))
     scaled = total / np.outer(size, size)
@@ -193,12 +192,16 @@ def projected(
     return part, rest * np.outer(size[others], size[others])
 
 
-def _in_noise_of(runs: Sequence[RunProducts], model: Likelihood, columns: Sequence[int]) -> Array:
-    """Products of the target and columns, of all runs, in units of the noise of a model."""
-    total = np.zeros((1 + len(columns), 1 + len(columns)))
-    for run, ratio, variance in zip(runs, model.ratios, model.variances, strict=True):
-        total += run.at(float(ratio), np.asarray(columns, dtype=int)) / variance
-    return total
+def _in_noise_of(
+    runs: Sequence[RunProducts], model: Likelihood, columns: Sequence[int], count: int
+) -> BaseProducts:
+    """Products of the first columns, so many, with all, of all runs, in units of the noise of a model."""
+    at = np.asarray(columns, dtype=int)
+    products, squares = np.zeros((count, len(at))), np.zeros(len(at))
+    for run, ratio, variance in zip(runs, model.ratios.tolist(), model.variances, strict=True):
+        products += run.block(ratio, at[:count], at) / variance
+        squares += run.squares(ratio, at) / variance
+    return BaseProducts(products, squares)
 
 
 def correlation_of(products: Array) -> Array:

@@ -234,7 +234,8 @@ class FittedModel:
             ratio = random_force * float(self.stepped.ratios[at])
             errors = self.sensor_errors(at), rows.path.sensor_slopes(self.trials, self.coefficients)
             motion = rows.smoothed_motion(residual, *errors, ratio, part)
-            paths.append(rows.path.follow(motion, self.trials, coefficients))
+            follower = rows.path.follow(motion, self.trials, coefficients)
+            paths.append(replace(follower, ratio=float(self.likelihood.ratios[at])))
         return paths
 
     def possible_rows(self, random: np.random.Generator) -> list[RunRows]:
@@ -274,12 +275,14 @@ def table_of(
     rows: RunRows, run: int, runs: int, trials: Sequence[TrialEffect], frequency_free: bool
 ) -> Array:
     """Columns of the trials, the nuisances, and the slopes by the shapes of forces of coefficient 1."""
-    columns = rows.columns(trials)
-    slopes = []
-    for at, trial in enumerate(trials):
-        for name in trial.force.shape:
-            beside, difference = _beside(trial, name)
-            slopes.append((rows.columns([beside])[:, 0] - columns[:, at]) / difference)
+    beside = [(at, *_beside(trial, name)) for at, trial in enumerate(trials) for name in trial.force.shape]
+    # All at once: forces with a history follow the motion together.
+    whole = rows.columns([*trials, *(trial for _, trial, _ in beside)])
+    columns, aside = np.split(whole, [len(trials)], axis=1)
+    slopes = [
+        (column - columns[:, at]) / difference
+        for column, (at, _, difference) in zip(aside.T, beside, strict=True)
+    ]
     return np.column_stack([columns, nuisances(rows, run, runs, frequency_free), *slopes])
 
 

@@ -10,10 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline
 
 from sysid_trib.arrays import Array
-from sysid_trib.discrepancy.run_products import RunProducts
+from sysid_trib.discrepancy.run_products import RunProducts, spline_over_ratios
 
 # Distance of the ratios, in their logarithm, at which a spline between those tried is evaluated.
 BETWEEN_STEP = 0.03
@@ -196,8 +195,7 @@ def _between(ratios: Array, deviance: Array, at: int) -> tuple[float, float, flo
     """The most likely ratio, its deviance, the error of its logarithm: by a spline of the deviance."""
     if at == 0:
         return float(ratios[0]), float(deviance[0]), float("nan")
-    logs = np.log(ratios[1:])
-    spline = CubicSpline(logs, deviance[1:])
+    logs, spline = np.log(ratios[1:]), spline_over_ratios(ratios, deviance)
     low, high = logs[max(0, at - 2)], logs[min(len(logs) - 1, at)]
     fine = np.linspace(low, high, 1 + round((high - low) / BETWEEN_STEP))
     best = float(fine[np.argmin(spline(fine))])

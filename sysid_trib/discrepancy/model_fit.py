@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.fitted_model import FittedModel, table_of
 from sysid_trib.discrepancy.likelihood import Likelihood, likelihood
+from sysid_trib.discrepancy.near_ratios import likeliest_near
 from sysid_trib.discrepancy.paths import RecordPath
 from sysid_trib.discrepancy.run_products import RunProducts
 from sysid_trib.discrepancy.run_rows import run_rows
@@ -183,11 +185,13 @@ def fitted_along(
     """
     rows = tuple(run_rows(path, trials, guess) for path in paths)
     tables = [table_of(run, at, len(rows), trials, frequency_free) for at, run in enumerate(rows)]
-    products = [run.products(table) for run, table in zip(rows, tables, strict=True)]
     of_shapes = [at for at, trial in enumerate(trials) for _ in trial.force.shape]
     columns = tables[0].shape[1]
     kept = range(columns - len(of_shapes))
-    at_shapes = likelihood(products, [1 + column for column in kept]).among(kept, columns)
+    runs = [partial(run.products, table) for run, table in zip(rows, tables, strict=True)]
+    ratios = [path.ratio for path in paths]
+    products, most_likely = likeliest_near(runs, ratios, [1 + column for column in kept])
+    at_shapes = most_likely.among(kept, columns)
     stepped, at_ends = at_shapes, dict[int, tuple[float, float]]()
     b, count = at_shapes.coefficients, len(trials)
     if of_shapes:

@@ -12,6 +12,7 @@ from sysid_trib.discrepancy.columns_beside import each_beside
 from sysid_trib.discrepancy.fitted_model import FittedModel
 from sysid_trib.discrepancy.likelihood import Likelihood, likelihood, of_many_rows
 from sysid_trib.discrepancy.paths import RecordPath
+from sysid_trib.discrepancy.physical import strengths
 from sysid_trib.discrepancy.run_products import RunProducts
 from sysid_trib.discrepancy.simulated_gains import TestedRun, p_value_by_simulation
 from sysid_trib.noise.smoothing import KNOTS_PER_PERIOD
@@ -96,9 +97,9 @@ def omnibus(
     residuals = model.white_residuals()
     least = min(largest, _strongest_line(residuals), _largest_part(residuals))
     if 4.0 * least >= model.settings.level:
+        mixtures = _of_possible_size(products, trials, mixtures, model)
         mixed = [_mixed(run, model.columns, trials, mixtures) for run in products]
-        every = range(1, 1 + model.columns + mixtures.shape[1])
-        gain = max(0.0, whole.deviance - likelihood(mixed, every).deviance)
+        gain = max(0.0, whole.deviance - likelihood(mixed, _columns_with(model, mixtures)).deviance)
         # Chance gains more than a chi-square of their number: simulated where that would decide.
         if 4.0 * float(chi2.sf(gain, mixtures.shape[1])) < model.settings.level:
             runs = [
@@ -107,6 +108,27 @@ def omnibus(
             ]
             least = p_value_by_simulation(gain, runs, model.columns, whole, model.settings.seed)
     return OmnibusTest(trial_names(), z, min(1.0, 4.0 * least))
+
+
+def _columns_with(model: FittedModel, mixtures: Array) -> range:
+    """Columns of the model and of mixtures, the target at 0."""
+    return range(1, 1 + model.columns + mixtures.shape[1])
+
+
+def _of_possible_size(
+    products: Sequence[RunProducts], trials: Sequence[int], mixtures: Array, model: FittedModel
+) -> Array:
+    """The mixtures that do not ask for a force stronger than a missing one may be."""
+    along = [trial_columns(rows.path) for rows in model.rows]
+    while mixtures.shape[1]:
+        mixed = [_mixed(run, model.columns, trials, mixtures) for run in products]
+        coefficients = likelihood(mixed, _columns_with(model, mixtures)).coefficients[model.columns :]
+        relative_force = strengths(model, [columns @ mixtures for columns in along])
+        possible = np.abs(coefficients) * relative_force < model.settings.strongest
+        if possible.all():
+            break
+        mixtures = mixtures[:, possible]
+    return mixtures
 
 
 def _mixed(run: RunProducts, columns: int, trials: Sequence[int], mixtures: Array) -> RunProducts:

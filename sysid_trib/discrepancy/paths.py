@@ -20,12 +20,12 @@ import scipy.sparse as sp
 import xarray as xr
 from scipy.interpolate import BSpline
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, Mask
 from sysid_trib.averaging.collocation import Index
 from sysid_trib.averaging.internal_states import GivenMotion, states_along, tangent_along, values_along
 from sysid_trib.discrepancy.fine_motion import NO_FINE_MOTION, FineMotion, fine_motion
 from sysid_trib.discrepancy.settings import DEFAULTS, Settings
-from sysid_trib.discrepancy.trials import TrialEffect
+from sysid_trib.discrepancy.trials import SurfaceKey, TrialEffect
 from sysid_trib.errors import SysidTribError
 from sysid_trib.noise.residual_noise import NoiseModel
 from sysid_trib.noise.smoothing import knot_intervals, least_squares_spline
@@ -33,8 +33,8 @@ from sysid_trib.regression.linearisation import derivatives_along
 from sysid_trib.regression.weak_form import (
     WeakForm,
     build_weak_form,
-    integrals_between_samples,
     noise_operator,
+    points_between,
 )
 
 # A sensor that falls while the angle rises is none; a fit may pass by there.
@@ -76,6 +76,8 @@ class RecordPath:
     settings : Settings
     fine : FineMotion
         By the forces that gave the path.
+    ratio : float, optional
+        Of the random force to the sensor's noise, where it was the likeliest so far.
     """
 
     time: Array
@@ -88,6 +90,7 @@ class RecordPath:
     intervals: int
     settings: Settings
     fine: FineMotion = NO_FINE_MOTION
+    ratio: float | None = None
 
     @property
     def elapsed(self) -> Array:
@@ -105,19 +108,20 @@ class RecordPath:
     @cached_property
     def at_samples(self) -> tuple[Array, Array]:
         """x and x' at the samples, (sample,) each, rad."""
-        return self.motion_at(self.form.tau), self.motion_at(self.form.tau, 1)
+        splines, tau = self.form.splines, self.form.tau
+        x, v = (splines.of(self.spline, order) + self.fine.value(tau, order) for order in range(2))
+        return x, v
 
     @cached_property
     def points(self) -> Points:
         """The path where forces are evaluated; its acceleration is the mean of the cell about each point."""
-        tau, integrals = integrals_between_samples(
-            self.form.tau, self.intervals, self.settings.points_per_period
-        )
-        x, v = self.motion_at(tau), self.motion_at(tau, 1)
+        between = points_between(self.form.tau, self.intervals, self.settings.points_per_period)
+        tau, splines = between.tau, between.splines
+        x, v = (splines.of(self.spline, order) + self.fine.value(tau, order) for order in range(2))
         half = 0.5 * (tau[1] - tau[0])
         rise = self.fine.value(tau + half, 1) - self.fine.value(tau - half, 1)
-        acceleration = self.spline(tau, 2) + rise / (2.0 * half)
-        return Points(tau, x, v, acceleration, self.elapsed_at(tau), integrals)
+        acceleration = splines.of(self.spline, 2) + rise / (2.0 * half)
+        return Points(tau, x, v, acceleration, self.elapsed_at(tau), between.integrals)
 
     @cached_property
     def motion(self) -> GivenMotion:
@@ -213,21 +217,28 @@ class RecordPath:
         return values
 
     @cached_property
+    def _crossings(self) -> dict[SurfaceKey, Mask]:
+        return {}
+
+    @cached_property
     def _cells(self) -> dict[bytes, tuple[Index, tuple[Array, Array, Array]]]:
         return {}
 
     def _crossed_cells(self, trial: TrialEffect) -> tuple[Index, tuple[Array, Array, Array]]:
         """Cells in which a force switches, and x, v and time in their parts; of the same cells once."""
         tau, x, v, _, time, _ = self.points
-        crossed = np.zeros(len(tau) + 1, dtype=bool)
-        for surface in trial.surfaces().values():
-            crossed[1:-1] |= np.diff(np.signbit(surface(x, v, time)))
-        key = np.packbits(crossed).tobytes()
-        if key not in self._cells:
-            cells = np.flatnonzero(crossed[1:] | crossed[:-1])
+        crossed = np.zeros(len(tau) - 1, dtype=bool)
+        for key, surface in trial.surfaces().items():
+            if key not in self._crossings:
+                self._crossings[key] = np.diff(np.signbit(surface(x, v, time)))
+            crossed |= self._crossings[key]
+        packed = np.packbits(crossed).tobytes()
+        if packed not in self._cells:
+            cells = np.flatnonzero(np.append(crossed, False) | np.append(False, crossed))
             fine = (tau[cells, None] + (tau[1] - tau[0]) * CELL_PARTS).ravel()
-            self._cells[key] = cells, (self.motion_at(fine), self.motion_at(fine, 1), self.elapsed_at(fine))
-        return self._cells[key]
+            motion = self.motion_at(fine), self.motion_at(fine, 1), self.elapsed_at(fine)
+            self._cells[packed] = cells, motion
+        return self._cells[packed]
 
     def _collocated(self, trials: Sequence[TrialEffect], rows: Sequence[int]) -> Array:
         columns = []

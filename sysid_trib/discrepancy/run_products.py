@@ -1,9 +1,10 @@
 """Products of a run's columns in the covariance of its rows, for a grid of the ratios of both noises."""
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PPoly
 
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.discrepancy.settings import DEFAULTS, Settings
@@ -12,6 +13,11 @@ from sysid_trib.regression.weak_form import WeakForm, cholesky_factor, log_deter
 
 # Squares of columns above which the products of products overflow, and below which they vanish.
 LEAST_SQUARES, MOST_SQUARES = 1e-200, 1e200
+# Steps in the logarithm of a ratio from a likely one to those that are tried about it.
+ABOUT_LIKELY = np.array([-3.0, -1.2, -0.4, 0.0, 0.4, 1.2, 3.0])
+# Distance of two ratios up to which a spline between them is as good as a sum. Likely ones that are nearer
+# than half of it have the same about them.
+CLOSE = 0.5
 
 
 @dataclass(frozen=True)
@@ -51,11 +57,28 @@ class RunProducts:
         A spline over those tried: each is the same sum, so that a target which the columns explain stays
         explained.
         """
+        at = np.concatenate([[0], columns])
+        return self.block(ratio, at, at)
+
+    def block(self, ratio: float, rows: Array, columns: Array) -> Array:
+        """The same of any columns, the target among them, with others, (row, column)."""
         tried = np.flatnonzero(self.ratios == ratio)
         if len(tried):
-            at = np.concatenate([[0], columns])
-            return np.asarray(self.products[tried[0]][np.ix_(at, at)])
-        return np.asarray(np.tensordot(self._weights(ratio), self.of(columns)[1:], 1))
+            return np.asarray(self.products[tried[0]][np.ix_(rows, columns)])
+        return np.asarray(np.tensordot(self._weights(ratio), self.products[1:, rows[:, None], columns], 1))
+
+    def squares(self, ratio: float, columns: Array) -> Array:
+        """The same of columns with themselves, (column,)."""
+        tried = np.flatnonzero(self.ratios == ratio)
+        if len(tried):
+            return np.asarray(self.products[tried[0], columns, columns])
+        return np.asarray(self._weights(ratio) @ self.products[1:, columns, columns])
+
+    def is_close(self, ratio: float) -> bool:
+        """Whether a ratio is tried, or between others that are close to each other."""
+        logs = np.log(self.ratios[1:])
+        above = int(np.clip(np.searchsorted(logs, np.log(ratio)), 1, len(logs) - 1)) if ratio else 0
+        return bool(not ratio or logs[above] - logs[above - 1] < CLOSE)
 
     def scaled(self, factors: Array) -> "RunProducts":
         """The same of columns times factors, (column,)."""
@@ -70,7 +93,7 @@ class RunProducts:
         return float(self._weights(ratio) @ self.log_determinant[1:])
 
     def _weights(self, ratio: float) -> Array:
-        return np.asarray(CubicSpline(np.log(self.ratios[1:]), np.eye(len(self.ratios) - 1))(np.log(ratio)))
+        return np.asarray(_cardinal_splines(self.ratios.tobytes())(np.log(ratio)))
 
     def of(self, columns: Array) -> Array:
         """Products of the target and some columns, (ratio, column + 1, column + 1)."""
@@ -78,36 +101,76 @@ class RunProducts:
         return self.products[:, at[:, None], at]
 
 
+def spline_over_ratios(ratios: Array, values: Array) -> PPoly:
+    """Spline of values at ratios (ratio,), but at the first, 0, over their logarithms."""
+    cardinal = _cardinal_splines(ratios.tobytes())
+    return PPoly(cardinal.c @ values[1:], cardinal.x)
+
+
+@lru_cache(maxsize=16)
+def _cardinal_splines(ratios: bytes) -> CubicSpline:
+    """Splines that are 1 at one of the ratios and 0 at others: the same grid serves all models of a run."""
+    logs = np.log(np.frombuffer(ratios)[1:])
+    return CubicSpline(logs, np.eye(len(logs)))
+
+
+@dataclass(frozen=True)
+class RowNoise:
+    """Noise of a run's rows.
+
+    Attributes
+    ----------
+    band, white_band : (diagonal, row) array of float
+        Covariance of the rows by noise of the sensor of unit size, with its colour and white.
+    form : WeakForm
+        That has the covariance by a random force.
+    level : float, rad
+        Of the sensor's innovations, as their spectrum has it.
+    """
+
+    band: Array
+    white_band: Array
+    form: WeakForm
+    level: float
+
+
 def products_of(
-    band: Array, white_band: Array, table: Array, form: WeakForm, level: float, settings: Settings = DEFAULTS
+    noise: RowNoise, table: Array, settings: Settings = DEFAULTS, near: float | None = None
 ) -> RunProducts:
     """Products of a run's columns.
 
     Parameters
     ----------
-    band, white_band : (diagonal, row) array of float
-        Covariance of the rows by noise of the sensor of unit size, with its colour and white.
+    noise : RowNoise
     table : (row, column) array of float
         The target, then columns.
-    form : WeakForm
-    level : float, rad
     settings : Settings
+    near : float, optional
+        A likely ratio, about which ratios are tried; all over their span without it, and fewer of 0.
     """
-    steps = np.diff(form.tau)
-    low, high = ratio_span(float(form.tau[-1] - form.tau[0]), float(np.median(steps)))
-    logs = np.arange(np.log(low), np.log(high), settings.ratio_step)
-    ratios = np.concatenate([[0.0], np.exp(logs)])
-    reference = log_determinant(cholesky_factor(white_band))
+    ratios = _ratios(noise.form, settings, near)
     table = np.where(np.sum(table**2, axis=0) < LEAST_SQUARES, 0.0, table)
-    products, determinants = [], []
-    for ratio in ratios:
-        factor = cholesky_factor(band, form.gram, float(ratio))
+    products, determinants = np.empty((len(ratios), *2 * table.shape[1:])), np.empty(len(ratios))
+    for at, ratio in enumerate(ratios.tolist()):
+        factor = cholesky_factor(noise.band, noise.form.gram, ratio)
         white = whiten(factor, table)
-        products.append(white.T @ white)
-        determinants.append(log_determinant(factor) - reference)
-    return RunProducts(
-        np.array(products), np.array(determinants), ratios, len(table), level, settings.level_rows
-    )
+        np.matmul(white.T, white, out=products[at])
+        determinants[at] = log_determinant(factor)
+    white_noise = noise.band is noise.white_band
+    determinants -= determinants[0] if white_noise else log_determinant(cholesky_factor(noise.white_band))
+    return RunProducts(products, determinants, ratios, len(table), noise.level, settings.level_rows)
+
+
+def _ratios(form: WeakForm, settings: Settings, near: float | None) -> Array:
+    """Ratios that are tried, 0 among them."""
+    span = np.log(ratio_span(float(form.tau[-1] - form.tau[0]), float(np.median(np.diff(form.tau)))))
+    # Where the random force vanishes they tell whether it comes back.
+    logs = np.arange(span[0], span[1], settings.ratio_step * (2.0 if near == 0.0 else 1.0))
+    if near:
+        middle = 0.5 * CLOSE * np.round(np.log(near) / (0.5 * CLOSE))
+        about = np.clip(middle, *span) + ABOUT_LIKELY
+        logs = about[(about >= span[0]) & (about <= span[1])]
+    return np.concatenate([[0.0], np.exp(logs)])
 
 
 def has_products(columns: Array) -> Mask:

@@ -12,14 +12,13 @@ from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.likelihood import Likelihood
 from sysid_trib.discrepancy.paths import RecordPath
 from sysid_trib.discrepancy.resolution import unresolved
-from sysid_trib.discrepancy.run_products import RunProducts, products_of
+from sysid_trib.discrepancy.run_products import RowNoise, RunProducts, products_of
 from sysid_trib.discrepancy.trials import TrialEffect
 from sysid_trib.regression.local_rows import covariance_of_local_rows
 from sysid_trib.regression.weak_form import (
     cholesky_factor,
     coloured,
     log_determinant,
-    spline_design,
     whiten,
 )
 
@@ -63,17 +62,19 @@ class RunRows:
 
     def coarse_columns(self, trials: Sequence[TrialEffect]) -> Array:
         """The same from a third of the points, as far as they serve to compare."""
+        return self._coarse_path.columns(trials, self.operator)
+
+    @cached_property
+    def _coarse_path(self) -> RecordPath:
         settings = self.path.settings
         fewer = replace(settings, points_per_period=settings.points_per_period // 3)
-        return replace(self.path, settings=fewer).columns(trials, self.operator)
+        return replace(self.path, settings=fewer)
 
-    def products(self, columns: Array) -> RunProducts:
-        """Products of the target and columns, (row, column)."""
-        table = np.column_stack([self.target, columns])
-        path = self.path
-        return products_of(
-            self.band, self.white_band, table, path.form, path.sensor.innovation, path.settings
-        )
+    def products(self, columns: Array, near: float | None = None) -> RunProducts:
+        """Products of the target and columns, (row, column); see `products_of`."""
+        path, table = self.path, np.column_stack([self.target, columns])
+        noise = RowNoise(self.band, self.white_band, path.form, path.sensor.innovation)
+        return products_of(noise, table, path.settings, near)
 
     def whitened(self, table: Array, likelihood: Likelihood, run: int) -> Array:
         """Columns (row, column) in which the noises of a run are white and of unit variance."""
@@ -160,9 +161,12 @@ class RunRows:
         self, innovations: Array, force: Array, slopes: tuple[Array, Array], ratio: float
     ) -> Array:
         """The most likely spline at the samples by innovations (sample,) and integrals of a force (row,)."""
-        basis, rate = (spline_design(self.path.form.tau, self.path.spline.t, order) for order in range(2))
-        seen = basis + sp.diags_array(slopes[0]) @ basis + sp.diags_array(slopes[1]) @ rate
-        white, felt = (self._whitening @ seen).tocsr(), self.operator @ (sp.diags_array(self.gain) @ basis)
+        splines = self.path.form.splines
+        basis = seen = splines.basis
+        if np.any(slopes):
+            seen = basis + sp.diags_array(slopes[0]) @ basis + sp.diags_array(slopes[1]) @ splines.slopes
+        white = (self._whitening @ seen).tocsr() if len(self.path.sensor.filter_) > 1 else seen
+        felt = self.operator @ (sp.diags_array(self.gain) @ basis if np.any(self.gain != 1.0) else basis)
         lower = _banded(self.path.form.gram, len(force))
         covariance = ratio * (lower + sp.tril(lower, -1).T)
         system = sp.block_array([[white.T @ white, felt.T], [felt, -covariance]], format="csc")

@@ -2,17 +2,19 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.fitted_model import FittedModel
-from sysid_trib.discrepancy.likelihood import Likelihood, likelihood
+from sysid_trib.discrepancy.likelihood import Likelihood
 from sysid_trib.discrepancy.model_fit import fit_model
+from sysid_trib.discrepancy.near_ratios import likeliest_near
 from sysid_trib.discrepancy.paths import RecordPath, path_of
 from sysid_trib.discrepancy.reference import refitted
-from sysid_trib.discrepancy.run_products import products_of
+from sysid_trib.discrepancy.run_products import RowNoise, products_of
 from sysid_trib.discrepancy.settings import DEFAULTS, Settings
 from sysid_trib.discrepancy.trials import TrialEffect
 from sysid_trib.errors import LibraryError
@@ -95,15 +97,19 @@ def _likeliest_sensor(model: FittedModel, run: int, other: FittedModel | None) -
         return beside_colour(filter_).deviance
 
     least = _beside_colours(other, run)(other.rows[run].path.sensor.filter_).deviance if other else np.inf
-    best, filter_ = np.inf, known
+    best, filter_ = deviance_of(known) + _parameters_of(path.sensor) * float(np.log(samples)), known
     # The spectrum mostly shows the colour: a little more of it is tried before a search.
-    shown = gain_of_little_colour(deviance_of, known) > np.log(samples)
-    for order in range(MAX_COLOUR + 1 if shown else 0):
-        starts = [of_order(start, order) for start in (np.ones(1), filter_, known)]
-        tried, deviance = most_likely_colour(deviance_of, starts, samples=float(path.form.rows), least=least)
-        if deviance + order * np.log(samples) < best:
-            best, filter_ = deviance + order * float(np.log(samples)), tried
-    if shown and deviance_of(flicker := _flicker_filter(path)) + np.log(samples) < best:
+    if gain_of_little_colour(deviance_of, known) > np.log(samples):
+        best = np.inf
+        for order in range(MAX_COLOUR + 1):
+            starts = [of_order(start, order) for start in (np.ones(1), filter_, known)]
+            tried, deviance = most_likely_colour(
+                deviance_of, starts, samples=float(path.form.rows), least=least
+            )
+            if deviance + order * np.log(samples) < best:
+                best, filter_ = deviance + order * float(np.log(samples)), tried
+    # An autoregression may be the likeliest of its kind where noise is as 1/f.
+    if deviance_of(flicker := _flicker_filter(path)) + np.log(samples) < best:
         filter_ = flicker
     return NoiseModel(float(np.sqrt(beside_colour(filter_).variances[0])), filter_)
 
@@ -114,10 +120,12 @@ def _beside_colours(model: FittedModel, run: int) -> Callable[[Array], Likelihoo
     # Of a level that another colour gave nothing is known.
     form, settings = rows.path.form, replace(model.settings, level_rows=0.0)
     columns, level = range(1, table.shape[1]), rows.path.sensor.innovation
+    ratio = float(model.likelihood.ratios[run])
 
     def beside(filter_: Array) -> Likelihood:
         band = covariance_of_local_rows(coloured(rows.operator, filter_))
-        return likelihood([products_of(band, rows.white_band, table, form, level, settings)], columns)
+        noise = RowNoise(band, rows.white_band, form, level)
+        return likeliest_near([partial(products_of, noise, table, settings)], [ratio], columns)[1]
 
     return beside
 

@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -20,6 +21,8 @@ from sysid_trib.forces.force import Force, Shape
 from sysid_trib.forces.formulas import Formula
 from sysid_trib.forces.scaling import reference_powers
 
+# Text and shape values of a switching surface.
+SurfaceKey: TypeAlias = tuple[str, tuple[float, ...]]
 # Part of a range within which a shape parameter is at its end.
 END = 1e-9
 # Detunings at which a resonance is looked for where it makes no line of its own, in the swing's.
@@ -37,7 +40,7 @@ class TrialEffect:
     shapes: Mapping[str, float]
     starts: tuple["TrialEffect", ...] = field(default=(), compare=False)
 
-    def surfaces(self) -> dict[tuple[str, tuple[float, ...]], Callable[[Array, Array, Array], Array]]:
+    def surfaces(self) -> dict[SurfaceKey, Callable[[Array, Array, Array], Array]]:
         """Switching surfaces of a force without states, of x, v and t, by their text and shape values."""
         shapes = self.force.shape_values(self.shapes)
 

@@ -94,7 +94,7 @@ class Force:
         """Whether the force is a function of x, v and t alone."""
         return not self.state and not self.memory
 
-    @property
+    @cached_property
     def surfaces(self) -> tuple[Formula, ...]:
         """Switching surfaces of the motion: of the force and of its states."""
         formulas = (self.formula, *self.state.values())

@@ -9,7 +9,7 @@ import ast
 import operator
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import reduce
+from functools import cached_property, reduce
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -18,6 +18,8 @@ from sysid_trib.errors import LibraryError
 
 Names: TypeAlias = Mapping[str, Any]
 Functions: TypeAlias = Mapping[str, Callable[..., Any]]
+# Of names, functions and signs of the surfaces.
+Program: TypeAlias = Callable[[Names, Functions, Names | None], Any]
 
 MAX_LENGTH = 500
 MAX_DEPTH = 30
@@ -84,17 +86,25 @@ class Formula:
     text: str
     tree: ast.expr = field(compare=False, repr=False)
 
-    @property
+    def __getstate__(self) -> dict[str, Any]:
+        # Nested functions go to no other process; there they are made again.
+        return {"text": self.text, "tree": self.tree}
+
+    @cached_property
     def names(self) -> frozenset[str]:
         """Names of the variables it holds."""
         calls = {id(n.func) for n in ast.walk(self.tree) if isinstance(n, ast.Call)}
         return frozenset(n.id for n in ast.walk(self.tree) if isinstance(n, ast.Name) and id(n) not in calls)
 
-    @property
+    @cached_property
     def surfaces(self) -> tuple["Formula", ...]:
         """Expressions at whose zeros it changes branch, each once, innermost first."""
         calls = [n for n in _bottom_up(self.tree) if isinstance(n, ast.Call)]
         return tuple(dict.fromkeys(call.surface for call in calls if hasattr(call, "surface")))
+
+    def order_in(self, name: str) -> float:
+        """Order of the polynomial in a variable that the formula is, as it is written; infinite if none."""
+        return _order_in(self.tree, name)
 
     def evaluate(self, names: Names, functions: Functions = NUMPY, signs: Names | None = None) -> Any:
         """Value of the formula.
@@ -114,10 +124,18 @@ class Formula:
         number
             Of the kind of `names`.
         """
-        return _value(self.tree, names, functions, signs)
+        return self._program(names, functions, signs)
+
+    @cached_property
+    def _program(self) -> Program:
+        return _program_of(self.tree)
 
     def derivative(self, names: Names, name: str) -> Any:
-        """Derivative of the formula by one variable, on the branch of its value.
+        """Derivative of the formula by one variable, on the branch of its value; see `with_derivative`."""
+        return self.with_derivative(names, name)[1]
+
+    def with_derivative(self, names: Names, name: str) -> tuple[Any, Any]:
+        """Value of the formula and its derivative by one variable, on the branch of its value.
 
         Parameters
         ----------
@@ -128,7 +146,7 @@ class Formula:
 
         Returns
         -------
-        array of float
+        value, derivative : array of float
 
         Notes
         -----
@@ -136,29 +154,61 @@ class Formula:
         numbers (Squire and Trapp 1998).
         """
         stepped = {**names, name: names[name] + 1j * IMAGINARY_STEP}
-        return np.imag(self.evaluate(stepped, ANALYTIC)) / IMAGINARY_STEP
+        both = self.evaluate(stepped, ANALYTIC)
+        return np.real(both), np.imag(both) / IMAGINARY_STEP
 
 
-def _value(tree: ast.AST, names: Names, functions: Functions, signs: Names | None) -> Any:
-    """Value of a checked tree (see `Formula.evaluate`)."""
+def _order_in(tree: ast.AST, name: str) -> float:
+    match tree:
+        case ast.Name(id=other):
+            return float(other == name)
+        case ast.UnaryOp(operand=operand):
+            return _order_in(operand, name)
+        case ast.BinOp(left=left, op=op, right=right):
+            first, second = _order_in(left, name), _order_in(right, name)
+            if isinstance(op, ast.Mult):
+                return first + second
+            if isinstance(op, ast.Add | ast.Sub):
+                return max(first, second)
+            return first if not second and (not first or isinstance(op, ast.Div)) else np.inf
+        case ast.Call(args=args):
+            return np.inf if any(_order_in(arg, name) for arg in args) else 0.0
+    return 0.0
+
+
+def _program_of(tree: ast.AST) -> Program:
+    """A checked tree as nested functions (see `Formula.evaluate`): it is not walked at each value."""
     match tree:
         case ast.Constant(value=value):
-            return value
+            return lambda names, functions, signs: value
+        case ast.Name(id="pi"):
+            return lambda names, functions, signs: np.pi
         case ast.Name(id=name):
-            return np.pi if name == "pi" else names[name]
+            return lambda names, functions, signs: names[name]
         case ast.UnaryOp(op=op, operand=operand):
-            value = _value(operand, names, functions, signs)
-            return -value if isinstance(op, ast.USub) else value
+            inner = _program_of(operand)
+            return (lambda *given: -inner(*given)) if isinstance(op, ast.USub) else inner
+        case ast.BinOp(left=left, op=ast.Pow(), right=right):
+            base, exponent = _program_of(left), _program_of(right)
+            return lambda *given: given[1]["power"](base(*given), exponent(*given))
         case ast.BinOp(left=left, op=op, right=right):
-            operate = functions["power"] if isinstance(op, ast.Pow) else OPERATORS[type(op)]
-            first = _value(left, names, functions, signs)
-            return operate(first, _value(right, names, functions, signs))
+            operate, first, second = OPERATORS[type(op)], _program_of(left), _program_of(right)
+            return lambda *given: operate(first(*given), second(*given))
         case ast.Call(func=ast.Name(id=name), args=args):
-            values = [_value(arg, names, functions, signs) for arg in args]
-            if signs is None or name not in SWITCHING:
-                return functions[name](*values)
-            return _branch(name, values, signs[tree.surface.text])  # type: ignore[attr-defined]
+            return _call(name, [_program_of(arg) for arg in args], getattr(tree, "surface", None))
     raise AssertionError(f"unchecked tree: {ast.dump(tree)}")
+
+
+def _call(name: str, args: list[Program], surface: Formula | None) -> Program:
+    """A function of arguments, on the branch by the sign of its switching surface where that is given."""
+
+    def value(names: Names, functions: Functions, signs: Names | None) -> Any:
+        values = [arg(names, functions, signs) for arg in args]
+        if signs is None or surface is None:
+            return functions[name](*values)
+        return _branch(name, values, signs[surface.text])
+
+    return value
 
 
 def parse(text: object, allowed: frozenset[str], exponents: frozenset[str], where: str) -> Formula:

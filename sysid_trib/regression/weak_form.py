@@ -12,13 +12,14 @@ from functools import cached_property, lru_cache
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
-from scipy.interpolate import BSpline, make_interp_spline
+from scipy.interpolate import make_interp_spline
 from scipy.signal import lfilter
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError
 from sysid_trib.noise.autoregression import memory_samples
 from sysid_trib.noise.smoothing import MOST_KEPT, SPLINE_DEGREE, knot_intervals, knot_sequence
+from sysid_trib.noise.spline_design import SplinesAt, spline_design
 from sysid_trib.regression.local_rows import covariance_band, covariance_of_local_rows
 
 # With fewer samples than this a row, rows would nearly depend on each other; with many more, those of a
@@ -48,12 +49,15 @@ class WeakForm:
     value, slope, curvature : (row, sample) sparse array of float
         ``value @ f`` is int psi f dtau for every test function psi; `slope` and `curvature` the same
         with psi' and psi''.
+    splines : SplinesAt
+        On the knots of the test functions, at the samples.
     """
 
     tau: Array
     value: sp.csr_matrix
     slope: sp.csr_matrix
     curvature: sp.csr_matrix
+    splines: SplinesAt
 
     @cached_property
     def gram(self) -> Array:
@@ -92,11 +96,11 @@ def _kept(tau: bytes, intervals: int) -> WeakForm:
 
 
 def _built(tau: Array, intervals: int) -> WeakForm:
-    integrals = [_sample_integrals(tau, intervals, order) for order in range(3)]
-    for matrix in integrals:
+    value, slope, curvature = (_sample_integrals(tau, intervals, order) for order in range(3))
+    for matrix in (value, slope, curvature):
         # Sorted, the three have their entries in the same places.
         matrix.sort_indices()
-    return WeakForm(tau, *integrals)
+    return WeakForm(tau, value, slope, curvature, SplinesAt(tau, knot_sequence(tau, intervals)))
 
 
 def _sample_integrals(tau: Array, intervals: int, order: int) -> sp.csr_matrix:
@@ -129,13 +133,27 @@ def _first_rows(tau: Array, intervals: int, order: int) -> sp.csr_matrix | None:
     return sp.hstack([rows, sp.csr_matrix((END_ROWS, len(tau) - used))]).tocsr()
 
 
-@lru_cache(maxsize=8)
-def _kept_integrals(tau: bytes, intervals: int, parts: int) -> tuple[Array, sp.csr_matrix]:
-    return _fine_integrals(np.frombuffer(tau), intervals, parts)
+@dataclass(frozen=True)
+class PointsBetween:
+    """Points between samples, for integrands that turn quickly.
+
+    Attributes
+    ----------
+    tau : (point,) array of float
+        Each step of the samples in equal parts.
+    integrals : (row, point) sparse array of float
+        Of the same rows as `WeakForm.value`.
+    splines : SplinesAt
+        On the knots of the test functions, at these points.
+    """
+
+    tau: Array
+    integrals: sp.csr_matrix
+    splines: SplinesAt
 
 
-def integrals_between_samples(tau: Array, intervals: int, per_period: float) -> tuple[Array, sp.csr_matrix]:
-    """The test functions' integrals on more points than the samples, for integrands that turn quickly.
+def points_between(tau: Array, intervals: int, per_period: float) -> PointsBetween:
+    """Points between the samples of a weak form; the last few are kept.
 
     Parameters
     ----------
@@ -145,24 +163,23 @@ def integrals_between_samples(tau: Array, intervals: int, per_period: float) -> 
         Of the weak form.
     per_period : float
         Points wanted in 2 pi of tau, at least.
-
-    Returns
-    -------
-    points : (point,) array of float
-        Each step of `tau` in equal parts.
-    integrals : (row, point) sparse array of float
-        Of the same rows as `WeakForm.value`.
     """
     step = float(np.median(np.diff(tau)))
     parts = max(1, int(np.ceil(per_period * step / (2.0 * np.pi))))
     if len(tau) <= MOST_KEPT:
-        return _kept_integrals(tau.tobytes(), intervals, parts)
-    return _fine_integrals(tau, intervals, parts)
+        return _kept_between(tau.tobytes(), intervals, parts)
+    return _points_between(tau, intervals, parts)
 
 
-def _fine_integrals(tau: Array, intervals: int, parts: int) -> tuple[Array, sp.csr_matrix]:
+@lru_cache(maxsize=8)
+def _kept_between(tau: bytes, intervals: int, parts: int) -> PointsBetween:
+    return _points_between(np.frombuffer(tau), intervals, parts)
+
+
+def _points_between(tau: Array, intervals: int, parts: int) -> PointsBetween:
     points = _between_samples(tau, parts)
-    return points, _integrals(points, tau, intervals, 0)
+    splines = SplinesAt(points, knot_sequence(tau, intervals))
+    return PointsBetween(points, _integrals(points, tau, intervals, 0), splines)
 
 
 def _between_samples(tau: Array, parts: int) -> Array:
@@ -310,22 +327,6 @@ def whiten(factor: Array, columns: Array) -> Array:
     solve = scipy.linalg.get_lapack_funcs("tbtrs", (factor, columns))
     solved, _ = solve(factor, columns.reshape(len(columns), -1), uplo="L")
     return np.asarray(solved).reshape(columns.shape)
-
-
-def spline_design(tau: Array, knots: Array, order: int) -> sp.csr_matrix:
-    """Values of the `order`-th derivative of every B-spline of `SPLINE_DEGREE` at points, (point, spline)."""
-    # No point is beyond the knots: without extrapolation Python's own min and max look through all of them.
-    lowest = knots[order : len(knots) - order]
-    design = BSpline.design_matrix(tau, lowest, SPLINE_DEGREE - order, extrapolate=True)
-    # d/dx B_{i,p} = p (B_{i,p-1}/(t_{i+p}-t_i) - B_{i+1,p-1}/(t_{i+p+1}-t_{i+1})), from low to high degree.
-    for lift in range(order, 0, -1):
-        degree = SPLINE_DEGREE - lift + 1
-        inner = knots[lift - 1 : len(knots) - lift + 1]
-        count = len(inner) - degree - 1
-        scale = degree / (inner[degree + 1 : degree + count] - inner[1:count])
-        lower = sp.diags_array([-scale, scale], offsets=[0, 1], shape=(count - 1, count))
-        design = design @ lower
-    return design.tocsr()
 
 
 def _end_weights(samples: int) -> Array:

@@ -1,0 +1,48 @@
+"""Products of the columns of all runs for ratios of both noises near the likeliest ones."""
+
+from collections.abc import Callable, Sequence
+from typing import TypeAlias
+
+from sysid_trib.discrepancy.likelihood import Likelihood, likelihood
+from sysid_trib.discrepancy.run_products import RunProducts
+
+# Of a likely ratio, if any; see `products_of`.
+ProductsNear: TypeAlias = Callable[[float | None], RunProducts]
+# Rounds in which the likeliest ratios of several runs are looked for beside each other.
+TURNS = 6
+
+
+def likeliest_near(
+    runs: Sequence[ProductsNear], near: Sequence[float | None], columns: Sequence[int]
+) -> tuple[list[RunProducts], Likelihood]:
+    """Products of each run where they tell the likelihood exactly, and the likelihood of some columns.
+
+    Parameters
+    ----------
+    runs : sequence of callable
+        Products of each run, of ratios about a likely one.
+    near : sequence of float or None
+        Likely ratios.
+    columns : sequence of int
+        Of the table, from 1.
+
+    Notes
+    -----
+    Between ratios that are far from each other a spline may be off by several units of the deviance, in which
+    models are compared. Ratios all over the span are tried where none is known to be likely, and where the
+    random force vanishes beside one that is.
+    """
+    everywhere = [not ratio for ratio in near]
+    products = [run(ratio) for run, ratio in zip(runs, near, strict=True)]
+    for _ in range(TURNS):
+        likeliest = likelihood(products, columns)
+        settled = True
+        for at, ratio in enumerate(likeliest.ratios.tolist()):
+            lost = not ratio and not everywhere[at]
+            if lost or not products[at].is_close(ratio):
+                everywhere[at] |= lost
+                products[at] = runs[at](None if lost else ratio)
+                settled = False
+        if settled:
+            break
+    return products, likeliest
