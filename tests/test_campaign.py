@@ -364,6 +364,21 @@ def test_a_campaign_without_any_result_ends_with_one(tmp_path):
     assert (tmp_path / "out.html").exists()
 
 
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--methods", "direct", "--omega0", "89"),
+        ("--methods", "direct", "--reference-frequency", "89"),
+        ("--task", "discover", "--reference-frequency", "89"),
+    ],
+)
+def test_a_frequency_that_cannot_be_a_records_is_why_it_has_no_result(tmp_path, options):
+    file = write_csv(tmp_path / "a.csv", angle=linear(zeta=0.01))
+    done = run("campaign", file, "--workers", "0", "--forces", "zeta", *options, "-o", tmp_path / "a.zarr")
+    assert done.status == 1
+    assert "'89': the record swings at 9.9 rad/s, less than half of that" in done.out
+
+
 def test_a_damaged_store_is_a_sentence(tmp_path):
     file = write_csv(tmp_path / "a.csv", angle=linear(zeta=0.01))
     arguments = ["campaign", str(file), "--workers", "0", "--methods", "direct", "--forces", "zeta"]

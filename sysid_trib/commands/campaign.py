@@ -95,11 +95,13 @@ def _readable(store: Path) -> Iterator[None]:
         ) from None
 
 
-def decays_of(given: DecayOptions, path: str) -> "list[xr.Dataset]":
-    """The decays of a file, read as the options say."""
+def decays_of(
+    given: DecayOptions, reference: float | None, contactless: tuple[float, float] | None, path: str
+) -> "list[xr.Dataset]":
+    """The decays of a file, read as the options say; frequencies that cannot be theirs are refused."""
     from sysid_trib.commands.record_inputs import read_decays
 
-    return read_decays(replace(given, records=[Path(path)]))[0]
+    return read_decays(replace(given, records=[Path(path)]), reference, contactless)[0]
 
 
 def _checked_output(asked: CampaignOptions) -> Path:
@@ -166,21 +168,21 @@ def _task(
         raise UsageError(f"--task '{asked.task}' is unknown: give {', '.join(TASKS)}.")
     swinging = None if given.system is None else load_system(given.system)
     # How a file is read does not depend on which others there are.
-    read = partial(decays_of, replace(given, records=[]))
+    alike, held = replace(given, records=[]), model.reference_frequency
     if asked.task == "discover":
         if asked.methods is not None:
             raise UsageError("--methods are of identify and compare; discover has one of its own.")
-        held = model.reference_frequency
+        checks.check_positive(held, "--reference-frequency")
         start = discovery_inputs.start_forces(model.library, model.forces, held, swinging)
         offered = discovery_inputs.offered_candidates(model.library, asked.candidates, start)
         offered = replace(offered, forces=without_impossible(offered, swinging))
         options = {"reference_frequency": held}
+        read = partial(decays_of, alike, held, None)
         return Task("discover", start, candidates=offered, read=read, options=options)
     library, shapes, constraints, contactless = checks.asked_model(model, constraint, swinging)
     random_force = checks.parse_random_force(model.random_force)
     methods = {
-        label: with_random_force(method, random_force)
-        for label, method in every_method(model.reference_frequency, shapes).items()
+        label: with_random_force(method, random_force) for label, method in every_method(held, shapes).items()
     }
     wanted = [label.strip() for label in asked.methods.split(",")] if asked.methods else list(methods)
     if asked.task == "identify" and not asked.methods:
@@ -193,7 +195,7 @@ def _task(
         library,
         {label: methods[label] for label in wanted},
         judged=asked.task == "identify" and not asked.methods,
-        read=read,
+        read=partial(decays_of, alike, held, contactless),
         constraints=constraints,
         contactless=contactless,
     )
