@@ -22,6 +22,8 @@ from sysid_trib.campaigns.chunks import write_chunk
 from sysid_trib.campaigns.conditions import estimates_of, read_conditions, reported_method, varying
 from sysid_trib.campaigns.run import _wait_for_one
 from sysid_trib.campaigns.store import counts_of
+from sysid_trib.commands.campaign_task import task_of
+from sysid_trib.commands.options import ConstraintOptions, DecayOptions, ModelOptions, SearchOptions
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.plots.conditions import places
 from sysid_trib.printing.campaign import campaign_json, named_sentences, named_text
@@ -377,6 +379,49 @@ def test_a_frequency_that_cannot_be_a_records_is_why_it_has_no_result(tmp_path, 
     done = run("campaign", file, "--workers", "0", "--forces", "zeta", *options, "-o", tmp_path / "a.zarr")
     assert done.status == 1
     assert "'89': the record swings at 9.9 rad/s, less than half of that" in done.out
+
+
+def test_a_campaign_searches_as_discover_is_asked_to(tmp_path):
+    drag = st.simulate(st.Model(LIBRARY_OF_ALL, {"zeta": 0.01, "delta": 0.2}, 9.9), TIME[:800], 0.3, 0.0)
+    noise = 1e-3 * np.random.default_rng(2).standard_normal(800)
+    file = write_csv(tmp_path / "a.csv", TIME[:800], drag.angle.values + noise)
+    (tmp_path / "drag.toml").write_text('[[force]]\nsymbol = "drag"\nformula = "v*abs(v)"\n')
+    asked = ("campaign", file, "--task", "discover", "--candidates", tmp_path / "drag.toml", "--workers", "0")
+    stores = [tmp_path / f"{at}.zarr" for at in range(3)]
+    assert run(*asked, "-o", stores[0]).status == 0
+    assert st.open_store(stores[0]).named.item() == "drag"
+    ending = run(*asked, "--max-effects", "0", "-o", stores[1])
+    assert "1 unknown effect." in ending.out
+    assert st.open_store(stores[1]).named.item() == ""
+    ending = run(*asked, "--time-limit", "1e-6", "-o", stores[2])
+    assert "(its search ended before it had converged)" in ending.out
+
+
+def test_a_campaign_gives_discover_all_that_is_asked():
+    groups = (DecayOptions(), ModelOptions(reference_frequency=9.9), ConstraintOptions())
+    asked = SearchOptions(max_effects=1, refit=True, level=0.05, time_limit=60.0)
+    given = {"max_effects": 1, "refit": True, "level": 0.05, "time_limit": 60.0, "reference_frequency": 9.9}
+    assert task_of(*groups, asked, ("discover", None)).options == given
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        (("--max-effects", "1"), "--max-effects is no option of --task identify"),
+        (("--task", "compare", "--refit"), "--refit is no option of --task compare"),
+        (("--task", "discover", "--omega0", "9"), "--omega0 is no option of --task discover"),
+        (("--task", "discover", "--fix", "zeta=0"), "--fix is no option of --task discover"),
+        (("--task", "discover", "--random-force", "off"), "--random-force is no option of --task discover"),
+        (("--task", "discover", "--level", "2"), "--level '2' must lie between 0 and 1"),
+        (("--task", "discover", "--time-limit", "0"), "--time-limit '0' must be"),
+    ],
+)
+def test_an_option_that_a_task_does_not_have_is_refused(tmp_path, options, complaint):
+    file = write_csv(tmp_path / "a.csv", angle=linear(zeta=0.01))
+    ending = run("campaign", file, *options, "-o", tmp_path / "a.zarr")
+    assert complaint in ending.complaint
+    assert ending.status == 2
+    assert not (tmp_path / "a.zarr").exists()
 
 
 def test_a_damaged_store_is_a_sentence(tmp_path):
