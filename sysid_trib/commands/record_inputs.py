@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 from sysid_trib.commands.checks import parse_number, parse_window
 from sysid_trib.commands.frequencies import check_frequencies
 from sysid_trib.commands.options import DecayOptions
-from sysid_trib.errors import UsageError
+from sysid_trib.commands.written_files import what_else
+from sysid_trib.errors import RecordError, SysidTribError, UsageError
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -86,7 +87,12 @@ def _read(given: DecayOptions, record: Path | None) -> "tuple[list[xr.Dataset], 
         read = paper_twin()
         return [read], f"Embedded example: {read.attrs['source']}; {read.attrs['synthetic']}."
     usual = None if given.system is None else load_system(given.system).signal
-    runs = read_records(record, Reading(**how, usual=usual))
+    try:
+        runs = read_records(record, Reading(**how, usual=usual))
+    except SysidTribError:
+        if said := what_else(record):
+            raise RecordError(said) from None
+        raise
     attrs = runs[0].attrs
     column = attrs["angle_column"]
     facts = [f"{attrs['signal']} in {attrs['angle_unit_in_file']} from column {column}", attrs["clock"]]
