@@ -3,6 +3,7 @@
 import dataclasses
 import errno
 import io
+import json
 import multiprocessing
 import os
 import signal
@@ -347,14 +348,26 @@ def test_a_table_of_conditions_may_have_semicolons_and_decimal_commas_or_tabs(tm
     assert read_conditions(table, ["d/a.csv", "b.csv"]).load.tolist() == [1.25, 2.5]
 
 
-def test_conditions_that_go_together_are_refused_before_the_work_is_done(tmp_path):
-    for name in "abc":
-        write_csv(tmp_path / f"{name}.csv", angle=linear(zeta=0.01))
+def test_a_condition_that_goes_with_another_is_left_out_of_the_comparison(tmp_path):
+    rng = np.random.default_rng(5)
+    for at, name in enumerate("abcdef"):
+        angle = linear(TIME[:800], zeta=0.01 + 0.001 * at) + 1e-4 * rng.standard_normal(800)
+        write_csv(tmp_path / f"{name}.csv", TIME[:800], angle)
     table = tmp_path / "runs.txt"
-    table.write_text("record,load,wear\na.csv,1,10\nb.csv,2,20\nc.csv,3,30\n")
-    asked = ("campaign", f"{tmp_path}/?.csv", "--conditions", table, "-o", tmp_path / "a.zarr")
-    assert "'load', 'wear' go together" in run(*asked).complaint
-    assert not (tmp_path / "a.zarr").exists()
+    rows = [f"{name}.csv,{at},{10 - at},{at * at}" for at, name in enumerate("abcdef")]
+    table.write_text("\n".join(["record,load,wear,age", *rows]) + "\n")
+    asked = ("campaign", f"{tmp_path}/?.csv", "--conditions", table, "--workers", "0", "--forces", "zeta")
+    asked += ("--methods", "direct", "-o", tmp_path / "out.zarr")
+    ending = run(*asked)
+    sentence = "Condition 'wear' goes with 'load' in these records: it is left out"
+    assert (ending.status, ending.err) == (0, "")
+    assert sentence in ending.out
+    assert "p of age" in ending.out
+    assert "p of wear" not in ending.out
+    assert sentence in (tmp_path / "out.html").read_text(encoding="utf-8").replace("&#39;", "'")
+    data = json.loads(run(*asked, "--json").out)
+    assert data["collinear_conditions"] == {"wear": "'load'"}
+    assert "varies with load" in data["between_records"]["zeta"]["verdict"]
 
 
 def test_a_campaign_without_any_result_ends_with_one(tmp_path):

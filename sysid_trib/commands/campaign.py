@@ -1,5 +1,6 @@
 """`sysid-trib campaign`."""
 
+import json
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -143,14 +144,11 @@ def _conditions(asked: CampaignOptions, names: list[str]) -> Any:
         if asked.laboratories is not None:
             raise UsageError("--laboratories is a column of --conditions: give both.")
         return None
-    from sysid_trib.campaigns.conditions import read_conditions, varying
-    from sysid_trib.validation.run_conditions import columns_of
+    from sysid_trib.campaigns.conditions import read_conditions
 
     table = read_conditions(asked.conditions, names)
     if asked.laboratories is not None and asked.laboratories not in table:
         raise UsageError(f"--laboratories '{asked.laboratories}': the conditions have {', '.join(table)}.")
-    # Conditions that go together in all records do so in those with a result: refused before the work.
-    columns_of(varying(table).drop(columns=asked.laboratories or [], errors="ignore"))
     return table
 
 
@@ -158,6 +156,7 @@ def _compared(store: "xr.Dataset", table: Any, laboratories: str | None) -> "xr.
     """What varies between the records, by the identification that is reported; None of too few."""
     from sysid_trib.campaigns.conditions import estimates_of, reported_method, varying
     from sysid_trib.validation.between_runs import between_runs
+    from sysid_trib.validation.run_conditions import without_collinear
 
     estimates = estimates_of(store, reported_method(store))
     if min(estimates.sizes["run"], estimates.sizes["quantity"]) < 1 or estimates.sizes["run"] < 2:
@@ -169,7 +168,12 @@ def _compared(store: "xr.Dataset", table: Any, laboratories: str | None) -> "xr.
         raise UsageError(
             f"--laboratories '{laboratories}': all records that have a result are of one; leave it out."
         )
-    return between_runs(estimates, rows, laboratories=laboratories)
+    # The work is done: what is left of the conditions is looked at.
+    conditions, collinear = without_collinear(rows.drop(columns=laboratories or []))
+    if laboratories is not None:
+        conditions[laboratories] = rows[laboratories]
+    compared = between_runs(estimates, conditions, laboratories=laboratories)
+    return compared.assign_attrs(collinear=json.dumps(collinear))
 
 
 def _print(
@@ -180,8 +184,6 @@ def _print(
     as_json: bool,
 ) -> None:
     """The end of a campaign, in words or as JSON."""
-    import json
-
     from sysid_trib.commands.terminal import print_table, print_written
     from sysid_trib.errors import printable
     from sysid_trib.printing import campaign as words
@@ -196,6 +198,6 @@ def _print(
     if compared is not None:
         print()
         print_table(words.between_runs_table(compared))
-        for sentence in words.outlier_sentences(compared):
+        for sentence in (*words.collinear_sentences(compared), *words.outlier_sentences(compared)):
             print(printable(sentence))
     print_written(*written)
