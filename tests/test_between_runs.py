@@ -12,6 +12,7 @@ import sysid_trib as st
 from sysid_trib.errors import UsageError
 from sysid_trib.validation.random_effects import RandomEffects
 from sysid_trib.validation.reproducibility import precision
+from sysid_trib.validation.run_conditions import without_collinear
 
 
 def runs_of(values, errors, names=("lambda",)):
@@ -139,7 +140,7 @@ def test_a_run_without_a_value_is_left_out_of_its_quantity():
         ({"load": [1.0, 2.0]}, None, "2 rows for 4 runs"),
         ({"load": [1.0, 1.0, 1.0, 1.0]}, None, "the same in all runs"),
         ({"load": [1.0, None, 2.0, 3.0]}, None, "no value for run 2"),
-        ({"load": [1.0, 2.0, 3.0, 4.0], "wear": [2.0, 4.0, 6.0, 8.0]}, None, "go together"),
+        ({"load": [1.0, 2.0, 3.0, 4.0], "wear": [2.0, 4.0, 6.0, 8.0]}, None, "'wear' goes with 'load' in"),
         ({"load": [1.0, 2.0, 3.0, 4.0]}, "place", "no column 'place'"),
         ({"place": list("abcd")}, "place", "one of which has several runs"),
         (pd.DataFrame({"place": list("aaaa")}), "place", "two laboratories at least"),
@@ -149,6 +150,26 @@ def test_conditions_that_say_nothing_are_refused(conditions, laboratories, sente
     runs = runs_of([1.0, 1.1, 0.9, 1.0], np.full(4, 0.1))
     with pytest.raises(UsageError, match=sentence):
         st.between_runs(runs, conditions, laboratories=laboratories)
+
+
+def test_conditions_that_go_with_others_are_found_and_the_rest_is_kept():
+    table = pd.DataFrame(
+        {
+            "load": [1.0, 2.0, 3.0, 4.0, 5.0, 6.0],
+            "wear": [5.0, 4.0, 3.0, 2.0, 1.0, 0.0],
+            "material": list("aabbab"),
+            "supplier": list("xxyyxy"),
+            "humidity": [3.0, 1.0, 4.0, 1.0, 5.0, 9.0],
+            "sum": [4.0, 3.0, 7.0, 5.0, 10.0, 15.0],
+        }
+    )
+    kept, collinear = without_collinear(table)
+    assert list(kept) == ["load", "material", "humidity"]
+    assert collinear["wear"] == "'load'"
+    assert collinear["supplier"] == "'material'"
+    assert collinear["sum"] == "'load', 'material', 'humidity' together"
+    # Of few runs no fit decides all effects, and none goes with another.
+    assert not without_collinear(table.iloc[:2])[1]
 
 
 def test_what_is_no_set_of_runs_is_refused():

@@ -3,6 +3,7 @@
 import dataclasses
 import errno
 import io
+import json
 import multiprocessing
 import os
 import signal
@@ -22,6 +23,8 @@ from sysid_trib.campaigns.chunks import write_chunk
 from sysid_trib.campaigns.conditions import estimates_of, read_conditions, reported_method, varying
 from sysid_trib.campaigns.run import _wait_for_one
 from sysid_trib.campaigns.store import counts_of
+from sysid_trib.commands.campaign_task import task_of
+from sysid_trib.commands.options import ConstraintOptions, DecayOptions, ModelOptions, SearchOptions
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.plots.conditions import places
 from sysid_trib.printing.campaign import campaign_json, named_sentences, named_text
@@ -345,14 +348,26 @@ def test_a_table_of_conditions_may_have_semicolons_and_decimal_commas_or_tabs(tm
     assert read_conditions(table, ["d/a.csv", "b.csv"]).load.tolist() == [1.25, 2.5]
 
 
-def test_conditions_that_go_together_are_refused_before_the_work_is_done(tmp_path):
-    for name in "abc":
-        write_csv(tmp_path / f"{name}.csv", angle=linear(zeta=0.01))
+def test_a_condition_that_goes_with_another_is_left_out_of_the_comparison(tmp_path):
+    rng = np.random.default_rng(5)
+    for at, name in enumerate("abcdef"):
+        angle = linear(TIME[:800], zeta=0.01 + 0.001 * at) + 1e-4 * rng.standard_normal(800)
+        write_csv(tmp_path / f"{name}.csv", TIME[:800], angle)
     table = tmp_path / "runs.txt"
-    table.write_text("record,load,wear\na.csv,1,10\nb.csv,2,20\nc.csv,3,30\n")
-    asked = ("campaign", f"{tmp_path}/?.csv", "--conditions", table, "-o", tmp_path / "a.zarr")
-    assert "'load', 'wear' go together" in run(*asked).complaint
-    assert not (tmp_path / "a.zarr").exists()
+    rows = [f"{name}.csv,{at},{10 - at},{at * at}" for at, name in enumerate("abcdef")]
+    table.write_text("\n".join(["record,load,wear,age", *rows]) + "\n")
+    asked = ("campaign", f"{tmp_path}/?.csv", "--conditions", table, "--workers", "0", "--forces", "zeta")
+    asked += ("--methods", "direct", "-o", tmp_path / "out.zarr")
+    ending = run(*asked)
+    sentence = "Condition 'wear' goes with 'load' in these records: it is left out"
+    assert (ending.status, ending.err) == (0, "")
+    assert sentence in ending.out
+    assert "p of age" in ending.out
+    assert "p of wear" not in ending.out
+    assert sentence in (tmp_path / "out.html").read_text(encoding="utf-8").replace("&#39;", "'")
+    data = json.loads(run(*asked, "--json").out)
+    assert data["collinear_conditions"] == {"wear": "'load'"}
+    assert "varies with load" in data["between_records"]["zeta"]["verdict"]
 
 
 def test_a_campaign_without_any_result_ends_with_one(tmp_path):
@@ -362,6 +377,64 @@ def test_a_campaign_without_any_result_ends_with_one(tmp_path):
     assert "no record has a result" in done.err
     assert "the file is empty" in done.out
     assert (tmp_path / "out.html").exists()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--methods", "direct", "--omega0", "89"),
+        ("--methods", "direct", "--reference-frequency", "89"),
+        ("--task", "discover", "--reference-frequency", "89"),
+    ],
+)
+def test_a_frequency_that_cannot_be_a_records_is_why_it_has_no_result(tmp_path, options):
+    file = write_csv(tmp_path / "a.csv", angle=linear(zeta=0.01))
+    done = run("campaign", file, "--workers", "0", "--forces", "zeta", *options, "-o", tmp_path / "a.zarr")
+    assert done.status == 1
+    assert "'89': the record swings at 9.9 rad/s, less than half of that" in done.out
+
+
+def test_a_campaign_searches_as_discover_is_asked_to(tmp_path):
+    drag = st.simulate(st.Model(LIBRARY_OF_ALL, {"zeta": 0.01, "delta": 0.2}, 9.9), TIME[:800], 0.3, 0.0)
+    noise = 1e-3 * np.random.default_rng(2).standard_normal(800)
+    file = write_csv(tmp_path / "a.csv", TIME[:800], drag.angle.values + noise)
+    (tmp_path / "drag.toml").write_text('[[force]]\nsymbol = "drag"\nformula = "v*abs(v)"\n')
+    asked = ("campaign", file, "--task", "discover", "--candidates", tmp_path / "drag.toml", "--workers", "0")
+    stores = [tmp_path / f"{at}.zarr" for at in range(3)]
+    assert run(*asked, "-o", stores[0]).status == 0
+    assert st.open_store(stores[0]).named.item() == "drag"
+    ending = run(*asked, "--max-effects", "0", "-o", stores[1])
+    assert "1 unknown effect." in ending.out
+    assert st.open_store(stores[1]).named.item() == ""
+    ending = run(*asked, "--time-limit", "1e-6", "-o", stores[2])
+    assert "(its search ended before it had converged)" in ending.out
+
+
+def test_a_campaign_gives_discover_all_that_is_asked():
+    groups = (DecayOptions(), ModelOptions(reference_frequency=9.9), ConstraintOptions())
+    asked = SearchOptions(max_effects=1, refit=True, level=0.05, time_limit=60.0)
+    given = {"max_effects": 1, "refit": True, "level": 0.05, "time_limit": 60.0, "reference_frequency": 9.9}
+    assert task_of(*groups, asked, ("discover", None)).options == given
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        (("--max-effects", "1"), "--max-effects is no option of --task identify"),
+        (("--task", "compare", "--refit"), "--refit is no option of --task compare"),
+        (("--task", "discover", "--omega0", "9"), "--omega0 is no option of --task discover"),
+        (("--task", "discover", "--fix", "zeta=0"), "--fix is no option of --task discover"),
+        (("--task", "discover", "--random-force", "off"), "--random-force is no option of --task discover"),
+        (("--task", "discover", "--level", "2"), "--level '2' must lie between 0 and 1"),
+        (("--task", "discover", "--time-limit", "0"), "--time-limit '0' must be"),
+    ],
+)
+def test_an_option_that_a_task_does_not_have_is_refused(tmp_path, options, complaint):
+    file = write_csv(tmp_path / "a.csv", angle=linear(zeta=0.01))
+    ending = run("campaign", file, *options, "-o", tmp_path / "a.zarr")
+    assert complaint in ending.complaint
+    assert ending.status == 2
+    assert not (tmp_path / "a.zarr").exists()
 
 
 def test_a_damaged_store_is_a_sentence(tmp_path):

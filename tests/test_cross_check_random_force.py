@@ -10,6 +10,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods import Averaging, Direct, Trajectory
 from sysid_trib.noise.random_force import RandomForce
 from sysid_trib.printing.cross_check import identification_sentences
+from sysid_trib.printing.random_force import NOT_FOUND, allowed_for
 from sysid_trib.printing.runs import runs_json, runs_sentences
 from sysid_trib.results.common_reference import comparison_values
 from sysid_trib.simulation.simulate import trajectory
@@ -228,6 +229,24 @@ def test_deviance_of_densities():
     assert none["density_p_value"][1] < 1e-3 < 0.1 < small["density_p_value"][1]
     for forces in ([RandomForce(1.0)] * 2, [RandomForce(0.0, 1.0)] * 2, [RandomForce(1.0, 0.1)]):
         assert np.isnan(density_agreement(forces)["density_p_value"][1])
+
+
+@pytest.mark.parametrize(
+    ("force", "said"),
+    [
+        (
+            RandomForce(0.0, 3.1e-7),
+            "allow for a density of up to 3.1e-07 (mm/s^2)^2/Hz (one standard error).",
+        ),
+        (
+            RandomForce(1.2e-7, 2.9e-7, 0.32),
+            "allow for a density of (1.2 ± 2.9)e-07 (mm/s^2)^2/Hz (p = 0.32).",
+        ),
+        (RandomForce(0.0), "No random force is found; the errors allow for none."),
+    ],
+)
+def test_what_errors_allow_for_where_no_random_force_is_found(force, said):
+    assert NOT_FOUND.format(allowed_for(force, "mm")).endswith(said)
 
 
 @pytest.mark.parametrize(("periods", "per_period", "said"), [(4, 15, True), (20, 60, False)])

@@ -503,3 +503,18 @@ def test_measured(data_folder, file, options, samples):
     record = read_record(data_folder / file, **options)
     assert record.sizes["time"] == samples
     assert is_uniform(record["time"].to_numpy())
+
+
+def test_a_unit_that_is_not_known_is_said_with_those_that_are(tmp_path):
+    known = "rad, deg, mrad, m, mm, px, V, au, rad/s, deg/s, m/s^2 or g"
+    said = f"unit furlong is none of those that are known ({known}): coefficients are in it"
+    stated = read_record(written(tmp_path, table(header="time (s),signal (furlong)")))
+    assert (stated.angle.attrs["units"], stated.attrs["reading"]) == ("furlong", said)
+    plain = written(tmp_path, table(header="time (s),signal"))
+    assert read_record(plain, units="furlong").attrs["reading"] == said
+    assert "are known" not in read_record(plain, units="px").attrs["reading"]
+    # A slip in the unit of an angle would leave coefficients off by powers of it.
+    with pytest.raises(
+        UsageError, match=r"'degr' .* is no unit of an angle that is known; give rad, mrad, deg"
+    ):
+        read_record(plain, units="degr", signal="angle")

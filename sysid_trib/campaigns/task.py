@@ -50,6 +50,8 @@ ERROR_OF = {
 }
 # What a comparison says of a record, before the name of a method.
 PREDICTS_BEST = "predicts best: "
+# Of a discovery, behind its verdict.
+ENDED_EARLY = " (its search ended before it had converged)"
 # Of a discovery, in the store beside `named`: what no other task has.
 TIED, EFFECT_P_VALUE = "tied", "effect_p_value"
 # Characters that a text of the store holds; a million records of 400 in every text would be 6 GB.
@@ -269,7 +271,8 @@ def _numbers(task: Task, tree: xr.DataTree) -> Row:
     if task.name == "compare":
         row |= {"verdict": f"{PREDICTS_BEST}{tree['comparison'].attrs['best']}"}
     if task.name == "discover":
-        row |= {"verdict": str(tree.attrs["verdict"])} | _named(tree, task.symbols)
+        early = "" if tree.attrs["converged"] == "True" else ENDED_EARLY
+        row |= {"verdict": f"{tree.attrs['verdict']}{early}"} | _named(tree, task.symbols)
     return row
 
 

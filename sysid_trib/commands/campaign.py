@@ -1,22 +1,27 @@
 """`sysid-trib campaign`."""
 
+import json
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 from glob import glob, has_magic
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sysid_trib.commands.options import ConstraintOptions, DecayOptions, ModelOptions, option, with_options
+from sysid_trib.commands.options import (
+    ConstraintOptions,
+    DecayOptions,
+    ModelOptions,
+    SearchOptions,
+    option,
+    with_options,
+)
 from sysid_trib.commands.threads import one_thread
 from sysid_trib.errors import RecordError, UsageError
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from sysid_trib.campaigns.task import Task
 
 PAGE_ENDING, STORE_ENDING = ".html", ".zarr"
 
@@ -29,7 +34,6 @@ class CampaignOptions:
     methods: str | None = option(
         "A,B,...", "Methods that identify, none held against another: averaging,direct,trajectory."
     )
-    candidates: str | None = option("NAME|FILE", "Library of what may be missing, of discover.")
     study: Path | None = option("FILE", "Simulated records, drawn from a description in TOML.")
     conditions: Path | None = option(
         "FILE", "Table (CSV) of conditions, a row a record: load, humidity, wear."
@@ -48,7 +52,12 @@ class CampaignOptions:
 
 @with_options
 def campaign(
-    *, given: DecayOptions, model: ModelOptions, constraint: ConstraintOptions, asked: CampaignOptions
+    *,
+    given: DecayOptions,
+    model: ModelOptions,
+    constraint: ConstraintOptions,
+    search: SearchOptions,
+    asked: CampaignOptions,
 ) -> None:
     """Do one task with many records, on several processes, into a store that can be gone on with."""
     from sysid_trib.commands.terminal import command_line, progress
@@ -57,6 +66,7 @@ def campaign(
         from sysid_trib.campaigns.campaign import campaign, check_extra
         from sysid_trib.campaigns.records import CampaignRecords
         from sysid_trib.campaigns.store import counts_of
+        from sysid_trib.commands.campaign_task import task_of
 
         check_extra()
         output = _checked_output(asked)
@@ -64,7 +74,7 @@ def campaign(
         table = _conditions(asked, CampaignRecords(records).names)
         store = campaign(
             records,
-            _task(given, model, constraint, asked),
+            task_of(given, model, constraint, search, (asked.task, asked.methods)),
             output=output,
             workers=asked.workers if asked.scheduler is None else asked.scheduler,
             memory=asked.memory,
@@ -93,13 +103,6 @@ def _readable(store: Path) -> Iterator[None]:
         raise RecordError(
             f"{store}: a part of the store is damaged ({error}); remove the store, and repeat the command."
         ) from None
-
-
-def decays_of(given: DecayOptions, path: str) -> "list[xr.Dataset]":
-    """The decays of a file, read as the options say."""
-    from sysid_trib.commands.record_inputs import read_decays
-
-    return read_decays(replace(given, records=[Path(path)]))[0]
 
 
 def _checked_output(asked: CampaignOptions) -> Path:
@@ -141,68 +144,19 @@ def _conditions(asked: CampaignOptions, names: list[str]) -> Any:
         if asked.laboratories is not None:
             raise UsageError("--laboratories is a column of --conditions: give both.")
         return None
-    from sysid_trib.campaigns.conditions import read_conditions, varying
-    from sysid_trib.validation.run_conditions import columns_of
+    from sysid_trib.campaigns.conditions import read_conditions
 
     table = read_conditions(asked.conditions, names)
     if asked.laboratories is not None and asked.laboratories not in table:
         raise UsageError(f"--laboratories '{asked.laboratories}': the conditions have {', '.join(table)}.")
-    # Conditions that go together in all records do so in those with a result: refused before the work.
-    columns_of(varying(table).drop(columns=asked.laboratories or [], errors="ignore"))
     return table
-
-
-def _task(
-    given: DecayOptions, model: ModelOptions, constraint: ConstraintOptions, asked: CampaignOptions
-) -> "Task":
-    """What is done with each record, as the options have it."""
-    from sysid_trib.campaigns.task import TASKS, Task
-    from sysid_trib.commands import checks, discovery_inputs
-    from sysid_trib.forces.systems import load_system, without_impossible
-    from sysid_trib.methods.scope import with_random_force
-    from sysid_trib.validation.compare import every_method
-
-    if asked.task not in TASKS:
-        raise UsageError(f"--task '{asked.task}' is unknown: give {', '.join(TASKS)}.")
-    swinging = None if given.system is None else load_system(given.system)
-    # How a file is read does not depend on which others there are.
-    read = partial(decays_of, replace(given, records=[]))
-    if asked.task == "discover":
-        if asked.methods is not None:
-            raise UsageError("--methods are of identify and compare; discover has one of its own.")
-        held = model.reference_frequency
-        start = discovery_inputs.start_forces(model.library, model.forces, held, swinging)
-        offered = discovery_inputs.offered_candidates(model.library, asked.candidates, start)
-        offered = replace(offered, forces=without_impossible(offered, swinging))
-        options = {"reference_frequency": held}
-        return Task("discover", start, candidates=offered, read=read, options=options)
-    library, shapes, constraints, contactless = checks.asked_model(model, constraint, swinging)
-    random_force = checks.parse_random_force(model.random_force)
-    methods = {
-        label: with_random_force(method, random_force)
-        for label, method in every_method(model.reference_frequency, shapes).items()
-    }
-    wanted = [label.strip() for label in asked.methods.split(",")] if asked.methods else list(methods)
-    if asked.task == "identify" and not asked.methods:
-        # The two that `identify` holds against each other.
-        wanted = ["averaging", "direct"]
-    if misspelt := [label for label in wanted if label not in methods]:
-        raise UsageError(f"--methods '{misspelt[0]}' is unknown; there are {', '.join(methods)}.")
-    return Task(
-        asked.task,  # type: ignore[arg-type]
-        library,
-        {label: methods[label] for label in wanted},
-        judged=asked.task == "identify" and not asked.methods,
-        read=read,
-        constraints=constraints,
-        contactless=contactless,
-    )
 
 
 def _compared(store: "xr.Dataset", table: Any, laboratories: str | None) -> "xr.Dataset | None":
     """What varies between the records, by the identification that is reported; None of too few."""
     from sysid_trib.campaigns.conditions import estimates_of, reported_method, varying
     from sysid_trib.validation.between_runs import between_runs
+    from sysid_trib.validation.run_conditions import without_collinear
 
     estimates = estimates_of(store, reported_method(store))
     if min(estimates.sizes["run"], estimates.sizes["quantity"]) < 1 or estimates.sizes["run"] < 2:
@@ -214,7 +168,12 @@ def _compared(store: "xr.Dataset", table: Any, laboratories: str | None) -> "xr.
         raise UsageError(
             f"--laboratories '{laboratories}': all records that have a result are of one; leave it out."
         )
-    return between_runs(estimates, rows, laboratories=laboratories)
+    # The work is done: what is left of the conditions is looked at.
+    conditions, collinear = without_collinear(rows.drop(columns=laboratories or []))
+    if laboratories is not None:
+        conditions[laboratories] = rows[laboratories]
+    compared = between_runs(estimates, conditions, laboratories=laboratories)
+    return compared.assign_attrs(collinear=json.dumps(collinear))
 
 
 def _print(
@@ -225,8 +184,6 @@ def _print(
     as_json: bool,
 ) -> None:
     """The end of a campaign, in words or as JSON."""
-    import json
-
     from sysid_trib.commands.terminal import print_table, print_written
     from sysid_trib.errors import printable
     from sysid_trib.printing import campaign as words
@@ -241,6 +198,6 @@ def _print(
     if compared is not None:
         print()
         print_table(words.between_runs_table(compared))
-        for sentence in words.outlier_sentences(compared):
+        for sentence in (*words.collinear_sentences(compared), *words.outlier_sentences(compared)):
             print(printable(sentence))
     print_written(*written)

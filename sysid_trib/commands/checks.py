@@ -49,8 +49,14 @@ def offered_forces(library: str, forces: str | None, alpha: bool) -> "ForceLibra
 
 def check_positive(value: float | None, option: str) -> None:
     """Refuse what is not positive, or so large or small that arithmetic would overflow."""
-    if value is not None and not LEAST <= value <= MOST:
-        raise UsageError(f"{option} '{value:g}' must be a number from {LEAST:g} to {MOST:g}.")
+    if value is not None:
+        check_between(value, option, LEAST, MOST)
+
+
+def check_between(value: float, option: str, low: float, high: float, units: str = "") -> None:
+    """Refuse a number outside of a range, or none, by the name of its option."""
+    if not low <= value <= high:
+        raise UsageError(f"{option} '{value:g}' must be a number from {low:g} to {high:g}{units}.")
 
 
 def asked_model(

@@ -17,7 +17,7 @@ def compare(
     """Identify the forces of a decay by every method, and test each on a part that it has not seen."""
     with progress() as tell, one_thread(), named(given.records):
         from sysid_trib.commands import checks
-        from sysid_trib.commands.record_inputs import read_decays, refuse_hertz
+        from sysid_trib.commands.record_inputs import read_decays
         from sysid_trib.forces.systems import load_system
         from sysid_trib.methods.scope import with_random_force
         from sysid_trib.printing.comparison import comparison_blocks, comparison_json
@@ -28,9 +28,7 @@ def compare(
         random_force = checks.parse_random_force(model.random_force)
         destination.check(given.records)
         tell("reading")
-        decays, sources = read_decays(given, model.reference_frequency)
-        refuse_hertz(contactless[0] if contactless else None, decays, "--omega0")
-        refuse_hertz(model.reference_frequency, decays, "--reference-frequency")
+        decays, sources = read_decays(given, model.reference_frequency, contactless)
         methods = {
             label: with_random_force(method, random_force)
             for label, method in comparison.every_method(model.reference_frequency, shapes).items()

@@ -1,12 +1,13 @@
-"""What `sysid-trib discover` is given beside records: candidates, and what is held out."""
+"""What `sysid-trib discover` is given beside records: how to search, candidates, and what is held out."""
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid_trib.commands.checks import offered_forces, parse_window
+from sysid_trib.commands.checks import check_positive, offered_forces, parse_window
+from sysid_trib.commands.options import SearchOptions
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.library import load_library
 
@@ -41,10 +42,24 @@ def start_forces(
     return offered_forces(library, forces, frequency is not None)
 
 
-def check_level(level: float) -> None:
-    """Refuse what is no significance level."""
-    if not 0.0 < level < 1.0:
-        raise UsageError(f"--level '{level:g}' must lie between 0 and 1, such as 0.01.")
+def search_options(asked: SearchOptions, frequency: float | None) -> dict[str, Any]:
+    """How to search, as `discover` takes it.
+
+    Raises
+    ------
+    UsageError
+        A level that is none, or a time limit that leaves no time.
+    """
+    if not 0.0 < asked.level < 1.0:
+        raise UsageError(f"--level '{asked.level:g}' must lie between 0 and 1, such as 0.01.")
+    check_positive(asked.time_limit, "--time-limit")
+    return {
+        "reference_frequency": frequency,
+        "max_effects": asked.max_effects,
+        "refit": asked.refit,
+        "level": asked.level,
+        "time_limit": asked.time_limit or float("inf"),
+    }
 
 
 def offered_candidates(library: str, candidates: str | None, start: "ForceLibrary") -> "ForceLibrary":

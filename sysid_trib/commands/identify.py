@@ -52,7 +52,7 @@ def identify(
 
     with progress() as tell, one_thread(), named(given.records):
         from sysid_trib.commands import checks
-        from sysid_trib.commands.record_inputs import read_decays, refuse_hertz
+        from sysid_trib.commands.record_inputs import read_decays
         from sysid_trib.commands.terminal import record_sentences
         from sysid_trib.decays.signal import unit_of_signal
         from sysid_trib.forces.systems import load_system
@@ -72,11 +72,9 @@ def identify(
         random_force = checks.parse_random_force(model.random_force)
         destination.check(given.records)
         tell("reading")
-        decays, sources = read_decays(given, model.reference_frequency)
+        decays, sources = read_decays(given, model.reference_frequency, contactless)
         if scale.mass is not None:
             check_length_unit(unit_of_signal(decays[0]))
-        refuse_hertz(contactless[0] if contactless else None, decays, "--omega0")
-        refuse_hertz(model.reference_frequency, decays, "--reference-frequency")
         methods, draws = _methods(offered, shapes, model.reference_frequency, decays)
         methods = [with_random_force(constrained(method, constraints), random_force) for method in methods]
         tree = _cross_checked(decays, offered, methods, draws, tell)

@@ -6,6 +6,7 @@ from dataclasses import Field, fields, is_dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, get_type_hints
 
+from sysid_trib.commands.options import default_of, flag_of
 from sysid_trib.errors import readable
 
 if TYPE_CHECKING:
@@ -61,16 +62,9 @@ def _options_of(command: str) -> set[str]:
     return {*hints, *(part.name for group in groups for part in fields(group))}
 
 
-def default_of(part: "Field[Any]") -> Any:
-    """Default of an option (see `options.option`)."""
-    made = part.default_factory
-    return made() if callable(made) else part.default
-
-
 def _words(part: "Field[Any]", value: Any) -> Iterator[str]:
     """An option and its value as words; a switch is its flag alone, a list repeats it."""
-    flags = part.metadata["typer"].param_decls or (f"--{part.name.replace('_', '-')}",)
     for item in value if isinstance(value, list | tuple) else [value]:
-        yield flags[-1]
+        yield flag_of(part)
         if not isinstance(item, bool):
             yield str(item)

@@ -3,7 +3,7 @@
 import inspect
 from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import Field, dataclass, field, fields, is_dataclass
 from functools import wraps
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
@@ -109,6 +109,44 @@ class ConstraintOptions:
     fix: list[str] = option("NAME=VALUE", "A coefficient or shape to hold: lambda=0; repeat.", [])
     bound: list[str] = option("NAME=LOW:HIGH", "Bounds of one; either may be empty: zeta=0:.", [])
     tie: list[str] = option("NAME=FORMULA", 'One by others: "nu=-2.356*delta"; repeat.', [])
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """How `discover` searches, of one record or of each of many."""
+
+    candidates: str | None = option(
+        "NAME|FILE",
+        "What may be missing, of discover; default: the library's other forces, and candidate_effects.",
+    )
+    max_effects: int = option("N", "Effects that discover adds at most.", 4, least=0)
+    refit: bool = option(
+        None,
+        "Fit the models that discover found again, to the whole records.",
+        False,
+        flags=("--refit",),
+    )
+    level: float = option("P", "Family-wise significance level of each test of discover.", 0.01)
+    time_limit: float | None = option(
+        "S", "Ends a search of discover with what it has after so long; default: none."
+    )
+
+
+def flag_of(part: "Field[Any]") -> str:
+    """How an option is written."""
+    flags = part.metadata["typer"].param_decls or (f"--{part.name.replace('_', '-')}",)
+    return str(flags[-1])
+
+
+def default_of(part: "Field[Any]") -> Any:
+    """Default of an option."""
+    made = part.default_factory
+    return made() if callable(made) else part.default
+
+
+def changed_flags(group: Any) -> list[str]:
+    """The options of a group that were given another value than their default."""
+    return [flag_of(part) for part in fields(group) if getattr(group, part.name) != default_of(part)]
 
 
 def with_options(command: Callable[..., None]) -> Callable[..., None]:

@@ -3,23 +3,23 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from sysid_trib.commands.checks import parse_number, parse_window
+from sysid_trib.commands.frequencies import check_frequencies
 from sysid_trib.commands.options import DecayOptions
-from sysid_trib.errors import UsageError
+from sysid_trib.commands.written_files import what_else
+from sysid_trib.errors import RecordError, SysidTribError, UsageError
 
 if TYPE_CHECKING:
     import xarray as xr
 
-# A frequency within this part of the record's own in Hz is meant in Hz.
-HERTZ_TOLERANCE = 0.3
 # Options that say how a record is to be read.
 READING = ("time", "angle", "signal", "units", "sampling_rate", "time_units", "length", "distance")
 
 
 def read_decays(
-    given: DecayOptions, reference_frequency: float | None = None
+    given: DecayOptions,
+    reference_frequency: float | None = None,
+    contactless: tuple[float, float] | None = None,
 ) -> "tuple[list[xr.Dataset], list[str]]":
     """Read free decays of the files, or of the embedded example.
 
@@ -28,7 +28,9 @@ def read_decays(
     given : DecayOptions
         The files, none for the embedded example, and how to read them.
     reference_frequency : float, rad/s, optional
-        Refused where the record cannot show it.
+        Refused where it cannot be the records'.
+    contactless : (float, float), rad/s, optional
+        Frequency without contact and its error; refused likewise.
 
     Returns
     -------
@@ -54,8 +56,7 @@ def read_decays(
         sentences += [sentence + (several if len(those) > 1 else "")] * len(chosen)
     if len({str(decay.angle.attrs.get("units")) for decay in decays}) > 1:
         raise UsageError("The records are in different units; runs of one experiment are in one (--units).")
-    for decay in decays:
-        _check_reference(reference_frequency, decay)
+    check_frequencies(decays, reference_frequency, contactless)
     return decays, sentences
 
 
@@ -86,7 +87,12 @@ def _read(given: DecayOptions, record: Path | None) -> "tuple[list[xr.Dataset], 
         read = paper_twin()
         return [read], f"Embedded example: {read.attrs['source']}; {read.attrs['synthetic']}."
     usual = None if given.system is None else load_system(given.system).signal
-    runs = read_records(record, Reading(**how, usual=usual))
+    try:
+        runs = read_records(record, Reading(**how, usual=usual))
+    except SysidTribError:
+        if said := what_else(record):
+            raise RecordError(said) from None
+        raise
     attrs = runs[0].attrs
     column = attrs["angle_column"]
     facts = [f"{attrs['signal']} in {attrs['angle_unit_in_file']} from column {column}", attrs["clock"]]
@@ -116,42 +122,3 @@ def _chosen(decays: "list[xr.Dataset]", number: int | None, record: Path | None)
             f"--decay {number}: {record or 'the example'} holds {count}; give 1 to {len(decays)}."
         )
     return [decays[number - 1]]
-
-
-def refuse_hertz(frequency: float | None, decays: "list[xr.Dataset]", flag: str) -> None:
-    """Refuse a frequency that is the record's own in Hz where rad/s is asked for.
-
-    Parameters
-    ----------
-    frequency : float, optional
-        As it was given.
-    decays : list of Dataset
-        The decays.
-    flag : str
-        The option that gives it.
-
-    Raises
-    ------
-    UsageError
-        With both frequencies of the record.
-    """
-    from sysid_trib.decays.half_periods import dominant_periods
-
-    periods = dominant_periods(decays[0].time.values, decays[0].angle.values)
-    if frequency is not None and periods and abs(frequency * periods[0] - 1.0) < HERTZ_TOLERANCE:
-        raise UsageError(
-            f"{flag} '{frequency:g}': the record swings at {2.0 * np.pi / periods[0]:.4g} rad/s, which is "
-            f"{1.0 / periods[0]:.4g} Hz; give it in rad/s."
-        )
-
-
-def _check_reference(frequency: float | None, decay: "xr.Dataset") -> None:
-    """Refuse a reference frequency that the record cannot show."""
-    time = decay.time.values
-    slowest = 2.0 * np.pi / (time[-1] - time[0])
-    fastest = 0.5 * slowest * (len(time) - 1)
-    if frequency is not None and not slowest <= frequency <= fastest:
-        raise UsageError(
-            f"--reference-frequency '{frequency:g}': this record shows {slowest:.3g} to "
-            f"{fastest:.3g} rad/s; mind that it is in rad/s, not Hz."
-        )

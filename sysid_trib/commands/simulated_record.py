@@ -6,8 +6,11 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
+from sysid_trib.commands.checks import MOST, check_between
 from sysid_trib.errors import UsageError
+from sysid_trib.noise.random_force import DENSITY_UNITS
 from sysid_trib.results.files import save, write_file
+from sysid_trib.simulation.integrate import DIVERGED
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import simulate
 
@@ -64,13 +67,14 @@ def simulated_record(
     if duration * model.reference_frequency > 2.0 * np.pi * MAX_PERIODS:
         raise UsageError(
             f"{duration:g} s at {model.reference_frequency:g} rad/s are more than {MAX_PERIODS:,} periods; "
-            "shorten --duration."
+            "shorten --duration, or lower --reference-frequency."
         )
-    if not (np.all(np.isfinite(start)) and 0.0 <= noise <= MAX_NOISE and seed >= 0):
-        raise UsageError(
-            f"Start {start[0]:g} rad, {start[1]:g} rad/s with noise {noise:g} rad, seed {seed}: the start "
-            f"must be finite, the noise 0 to {MAX_NOISE:g} rad, the seed not negative."
-        )
+    check_between(start[0], "--angle0", -DIVERGED, DIVERGED, " rad")
+    check_between(start[1], "--rate0", -MOST, MOST, " rad/s")
+    check_between(noise, "--noise", 0.0, MAX_NOISE, " rad")
+    check_between(random_force, "--random-force", 0.0, MOST, f" {DENSITY_UNITS}")
+    if seed < 0:
+        raise UsageError(f"--seed '{seed}' must be a whole number, 0 or more.")
     time = np.arange(samples) / sampling_rate
     record = simulate(model, time, *start, random_force=random_force, seed=seed)
     record["angle"] = record.angle + noise * np.random.default_rng(seed).standard_normal(samples)

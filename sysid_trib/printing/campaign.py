@@ -1,5 +1,6 @@
 """A campaign in words and tables: what was done, what varies between the records, which stand out."""
 
+import json
 import re
 from collections import Counter
 from collections.abc import Mapping
@@ -105,6 +106,20 @@ def _interval(of_quantity: xr.Dataset, name: str) -> str:
     return f"{value:.2g} ({lower:.2g} to {upper:.2g})" if np.isfinite(value) else "-"
 
 
+def collinear_sentences(compared: xr.Dataset) -> list[str]:
+    """Which conditions are left out of the comparison, since they go with others."""
+    return [
+        f"Condition '{name}' goes with {others} in these records: it is left out, and an effect may be of "
+        "either."
+        for name, others in _collinear(compared).items()
+    ]
+
+
+def _collinear(compared: xr.Dataset) -> dict[str, str]:
+    """Conditions that are left out, and with which each goes."""
+    return dict(json.loads(compared.attrs.get("collinear", "{}")))
+
+
 def outlier_sentences(compared: xr.Dataset) -> list[str]:
     """Records that stand out, and in what."""
     z = np.abs(compared.z.transpose("run", "quantity").values)
@@ -146,4 +161,4 @@ def campaign_json(
             **{key: number(of_quantity[key].item()) for key in ends},
             "effects": {term: {"value": value, "standard_error": error} for term, value, error in effects},
         }
-    return made | {"between_records": quantities}
+    return made | {"between_records": quantities, "collinear_conditions": _collinear(compared)}

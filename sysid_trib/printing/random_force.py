@@ -29,7 +29,7 @@ HIDDEN = (
     "The model does not explain the record: what was taken for noise of the sensor is larger than that, and "
     "goes with the motion. A force is missing, or one has another form."
 )
-NOT_FOUND = "No random force is found; the errors allow for a density of {}."
+NOT_FOUND = "No random force is found; the errors allow for {}."
 TOO_SHORT = (
     "The record is too short, or too coarsely sampled, to tell a random force from the sensor's noise, for "
     "which all is taken: one by which the motion wanders by {:.2g} times that noise may hide in it."
@@ -106,7 +106,7 @@ def _density_units(units: str) -> str:
 def _not_found(tree: xr.DataTree, result: xr.Dataset) -> list[str]:
     """That no random force is found; and whether one that moves it by more than the noise may hide."""
     force = random_force_of(result)
-    sentences = [NOT_FOUND.format(_up_to(force, signal_units(tree)))]
+    sentences = [NOT_FOUND.format(allowed_for(force, signal_units(tree)))]
     allowed = RandomForce(force.density + float(np.nan_to_num(force.standard_error)))
     frequency, noise = float(result.reference_frequency), float(result.noise)
     periods = _periods_of_record(tree, frequency)
@@ -115,14 +115,14 @@ def _not_found(tree: xr.DataTree, result: xr.Dataset) -> list[str]:
     return [*sentences, TOO_SHORT.format(wander)] if wander > 1.0 else sentences
 
 
-def _up_to(force: RandomForce, units: str) -> str:
+def allowed_for(force: RandomForce, units: str) -> str:
     """What the errors allow for where no random force is found."""
     if not np.isfinite(force.standard_error):
         return "none"
     if not force:
-        return f"0, by its error up to {force.standard_error:.1e} {_density_units(units)}"
+        return f"a density of up to {force.standard_error:.1e} {_density_units(units)} (one standard error)"
     size = value_with_error(force.density, force.standard_error)
-    return f"{size} {_density_units(units)} (p {p_value_text(force.p_value)})"
+    return f"a density of {size} {_density_units(units)} (p {p_value_text(force.p_value)})"
 
 
 def _periods_of_record(tree: xr.DataTree, frequency: float) -> float:

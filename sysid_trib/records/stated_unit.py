@@ -10,7 +10,14 @@ from sysid_trib.records.headers import as_written, names_quantity, split_header
 from sysid_trib.records.notes import noted_unit
 from sysid_trib.records.reading import Reading
 from sysid_trib.records.tables import FileTable
-from sysid_trib.records.units import ACCELEROMETER, SignalUnit, plain_unit, signal_unit
+from sysid_trib.records.units import (
+    ACCELEROMETER,
+    OFFERED_ANGLES,
+    OFFERED_UNITS,
+    SignalUnit,
+    plain_unit,
+    signal_unit,
+)
 
 LARGEST_AMPLITUDE = 4.0 * np.pi
 
@@ -48,9 +55,16 @@ def stated_unit(
         # "deg" of a rate is deg/s.
         given = SignalUnit(given.text, how.signal, given.position, given.factor, given.known)
     if given and stated and stated.known and _differs(stated, given):
+        known = "" if given.known else f", which is none of those that are known ({OFFERED_UNITS})"
         raise UsageError(
             f"{source}: the header of column {name} says {stated.text}, but --units says {how.units} (units= "
-            "in Python); leave the option out or correct the header."
+            f"in Python){known}; leave the option out or correct the header."
+        )
+    if given and not given.known and given.quantity == "angle":
+        # In whatever it is, no coefficient would have its size.
+        raise UsageError(
+            f"{source}: --units '{how.units}' (units= in Python) is no unit of an angle that is known; give "
+            f"{OFFERED_ANGLES}."
         )
     unit, why = given or stated, ""
     if unit is None:
@@ -65,6 +79,8 @@ def stated_unit(
                 f"{source}: the header of column {name} says {stated.text}: {_article(stated.quantity)}; but "
                 f"--signal says {how.signal} (signal= in Python); leave the option out."
             )
+    if not unit.known:
+        why = f"unit {unit.text} is none of those that are known ({OFFERED_UNITS}): coefficients are in it"
     swing = 0.5 * float(np.ptp(values)) * unit.factor
     if unit.quantity == "angle" and swing > LARGEST_AMPLITUDE and unit.text.lower().startswith("rad"):
         raise RecordError(

@@ -54,7 +54,8 @@ INTEGRATIONS = {"angle": 0, "displacement": 0, "rate": 1, "acceleration": 2}
 ACCELEROMETER = "accelerometer"
 SIGNALS = (*INTEGRATIONS, ACCELEROMETER)
 OFFERED_UNITS = "rad, deg, mrad, m, mm, px, V, au, rad/s, deg/s, m/s^2 or g"
-OFFERED_TIME_UNITS = "s, ms, us or min"
+OFFERED_TIME_UNITS = "s, ms, us, ns or min"
+OFFERED_ANGLES = ", ".join(_ANGLES)
 
 
 _SUPERSCRIPTS = str.maketrans({"²": "^2", "¹": "^1", "⁻": "-", "\u22c5": "·", "\u2219": "·", "\u2212": "-"})

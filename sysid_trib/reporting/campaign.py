@@ -59,9 +59,8 @@ def write_campaign(
     sections = []
     if compared is not None:
         table = as_table("Mean, effects of conditions, scatter", words.between_runs_table(compared))
-        sections.append(
-            Section("What varies between the records", words.outlier_sentences(compared), [table])
-        )
+        said = [*words.collinear_sentences(compared), *words.outlier_sentences(compared)]
+        sections.append(Section("What varies between the records", said, [table]))
         if conditions is not None:
             rows = conditions.iloc[compared["at"].values]
             figures = [_against(compared, str(name), rows[name].to_numpy()) for name in rows]

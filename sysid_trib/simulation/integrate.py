@@ -166,7 +166,8 @@ def _raise_failure(
     if widest > DIVERGED:
         raise DivergenceError(
             f"The motion diverges: |angle| passes {DIVERGED:g} rad by {after}; "
-            "mind negative damping and negative stiffness in the coefficients."
+            "mind negative damping and negative stiffness in the coefficients, a far start, and a strong "
+            "random force."
         )
     reason = progress.failure or "is not finite"
     raise SimulationError(f"The motion {reason}, {after}; mind forces that switch or are singular there.")
