@@ -92,7 +92,7 @@ def fit_model(
     motion (Newton's method on all samples), with one the smoothed motion.
     """
     guess = np.zeros(len(trials) + 1) if first is None else first
-    model, settings = fitted_along(paths, trials, guess, frequency_free), paths[0].settings
+    model, settings = fitted_along(_of_any_ratio(paths), trials, guess, frequency_free), paths[0].settings
     rounds, stride, before, astray = list[FittedModel](), Stride(part * settings.shape_step, part), 0.0, 0
     if _has_new_sensor(trials, guess):
         model = _led(model, stride)
@@ -100,6 +100,8 @@ def fit_model(
         latest = np.append(model.coefficients, model.stiffness)
         guess = guess + stride.part * (latest - guess) if turn else latest
         nearer, steps = model.next_paths(guess[:-1], stride.part), model.next_steps(stride.reach)
+        if turn + 1 < WHOLE_STEPS:
+            nearer = _of_any_ratio(nearer)
         try:
             after = fitted_along(nearer, model.next_trials(steps), guess + model.ahead(steps), frequency_free)
         except NOT_FITTED:
@@ -124,6 +126,11 @@ def fit_model(
     return _ended(rounds, on_its_way)
 
 
+def _of_any_ratio(paths: Sequence[RecordPath]) -> list[RecordPath]:
+    """Paths of which no ratio is known: as a path moves, another one far off may become the likeliest."""
+    return [replace(path, ratio=0.0) for path in paths]
+
+
 def _has_new_sensor(trials: Sequence[TrialEffect], first: Array) -> bool:
     """Whether a model has an error of the sensor of which nothing is known yet."""
     return any(t.force.kind == "sensor" and not c for t, c in zip(trials, first[:-1], strict=True))
@@ -137,7 +144,7 @@ def _led(model: FittedModel, stride: Stride) -> FittedModel:
     """
     for random_force in LED_BY:
         latest = np.append(model.coefficients, model.stiffness)
-        nearer = model.next_paths(latest[:-1], stride.part, random_force)
+        nearer = _of_any_ratio(model.next_paths(latest[:-1], stride.part, random_force))
         steps = model.next_steps(stride.reach)
         ahead = latest + model.ahead(steps)
         try:

@@ -6,14 +6,14 @@ from typing import TypeAlias
 from sysid_trib.discrepancy.likelihood import Likelihood, likelihood
 from sysid_trib.discrepancy.run_products import RunProducts
 
-# Of a likely ratio, if any; see `products_of`.
-ProductsNear: TypeAlias = Callable[[float | None], RunProducts]
+# Of a likely ratio, 0 where none is known; see `products_of`.
+ProductsNear: TypeAlias = Callable[[float], RunProducts]
 # Rounds in which the likeliest ratios of several runs are looked for beside each other.
 TURNS = 6
 
 
 def likeliest_near(
-    runs: Sequence[ProductsNear], near: Sequence[float | None], columns: Sequence[int]
+    runs: Sequence[ProductsNear], near: Sequence[float], columns: Sequence[int]
 ) -> tuple[list[RunProducts], Likelihood]:
     """Products of each run where they tell the likelihood exactly, and the likelihood of some columns.
 
@@ -21,8 +21,8 @@ def likeliest_near(
     ----------
     runs : sequence of callable
         Products of each run, of ratios about a likely one.
-    near : sequence of float or None
-        Likely ratios.
+    near : sequence of float
+        Likely ratios, 0 where none is known.
     columns : sequence of int
         Of the table, from 1.
 
@@ -38,10 +38,10 @@ def likeliest_near(
         likeliest = likelihood(products, columns)
         settled = True
         for at, ratio in enumerate(likeliest.ratios.tolist()):
-            lost = not ratio and not everywhere[at]
-            if lost or not products[at].is_close(ratio):
-                everywhere[at] |= lost
-                products[at] = runs[at](None if lost else ratio)
+            vanished = not ratio and not everywhere[at]
+            if vanished or not products[at].is_close(ratio):
+                everywhere[at] |= vanished
+                products[at] = runs[at](ratio)
                 settled = False
         if settled:
             break

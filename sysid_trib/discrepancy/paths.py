@@ -76,8 +76,8 @@ class RecordPath:
     settings : Settings
     fine : FineMotion
         By the forces that gave the path.
-    ratio : float, optional
-        Of the random force to the sensor's noise, where it was the likeliest so far.
+    ratio : float
+        Of the random force to the sensor's noise, where it was the likeliest so far; 0 if not known.
     """
 
     time: Array
@@ -90,7 +90,7 @@ class RecordPath:
     intervals: int
     settings: Settings
     fine: FineMotion = NO_FINE_MOTION
-    ratio: float | None = None
+    ratio: float = 0.0
 
     @property
     def elapsed(self) -> Array:

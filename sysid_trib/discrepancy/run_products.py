@@ -146,7 +146,7 @@ def products_of(
         The target, then columns.
     settings : Settings
     near : float, optional
-        A likely ratio, about which ratios are tried; all over their span without it, and fewer of 0.
+        A likely ratio, about which ratios are tried; of 0 few are all over their span, without it many.
     """
     ratios = _ratios(noise.form, settings, near)
     table = np.where(np.sum(table**2, axis=0) < LEAST_SQUARES, 0.0, table)
@@ -164,12 +164,11 @@ def products_of(
 def _ratios(form: WeakForm, settings: Settings, near: float | None) -> Array:
     """Ratios that are tried, 0 among them."""
     span = np.log(ratio_span(float(form.tau[-1] - form.tau[0]), float(np.median(np.diff(form.tau)))))
-    # Where the random force vanishes they tell whether it comes back.
     logs = np.arange(span[0], span[1], settings.ratio_step * (2.0 if near == 0.0 else 1.0))
     if near:
         middle = 0.5 * CLOSE * np.round(np.log(near) / (0.5 * CLOSE))
-        about = np.clip(middle, *span) + ABOUT_LIKELY
-        logs = about[(about >= span[0]) & (about <= span[1])]
+        logs = np.clip(middle, *span) + ABOUT_LIKELY
+        logs = logs[(logs >= span[0]) & (logs <= span[1])]
     return np.concatenate([[0.0], np.exp(logs)])
 
 
