@@ -159,21 +159,20 @@ def _or_coloured_noise(
     must be outside of an effect's credible set, so must noise of another colour, without any name, of that of
     all of them; else the colour beside what was named is tried, of which that of the search is outside.
     """
-    if done.effects and not done.converged:
-        # What is left of the record is no noise yet.
-        return done
     tell("colour of the sensor's noise")
     last, settings = done.models[-1], start.settings
-    beside_names = recoloured(last) if done.effects else last
+    # Else what is left of the record is no noise yet.
+    settled = done.converged or not done.effects
+    beside_names = recoloured(last) if done.effects and settled else last
     without_names = recoloured(start, beside_names)
     known, named = _with_colour(last, done.effects), _with_colour(beside_names, done.effects)
-    nameless = _with_colour(without_names, ())
+    nameless, as_known = _with_colour(without_names, ()), _with_colour(start, ()) - settings.outside_of_set
     coloured, begin = without_names, None
     if nameless >= min(known, named) + settings.outside_of_set:
         if named < known - settings.outside_of_set:
             coloured = beside_noises(start, [rows.path.sensor for rows in beside_names.rows])
             begin = beside_names
-        elif verdict_of(done) == "explained" or nameless > _with_colour(start, ()) - settings.outside_of_set:
+        elif not settled or verdict_of(done) == "explained" or nameless > as_known:
             return done
     again = search(coloured, candidates, begin=begin, deadline=deadline, tell=tell)
     fewer = settings.outside_of_set * (len(again.effects) < len(done.effects))
