@@ -391,7 +391,7 @@ def test_a_frequency_that_cannot_be_a_records_is_why_it_has_no_result(tmp_path, 
     file = write_csv(tmp_path / "a.csv", angle=linear(zeta=0.01))
     done = run("campaign", file, "--workers", "0", "--forces", "zeta", *options, "-o", tmp_path / "a.zarr")
     assert done.status == 1
-    assert "'89': the record swings at 9.9 rad/s, less than half of that" in done.out
+    assert "'89': the record swings at 9.9 rad/s, less than a fifth of that" in done.out
 
 
 def test_a_campaign_searches_as_discover_is_asked_to(tmp_path):

@@ -1,16 +1,20 @@
 """What chance gains: where few rows tell the noise, and where a force acts more finely than is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from discovery import EFFECTS, EVERY, TIME, start_model, with_effect
+from discovery import CONTACT, EFFECTS, EVERY, TIME, start_model, with_effect
 from helpers import NOISE, W
 from scipy.stats import chi2, t as student
 
+from sysid_trib.discrepancy import omnibus_test
 from sysid_trib.discrepancy.columns_beside import each_beside
 from sysid_trib.discrepancy.likelihood import likelihood, of_many_rows
 from sysid_trib.discrepancy.omnibus_test import trial_columns, trial_names
 from sysid_trib.discrepancy.run_products import RowNoise, products_of
 from sysid_trib.discrepancy.screening import TOO_FINE, screen
+from sysid_trib.discrepancy.settings import DEFAULTS
 from sysid_trib.discrepancy.trials import TrialEffect
 from sysid_trib.discrepancy.white_columns import known_directions, known_finely, outside_of
 from sysid_trib.regression.local_rows import covariance_band
@@ -143,3 +147,19 @@ def test_the_omnibus_test_leaves_out_what_a_model_makes_itself():
     of_model = [name in ("r^1 cos 1 phi", "r^1 sin 1 phi") for name in trial_names()]
     assert np.all(mixtures[of_model] == 0.0)
     assert 30 < mixtures.shape[1] <= 34
+
+
+@pytest.mark.parametrize(("strongest", "missing"), [(1.0, True), (1e-9, False)])
+def test_a_missing_force_of_no_name_is_no_stronger_than_one_of_a_name(strongest, missing, monkeypatch):
+    for other in ("_strongest_line", "_largest_part"):
+        monkeypatch.setattr(omnibus_test, other, lambda residuals: 1.0)
+    run = with_effect({"even_spring": 0.01}, seed=1, base={"zeta": 4e-3})
+    model = start_model([run], CONTACT.select(["zeta"]), replace(DEFAULTS, strongest=strongest))
+    along = trial_columns(model.rows[0].path)
+    products = [model.rows[0].products(np.column_stack([model.tables[0], along]))]
+    whole = likelihood(products, range(1, 1 + model.columns))
+    even = [trial_names().index(name) for name in ("r^2", "r^2 cos 2 phi")]
+    mixtures = (np.eye(along.shape[1]) / np.linalg.norm(along, axis=0))[:, even]
+    trials = range(1 + model.columns, 1 + model.columns + along.shape[1])
+    test = omnibus_test.omnibus(products, trials, np.zeros(along.shape[1], bool), mixtures, model, whole)
+    assert (test.p_value < 1e-6) == missing

@@ -5,7 +5,9 @@ import pytest
 from discovery import CONTACT, EFFECTS, exact, model_of
 from helpers import decay
 
+from sysid_trib.discrepancy import start_model
 from sysid_trib.discrepancy.discover import discover
+from sysid_trib.noise.colour import MAX_COLOUR
 
 TIME = np.arange(600) / 20.0
 
@@ -25,3 +27,12 @@ def test_slow_noise_is_not_named(seed):
     angle = exact(model_of({"zeta": 4e-3}), TIME) + 2e-3 * flicker_noise(len(TIME), seed)
     found = discover(decay(TIME, angle, seed), CONTACT.select(["zeta"]), EFFECTS)
     assert found.attrs["verdict"] == "nothing missing"
+
+
+def test_slow_noise_is_tried_where_an_autoregression_is_the_likeliest_of_its_kind(monkeypatch):
+    monkeypatch.setattr(start_model, "gain_of_little_colour", lambda deviance, filter_: 0.0)
+    angle = exact(model_of({"zeta": 4e-3}), TIME) + 2e-3 * flicker_noise(len(TIME), 0)
+    model = start_model.fit_start_model([decay(TIME, angle, 0)], CONTACT.select(["zeta"]).forces, None)
+    slow = start_model.recoloured(model)
+    assert len(slow.rows[0].path.sensor.filter_) > MAX_COLOUR + 1
+    assert slow.deviance < model.deviance - 10.0

@@ -1,6 +1,7 @@
 """Likelihood of rows with two noises against dense Gaussian densities, for any runs and columns."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from hypothesis import given, settings, strategies as st
 
 from sysid_trib.discrepancy.columns_beside import each_beside, projected
 from sysid_trib.discrepancy.likelihood import DEVIANCE_SETTLED, likelihood
+from sysid_trib.discrepancy.near_ratios import likeliest_near
 from sysid_trib.discrepancy.run_products import RowNoise, has_products, products_of
 from sysid_trib.discrepancy.settings import DEFAULTS
 from sysid_trib.noise.variance_ratio import ratio_span
@@ -105,6 +107,24 @@ def test_the_most_likely_ratio_is_the_dense_one(seed, count, wander):
     np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)) / scale, 1.0, atol=0.1)
     np.testing.assert_allclose((found.coefficients - b) / scale, 0.0, atol=0.1)
     assert found.variances[0] == pytest.approx(variance, rel=0.1)
+
+
+@given(seed=seeds, count=columns, wander=st.sampled_from([0.0, 0.1, 1.0, 10.0]))
+@settings(max_examples=15)
+@pytest.mark.parametrize("near", [0.0, 1e-3, 1.0, 1e3])
+def test_near_the_likeliest_ratio_the_likelihood_is_the_dense_one(near, seed, count, wander):
+    """From any guess, exactly: a spline between ratios that are far from each other is off by `SPLINE`."""
+    table, whole = drawn(seed, count, ratio=wander)
+    names = range(1, 1 + count)
+    (run,), found = likeliest_near([partial(products_of, NOISE, table, DEFAULTS)], [near], names)
+    assert found.deviance < likelihood([whole], names).deviance + SPLINE
+    deviance, b, covariance, variance = profiled(table, found.ratios[0])
+    assert found.deviance == pytest.approx(deviance, abs=0.02)
+    np.testing.assert_allclose((found.coefficients - b) / np.sqrt(np.diag(covariance)), 0.0, atol=0.02)
+    assert found.variances[0] == pytest.approx(variance, rel=1e-3)
+    assert run.is_close(float(found.ratios[0]))
+    for aside in (0.9, 1.1):
+        assert profiled(table, aside * found.ratios[0])[0] > deviance - 0.05
 
 
 def test_a_ratio_is_found_within_its_error():

@@ -1,6 +1,7 @@
 """States by linear steps from sample to sample, many columns at once, against collocation."""
 
 import itertools
+import pickle
 
 import numpy as np
 import pytest
@@ -138,7 +139,39 @@ def test_what_steps_cannot_follow_is_said_beforehand(given):
 def test_derivatives_are_those_of_the_branch(text, derivative):
     v, z = np.random.default_rng(3).normal(size=(2, 50))
     formula = parse(text, frozenset("vz"), frozenset(), text)
-    np.testing.assert_allclose(formula.derivative({"v": v, "z": z}, "z"), derivative(v, z), rtol=1e-13)
+    value, slope = formula.with_derivative({"v": v, "z": z}, "z")
+    np.testing.assert_allclose(slope, derivative(v, z), rtol=1e-13)
+    np.testing.assert_allclose(value, formula.evaluate({"v": v, "z": z}), rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("text", "order"),
+    [
+        ("(v - abs(v)*z/(1 + 2*exp(-v**2)))/3", 1.0),
+        ("-(z + v)*2", 1.0),
+        ("sin(v)/v", 0.0),
+        ("z*(v - z)", 2.0),
+        ("v - 3*abs(v)*abs(z)*z", np.inf),
+        ("v/(1 + z)", np.inf),
+        ("z**2", np.inf),
+        ("max(z, v)", np.inf),
+    ],
+)
+def test_the_order_in_a_variable_is_as_written(text, order):
+    assert parse(text, frozenset("vz"), frozenset(), text).order_in("z") == order
+
+
+def test_two_forces_of_one_symbol_have_values_of_their_own_along_a_motion():
+    """A notebook may define a force anew."""
+    slow, fast = (force("z", state={"z": f"v - z/{s}"}) for s in (1, 0.1))
+    values = [values_along(MOTION, effect, [{}])[:, 0] for effect in (slow, fast)]
+    assert np.linalg.norm(values[1]) < 0.3 * np.linalg.norm(values[0])
+
+
+def test_a_formula_goes_to_another_process_after_it_was_evaluated():
+    formula = parse("sign(v)*exp(-abs(v))", frozenset("v"), frozenset(), "")
+    here = formula.evaluate({"v": 0.3})
+    assert pickle.loads(pickle.dumps(formula)).evaluate({"v": 0.3}) == here
 
 
 @pytest.mark.parametrize("step", [0.01, 0.3, 2.0])

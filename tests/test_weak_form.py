@@ -13,7 +13,7 @@ from scipy.interpolate import BSpline
 
 from sysid_trib import load_library
 from sysid_trib.forces.constraints import Constraints
-from sysid_trib.noise import smoothing
+from sysid_trib.noise import smoothing, spline_design
 from sysid_trib.noise.smoothing import (
     KNOTS_PER_PERIOD,
     SAMPLES_PER_KNOT,
@@ -24,6 +24,7 @@ from sysid_trib.noise.smoothing import (
     least_squares_spline,
     smooth,
 )
+from sysid_trib.noise.spline_design import SplinesAt
 from sysid_trib.regression.constraint_map import constraint_map
 from sysid_trib.regression.linearisation import derivatives_along, linearised
 from sysid_trib.regression.problem import begin
@@ -219,3 +220,14 @@ def test_nothing_to_whiten_is_nothing():
     """LAPACK's tbtrs by scipy corrupts memory there."""
     for _ in range(20):
         assert whiten(np.ones((4, 133)), np.empty((133, 0))).shape == (133, 0)
+
+
+@pytest.mark.parametrize("order", [0, 1, 2])
+def test_splines_at_points_are_those_that_scipy_evaluates(order, monkeypatch):
+    tau = np.sort(np.random.default_rng(2).uniform(0.0, 20.0, 300))
+    spline = least_squares_spline(tau, np.cos(tau))[0]
+    at = SplinesAt(tau, spline.t)
+    np.testing.assert_allclose(at.of(spline, order), spline(tau, order), rtol=0.0, atol=1e-12)
+    # Of many points without matrices.
+    monkeypatch.setattr(spline_design, "MOST_KEPT", 10)
+    np.testing.assert_array_equal(at.of(spline, order), spline(tau, order))

@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 OMEGA0, REFERENCE = "--omega0", "--reference-frequency"
 # A frequency within this part of the record's own in Hz is meant in Hz.
 HERTZ_TOLERANCE = 0.3
-# Beyond a factor of two the stiffness would be mostly contact, or mostly taken away by it: a slip of the pen.
-MOST_RATIO = 2.0
+# Hz and rad/s differ by more; a contact of 24 times the stiffness of the oscillator does not.
+MOST_RATIO = 5.0
 # What is left to do without the option.
 INSTEAD = {
     OMEGA0: "correct it, or leave it out: (w_inf / omega0)^2 - 1 gives alpha from the w_inf of the result",
@@ -39,7 +39,7 @@ def check_frequencies(
     Raises
     ------
     UsageError
-        It is the record's own in Hz, or more than a factor of two off; with the record's.
+        It is the record's own in Hz, or more than a factor of five off; with the record's.
     """
     asked = {REFERENCE: reference, OMEGA0: contactless[0] if contactless else None}
     for flag, frequency in asked.items():
@@ -61,6 +61,6 @@ def _check_frequency(frequency: float, flag: str, decay: "xr.Dataset") -> None:
     if abs(frequency / in_hertz - 1.0) < HERTZ_TOLERANCE:
         raise UsageError(f"{beginning}which is {in_hertz:.4g} Hz; give it in rad/s.")
     if frequency > MOST_RATIO * swing:
-        raise UsageError(f"{beginning}less than half of that; {INSTEAD[flag]}.")
+        raise UsageError(f"{beginning}less than a fifth of that; {INSTEAD[flag]}.")
     if frequency < swing / MOST_RATIO:
-        raise UsageError(f"{beginning}more than twice that; {INSTEAD[flag]}.")
+        raise UsageError(f"{beginning}more than five times that; {INSTEAD[flag]}.")
