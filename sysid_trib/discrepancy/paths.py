@@ -41,6 +41,8 @@ from sysid_trib.regression.weak_form import (
 LEAST_SENSOR_GAIN = 0.05
 # Parts of a cell between two points over which a force that switches there is averaged.
 CELL_PARTS = (np.arange(32) + 0.5) / 32.0 - 0.5
+# Values of forces along a path that are held at once: of long records they would be most of the memory.
+NUMBERS_AT_ONCE = 2**22
 
 
 class Points(NamedTuple):
@@ -169,7 +171,9 @@ class RecordPath:
         """Rows of each trial with a coefficient of 1, (row, trial); nan where it cannot be followed."""
         columns = np.empty((self.form.rows, len(trials)))
         of_force = [at for at, trial in enumerate(trials) if trial.force.kind == "force"]
-        columns[:, of_force] = self.points.integrals @ self.force_values([trials[at] for at in of_force])
+        few = max(1, NUMBERS_AT_ONCE // len(self.points.tau))
+        for part in (of_force[first : first + few] for first in range(0, len(of_force), few)):
+            columns[:, part] = self.points.integrals @ self.force_values([trials[at] for at in part])
         sensors = [at for at, trial in enumerate(trials) if trial.force.kind == "sensor"]
         columns[:, sensors] = -(operator @ self.sensor_values([trials[at] for at in sensors]))
         return columns

@@ -62,13 +62,10 @@ class RunRows:
 
     def coarse_columns(self, trials: Sequence[TrialEffect]) -> Array:
         """The same from a third of the points, as far as they serve to compare."""
-        return self._coarse_path.columns(trials, self.operator)
-
-    @cached_property
-    def _coarse_path(self) -> RecordPath:
         settings = self.path.settings
+        # Not kept: of a long record it is tens of MB for the rows of each model.
         fewer = replace(settings, points_per_period=settings.points_per_period // 3)
-        return replace(self.path, settings=fewer)
+        return replace(self.path, settings=fewer).columns(trials, self.operator)
 
     def products(self, columns: Array, near: float | None = None) -> RunProducts:
         """Products of the target and columns, (row, column); see `products_of`."""

@@ -166,13 +166,17 @@ def points_between(tau: Array, intervals: int, per_period: float) -> PointsBetwe
     """
     step = float(np.median(np.diff(tau)))
     parts = max(1, int(np.ceil(per_period * step / (2.0 * np.pi))))
-    if len(tau) <= MOST_KEPT:
-        return _kept_between(tau.tobytes(), intervals, parts)
-    return _points_between(tau, intervals, parts)
+    kept = _kept_between if parts * len(tau) <= MOST_KEPT else _last_kept_between
+    return kept(tau.tobytes(), intervals, parts)
 
 
 @lru_cache(maxsize=8)
 def _kept_between(tau: bytes, intervals: int, parts: int) -> PointsBetween:
+    return _points_between(np.frombuffer(tau), intervals, parts)
+
+
+@lru_cache(maxsize=4)
+def _last_kept_between(tau: bytes, intervals: int, parts: int) -> PointsBetween:
     return _points_between(np.frombuffer(tau), intervals, parts)
 
 
