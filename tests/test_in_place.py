@@ -2,12 +2,14 @@
 
 from dataclasses import replace
 
-from discovery import EVERY, library, start_model, with_effect
+from discovery import CONTACT, EVERY, library, start_model, with_effect
 
+from sysid_trib.discrepancy import exchange
 from sysid_trib.discrepancy.exchange import rivals_of
 from sysid_trib.discrepancy.fits import Fits
 from sysid_trib.discrepancy.in_place import in_place
 from sysid_trib.discrepancy.screening import SAME_EFFECT, screen
+from sysid_trib.discrepancy.search import search
 from sysid_trib.discrepancy.settings import DEFAULTS
 from sysid_trib.discrepancy.trials import TrialEffect
 
@@ -66,3 +68,16 @@ def test_a_fit_that_is_less_likely_than_a_model_it_contains_has_failed():
     astray = Fits(fits.start, kept={frozenset(): replace(fits.start, likelihood=likelier)})
     assert astray.of(fits.start, (), trial) is None
     assert astray.failed == ["cubic_damping"]
+
+
+def test_a_search_does_not_come_back_to_what_chance_does_as_well(monkeypatch):
+    """An effect was added by what it gains, dropped by its p-value beside the others, and added again."""
+    run = with_effect({"cubic_damping": 0.3}, seed=1, base={"zeta": 4e-3})
+    start = start_model([run], CONTACT.select(["zeta"]))
+    offered = library("cubic_damping", "quintic").forces
+    assert search(start, offered).effects == ("cubic_damping",)
+    monkeypatch.setattr(exchange, "_p_value", lambda current, symbol, gain=None: 1.0)
+    ended = search(start, offered)
+    assert ended.converged
+    assert not ended.effects
+    assert not ended.outstanding

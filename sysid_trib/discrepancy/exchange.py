@@ -71,6 +71,7 @@ def not_beyond_chance(
     fitted = fits.of(model, (worst,), ())
     if fitted is None or _p_value(current, worst, fitted.deviance - model.deviance) < model.settings.level:
         return None
+    fits.by_chance.add(frozenset(effects))
     return fitted, tuple(symbol for symbol in effects if symbol != worst)
 
 
@@ -84,7 +85,10 @@ def chance_in_set(
         return None
     after = tuple(other for other in effects if other != symbol)
     fitted = fits.kept.get(frozenset(after))
-    return None if fitted is None else (fitted, after)
+    if fitted is None:
+        return None
+    fits.by_chance.add(frozenset(effects))
+    return fitted, after
 
 
 def decisive_p_values(current: Screening, effects: Sequence[str], fits: Fits) -> list[float]:

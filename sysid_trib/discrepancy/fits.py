@@ -16,7 +16,8 @@ from sysid_trib.discrepancy.trials import TrialEffect
 class Fits:
     """Exact fits of a search: by the symbols of the effects the likeliest; and what could not be fitted.
 
-    After the deadline, by `time.monotonic`, none is done. `tried` has from where each started, and the
+    After the deadline, by `time.monotonic`, none is done. `by_chance` has the effects of models where chance
+    does as well as one: a search does not come back to them. `tried` has from where each fit started, and the
     deviance that it was asked to reach if it was given up above that: for a higher one it is tried again.
     """
 
@@ -24,6 +25,7 @@ class Fits:
     deadline: float = np.inf
     kept: dict[frozenset[str], FittedModel] = field(default_factory=dict)
     failed: list[str] = field(default_factory=list)
+    by_chance: set[frozenset[str]] = field(default_factory=set)
     tried: dict[tuple[tuple[str, tuple[float, ...]], ...], float] = field(default_factory=dict)
 
     @property

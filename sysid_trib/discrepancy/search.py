@@ -220,6 +220,8 @@ def _beyond_chance(current: Screening, effects: tuple[str, ...], fits: Fits) -> 
             continue
         trial = current.trials[at]
         named = (*effects, trial.force.symbol)
+        if frozenset(named) in fits.by_chance:
+            continue
         aim = min([here - settings.outside_of_set, *(move.evidence for move in tried)])
         fitted = fits.of(model, (), [trial], deviance_of(aim, model, named, [trial]))
         if fitted is None:
