@@ -81,3 +81,17 @@ def test_a_search_does_not_come_back_to_what_chance_does_as_well(monkeypatch):
     assert ended.converged
     assert not ended.effects
     assert not ended.outstanding
+
+
+def test_what_is_dropped_alone_leaves_the_better_of_two_optima():
+    """A hysteresis fitted first from a slip length of the grid, later, beside another, from a good one."""
+    run = with_effect({"dahl": 4e-3}, seed=1, base={"zeta": 4e-3}, shapes={"dahl.s": 0.06})
+    fits = Fits(start_model([run], CONTACT.select(["zeta"])))
+    added = [TrialEffect(EVERY["dahl"], {"dahl.s": 0.05}), TrialEffect(EVERY["quintic"], {})]
+    both = fits.of(fits.start, (), added)
+    good = fits.of(both, ("quintic",), ())
+    worse = replace(good.likelihood, deviance=good.deviance + 100.0)
+    fits.kept[frozenset(["dahl"])] = other = replace(good, likelihood=worse)
+    fits.tried.clear()
+    assert fits.of(both, ("quintic",), ()) is other
+    assert abs(fits.of(both, ("quintic",), (), good.deviance + 1.0).deviance - good.deviance) < 0.1

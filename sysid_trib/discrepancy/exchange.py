@@ -68,7 +68,8 @@ def not_beyond_chance(
     if max(chances, default=0.0) < model.settings.level:
         return None
     worst = effects[int(np.argmax(chances))]
-    fitted = fits.of(model, (worst,), ())
+    # Along the present path it is as likely: a fit that is less so came to a worse optimum.
+    fitted = fits.of(model, (worst,), (), model.deviance + _gain_along(current, worst))
     if fitted is None or _p_value(current, worst, fitted.deviance - model.deviance) < model.settings.level:
         return None
     fits.by_chance.add(frozenset(effects))
@@ -118,8 +119,14 @@ def _p_value(current: Screening, symbol: str, gain: float | None = None) -> floa
     column, kept = model.columns_of(symbol)[0], model.columns_without((symbol,))
     bare = likelihood(current.products, kept)
     beside = each_beside(current.products, kept, [1 + column], bare)
-    gain = bare.deviance - current.whole.deviance if gain is None else gain
+    gain = _gain_along(current, symbol) if gain is None else gain
     return current.p_value_of(gain, model.trials[column].force, float(beside.effective_rows[0]))
+
+
+def _gain_along(current: Screening, symbol: str) -> float:
+    """By how much an effect of the model lowers the deviance of the rows along its path."""
+    kept = current.model.columns_without((symbol,))
+    return likelihood(current.products, kept).deviance - current.whole.deviance
 
 
 def better_rival(

@@ -43,12 +43,17 @@ class Fits:
     ) -> FittedModel | None:
         """A model near another one, with forces dropped and added; None if there is no fit.
 
-        One that does not reach the deviance `worst` may be given up, and is tried from other starts.
+        One that does not reach the deviance `worst` may be given up, and is tried from other starts; where
+        forces are dropped alone from the shapes of the near model too: its optimum may be a better one.
         """
         stay = [t for t in near.trials if t.force.symbol not in drop]
         key = self._key([*stay, *add])
         fitted = self.kept.get(key)
-        if fitted is not None and not any(trial.starts for trial in add):
+        if (
+            fitted is not None
+            and not any(trial.starts for trial in add)
+            and (add or fitted.deviance <= worst)
+        ):
             return fitted
         failed_before = len(self.failed)
         for added in _from_each_start(add):
