@@ -18,6 +18,8 @@ ABOUT_LIKELY = np.array([-3.0, -1.2, -0.4, 0.0, 0.4, 1.2, 3.0])
 # Distance of two ratios up to which a spline between them is as good as a sum. Likely ones that are nearer
 # than half of it have the same about them.
 CLOSE = 0.5
+# Distance from the ends of their span in which no other is tried.
+LEAST_APART = 0.1
 
 
 @dataclass(frozen=True)
@@ -164,11 +166,15 @@ def products_of(
 def _ratios(form: WeakForm, settings: Settings, near: float | None) -> Array:
     """Ratios that are tried, 0 among them."""
     span = np.log(ratio_span(float(form.tau[-1] - form.tau[0]), float(np.median(np.diff(form.tau)))))
-    logs = np.arange(span[0], span[1], settings.ratio_step * (2.0 if near == 0.0 else 1.0))
+    logs = np.arange(span[0], span[1], settings.ratio_step)
     if near:
-        middle = 0.5 * CLOSE * np.round(np.log(near) / (0.5 * CLOSE))
-        logs = np.clip(middle, *span) + ABOUT_LIKELY
-        logs = logs[(logs >= span[0]) & (logs <= span[1])]
+        # None beyond the ends of all, with which columns are screened; the ends where they are near.
+        middle = np.clip(0.5 * CLOSE * np.round(np.log(near) / (0.5 * CLOSE)), logs[0], logs[-1])
+        tried = np.unique(np.clip(middle + ABOUT_LIKELY, logs[0], logs[-1]))
+        inside = np.minimum(tried - tried[0], tried[-1] - tried)[1:-1] > LEAST_APART
+        logs = tried[np.concatenate([[True], inside, [True]])]
+    elif near == 0.0:
+        logs = logs[::2]
     return np.concatenate([[0.0], np.exp(logs)])
 
 
