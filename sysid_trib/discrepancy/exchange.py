@@ -11,7 +11,7 @@ from sysid_trib.discrepancy.evidence import evidence, least_penalty
 from sysid_trib.discrepancy.fits import Fits
 from sysid_trib.discrepancy.fitted_model import FittedModel
 from sysid_trib.discrepancy.in_place import in_place, pairs_in_place
-from sysid_trib.discrepancy.likelihood import likelihood
+from sysid_trib.discrepancy.likelihood import Likelihood, likelihood
 from sysid_trib.discrepancy.screening import Screening
 from sysid_trib.discrepancy.trials import TrialEffect
 
@@ -69,7 +69,8 @@ def not_beyond_chance(
         return None
     worst = effects[int(np.argmax(chances))]
     # Along the present path it is as likely: a fit that is less so came to a worse optimum.
-    fitted = fits.of(model, (worst,), (), model.deviance + _gain_along(current, worst))
+    along = _without(current, worst).deviance - current.whole.deviance
+    fitted = fits.of(model, (worst,), (), model.deviance + along)
     if fitted is None or _p_value(current, worst, fitted.deviance - model.deviance) < model.settings.level:
         return None
     fits.by_chance.add(frozenset(effects))
@@ -117,16 +118,15 @@ def _p_value(current: Screening, symbol: str, gain: float | None = None) -> floa
     """
     model = current.model
     column, kept = model.columns_of(symbol)[0], model.columns_without((symbol,))
-    bare = likelihood(current.products, kept)
+    bare = _without(current, symbol)
     beside = each_beside(current.products, kept, [1 + column], bare)
-    gain = _gain_along(current, symbol) if gain is None else gain
+    gain = bare.deviance - current.whole.deviance if gain is None else gain
     return current.p_value_of(gain, model.trials[column].force, float(beside.effective_rows[0]))
 
 
-def _gain_along(current: Screening, symbol: str) -> float:
-    """By how much an effect of the model lowers the deviance of the rows along its path."""
-    kept = current.model.columns_without((symbol,))
-    return likelihood(current.products, kept).deviance - current.whole.deviance
+def _without(current: Screening, symbol: str) -> Likelihood:
+    """The likelihood of the rows along the model's path without an effect."""
+    return likelihood(current.products, current.model.columns_without((symbol,)))
 
 
 def better_rival(

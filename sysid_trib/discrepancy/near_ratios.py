@@ -34,8 +34,8 @@ def likeliest_near(
     """
     everywhere = [not ratio for ratio in near]
     products = [run(ratio) for run, ratio in zip(runs, near, strict=True)]
+    likeliest = likelihood(products, columns)
     for _ in range(TURNS):
-        likeliest = likelihood(products, columns)
         settled = True
         for at, ratio in enumerate(likeliest.ratios.tolist()):
             vanished = not ratio and not everywhere[at]
@@ -45,4 +45,5 @@ def likeliest_near(
                 settled = False
         if settled:
             break
+        likeliest = likelihood(products, columns)
     return products, likeliest

@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.interpolate import CubicSpline, PPoly
 
-from sysid_trib.arrays import Array, Mask
+from sysid_trib.arrays import Array, Index, Mask
 from sysid_trib.discrepancy.settings import DEFAULTS, Settings
 from sysid_trib.noise.variance_ratio import ratio_span
 from sysid_trib.regression.weak_form import WeakForm, cholesky_factor, log_determinant, whiten
@@ -64,17 +64,13 @@ class RunProducts:
 
     def block(self, ratio: float, rows: Array, columns: Array) -> Array:
         """The same of any columns, the target among them, with others, (row, column)."""
-        tried = np.flatnonzero(self.ratios == ratio)
-        if len(tried):
-            return np.asarray(self.products[tried[0]][np.ix_(rows, columns)])
-        return np.asarray(np.tensordot(self._weights(ratio), self.products[1:, rows[:, None], columns], 1))
+        at, weights = self._weighed(ratio)
+        return np.asarray(np.tensordot(weights, self.products[np.ix_(at, rows, columns)], 1))
 
     def squares(self, ratio: float, columns: Array) -> Array:
         """The same of columns with themselves, (column,)."""
-        tried = np.flatnonzero(self.ratios == ratio)
-        if len(tried):
-            return np.asarray(self.products[tried[0], columns, columns])
-        return np.asarray(self._weights(ratio) @ self.products[1:, columns, columns])
+        at, weights = self._weighed(ratio)
+        return np.asarray(weights @ self.products[at[:, None], columns, columns])
 
     def is_close(self, ratio: float) -> bool:
         """Whether a ratio is tried, or between others that are close to each other."""
@@ -89,13 +85,16 @@ class RunProducts:
 
     def log_determinant_at(self, ratio: float) -> float:
         """The same of the covariance, over that of white noise of the sensor alone."""
-        tried = np.flatnonzero(self.ratios == ratio)
-        if len(tried):
-            return float(self.log_determinant[tried[0]])
-        return float(self._weights(ratio) @ self.log_determinant[1:])
+        at, weights = self._weighed(ratio)
+        return float(weights @ self.log_determinant[at])
 
-    def _weights(self, ratio: float) -> Array:
-        return np.asarray(_cardinal_splines(self.ratios.tobytes())(np.log(ratio)))
+    def _weighed(self, ratio: float) -> tuple[Index, Array]:
+        """Numbers of ratios, and weights by which what is known at these is summed up to that at any one."""
+        tried = np.flatnonzero(self.ratios == ratio)[:1]
+        if len(tried):
+            return tried, np.ones(1)
+        spline = _cardinal_splines(self.ratios.tobytes())
+        return np.arange(1, len(self.ratios)), np.asarray(spline(np.log(ratio)))
 
     def of(self, columns: Array) -> Array:
         """Products of the target and some columns, (ratio, column + 1, column + 1)."""
