@@ -90,7 +90,7 @@ def test_a_drawn_deviation_has_the_uncertainty_of_the_motion():
     still = (np.zeros(len(TIME)),) * 2
     random = np.random.default_rng(2)
     drawn = np.array([rows.possible_deviation(1.0, still, ratio, random) for _ in range(300)])
-    design = rows.path.form.splines.basis
+    design = rows.path.form.splines.design()
     force = np.linalg.inv(ratio * dense(rows.path.form.gram))
     felt = (rows.operator @ design).toarray()
     covariance = np.linalg.inv((design.T @ design).toarray() + felt.T @ force @ felt)
@@ -160,6 +160,5 @@ def test_a_missing_force_of_no_name_is_no_stronger_than_one_of_a_name(strongest,
     whole = likelihood(products, range(1, 1 + model.columns))
     even = [trial_names().index(name) for name in ("r^2", "r^2 cos 2 phi")]
     mixtures = (np.eye(along.shape[1]) / np.linalg.norm(along, axis=0))[:, even]
-    trials = range(1 + model.columns, 1 + model.columns + along.shape[1])
-    test = omnibus_test.omnibus(products, trials, np.zeros(along.shape[1], bool), mixtures, model, whole)
+    test = omnibus_test.omnibus(products, [along], np.zeros(along.shape[1], bool), mixtures, model, whole)
     assert (test.p_value < 1e-6) == missing

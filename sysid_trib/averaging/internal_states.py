@@ -291,15 +291,14 @@ class _History:
         held = {k: np.empty((rows, *columns)) for k in force.memory}
         for k in force.memory:
             held[k][0] = self.start[k]
-        # What does not depend on what was held is replaced at all reversals at once.
         after_held = {k: f for k, f in force.memory.items() if f.names & set(force.memory)}
-        for k in force.memory.keys() - after_held:
-            with np.errstate(all="ignore"):
-                held[k][1:] = force.memory[k].evaluate(given | self.shapes)
         used = frozenset[str]().union(*(formula.names for formula in after_held.values()))
-        series = {k: value for k, value in (given | held).items() if k in used}
         # What is not finite is refused by whoever asks.
         with np.errstate(all="ignore"):
+            # What does not depend on what was held is replaced at all reversals at once.
+            for k in force.memory.keys() - after_held:
+                held[k][1:] = force.memory[k].evaluate(given | self.shapes)
+            series = {k: value for k, value in (given | held).items() if k in used}
             for i in range(tau.size):
                 here = {k: value[i] for k, value in series.items()} | self.shapes
                 for k, formula in after_held.items():

@@ -62,7 +62,7 @@ def trial_columns(path: RecordPath) -> Array:
 
 def omnibus(
     products: Sequence[RunProducts],
-    trials: Sequence[int],
+    along: Sequence[Array],
     tested: Mask,
     mixtures: Array,
     model: FittedModel,
@@ -73,8 +73,9 @@ def omnibus(
     Parameters
     ----------
     products : sequence of RunProducts
-    trials : sequence of int
-        Columns of the trial forces; those of the model are the first.
+        The model's columns are the first, the trial forces the last.
+    along : sequence of (row, trial_force) array of float
+        The trial forces in each run.
     tested : (trial_force,) array of bool
         Those that differ from the model's columns and act no more finely than the motion is known.
     mixtures : (trial_force, mixture) array of float
@@ -88,7 +89,8 @@ def omnibus(
     With and without trial forces both variances of each run take their most likely values: what a random
     force has been blamed for is found.
     """
-    base = range(1, 1 + model.columns)
+    base, count = range(1, 1 + model.columns), products[0].products.shape[1]
+    trials = range(count - len(tested), count)
     single = each_beside(products, base, trials, whole)
     gains = np.maximum(0.0, whole.deviance - single.deviance)
     scores = np.sqrt(gains * of_many_rows(single.effective_rows, 1 + model.columns))
@@ -97,43 +99,40 @@ def omnibus(
     residuals = model.white_residuals()
     least = min(largest, _strongest_line(residuals), _largest_part(residuals))
     if 4.0 * least >= model.settings.level:
-        mixtures = _of_possible_size(products, trials, mixtures, model)
-        mixed = [_mixed(run, model.columns, trials, mixtures) for run in products]
-        gain = max(0.0, whole.deviance - likelihood(mixed, _columns_with(model, mixtures)).deviance)
+        mixtures, mixed, together = _of_possible_size(products, along, mixtures, model)
+        gain = max(0.0, whole.deviance - together.deviance)
         # Chance gains more than a chi-square of their number: simulated where that would decide.
         if 4.0 * float(chi2.sf(gain, mixtures.shape[1])) < model.settings.level:
             runs = [
-                TestedRun(rows, np.column_stack([table, trial_columns(rows.path) @ mixtures]), of_run)
-                for rows, table, of_run in zip(model.rows, model.tables, mixed, strict=True)
+                TestedRun(rows, np.column_stack([table, columns @ mixtures]), of_run)
+                for rows, table, columns, of_run in zip(model.rows, model.tables, along, mixed, strict=True)
             ]
             least = p_value_by_simulation(gain, runs, model.columns, whole, model.settings.seed)
     return OmnibusTest(trial_names(), z, min(1.0, 4.0 * least))
 
 
-def _columns_with(model: FittedModel, mixtures: Array) -> range:
-    """Columns of the model and of mixtures, the target at 0."""
-    return range(1, 1 + model.columns + mixtures.shape[1])
-
-
 def _of_possible_size(
-    products: Sequence[RunProducts], trials: Sequence[int], mixtures: Array, model: FittedModel
-) -> Array:
-    """The mixtures that do not ask for a force stronger than a missing one may be."""
-    along = [trial_columns(rows.path) for rows in model.rows]
-    while mixtures.shape[1]:
-        mixed = [_mixed(run, model.columns, trials, mixtures) for run in products]
-        coefficients = likelihood(mixed, _columns_with(model, mixtures)).coefficients[model.columns :]
+    products: Sequence[RunProducts], along: Sequence[Array], mixtures: Array, model: FittedModel
+) -> tuple[Array, list[RunProducts], Likelihood]:
+    """The mixtures that do not ask for a force stronger than a missing one may be.
+
+    With their products, and the likelihood of the model with them.
+    """
+    while True:
+        mixed = [_mixed(run, model.columns, mixtures) for run in products]
+        together = likelihood(mixed, range(1, 1 + model.columns + mixtures.shape[1]))
         relative_force = strengths(model, [columns @ mixtures for columns in along])
+        coefficients = together.coefficients[model.columns :]
         possible = np.abs(coefficients) * relative_force < model.settings.strongest
         if possible.all():
-            break
+            return mixtures, mixed, together
         mixtures = mixtures[:, possible]
-    return mixtures
 
 
-def _mixed(run: RunProducts, columns: int, trials: Sequence[int], mixtures: Array) -> RunProducts:
-    """Products of the target, the model's columns and mixtures of trial forces."""
-    whole = run.of(np.array([*range(1, 1 + columns), *trials]))
+def _mixed(run: RunProducts, columns: int, mixtures: Array) -> RunProducts:
+    """Products of the target, the model's columns and mixtures of the last ones, the trial forces."""
+    count = run.products.shape[1]
+    whole = run.of(np.array([*range(1, 1 + columns), *range(count - len(mixtures), count)]))
     mix = scipy.linalg.block_diag(np.eye(1 + columns), mixtures)
     return replace(run, products=mix.T @ whole @ mix)
 

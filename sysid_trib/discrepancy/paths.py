@@ -29,6 +29,7 @@ from sysid_trib.discrepancy.trials import SurfaceKey, TrialEffect
 from sysid_trib.errors import SysidTribError
 from sysid_trib.noise.residual_noise import NoiseModel
 from sysid_trib.noise.smoothing import knot_intervals, least_squares_spline
+from sysid_trib.noise.spline_design import SplinesAt
 from sysid_trib.regression.linearisation import derivatives_along
 from sysid_trib.regression.weak_form import (
     WeakForm,
@@ -110,20 +111,23 @@ class RecordPath:
     @cached_property
     def at_samples(self) -> tuple[Array, Array]:
         """x and x' at the samples, (sample,) each, rad."""
-        splines, tau = self.form.splines, self.form.tau
-        x, v = (splines.of(self.spline, order) + self.fine.value(tau, order) for order in range(2))
-        return x, v
+        return self._at(self.form.splines), self._at(self.form.splines, 1)
+
+    def _at(self, splines: SplinesAt, order: int = 0) -> Array:
+        """`motion_at` points that many paths have in common."""
+        return splines.of(self.spline, order) + self.fine.value(splines.points, order)
 
     @cached_property
     def points(self) -> Points:
         """The path where forces are evaluated; its acceleration is the mean of the cell about each point."""
-        between = points_between(self.form.tau, self.intervals, self.settings.points_per_period)
-        tau, splines = between.tau, between.splines
-        x, v = (splines.of(self.spline, order) + self.fine.value(tau, order) for order in range(2))
+        per_period = self.settings.points_per_period
+        splines, integrals = points_between(self.form.tau, self.intervals, per_period)
+        tau = splines.points
         half = 0.5 * (tau[1] - tau[0])
         rise = self.fine.value(tau + half, 1) - self.fine.value(tau - half, 1)
         acceleration = splines.of(self.spline, 2) + rise / (2.0 * half)
-        return Points(tau, x, v, acceleration, self.elapsed_at(tau), between.integrals)
+        x, v = self._at(splines), self._at(splines, 1)
+        return Points(tau, x, v, acceleration, self.elapsed_at(tau), integrals)
 
     @cached_property
     def motion(self) -> GivenMotion:

@@ -159,9 +159,9 @@ class RunRows:
     ) -> Array:
         """The most likely spline at the samples by innovations (sample,) and integrals of a force (row,)."""
         splines = self.path.form.splines
-        basis = seen = splines.basis
+        basis = seen = splines.design()
         if np.any(slopes):
-            seen = basis + sp.diags_array(slopes[0]) @ basis + sp.diags_array(slopes[1]) @ splines.slopes
+            seen = basis + sp.diags_array(slopes[0]) @ basis + sp.diags_array(slopes[1]) @ splines.design(1)
         white = (self._whitening @ seen).tocsr() if len(self.path.sensor.filter_) > 1 else seen
         felt = self.operator @ (sp.diags_array(self.gain) @ basis if np.any(self.gain != 1.0) else basis)
         lower = _banded(self.path.form.gram, len(force))

@@ -146,10 +146,8 @@ def screen(model: FittedModel, candidates: Sequence[Force], effects: Sequence[st
     trials, columns = _tried(model, candidates, effects)
     good = np.all([has_products(column) for column in columns], axis=0)
     columns = [np.where(good, column, 0.0) for column in columns]
-    tables = [
-        [table, column, trial_columns(rows.path)]
-        for rows, table, column in zip(model.rows, model.tables, columns, strict=True)
-    ]
+    along = [trial_columns(rows.path) for rows in model.rows]
+    tables = [list(part) for part in zip(model.tables, columns, along, strict=True)]
     products = tuple(
         rows.products(np.column_stack(table)) for rows, table in zip(model.rows, tables, strict=True)
     )
@@ -159,7 +157,7 @@ def screen(model: FittedModel, candidates: Sequence[Force], effects: Sequence[st
     reasons = ["" if finite else NOT_FINITE for finite in good]
     for at in np.flatnonzero(good & (part[: len(trials)] < model.settings.testable)):
         reasons[at] = SAME_EFFECT
-    known, omnibus_known, directions = _known_finely(model, trials, columns, effects)
+    known, omnibus_known, directions = _known_finely(model, (trials, columns), along, effects)
     reasons = [reason if reason or fine else TOO_FINE for reason, fine in zip(reasons, known, strict=True)]
     relative_force = strengths(model, columns)
     able = np.array([not reason for reason in reasons], dtype=bool)
@@ -170,7 +168,7 @@ def screen(model: FittedModel, candidates: Sequence[Force], effects: Sequence[st
     correlation = correlation_of(rest[: len(trials), : len(trials)])
     tests = independent_tests(correlation[np.ix_(able, able)], model.settings.seed)
     tested = omnibus_known & (part[len(trials) :] >= model.settings.testable)
-    test = omnibus(products, trial_forces, tested, directions, model, whole)
+    test = omnibus(products, along, tested, directions, model, whole)
     screening = Screening(
         model=model,
         trials=trials,
@@ -214,13 +212,17 @@ def _tried(
 
 
 def _known_finely(
-    model: FittedModel, trials: Sequence[TrialEffect], columns: Sequence[Array], effects: Sequence[str]
+    model: FittedModel,
+    tried: tuple[list[TrialEffect], list[Array]],
+    along: Sequence[Array],
+    effects: Sequence[str],
 ) -> tuple[Mask, Mask, Array]:
     """Whether the motion is known as finely as trials act, and the forces of the omnibus test.
 
     And mixtures of these that it is known as finely as, (force, mixture).
+    `tried` : trials and their columns in each run; `along` : those of the test.
     """
-    along = [trial_columns(rows.path) for rows in model.rows]
+    trials, columns = tried
     possible = model.possible_rows(np.random.default_rng(model.settings.seed))
     aside = [trial_columns(rows.path) for rows in possible]
     beside_all, directions = known_finely(model, along, aside), known_directions(model, along, aside)

@@ -25,28 +25,23 @@ class SplinesAt:
     knots: Array
 
     @cached_property
-    def basis(self) -> sp.csr_matrix:
-        """Values of every B-spline, (point, spline)."""
-        return spline_design(self.points, self.knots, 0)
+    def _designs(self) -> dict[int, sp.csr_matrix]:
+        return {}
 
-    @cached_property
-    def slopes(self) -> sp.csr_matrix:
-        """Their first derivatives, (point, spline)."""
-        return spline_design(self.points, self.knots, 1)
-
-    @cached_property
-    def curvatures(self) -> sp.csr_matrix:
-        """Their second derivatives, (point, spline)."""
-        return spline_design(self.points, self.knots, 2)
+    def design(self, order: int = 0) -> sp.csr_matrix:
+        """Values of every B-spline, or of a derivative of it, (point, spline); computed once."""
+        if order not in self._designs:
+            self._designs[order] = spline_design(self.points, self.knots, order)
+        return self._designs[order]
 
     def of(self, spline: BSpline, order: int = 0) -> Array:
-        """A spline on these knots at the points or a derivative, (point,), of the order 0, 1 or 2.
+        """A spline on these knots at the points or a derivative, (point,).
 
         At many points without the matrices, which would take more memory than records do.
         """
         if len(self.points) > MOST_KEPT:
             return np.asarray(spline(self.points, order))
-        return np.asarray(getattr(self, ("basis", "slopes", "curvatures")[order]) @ spline.c)
+        return np.asarray(self.design(order) @ spline.c)
 
 
 def spline_design(tau: Array, knots: Array, order: int) -> sp.csr_matrix:

@@ -133,27 +133,8 @@ def _first_rows(tau: Array, intervals: int, order: int) -> sp.csr_matrix | None:
     return sp.hstack([rows, sp.csr_matrix((END_ROWS, len(tau) - used))]).tocsr()
 
 
-@dataclass(frozen=True)
-class PointsBetween:
-    """Points between samples, for integrands that turn quickly.
-
-    Attributes
-    ----------
-    tau : (point,) array of float
-        Each step of the samples in equal parts.
-    integrals : (row, point) sparse array of float
-        Of the same rows as `WeakForm.value`.
-    splines : SplinesAt
-        On the knots of the test functions, at these points.
-    """
-
-    tau: Array
-    integrals: sp.csr_matrix
-    splines: SplinesAt
-
-
-def points_between(tau: Array, intervals: int, per_period: float) -> PointsBetween:
-    """Points between the samples of a weak form; the last few are kept.
+def points_between(tau: Array, intervals: int, per_period: float) -> tuple[SplinesAt, sp.csr_matrix]:
+    """Points between the samples of a weak form, for integrands that turn quickly; the last few are kept.
 
     Parameters
     ----------
@@ -163,27 +144,24 @@ def points_between(tau: Array, intervals: int, per_period: float) -> PointsBetwe
         Of the weak form.
     per_period : float
         Points wanted in 2 pi of tau, at least.
+
+    Returns
+    -------
+    splines : SplinesAt
+        On the knots of the test functions, at the points: each step of `tau` in equal parts.
+    integrals : (row, point) sparse array of float
+        Of the same rows as `WeakForm.value`.
     """
     step = float(np.median(np.diff(tau)))
     parts = max(1, int(np.ceil(per_period * step / (2.0 * np.pi))))
-    kept = _kept_between if parts * len(tau) <= MOST_KEPT else _last_kept_between
-    return kept(tau.tobytes(), intervals, parts)
+    return _kept_between(tau.tobytes(), intervals, parts)
 
 
 @lru_cache(maxsize=8)
-def _kept_between(tau: bytes, intervals: int, parts: int) -> PointsBetween:
-    return _points_between(np.frombuffer(tau), intervals, parts)
-
-
-@lru_cache(maxsize=4)
-def _last_kept_between(tau: bytes, intervals: int, parts: int) -> PointsBetween:
-    return _points_between(np.frombuffer(tau), intervals, parts)
-
-
-def _points_between(tau: Array, intervals: int, parts: int) -> PointsBetween:
-    points = _between_samples(tau, parts)
-    splines = SplinesAt(points, knot_sequence(tau, intervals))
-    return PointsBetween(points, _integrals(points, tau, intervals, 0), splines)
+def _kept_between(tau: bytes, intervals: int, parts: int) -> tuple[SplinesAt, sp.csr_matrix]:
+    samples = np.frombuffer(tau)
+    points = _between_samples(samples, parts)
+    return SplinesAt(points, knot_sequence(samples, intervals)), _integrals(points, samples, intervals, 0)
 
 
 def _between_samples(tau: Array, parts: int) -> Array:
