@@ -166,14 +166,14 @@ def _or_coloured_noise(
     beside_names = recoloured(last) if done.effects and settled else last
     without_names = recoloured(start, beside_names)
     known, named = _with_colour(last, done.effects), _with_colour(beside_names, done.effects)
-    nameless, as_known = _with_colour(without_names, ()), _with_colour(start, ()) - settings.outside_of_set
-    coloured, begin = without_names, None
-    if nameless >= min(known, named) + settings.outside_of_set:
-        if named < known - settings.outside_of_set:
-            coloured = beside_noises(start, [rows.path.sensor for rows in beside_names.rows])
-            begin = beside_names
-        elif not settled or verdict_of(done) == "explained" or nameless > as_known:
-            return done
+    nameless = _with_colour(without_names, ())
+    if without_names is not start and nameless < min(known, named) + settings.outside_of_set:
+        coloured, begin = without_names, None
+    elif named < known - settings.outside_of_set:
+        coloured = beside_noises(start, [rows.path.sensor for rows in beside_names.rows])
+        begin = beside_names
+    else:
+        return done
     again = search(coloured, candidates, begin=begin, deadline=deadline, tell=tell)
     fewer = settings.outside_of_set * (len(again.effects) < len(done.effects))
     ends = [_with_colour(ended.models[-1], ended.effects) for ended in (done, again)]

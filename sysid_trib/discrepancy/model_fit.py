@@ -41,6 +41,10 @@ class Limits(NamedTuple):
     worst: float = np.inf
     possible: Callable[[FittedModel], bool] = lambda model: True
 
+    def is_hopeless(self, model: FittedModel, fall: float) -> bool:
+        """Whether a fit whose last round lowered the deviance by so much will not reach `worst`."""
+        return model.stepped.deviance - 2.0 * abs(fall) > self.worst
+
 
 NO_LIMITS = Limits()
 
@@ -95,7 +99,9 @@ def fit_model(
     model, settings = fitted_along(_of_any_ratio(paths), trials, guess, frequency_free), paths[0].settings
     rounds, stride, before, astray = list[FittedModel](), Stride(part * settings.shape_step, part), 0.0, 0
     if _has_new_sensor(trials, guess):
-        model = _led(model, stride)
+        model = _led(model, stride, limits)
+        if not model.settled:
+            return model
     for turn in range(settings.rounds):
         latest = np.append(model.coefficients, model.stiffness)
         guess = guess + stride.part * (latest - guess) if turn else latest
@@ -119,7 +125,7 @@ def fit_model(
         astray = 0 if limits.possible(model) else astray + 1
         if astray > 1 and turn > 1:
             return replace(model, settled=False)
-        if turn > 1 and not on_its_way and model.stepped.deviance - 2.0 * abs(fall) > limits.worst:
+        if turn > 1 and not on_its_way and limits.is_hopeless(model, fall):
             return replace(model, settled=False)
         stride, before = stride.after(turn, fall, before), fall
         rounds.append(model.light())
@@ -136,13 +142,13 @@ def _has_new_sensor(trials: Sequence[TrialEffect], first: Array) -> bool:
     return any(t.force.kind == "sensor" and not c for t, c in zip(trials, first[:-1], strict=True))
 
 
-def _led(model: FittedModel, stride: Stride) -> FittedModel:
-    """The model after rounds whose paths are led more and more by what it says.
+def _led(model: FittedModel, stride: Stride, limits: Limits) -> FittedModel:
+    """The model after rounds whose paths are led more and more by what it says; not settled if given up.
 
     A continuation in the random force, whose likelihood has a maximum about each path that follows the record
     (graduated non-convexity: Blake, Zisserman 1987).
     """
-    for random_force in LED_BY:
+    for turn, random_force in enumerate(LED_BY):
         latest = np.append(model.coefficients, model.stiffness)
         nearer = _of_any_ratio(model.next_paths(latest[:-1], stride.part, random_force))
         steps = model.next_steps(stride.reach)
@@ -153,7 +159,9 @@ def _led(model: FittedModel, stride: Stride) -> FittedModel:
             return model
         if not after.is_finite:
             return model
-        model = after
+        fall, model = model.likelihood.deviance - after.likelihood.deviance, after
+        if turn and limits.is_hopeless(model, fall):
+            return replace(model, settled=False)
     return model
 
 

@@ -77,7 +77,10 @@ def recoloured(model: FittedModel, other: FittedModel | None = None) -> FittedMo
     tell it. Autoregressions and 1/f noise, which has one parameter, are compared by the Bayesian
     information criterion. How far that is from `other`, of the same runs, need be known to a part of itself.
     """
-    return beside_noises(model, [_likeliest_sensor(model, run, other) for run in range(len(model.rows))])
+    sensors = [_likeliest_sensor(model, run, other) for run in range(len(model.rows))]
+    known = [rows.path.sensor for rows in model.rows]
+    same = all(np.array_equal(a.filter_, b.filter_) for a, b in zip(sensors, known, strict=True))
+    return model if same else beside_noises(model, sensors)
 
 
 def beside_noises(model: FittedModel, sensors: Sequence[NoiseModel]) -> FittedModel:
