@@ -50,20 +50,23 @@ NO_LIMITS = Limits()
 
 
 class Stride(NamedTuple):
-    """How far a round goes: a shape by `reach` of its range at most, the path by `part` of its way."""
+    """How far a round goes: a shape by `reach` of its range, and by `longest` at most, the path by `part`."""
 
+    longest: float
     reach: float
     part: float
 
     def after(self, turn: int, fall: float, before: float) -> "Stride":
         """Of the round after the one number `turn`, by which the deviance fell so much, and before it.
 
-        Shapes are stepped along tangents: one that leads up was too long. A force that is narrow or has a
-        history may have path and coefficients swing about where they settle.
+        Shapes are stepped along tangents: one that leads up was too long, after one that leads down twice as
+        long a one is tried (trust region: Conn, Gould, Toint 2000). A force that is narrow or has a history
+        may have path and coefficients swing about where they settle.
         """
         uphill, swings = turn > 0 and fall < 0.0, turn > 1 and fall * before < 0.0
         part = min(self.part, 0.5) if uphill or turn + 1 >= WHOLE_STEPS else self.part
-        return Stride(0.5 * self.reach if uphill else self.reach, 0.5 * part if swings else part)
+        reach = 0.5 * self.reach if uphill else min(2.0 * self.reach, self.longest)
+        return Stride(self.longest, reach, 0.5 * part if swings else part)
 
 
 def fit_model(
@@ -97,7 +100,8 @@ def fit_model(
     """
     guess = np.zeros(len(trials) + 1) if first is None else first
     model, settings = fitted_along(_of_any_ratio(paths), trials, guess, frequency_free), paths[0].settings
-    rounds, stride, before, astray = list[FittedModel](), Stride(part * settings.shape_step, part), 0.0, 0
+    longest = part * settings.shape_step
+    rounds, stride, before, astray = list[FittedModel](), Stride(longest, longest, part), 0.0, 0
     if _has_new_sensor(trials, guess):
         model = _led(model, stride, limits)
         if not model.settled:

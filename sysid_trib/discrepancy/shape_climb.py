@@ -50,8 +50,8 @@ def climbed(
     What is screened has two to four values of each of three shapes, none of which may be near. From each
     combination of a finer grid that is not worse than those next to it the shapes go one at a time to the
     best of their neighbours, in steps that are halved down to the setting `shape_step` (compass search:
-    Kolda, Lewis, Torczon 2003). What gains no more than chance stays, and what is screened of it gains far
-    less than the effects in whose place it is.
+    Kolda, Lewis, Torczon 2003). What gains no more than chance stays, and what gains far less than the
+    effects in whose place it is.
     """
     settings, frequency = model.settings, model.rows[0].path.frequency
     finer = replace(settings, combinations=FINER * settings.combinations)
@@ -60,17 +60,19 @@ def climbed(
     tops = list[TrialEffect]()
     for force in several:
         gone = [symbol for symbol in family if family[symbol] == force.family]
-        screened = trials_of([force], (), frequency, settings)
-        if gone and np.max(_gains(model, screened, gone)) < (1.0 - settings.kin) * _gain_of(model, gone):
-            continue
         ends = _ends(model, trials_of([force], (), frequency, finer), gone)
         tops += [replace(ends[0], starts=tuple(ends[1 : 1 + STARTS]))] if ends else []
     return tops
 
 
 def _ends(model: FittedModel, grid: list[TrialEffect], gone: Sequence[str]) -> list[TrialEffect]:
-    """Combinations to which the best of a grid lead, best first; none where none gains more than chance."""
+    """Combinations to which the best of a grid lead, best first; none where none gains more than chance.
+
+    Nor where all are far worse than the effects in whose place they are.
+    """
     gains, settings = _gains(model, grid, gone), model.settings
+    if gone and np.max(gains) < (1.0 - settings.kin) * _gain_of(model, gone):
+        return []
     pairs = [sorted(pair, key=lambda at: gains[at]) for *pair, _ in neighbours(grid)]
     # Of two that are alike either may lead further: where a shape hardly matters yet.
     beaten = {worse for worse, better in pairs if gains[better] > gains[worse] + settings.least_gain}
