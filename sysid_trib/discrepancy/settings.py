@@ -48,7 +48,7 @@ class Settings:
     shape_step: float = setting(
         0.1, "largest step of a shape in a round, of its range", "a cell of the grid of its values"
     )
-    shape_values: int = setting(7, "values of a shape at which a candidate is screened", "time")
+    shape_values: int = setting(13, "values of a shape at which a candidate is screened", "time")
     combinations: int = setting(24, "combinations of several shapes that are screened", "time")
     lines: int = setting(3, "lines of the spectrum at which a force of its own frequency is tried", "time")
     testable: float = setting(

@@ -140,9 +140,10 @@ def _grid(force: Force, name: str, frequencies: Sequence[float], w: float, setti
     if is_phase(force, name):
         # Neither end: from there the way is as long as it can be.
         return np.linspace(-0.5, 0.5, settings.shape_values, endpoint=False) * TURN + _middle(shape)
-    # Fewer where each is followed in time by itself, which is slow; and beside so many frequencies.
+    # Fewer of one alone, whose grid is made finer where it matters; where each is followed in time by itself,
+    # which is slow; and beside so many frequencies.
     fast = force.memoryless or is_stepped(force)
-    count = settings.shape_values if fast else (settings.shape_values + 1) // 2
+    count = settings.shape_values if fast and len(force.shape) > 1 else (settings.shape_values + 1) // 2
     if any(is_resonance(force, other) for other in force.shape):
         count = (count + 3) // 4
     return from_unit(shape, np.linspace(0.0, 1.0, count))
