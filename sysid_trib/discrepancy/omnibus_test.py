@@ -17,6 +17,11 @@ from sysid_trib.discrepancy.run_products import RunProducts
 from sysid_trib.discrepancy.simulated_gains import TestedRun, p_value_by_simulation
 from sysid_trib.noise.smoothing import KNOTS_PER_PERIOD
 
+# Of tests that decide whether anything is missing: of the candidates, and of forces of any form. Each family
+# is held to its part of the level, so that a record with nothing hidden is blamed no more often than that.
+FAMILIES = 2
+# In the second of these.
+OMNIBUS_TESTS = 4
 TRIAL_POWERS = range(4)
 TRIAL_HARMONICS = range(1, 5)
 
@@ -33,13 +38,17 @@ class OmnibusTest:
         Score of each: the root of what it gains alone, with the sign of its coefficient.
     p_value : float
         The smallest of those of the highest score, of the strongest line in the spectrum, of the part of the
-        record in which most is left and, where these do not reject, of all together; corrected for four
-        tests.
+        record in which most is left and, where these do not reject, of all together; `corrected`.
     """
 
     names: tuple[str, ...]
     z: Array
     p_value: float
+
+
+def corrected(p_value: float) -> float:
+    """The p-value of the smallest of the omnibus tests, beside that of the candidates (Bonferroni)."""
+    return min(1.0, FAMILIES * OMNIBUS_TESTS * p_value)
 
 
 def trial_names() -> tuple[str, ...]:
@@ -98,17 +107,17 @@ def omnibus(
     largest = len(z) * 2.0 * float(norm.sf(np.max(np.abs(z))))
     residuals = model.white_residuals()
     least = min(largest, _strongest_line(residuals), _largest_part(residuals))
-    if 4.0 * least >= model.settings.level:
+    if corrected(least) >= model.settings.level:
         mixtures, mixed, together = _of_possible_size(products, along, mixtures, model)
         gain = max(0.0, whole.deviance - together.deviance)
         # Chance gains more than a chi-square of their number: simulated where that would decide.
-        if 4.0 * float(chi2.sf(gain, mixtures.shape[1])) < model.settings.level:
+        if corrected(float(chi2.sf(gain, mixtures.shape[1]))) < model.settings.level:
             runs = [
                 TestedRun(rows, np.column_stack([table, columns @ mixtures]), of_run)
                 for rows, table, columns, of_run in zip(model.rows, model.tables, along, mixed, strict=True)
             ]
             least = p_value_by_simulation(gain, runs, model.columns, whole, model.settings.seed)
-    return OmnibusTest(trial_names(), z, min(1.0, 4.0 * least))
+    return OmnibusTest(trial_names(), z, corrected(least))
 
 
 def _of_possible_size(

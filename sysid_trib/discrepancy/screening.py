@@ -15,7 +15,7 @@ from sysid_trib.discrepancy.columns_beside import correlation_of, each_beside, p
 from sysid_trib.discrepancy.fitted_model import FittedModel
 from sysid_trib.discrepancy.frequency_parameters import has_frequency_parameter
 from sysid_trib.discrepancy.likelihood import Likelihood, likelihood, of_many_rows
-from sysid_trib.discrepancy.omnibus_test import OmnibusTest, omnibus, trial_columns
+from sysid_trib.discrepancy.omnibus_test import FAMILIES, OmnibusTest, omnibus, trial_columns
 from sysid_trib.discrepancy.physical import are_physical, is_physical, strengths
 from sysid_trib.discrepancy.run_products import RunProducts, has_products
 from sysid_trib.discrepancy.shape_climb import climbed
@@ -55,7 +55,7 @@ class Screening:
     strength : (trial,) array of float
         RMS of its force, with a coefficient of 1, over the restoring force.
     tests : float
-        Number of independent tests.
+        Number of independent tests, those of the omnibus test counted as as many.
     p_values : (trial,) array of float
         Of a larger gain by chance of any of them.
     products : tuple of RunProducts
@@ -129,7 +129,7 @@ class Screening:
         p_value = self.tests * float(chi2.sf(gain, 1))
         if has_frequency_parameter(force):
             lines = 0.5 * sum(run.rows for run in self.products)
-            p_value += lines * float(np.sqrt(np.pi / 6.0 * gain) * np.exp(-0.5 * gain))
+            p_value += FAMILIES * lines * float(np.sqrt(np.pi / 6.0 * gain) * np.exp(-0.5 * gain))
         return min(1.0, p_value)
 
 
@@ -166,7 +166,7 @@ def screen(model: FittedModel, candidates: Sequence[Force], effects: Sequence[st
     gains = np.where(fitted, whole.deviance - beside.deviance, 0.0)
     gains = np.maximum(0.0, gains)
     correlation = correlation_of(rest[: len(trials), : len(trials)])
-    tests = independent_tests(correlation[np.ix_(able, able)], model.settings.seed)
+    tests = FAMILIES * independent_tests(correlation[np.ix_(able, able)], model.settings.seed)
     tested = omnibus_known & (part[len(trials) :] >= model.settings.testable)
     test = omnibus(products, along, tested, directions, model, whole)
     screening = Screening(
