@@ -102,17 +102,30 @@ def test_a_drawn_deviation_has_the_uncertainty_of_the_motion():
 
 def test_what_acts_more_finely_than_a_pushed_motion_is_known_is_not_tested():
     (force,) = EFFECTS.select(["stribeck"])
-    reasons = {}
+    known = {}
     for name, run in {"pushed": pushed(1), "free": with_effect({}, seed=1)}.items():
         found = screen(start_model([run]), [force])
-        reasons[name] = {
-            trial.shapes["stribeck.s"]: reason
-            for trial, reason in zip(found.trials, found.reasons, strict=True)
-        }
-    assert reasons["pushed"][min(reasons["pushed"])] == TOO_FINE
+        shapes = [trial.shapes["stribeck.s"] for trial in found.trials]
+        known[name] = dict(zip(shapes, found.are_fine(range(len(shapes))), strict=True))
+    assert not known["pushed"][min(known["pushed"])]
     # Wider than the speed it is what viscous friction can make, but for little.
-    assert TOO_FINE not in {reason for s, reason in reasons["pushed"].items() if 0.05 < s < 0.3}
-    assert TOO_FINE not in reasons["free"].values()
+    assert all(fine for s, fine in known["pushed"].items() if 0.05 < s < 0.3)
+    assert all(known["free"].values())
+
+
+def test_the_best_trial_that_is_too_fine_gives_way_to_the_next():
+    (force,) = EFFECTS.select(["stribeck"])
+    found = screen(start_model([pushed(1)]), [force])
+    order = np.argsort([trial.shapes["stribeck.s"] for trial in found.trials]).tolist()
+    assert not found.are_fine(order[:1])[0]
+    (first,) = found.first_fine(order)
+    assert found.are_fine([first]) == [True]
+    assert not any(found.are_fine(order[: order.index(first)]))
+    fine = np.array(found.are_fine(range(len(order))))
+    found_too_fine = screen(start_model([pushed(1)]), [force], ())
+    asked = [at for at, known in found_too_fine.fine.items() if not known]
+    assert all(not fine[at] for at in asked)
+    assert all(found_too_fine.reasons[at] == TOO_FINE and found_too_fine.gains[at] == 0.0 for at in asked)
 
 
 def alike_but_for_a_narrow_peak(rows, part):

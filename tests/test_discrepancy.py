@@ -260,7 +260,7 @@ def test_p_values_are_by_the_deviance_without_each_effect():
     expected = found.screenings[-1].tests * chi2.sf(start.deviance - final.deviance, 1)
     assert DEFAULTS.level > expected > 1e-12
     assert np.log(found.p_values[0]) == pytest.approx(np.log(expected), rel=0.05)
-    model, fits = wrong_model(with_effect({}, seed=9), "even_spring")
+    model, fits = wrong_model(with_effect({}, seed=10), "even_spring")
     current = screen(model, [EVERY["bias"]])
     along = decisive_p_values(current, ("even_spring",), fits)
     fits.kept[frozenset()] = fits.start

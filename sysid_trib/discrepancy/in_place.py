@@ -31,16 +31,15 @@ def in_place(
         p_value = current.p_value_of(float(gain), current.trials[at].force, float(of_error))
         if (by_chance or p_value < model.settings.level) and current.allows(at, coefficient):
             scores.append((without - float(gain) + (1 - len(gone)) * _of_effect(model), [at]))
-    best: dict[str, tuple[float, list[int]]] = {}
-    for scored in sorted(scores, key=lambda scored: scored[0]):
-        best.setdefault(current.trials[scored[1][0]].force.symbol if scored[1] else "", scored)
     in_model = [model.trials[model.columns_of(symbol)[0]].force for symbol in gone]
 
     def is_near(score: float, at: Sequence[int]) -> bool:
         slack = current.slack(at[0], in_model) if at else model.settings.slack
         return score < slack * max(0.0, without) + model.settings.far
 
-    return [scored for scored in best.values() if is_near(*scored)]
+    near = [scored for scored in sorted(scores, key=lambda scored: scored[0]) if is_near(*scored)]
+    best = current.first_fine([at[0] for _, at in near if at])
+    return [scored for scored in near if not scored[1] or scored[1][0] in best]
 
 
 def pairs_in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float, list[int]]]:
@@ -62,8 +61,10 @@ def pairs_in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float,
         if gains[i, j] <= 0.0 or len(likeliest) == model.settings.pairs:
             break
         likeliest.setdefault((symbols[i], symbols[j]), [trials[i], trials[j]])
+    seen = sorted({at for pair in likeliest.values() for at in pair})
+    known = {at for at, fine in zip(seen, current.are_fine(seen), strict=True) if fine}
     scores = []
-    for pair in likeliest.values():
+    for pair in (pair for pair in likeliest.values() if known.issuperset(pair)):
         likelier = likelihood(current.products, [*kept, *(current.first_trial + at for at in pair)])
         coefficients = likelier.coefficients[-2:]
         able = all(current.allows(at, c) for at, c in zip(pair, coefficients, strict=True))

@@ -61,10 +61,10 @@ class RunRows:
         return self.path.columns(trials, self.operator)
 
     def coarse_columns(self, trials: Sequence[TrialEffect]) -> Array:
-        """The same from a third of the points, as far as they serve to compare."""
+        """The same from a fifth of the points, as far as they serve to compare."""
         settings = self.path.settings
         # Not kept: of a long record it is tens of MB for the rows of each model.
-        fewer = replace(settings, points_per_period=settings.points_per_period // 3)
+        fewer = replace(settings, points_per_period=settings.points_per_period // 5)
         return replace(self.path, settings=fewer).columns(trials, self.operator)
 
     def products(self, columns: Array, near: float | None = None) -> RunProducts:

@@ -1,7 +1,7 @@
 """Candidates held against a model, each as one more column: what each would gain, and whether by chance."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -21,7 +21,7 @@ from sysid_trib.discrepancy.run_products import RunProducts, has_products
 from sysid_trib.discrepancy.shape_climb import climbed
 from sysid_trib.discrepancy.shape_grids import refined
 from sysid_trib.discrepancy.trials import TrialEffect, frequencies_of, trials_of
-from sysid_trib.discrepancy.white_columns import known_directions, known_finely
+from sysid_trib.discrepancy.white_columns import are_known_finely, known_directions, known_finely
 from sysid_trib.forces.force import Force
 
 SAME_EFFECT = "not testable on this record: parameters of the model have the same effect"
@@ -64,6 +64,10 @@ class Screening:
         Of what the model leaves.
     whole : Likelihood
         Of the model's columns along its path, steps of its shapes among them.
+    effects : tuple of str
+        Of the model, that candidates may replace.
+    fine : dict of int to bool
+        Whether the motion is known as finely as a trial acts, of those that were asked.
     """
 
     model: FittedModel
@@ -81,6 +85,8 @@ class Screening:
     products: tuple[RunProducts, ...]
     omnibus: OmnibusTest
     whole: Likelihood
+    effects: tuple[str, ...] = ()
+    fine: dict[int, bool] = field(default_factory=dict)
 
     @property
     def first_trial(self) -> int:
@@ -99,6 +105,27 @@ class Screening:
             if not self.reasons[at]:
                 best.setdefault(self.trials[at].force.symbol, at)
         return list(best.values())
+
+    def are_fine(self, trials: Sequence[int]) -> list[bool]:
+        """Whether the motion is known as finely as each acts."""
+        unknown = [at for at in trials if at not in self.fine]
+        if unknown:
+            known = are_known_finely(self.model, [self.trials[at] for at in unknown], self.effects)
+            self.fine.update(zip(unknown, known.tolist(), strict=True))
+        return [self.fine[at] for at in trials]
+
+    def first_fine(self, order: Sequence[int]) -> list[int]:
+        """Of trials in an order the first of each candidate as finely as which the motion is known."""
+        waiting: dict[str, list[int]] = {}
+        for at in order:
+            waiting.setdefault(self.trials[at].force.symbol, []).append(at)
+        firsts = set[int]()
+        while waiting:
+            fine = self.are_fine([at for at, *_ in waiting.values()])
+            firsts |= {at for (at, *_), known in zip(waiting.values(), fine, strict=True) if known}
+            later = zip(waiting.items(), fine, strict=True)
+            waiting = {symbol: rest for (symbol, (_, *rest)), known in later if rest and not known}
+        return [at for at in order if at in firsts]
 
     @property
     def in_place(self) -> list[int]:
@@ -157,8 +184,6 @@ def screen(model: FittedModel, candidates: Sequence[Force], effects: Sequence[st
     reasons = ["" if finite else NOT_FINITE for finite in good]
     for at in np.flatnonzero(good & (part[: len(trials)] < model.settings.testable)):
         reasons[at] = SAME_EFFECT
-    known, omnibus_known, directions = _known_finely(model, (trials, columns), along, effects)
-    reasons = [reason if reason or fine else TOO_FINE for reason, fine in zip(reasons, known, strict=True)]
     relative_force = strengths(model, columns)
     able = np.array([not reason for reason in reasons], dtype=bool)
     beside = each_beside(products, base, offered, whole)
@@ -167,8 +192,10 @@ def screen(model: FittedModel, candidates: Sequence[Force], effects: Sequence[st
     gains = np.maximum(0.0, gains)
     correlation = correlation_of(rest[: len(trials), : len(trials)])
     tests = FAMILIES * independent_tests(correlation[np.ix_(able, able)], model.settings.seed)
-    tested = omnibus_known & (part[len(trials) :] >= model.settings.testable)
-    test = omnibus(products, along, tested, directions, model, whole)
+    possible = model.possible_rows(np.random.default_rng(model.settings.seed))
+    aside = [trial_columns(rows.path) for rows in possible]
+    tested = known_finely(model, along, aside) & (part[len(trials) :] >= model.settings.testable)
+    test = omnibus(products, along, tested, known_directions(model, along, aside), model, whole)
     screening = Screening(
         model=model,
         trials=trials,
@@ -185,7 +212,11 @@ def screen(model: FittedModel, candidates: Sequence[Force], effects: Sequence[st
         products=products,
         omnibus=test,
         whole=whole,
+        effects=tuple(effects),
     )
+    screening.first_fine([at for at in np.argsort(-gains).tolist() if able[at]])
+    for at in (at for at, fine in screening.fine.items() if not fine):
+        reasons[at], gains[at] = TOO_FINE, 0.0
     gained = zip(gains, trials, beside.effective_rows, strict=True)
     p_values = np.array([screening.p_value_of(gain, t.force, rows) for gain, t, rows in gained])
     return replace(screening, p_values=p_values)
@@ -209,27 +240,6 @@ def _tried(
         return trials, columns
     further = [rows.coarse_columns(tops) for rows in model.rows]
     return [*trials, *tops], [np.column_stack(pair) for pair in zip(columns, further, strict=True)]
-
-
-def _known_finely(
-    model: FittedModel,
-    tried: tuple[list[TrialEffect], list[Array]],
-    along: Sequence[Array],
-    effects: Sequence[str],
-) -> tuple[Mask, Mask, Array]:
-    """Whether the motion is known as finely as trials act, and the forces of the omnibus test.
-
-    And mixtures of these that it is known as finely as, (force, mixture).
-    `tried` : trials and their columns in each run; `along` : those of the test.
-    """
-    trials, columns = tried
-    possible = model.possible_rows(np.random.default_rng(model.settings.seed))
-    aside = [trial_columns(rows.path) for rows in possible]
-    beside_all, directions = known_finely(model, along, aside), known_directions(model, along, aside)
-    if not np.any(model.likelihood.ratios):
-        return np.ones(len(trials), dtype=bool), beside_all, directions
-    trials_aside = [rows.coarse_columns(trials) for rows in possible]
-    return known_finely(model, columns, trials_aside, effects), beside_all, directions
 
 
 def _numbered(tables: Sequence[Array]) -> list[list[int]]:

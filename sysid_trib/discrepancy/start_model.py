@@ -109,8 +109,11 @@ def _likeliest_sensor(model: FittedModel, run: int, other: FittedModel | None) -
             tried, deviance = most_likely_colour(
                 deviance_of, starts, samples=float(path.form.rows), least=least
             )
-            if deviance + order * np.log(samples) < best:
-                best, filter_ = deviance + order * float(np.log(samples)), tried
+            score = deviance + order * float(np.log(samples))
+            if score < best:
+                best, filter_ = score, tried
+            elif order >= len(known):
+                break
     # An autoregression may be the likeliest of its kind where noise is as 1/f.
     if deviance_of(flicker := _flicker_filter(path)) + np.log(samples) < best:
         filter_ = flicker

@@ -7,6 +7,7 @@ import numpy as np
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.discrepancy.fitted_model import FittedModel
 from sysid_trib.discrepancy.run_products import has_products
+from sysid_trib.discrepancy.trials import TrialEffect
 
 
 def base_of(model: FittedModel, effects: Sequence[str] = ()) -> Array:
@@ -66,6 +67,15 @@ def known_finely(
     base = base_of(model, effects)
     (here, part), (there, _) = (outside_of(model, tables, base) for tables in (columns, aside))
     return _alike(here, there, model.settings.slack) | (part < model.settings.testable)
+
+
+def are_known_finely(model: FittedModel, trials: Sequence[TrialEffect], effects: Sequence[str]) -> Mask:
+    """`known_finely` of trials; without a random force of all."""
+    if not np.any(model.likelihood.ratios):
+        return np.ones(len(trials), dtype=bool)
+    possible = model.possible_rows(np.random.default_rng(model.settings.seed))
+    here, aside = ([run.coarse_columns(trials) for run in rows] for rows in (model.rows, possible))
+    return known_finely(model, here, aside, effects)
 
 
 def known_directions(model: FittedModel, columns: Sequence[Array], aside: Sequence[Array]) -> Array:
