@@ -215,8 +215,8 @@ def screen(model: FittedModel, candidates: Sequence[Force], effects: Sequence[st
         effects=tuple(effects),
     )
     screening.first_fine([at for at in np.argsort(-gains).tolist() if able[at]])
-    for at in (at for at, fine in screening.fine.items() if not fine):
-        reasons[at], gains[at] = TOO_FINE, 0.0
+    for too_fine in (at for at, fine in screening.fine.items() if not fine):
+        reasons[too_fine], gains[too_fine] = TOO_FINE, 0.0
     gained = zip(gains, trials, beside.effective_rows, strict=True)
     p_values = np.array([screening.p_value_of(gain, t.force, rows) for gain, t, rows in gained])
     return replace(screening, p_values=p_values)
