@@ -222,11 +222,14 @@ def tangent_along(motion: GivenMotion, force: Force, shapes: Mapping[str, float]
     What is linear may ring by itself, which is no answer to the motion: then of a period, in the mean.
     """
     x, v, still = motion.at_samples["x"], motion.at_samples["v"], np.zeros_like(motion.tau)
-    values, of_larger = (values_along(along, force, [shapes]) for along in (motion, motion.larger))
+    values = values_along(motion, force, [shapes])
+    # In proportion to the motion it grows by itself.
+    of_larger = values if is_linear(force) else values_along(motion.larger, force, [shapes])
     if values is None or of_larger is None:
         return still, still
     here = values[:, 0]
-    by_size, by_advance = (of_larger[:, 0] - here) / LARGER, np.gradient(here, motion.tau)
+    by_size = here if is_linear(force) else (of_larger[:, 0] - here) / LARGER
+    by_advance = np.gradient(here, motion.tau)
     # Of the first the angle changes by x and the rate by v, of the second by v and -x, w = 1.
     square = x**2 + v**2 + np.finfo(float).tiny
     along, across = x * by_size + v * by_advance, v * by_size - x * by_advance

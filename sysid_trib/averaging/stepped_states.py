@@ -24,6 +24,8 @@ RADAU_WEIGHTS = ((5.0 / 12.0, -1.0 / 12.0), (3.0 / 4.0, 1.0 / 4.0))
 # Newton's iteration ends where what is not linear moves the state by less than this part of its size; the
 # steps themselves are not as good.
 NEWTON_TOLERANCE = 1e-6
+# Steps that differ by no more than this part of themselves differ by rounding.
+EVEN = 1e-9
 # LAPACK's, of banded triangular systems of real and of complex numbers.
 TRIANGULAR_SOLVERS = {kind: get_lapack_funcs("tbtrs", dtype=kind) for kind in "dD"}
 
@@ -41,9 +43,12 @@ def is_stepped(force: Force) -> bool:
 
 @lru_cache(maxsize=1024)
 def is_linear(force: Force) -> bool:
-    """Whether a force follows the motion as springs and dashpots do: linear, constant coefficients."""
+    """Whether a force follows the motion as springs and dashpots do: in proportion, constant coefficients."""
     formulas, names = [force.formula, *force.state.values()], ["x", "v", "t", *force.state]
-    return not force.memory and _slopes_are_constant(force, formulas, names)
+    at_rest = force.test_points | dict.fromkeys(names, 0.0)
+    with np.errstate(all="ignore"):
+        vanishes = all(np.all(formula.evaluate(at_rest) == 0.0) for formula in formulas)
+    return not force.memory and vanishes and _slopes_are_constant(force, formulas, names)
 
 
 def _slopes_are_constant(force: Force, formulas: Sequence[Formula], names: Sequence[str]) -> bool:
@@ -108,19 +113,21 @@ def _triangular(force: Force, step: Array, names: Names, start: Mapping[str, flo
     Schur's form is triangular, so that the last follows alone and each other one is driven by those after it;
     unlike eigenvectors it serves where two eigenvalues are equal, as at critical damping.
     """
-    rates = force.state
+    rates, count = force.state, step.size
     rest: dict[str, Any] = {**names, **dict.fromkeys(rates, 0.0)}
     here = {k: np.ravel(value)[0] for k, value in rest.items()}
     jacobian = np.array([[f.derivative(here, k) for k in rates] for f in rates.values()])
     if not np.all(np.isfinite(jacobian)):
-        return np.full((len(rates), step.size + 1), np.nan)
+        return np.full((len(rates), count + 1), np.nan)
     triangle, vectors = schur(jacobian, output="complex")
     inverse = vectors.conj().T
-    push = np.stack([np.broadcast_to(f.evaluate(rest), (2, step.size)) for f in rates.values()])
+    push = np.stack([np.broadcast_to(f.evaluate(rest), (2, count)) for f in rates.values()])
     # Of so few states sums are faster than products of matrices.
     push = np.stack([sum(c * part for c, part in zip(row, push, strict=True)) for row in inverse])
     first = inverse @ [start[k] for k in rates]
-    states, stages = np.zeros((len(rates), step.size + 1), complex), np.zeros_like(push)
+    states, stages = np.zeros((len(rates), count + 1), complex), np.zeros_like(push)
+    # Where all steps are alike, so is what each does.
+    step = np.mean(step) if np.ptp(step) <= EVEN * abs(step[0]) else step
     for i in reversed(range(len(rates))):
         length = step * _stretch(step * triangle[i, i])
         driven = push[i] + sum(triangle[i, j] * stages[j] for j in range(i + 1, len(rates)))
@@ -137,16 +144,17 @@ def _stretch(pull: Array) -> Array:
     end = np.exp(pull)
     # Radau's factor (1 + q / 3) / (1 - 2 q / 3 + q**2 / 6) is exp(pull): the root q that vanishes with pull.
     root = 6.0 * np.expm1(pull) / (1.0 + 2.0 * end + np.sqrt(1.0 + (10.0 - 2.0 * end) * end))
-    return np.divide(root, pull, out=np.ones_like(pull), where=(pull != 0.0) & (np.abs(pull) < 1.0))
+    fine = (pull != 0.0) & (np.abs(pull) < 1.0)
+    return np.asarray(np.where(fine, root / np.where(fine, pull, 1.0), 1.0))
 
 
 def _radau_steps(start: complex, push: Array, pull: Array) -> tuple[Array, Array]:
     """y at the samples and, (stage, step), at the stages, where step times rate is push + pull y.
 
-    `push` : (stage, step); `pull` : (stage, step) or (step,).
+    `push` : (stage, step); `pull` : (stage, step), (step,), or one for all.
     """
     (a, b), (c, d) = RADAU_WEIGHTS
-    early, late = np.broadcast_to(pull, push.shape)
+    early, late = pull if np.ndim(pull) == 2 else (pull, pull)
     first, second = a * push[0] + b * push[1], c * push[0] + d * push[1]
     # The rates of both stages hold both: two equations in two values, of which the second ends the step.
     diagonal, below = 1.0 - a * early, c * early
@@ -154,7 +162,7 @@ def _radau_steps(start: complex, push: Array, pull: Array) -> tuple[Array, Array
     factor = (diagonal + below) / determinant
     added = (diagonal * second + below * first) / determinant
     # y[n + 1] - factor[n] y[n] = added[n]
-    band = np.ones((2, factor.size + 1), factor.dtype)
+    band = np.ones((2, added.size + 1), added.dtype)
     band[1, :-1] = -factor
     solve = TRIANGULAR_SOLVERS[band.dtype.char]
     y = np.asarray(solve(band, np.append(start, added)[:, None], uplo="L", diag="U")[0][:, 0])
