@@ -108,10 +108,10 @@ class Screening:
 
     def are_fine(self, trials: Sequence[int]) -> list[bool]:
         """Whether the motion is known as finely as each acts."""
-        unknown = [at for at in trials if at not in self.fine]
-        if unknown:
-            known = are_known_finely(self.model, [self.trials[at] for at in unknown], self.effects)
-            self.fine.update(zip(unknown, known.tolist(), strict=True))
+        unasked = [at for at in trials if at not in self.fine]
+        if unasked:
+            known = are_known_finely(self.model, [self.trials[at] for at in unasked], self.effects)
+            self.fine.update(zip(unasked, known.tolist(), strict=True))
         return [self.fine[at] for at in trials]
 
     def first_fine(self, order: Sequence[int]) -> list[int]:

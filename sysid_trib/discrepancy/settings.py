@@ -19,7 +19,9 @@ class Settings:
     what is shown (spans, cells of the map): no name depends on them.
     """
 
-    level: float = setting(0.01, "family-wise significance level of each test", "convention")
+    level: float = setting(
+        0.01, "significance level, shared by the tests of the candidates and the omnibus test", "convention"
+    )
     max_effects: int = setting(4, "effects added at most", "time")
     seed: int = setting(0, "the drawing that counts independent tests", "any")
     credible: float = setting(
@@ -48,7 +50,9 @@ class Settings:
     shape_step: float = setting(
         0.1, "largest step of a shape in a round, of its range", "a cell of the grid of its values"
     )
-    shape_values: int = setting(13, "values of a shape at which a candidate is screened", "time")
+    shape_values: int = setting(
+        13, "values of a shape among several at which a candidate is screened; half of one alone", "time"
+    )
     combinations: int = setting(24, "combinations of several shapes that are screened", "time")
     lines: int = setting(3, "lines of the spectrum at which a force of its own frequency is tried", "time")
     testable: float = setting(
