@@ -38,6 +38,7 @@ from sysid_trib.discrepancy.frequency_parameters import has_frequency_parameter,
 from sysid_trib.discrepancy.holdout import _scores_of_periods, better_by, predicted
 from sysid_trib.discrepancy.likelihood import likelihood, of_many_rows
 from sysid_trib.discrepancy.reference import refitted
+from sysid_trib.discrepancy.omnibus_test import corrected
 from sysid_trib.discrepancy.screening import independent_tests, screen
 from sysid_trib.discrepancy.search import search, with_steps
 from sysid_trib.discrepancy.settings import DEFAULTS, Settings
@@ -79,6 +80,13 @@ def test_independent_tests_are_counted(tests):
     """Of each five that are the same one counts."""
     correlation = np.kron(np.eye(tests), np.ones((5, 5)))
     assert independent_tests(correlation) == pytest.approx(tests, rel=0.35, abs=0.5)
+
+
+def test_candidates_and_the_omnibus_test_share_the_level():
+    """So that a record with nothing hidden is blamed no more often than the level says."""
+    found = screen(start_model([with_effect({}, seed=4)]), [EVERY["bias"]])
+    assert found.tests == pytest.approx(2.0)
+    assert corrected(0.01 / 8.0) == pytest.approx(0.01)
 
 
 @pytest.mark.slow

@@ -403,3 +403,34 @@ def test_a_path_that_runs_away_leaves_the_likeliest_round(monkeypatch):
     assert len(seen) == 3
     assert model.deviance == 1.0
     assert not model.settled
+
+
+def test_strides_shrink_uphill_and_grow_again():
+    stride = model_fit.Stride(0.1, 0.1, 1.0)
+    uphill = stride.after(1, -5.0, 8.0).after(2, -1.0, -5.0)
+    assert uphill.reach == pytest.approx(0.025)
+    reaches = [uphill.reach]
+    for turn in range(3, 8):
+        uphill = uphill.after(turn, 2.0, 2.0)
+        reaches.append(uphill.reach)
+    assert reaches == pytest.approx([0.025, 0.05, 0.1, 0.1, 0.1, 0.1])
+    assert 0.0 < uphill.part <= 0.5
+
+
+def test_an_error_of_the_sensor_that_gains_too_little_is_given_up_early(monkeypatch):
+    run = with_effect({"epsilon": 0.2}, seed=4, base={"zeta": 4e-3})
+    start = start_model([run], library("zeta"))
+    assert start.likelihood.ratios[0] > 0.0
+    worst = Fits(start).of(start, (), [TrialEffect(EVERY["epsilon"], {})]).deviance
+    rounds = []
+
+    def counted(*arguments):
+        rounds.append(arguments)
+        return fitted_along(*arguments)
+
+    monkeypatch.setattr(model_fit, "fitted_along", counted)
+    assert Fits(start).of(start, (), [TrialEffect(EVERY["sensor_curve"], {})], worst) is None
+    given_up, rounds[:] = len(rounds), []
+    fitted = Fits(start).of(start, (), [TrialEffect(EVERY["sensor_curve"], {})])
+    assert fitted.deviance > worst
+    assert given_up <= 3 < len(rounds)

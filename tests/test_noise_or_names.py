@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from discovery import CONTACT, EFFECTS, exact, model_of
 from helpers import decay
+from scipy.signal import lfilter
 
 from sysid_trib.discrepancy import start_model
 from sysid_trib.discrepancy.discover import discover
@@ -36,3 +37,23 @@ def test_slow_noise_is_tried_where_an_autoregression_is_the_likeliest_of_its_kin
     slow = start_model.recoloured(model)
     assert len(slow.rows[0].path.sensor.filter_) > MAX_COLOUR + 1
     assert slow.deviance < model.deviance - 10.0
+
+
+def test_a_model_beside_noise_of_the_likeliest_colour_stays_as_it_is():
+    angle = exact(model_of({"zeta": 4e-3}), TIME)
+    model = start_model.fit_start_model([decay(TIME, angle, 3)], CONTACT.select(["zeta"]).forces, None)
+    assert start_model.recoloured(model) is model
+
+
+@pytest.mark.parametrize("order", range(MAX_COLOUR + 1))
+def test_the_colour_is_of_the_order_that_the_rows_ask_for(order):
+    """Where the first partial autocorrelation shows nothing as well."""
+    filter_ = np.zeros(order + 1)
+    filter_[[0, -1]] = 1.0, -0.7 if order else 1.0
+    white = np.random.default_rng(order).standard_normal(len(TIME))
+    noise = 2e-3 * lfilter([1.0], filter_, white)
+    angle = exact(model_of({"zeta": 4e-3}), TIME)
+    run = decay(TIME, angle, 3).assign(angle=("time", angle + noise))
+    model = start_model.fit_start_model([run], CONTACT.select(["zeta"]).forces, None)
+    whitening = start_model.recoloured(model).rows[0].path.sensor.filter_
+    assert len(whitening) == order + 1

@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 from discovery import EFFECTS, W, start_model, with_effect
 
+from sysid_trib.discrepancy import shape_climb
 from sysid_trib.discrepancy.fits import Fits
 from sysid_trib.discrepancy.screening import screen
 from sysid_trib.discrepancy.settings import DEFAULTS
@@ -60,3 +61,14 @@ def test_nothing_is_climbed_where_nothing_is_hidden_nor_along_frequencies():
     assert climbed(model, [LUGRE]) == []
     pushed = start_model([with_effect({"lugre": 0.01}, shapes=SHAPES, seed=0)])
     assert climbed(pushed, EFFECTS.select(["ambient", "resonator", "dahl"])) == []
+
+
+def test_it_is_seen_in_the_place_of_another_though_no_coarse_combination_is_near():
+    """Strong friction of short bristles: beside the start model its fits may fail, beside Dahl's they do not."""
+    shapes = {"lugre.s": 0.003, "lugre.r": 1.0, "lugre.u": 0.02}
+    start = start_model([with_effect({"lugre": 0.01}, shapes=shapes, seed=0)])
+    dahl = Fits(start).of(start, (), [TrialEffect(DAHL, {"dahl.s": 0.005})])
+    of_dahl, grid = shape_climb._gain_of(dahl, ["dahl"]), trials_of([LUGRE], (), W)
+    assert shape_climb._gains(dahl, grid, ["dahl"]).max() < 0.2 * of_dahl
+    (top,) = climbed(dahl, [LUGRE], ("dahl",))
+    assert shape_climb._gains(dahl, [top], ["dahl"])[0] > of_dahl

@@ -17,7 +17,8 @@ from sysid_trib.averaging.internal_states import (
     tangent_along,
     values_along,
 )
-from sysid_trib.averaging.stepped_states import is_stepped
+from sysid_trib.averaging import stepped_states
+from sysid_trib.averaging.stepped_states import is_linear, is_stepped
 from sysid_trib.forces.formulas import parse
 
 EFFECTS = load_library("candidate_effects")
@@ -208,3 +209,37 @@ def test_a_ring_is_no_stiffness(k):
     middle = slice(200, -200)
     np.testing.assert_allclose(of_x[middle], answer.real, atol=0.15 * k * abs(answer))
     np.testing.assert_allclose(of_v[middle], answer.imag, atol=0.15 * k * abs(answer))
+
+
+@pytest.mark.parametrize("k", [0.1, 1.0, 3.0])
+def test_even_steps_are_those_of_any_steps(k, monkeypatch):
+    shapes = [{"resonator.k": k, "resonator.d": 0.01}]
+    even = values_along(GivenMotion(TAU, X, V, TAU), EFFECTS["resonator"], shapes)
+    monkeypatch.setattr(stepped_states, "SAME_STEP", -1.0)
+    one_by_one = values_along(GivenMotion(TAU, X, V, TAU), EFFECTS["resonator"], shapes)
+    np.testing.assert_allclose(even, one_by_one, rtol=0.0, atol=1e-9 * np.abs(even).max())
+
+
+@pytest.mark.parametrize("symbol", ["resonator", "maxwell"])
+def test_what_is_linear_grows_with_the_motion(symbol):
+    """So that its tangent needs no larger motion."""
+    effect, shapes = EFFECTS[symbol], grid(EFFECTS[symbol])[-1]
+    assert is_linear(effect)
+    here, larger = (values_along(along, effect, [shapes]) for along in (MOTION, MOTION.larger))
+    np.testing.assert_allclose(
+        larger, (1.0 + LARGER) * here, rtol=0.0, atol=1e-6 * LARGER * np.abs(here).max()
+    )
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"state": {"z": "v - z"}, "start": {"z": "1"}},
+        {"state": {"z": "v - z + 1"}},
+        {"state": {"z": "v - z**3"}},
+        {"state": {"z": "v - t*z"}},
+    ],
+    ids=["rings by itself", "pushed", "cubic", "rate that drifts"],
+)
+def test_what_does_not_grow_in_proportion_is_not_linear(given):
+    assert not is_linear(force("z", **given))

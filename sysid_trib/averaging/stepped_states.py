@@ -47,7 +47,8 @@ def is_linear(force: Force) -> bool:
     formulas, names = [force.formula, *force.state.values()], ["x", "v", "t", *force.state]
     at_rest = force.test_points | dict.fromkeys(names, 0.0)
     with np.errstate(all="ignore"):
-        vanishes = all(np.all(formula.evaluate(at_rest) == 0.0) for formula in formulas)
+        values = [formula.evaluate(at_rest) for formula in (*formulas, *force.start.values())]
+    vanishes = all(np.all(value == 0.0) for value in values)
     return not force.memory and vanishes and _slopes_are_constant(force, formulas, names)
 
 

@@ -126,7 +126,7 @@ class SearchOptions:
         False,
         flags=("--refit",),
     )
-    level: float = option("P", "Family-wise significance level of each test of discover.", 0.01)
+    level: float = option("P", "Significance level of discover, shared by its tests.", 0.01)
     time_limit: float | None = option(
         "S", "Ends a search of discover with what it has after so long; default: none."
     )

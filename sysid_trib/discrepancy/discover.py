@@ -66,7 +66,8 @@ def discover(
     refit : bool
         Fit the models that were found again, to the whole runs.
     level : float, optional
-        Family-wise significance level of each test, in the place of the settings'.
+        Significance level, shared by the tests of the candidates and the omnibus test, in the place of the
+        settings'.
     seed : int, optional
         Of the drawing that counts independent tests, in the place of the settings'.
     time_limit : float, s
