@@ -37,8 +37,8 @@ from sysid_trib.discrepancy.fits import Fits
 from sysid_trib.discrepancy.frequency_parameters import has_frequency_parameter, is_frequency, is_resonance
 from sysid_trib.discrepancy.holdout import _scores_of_periods, better_by, predicted
 from sysid_trib.discrepancy.likelihood import likelihood, of_many_rows
-from sysid_trib.discrepancy.reference import refitted
 from sysid_trib.discrepancy.omnibus_test import corrected
+from sysid_trib.discrepancy.reference import refitted
 from sysid_trib.discrepancy.screening import independent_tests, screen
 from sysid_trib.discrepancy.search import search, with_steps
 from sysid_trib.discrepancy.settings import DEFAULTS, Settings

@@ -9,6 +9,7 @@ from candidates import force
 from scipy.interpolate import CubicSpline
 
 from sysid_trib import load_library
+from sysid_trib.averaging import stepped_states
 from sysid_trib.averaging.internal_states import (
     LARGER,
     GivenMotion,
@@ -17,7 +18,6 @@ from sysid_trib.averaging.internal_states import (
     tangent_along,
     values_along,
 )
-from sysid_trib.averaging import stepped_states
 from sysid_trib.averaging.stepped_states import is_linear, is_stepped
 from sysid_trib.forces.formulas import parse
 
