@@ -64,7 +64,7 @@ def test_nothing_is_climbed_where_nothing_is_hidden_nor_along_frequencies():
 
 
 def test_it_is_seen_in_the_place_of_another_though_no_coarse_combination_is_near():
-    """Friction of short bristles: beside the start model its fits may fail, beside Dahl friction they do not."""
+    """Friction of short bristles: its fits beside the start model may fail, those beside Dahl do not."""
     shapes = {"lugre.s": 0.003, "lugre.r": 1.0, "lugre.u": 0.02}
     start = start_model([with_effect({"lugre": 0.01}, shapes=shapes, seed=0)])
     dahl = Fits(start).of(start, (), [TrialEffect(DAHL, {"dahl.s": 0.005})])

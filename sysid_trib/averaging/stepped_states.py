@@ -128,7 +128,7 @@ def _triangular(force: Force, step: Array, names: Names, start: Mapping[str, flo
     first = inverse @ [start[k] for k in rates]
     states, stages = np.zeros((len(rates), count + 1), complex), np.zeros_like(push)
     # Where all steps are alike, so is what each does.
-    step = np.mean(step) if np.ptp(step) <= SAME_STEP * abs(step[0]) else step
+    step = np.asarray(np.mean(step)) if np.ptp(step) <= SAME_STEP * abs(step[0]) else step
     for i in reversed(range(len(rates))):
         length = step * _stretch(step * triangle[i, i])
         driven = push[i] + sum(triangle[i, j] * stages[j] for j in range(i + 1, len(rates)))
