@@ -343,4 +343,6 @@ def test_what_a_method_refuses_names_the_file(folder):
 
 
 def test_one_sample_is_no_plural():
-    assert "only 1 sample between" in run("identify", "good.csv", "--window", "3:3.001").complaint
+    assert (
+        "only 1 sample in the window 3:3.001" in run("identify", "good.csv", "--window", "3:3.001").complaint
+    )

@@ -48,7 +48,10 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.formulas import parse
 from sysid_trib.forces.library import parse_library
 from sysid_trib.noise.smoothing import KNOTS_PER_PERIOD
+from sysid_trib.printing.discovery_tables import formula_text
 from sysid_trib.printing.discovery_verdict import verdict_sentences
+from sysid_trib.printing.layout import value_with_error
+from sysid_trib.results.discoveries import shapes_of
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation.holdout import split, up_to_held_out
@@ -317,6 +320,33 @@ def test_a_search_ends_at_its_time_limit():
     assert "ended at its time limit of 0.001 s" in told
     with pytest.raises(UsageError, match="time limit of 0 s"):
         discover(run, BASE, FEW, time_limit=0.0)
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ({"level": 2.0}, "level of 2 "),
+        ({"level": -3.0}, "level of -3 "),
+        ({"max_effects": -1}, "most -1 effects"),
+    ],
+)
+def test_a_search_that_cannot_be_is_refused(given, told):
+    with pytest.raises(UsageError, match=told):
+        discover(with_effect({}, seed=1), BASE, FEW, **given)
+
+
+def test_shapes_are_told_with_their_errors():
+    """One at an end of its range has none that the record tells."""
+    shapes = {"power_damping.p": 1.7}
+    run = with_effect({"power_damping": 0.02}, seed=2, base={"zeta": 4e-3}, shapes=shapes)
+    tree = discover(run, library("zeta"), EFFECTS.select(["power_damping"]))
+    step = tree["steps"].to_dataset().isel(step=0)
+    (error,) = shapes_of(step, "power_damping", "shape_standard_error").values()
+    (value,) = shapes_of(step, "power_damping").values()
+    assert abs(value - 1.7) < 4.0 * error
+    assert value_with_error(value, error) in formula_text(step)
+    step["shape_standard_error"] = 0.0 * step.shape_standard_error
+    assert formula_text(step).endswith(f"p = {value:.3g} (end of its range)")
 
 
 def test_settings_are_few_documented_and_stored():

@@ -268,9 +268,14 @@ def _in_window(record: xr.Dataset, window: tuple[float | None, float | None], so
     first, last = int(np.searchsorted(time, start)), int(np.searchsorted(time, stop, "right"))
     inside = record.isel(time=slice(first, last))
     if (count := inside.sizes["time"]) < 20:
+        few = f"only {count} sample{'s' * (count != 1)}"
+        if window == (None, None):
+            raise DecayError(
+                f"{source}: {few} in {np.ptp(time):.3g} s, of which no decay can be told; record longer."
+            )
+        asked = ":".join("" if end is None else f"{end:g}" for end in window)
         raise DecayError(
-            f"{source}: only {count} sample{'s' * (count != 1)} between {max(start, time[0]):g} s and "
-            f"{min(stop, time[-1]):g} s (the record runs from {time[0]:g} s to {time[-1]:g} s); "
+            f"{source}: {few} in the window {asked} (the record runs from {time[0]:g} s to {time[-1]:g} s); "
             "widen the window."
         )
     return inside

@@ -68,11 +68,13 @@ def _step_json(tree: xr.DataTree, at: int) -> dict[str, Any]:
     held = number(tree["holdout"].rms.values.tolist())
     probabilities = {s: number(round(probability, 4)) for s, probability in credible_set(step).items()}
     symbol, pairs = step.symbol.item(), pairs_in_place(step)
+    errors = shapes_of(step, symbol, "shape_standard_error")
     return {
         **{name: step[name].item() for name in STEP_WORDS},
         **numbers(step, STEP_NUMBERS),
         "p_value": number(step.p_value.item()),
         "shapes": {name: number(value) for name, value in shapes_of(step, symbol).items()},
+        "shape_errors": {name: number(value) for name, value in errors.items()},
         "probability": probabilities.pop(symbol),
         "indistinguishable_from": [
             {

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from sysid_trib.printing.layout import coefficient_text, p_value_text, text_table
+from sysid_trib.printing.layout import coefficient_text, p_value_text, text_table, value_with_error
 from sysid_trib.printing.residual import noise_of
 from sysid_trib.results.discoveries import added_effects, named_effect, or_others, others_in_place, shapes_of
 
@@ -54,9 +54,16 @@ def effect_with_ties(step: xr.Dataset) -> str:
 
 
 def formula_text(step: xr.Dataset) -> str:
-    """The formula of an effect with its shape parameters."""
-    shapes = shapes_of(step, step.symbol.item())
-    return ", ".join([step.formula.item(), *(f"{name} = {value:.3g}" for name, value in shapes.items())])
+    """The formula of an effect with its shape parameters and their errors."""
+    symbol = step.symbol.item()
+    shapes, errors = (shapes_of(step, symbol, values) for values in ("shape", "shape_standard_error"))
+    texts = (f"{name} = {_shape_text(value, errors[name])}" for name, value in shapes.items())
+    return ", ".join([step.formula.item(), *texts])
+
+
+def _shape_text(value: float, error: float) -> str:
+    """A fitted shape parameter; one at an end of its range has no error that a record tells."""
+    return value_with_error(value, error) if error > 0.0 else f"{value:.3g} (end of its range)"
 
 
 def ranking_table(tree: xr.DataTree) -> "Table":

@@ -89,8 +89,8 @@ def failed_competitors(step: xr.Dataset) -> list[str]:
     return step.candidate.values[np.isposinf(step.penalised_deviance.values)].tolist()
 
 
-def shapes_of(step: xr.Dataset, symbol: str) -> dict[str, float]:
-    """Shape parameters of one force, by their names in the force.
+def shapes_of(step: xr.Dataset, symbol: str, values: str = "shape") -> dict[str, float]:
+    """Shape parameters of one force, or their errors, by their names in the force.
 
     Parameters
     ----------
@@ -98,10 +98,12 @@ def shapes_of(step: xr.Dataset, symbol: str) -> dict[str, float]:
         One step of the group `steps`, or one selection step of the group `ranking`.
     symbol : str
         Symbol of the force.
+    values : str
+        The variable that has them: `shape`, or `shape_standard_error` of a step.
     """
-    if "shape" not in step:
+    if values not in step:
         return {}
-    pairs = zip(step.shape_parameter.values.tolist(), step["shape"].values.tolist(), strict=True)
+    pairs = zip(step.shape_parameter.values.tolist(), step[values].values.tolist(), strict=True)
     return {
         name.removeprefix(f"{symbol}."): value
         for name, value in pairs
