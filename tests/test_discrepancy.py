@@ -347,6 +347,8 @@ def test_shapes_are_told_with_their_errors():
     assert value_with_error(value, error) in formula_text(step)
     step["shape_standard_error"] = 0.0 * step.shape_standard_error
     assert formula_text(step).endswith(f"p = {value:.3g} (end of its range)")
+    step["shape_standard_error"] = np.nan * step.shape_standard_error
+    assert formula_text(step).endswith(f"p = {value:.5g} ± ?")
 
 
 def test_settings_are_few_documented_and_stored():

@@ -222,18 +222,18 @@ def tangent_along(motion: GivenMotion, force: Force, shapes: Mapping[str, float]
     What is linear may ring by itself, which is no answer to the motion: then of a period, in the mean.
     """
     x, v, still = motion.at_samples["x"], motion.at_samples["v"], np.zeros_like(motion.tau)
-    values = values_along(motion, force, [shapes])
-    # In proportion to the motion it grows by itself.
-    of_larger = values if is_linear(force) else values_along(motion.larger, force, [shapes])
+    linear, values = is_linear(force), values_along(motion, force, [shapes])
+    # What is linear grows with the motion, and need not be followed along a larger one.
+    of_larger = values if linear else values_along(motion.larger, force, [shapes])
     if values is None or of_larger is None:
         return still, still
     here = values[:, 0]
-    by_size = here if is_linear(force) else (of_larger[:, 0] - here) / LARGER
+    by_size = here if linear else (of_larger[:, 0] - here) / LARGER
     by_advance = np.gradient(here, motion.tau)
     # Of the first the angle changes by x and the rate by v, of the second by v and -x, w = 1.
     square = x**2 + v**2 + np.finfo(float).tiny
     along, across = x * by_size + v * by_advance, v * by_size - x * by_advance
-    if is_linear(force):
+    if linear:
         period = min(1 + int(2.0 * np.pi / np.median(np.diff(motion.tau))), len(x))
         square, along, across = (
             uniform_filter1d(part, period, mode="nearest") for part in (square, along, across)

@@ -100,12 +100,6 @@ def discover(
         raise UsageError(f"A time limit of {time_limit:g} s leaves no time to search; give a positive one.")
     asked: dict[str, Any] = {"max_effects": max_effects, "level": level, "seed": seed}
     settings = replace(settings, **{k: value for k, value in asked.items() if value is not None})
-    if not 0.0 < settings.level < 1.0:
-        raise UsageError(
-            f"A level of {settings.level:g} is no probability; give one between 0 and 1, such as 0.01."
-        )
-    if settings.max_effects < 0:
-        raise UsageError(f"At most {settings.max_effects} effects cannot be added; give 0 or more.")
     deadline = time.monotonic() + time_limit
     whole = as_runs(decay)
     runs = [decimated(run, settings.samples_per_period) for run in whole]

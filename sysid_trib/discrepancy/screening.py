@@ -214,6 +214,7 @@ def screen(model: FittedModel, candidates: Sequence[Force], effects: Sequence[st
         whole=whole,
         effects=tuple(effects),
     )
+    # Of each candidate the trial that gains most is asked, the next one where that is too fine.
     screening.first_fine([at for at in np.argsort(-gains).tolist() if able[at]])
     for too_fine in (at for at, fine in screening.fine.items() if not fine):
         reasons[too_fine], gains[too_fine] = TOO_FINE, 0.0

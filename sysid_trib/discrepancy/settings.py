@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from sysid_trib.errors import UsageError
+
 
 def setting(value: Any, decides: str, source: str) -> Any:
     """A field with what it decides and where its value comes from."""
@@ -17,6 +19,11 @@ class Settings:
 
     Numbers that are not here are accuracies of arithmetic (steps of differences, ridges) or the layout of
     what is shown (spans, cells of the map): no name depends on them.
+
+    Raises
+    ------
+    UsageError
+        A level or a number of effects that is none.
     """
 
     level: float = setting(
@@ -91,6 +98,14 @@ class Settings:
     points_per_period: int = setting(
         360, "points of a period at which forces are evaluated", "some act in a small part of it"
     )
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.level < 1.0:
+            raise UsageError(
+                f"A level of {self.level:g} is no probability; give one between 0 and 1, such as 0.01."
+            )
+        if self.max_effects < 0:
+            raise UsageError(f"At most {self.max_effects} effects cannot be added; give 0 or more.")
 
     @property
     def outside_of_set(self) -> float:

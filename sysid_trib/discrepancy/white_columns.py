@@ -73,6 +73,7 @@ def are_known_finely(model: FittedModel, trials: Sequence[TrialEffect], effects:
     """`known_finely` of trials; without a random force of all."""
     if not np.any(model.likelihood.ratios):
         return np.ones(len(trials), dtype=bool)
+    # Drawn again, and not kept with each screening: they are as large as the rows of the model.
     possible = model.possible_rows(np.random.default_rng(model.settings.seed))
     here, aside = ([run.coarse_columns(trials) for run in rows] for rows in (model.rows, possible))
     return known_finely(model, here, aside, effects)

@@ -57,13 +57,13 @@ def formula_text(step: xr.Dataset) -> str:
     """The formula of an effect with its shape parameters and their errors."""
     symbol = step.symbol.item()
     shapes, errors = (shapes_of(step, symbol, values) for values in ("shape", "shape_standard_error"))
-    texts = (f"{name} = {_shape_text(value, errors[name])}" for name, value in shapes.items())
+    texts = (f"{name} = {_shape_text(value, errors.get(name, np.nan))}" for name, value in shapes.items())
     return ", ".join([step.formula.item(), *texts])
 
 
 def _shape_text(value: float, error: float) -> str:
     """A fitted shape parameter; one at an end of its range has no error that a record tells."""
-    return value_with_error(value, error) if error > 0.0 else f"{value:.3g} (end of its range)"
+    return value_with_error(value, error) if error != 0.0 else f"{value:.3g} (end of its range)"
 
 
 def ranking_table(tree: xr.DataTree) -> "Table":
