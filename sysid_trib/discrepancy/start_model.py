@@ -126,12 +126,15 @@ def _beside_colours(model: FittedModel, run: int) -> Callable[[Array], Likelihoo
     # Of a level that another colour gave nothing is known.
     form, settings = rows.path.form, replace(model.settings, level_rows=0.0)
     columns, level = range(1, table.shape[1]), rows.path.sensor.innovation
-    ratio = float(model.likelihood.ratios[run])
+    near = model.likelihood.ratios[[run]]
 
     def beside(filter_: Array) -> Likelihood:
         band = covariance_of_local_rows(coloured(rows.operator, filter_))
         noise = RowNoise(band, rows.white_band, form, level)
-        return likeliest_near([partial(products_of, noise, table, settings)], [ratio], columns)[1]
+        likeliest = likeliest_near([partial(products_of, noise, table, settings)], near.tolist(), columns)[1]
+        # The next colour is near to this one.
+        near[:] = likeliest.ratios
+        return likeliest
 
     return beside
 
