@@ -9,13 +9,13 @@ from helpers import FIVE, NOISE, Array, W, decay
 
 from sysid_trib import ForceLibrary, Model, load_library
 from sysid_trib.discrepancy.evidence import credible, probabilities
-from sysid_trib.discrepancy.fitted_model import FittedModel
-from sysid_trib.discrepancy.paths import path_of
-from sysid_trib.discrepancy.run_rows import RunRows, run_rows
 from sysid_trib.discrepancy.search import Search, search, with_steps
-from sysid_trib.discrepancy.settings import DEFAULTS, Settings
-from sysid_trib.discrepancy.start_model import fit_start_model
-from sysid_trib.discrepancy.trials import TrialEffect
+from sysid_trib.likelihood_fit.fitted_model import FittedModel
+from sysid_trib.likelihood_fit.paths import path_of
+from sysid_trib.likelihood_fit.run_rows import RunRows, run_rows
+from sysid_trib.likelihood_fit.settings import DEFAULTS, Settings
+from sysid_trib.likelihood_fit.start_model import fit_start_model
+from sysid_trib.likelihood_fit.trials import TrialEffect
 from sysid_trib.noise.residual_noise import NoiseModel
 from sysid_trib.simulation.simulate import trajectory
 

@@ -20,8 +20,8 @@ ROOT = PACKAGE.parent
 _split = re.compile(r"\S+").findall
 ROOMS = _split("""
     errors _version arrays forces decays records simulation results averaging noise regression state_space
-    trajectory_fit methods validation looking discrepancy campaigns physics printing plots reporting commands
-    cli
+    trajectory_fit methods validation looking likelihood_fit screening discrepancy campaigns physics printing
+    plots reporting commands cli
 """)
 LOOSE = 6
 # Words for which the field has others, as a part of an identifier (between its underscores).

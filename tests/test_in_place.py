@@ -7,11 +7,11 @@ from discovery import CONTACT, EVERY, library, start_model, with_effect
 from sysid_trib.discrepancy import exchange
 from sysid_trib.discrepancy.exchange import rivals_of
 from sysid_trib.discrepancy.fits import Fits
-from sysid_trib.discrepancy.in_place import in_place
-from sysid_trib.discrepancy.screening import SAME_EFFECT, screen
 from sysid_trib.discrepancy.search import search
-from sysid_trib.discrepancy.settings import DEFAULTS
-from sysid_trib.discrepancy.trials import TrialEffect
+from sysid_trib.likelihood_fit.settings import DEFAULTS
+from sysid_trib.likelihood_fit.trials import TrialEffect
+from sysid_trib.screening.in_place import in_place
+from sysid_trib.screening.screen import SAME_EFFECT, screen
 
 
 def fitted(run, symbol):

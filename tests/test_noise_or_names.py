@@ -6,8 +6,8 @@ from discovery import CONTACT, EFFECTS, exact, model_of
 from helpers import decay
 from scipy.signal import lfilter
 
-from sysid_trib.discrepancy import start_model
 from sysid_trib.discrepancy.discover import discover
+from sysid_trib.likelihood_fit import start_model
 from sysid_trib.noise.colour import MAX_COLOUR
 
 TIME = np.arange(600) / 20.0

@@ -5,10 +5,10 @@ import pytest
 from discovery import EFFECTS, start_model, with_effect
 
 from sysid_trib.discrepancy.fits import Fits
-from sysid_trib.discrepancy.screening import screen
-from sysid_trib.discrepancy.settings import DEFAULTS
-from sysid_trib.discrepancy.shape_grids import HALVINGS
-from sysid_trib.discrepancy.trials import TrialEffect, to_unit
+from sysid_trib.likelihood_fit.settings import DEFAULTS
+from sysid_trib.likelihood_fit.trials import TrialEffect, to_unit
+from sysid_trib.screening.screen import screen
+from sysid_trib.screening.shape_grids import HALVINGS
 
 
 def seen(symbol, shapes, coefficient, seed):

@@ -11,7 +11,7 @@ import xarray as xr
 
 from sysid_trib import free_decay, load_library, read_record
 from sysid_trib.discrepancy.discover import discover
-from sysid_trib.discrepancy.settings import Settings
+from sysid_trib.likelihood_fit.settings import Settings
 from sysid_trib.results.discoveries import credible_set
 
 from .seen import CONTACT, offered

@@ -6,9 +6,9 @@ from operator import attrgetter
 import numpy as np
 import xarray as xr
 
-from sysid_trib.discrepancy.screening import Screening
 from sysid_trib.forces.force import Force
 from sysid_trib.results.variables import PER_FORCE_UNIT, text_variable, variable
+from sysid_trib.screening.screen import Screening
 
 # An effect of this many standard errors is detected; of this many, its name is asked for.
 DETECTED, NAMED = 5.0, 20.0

@@ -9,19 +9,19 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from sysid_trib.discrepancy.decimation import decimated
 from sysid_trib.discrepancy.evidence import evidence
-from sysid_trib.discrepancy.fitted_model import FittedModel
 from sysid_trib.discrepancy.holdout import Prediction, improvements, predicted
-from sysid_trib.discrepancy.paths import RecordPath, path_of_run
-from sysid_trib.discrepancy.reference import refitted
 from sysid_trib.discrepancy.search import Search, search, with_steps
-from sysid_trib.discrepancy.settings import DEFAULTS, Settings
-from sysid_trib.discrepancy.start_model import beside_noises, colour_penalty, fit_start_model, recoloured
 from sysid_trib.discrepancy.to_xarray import groups_of
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.to_identify import forces_to_identify
+from sysid_trib.likelihood_fit.decimation import decimated
+from sysid_trib.likelihood_fit.fitted_model import FittedModel
+from sysid_trib.likelihood_fit.paths import RecordPath, path_of_run
+from sysid_trib.likelihood_fit.reference import refitted
+from sysid_trib.likelihood_fit.settings import DEFAULTS, Settings
+from sysid_trib.likelihood_fit.start_model import beside_noises, colour_penalty, fit_start_model, recoloured
 from sysid_trib.records.runs import Decays, as_runs, one_or_all
 from sysid_trib.results.per_run import group_names
 from sysid_trib.results.schema import provenance

@@ -6,8 +6,8 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from sysid_trib.arrays import Array, Mask
-from sysid_trib.discrepancy.fitted_model import FittedModel
 from sysid_trib.forces.force import Force
+from sysid_trib.likelihood_fit.fitted_model import FittedModel
 
 
 def evidence(model: FittedModel, effects: Sequence[str]) -> float:

@@ -6,14 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sysid_trib.discrepancy.columns_beside import each_beside
 from sysid_trib.discrepancy.evidence import evidence, least_penalty
 from sysid_trib.discrepancy.fits import Fits
-from sysid_trib.discrepancy.fitted_model import FittedModel
-from sysid_trib.discrepancy.in_place import in_place, pairs_in_place
-from sysid_trib.discrepancy.likelihood import Likelihood, likelihood
-from sysid_trib.discrepancy.screening import Screening
-from sysid_trib.discrepancy.trials import TrialEffect
+from sysid_trib.likelihood_fit.fitted_model import FittedModel
+from sysid_trib.likelihood_fit.likelihood import Likelihood, likelihood
+from sysid_trib.likelihood_fit.trials import TrialEffect
+from sysid_trib.screening.columns_beside import each_beside
+from sysid_trib.screening.in_place import in_place, pairs_in_place
+from sysid_trib.screening.screen import Screening
 
 
 class Move(NamedTuple):

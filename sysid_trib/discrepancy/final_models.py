@@ -6,10 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid_trib.discrepancy.fits import Fits
-from sysid_trib.discrepancy.fitted_model import FittedModel
 from sysid_trib.discrepancy.free_motion import free_motions
-from sysid_trib.discrepancy.model_fit import fit_model, fitted_along
-from sysid_trib.discrepancy.reference import refitted
+from sysid_trib.likelihood_fit.fitted_model import FittedModel
+from sysid_trib.likelihood_fit.model_fit import fit_model, fitted_along
+from sysid_trib.likelihood_fit.reference import refitted
 from sysid_trib.records.runs import root_mean_square
 
 

@@ -6,10 +6,10 @@ from time import monotonic
 
 import numpy as np
 
-from sysid_trib.discrepancy.fitted_model import FittedModel
-from sysid_trib.discrepancy.model_fit import NOT_FITTED, ROUNDS_AGREE, Limits, fit_model
-from sysid_trib.discrepancy.physical import are_physical, strengths
-from sysid_trib.discrepancy.trials import TrialEffect
+from sysid_trib.likelihood_fit.fitted_model import FittedModel
+from sysid_trib.likelihood_fit.model_fit import NOT_FITTED, ROUNDS_AGREE, Limits, fit_model
+from sysid_trib.likelihood_fit.trials import TrialEffect
+from sysid_trib.screening.physical import are_physical, strengths
 
 
 @dataclass

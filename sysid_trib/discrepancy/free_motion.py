@@ -8,10 +8,10 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
-from sysid_trib.discrepancy.fitted_model import FittedModel
-from sysid_trib.discrepancy.paths import RecordPath
 from sysid_trib.errors import SimulationError
 from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.likelihood_fit.fitted_model import FittedModel
+from sysid_trib.likelihood_fit.paths import RecordPath
 from sysid_trib.noise.random_force import RandomForce, random_force_variables
 from sysid_trib.noise.residual_noise import NoiseModel
 from sysid_trib.noise.sensor_noise import colour_variables

@@ -8,11 +8,11 @@ import xarray as xr
 
 from sysid_trib.arrays import Array
 from sysid_trib.averaging.internal_states import begun_after
-from sysid_trib.discrepancy.fitted_model import FittedModel
 from sysid_trib.discrepancy.free_motion import free_motion, model_of_fit
-from sysid_trib.discrepancy.paths import RecordPath, path_of_run
-from sysid_trib.discrepancy.run_rows import run_rows
 from sysid_trib.errors import SysidTribError
+from sysid_trib.likelihood_fit.fitted_model import FittedModel
+from sysid_trib.likelihood_fit.paths import RecordPath, path_of_run
+from sysid_trib.likelihood_fit.run_rows import run_rows
 from sysid_trib.noise.smoothing import KNOTS_PER_PERIOD
 from sysid_trib.records.runs import root_mean_square
 from sysid_trib.regression.weak_form import cholesky_factor, whiten

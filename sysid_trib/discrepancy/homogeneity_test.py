@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
-from sysid_trib.discrepancy.fitted_model import FittedModel
+from sysid_trib.likelihood_fit.fitted_model import FittedModel
 from sysid_trib.results.variables import chi_square_test, text_variable, variable
 
 # Directions so much shorter than the longest are what a run alone cannot tell.

@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 
-from sysid_trib.discrepancy.columns_beside import each_beside
 from sysid_trib.discrepancy.evidence import evidence
 from sysid_trib.discrepancy.exchange import deviance_of
 from sysid_trib.discrepancy.fits import Fits
-from sysid_trib.discrepancy.in_place import pairs_in_place
-from sysid_trib.discrepancy.likelihood import likelihood
-from sysid_trib.discrepancy.screening import Screening
+from sysid_trib.likelihood_fit.likelihood import likelihood
+from sysid_trib.screening.columns_beside import each_beside
+from sysid_trib.screening.in_place import pairs_in_place
+from sysid_trib.screening.screen import Screening
 
 
 def pairs_of(

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sysid_trib.discrepancy.collinearity import collinear_effects
 from sysid_trib.discrepancy.evidence import evidence
 from sysid_trib.discrepancy.exchange import (
     Move,
@@ -19,11 +18,12 @@ from sysid_trib.discrepancy.exchange import (
 )
 from sysid_trib.discrepancy.final_models import followed_of_set, nested_models
 from sysid_trib.discrepancy.fits import Fits
-from sysid_trib.discrepancy.fitted_model import FittedModel
-from sysid_trib.discrepancy.likelihood import likelihood
 from sysid_trib.discrepancy.pairs import pairs_of
-from sysid_trib.discrepancy.screening import Screening, screen
 from sysid_trib.forces.force import Force
+from sysid_trib.likelihood_fit.fitted_model import FittedModel
+from sysid_trib.likelihood_fit.likelihood import likelihood
+from sysid_trib.screening.collinearity import collinear_effects
+from sysid_trib.screening.screen import Screening, screen
 from sysid_trib.validation.progress import Tell, silent
 
 

@@ -11,18 +11,18 @@ from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.demodulation import demodulate
 from sysid_trib.discrepancy.detectability import detectability, texts_of
 from sysid_trib.discrepancy.evidence import credible, probabilities
-from sysid_trib.discrepancy.fitted_model import FittedModel
 from sysid_trib.discrepancy.free_motion import FreeMotion, free_motions, model_identification
 from sysid_trib.discrepancy.holdout import Prediction, improvements
 from sysid_trib.discrepancy.homogeneity_test import homogeneity
-from sysid_trib.discrepancy.screening import Screening
 from sysid_trib.discrepancy.search import Search
 from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.likelihood_fit.fitted_model import FittedModel
 from sysid_trib.noise.random_force import DENSITY_UNITS, RandomForce
 from sysid_trib.records.runs import root_mean_square
 from sysid_trib.results.discoveries import PAIR, PAIRS
 from sysid_trib.results.per_run import group_names
 from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, text_variable, variable, with_error
+from sysid_trib.screening.screen import Screening
 
 STEP_TEXTS = ("symbol", "name", "family", "kind", "unit", "formula")
 # In an effect's place: nothing, and a random force takes the blame.

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from sysid_trib.discrepancy.settings import DEFAULTS
+from sysid_trib.likelihood_fit.settings import DEFAULTS
 from sysid_trib.plots.style import LEGEND, SERIES, THRESHOLD, axes
 
 

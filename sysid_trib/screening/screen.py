@@ -11,18 +11,18 @@ from scipy.signal import find_peaks
 from scipy.stats import chi2, norm
 
 from sysid_trib.arrays import Array, Mask
-from sysid_trib.discrepancy.columns_beside import correlation_of, each_beside, projected
-from sysid_trib.discrepancy.fitted_model import FittedModel
-from sysid_trib.discrepancy.frequency_parameters import has_frequency_parameter
-from sysid_trib.discrepancy.likelihood import Likelihood, likelihood, of_many_rows
-from sysid_trib.discrepancy.omnibus_test import FAMILIES, OmnibusTest, omnibus, trial_columns
-from sysid_trib.discrepancy.physical import are_physical, is_physical, strengths
-from sysid_trib.discrepancy.run_products import RunProducts, has_products
-from sysid_trib.discrepancy.shape_climb import climbed
-from sysid_trib.discrepancy.shape_grids import refined
-from sysid_trib.discrepancy.trials import TrialEffect, frequencies_of, trials_of
-from sysid_trib.discrepancy.white_columns import are_known_finely, known_directions, known_finely
 from sysid_trib.forces.force import Force
+from sysid_trib.likelihood_fit.fitted_model import FittedModel
+from sysid_trib.likelihood_fit.frequency_parameters import has_frequency_parameter
+from sysid_trib.likelihood_fit.likelihood import Likelihood, likelihood, of_many_rows
+from sysid_trib.likelihood_fit.run_products import RunProducts, has_products
+from sysid_trib.likelihood_fit.trials import TrialEffect, frequencies_of, trials_of
+from sysid_trib.screening.columns_beside import correlation_of, each_beside, projected
+from sysid_trib.screening.omnibus_test import FAMILIES, OmnibusTest, omnibus, trial_columns
+from sysid_trib.screening.physical import are_physical, is_physical, strengths
+from sysid_trib.screening.shape_climb import climbed
+from sysid_trib.screening.shape_grids import refined
+from sysid_trib.screening.white_columns import are_known_finely, known_directions, known_finely
 
 SAME_EFFECT = "not testable on this record: parameters of the model have the same effect"
 # Draws of the largest score of noise, and the quantile at which it is compared with independent tests.

@@ -23,10 +23,10 @@ from scipy.interpolate import BSpline
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.averaging.collocation import Index
 from sysid_trib.averaging.internal_states import GivenMotion, states_along, tangent_along, values_along
-from sysid_trib.discrepancy.fine_motion import NO_FINE_MOTION, FineMotion, fine_motion
-from sysid_trib.discrepancy.settings import DEFAULTS, Settings
-from sysid_trib.discrepancy.trials import SurfaceKey, TrialEffect
 from sysid_trib.errors import SysidTribError
+from sysid_trib.likelihood_fit.fine_motion import NO_FINE_MOTION, FineMotion, fine_motion
+from sysid_trib.likelihood_fit.settings import DEFAULTS, Settings
+from sysid_trib.likelihood_fit.trials import SurfaceKey, TrialEffect
 from sysid_trib.noise.residual_noise import NoiseModel
 from sysid_trib.noise.smoothing import knot_intervals, least_squares_spline
 from sysid_trib.noise.spline_design import SplinesAt

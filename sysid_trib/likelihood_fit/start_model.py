@@ -8,17 +8,17 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
-from sysid_trib.discrepancy.fitted_model import FittedModel
-from sysid_trib.discrepancy.likelihood import Likelihood
-from sysid_trib.discrepancy.model_fit import fit_model
-from sysid_trib.discrepancy.near_ratios import likeliest_near
-from sysid_trib.discrepancy.paths import RecordPath, path_of
-from sysid_trib.discrepancy.reference import refitted
-from sysid_trib.discrepancy.run_products import RowNoise, products_of
-from sysid_trib.discrepancy.settings import DEFAULTS, Settings
-from sysid_trib.discrepancy.trials import TrialEffect
 from sysid_trib.errors import LibraryError
 from sysid_trib.forces.force import Force
+from sysid_trib.likelihood_fit.fitted_model import FittedModel
+from sysid_trib.likelihood_fit.likelihood import Likelihood
+from sysid_trib.likelihood_fit.model_fit import fit_model
+from sysid_trib.likelihood_fit.near_ratios import likeliest_near
+from sysid_trib.likelihood_fit.paths import RecordPath, path_of
+from sysid_trib.likelihood_fit.reference import refitted
+from sysid_trib.likelihood_fit.run_products import RowNoise, products_of
+from sysid_trib.likelihood_fit.settings import DEFAULTS, Settings
+from sysid_trib.likelihood_fit.trials import TrialEffect
 from sysid_trib.noise.autoregression import fractional_difference
 from sysid_trib.noise.colour import MAX_COLOUR, colour_above, colours_beside, most_likely_colour, of_order
 from sysid_trib.noise.level import swing_frequency

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sysid_trib.discrepancy.columns_beside import projected
-from sysid_trib.discrepancy.fitted_model import FittedModel
-from sysid_trib.discrepancy.run_products import RunProducts
+from sysid_trib.likelihood_fit.fitted_model import FittedModel
+from sysid_trib.likelihood_fit.run_products import RunProducts
+from sysid_trib.screening.columns_beside import projected
 
 
 def collinear_effects(

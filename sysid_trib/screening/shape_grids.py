@@ -7,10 +7,10 @@ from itertools import pairwise
 import numpy as np
 
 from sysid_trib.arrays import Array
-from sysid_trib.discrepancy.fitted_model import FittedModel
-from sysid_trib.discrepancy.frequency_parameters import is_frequency_parameter, is_phase
-from sysid_trib.discrepancy.trials import TrialEffect, from_unit, to_unit
-from sysid_trib.discrepancy.white_columns import base_of, outside_of
+from sysid_trib.likelihood_fit.fitted_model import FittedModel
+from sysid_trib.likelihood_fit.frequency_parameters import is_frequency_parameter, is_phase
+from sysid_trib.likelihood_fit.trials import TrialEffect, from_unit, to_unit
+from sysid_trib.screening.white_columns import base_of, outside_of
 
 # Times a cell of a grid is halved at most.
 HALVINGS = 4

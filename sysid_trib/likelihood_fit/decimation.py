@@ -6,7 +6,7 @@ from scipy.signal import savgol_filter
 
 from sysid_trib.decays.equilibrium import with_half_periods
 from sysid_trib.decays.uniform import is_uniform
-from sysid_trib.discrepancy.settings import DEFAULTS
+from sysid_trib.likelihood_fit.settings import DEFAULTS
 
 
 def decimated(decay: xr.Dataset, per_period: int = DEFAULTS.samples_per_period) -> xr.Dataset:

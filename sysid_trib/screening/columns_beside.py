@@ -8,8 +8,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from sysid_trib.arrays import Array
-from sysid_trib.discrepancy.likelihood import RIDGE, Likelihood, likelihood, most_likely_variance
-from sysid_trib.discrepancy.run_products import RunProducts
+from sysid_trib.likelihood_fit.likelihood import RIDGE, Likelihood, likelihood, most_likely_variance
+from sysid_trib.likelihood_fit.run_products import RunProducts
 
 # Distance of ratios between those tried, in their logarithm, at which single columns are judged.
 COARSE_STEP = 0.1

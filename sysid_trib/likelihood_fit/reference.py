@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sysid_trib.discrepancy.fitted_model import FittedModel
-from sysid_trib.discrepancy.model_fit import fit_model, fitted_along
-from sysid_trib.discrepancy.paths import RecordPath
-from sysid_trib.discrepancy.trials import reference_power
+from sysid_trib.likelihood_fit.fitted_model import FittedModel
+from sysid_trib.likelihood_fit.model_fit import fit_model, fitted_along
+from sysid_trib.likelihood_fit.paths import RecordPath
+from sysid_trib.likelihood_fit.trials import reference_power
 
 # Part of its standard error by which a frequency may differ from the reference, and rounds to get there.
 SAME_REFERENCE, RESCALINGS = 0.02, 4

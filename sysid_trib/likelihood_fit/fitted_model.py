@@ -7,11 +7,11 @@ from functools import cached_property
 import numpy as np
 
 from sysid_trib.arrays import Array
-from sysid_trib.discrepancy.likelihood import Likelihood
-from sysid_trib.discrepancy.paths import RecordPath
-from sysid_trib.discrepancy.run_rows import RunRows, nuisances
-from sysid_trib.discrepancy.settings import Settings
-from sysid_trib.discrepancy.trials import (
+from sysid_trib.likelihood_fit.likelihood import Likelihood
+from sysid_trib.likelihood_fit.paths import RecordPath
+from sysid_trib.likelihood_fit.run_rows import RunRows, nuisances
+from sysid_trib.likelihood_fit.settings import Settings
+from sysid_trib.likelihood_fit.trials import (
     TrialEffect,
     from_unit,
     reference_power,

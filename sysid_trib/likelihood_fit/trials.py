@@ -9,17 +9,17 @@ import numpy as np
 
 from sysid_trib.arrays import Array
 from sysid_trib.averaging.stepped_states import is_stepped
-from sysid_trib.discrepancy.frequency_parameters import (
+from sysid_trib.forces.force import Force, Shape
+from sysid_trib.forces.formulas import Formula
+from sysid_trib.forces.scaling import reference_powers
+from sysid_trib.likelihood_fit.frequency_parameters import (
     TURN,
     is_frequency,
     is_frequency_parameter,
     is_phase,
     is_resonance,
 )
-from sysid_trib.discrepancy.settings import DEFAULTS, Settings
-from sysid_trib.forces.force import Force, Shape
-from sysid_trib.forces.formulas import Formula
-from sysid_trib.forces.scaling import reference_powers
+from sysid_trib.likelihood_fit.settings import DEFAULTS, Settings
 
 # Text and shape values of a switching surface.
 SurfaceKey: TypeAlias = tuple[str, tuple[float, ...]]

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid_trib.arrays import Array, Mask
-from sysid_trib.discrepancy.fitted_model import FittedModel
-from sysid_trib.discrepancy.run_products import has_products
-from sysid_trib.discrepancy.trials import TrialEffect
+from sysid_trib.likelihood_fit.fitted_model import FittedModel
+from sysid_trib.likelihood_fit.run_products import has_products
+from sysid_trib.likelihood_fit.trials import TrialEffect
 
 
 def base_of(model: FittedModel, effects: Sequence[str] = ()) -> Array:

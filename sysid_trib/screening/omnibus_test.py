@@ -8,14 +8,14 @@ import scipy.linalg
 from scipy.stats import chi2, norm
 
 from sysid_trib.arrays import Array, Mask
-from sysid_trib.discrepancy.columns_beside import each_beside
-from sysid_trib.discrepancy.fitted_model import FittedModel
-from sysid_trib.discrepancy.likelihood import Likelihood, likelihood, of_many_rows
-from sysid_trib.discrepancy.paths import RecordPath
-from sysid_trib.discrepancy.physical import strengths
-from sysid_trib.discrepancy.run_products import RunProducts
-from sysid_trib.discrepancy.simulated_gains import TestedRun, p_value_by_simulation
+from sysid_trib.likelihood_fit.fitted_model import FittedModel
+from sysid_trib.likelihood_fit.likelihood import Likelihood, likelihood, of_many_rows
+from sysid_trib.likelihood_fit.paths import RecordPath
+from sysid_trib.likelihood_fit.run_products import RunProducts
 from sysid_trib.noise.smoothing import KNOTS_PER_PERIOD
+from sysid_trib.screening.columns_beside import each_beside
+from sysid_trib.screening.physical import strengths
+from sysid_trib.screening.simulated_gains import TestedRun, p_value_by_simulation
 
 # Of tests that decide whether anything is missing: of the candidates, and of forces of any form. Each family
 # is held to its part of the level, so that a record with nothing hidden is blamed no more often than that.

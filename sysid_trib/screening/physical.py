@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array, Mask
-from sysid_trib.discrepancy.fitted_model import FittedModel
-from sysid_trib.discrepancy.trials import TrialEffect
 from sysid_trib.forces.force import Force
+from sysid_trib.likelihood_fit.fitted_model import FittedModel
+from sysid_trib.likelihood_fit.trials import TrialEffect
 
 
 def is_physical(force: Force, coefficient: ArrayLike, relative_force: float, strongest: float) -> Mask:

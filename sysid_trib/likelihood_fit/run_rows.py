@@ -9,11 +9,11 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import spsolve
 
 from sysid_trib.arrays import Array
-from sysid_trib.discrepancy.likelihood import Likelihood
-from sysid_trib.discrepancy.paths import RecordPath
-from sysid_trib.discrepancy.resolution import unresolved
-from sysid_trib.discrepancy.run_products import RowNoise, RunProducts, products_of
-from sysid_trib.discrepancy.trials import TrialEffect
+from sysid_trib.likelihood_fit.likelihood import Likelihood
+from sysid_trib.likelihood_fit.paths import RecordPath
+from sysid_trib.likelihood_fit.resolution import unresolved
+from sysid_trib.likelihood_fit.run_products import RowNoise, RunProducts, products_of
+from sysid_trib.likelihood_fit.trials import TrialEffect
 from sysid_trib.regression.local_rows import covariance_of_local_rows
 from sysid_trib.regression.weak_form import (
     cholesky_factor,

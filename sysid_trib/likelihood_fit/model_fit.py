@@ -8,14 +8,14 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid_trib.arrays import Array
-from sysid_trib.discrepancy.fitted_model import FittedModel, table_of
-from sysid_trib.discrepancy.likelihood import Likelihood, likelihood
-from sysid_trib.discrepancy.near_ratios import likeliest_near
-from sysid_trib.discrepancy.paths import RecordPath
-from sysid_trib.discrepancy.run_products import RunProducts
-from sysid_trib.discrepancy.run_rows import run_rows
-from sysid_trib.discrepancy.trials import TrialEffect, end_of_range, shape_values, to_unit
 from sysid_trib.errors import SysidTribError
+from sysid_trib.likelihood_fit.fitted_model import FittedModel, table_of
+from sysid_trib.likelihood_fit.likelihood import Likelihood, likelihood
+from sysid_trib.likelihood_fit.near_ratios import likeliest_near
+from sysid_trib.likelihood_fit.paths import RecordPath
+from sysid_trib.likelihood_fit.run_products import RunProducts
+from sysid_trib.likelihood_fit.run_rows import run_rows
+from sysid_trib.likelihood_fit.trials import TrialEffect, end_of_range, shape_values, to_unit
 
 # Rounds after which a path goes half of its way.
 WHOLE_STEPS = 3

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline, PPoly
 
 from sysid_trib.arrays import Array, Index, Mask
-from sysid_trib.discrepancy.settings import DEFAULTS, Settings
+from sysid_trib.likelihood_fit.settings import DEFAULTS, Settings
 from sysid_trib.noise.variance_ratio import ratio_span
 from sysid_trib.regression.weak_form import WeakForm, cholesky_factor, log_determinant, whiten
 

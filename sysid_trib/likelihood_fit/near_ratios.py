@@ -3,8 +3,8 @@
 from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
-from sysid_trib.discrepancy.likelihood import Likelihood, likelihood
-from sysid_trib.discrepancy.run_products import RunProducts
+from sysid_trib.likelihood_fit.likelihood import Likelihood, likelihood
+from sysid_trib.likelihood_fit.run_products import RunProducts
 
 # Of a likely ratio, 0 where none is known; see `products_of`.
 ProductsNear: TypeAlias = Callable[[float], RunProducts]

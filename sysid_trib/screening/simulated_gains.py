@@ -9,9 +9,9 @@ import scipy.sparse as sp
 from scipy.stats import chi2
 
 from sysid_trib.arrays import Array
-from sysid_trib.discrepancy.likelihood import Likelihood, likelihood
-from sysid_trib.discrepancy.run_products import RunProducts
-from sysid_trib.discrepancy.run_rows import RunRows
+from sysid_trib.likelihood_fit.likelihood import Likelihood, likelihood
+from sysid_trib.likelihood_fit.run_products import RunProducts
+from sysid_trib.likelihood_fit.run_rows import RunRows
 from sysid_trib.regression.weak_form import cholesky_factor, whiten
 
 # Draws from which mean and variance of the gain are known to a sixth.

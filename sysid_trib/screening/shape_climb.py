@@ -7,15 +7,15 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid_trib.arrays import Array
-from sysid_trib.discrepancy.columns_beside import each_beside
-from sysid_trib.discrepancy.fitted_model import FittedModel
-from sysid_trib.discrepancy.frequency_parameters import has_frequency_parameter
-from sysid_trib.discrepancy.likelihood import likelihood
-from sysid_trib.discrepancy.physical import are_physical, strengths
-from sysid_trib.discrepancy.run_products import has_products
-from sysid_trib.discrepancy.shape_grids import neighbours
-from sysid_trib.discrepancy.trials import TrialEffect, stepped_shape, trials_of
 from sysid_trib.forces.force import Force
+from sysid_trib.likelihood_fit.fitted_model import FittedModel
+from sysid_trib.likelihood_fit.frequency_parameters import has_frequency_parameter
+from sysid_trib.likelihood_fit.likelihood import likelihood
+from sysid_trib.likelihood_fit.run_products import has_products
+from sysid_trib.likelihood_fit.trials import TrialEffect, stepped_shape, trials_of
+from sysid_trib.screening.columns_beside import each_beside
+from sysid_trib.screening.physical import are_physical, strengths
+from sysid_trib.screening.shape_grids import neighbours
 
 # Combinations of the finer grid, over those that are screened: of three shapes two have thrice the values.
 FINER = 9

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid_trib.arrays import Array
-from sysid_trib.discrepancy.columns_beside import correlation_of, each_beside, projected
-from sysid_trib.discrepancy.fitted_model import FittedModel
-from sysid_trib.discrepancy.likelihood import Likelihood, likelihood
-from sysid_trib.discrepancy.screening import Screening
+from sysid_trib.likelihood_fit.fitted_model import FittedModel
+from sysid_trib.likelihood_fit.likelihood import Likelihood, likelihood
+from sysid_trib.screening.columns_beside import correlation_of, each_beside, projected
+from sysid_trib.screening.screen import Screening
 
 
 def in_place(
