@@ -309,6 +309,16 @@ def test_a_search_that_is_cut_short_says_so():
     assert len(found.known) == 2
 
 
+def test_names_that_were_not_compared_explain_nothing():
+    """Both are right, and nothing is left; but what else may stand in their place was not fitted."""
+    tree = discover(with_two(), BASE, FEW, settings=Settings(most_fits=3))
+    assert set(tree["steps"].symbol.values) == {"cubic_damping", "even_spring"}
+    assert tree.attrs["verdict"] == "unknown effect"
+    headline, ended, *_ = verdict_sentences(tree)
+    assert headline.endswith("the gap is 0.947 times the noise, but not all rivals were compared.")
+    assert "after as many fits as its settings allow" in ended
+
+
 def test_a_search_ends_at_its_time_limit():
     run = with_two()
     tree = discover(run, BASE, FEW, time_limit=1e-3)

@@ -113,12 +113,17 @@ def _unknown_effect(tree: xr.DataTree, details: bool) -> list[str]:
     if collinear and not omnibus.significant:
         return [f"Unknown effect: the gap is {residual}, but {imitate}"]
     refuted = " and ".join(_refuted(tree))
-    if refuted and not omnibus.significant and not _last(tree, "ranking").significant.any():
+    stands_out = omnibus.significant or _last(tree, "ranking").significant.any()
+    if refuted and not stands_out:
         return [
             f"Unknown effect: the gap is {residual}, but {refuted} made the prediction of what was held out "
             "worse when added: a force that is no candidate may be imitated."
         ]
-    named = "the named effects do" if added_effects(tree) else "the model does"
+    added = added_effects(tree)
+    if added and not stands_out and tree.attrs["converged"] != "True":
+        names = " and ".join(added)
+        return [f"Unknown effect: with {names} the gap is {residual}, but not all rivals were compared."]
+    named = "the named effects do" if added else "the model does"
     sentences = [f"Unknown effect: {named} not explain the record; the gap is {residual}."]
     sentences += (residual_sentences if details else force_type_sentences)(tree, "discrepancy_after")
     if collinear:
