@@ -111,9 +111,16 @@ def _sensor_error(model: Model, elapsed: Array, x: Array, v: Array) -> Array:
 
 
 def model_identification(
-    model: FittedModel, motions: Sequence[FreeMotion], runs: Sequence[xr.Dataset], frequency: float | None
+    model: FittedModel,
+    motions: Sequence[FreeMotion],
+    runs: Sequence[xr.Dataset],
+    frequency: float | None,
+    widening: float = 1.0,
 ) -> xr.Dataset:
-    """A model as an identification: with the random force of each run, which its errors allow for."""
+    """A model as an identification: with the random force of each run, which its errors allow for.
+
+    `widening` : factor of its errors.
+    """
     from sysid_trib.methods.direct import Direct
 
     identified = model_of_fit(model)
@@ -137,9 +144,8 @@ def model_identification(
         "birge_ratio": (root_mean_square(levels) / expected, "1", "sensor's noise over that of its spectrum"),
         **start_variables([motion.start for motion in motions], [motion.zero for motion in motions]),
     }
-    estimate = Estimate(
-        model.coefficients, model.covariance_with_frequency(), identified.reference_frequency, levels, extra
-    )
+    covariance = widening**2 * model.covariance_with_frequency()
+    estimate = Estimate(model.coefficients, covariance, identified.reference_frequency, levels, extra)
     method = Direct(frequency, shapes=dict(identified.shapes), random_force="auto")
     result = identification(
         method, one_or_all(list(runs)), identified.library, estimate, offered=identified.library
@@ -148,6 +154,6 @@ def model_identification(
     result = result.assign(random_force_variables(forces) | colour_variables(filters))
     if "shape" in result:
         errors = model.shape_errors()
-        fitted = [errors.get(name, np.nan) for name in result.shape_parameter.values.tolist()]
+        fitted = [widening * errors.get(name, np.nan) for name in result.shape_parameter.values.tolist()]
         result["shape_standard_error"] = result.shape_standard_error.copy(data=fitted)
     return result

@@ -53,11 +53,17 @@ def groups_of(
     groups["steps"] = _steps(search, motions, predictions, offered)
     groups["omnibus"] = _omnibus(search)
     for name, at in (("before", 0), ("after", -1)):
-        groups[name] = model_identification(search.models[at], motions[at], seen, frequency)
+        model, factor = search.models[at], _widening(search, at)
+        groups[name] = model_identification(model, motions[at], seen, frequency, factor)
     groups["holdout"] = _holdout(motions[-1], predictions)
     if len(runs) > 1:
         groups["homogeneity"] = homogeneity(search.models)
     return groups
+
+
+def _widening(search: Search, at: int = -1) -> float:
+    """By how much the errors of a model are widened: by the omnibus test, where something is missing."""
+    return search.screenings[at].omnibus.widening(search.models[0].settings.level)
 
 
 def _records(seen: Sequence[xr.Dataset], motions: Sequence[Sequence[FreeMotion]]) -> list[xr.Dataset]:
@@ -137,7 +143,8 @@ def _steps(
     symbols = [trial.force.symbol for trial in final.trials]
     places = [symbols.index(symbol) for symbol in search.effects]
     forces = [final.trials[at].force for at in places]
-    values, errors = final.coefficients, np.sqrt(np.diag(final.covariance_with_frequency()))
+    values = final.coefficients
+    errors = _widening(search) * np.sqrt(np.diag(final.covariance_with_frequency()))
     z = values[places] / errors[places]
     chosen = np.array([_selected_at(search, symbol) for symbol in search.effects])
     gains = -np.diff([model.deviance for model in search.models])
@@ -260,7 +267,8 @@ def _shapes(model: FittedModel) -> dict[str, float]:
 def _step_shapes(search: Search) -> Variables:
     """Shape parameters of each effect in the final model, nan those of the others."""
     final = search.models[-1]
-    shapes, errors = _shapes(final), final.shape_errors()
+    shapes, factor = _shapes(final), _widening(search)
+    errors = {name: factor * error for name, error in final.shape_errors().items()}
     if not shapes:
         return {}
     of_effect = np.array([[name.startswith(f"{s}.") for name in shapes] for s in search.effects])
@@ -272,9 +280,11 @@ def _omnibus(search: Search) -> xr.Dataset:
     """At each selection step the tests that know no candidate."""
     tests = [screening.omnibus for screening in search.screenings]
     p_value = np.array([test.p_value for test in tests])
+    factors = [_widening(search, at) for at in range(len(tests))]
     return xr.Dataset(
         {
             "z": variable(("selection_step", "trial_force"), [test.z for test in tests], "score", "1"),
+            "widening": variable("selection_step", factors, "by how much errors are widened for it", "1"),
             "p_value": variable("selection_step", p_value, "p-value of all together", "1"),
             "significant": variable(
                 "selection_step", p_value < search.models[0].settings.level, "whether it is below the level"

@@ -44,6 +44,7 @@ def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
             "gap_above_noise": number(held.residual_above_noise.values.tolist()),
         },
         "generic_p_value": number(tree["omnibus"].p_value.values[-1].item()),
+        "error_widening": number(tree["omnibus"].widening.values[-1].item()),
         "detectable": {s: number(value) for s, value in candidates.detectable.to_series().items()},
         "not_testable": {s: reason for s, reason in candidates.reason.to_series().items() if reason},
         **{key: list(tree.attrs[key]) for key in ("left_out", "failed_fits")},

@@ -13,6 +13,7 @@ from sysid_trib.likelihood_fit.likelihood import Likelihood, likelihood, of_many
 from sysid_trib.likelihood_fit.paths import RecordPath
 from sysid_trib.likelihood_fit.run_products import RunProducts
 from sysid_trib.noise.smoothing import KNOTS_PER_PERIOD
+from sysid_trib.records.runs import root_mean_square
 from sysid_trib.screening.columns_beside import each_beside
 from sysid_trib.screening.physical import strengths
 from sysid_trib.screening.simulated_gains import TestedRun, p_value_by_simulation
@@ -44,6 +45,16 @@ class OmnibusTest:
     names: tuple[str, ...]
     z: Array
     p_value: float
+
+    def widening(self, level: float) -> float:
+        """By how much errors by the noise are too small where the test rejects at a level; 1 at least.
+
+        What is missing moves coefficients as it moves the scores of forces of any form: by as much as these
+        are larger than scores of noise, whose mean square is 1 (Birge 1932).
+        """
+        tested = self.z[self.z != 0.0]
+        rejects = self.p_value < level and len(tested)
+        return max(1.0, root_mean_square(np.abs(tested))) if rejects else 1.0
 
 
 def corrected(p_value: float) -> float:
