@@ -131,8 +131,9 @@ def _unknown_effect(tree: xr.DataTree, details: bool) -> list[str]:
     if omnibus.significant:
         sentences.append(
             f"The omnibus test rejects that nothing is missing (p {p_value_text(omnibus.p_value.item())}). "
-            f"Its highest scores, by amplitude r and phase phi: {_highest(omnibus.z)}. What is missing may move "
-            f"coefficients as much: errors are widened by {omnibus.widening.item():.3g}, as these scores are."
+            f"Its highest scores, by amplitude r and phase phi: {_highest(omnibus.z)}. "
+            "What is missing moves coefficients too: errors are widened by the RMS of these scores, "
+            f"{omnibus.widening.item():.3g}."
         )
     return sentences
 
