@@ -183,7 +183,7 @@ def test_the_default_text_hides_no_warning(twin, capsys):
     for warning in (
         "Unknown effect: the named effects do not explain the record",
         "the coefficient of nu is not significant",
-        "epsilon is in the fit only: it makes the prediction of what was held out worse",
+        "epsilon is in the fit only: the model before it predicts what was held out better",
         "nu and epsilon nearly cancel other forces of the model",
         "The omnibus test rejects that nothing is missing",
     ):
@@ -450,7 +450,7 @@ def test_effects_that_explain_the_fit_alone_are_not_said_to_leave_a_gap(twin):
     tree["steps"] = type(tree)(steps)
     tree.attrs["verdict"] = "unknown effect"
     verdict = story(tree)
-    assert "but nu made the prediction of what was held out worse when added" in verdict
+    assert "but the model before nu was added predicts what was held out better" in verdict
     assert "do not explain the record" not in verdict
 
 
@@ -469,7 +469,7 @@ def test_a_fit_that_does_not_settle_and_a_step_that_worsens_are_told(twin):
     tree["steps"] = type(tree)(steps)
     told = story(tree)
     assert "but their fits failed: dahl." in told
-    assert told.count("is in the fit only: it makes the prediction of what was held out worse") == 1
+    assert told.count("is in the fit only: the model before it predicts what was held out better") == 1
 
 
 def test_of_many_twins_the_likeliest_are_named(twin):

@@ -315,7 +315,9 @@ def test_names_that_were_not_compared_explain_nothing():
     assert set(tree["steps"].symbol.values) == {"cubic_damping", "even_spring"}
     assert tree.attrs["verdict"] == "unknown effect"
     headline, ended, *_ = verdict_sentences(tree)
-    assert headline.endswith("the gap is 0.947 times the noise, but not all rivals were compared.")
+    assert headline.endswith(
+        "0.947 times the noise, but not all that may stand in their place were compared."
+    )
     assert "after as many fits as its settings allow" in ended
 
 

@@ -224,13 +224,12 @@ def verdict_of(done: Search, predictions: Sequence[Prediction] = ()) -> str:
         Of what was held out, by each of its models.
     """
     # Names that nearly cancel each other, or that do not predict, may imitate one that is not in the library;
-    # a model that does not move as the record does explains nothing, nor do names that were not compared with
-    # all that may stand in their place.
+    # a model that does not move as the record does explains nothing; what was not compared is not known.
     settings = done.models[0].settings
     refuted = np.any(improvements(predictions) < -settings.refuted)
     missing = done.outstanding or done.screenings[-1].omnibus.p_value < settings.level
-    astray = bool(done.effects) and not (done.followed and done.converged)
-    if done.collinear or refuted or missing or astray:
+    astray = bool(done.effects) and not done.followed
+    if done.collinear or refuted or missing or astray or not done.converged:
         return "unknown effect"
     return "explained" if done.effects else "nothing missing"
 

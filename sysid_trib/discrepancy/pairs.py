@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from sysid_trib.discrepancy.evidence import evidence
 from sysid_trib.discrepancy.exchange import deviance_of
 from sysid_trib.discrepancy.fits import Fits
+from sysid_trib.likelihood_fit.fitted_model import FittedModel
 from sysid_trib.likelihood_fit.likelihood import likelihood
 from sysid_trib.screening.columns_beside import each_beside
 from sysid_trib.screening.in_place import pairs_in_place
@@ -56,6 +57,21 @@ def pairs_of(
         if excess < settings.outside_of_set:
             likelier[names] = excess
     return dict(sorted(likelier.items(), key=lambda scored: scored[1]))
+
+
+def likelier_pair(
+    current: Screening, effects: tuple[str, ...], fits: Fits
+) -> tuple[FittedModel, tuple[str, ...]] | None:
+    """The model with a pair in an effect's place of whose credible set the effect is outside, if any."""
+    settings = current.model.settings
+    if len(effects) >= settings.max_effects:
+        return None
+    for symbol in effects:
+        for pair, excess in pairs_of(current, effects, symbol, fits).items():
+            if excess < -settings.outside_of_set:
+                after = (*(s for s in effects if s != symbol), *pair)
+                return fits.kept[frozenset(after)], after
+    return None
 
 
 def _both_add(current: Screening, symbol: str, pair: Sequence[int]) -> bool:

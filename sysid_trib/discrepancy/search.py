@@ -18,7 +18,7 @@ from sysid_trib.discrepancy.exchange import (
 )
 from sysid_trib.discrepancy.final_models import followed_of_set, nested_models
 from sysid_trib.discrepancy.fits import Fits
-from sysid_trib.discrepancy.pairs import pairs_of
+from sysid_trib.discrepancy.pairs import likelier_pair, pairs_of
 from sysid_trib.forces.force import Force
 from sysid_trib.likelihood_fit.fitted_model import FittedModel
 from sysid_trib.likelihood_fit.likelihood import likelihood
@@ -117,6 +117,8 @@ def search(
             tell("rivals of each effect")
             rivals = {symbol: rivals_of(current, effects, symbol, fits) for symbol in effects}
             step = better_rival(current, effects, rivals, fits) or chance_in_set(effects, rivals, fits)
+        if step is None:
+            step = likelier_pair(current, effects, fits)
         converged = step is None and not fits.ended
         if step is None:
             break
@@ -126,7 +128,8 @@ def search(
     final = followed_of_set(model, effects, rivals, fits)
     last = screened(final.model, final.effects)
     effects = _by_weight(last, final.effects)
-    failed = sorted({*fits.failed} - {*effects})
+    compared = {name for of_effect in final.rivals.values() for name in of_effect}
+    failed = sorted({*fits.failed} - {*effects} - compared)
     return Search(
         [last],
         [final.referred if final.referred.follows else final.model],

@@ -52,7 +52,7 @@ class Settings:
         "sets hold hardly more than three",
     )
     pairs: int = setting(20, "pairs whose likelihood is computed along the path", "time")
-    most_fits: int = setting(50, "fits, and moves, after which a search has not converged", "time")
+    most_fits: int = setting(100, "fits, and moves, after which a search has not converged", "time")
     rounds: int = setting(12, "rounds of path and parameters in a fit", "time")
     shape_step: float = setting(
         0.1, "largest step of a shape in a round, of its range", "a cell of the grid of its values"

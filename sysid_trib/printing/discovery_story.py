@@ -134,7 +134,7 @@ def _step_remarks(tree: xr.DataTree, at: int) -> list[str]:
     remarks += step_heterogeneity_sentences(tree, at)
     if step.worsens_holdout.item():
         remarks.append(
-            f"{symbol} is in the fit only: it makes the prediction of what was held out worse "
+            f"{symbol} is in the fit only: the model before it predicts what was held out better "
             f"(z = {step.prediction_z.item():.2g})."
         )
     remarks += [*_competing(tree, step), *_competing_pairs(step)]

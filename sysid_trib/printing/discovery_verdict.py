@@ -112,17 +112,17 @@ def _unknown_effect(tree: xr.DataTree, details: bool) -> list[str]:
     )
     if collinear and not omnibus.significant:
         return [f"Unknown effect: the gap is {residual}, but {imitate}"]
-    refuted = " and ".join(_refuted(tree))
-    stands_out = omnibus.significant or _last(tree, "ranking").significant.any()
-    if refuted and not stands_out:
-        return [
-            f"Unknown effect: the gap is {residual}, but {refuted} made the prediction of what was held out "
-            "worse when added: a force that is no candidate may be imitated."
-        ]
+    refuted = _refuted(tree)
     added = added_effects(tree)
-    if added and not stands_out and tree.attrs["converged"] != "True":
-        names = " and ".join(added)
-        return [f"Unknown effect: with {names} the gap is {residual}, but not all rivals were compared."]
+    if refuted and not omnibus.significant and not _last(tree, "ranking").significant.any():
+        return [
+            f"Unknown effect: the gap is {residual}, but the model before {refuted[0]} was added predicts "
+            "what was held out better: a force that is no candidate may be imitated."
+        ]
+    if tree.attrs["converged"] != "True" and not omnibus.significant:
+        names = f"with {' and '.join(added)} " if added else ""
+        rivals = "all that may stand in their place were" if added else "all candidates were"
+        return [f"Unknown effect: {names}the gap is {residual}, but not {rivals} compared."]
     named = "the named effects do" if added else "the model does"
     sentences = [f"Unknown effect: {named} not explain the record; the gap is {residual}."]
     sentences += (residual_sentences if details else force_type_sentences)(tree, "discrepancy_after")
@@ -147,7 +147,7 @@ def _collinear(tree: xr.DataTree) -> list[str]:
 
 
 def _refuted(tree: xr.DataTree) -> list[str]:
-    """Symbols of the added effects that made the prediction of what was held out worse."""
+    """Symbols of the added effects before which the model predicted what was held out better."""
     if not tree["steps"].attrs["count"]:
         return []
     steps = tree["steps"].to_dataset()
