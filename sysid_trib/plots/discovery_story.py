@@ -16,11 +16,10 @@ from sysid_trib.results.discoveries import (
     credible_set,
     or_others,
     pairs_in_place,
-    tied_name,
 )
 
 # Effects that a row names beside its own.
-TIED_IN_A_ROW = 3
+TIED_IN_A_ROW = 2
 # Heights of the panels, inch: record, gap before, gap after, models without rows; and of a row.
 PANEL_HEIGHTS, MODEL_ROW = (1.75, 1.15, 1.55, 0.85), 0.34
 
@@ -72,15 +71,10 @@ def _explained(ax: Axes, tree: xr.DataTree) -> None:
         # Above its line: beside a mark a long name may not have room.
         ax.annotate(text, (1.0, row), (8, 10), **note)
     ax.axvline(1.0, **style.THRESHOLD)
-    style.name_rows(ax, ["start model", *(_row_name(step) for step in steps)])
+    style.name_rows(ax, ["start model", *(f"+ {symbol}" for symbol in symbols)])
     low, high = min(1.0, *ratios) / 1.15, max(2.0, *ratios)
     ax.set(xlabel="RMS of the gap over the noise", xscale="log", xlim=(low, high * (high / low) ** 0.2))
     style.logarithmic_ticks(ax.xaxis, low, high)
-
-
-def _row_name(step: xr.Dataset) -> str:
-    """An effect with what it cannot be separated from, in lines as narrow as a name."""
-    return f"+ {tied_name(step, 1)}".replace(" or ", "\nor ")
 
 
 def _in_words(step: xr.Dataset) -> str:

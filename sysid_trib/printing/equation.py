@@ -42,7 +42,9 @@ def equation_latex(result: xr.Dataset) -> str:
     for number, formula in forces:
         with sympy.evaluate(False):
             written = sympy.latex(_expression(formula, names))
-        parts.append(f"{_signed(power_of_ten(number))}\\, {written}")
+        # A number beside a number would read as one.
+        times = "\\cdot" if written[:1].isdigit() else "\\,"
+        parts.append(f"{_signed(power_of_ten(number))}{times} {written}")
     w = rounded(result.reference_frequency.item(), result.reference_frequency_standard_error.item())
     right = r" \\" "\n" r"    &\quad ".join([x, *parts])
     return "\n".join(
