@@ -6,6 +6,9 @@ from discovery import BASE, EVERY, start_model, with_effect
 
 from sysid_trib import discover
 from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.printing.discovery_json import discovery_json
+from sysid_trib.printing.discovery_verdict import verdict_sentences
+from sysid_trib.results.discoveries import error_widening
 from sysid_trib.screening.omnibus_test import OmnibusTest
 from sysid_trib.screening.screen import screen
 
@@ -60,6 +63,10 @@ def test_all_errors_of_a_discovery_are_widened(monkeypatch):
     monkeypatch.setattr(OmnibusTest, "widening", lambda test, level: 1.0)
     plain = discover(run, BASE.select(KNOWN), offered)
     factor = tree["omnibus"].widening.values
+    assert discovery_json(tree)["error_widening"] == factor[-1]
+    assert f"errors are widened by the RMS of these scores, {factor[-1]:.3g}" in " ".join(
+        verdict_sentences(tree)
+    )
     assert tree.attrs["verdict"] == "unknown effect"
     assert factor[-1] > 1.5
     for group, at, names in (
@@ -70,3 +77,5 @@ def test_all_errors_of_a_discovery_are_widened(monkeypatch):
         for name in names:
             wide, narrow = tree[group][name].values, plain[group][name].values
             assert wide == pytest.approx(factor[at] * narrow), (group, name)
+    tree["omnibus"] = type(tree)(tree["omnibus"].to_dataset().drop_vars("widening"))
+    assert error_widening(tree) == 1.0, "as an older version has saved it"

@@ -12,6 +12,7 @@ from sysid_trib.results.discoveries import (
     PAIR,
     candidates_of,
     credible_set,
+    error_widening,
     pairs_in_place,
     shapes_of,
 )
@@ -44,7 +45,7 @@ def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
             "gap_above_noise": number(held.residual_above_noise.values.tolist()),
         },
         "generic_p_value": number(tree["omnibus"].p_value.values[-1].item()),
-        "error_widening": number(tree["omnibus"].widening.values[-1].item()),
+        "error_widening": number(error_widening(tree)),
         "detectable": {s: number(value) for s, value in candidates.detectable.to_series().items()},
         "not_testable": {s: reason for s, reason in candidates.reason.to_series().items() if reason},
         **{key: list(tree.attrs[key]) for key in ("left_out", "failed_fits")},

@@ -14,7 +14,7 @@ from sysid_trib.printing.residual import (
     times_noise,
 )
 from sysid_trib.printing.runs import heterogeneity_sentences
-from sysid_trib.results.discoveries import added_effects
+from sysid_trib.results.discoveries import added_effects, error_widening
 from sysid_trib.results.significance import determines
 
 # Forces of the omnibus test, and candidates, that are named where they stand out.
@@ -133,7 +133,7 @@ def _unknown_effect(tree: xr.DataTree, details: bool) -> list[str]:
             f"The omnibus test rejects that nothing is missing (p {p_value_text(omnibus.p_value.item())}). "
             f"Its highest scores, by amplitude r and phase phi: {_highest(omnibus.z)}. "
             "What is missing moves coefficients too: errors are widened by the RMS of these scores, "
-            f"{omnibus.widening.item():.3g}."
+            f"{error_widening(tree):.3g}."
         )
     return sentences
 

@@ -25,6 +25,12 @@ def added_effects(tree: xr.DataTree) -> list[str]:
     return tree["steps"].symbol.values.tolist() if tree["steps"].attrs["count"] else []
 
 
+def error_widening(tree: xr.DataTree) -> float:
+    """Factor that the errors of the final model have in them; 1 in a result of an older version."""
+    factors = tree["omnibus"].to_dataset().get("widening")
+    return 1.0 if factors is None else float(factors[-1])
+
+
 def credible_set(step: xr.Dataset) -> dict[str, float]:
     """The effect of a step and the candidates that may be the truth in its place, with their probabilities.
 
