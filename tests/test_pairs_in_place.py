@@ -26,6 +26,9 @@ def test_a_pair_is_taken_where_the_effect_is_outside_of_its_set(excess, max_effe
     monkeypatch.setattr(pairs, "pairs_of", lambda *asked: {pair: excess})
     found = pairs.likelier_pair(screen(start, [EVERY["bias"]]), ("lugre",), fits)
     assert found == ((start, pair) if taken else None)
+    # What chance has been seen to do as well as is not come back to.
+    fits.by_chance.add(frozenset(pair))
+    assert pairs.likelier_pair(screen(start, [EVERY["bias"]]), ("lugre",), fits) is None
 
 
 @pytest.mark.slow

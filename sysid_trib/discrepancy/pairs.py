@@ -68,8 +68,8 @@ def likelier_pair(
         return None
     for symbol in effects:
         for pair, excess in pairs_of(current, effects, symbol, fits).items():
-            if excess < -settings.outside_of_set:
-                after = (*(s for s in effects if s != symbol), *pair)
+            after = (*(s for s in effects if s != symbol), *pair)
+            if excess < -settings.outside_of_set and frozenset(after) not in fits.by_chance:
                 return fits.kept[frozenset(after)], after
     return None
 
