@@ -38,6 +38,8 @@ from sysid_trib.results.signal_units import signal_units, small_units
 COMPETING = 10
 # And pairs of them.
 COMPETING_PAIRS = 3
+# Odds at which one of two is outside of their 95 % credible set.
+OUTSIDE_OF_SET = 19.0
 
 
 def discovery_blocks(tree: xr.DataTree, sources: Sequence[str]) -> list[Block]:
@@ -171,9 +173,11 @@ def _competing_pairs(step: xr.Dataset) -> list[str]:
     if not pairs:
         return []
     more = f", {len(pairs) - COMPETING_PAIRS} more pairs" if len(pairs) > COMPETING_PAIRS else ""
+    odds = step.pair_odds.item()
+    how = "better" if odds > OUTSIDE_OF_SET else "as well"
     return [
-        f"Two together would do as well in the place of {step.symbol.item()}: "
-        f"{', '.join(pairs[:COMPETING_PAIRS])}{more}; the first with odds of {step.pair_odds.item():.2g} to "
+        f"Two together would do {how} in the place of {step.symbol.item()}: "
+        f"{', '.join(pairs[:COMPETING_PAIRS])}{more}; the first with odds of {odds:.2g} to "
         "it if they were as likely before."
     ]
 
