@@ -81,10 +81,10 @@ class OverviewData:
         return self.motion.small_units[0] * float(max(ends)) or 1.0
 
 
-def _leaves_something(tree: xr.DataTree) -> bool:
-    """Whether the final model of a discovery leaves what is no noise; else names alone are in doubt."""
-    left = [tree[group].significant.isel(selection_step=-1).values.any() for group in ("omnibus", "ranking")]
-    return tree.attrs["verdict"] == "unknown effect" and any(left)
+def _is_incomplete(tree: xr.DataTree) -> bool:
+    """Whether the final model of a discovery lacks something; else names alone are in doubt."""
+    tests = [tree[group].significant.isel(selection_step=-1) for group in ("omnibus", "ranking")]
+    return tree.attrs["verdict"] == "unknown effect" and any(test.values.any() for test in tests)
 
 
 def overview_data(tree: xr.DataTree, run: int = 0) -> OverviewData:
@@ -100,7 +100,7 @@ def overview_data(tree: xr.DataTree, run: int = 0) -> OverviewData:
     record = tree[record_groups(tree)[run]].to_dataset()
     if "steps" in tree.children:
         results = {"final model": tree["after"].to_dataset()}
-        explained = not _leaves_something(tree) and determines(results["final model"])
+        explained = not _is_incomplete(tree) and determines(results["final model"])
         drawn, widened = motion_data(tree, run), dict.fromkeys(results, 1.0)
     elif "best" in tree["comparison"].attrs:
         best = tree["comparison"].attrs["best"]
