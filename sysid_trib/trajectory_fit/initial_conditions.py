@@ -72,6 +72,7 @@ def fit_start(
     offset: float | None = 0.0,
     sensitivity: Array | None = None,
     near: bool = False,
+    engine: str | None = None,
 ) -> FittedMotion:
     """Least squares of a record on the initial conditions of a model's motion.
 
@@ -92,6 +93,8 @@ def fit_start(
     near : bool
         Whether the motion need only be near the record, not the best of all: the last step is then taken by
         its start alone.
+    engine : str, optional
+        Of `trajectory`.
 
     Returns
     -------
@@ -110,10 +113,10 @@ def fit_start(
     # A rate in a power of two near w, in which it counts as an angle does, whatever the unit of time.
     units = np.array([1.0, np.exp2(np.round(np.log2(model.reference_frequency)))])
     begin, zero = np.array(start, dtype=float), offset or 0.0
-    motion = trajectory(model, time, *begin)
+    motion = trajectory(model, time, *begin, engine=engine)
     for _ in range(NEARBY_ROUNDS if near else MAX_ROUNDS):
         if sensitivity is None:
-            sensitivity = _sensitivity(model, time, begin, amplitude, motion)
+            sensitivity = _sensitivity(model, time, begin, amplitude, motion, engine)
         columns = sensitivity * units
         columns = columns if offset is None else np.column_stack([columns, np.ones(len(time))])
         # Three columns of many rows: their products tell a step as well, and ten times as fast.
@@ -126,7 +129,7 @@ def fit_start(
         zero += float(steps[2]) if offset is not None else 0.0
         if near and longest < SETTLED_START:
             break
-        motion = trajectory(model, time, *begin)
+        motion = trajectory(model, time, *begin, engine=engine)
         if longest < SETTLED_START:
             break
         if longest > 1e-2:
@@ -137,7 +140,9 @@ def fit_start(
     )
 
 
-def _sensitivity(model: Model, time: Array, begin: Array, amplitude: Array, motion: SimulatedMotion) -> Array:
+def _sensitivity(
+    model: Model, time: Array, begin: Array, amplitude: Array, motion: SimulatedMotion, engine: str | None
+) -> Array:
     """Derivative of a motion by its start, (sample, 2): by simulations a millionth of the swing away.
 
     A motion under forces that neither time nor memory changes is its own derivative by a start that is later:
@@ -145,13 +150,14 @@ def _sensitivity(model: Model, time: Array, begin: Array, amplitude: Array, moti
     """
     if _is_autonomous(model) and len(time) > 2:
         w = model.reference_frequency
-        further = trajectory(model, time, *((1.0 + START_DIFFERENCE) * begin)).angle
+        further = trajectory(model, time, *((1.0 + START_DIFFERENCE) * begin), engine=engine).angle
         along = np.stack([(further - motion.angle) / START_DIFFERENCE, motion.rate / w])
         acceleration = np.gradient(motion.rate[:3], time[:3], edge_order=2)[0]
         directions = np.array([[begin[0], begin[1] / w], [begin[1] / w, acceleration / w**2]])
         return np.asarray((np.linalg.pinv(directions) @ along).T / [1.0, w])
     steps = START_DIFFERENCE * amplitude
-    angles = [trajectory(model, time, *(begin + steps * unit)).angle for unit in np.eye(2)]
+    starts = [begin + steps * unit for unit in np.eye(2)]
+    angles = [trajectory(model, time, *start, engine=engine).angle for start in starts]
     return (np.stack(angles, axis=1) - motion.angle[:, None]) / steps
 
 
