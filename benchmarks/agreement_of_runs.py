@@ -32,7 +32,7 @@ TRUTH = {"zeta": 5e-5, "delta": 2e-3, "nu": 1e-2, "epsilon": -0.1}
 STARTS = (0.3, 0.25)
 TIME = np.arange(PERIODS * PER_PERIOD) * 2.0 * np.pi / W / PER_PERIOD
 DENSITY = RandomForce.density_of(2.0 * (WANDER * NOISE) ** 2 / (W * TIME[-1]), W)
-METHODS = {"direct": Direct(random_force="auto"), "trajectory": Trajectory(random_force="auto")}
+METHODS = {"direct": Direct(random_force="estimated"), "trajectory": Trajectory(random_force="estimated")}
 LEVEL = 0.01
 AT_ONCE = 50
 

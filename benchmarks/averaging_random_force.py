@@ -38,7 +38,7 @@ def study(wander: float, seeds: int) -> list[str]:
     lines = []
     for name, method in METHODS.items():
         of_off = None
-        for option in ("off", "auto"):
+        for option in ("off", "estimated"):
             start = clock.process_time()
             results = [identified(record, replace(method, random_force=option)) for record in decays]
             taken = (clock.process_time() - start) / seeds

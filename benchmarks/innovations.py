@@ -28,8 +28,8 @@ LAGS = 20
 # Of the film: half of its period of 33 frames, by place of the lag.
 HALF_PERIOD = slice(13, 19)
 METHODS = {
-    "direct": st.methods.Direct(random_force="auto"),
-    "trajectory": st.methods.Trajectory(random_force="auto"),
+    "direct": st.methods.Direct(random_force="estimated"),
+    "trajectory": st.methods.Trajectory(random_force="estimated"),
 }
 
 

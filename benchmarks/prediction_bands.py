@@ -36,8 +36,8 @@ FRICTION, TRUTH = 2e-4, {"zeta": 5e-5, "delta": 2e-3, "nu": 1e-2, "epsilon": -0.
 WANDERS = (1.0, 5.0, 20.0)
 HORIZONS = (1, 3, 10)
 METHODS = {
-    "direct": st.methods.Direct(random_force="auto"),
-    "trajectory": st.methods.Trajectory(random_force="auto"),
+    "direct": st.methods.Direct(random_force="estimated"),
+    "trajectory": st.methods.Trajectory(random_force="estimated"),
 }
 
 

@@ -164,7 +164,7 @@ def dense_rows(decay: xr.Dataset, forces: str) -> DenseRows:
     runs = begin([decay], library, constraints, reference_frequency=None, shapes={})
     rows = weak_regression(runs, [linearised(run) for run in runs])
     runs = solve(rows, runs[0], every, constraints).applied_to(runs)
-    run = regress_pushed(runs, every, constraints, "auto").runs[0]
+    run = regress_pushed(runs, every, constraints, "estimated").runs[0]
     matrix = deviation_matrix(run)
     acting, weak = coloured(matrix, run.noises.filter_), rows_about(run, matrix)
     form, path = run.problem.form, run.reference
@@ -178,7 +178,7 @@ def dense_rows(decay: xr.Dataset, forces: str) -> DenseRows:
 
 def alike(decay: xr.Dataset, forces: str, seed: int) -> xr.Dataset:
     """A record simulated from the model that is identified, with white acceleration and noise."""
-    result = methods.Direct(random_force="auto").identify(decay, BOTH.select(forces.split()))
+    result = methods.Direct(random_force="estimated").identify(decay, BOTH.select(forces.split()))
     start, density = result.start_angle.item(), result.random_force_density.item()
     time = decay.time.values
     motion = simulate(

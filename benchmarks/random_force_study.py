@@ -35,8 +35,8 @@ from sysid_trib.noise.random_force import RandomForce, random_force_of  # noqa: 
 W, NOISE, PERIODS = 8.87, 2e-4, 20
 TRUTH = {"zeta": 5e-5, "delta": 2e-3, "nu": 1e-2, "epsilon": -0.1}
 METHODS = {
-    "direct": st.methods.Direct(random_force="auto"),
-    "trajectory": st.methods.Trajectory(random_force="auto"),
+    "direct": st.methods.Direct(random_force="estimated"),
+    "trajectory": st.methods.Trajectory(random_force="estimated"),
     "direct-off": st.methods.Direct(random_force="off"),
     "trajectory-off": st.methods.Trajectory(random_force="off"),
 }

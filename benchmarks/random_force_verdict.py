@@ -32,8 +32,8 @@ OFFERED = st.load_library("contact_forces").select(TRUTH)
 ZERO = st.load_library("candidate_effects")["bias"]
 TIME = np.arange(PERIODS * PER_PERIOD) * 2.0 * np.pi / W / PER_PERIOD
 METHODS = {
-    "trajectory": st.methods.Trajectory(random_force="auto"),
-    "direct": st.methods.Direct(random_force="auto"),
+    "trajectory": st.methods.Trajectory(random_force="estimated"),
+    "direct": st.methods.Direct(random_force="estimated"),
 }
 # Autocorrelation of the sensor's noise from sample to sample.
 NOISES = {"white": 0.0, "AR(0.8)": 0.8}

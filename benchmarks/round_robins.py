@@ -69,7 +69,7 @@ def _dataset(values: np.ndarray, errors: np.ndarray) -> xr.Dataset:
 def of_records(count: int) -> list[str]:
     """Round-robins of records: spread of lambda, effect on zeta, verdicts of both and of delta."""
     library = st.load_library("contact_forces").select(TRUTH)
-    direct = st.methods.Direct(random_force="auto")
+    direct = st.methods.Direct(random_force="estimated")
     time = np.arange(PERIODS * PER_PERIOD) * 2.0 * np.pi / W / PER_PERIOD
     counted = np.zeros(5)
     for at in range(count):

@@ -91,11 +91,12 @@ def random_force_table() -> Table:
         for wander in (0.0, 5.0):
             records[f"{periods} periods, wander of {wander:g} noise levels"] = swing(periods, wander), SWING
     # The first call imports and compiles.
-    identified(*records["the paper's run"], "auto")
+    identified(*records["the paper's run"], "estimated")
     table = Table("both methods, cross-checked", "samples", "random force (s)", "none (s)", "ratio")
     for name, (decay, forces) in records.items():
         spent = [
-            timed(partial(identified, decay, forces, option), process_time)[1] for option in ("auto", "off")
+            timed(partial(identified, decay, forces, option), process_time)[1]
+            for option in ("estimated", "off")
         ]
         times = (f"{value:.2f}" for value in (*spent, spent[0] / spent[1]))
         table.add_row(name, f"{decay.sizes['time']:,}", *times)

@@ -61,7 +61,7 @@ def main(seeds: int) -> None:
     for seed in range(seeds):
         decay = record_of(seed)
         for kind in (st.methods.Averaging, st.methods.Direct):
-            for option in ("off", "auto"):
+            for option in ("off", "estimated"):
                 label = f"{kind.__name__.lower()}, random force {option}"
                 try:
                     result = kind(random_force=option).identify(decay, OFFERED)

@@ -251,7 +251,7 @@ MODELS = {
 
 
 def with_random_force(decay: xr.Dataset, name: str) -> xr.Dataset:
-    return st.identify(decay, everything.select(MODELS[name].split()), m.Direct(random_force="auto"))
+    return st.identify(decay, everything.select(MODELS[name].split()), m.Direct(random_force="estimated"))
 
 
 pushed = {name: with_random_force(decay, name) for name, decay in decays.items()}

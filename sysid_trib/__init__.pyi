@@ -38,9 +38,10 @@ from .simulation.simulate import simulate as simulate
 from .state_space.bands import prediction_bands as prediction_bands
 from .state_space.innovations import innovations as innovations
 from .trajectory_fit.cramer_rao import cramer_rao_bound as cramer_rao_bound
+from .validation.answer import identify as identify
 from .validation.between_runs import between_runs as between_runs
 from .validation.compare import compare as compare
-from .validation.cross_check import cross_check as cross_check, identify as identify
+from .validation.cross_check import cross_check as cross_check
 from .validation.homogeneity import difference as difference, run_agreement as run_agreement
 from .validation.random_force import random_force_dependence as random_force_dependence
 

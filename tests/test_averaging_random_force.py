@@ -80,7 +80,7 @@ def test_averaging_tells_the_two_noises_apart():
     scores, ratios = [], []
     for seed in range(8):
         record = decay(DENSITY, seed)
-        result = Averaging(random_force="auto").identify(record, LIBRARY)
+        result = Averaging(random_force="estimated").identify(record, LIBRARY)
         scores.append((result.coefficient - list(TRUTH.values())) / result.standard_error)
         force = random_force_of(result)
         assert force.p_value < 1e-4
@@ -98,7 +98,7 @@ def test_without_a_random_force_the_result_is_that_of_off():
     absent = 0
     for seed in range(4):
         plain, auto = (
-            Averaging(random_force=option).identify(decay(0.0, seed), LIBRARY) for option in ("off", "auto")
+            Averaging(random_force=option).identify(decay(0.0, seed), LIBRARY) for option in ("off", "estimated")
         )
         if force := random_force_of(auto):
             assert force.p_value > 0.01
@@ -120,7 +120,7 @@ def test_a_density_by_hand_is_held(tmp_path):
 
 def test_each_run_has_its_own():
     runs = [decay(0.0, 0), decay(DENSITY, 1)]
-    result = Averaging(random_force="auto").identify(runs, LIBRARY)
+    result = Averaging(random_force="estimated").identify(runs, LIBRARY)
     quiet, pushed = (random_force_of(result, run).density for run in range(2))
     assert quiet < 0.1 * DENSITY < 0.3 * DENSITY < pushed
 
@@ -133,7 +133,7 @@ def test_decrements_have_errors_of_a_motion_that_is_pushed(method):
     for seed in range(4):
         angle = st.simulate(model, TIME[:600], angle=0.3, random_force=DENSITY, seed=seed).angle
         record = xr.Dataset({"angle": angle + NOISE * np.random.default_rng(seed).standard_normal(600)})
-        result = method(random_force="auto").identify(record, library)
+        result = method(random_force="estimated").identify(record, library)
         assert 0.2 < random_force_of(result).density / DENSITY < 5.0
         scores.append((result.coefficient - list(truth.values())) / result.standard_error)
     assert 0.3 < np.sqrt(np.mean(np.square(scores))) < 1.8
@@ -145,7 +145,7 @@ def test_the_frequency_shift_has_it_too():
     angle = st.simulate(model, TIME, angle=0.3, random_force=DENSITY, seed=2).angle
     record = xr.Dataset({"angle": angle + NOISE * np.random.default_rng(2).standard_normal(len(TIME))})
     pushed, plain = (
-        FrequencyShift(random_force=option).identify(record, library) for option in ("auto", "off")
+        FrequencyShift(random_force=option).identify(record, library) for option in ("estimated", "off")
     )
     assert 0.3 < random_force_of(pushed).density / DENSITY < 3.0
     assert pushed.standard_error.item() > plain.standard_error.item()
@@ -170,7 +170,7 @@ def test_a_frequency_that_the_wander_hides_is_asked_for():
     angle = st.simulate(model, TIME, angle=0.3, random_force=16.0 * DENSITY, seed=18).angle
     record = xr.Dataset({"angle": angle + NOISE * np.random.default_rng(18).standard_normal(len(TIME))})
     with pytest.raises(DecayError, match=r"give it \(reference_frequency=\)"):
-        Averaging(random_force="auto").identify(record, model.library)
-    result = Averaging(random_force="auto", reference_frequency=W).identify(record, model.library)
+        Averaging(random_force="estimated").identify(record, model.library)
+    result = Averaging(random_force="estimated", reference_frequency=W).identify(record, model.library)
     gaps = (result.coefficient - list(truth.values())) / result.standard_error
     assert np.abs(gaps).max() < 3.0

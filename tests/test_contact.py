@@ -246,7 +246,7 @@ def test_results_do_not_depend_on_the_unit(power, method):
 
     time, values = swing()
     library = st.load_library("contact_forces").select(["lambda", "zeta", "delta", "epsilon"])
-    identify = getattr(st.methods, method)(random_force="auto").identify
+    identify = getattr(st.methods, method)(random_force="estimated").identify
     one = identify(st.free_decay(as_record(time, values, "mm")), library)
     other = identify(st.free_decay(as_record(time, values * 2.0**power, "px")), library)
     powers = np.array([1.0, 0.0, -1.0, -2.0])

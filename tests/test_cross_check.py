@@ -13,7 +13,8 @@ from sysid_trib import Model, load_library
 from sysid_trib.errors import UsageError
 from sysid_trib.methods import Averaging, Direct, Trajectory, method_of
 from sysid_trib.results.files import load, save
-from sysid_trib.validation.cross_check import cross_check, identify
+from sysid_trib.validation.answer import identify
+from sysid_trib.validation.cross_check import cross_check
 
 FORCES = load_library()
 GROUPS = {"record", "envelope", "averaging", "direct", "comparison"}

@@ -30,7 +30,7 @@ MODEL = st.Model(FORCES, {"zeta": 5e-5, "delta": 2e-3}, W)
 TIME = np.arange(900) * 2.0 * np.pi / W / 60
 # Five noise levels of wander at the end.
 DENSITY = RandomForce.density_of(2.0 * (5.0 * NOISE) ** 2 / (W * TIME[-1]), W)
-AUTO = Direct(random_force="auto")
+AUTO = Direct(random_force="estimated")
 
 
 def pushed(seed, angle=0.3, density=DENSITY):
@@ -160,7 +160,7 @@ def test_the_residual_beside_a_random_force_is_the_innovation(record, pair):
 
 
 def test_two_methods_with_a_random_force_agree(record):
-    start = {"start": MODEL, "random_force": "auto"}
+    start = {"start": MODEL, "random_force": "estimated"}
     pair = [st.identify(record, FORCES, method) for method in (Trajectory(**start), AUTO)]
     compared = st.cross_check(record, *pair, draws=8)["comparison"]
     assert compared.attrs["verdict"] == "agree"
@@ -254,7 +254,7 @@ def test_a_record_too_short_to_tell_the_noises_apart_is_named(periods, per_perio
     time = np.arange(periods * per_period) * 2.0 * np.pi / W / per_period
     angle = st.simulate(MODEL, time, 0.3).angle + NOISE * np.random.default_rng(1).standard_normal(len(time))
     record = xr.Dataset({"angle": angle})
-    pair = [st.identify(record, FORCES, method(random_force="auto")) for method in (Averaging, Direct)]
+    pair = [st.identify(record, FORCES, method(random_force="estimated")) for method in (Averaging, Direct)]
     sentences = identification_sentences(st.cross_check(record, *pair, draws=3))
     assert any("No random force is found" in text for text in sentences)
     assert any("to tell a random force from the sensor's noise" in text for text in sentences) == said

@@ -335,7 +335,7 @@ def test_an_angle_without_a_unit_is_in_rad_whatever_its_size(attrs, size):
     library, found = st.load_library().select(["zeta", "delta"]), []
     for stated in ({"units": "rad"}, attrs):
         data = xr.Dataset({"angle": ("time", size * (ANGLE + noise), stated)}, {"time": TIME})
-        found.append(st.identify(st.free_decay(data), library, st.methods.Direct(random_force="auto")))
+        found.append(st.identify(st.free_decay(data), library, st.methods.Direct(random_force="estimated")))
     assert not np.array_equal(found[0].coefficient, [0.0, 0.0])
     for name in ("coefficient", "standard_error", "noise", "unit"):
         np.testing.assert_array_equal(found[1][name], found[0][name])

@@ -18,9 +18,9 @@ LIBRARY = st.load_library("contact_forces").select(TRUTH)
 MODEL = st.Model(LIBRARY, TRUTH, W)
 METHODS = {
     "direct": st.methods.Direct(),
-    "direct beside a random force": st.methods.Direct(random_force="auto"),
+    "direct beside a random force": st.methods.Direct(random_force="estimated"),
     "trajectory": st.methods.Trajectory(),
-    "trajectory beside a random force": st.methods.Trajectory(random_force="auto"),
+    "trajectory beside a random force": st.methods.Trajectory(random_force="estimated"),
 }
 
 

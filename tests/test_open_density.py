@@ -136,7 +136,7 @@ def test_direct_settles_on_records_that_friction_stops():
     for seed, motion in enumerate(motions):
         angle = motion + NOISE * np.random.default_rng(seed).standard_normal(len(time))
         decay = xr.Dataset({"angle": ("time", angle)}, {"time": time}).sel(time=slice(0.0, stop))
-        result = st.identify(decay, library, st.methods.Direct(random_force="auto"))
+        result = st.identify(decay, library, st.methods.Direct(random_force="estimated"))
         settled.append(result.attrs["refined"] == "True")
         scores.append((result.coefficient.values - list(truth.values())) / result.standard_error.values)
     # With the sign of the smoothed speed one in six did.

@@ -62,7 +62,7 @@ def test_what_was_measured_is_compared_with_its_bias(tmp_path, quantity):
     observation, time, values = measured_part(decay)
     assert observation.quantity == quantity
     assert values.size == time.size >= decay.sizes["time"]
-    result = st.methods.Trajectory(random_force="auto").identify(decay, FORCES)
+    result = st.methods.Trajectory(random_force="estimated").identify(decay, FORCES)
     assert result.attrs["compared_in"] == quantity
     assert np.abs(excess(result)).max() < 4.0
     # The bias about the mean of the swing, which is itself an estimate of it.

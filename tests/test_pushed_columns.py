@@ -95,7 +95,7 @@ def test_coefficients_beside_a_random_force(truth, per_period):
     scores, ratios = [], []
     for seed in range(6):
         decay, library, density = record(truth, per_period, wander=5.0, seed=seed)
-        result = st.identify(decay, library, Direct(random_force="auto"))
+        result = st.identify(decay, library, Direct(random_force="estimated"))
         scores.append((result.coefficient - list(truth.values())) / result.standard_error)
         ratios.append(random_force_of(result).density / density)
         assert result.noise.item() == pytest.approx(NOISE, rel=0.15)
@@ -109,7 +109,7 @@ def test_no_random_force_is_found_where_there_is_none(filter_):
     scores, told = [], 0
     for seed in range(6):
         decay, library, _ = record(TRUTH, 60, filter_=filter_, seed=seed)
-        result = st.identify(decay, library, Direct(random_force="auto"))
+        result = st.identify(decay, library, Direct(random_force="estimated"))
         scores.append((result.coefficient - list(TRUTH.values())) / result.standard_error)
         told += bool(random_force_of(result).p_value < 0.01)
     assert np.sqrt(np.mean(np.square(scores))) < 1.7
@@ -120,7 +120,7 @@ def test_an_exact_record_has_exact_coefficients():
     library = st.load_library("contact_forces").select(TRUTH)
     time = np.arange(900) * 2.0 * np.pi / W / 45
     decay = st.simulate(st.Model(library, TRUTH, W), time, 0.3)[["angle"]]
-    result = st.identify(decay, library, Direct(random_force="auto"))
+    result = st.identify(decay, library, Direct(random_force="estimated"))
     assert result.coefficient.values == pytest.approx(np.array(list(TRUTH.values())), rel=1e-3)
     assert result.reference_frequency.item() == pytest.approx(W, rel=1e-5)
 
@@ -128,7 +128,7 @@ def test_an_exact_record_has_exact_coefficients():
 def test_runs_have_noises_of_their_own():
     quiet, library, _ = record(TRUTH, 40, seed=1)
     pushed, _, density = record(TRUTH, 40, wander=20.0, seed=2)
-    result = st.identify([quiet, pushed], library, Direct(random_force="auto"))
+    result = st.identify([quiet, pushed], library, Direct(random_force="estimated"))
     found = [random_force_of(result, run).density / density for run in range(2)]
     assert found[0] < 0.02
     assert found[1] == pytest.approx(1.0, abs=0.5)
@@ -168,7 +168,7 @@ def _dense(linear, ratio):
 
 def test_innovations_of_coloured_noise_are_white():
     decay, library, _ = record(TRUTH, 30, wander=5.0, filter_=(1.0, -0.8), seed=4)
-    result = st.identify(decay, library, Direct(random_force="auto"))
+    result = st.identify(decay, library, Direct(random_force="estimated"))
     innovations = st.innovations(decay, result)
     assert innovations.ljung_box_p_value.item() > 0.01
     # Of 480 samples: three errors.
@@ -179,7 +179,7 @@ def test_innovations_of_coloured_noise_are_white():
 def test_trajectory_takes_no_coloured_noise_for_a_random_force():
     for seed in (5, 6):
         decay, library, _ = record(TRUTH, 40, filter_=(1.0, -0.8), seed=seed)
-        result = st.identify(decay, library, Trajectory(random_force="auto"))
+        result = st.identify(decay, library, Trajectory(random_force="estimated"))
         # Taken for white, it has p-values below 1e-30.
         assert not random_force_of(result).p_value < 1e-3
         scores = (result.coefficient - list(TRUTH.values())) / result.standard_error

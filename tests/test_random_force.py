@@ -283,7 +283,7 @@ def test_a_fit_tells_the_two_noises_apart(friction):
         angle = st.simulate(model, time, angle=0.3, random_force=density, seed=seed).angle
         angle = angle + noise * np.random.default_rng(100 + seed).standard_normal(len(time))
         decay = xr.Dataset({"angle": angle})
-        result = st.identify(decay, model.library, st.methods.Trajectory(random_force="auto"))
+        result = st.identify(decay, model.library, st.methods.Trajectory(random_force="estimated"))
         scores.append((result.coefficient - [truth[s] for s in result.force.values]) / result.standard_error)
         found = random_force_of(result)
         assert found.p_value < 1e-6
@@ -303,7 +303,7 @@ def test_a_fit_settles_where_friction_holds_the_body_for_half_the_record():
     density = RandomForce.density_of(2.0 * (5.0 * noise) ** 2 / (W * time[-1]), W)
     angle = st.simulate(model, time, angle=0.03, random_force=density, seed=1).angle
     decay = xr.Dataset({"angle": angle + noise * np.random.default_rng(1).standard_normal(len(time))})
-    result = st.identify(decay, model.library, st.methods.Trajectory(random_force="auto"))
+    result = st.identify(decay, model.library, st.methods.Trajectory(random_force="estimated"))
     assert result.noise.item() == pytest.approx(noise, rel=0.15)
 
 
@@ -330,7 +330,7 @@ def test_no_random_force_is_no_other_estimate():
     decay = xr.Dataset({"angle": angle})
     plain, auto = (
         st.identify(decay, model.library, st.methods.Trajectory(random_force=option))
-        for option in ("off", "auto")
+        for option in ("off", "estimated")
     )
     assert np.abs((auto.coefficient - plain.coefficient) / plain.standard_error).max() < 0.5
     assert not random_force_of(auto) or random_force_of(auto).p_value > 0.01
@@ -355,7 +355,7 @@ def test_gravity_of_a_measured_pendulum_is_one():
     time, angle = table[window][::10].T
     decay = xr.Dataset({"angle": ("time", angle - np.pi)}, {"time": time})
     library = ForceLibrary("pendulum", tuple(FORCES[s] for s in ("lambda", "zeta", "delta", "gravity")))
-    result = st.identify(decay, library, st.methods.Trajectory(random_force="auto"))
+    result = st.identify(decay, library, st.methods.Trajectory(random_force="estimated"))
     gravity = result.sel(force="gravity")
     assert gravity.standard_error.item() < 1e-3
     assert abs(gravity.coefficient.item() - 1.0) < 3.0 * gravity.standard_error.item()
@@ -372,7 +372,7 @@ def test_direct_tells_the_two_noises_apart():
         angle = st.simulate(model, time, angle=0.3, random_force=density, seed=seed).angle
         angle = angle + noise * np.random.default_rng(100 + seed).standard_normal(len(time))
         result = st.identify(
-            xr.Dataset({"angle": angle}), model.library, st.methods.Direct(random_force="auto")
+            xr.Dataset({"angle": angle}), model.library, st.methods.Direct(random_force="estimated")
         )
         scores.append((result.coefficient - [truth[s] for s in result.force.values]) / result.standard_error)
         ratios.append(random_force_of(result).density / density)
@@ -387,7 +387,7 @@ def test_direct_with_a_density_by_hand():
     decay = xr.Dataset({"angle": angle + 2e-4 * np.random.default_rng(5).standard_normal(len(time))})
     held, auto, off = (
         st.identify(decay, model.library, st.methods.Direct(random_force=option))
-        for option in (1e-5, "auto", "off")
+        for option in (1e-5, "estimated", "off")
     )
     assert random_force_of(held).density == 1e-5
     assert not random_force_of(off)

@@ -43,7 +43,7 @@ def measured(model, density=0.0, seed=0, time=TIME):
     return xr.Dataset({"angle": angle + NOISE * np.random.default_rng(seed).standard_normal(len(time))})
 
 
-def identified(decay, forces=FORCES, random_force="auto"):
+def identified(decay, forces=FORCES, random_force="estimated"):
     start = st.Model(forces, {s: TRUTH.get(s, 0.0) for s in forces.symbols}, W)
     return st.identify(decay, forces, st.methods.Trajectory(random_force=random_force, start=start))
 
@@ -103,7 +103,7 @@ def test_a_size_that_follows_the_amplitude_is_seen():
 
 def test_a_coefficient_that_was_held_wrong_is_no_random_force():
     decay = measured(MODEL.with_coefficients({"zeta": 5e-3}))
-    method = st.methods.Trajectory(random_force="auto", fix={"epsilon": -0.05}, start=MODEL)
+    method = st.methods.Trajectory(random_force="estimated", fix={"epsilon": -0.05}, start=MODEL)
     tested = st.random_force_dependence(decay, st.identify(decay, FORCES, method))
     assert tested.dependence_p_value.sel(aspect="force", on="angle") < 1e-6
 
@@ -124,7 +124,7 @@ def test_the_same_record_has_the_same_p_value(pushed):
 
 
 def test_without_a_random_force_there_is_nothing_to_test(pushed):
-    with pytest.raises(UsageError, match="auto"):
+    with pytest.raises(UsageError, match="estimated"):
         st.random_force_dependence(pushed[0], identified(pushed[0], random_force="off"))
 
 
@@ -248,7 +248,7 @@ def test_a_contradicted_density_is_said(pushed):
 
 def test_a_random_force_is_named_where_methods_are_compared():
     decay = measured(MODEL, density_of(20.0), 3)
-    methods = {"direct": st.methods.Direct(random_force="auto")}
+    methods = {"direct": st.methods.Direct(random_force="estimated")}
     tree = st.compare(decay, FORCES, methods)
     text = " ".join([*comparison_sentences(tree), *effective_sentence(tree)])
     assert "These forces without a random force do not explain it." in text
@@ -261,7 +261,7 @@ def test_a_random_force_is_named_where_methods_are_compared():
 
 def test_each_run_is_judged(pushed):
     runs = [measured(MODEL, density_of(5.0), seed) for seed in (3, 4)]
-    results = [identified(runs, random_force=option) for option in ("off", "auto")]
+    results = [identified(runs, random_force=option) for option in ("off", "estimated")]
     tree = st.cross_check(runs, *results, draws=1)
     assert tree["random_force"].p_value.dims == ("run",)
     assert {"innovations_1", "innovations_2", "prediction_bands_2"} <= set(tree.children)
@@ -280,7 +280,7 @@ def test_methods_take_the_option_that_they_can():
 
 @pytest.mark.parametrize("text", ["much", "-1", "nan", "1e30", ""])
 def test_the_command_line_refuses_what_is_no_density(text):
-    with pytest.raises(UsageError, match="auto, off, or a density"):
+    with pytest.raises(UsageError, match="auto, estimated, off, or a density"):
         parse_random_force(text)
     assert parse_random_force(" 1e-4") == 1e-4
     assert (parse_random_force("auto"), parse_random_force("off")) == ("auto", "off")
@@ -353,7 +353,7 @@ def coloured(model, seed, density=0.0, time=TIME):
 
 
 def direct_verdict(decay):
-    result = st.identify(decay, FORCES, st.methods.Direct(random_force="auto"))
+    result = st.identify(decay, FORCES, st.methods.Direct(random_force="estimated"))
     return st.cross_check(decay, result, result, draws=1)["comparison"].attrs["verdict_on_record"]
 
 

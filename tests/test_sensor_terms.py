@@ -44,7 +44,7 @@ def test_a_record_without_noise_has_the_coefficients(method):
 
 @pytest.mark.parametrize("density", [0.0, pytest.param(1e-4, marks=pytest.mark.slow)])
 def test_errors_are_those_that_are_stated(density):
-    method = Direct(random_force="auto" if density else "off")
+    method = Direct(random_force="estimated" if density else "off")
     seeds = range(8)
     z = np.array(
         [errors(method.identify(record(s, density=density), LIBRARY.select(TRUTH | TERMS))) for s in seeds]
@@ -57,7 +57,7 @@ def test_errors_are_those_that_are_stated(density):
 
 def test_both_methods_agree_beside_a_random_force():
     library, decay = LIBRARY.select(TRUTH | TERMS), record(1, density=1e-4)
-    direct, trajectory = (m(random_force="auto").identify(decay, library) for m in (Direct, Trajectory))
+    direct, trajectory = (m(random_force="estimated").identify(decay, library) for m in (Direct, Trajectory))
     apart = np.abs(direct.coefficient - trajectory.coefficient) / trajectory.standard_error
     assert float(apart.max()) < 0.3
     assert direct.standard_error.values == pytest.approx(trajectory.standard_error.values, rel=0.1)

@@ -35,7 +35,7 @@ def identified(method, option, power, time_power):
 
 
 @pytest.mark.parametrize(("power", "time_power"), POWERS)
-@pytest.mark.parametrize("option", ["off", "auto"])
+@pytest.mark.parametrize("option", ["off", "estimated"])
 @pytest.mark.parametrize("method", ["Direct", "Averaging", "Trajectory"])
 def test_an_identification_is_the_same_in_every_unit(method, option, power, time_power):
     one, other = identified(method, option, 0, 0), identified(method, option, power, time_power)

@@ -14,7 +14,7 @@ METHODS = (
     st.methods.Direct(),
     st.methods.Averaging(),
     st.methods.Trajectory(),
-    st.methods.Direct(random_force="auto"),
+    st.methods.Direct(random_force="estimated"),
 )
 COUNTS = (0, 1, 2, 3, 10, 50, 200, 400)
 

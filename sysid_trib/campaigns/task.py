@@ -172,7 +172,7 @@ class Task:
 def _usual_methods(name: Name) -> Mapping[str, Method]:
     if name == "compare":
         return every_method()
-    return {"averaging": Averaging(random_force="auto"), "direct": Direct(random_force="auto")}
+    return {"averaging": Averaging(), "direct": Direct()}
 
 
 def empty_row(task: Task) -> Row:

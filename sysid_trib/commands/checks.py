@@ -162,19 +162,20 @@ def _assigned(texts: list[str], refusal: str) -> dict[str, float]:
 
 
 def parse_random_force(text: str) -> "RandomForceOption":
-    """`auto`, `off`, or a density in (rad/s^2)^2/Hz."""
-    from sysid_trib.noise.random_force import DENSITY_UNITS
+    """A word of `OPTIONS`, or a density in (rad/s^2)^2/Hz."""
+    from sysid_trib.noise.random_force import DENSITY_UNITS, OPTIONS
 
     word = text.strip()
-    if word in ("auto", "off"):
-        return "auto" if word == "auto" else "off"
+    if word in OPTIONS:
+        return word  # type: ignore[return-value]
     try:
         density = float(word)
     except ValueError:
         density = float("nan")
     if not 0.0 <= density <= MOST:
         raise UsageError(
-            f"--random-force '{word}' must be auto, off, or a density from 0 to {MOST:g} {DENSITY_UNITS}."
+            f"--random-force '{word}' must be auto, estimated, off, or a density from 0 to {MOST:g} "
+            f"{DENSITY_UNITS}."
         )
     return density
 

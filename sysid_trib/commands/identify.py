@@ -109,17 +109,15 @@ def _cross_checked(
     """Both identifications held against each other; of several runs, whether these agree."""
     import xarray as xr
 
-    from sysid_trib.methods.scope import scope_of
     from sysid_trib.printing.translation import second_of
     from sysid_trib.records.runs import one_or_all
+    from sysid_trib.validation.answer import identifications
     from sysid_trib.validation.cross_check import cross_check
     from sysid_trib.validation.homogeneity import run_agreement
 
     decay = one_or_all(decays)
-    results = []
-    for method in methods:
-        tell(f"identification by {scope_of(method).label}")
-        results.append(method.identify(decay, offered))
+    tell("identification")
+    results = identifications(decay, offered, methods)
     tree = cross_check(decay, *results, draws=draws, tell=tell)
     if len(decays) > 1:
         tell("each run by itself")

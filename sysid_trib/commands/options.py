@@ -95,8 +95,9 @@ class ModelOptions:
     omega0: str | None = option("VALUE[±ERROR]", "Frequency without contact (rad/s): adds alpha.")
     reference_frequency: float | None = option("RAD/S", "Reference frequency, held; default: fitted.")
     random_force: str = option(
-        "auto|off|VALUE",
-        "Random acceleration of the motion: estimated, none, or its one-sided density in (rad/s^2)^2/Hz.",
+        "auto|off|estimated|VALUE",
+        "Random acceleration of the motion: where one is found and tested, never, estimated in any case, or "
+        "its one-sided density in (rad/s^2)^2/Hz.",
         DEFAULT_RANDOM_FORCE,
     )
 

@@ -148,7 +148,7 @@ def model_identification(
     }
     covariance = widening**2 * model.covariance_with_frequency()
     estimate = Estimate(model.coefficients, covariance, identified.reference_frequency, levels, extra)
-    method = Direct(frequency, shapes=dict(identified.shapes), random_force="auto")
+    method = Direct(frequency, shapes=dict(identified.shapes), random_force="estimated")
     result = identification(
         method, one_or_all(list(runs)), identified.library, estimate, offered=identified.library
     )

@@ -65,9 +65,10 @@ class Averaging:
         Lowest and highest value of coefficients; one that would pass its bound is held there.
     tie : mapping of str to str
         Coefficients as linear formulas of others, `{"nu": "-2.356*delta"}`.
-    random_force : "off", "auto" or float, (rad/s^2)^2/Hz
-        `auto` estimates a white random acceleration in each run beside the sensor's noise, by the restricted
-        likelihood of the equations; a number is its one-sided density, held. Not for the paper's rule.
+    random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
+        `estimated` finds a white random acceleration in each run beside the sensor's noise, by the restricted
+        likelihood of the equations; a number is its one-sided density, held. `auto` leaves it to `identify`.
+        Not for the paper's rule.
 
     Notes
     -----
@@ -84,7 +85,7 @@ class Averaging:
     fix: Mapping[str, float] = field(default_factory=dict)
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     tie: Mapping[str, str] = field(default_factory=dict)
-    random_force: RandomForceOption = "off"
+    random_force: RandomForceOption = "auto"
 
     def __post_init__(self) -> None:
         if self.frequency not in ("fit", "last"):
@@ -128,7 +129,11 @@ class Averaging:
             passed = {k: bound for k, bound in passed.items() if bound != value[k]}
             if not passed:
                 break
-            constraints = replace(constraints, fixed={**constraints.fixed, **passed})
+            # The furthest first: held there, it often frees the others.
+            error = dict(zip(asked.symbols, np.sqrt(np.diag(estimate.covariance)).tolist(), strict=False))
+            furthest = max(passed, key=lambda k: abs(value[k] - passed[k]) / max(error[k], 1e-300))
+            held = {furthest: passed[furthest]}
+            constraints = replace(constraints, fixed={**constraints.fixed, **held})
         result = as_identification(method, decay, asked, estimate, library)
         if constraints:
             at_bound = constraints.fixed.keys() - self.fix.keys()

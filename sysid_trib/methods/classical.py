@@ -32,16 +32,16 @@ class ClassicalMethod:
     ----------
     correct : bool
         Whether the bias of the half-sines is removed (see `indirect_estimate`).
-    random_force : "off", "auto" or float, (rad/s^2)^2/Hz
-        Whether the errors are those of a motion that is pushed at random: `auto` estimates the force from the
-        extrema; a number is its one-sided density, held.
+    random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
+        Whether the errors are those of a motion that is pushed at random: `estimated` finds the force from
+        the extrema; a number is its one-sided density, held; `auto` leaves it to `identify`.
     """
 
     scope: ClassVar[MethodScope]
     FORMULAS: ClassVar[tuple[str, ...]] = ()
 
     correct: bool = True
-    random_force: RandomForceOption = "off"
+    random_force: RandomForceOption = "auto"
 
     def __post_init__(self) -> None:
         check_random_force(self.random_force)

@@ -17,6 +17,7 @@ from sysid_trib.methods.scope import MethodScope
 from sysid_trib.noise.random_force import (
     RandomForceOption,
     check_random_force,
+    is_fitted,
     random_force_of_ratio,
     random_force_variables,
 )
@@ -68,10 +69,10 @@ class Direct:
         Lowest and highest value of coefficients, `{"zeta": (0.0, inf)}`.
     tie : mapping of str to str
         Coefficients as linear formulas of others, `{"nu": "-2.356*delta"}`.
-    random_force : "off", "auto" or float, (rad/s^2)^2/Hz
-        `auto` estimates a white random acceleration in each run beside the sensor's noise, by the restricted
+    random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
+        `estimated` finds a white random acceleration in each run beside the sensor's noise, by the restricted
         likelihood of the rows, and the colour of that noise; a number is its one-sided density, held, and the
-        sensor's noise is white then. The
+        sensor's noise is white then. `auto` leaves it to `identify`. The
         columns are then those of the smoothed motion, since the free motion does not follow the record (see
         `regress_pushed`). The strong form, and the weak form that is not refined, have none.
 
@@ -100,7 +101,7 @@ class Direct:
     fix: Mapping[str, float] = field(default_factory=dict)
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     tie: Mapping[str, str] = field(default_factory=dict)
-    random_force: RandomForceOption = "off"
+    random_force: RandomForceOption = "auto"
 
     def __post_init__(self) -> None:
         check_random_force(self.random_force)
@@ -161,7 +162,7 @@ class Direct:
         further: RatioAverage | None = None
         rows = weak_regression(runs, [linearised(run) for run in runs])
         runs = solve(rows, runs[0], every, constraints).applied_to(runs)
-        if self.random_force != "off" and self._takes_random_force:
+        if is_fitted(self.random_force) and self._takes_random_force:
             pushed, active = _pushed(self, runs, constraints)
             runs, rows, refined, further = pushed.runs, pushed.rows, pushed.settled, pushed.further
         elif self.form == "strong":

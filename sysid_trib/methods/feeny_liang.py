@@ -18,7 +18,7 @@ class FeenyLiang(ClassicalMethod):
     ----------
     correct : bool
         Whether the bias of the half-sines is removed by indirect inference.
-    random_force : "off", "auto" or float, (rad/s^2)^2/Hz
+    random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
         Whether the motion is pushed at random (see `ClassicalMethod`).
 
     Notes

@@ -46,7 +46,7 @@ class FrequencyShift:
         Whether the bias of half-sines and averaging is removed by indirect inference.
     shapes : Mapping of str to float
         Values of shape parameters, which are held.
-    random_force : "off", "auto" or float, (rad/s^2)^2/Hz
+    random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
         As that of `Averaging`.
 
     Notes
@@ -66,7 +66,7 @@ class FrequencyShift:
     reference_frequency: float | None = None
     correct: bool = True
     shapes: Mapping[str, float] = field(default_factory=dict)
-    random_force: RandomForceOption = "off"
+    random_force: RandomForceOption = "auto"
 
     def __post_init__(self) -> None:
         check_random_force(self.random_force)

@@ -16,6 +16,7 @@ from sysid_trib.noise.level import sensor_noise
 from sysid_trib.noise.random_force import (
     RandomForce,
     RandomForceOption,
+    is_fitted,
     random_force_of_ratio,
     random_force_variables,
 )
@@ -92,7 +93,7 @@ def indirect_estimate(
         The runs.
     correct : bool
         Whether the bias is removed.
-    random_force : "off", "auto" or float, (rad/s^2)^2/Hz
+    random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
         What the envelopes' errors are of besides the sensor's noise. Where the most likely density is zero in
         every run, the estimate is that of `off`.
 
@@ -105,7 +106,7 @@ def indirect_estimate(
     # Of a density that is held the residuals tell the sensor's noise alone: a first fit does for that.
     held = not isinstance(random_force, str) and random_force > 0.0
     estimate, last = _estimate(auxiliary, decays, measured, correct=correct and not held)
-    if random_force == "off":
+    if not is_fitted(random_force):
         return estimate
     plain = estimate
     forces: list[RandomForce] = []

@@ -13,7 +13,7 @@ class LinearDecrement(ClassicalMethod):
     ----------
     correct : bool
         Whether the bias of the half-sines is removed by indirect inference.
-    random_force : "off", "auto" or float, (rad/s^2)^2/Hz
+    random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
         Whether the motion is pushed at random (see `ClassicalMethod`).
     """
 

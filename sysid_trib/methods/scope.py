@@ -100,7 +100,7 @@ def with_random_force(method: Method, random_force: RandomForceOption) -> Method
     ----------
     method : Method
         The method without it.
-    random_force : "off", "auto" or float, (rad/s^2)^2/Hz
+    random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
         See `methods.Trajectory`.
 
     Raises

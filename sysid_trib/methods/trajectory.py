@@ -17,7 +17,7 @@ from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.scope import MethodScope
 from sysid_trib.noise.autoregression import autoregression, whitened
 from sysid_trib.noise.level import sensor_noise
-from sysid_trib.noise.random_force import RandomForceOption, check_random_force
+from sysid_trib.noise.random_force import RandomForceOption, check_random_force, is_fitted
 from sysid_trib.noise.sensor_noise import sensor_noise_of
 from sysid_trib.records.inputs import KnownInput, known_input_of
 from sysid_trib.records.runs import Decays, as_runs, root_mean_square
@@ -63,9 +63,10 @@ class Trajectory:
         Coefficients and shape parameters that are held, `{"lambda": 0.0}`.
     tie : mapping of str to str
         Coefficients and shape parameters as formulas of others, `{"nu": "-2.356*delta"}`.
-    random_force : "off", "auto" or float, (rad/s^2)^2/Hz
-        `auto` estimates a white random acceleration in each run beside the sensor's noise; a number is its
-        one-sided density, held. The fit is then that of the innovations (see `random_motion`).
+    random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
+        `estimated` finds a white random acceleration in each run beside the sensor's noise; a number is its
+        one-sided density, held; `auto` leaves it to `identify`. The fit is then that of the innovations (see
+        `random_motion`).
 
     Notes
     -----
@@ -90,7 +91,7 @@ class Trajectory:
     shapes: Mapping[str, float] = field(default_factory=dict)
     fix: Mapping[str, float] = field(default_factory=dict)
     tie: Mapping[str, str] = field(default_factory=dict)
-    random_force: RandomForceOption = "off"
+    random_force: RandomForceOption = "auto"
 
     def __post_init__(self) -> None:
         check_random_force(self.random_force)
@@ -131,7 +132,7 @@ class Trajectory:
         parameters = _parameters(self, offered, len(runs))
         problem = FitProblem(parameters, tuple(map(_record, runs)))
         # In its own quantity the record is fitted by the free motion alone.
-        pushed_too = self._random_force != "off" and not any(MEASURED in run for run in runs)
+        pushed_too = is_fitted(self._random_force) and not any(MEASURED in run for run in runs)
         quick = _quick(self, problem, runs) if self.start is None or pushed_too else None
         first = _first_values(self, problem, quick)
         if pushed_too:

@@ -17,7 +17,7 @@ class WuDecrement(ClassicalMethod):
     ----------
     correct : bool
         Whether the bias of half-sines and energy balance is removed by indirect inference.
-    random_force : "off", "auto" or float, (rad/s^2)^2/Hz
+    random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
         Whether the motion is pushed at random (see `ClassicalMethod`).
 
     Notes

@@ -13,7 +13,10 @@ from sysid_trib.noise.variance_ratio import VarianceRatio
 from sysid_trib.results.variables import Variables, variable
 
 # What a method is asked to do: estimate the random force, leave it out, or take this one-sided density.
-RandomForceOption: TypeAlias = Literal["auto", "off"] | float
+# `auto` leaves it to `identify` and the commands, which decide by what the record tells; the method alone
+# takes none then.
+RandomForceOption: TypeAlias = Literal["auto", "estimated", "off"] | float
+OPTIONS = ("auto", "estimated", "off")
 DENSITY_UNITS = "(rad/s^2)^2/Hz"
 
 
@@ -67,7 +70,7 @@ class RandomForce:
 
 
 def check_random_force(option: RandomForceOption) -> None:
-    """Refuse what is neither `auto`, nor `off`, nor a density.
+    """Refuse what is neither a word of `OPTIONS`, nor a density.
 
     Raises
     ------
@@ -75,10 +78,15 @@ def check_random_force(option: RandomForceOption) -> None:
         Another word, or a density that is negative or not finite.
     """
     if isinstance(option, str):
-        if option not in ("auto", "off"):
-            raise UsageError(f"random_force='{option}' is neither 'auto', nor 'off', nor a density.")
+        if option not in OPTIONS:
+            raise UsageError(f"random_force='{option}' is none of {', '.join(OPTIONS)}, and no density.")
     elif not (np.isfinite(option) and option >= 0.0):
         raise UsageError(f"random_force={option} is no density; give {DENSITY_UNITS}, 'auto' or 'off'.")
+
+
+def is_fitted(option: RandomForceOption) -> bool:
+    """Whether a method itself has a random force beside the sensor's noise."""
+    return option not in ("auto", "off")
 
 
 def random_force_of_ratio(ratio: VarianceRatio, frequency: float, option: RandomForceOption) -> RandomForce:

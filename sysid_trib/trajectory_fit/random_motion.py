@@ -69,7 +69,7 @@ def fit_random_motion(
     parameters: Parameters,
     records: Sequence[tuple[Array, Array]],
     values: Array,
-    random_force: RandomForceOption | Sequence[float] = "auto",
+    random_force: RandomForceOption | Sequence[float] = "estimated",
     filters: Sequence[Array] | None = None,
     inputs: Sequence[KnownInput | None] | None = None,
 ) -> RandomMotionFit:
@@ -83,8 +83,8 @@ def fit_random_motion(
         Time and angle of each run.
     values : (parameter,) array of float
         First guess.
-    random_force : "auto", "off", float or one float for each run, (rad/s^2)^2/Hz
-        One-sided density; estimated in each run with `auto`.
+    random_force : "estimated", "off", float or one float for each run, (rad/s^2)^2/Hz
+        One-sided density; estimated in each run with `estimated`.
     filters : sequence of (tap,) arrays of float, optional
         Each whitens the sensor's noise of a run; white where left out.
     inputs : sequence of KnownInput or None, optional
@@ -179,9 +179,9 @@ def _linear_models(
 
 def _density(random_force: RandomForceOption | Sequence[float], run: int) -> float | None:
     """The density that is given for a run; None where it is to be estimated."""
-    if random_force == "auto":
+    if random_force == "estimated":
         return None
-    if random_force == "off":
+    if random_force in ("auto", "off"):
         return 0.0
     return float(random_force) if isinstance(random_force, int | float) else float(random_force[run])
 

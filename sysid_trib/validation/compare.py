@@ -16,8 +16,8 @@ from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.results.per_run import group_names
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
+from sysid_trib.validation.answer import check_method
 from sysid_trib.validation.comparison_table import method_table
-from sysid_trib.validation.cross_check import check_method
 from sysid_trib.validation.cross_check_statistics import ties
 from sysid_trib.validation.holdout import RunInParts, split
 from sysid_trib.validation.progress import Tell, silent

@@ -1,21 +1,18 @@
-"""Identify the forces of a decay, and hold two identifications of it against each other."""
+"""Two identifications of a decay held against each other."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from sysid_trib.decays.half_sines import envelope
-from sysid_trib.errors import UsageError
-from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.methods.scope import Method
 from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.results.per_run import group_names, noise_of_run
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import variable
 from sysid_trib.state_space.tracked import FollowedRuns
 from sysid_trib.trajectory_fit.initial_conditions import FittedMotion
+from sysid_trib.validation.answer import RESIDUAL_LEVEL, better_of
 from sysid_trib.validation.compared_part import ComparedPart, compared_part, fitted_motions
 from sysid_trib.validation.cross_check_statistics import comparison, ties
 from sysid_trib.validation.homogeneity import verdict_of
@@ -23,53 +20,10 @@ from sysid_trib.validation.progress import Tell, silent
 from sysid_trib.validation.residuals import pooled, residuals
 from sysid_trib.validation.verdict import random_force_groups, verdict_on_record
 
-# Significance level of a residual that is not white noise; beyond so many noise levels (RMS) it is large.
-RESIDUAL_LEVEL = 1e-3
+# Beyond so many noise levels (RMS) a residual is large.
 LARGE = 1.5
 # Simulated records by which the difference of two methods is judged.
 SIMULATED_RECORDS = 32
-
-
-def identify(decay: Decays, library: ForceLibrary, method: Method) -> xr.Dataset:
-    """Identify the forces of a library from a decay, or from runs of one experiment, by one method.
-
-    Parameters
-    ----------
-    decay : `angle(time)` in rad, as `free_decay` returns it; or a list of runs, which share their forces and
-        reference frequency, but have a start, a sensor's zero and a noise of their own.
-    library : the forces offered.
-    method : e.g. `methods.Direct()`.
-
-    Returns
-    -------
-    Dataset with `coefficient(force)` (dimensionless unless its `unit` says otherwise),
-    `standard_error(force)`, `covariance(force, other_force)`, `active(force)`, `refers_to(force)` (rad/s),
-    scalars `reference_frequency`, `asymptotic_frequency` (rad/s), `noise` (rad, RMS over the runs);
-    provenance in its attrs. Whether runs agree: `run_agreement`.
-
-    Raises
-    ------
-    DecayError
-        The decay cannot support the request.
-    UsageError
-        Not a library, or not a method.
-    """
-    if not isinstance(library, ForceLibrary):
-        raise UsageError(f"identify wants a ForceLibrary, not {library!r}: load_library('contact_forces').")
-    check_method(method, "identify")
-    return method.identify(decay, library)
-
-
-def check_method(method: Any, function: str) -> None:
-    """Refuse what is no method.
-
-    Raises
-    ------
-    UsageError
-        A class in the place of an object, or something else.
-    """
-    if isinstance(method, type) or not hasattr(method, "identify"):
-        raise UsageError(f"{function} wants a method such as methods.Direct(), not {method!r}.")
 
 
 @in_units_of_the_motion
@@ -151,6 +105,7 @@ def cross_check(
     pushed = random_force_groups(followed[names[1]])
     explained = compared.attrs["explained"]
     compared.attrs["verdict_on_record"] = verdict_on_record(explained, followed[names[1]], pushed)
+    compared.attrs["answer"] = names[better_of(first, second)]
     records = [_with_motions(run, names, of_run) for run, of_run in zip(runs, moving, strict=True)]
     groups = dict(zip(group_names("record", len(runs)), records, strict=True))
     groups |= dict(zip(group_names("envelope", len(runs)), [envelope(run) for run in runs], strict=True))

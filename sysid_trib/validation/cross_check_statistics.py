@@ -6,7 +6,6 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.averaging.identifiability import exactly_dependent, indistinguishable, without_signature
-from sysid_trib.noise.random_force import random_force_of
 from sysid_trib.results.common_reference import ASYMPTOTIC_FREQUENCY, comparable, comparison_values
 from sysid_trib.results.schema import library_of, model_of
 from sysid_trib.results.variables import chi_square_test, variable
@@ -61,7 +60,7 @@ def comparison(
     compared = xr.Dataset(variables, {"quantity": [*kept, ASYMPTOTIC_FREQUENCY]})
     compared.attrs["errors"] = "stated" if known.stated else "simulated"
     # Where the motion is pushed some records may not be identified.
-    return compared.assign_attrs(simulated_records=known.records) if random_force_of(second) else compared
+    return compared.assign_attrs(simulated_records=known.records)
 
 
 def ties(runs: Sequence[xr.Dataset], result: xr.Dataset) -> dict[str, str]:

@@ -92,7 +92,22 @@ def predicted(
         `angle(time)` of the decay up to the later part's first sample, and with it: `t` in a formula counts
         from its first sample, and what forces remember at its last is where they begin.
     """
-    model, library = model_of(result), library_of(result, whole=True)
+    return residual_of(part, carried_on(result, library_of(result, whole=True), before), envelope)
+
+
+def carried_on(result: xr.Dataset, library: ForceLibrary, before: xr.Dataset) -> xr.Dataset:
+    """The identification as it holds for a motion that begins at the last sample of `before`.
+
+    Parameters
+    ----------
+    result : Dataset
+        The identification.
+    library : ForceLibrary
+        Its forces, `t` counted from the first sample of `before`.
+    before : Dataset
+        `angle(time)` up to where the motion begins.
+    """
+    model = model_of(result)
     time = before.time.values.astype(float)
     elapsed = time - time[0]
     tau = model.reference_frequency * elapsed
@@ -102,7 +117,7 @@ def predicted(
         forces = [begun_after(force, *motion, model.shapes, elapsed) for force in library]
         library = replace(library, forces=tuple(forces))
     later = result.assign_attrs(library=counted_from(library, float(elapsed[-1])).to_toml())
-    return residual_of(part, later.drop_vars(["start_angle", "start_rate"], errors="ignore"), envelope)
+    return later.drop_vars(["start_angle", "start_rate"], errors="ignore")
 
 
 def diebold_mariano(first: Sequence[Array], second: Sequence[Array], blocks: Sequence[int]) -> float:

@@ -71,7 +71,7 @@ def random_force_dependence(
     linear model calibrate both.
     """
     if not random_force_of(result, run):
-        raise UsageError("This identification has no random force; take random_force='auto'.")
+        raise UsageError("This identification has no random force; take random_force='estimated'.")
     return dependence_on_motion(FollowedRuns({run: decay}, result), run, seed)
 
 

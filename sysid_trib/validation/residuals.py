@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
+from numpy.polynomial.legendre import legvander
 from scipy.stats import chi2
 
 from sysid_trib.arrays import Array
@@ -19,6 +20,8 @@ from sysid_trib.trajectory_fit.initial_conditions import FittedMotion, first_gue
 
 # A model departs from the record where the RMS over half a period is beyond this many noise levels.
 DEPARTED = 2.0
+# Degree of the polynomials in time by which a slow residual changes amplitude and phase.
+SLOW_DEGREE = 7
 # In antiphase (rad) the residual says nothing more of the forces.
 ANTIPHASE = np.pi
 # Of each model: name of the variable, what it is, and its unit.
@@ -168,7 +171,7 @@ def _of_free_motion(decay: xr.Dataset, motion: FittedMotion | None, noise: float
     residual = angle - motion.offset - motion.x
     rms, width = float(np.sqrt(np.mean(residual**2))), _half_period(motion.v)
     departure = _departure(time, residual, noise, width)
-    return rms, rms / noise, departure, _white_noise_p_value(residual, noise, width)
+    return rms, rms / noise, departure, _white_noise_p_value(residual / noise, width, motion.x, motion.v)
 
 
 def _of_innovations(followed: FollowedRuns, run: int) -> tuple[float, ...]:
@@ -179,10 +182,11 @@ def _of_innovations(followed: FollowedRuns, run: int) -> tuple[float, ...]:
     except SysidTribError:
         return np.nan, np.nan, float(time[0]), 0.0
     innovation, deviation = tracked.innovations()
-    normalised, width = innovation / deviation, _half_period(tracked.linear.path[:, 1])
+    x, v = tracked.linear.path[:, 0], tracked.linear.path[:, 1]
+    normalised, width = innovation / deviation, _half_period(v)
     rms, over_noise = (float(np.sqrt(np.mean(values**2))) for values in (innovation, normalised))
     departure = _departure(time, normalised, 1.0, width)
-    return rms, over_noise, departure, _white_noise_p_value(normalised, 1.0, width)
+    return rms, over_noise, departure, _white_noise_p_value(normalised, width, x, v)
 
 
 def pooled(of_runs: Sequence[xr.Dataset]) -> xr.Dataset:
@@ -209,15 +213,23 @@ def _departure(time: Array, residual: Array, noise: float, width: int) -> float:
     return float(time[departed[0]]) if len(departed) else float("nan")
 
 
-def _white_noise_p_value(residual: Array, noise: float, half_period: int) -> float:
-    """P-value that the means of a residual over twelfths of a period are those of white noise of this level.
+def _white_noise_p_value(residual: Array, half_period: int, x: Array, v: Array) -> float:
+    """P-value that a residual over its noise is white noise, by two tests (Bonferroni).
 
-    The residual of a missing force is slow: it hides in the RMS of all samples, but not in their means.
+    The residual of a missing force is slow: it hides in the RMS of all samples, but not in their means over
+    twelfths of a period; and one that changes the amplitude and the phase of the motion `x`, `v` little by
+    little is not in the means of all, but in the few polynomials in time by which these differ.
     """
     width = max(1, half_period // 6)
     count = len(residual) // width
     means = residual[: count * width].reshape(count, width).mean(axis=1)
-    return float(chi2.sf(width * np.sum((means / noise) ** 2), count))
+    fast = chi2.sf(width * np.sum(means**2), count)
+    polynomials = legvander(np.linspace(-1.0, 1.0, len(residual)), SLOW_DEGREE)
+    size = np.maximum(np.hypot(x, v), 1e-300)
+    columns = np.hstack([polynomials * (part / size)[:, None] for part in (x, v)])
+    products, moments = columns.T @ columns, columns.T @ residual
+    slow = chi2.sf(moments @ np.linalg.lstsq(products, moments, rcond=1e-10)[0], len(moments))
+    return float(min(1.0, 2.0 * min(fast, slow)))
 
 
 def _half_period(v: Array) -> int:

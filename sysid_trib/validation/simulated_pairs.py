@@ -12,7 +12,7 @@ from scipy.stats import chi2, f as f_distribution
 from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError
 from sysid_trib.methods import method_of
-from sysid_trib.noise.random_force import random_force_of
+from sysid_trib.noise.random_force import is_fitted, random_force_of
 from sysid_trib.records.runs import one_or_all
 from sysid_trib.results.common_reference import comparison_values, stated_covariance
 from sysid_trib.results.schema import library_of
@@ -22,8 +22,6 @@ from sysid_trib.validation.simulated_records import simulated_runs
 
 # What fewer records give is no covariance.
 FEWEST_RECORDS = 3
-# Errors that exceed those of 32 records by less than this ratio do so by chance.
-LARGEST_CHANCE = 1.5
 EXCESS_LEVEL = 0.01
 # Where as many records as decide give a larger p-value, no others are drawn.
 CLEAR_AGREEMENT = 0.1
@@ -123,10 +121,10 @@ def scatter(
     -----
     Where the truth has a random force its records are pushed. What to expect is then the mean over the
     records, whose own error is 1/n of their covariance; and as Hotelling's statistic wants more records than
-    quantities, fewer than 2 k + 2 for k quantities decide nothing. From these on, a p-value above 0.1 is the
-    last: no others are drawn; else the p-value is that of all. So it is below any level a with the
-    probability a at most: below 0.1 it is that of all records; above 0.1 it is that of the first 2 k + 2, or
-    these had one below 0.1.
+    quantities, fewer than 2 k + 2 for k quantities decide nothing. From these on, pushed or not, a p-value
+    above 0.1 is the last: no others are drawn; else the p-value is that of all. So it is below any level a
+    with the probability a at most: below 0.1 it is that of all records; above 0.1 it is that of the first 2 k
+    + 2, or these had one below 0.1.
     """
     frequency, random = truth[0].reference_frequency.item(), np.random.default_rng(seed)
     simulated = simulated_runs(runs, *truth, draws=draws, seed=seed)
@@ -152,41 +150,33 @@ def scatter(
     least = fewest_records(len(bias)) if pushed else FEWEST_RECORDS
     drawn: list[Array] = []
 
-    def clearly_agree() -> bool:
-        known = _of_pushed(results, kept, bias, np.array(drawn))
-        return known.chi_square(np.subtract(*values(results)))[1] > CLEAR_AGREEMENT
+    def known() -> Scatter:
+        return _of_records(results, kept, bias, None if pushed else without_noise, np.array(drawn))
 
     for draw in range(draws):
         tell(f"both methods held against each other on {draws} simulated records", draw / draws)
         with suppress(SysidTribError):
             drawn.append(identified(draw))
-            if pushed and len(drawn) >= least and clearly_agree():
+            enough = len(drawn) >= fewest_records(len(bias))
+            if enough and known().chi_square(np.subtract(*values(results)))[1] > CLEAR_AGREEMENT:
                 break
-    if len(drawn) < least:
-        return Scatter.missing(len(bias), len(drawn))
-    if pushed:
-        return _of_pushed(results, kept, bias, np.array(drawn))
-    return _of_unpushed(results, kept, bias + without_noise, np.array(drawn), draws)
+    return known() if len(drawn) >= least else Scatter.missing(len(bias), len(drawn))
 
 
-def _of_unpushed(
-    results: Sequence[xr.Dataset], kept: Sequence[str], expected: Array, drawn: Array, draws: int
+def _of_records(
+    results: Sequence[xr.Dataset], kept: Sequence[str], bias: Array, without_noise: Array | None, drawn: Array
 ) -> Scatter:
-    """Scatter of records that differ by the sensor's noise alone; `drawn` : (record, method, quantity)."""
-    stated = _largest_excess(results, kept, drawn) > LARGEST_CHANCE
-    covariance = _stated(results, kept) if stated else _covariance(drawn)
-    return Scatter(expected, covariance, draws, stated)
-
-
-def _of_pushed(results: Sequence[xr.Dataset], kept: Sequence[str], bias: Array, drawn: Array) -> Scatter:
-    """Scatter of records that are pushed; `drawn` : (record, method, quantity)."""
-    expected, covariance = bias + np.mean(drawn[:, 0] - drawn[:, 1], axis=0), _covariance(drawn)
+    """Scatter of (record, method, quantity), about the difference without noise or, without one, its mean."""
+    covariance = _covariance(drawn)
+    of_methods = np.mean(drawn[:, 0] - drawn[:, 1], axis=0) if without_noise is None else without_noise
     # Of a few records the largest ratio by chance depends on their number: at 1 %, of all quantities.
     degrees_of_freedom = len(drawn) - 1
     least = chi2.ppf(EXCESS_LEVEL / drawn[0].size, degrees_of_freedom)
     stated = _largest_excess(results, kept, drawn) > np.sqrt(degrees_of_freedom / least)
     whole = _stated(results, kept) if stated else covariance
-    return Scatter(expected, whole + covariance / len(drawn), len(drawn), bool(stated))
+    if without_noise is None:
+        whole = whole + covariance / len(drawn)
+    return Scatter(bias + of_methods, whole, len(drawn), bool(stated))
 
 
 def _covariance(drawn: Array) -> Array:
@@ -218,7 +208,7 @@ def _at_its_best(runs: Sequence[xr.Dataset], result: xr.Dataset) -> tuple[Any, x
 
 def with_held_random_force(method: Any, result: xr.Dataset) -> Any:
     """A method that estimates a random force, with that of its result held: off where it found none."""
-    if getattr(method, "random_force", "off") == "off":
+    if not is_fitted(getattr(method, "random_force", "off")):
         return method
     force = random_force_of(result)
     return replace(method, random_force=force.density if force else "off")

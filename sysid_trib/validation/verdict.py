@@ -10,6 +10,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError
 from sysid_trib.noise.level import sensor_noise
 from sysid_trib.noise.random_force import RandomForce, random_force_of
+from sysid_trib.noise.sensor_noise import sensor_noise_of
 from sysid_trib.results.per_run import group_names, noise_of_run
 from sysid_trib.results.significance import determines
 from sysid_trib.results.variables import text_variable
@@ -50,25 +51,39 @@ def random_force_groups(followed: FollowedRuns) -> dict[str, xr.Dataset]:
     result, runs = followed.result, followed.runs
     if not is_found(random_force_of(result)):
         return {}
-    groups: dict[str, xr.Dataset] = {}
+    groups = {"random_force": tested_runs(followed)}
     names = [group_names(name, len(runs)) for name in ("innovations", "prediction_bands")]
-    tested, reasons = [], []
     for (at, decay), of_innovations, of_bands in zip(runs.items(), *names, strict=True):
-        try:
-            tracked = followed.tracked(at)
-            groups[of_innovations] = innovations_of(decay, tracked)
-            depends = dependence_on_motion(followed, at) if random_force_of(result, at) else None
-        except SysidTribError as error:
-            tested.append(_untested(np.nan))
-            reasons.append(str(error))
+        if groups["random_force"].reason.values[at]:
             continue
-        tested.append(_untested(1.0) if depends is None else depends)
-        reasons.append("")
+        tracked = followed.tracked(at)
+        groups[of_innovations] = innovations_of(decay, tracked)
         # Of a record too short to predict anything there is no figure.
         with suppress(SysidTribError):
             groups[of_bands] = bands_of(tracked, result, _horizons(decay, result), run=at)
+    return groups
+
+
+def tested_runs(followed: FollowedRuns) -> xr.Dataset:
+    """Over `run` what `random_force_dependence` returns; `reason` where the motion does not settle.
+
+    Parameters
+    ----------
+    followed : FollowedRuns
+        All runs of an identification with a random force.
+    """
+    tested, reasons = [], []
+    for at in followed.runs:
+        try:
+            followed.tracked(at)
+            pushed = random_force_of(followed.result, at)
+            tested.append(dependence_on_motion(followed, at) if pushed else _untested(1.0))
+            reasons.append("")
+        except SysidTribError as error:
+            tested.append(_untested(np.nan))
+            reasons.append(str(error))
     together = xr.concat(tested, "run", combine_attrs="override")
-    return {"random_force": together.assign(reason=text_variable("run", reasons, "why not tested")), **groups}
+    return together.assign(reason=text_variable("run", reasons, "why not tested"))
 
 
 def _untested(p_value: float) -> xr.Dataset:
@@ -114,6 +129,20 @@ def verdict_on_record(explained: str, followed: FollowedRuns, groups: Mapping[st
     rows = float(followed.result.get("birge_ratio", np.inf))
     quiet = rows <= LOUD and "random_force" not in groups
     return VERDICTS[3] if quiet or verdict != VERDICTS[2] else verdict
+
+
+def is_random(followed: FollowedRuns) -> bool:
+    """Whether what an identification takes for random is: its random force, and the colour of its noise.
+
+    Parameters
+    ----------
+    followed : FollowedRuns
+        All runs of an identification with a random force.
+    """
+    if is_found(random_force_of(followed.result)):
+        return p_value_of_dependence(tested_runs(followed)) >= DEPENDENCE_LEVEL
+    coloured = any(sensor_noise_of(followed.result, at).warm_up for at in followed.runs)
+    return coloured and not _noise_hides_a_force(followed)
 
 
 def _noise_hides_a_force(followed: FollowedRuns) -> bool:

@@ -1,0 +1,174 @@
+"""The answer that predicts: with which noise a record is identified, and how wrong its model may be."""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.errors import SysidTribError, UsageError
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.methods.scope import Method, with_random_force
+from sysid_trib.noise.random_force import RandomForceOption
+from sysid_trib.records.inputs import INPUT
+from sysid_trib.records.runs import Decays, as_runs
+from sysid_trib.results.per_run import noise_of_run
+from sysid_trib.results.signal_scale import in_units_of_the_motion
+from sysid_trib.state_space.tracked import FollowedRuns
+from sysid_trib.validation.compared_part import fitted_motions
+from sysid_trib.validation.model_error import with_error_of_model
+from sysid_trib.validation.residuals import pooled, residuals
+from sysid_trib.validation.verdict import is_random
+
+# Significance level of a residual that is not white noise.
+RESIDUAL_LEVEL = 1e-3
+# From here on a residual may be that of a random force, which is then looked for.
+SUSPICION_LEVEL = 0.05
+# Where models are incomplete averaging is immune to most of what they lack: the other method is the answer
+# where it predicts better by more than this.
+CLEARLY_BETTER = 1.1
+
+
+def identify(decay: Decays, library: ForceLibrary, method: Method) -> xr.Dataset:
+    """Identify the forces of a library from a decay, or from runs of one experiment, by one method.
+
+    Parameters
+    ----------
+    decay : `angle(time)` in rad, as `free_decay` returns it; or a list of runs, which share their forces and
+        reference frequency, but have a start, a sensor's zero and a noise of their own.
+    library : the forces offered.
+    method : e.g. `methods.Direct()`. With `random_force="auto"`, its default, it has a random force where one
+    is
+        found and its test does not refuse it (see `identifications`); else the sensor's noise alone.
+
+    Returns
+    -------
+    Dataset with `coefficient(force)` (dimensionless unless its `unit` says otherwise),
+    `standard_error(force)`, `covariance(force, other_force)`, `active(force)`, `refers_to(force)` (rad/s),
+    scalars `reference_frequency`, `asymptotic_frequency` (rad/s), `noise` (rad, RMS over the runs);
+    provenance in its attrs. Whether runs agree: `run_agreement`.
+
+    Raises
+    ------
+    DecayError
+        The decay cannot support the request.
+    UsageError
+        Not a library, or not a method.
+    """
+    if not isinstance(library, ForceLibrary):
+        raise UsageError(f"identify wants a ForceLibrary, not {library!r}: load_library('contact_forces').")
+    check_method(method, "identify")
+    return identifications(decay, library, [method])[0]
+
+
+def check_method(method: Any, function: str) -> None:
+    """Refuse what is no method.
+
+    Raises
+    ------
+    UsageError
+        A class in the place of an object, or something else.
+    """
+    if isinstance(method, type) or not hasattr(method, "identify"):
+        raise UsageError(f"{function} wants a method such as methods.Direct(), not {method!r}.")
+
+
+@in_units_of_the_motion
+def identifications(decay: Decays, library: ForceLibrary, methods: Sequence[Method]) -> list[xr.Dataset]:
+    """Identify the forces by methods that share one decision on the noise, with errors of the model.
+
+    Parameters
+    ----------
+    decay : Dataset or sequence of Dataset
+        One decay, or several runs.
+    library : ForceLibrary
+        The forces offered.
+    methods : sequence of Method
+        Those whose `random_force` is `auto` have one where the last of them finds it and its test does not
+        refuse it, and the sensor's noise alone elsewhere.
+
+    Returns
+    -------
+    list of Dataset
+        In the order of the methods. `standard_error` and `covariance` are the total ones;
+        `error_of_noise(force)` and `error_of_model(force)` their parts; `held_out_rms` (rad) where there is
+        an error of the model (see `with_error_of_model`).
+
+    Notes
+    -----
+    A random force frees a fit from following the motion: each half period is an equation of its own, and
+    whatever the model lacks within the cycle moves its coefficients. It is right where it depends on nothing;
+    where its test refuses it, the sensor's noise alone predicts better.
+    """
+    runs = as_runs(decay, driven=True)
+    results = [_with(method, "off").identify(decay, library) for method in methods]
+    if any(INPUT in run.variables for run in runs):
+        return results
+    left = [_residual(runs, result) for result in results]
+    open_ones = [at for at, method in enumerate(methods) if _is_open(method)]
+    if open_ones and left[open_ones[-1]][0] < SUSPICION_LEVEL:
+        pushed = _pushed(decay, runs, library, methods, open_ones)
+        results = [pushed.get(at, result) for at, result in enumerate(results)]
+        left = [(1.0, 1.0) if at in pushed else residual for at, residual in enumerate(left)]
+    return [
+        with_error_of_model(result, _with(method, "off"), runs, library, over_noise)
+        if p_value < RESIDUAL_LEVEL
+        else result
+        for method, result, (p_value, over_noise) in zip(methods, results, left, strict=True)
+    ]
+
+
+def better_of(first: xr.Dataset, second: xr.Dataset) -> int:
+    """Which of two identifications of a record is the answer: the second, unless the first predicts better.
+
+    Where their models leave nothing but noise the second is: it is at the statistical bound. Elsewhere it
+    must predict the parts that were held out better than the first by more than `CLEARLY_BETTER`.
+    """
+    held_out = [float(result.get("held_out_rms", np.nan)) for result in (first, second)]
+    return 0 if np.isfinite(held_out[0]) and not CLEARLY_BETTER * held_out[1] < held_out[0] else 1
+
+
+def _is_open(method: Method) -> bool:
+    return getattr(method, "random_force", "off") == "auto"
+
+
+def _with(method: Method, option: RandomForceOption) -> Method:
+    return with_random_force(method, option) if _is_open(method) else method
+
+
+def _residual(runs: Sequence[xr.Dataset], result: xr.Dataset) -> tuple[float, float]:
+    """P-value that the residual of a model, with a random force its innovations, is white noise; its size."""
+    (motions,) = fitted_motions(runs, (result,))
+    followed = {"": FollowedRuns(dict(enumerate(runs)), result)}
+    pairs = enumerate(motions)
+    of_runs = [residuals(followed, [motion], noise_of_run(result, at), at) for at, motion in pairs]
+    whole = pooled(of_runs)
+    return float(whole.residual_p_value.item()), float(whole.residual_over_noise.item())
+
+
+def _pushed(
+    decay: Decays,
+    runs: Sequence[xr.Dataset],
+    library: ForceLibrary,
+    methods: Sequence[Method],
+    open_ones: Sequence[int],
+) -> dict[int, xr.Dataset]:
+    """Identifications with a random force or coloured noise, by their place; none where that is refused."""
+    last = open_ones[-1]
+    try:
+        result = _estimated(methods[last]).identify(decay, library)
+        followed = FollowedRuns(dict(enumerate(runs)), result)
+        if _residual(runs, result)[0] < RESIDUAL_LEVEL or not is_random(followed):
+            return {}
+    except (SysidTribError, np.linalg.LinAlgError):
+        return {}
+    pushed = {last: result}
+    for at in open_ones[:-1]:
+        with suppress(SysidTribError):
+            pushed[at] = _estimated(methods[at]).identify(decay, library)
+    return pushed
+
+
+def _estimated(method: Method) -> Method:
+    return with_random_force(method, "estimated")

@@ -1,0 +1,162 @@
+"""The error of a model: by how much its coefficients move between parts of a record."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.arrays import Array
+from sysid_trib.errors import SysidTribError
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.methods.scope import Method
+from sysid_trib.records.runs import one_or_all
+from sysid_trib.results.variables import PER_FORCE_UNIT, variable
+from sysid_trib.validation.breakdown import widening
+from sysid_trib.validation.holdout import carried_on, counted_from
+from sysid_trib.validation.residuals import fitted_motion
+
+# Parts of the time of each run that are fitted by themselves.
+PARTS = ((0.0, 0.7), (0.15, 0.85), (0.3, 1.0))
+FREQUENCIES = ("reference_frequency", "asymptotic_frequency")
+# Fewer samples tell nothing of a motion whose start and zero are fitted.
+FEWEST_SAMPLES = 8
+
+
+def with_error_of_model(
+    result: xr.Dataset,
+    method: Method,
+    runs: Sequence[xr.Dataset],
+    library: ForceLibrary,
+    residual_over_noise: float,
+) -> xr.Dataset:
+    """An identification whose errors allow for what its model lacks.
+
+    Parameters
+    ----------
+    result : Dataset
+        The identification of the whole runs.
+    method : Method
+        By which it was made.
+    runs : sequence of Dataset
+        `angle(time)`.
+    library : ForceLibrary
+        The forces offered.
+    residual_over_noise : float
+        RMS of record minus model over the noise of the sensor.
+
+    Returns
+    -------
+    Dataset
+        `covariance`, `standard_error` and the errors of both frequencies are the total ones;
+        `error_of_noise(force)` is what the method states, `error_of_model(force)` the rest. `held_out_rms`
+        (rad): the geometric mean of what the parts leave of the samples that they do not hold, start fitted;
+        nan where one predicts no motion.
+
+    Notes
+    -----
+    The first, the middle and the last 70 % of each run are fitted by themselves. A complete model has
+    coefficients there that differ from those of the whole by no more than fewer data explain, the errors of
+    the part and of the whole squared and subtracted (Hausman 1978); what they move beyond that is the error
+    of the model. Where no part can be fitted it is what the Birge ratio adds (Birge 1932).
+    """
+    whole, stated = _values(result), _errors(result)
+    moved, expected, missed = [], [], []
+    for low, high in PARTS:
+        part = _part_fit(method, runs, library, low, high, result)
+        missed += [rms for run in runs for rms in _held_out(part, run, library, low, high)]
+        if part is not None:
+            moved.append(_values(part) - whole)
+            expected.append(_errors(part) ** 2 - stated**2)
+    if not moved:
+        beyond = np.sqrt(widening(result, residual_over_noise) ** 2 - 1.0)
+        return _widened(result, np.diag((beyond * stated) ** 2), float("nan"))
+    movement = np.mean([np.outer(step, step) for step in moved], axis=0)
+    size = np.diag(movement)
+    beyond = np.maximum(size - np.maximum(np.mean(expected, axis=0), 0.0), 0.0)
+    factor = np.sqrt(np.divide(beyond, size, out=np.zeros_like(size), where=size > 0.0))
+    held_out = (
+        float(np.exp(np.mean(np.log(missed)))) if missed and np.all(np.isfinite(missed)) else float("nan")
+    )
+    return _widened(result, movement * np.outer(factor, factor), held_out)
+
+
+def error_parts(result: xr.Dataset) -> tuple[Array, Array]:
+    """Errors of the coefficients by the noise and by the model, (force,) each."""
+    if "error_of_model" not in result:
+        return result.standard_error.values, np.zeros(result.sizes["force"])
+    return result.error_of_noise.values, result.error_of_model.values
+
+
+def _part_fit(
+    method: Method,
+    runs: Sequence[xr.Dataset],
+    library: ForceLibrary,
+    low: float,
+    high: float,
+    result: xr.Dataset,
+) -> xr.Dataset | None:
+    """The identification of a part of the time of each run; None where it cannot be, or has other forces."""
+    parts = [run.isel(time=_between(run, low, high)) for run in runs]
+    later = float(parts[0].time.values[0] - runs[0].time.values[0])
+    try:
+        part = method.identify(one_or_all(parts), counted_from(library, later))
+    except (SysidTribError, np.linalg.LinAlgError):
+        return None
+    same = part.force.values.tolist() == result.force.values.tolist()
+    return part if same and np.all(np.isfinite(_values(part))) else None
+
+
+def _between(run: xr.Dataset, low: float, high: float) -> slice:
+    """Samples between two parts of the time of a run."""
+    time = run.time.values.astype(float)
+    ends = time[0] + np.array([low, high]) * (time[-1] - time[0])
+    return slice(int(np.searchsorted(time, ends[0])), int(np.searchsorted(time, ends[1], side="right")))
+
+
+def _held_out(
+    part: xr.Dataset | None, run: xr.Dataset, library: ForceLibrary, low: float, high: float
+) -> Iterator[float]:
+    """RMS (rad) of what the model of a part leaves before and after it; nan without a motion."""
+    kept, size = _between(run, low, high), run.sizes["time"]
+    for held_out in (slice(0, kept.start), slice(kept.stop, size)):
+        if held_out.stop - held_out.start < FEWEST_SAMPLES:
+            continue
+        rest, before = run.isel(time=held_out), run.isel(time=slice(0, held_out.start + 1))
+        motion = None if part is None else fitted_motion(rest, carried_on(part, library, before))
+        yield (
+            np.nan
+            if motion is None
+            else float(np.sqrt(np.mean((rest.angle - motion.offset - motion.x) ** 2)))
+        )
+
+
+def _values(result: xr.Dataset) -> Array:
+    """Coefficients, reference frequency and asymptotic frequency."""
+    return np.array([*result.coefficient.values, *(result[name].item() for name in FREQUENCIES)])
+
+
+def _errors(result: xr.Dataset) -> Array:
+    """Standard errors of `_values`; zero where there is none."""
+    of_frequencies = (result[f"{name}_standard_error"].item() for name in FREQUENCIES)
+    return np.nan_to_num(np.array([*result.standard_error.values, *of_frequencies]))
+
+
+def _widened(result: xr.Dataset, of_model: Array, held_out: float) -> xr.Dataset:
+    """The result with the covariance of the model added to that of the noise."""
+    count = result.sizes["force"]
+    covariance = result["covariance"] + of_model[:count, :count]
+    noise, model = result.standard_error, np.sqrt(np.diag(of_model))
+    parts = {
+        "error_of_noise": variable("force", noise.values, "standard error by the noise", PER_FORCE_UNIT),
+        "error_of_model": variable("force", model[:count], "standard error by the model", PER_FORCE_UNIT),
+        "held_out_rms": variable((), held_out, "residual of parts that were held out", "rad"),
+    }
+    changed = {
+        "covariance": covariance,
+        "standard_error": np.hypot(noise, model[:count]),
+        "frequency_covariance": result.frequency_covariance + of_model[:count, -1],
+    }
+    for name, error in zip(FREQUENCIES, model[count:], strict=True):
+        changed[f"{name}_standard_error"] = np.hypot(result[f"{name}_standard_error"], error)
+    kept = {name: values.assign_attrs(result[name].attrs) for name, values in changed.items()}
+    return result.assign(kept | parts)
