@@ -9,7 +9,6 @@ import xarray as xr
 
 from sysid_trib.arrays import Array
 from sysid_trib.plots.style import BLUE, GREEN, INK, ORANGE, Style
-from sysid_trib.printing.comparison_sentences import widened_comparison
 from sysid_trib.validation.comparison_table import column_power
 
 # Marks of the families that methods state (see `MethodScope`).
@@ -85,7 +84,7 @@ class ComparisonData:
 
 def comparison_data(tree: xr.DataTree) -> ComparisonData:
     """A result of `compare` as figures draw it."""
-    table = widened_comparison(tree)
+    table = tree["comparison"].to_dataset()
     # A method that failed must not set a scale.
     table = table.isel(method=np.flatnonzero((table.failure == "") | (table.method == table.attrs["best"])))
     results = [table[name].notnull() for name in ("coefficient", ASYMPTOTIC, *PREDICTION)]

@@ -170,7 +170,7 @@ def _coefficients(ax: Axes, data: OverviewData) -> Axes:
     """Each coefficient over its value by the main identification, with 95 % intervals, and in numbers."""
     if not data.results:
         return _no_data(ax, "all methods failed")
-    main, widened = list(data.results.values())[-1], list(data.widened.values())[-1]
+    main = list(data.results.values())[-1]
     symbols = main.force.values.tolist()
     for at, ((name, result), style) in enumerate(zip(data.results.items(), _styles(data), strict=True)):
         shift = 0.3 * (at - 0.5 * (len(data.results) - 1))
@@ -179,12 +179,12 @@ def _coefficients(ax: Axes, data: OverviewData) -> Axes:
             scale = main.coefficient.sel(force=symbol).item()
             if symbol in result.force and scale != 0.0:
                 of_force = result.sel(force=symbol)
-                error = INTERVAL * data.widened[name] * abs(of_force.standard_error.item() / scale)
+                error = INTERVAL * abs(of_force.standard_error.item() / scale)
                 _interval(ax, of_force.coefficient.item() / scale, error, row + shift, style["color"])
     note: dict[str, Any] = {"ha": "right", "va": "center", "fontsize": FONT_SIZE - 1}
     for row, symbol in enumerate(symbols):
         of_force = main.sel(force=symbol)
-        text = value_with_error(of_force.coefficient.item(), widened * of_force.standard_error.item())
+        text = value_with_error(of_force.coefficient.item(), of_force.standard_error.item())
         unit = "" if of_force.unit.item() == "1" else f" {unit_in_latex(of_force.unit.item())}"
         written = ax.text(0.99, row, f"{text}{unit}", transform=ax.get_yaxis_transform(), **note)
         written.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.5})

@@ -14,7 +14,7 @@ from sysid_trib.physics.force_weights import weights
 from sysid_trib.plots.discovery_data import COLOUR_PERCENT, DOT_BEYOND, held_out_sentence
 from sysid_trib.plots.motion_data import MotionData, motion_data
 from sysid_trib.plots.style import MODEL_LINES
-from sysid_trib.printing.model_verdict import holds, kept_results, widenings
+from sysid_trib.printing.model_verdict import answer_of, holds, kept_results
 from sysid_trib.results.per_run import record_groups
 from sysid_trib.results.significance import determines
 from sysid_trib.validation.breakdown import run_record_noise
@@ -38,8 +38,6 @@ class OverviewData:
         The record and the models that are drawn.
     results : mapping of str to Dataset
         Identifications whose coefficients are shown, the main one last; none where all have failed.
-    widened : mapping of str to float
-        By how much their errors are widened.
     weighed : Dataset, or None
         `weights` of the main one over amplitude; none where a force is not finite there.
     power : Dataset, or None
@@ -56,7 +54,6 @@ class OverviewData:
 
     motion: MotionData
     results: Mapping[str, xr.Dataset]
-    widened: Mapping[str, float]
     weighed: xr.Dataset | None
     power: xr.Dataset | None
     missing: xr.Dataset | None
@@ -101,15 +98,15 @@ def overview_data(tree: xr.DataTree, run: int = 0) -> OverviewData:
     if "steps" in tree.children:
         results = {"final model": tree["after"].to_dataset()}
         explained = not _is_incomplete(tree) and determines(results["final model"])
-        drawn, widened = motion_data(tree, run), dict.fromkeys(results, 1.0)
+        drawn = motion_data(tree, run)
     elif "best" in tree["comparison"].attrs:
         best = tree["comparison"].attrs["best"]
         results, drawn = {best: tree[best].to_dataset()}, _best_motion(tree, run)
-        widened = dict.fromkeys(results, 1.0)
         explained = bool(tree["comparison"].holdout_over_noise.sel({"method": best}) <= LARGE)
     else:
         results, drawn, explained = kept_results(tree), motion_data(tree, run), holds(tree)
-        widened = widenings(tree, results)
+        # The last is drawn as the main one.
+        results = dict(sorted(results.items(), key=lambda pair: pair[0] == answer_of(tree)))
     main = next(reversed(results.values()), None)
     # A model that failed has no weights, but what it lacks can be seen.
     of_surface = main if main is not None else tree[tree["comparison"].attrs["second"]].to_dataset()
@@ -123,7 +120,7 @@ def overview_data(tree: xr.DataTree, run: int = 0) -> OverviewData:
             power = _power(main, halves)
     models = tuple(drawn.lines)[-1 if "steps" in tree.children else 0 :]
     held = held_out_sentence(tree)
-    return OverviewData(drawn, results, widened, weighed, power, missing, explained, models, held)
+    return OverviewData(drawn, results, weighed, power, missing, explained, models, held)
 
 
 def _best_motion(tree: xr.DataTree, run: int) -> MotionData:

@@ -11,7 +11,6 @@ from sysid_trib.printing.comparison_sentences import (
     comparison_sentences,
     effective_sentence,
     explanation_sentences,
-    widened_comparison,
 )
 from sysid_trib.printing.layers import ALWAYS, USUALLY, Block, Layer
 from sysid_trib.printing.layout import (
@@ -65,7 +64,7 @@ def comparison_blocks(tree: xr.DataTree, sources: Sequence[str]) -> list[Block]:
     -------
     list of Block
     """
-    table = widened_comparison(tree)
+    table = tree["comparison"].to_dataset()
     layers = {COEFFICIENTS: ALWAYS, DIFFERENCES: Layer.EXPLAIN, QUALITY: Layer.DEFAULT | Layer.EXPLAIN}
     verdict, *sentences = comparison_sentences(tree)
     return [
@@ -175,7 +174,7 @@ def comparison_json(tree: xr.DataTree) -> dict[str, Any]:
 
 def _applied(tree: xr.DataTree) -> xr.Dataset:
     """The comparison, of methods that gave a coefficient or a frequency and did not fail."""
-    return applied_methods(widened_comparison(tree))
+    return applied_methods(tree["comparison"].to_dataset())
 
 
 def _method_table(table: xr.Dataset, columns: dict[str, list[str]], words: Sequence[str] = ()) -> "Table":

@@ -10,8 +10,7 @@ from sysid_trib.printing.layout import by_label, identifiability_warnings
 from sysid_trib.printing.model_verdict import EFFECTIVE
 from sysid_trib.results.per_run import record_groups
 from sysid_trib.results.signal_units import signal_units, small_units
-from sysid_trib.validation.breakdown import widening
-from sysid_trib.validation.comparison_table import applied_methods, contrast
+from sysid_trib.validation.comparison_table import applied_methods
 from sysid_trib.validation.cross_check import LARGE
 from sysid_trib.validation.verdict import is_found
 
@@ -21,7 +20,7 @@ APART = 3.0
 # A prediction is as good if its RMS is larger by less than this, or not significantly at this level.
 ALIKE, ALIKE_LEVEL = 1.01, 0.01
 PUSHED_METHODS = (
-    "Beside the noise a random force was found, for which the errors of these methods allow: {}{}. Whether "
+    "Beside the noise a random force was found, for which the errors of these methods allow: {}. Whether "
     "it is one, or stands for a force that is missing, `sysid-trib identify` tests."
 )
 CAUSES = {
@@ -34,7 +33,7 @@ CAUSES = {
 
 def comparison_sentences(tree: xr.DataTree) -> list[str]:
     """The comparison in plain sentences: which method predicts best, which differ and probably why."""
-    table = widened_comparison(tree)
+    table = tree["comparison"].to_dataset()
     sentences = [_prediction(tree), *explanation_sentences(table, tuple(CAUSES))]
     owner = table.attrs["common_frequency_of"]
     origin = "given" if owner == "given" else f"w of {owner}"
@@ -63,46 +62,13 @@ def _ratio_of_best(table: xr.Dataset) -> float:
     return float(best.residual_over_noise.item() if np.isnan(ratio) else ratio)
 
 
-def method_widenings(tree: xr.DataTree) -> dict[str, float]:
-    """By how much errors are widened where no method explains the record; 1 if one neglects a force."""
-    table = applied_methods(tree["comparison"].to_dataset())
-    rows = by_label(table, "method")
-    if _ratio_of_best(table) <= LARGE:
-        return dict.fromkeys(rows, 1.0)
-    return {
-        label: 1.0
-        if row.neglects.item() or np.isnan(row.residual_over_noise.item())
-        else widening(tree[label].to_dataset(), row.residual_over_noise.item())
-        for label, row in rows.items()
-    }
-
-
-def widened_comparison(tree: xr.DataTree) -> xr.Dataset:
-    """The comparison with the errors that it prints, and differences over these."""
-    table = tree["comparison"].to_dataset()
-    widenings = method_widenings(tree)
-    factors = np.array([widenings.get(label, 1.0) for label in table.method.values.tolist()])
-    at = table.method.values.tolist().index(table.attrs["best"])
-    for name, z in (("coefficient", "z"), ("asymptotic_frequency", "asymptotic_frequency_z")):
-        error = "standard_error" if name == "coefficient" else f"{name}_standard_error"
-        values = table[name].values.reshape(factors.size, -1)
-        errors = factors[:, None] * table[error].values.reshape(values.shape)
-        table[error] = table[error].copy(data=errors.reshape(table[error].shape))
-        table[z] = table[z].copy(data=contrast(values, errors, at).reshape(table[z].shape))
-    return table
-
-
 def effective_sentence(tree: xr.DataTree) -> list[str]:
     """What coefficients are where no method explains the record."""
     if _ratio_of_best(applied_methods(tree["comparison"].to_dataset())) <= LARGE:
         return []
-    factors = [f"{label} {factor:.3g}" for label, factor in method_widenings(tree).items() if factor > 1.0]
-    widened = (
-        f"; errors are widened by what is left of the record: {', '.join(factors)} times" if factors else ""
-    )
     if pushed := _with_random_force(tree):
-        return [PUSHED_METHODS.format(", ".join(pushed), widened)]
-    return [f"{EFFECTIVE}{widened}."]
+        return [PUSHED_METHODS.format(", ".join(pushed))]
+    return [f"{EFFECTIVE}. Their errors allow for that, by how they move between parts of the record."]
 
 
 def _with_random_force(tree: xr.DataTree) -> list[str]:

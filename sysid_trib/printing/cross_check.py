@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from sysid_trib.noise.random_force import random_force_of
 from sysid_trib.printing.layout import constraint_sentences, identifiability_warnings
 from sysid_trib.printing.model_verdict import (
+    answer_of,
     effective_sentences,
     failure_sentences,
     failures,
@@ -46,6 +47,8 @@ def agreement_sentences(tree: xr.DataTree, *, details: bool = False) -> list[str
     checked, results = tree["comparison"].ds, kept_results(tree)
     second = tree[checked.attrs["second"]].to_dataset()
     sentences = [] if failures(tree) else [_agreement_sentence(checked)]
+    if details and not failures(tree):
+        sentences += _agreement_test(checked)
     if details:
         sentences += [_residual_sentence(tree, name) for name in results]
     if checked.attrs["second"] in results:
@@ -70,21 +73,27 @@ def _agreement_sentence(checked: xr.Dataset) -> str:
         return (
             f"{pair} cannot be compared: the error of their difference could not be computed{_few(checked)}."
         )
+    if checked.attrs["verdict"] == "disagree":
+        return f"{pair} disagree."
+    if checked.p_value.item() < BARELY:
+        return f"{pair} agree, but barely."
+    if checked.attrs.get("verdict_on_record", "").startswith("explained"):
+        return f"{pair} agree within their errors."
+    return f"{pair} differ by no more than their errors."
+
+
+def _agreement_test(checked: xr.Dataset) -> list[str]:
+    """The test behind the sentence on agreement."""
+    if checked.attrs["verdict"] == "unknown":
+        return []
     # The records that count are fewer than were drawn where the motion is pushed and one was not identified.
     records = checked.attrs.get("simulated_records", checked.attrs["draws"])
     stated = checked.attrs.get("errors") == "stated"
     errors = "stated errors" if stated else f"Hotelling, {records} simulated records"
-    test = (
-        f"chi-square {checked.chi_square.item():.3g} for {checked.degrees_of_freedom.item()} differences, "
-        f"p = {checked.p_value.item():.2g} ({errors})."
-    )
-    if checked.attrs["verdict"] == "disagree":
-        return f"{pair} disagree: {test}"
-    if checked.p_value.item() < BARELY:
-        return f"{pair} agree, but barely: {test}"
-    if checked.attrs["explained"] == "yes" and checked.attrs.get("verdict_on_record") != "not explained":
-        return f"{pair} agree within their errors: {test}"
-    return f"{pair} differ by no more than their errors: {test}"
+    return [
+        f"Their differences: chi-square {checked.chi_square.item():.3g} for "
+        f"{checked.degrees_of_freedom.item()} of them, p = {checked.p_value.item():.2g} ({errors})."
+    ]
 
 
 def _part(checked: xr.Dataset) -> str:
@@ -129,7 +138,7 @@ def consequences(tree: xr.DataTree, inertia: float | None) -> list[str]:
     if not holds(tree):
         undetermined = tree["comparison"].attrs["verdict_on_record"] == "undetermined"
         return [NO_CONSEQUENCES.format("is not decided by" if undetermined else "does not explain")]
-    result = tree[tree["comparison"].attrs["second"]].to_dataset()
+    result = tree[answer_of(tree)].to_dataset()
     return physics_sentences(result, amplitudes(tree), inertia)
 
 

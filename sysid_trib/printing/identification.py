@@ -19,13 +19,16 @@ from sysid_trib.printing.layout import (
     text_table,
 )
 from sysid_trib.printing.model_verdict import (
+    answer_of,
     effective_sentences,
+    error_sentences,
     failure_sentences,
     failures,
     holds,
     kept_results,
+    test_sentence,
+    verdict_of,
     verdict_sentence,
-    widenings,
 )
 from sysid_trib.printing.physics import physics_json, weight_sentences
 from sysid_trib.printing.random_force import random_force_json
@@ -33,6 +36,7 @@ from sysid_trib.printing.residual import residual_of
 from sysid_trib.printing.runs import runs_json, runs_sentences, runs_table
 from sysid_trib.results.signal_units import signal_units
 from sysid_trib.validation.breakdown import record_noise
+from sysid_trib.validation.model_error import error_parts
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -61,20 +65,21 @@ def identification_blocks(
     list of Block
     """
     key, details = agreement_sentences(tree), agreement_sentences(tree, details=True)
-    if holds(tree):
-        result = tree[tree["comparison"].attrs["second"]].to_dataset()
-        key += weight_sentences(result, float(amplitudes(tree).max()))
+    results = kept_results(tree)
+    if holds(tree) and answer_of(tree) in results:
+        key += weight_sentences(results[answer_of(tree)], float(amplitudes(tree).max()))
     blocks = [
         Block([verdict_sentence(tree)], ALWAYS),
         Block(sources),
         Block([*failure_sentences(tree), *effective_sentences(tree)], ALWAYS),
     ]
-    if kept_results(tree):
+    if results:
         blocks.append(Block(identification_table(tree), ALWAYS))
-        blocks.append(Block([f"Equation: {equation_text(list(kept_results(tree).values())[-1])}."], USUALLY))
+        equation = equation_text(results.get(answer_of(tree), next(reversed(results.values()))))
+        blocks.append(Block([f"{_answer(tree)}Equation: {equation}."], USUALLY))
     blocks += [
         Block(key, Layer.DEFAULT),
-        Block(details, Layer.EXPLAIN),
+        Block([test_sentence(tree), *error_sentences(tree), *details], Layer.EXPLAIN),
         Block(consequences(tree, inertia), Layer.EXPLAIN),
     ]
     if "runs" in tree:
@@ -86,11 +91,10 @@ def identification_blocks(
 def identification_table(tree: xr.DataTree) -> "Table":
     """Coefficients by both methods with errors, and how many errors apart they are.
 
-    A method that failed has no column. Where the model does not explain the record, errors are widened by
-    what is left of it (see `effective_sentences`).
+    A method that failed has no column. Errors are the total ones, of the noise and of the model.
     """
     checked, results = tree["comparison"].ds, kept_results(tree)
-    widened, unit, noise = widenings(tree, results), signal_units(tree), record_noise(tree)
+    unit, noise = signal_units(tree), record_noise(tree)
     symbols = list(dict.fromkeys(s for r in results.values() for s in r.force.values.tolist()))
     width = max([8, *map(len, symbols)])
     rows = []
@@ -98,11 +102,11 @@ def identification_table(tree: xr.DataTree) -> "Table":
         named = next(r for r in results.values() if symbol in r.force).sel(force=symbol)
         of_unit = "" if named.unit.item() == "1" else f" ({named.unit.item()})"
         heads = [f"{symbol:{width}} {named['name'].item()}{of_unit}", named["formula"].item()]
-        cells = [coefficient_cell(result, symbol, widened[name]) for name, result in results.items()]
+        cells = [coefficient_cell(result, symbol) for result in results.values()]
         rows.append([*heads, *cells, _difference(checked, symbol, results)])
     for name, title in zip(FREQUENCIES, ("w (rad/s)", "w_inf (rad/s)"), strict=True):
         label = name.replace("_", " ")
-        cells = [quantity(result, name, widened=widened[of]) for of, result in results.items()]
+        cells = [quantity(result, name) for result in results.values()]
         rows.append([title, label, *cells, _difference(checked, label, results)])
     residuals = {name: residual_of(tree, name) for name in results}
     cells = [f"{residual / noise:.3g} x noise" for residual in residuals.values()]
@@ -128,10 +132,11 @@ def _difference(checked: xr.Dataset, label: str, results: Mapping[str, xr.Datase
 def identification_json(tree: xr.DataTree, inertia: float | None = None) -> dict[str, Any]:
     """The result as plain data; non-finite numbers are None."""
     checked, results = tree["comparison"].ds, {n: tree[n].to_dataset() for n in _names(tree)}
-    factors = widenings(tree, results)
-    methods = {name: _method_json(result) | {"widening": factors[name]} for name, result in results.items()}
-    for name in methods:
-        methods[name]["failed"] = failures(tree).get(name, "")
+    failed = failures(tree)
+    methods = {
+        name: (_withheld() if name in failed else _method_json(result)) | {"failed": failed.get(name, "")}
+        for name, result in results.items()
+    }
     differences = ("difference", "expected_difference", "standard_error", "z")
     tested = ("departure_time", "residual_p_value")
     check = {
@@ -145,12 +150,18 @@ def identification_json(tree: xr.DataTree, inertia: float | None = None) -> dict
         "noise": record_noise(tree),
         **checked.attrs,
     }
-    data = {**records_json(tree), **random_force_json(tree), "methods": methods, "cross_check": check}
+    data = {
+        **records_json(tree),
+        **random_force_json(tree),
+        "answer": None if answer_of(tree) in failed else answer_of(tree),
+        "methods": methods,
+        "cross_check": check,
+    }
     refused = consequences(tree, inertia) if not holds(tree) else []
     data["consequences"] = (
         {"refused": refused[0]}
         if refused
-        else physics_json(results[checked.attrs["second"]], amplitudes(tree), inertia)
+        else physics_json(results[answer_of(tree)], amplitudes(tree), inertia)
     )
     if "runs" in tree:
         data["runs"] = runs_json(tree["runs"].to_dataset())
@@ -163,32 +174,55 @@ def _residual_json(tree: xr.DataTree, name: str) -> dict[str, Any]:
     return {"residual_rms": number(rms), "residual_over_noise": number(rms / record_noise(tree))}
 
 
+def _answer(tree: xr.DataTree) -> str:
+    """Which of two methods the result stands by, where a test decides it."""
+    if verdict_of(tree) not in ("approximate", "not explained") or len(kept_results(tree)) < 2:
+        return ""
+    return f"Answer: {answer_of(tree)}, by its prediction of parts that were held out. "
+
+
+def _withheld() -> dict[str, Any]:
+    """A method that failed: no number of it is given."""
+    names = (
+        *FREQUENCIES,
+        "noise",
+        *(f"{name}_standard_error" for name in FREQUENCIES),
+        "misfit",
+        "held_out_rms",
+    )
+    return {"coefficients": {}, **dict.fromkeys(names)}
+
+
 def _method_json(result: xr.Dataset) -> dict[str, Any]:
+    noise, model = error_parts(result)
     coefficients = {
         symbol: {
             **quantity_json(force, "coefficient"),
+            "error_of_noise": number(noise[at]),
+            "error_of_model": number(model[at]),
             "active": bool(force.active.item()),
             "refers_to": number(force.refers_to.item()),
             "unit": force.unit.item(),
             **({"constraint": force.constraint.item()} if "constraint" in force.coords else {}),
         }
-        for symbol, force in by_label(result, "force").items()
+        for at, (symbol, force) in enumerate(by_label(result, "force").items())
     }
     names = (*FREQUENCIES, "noise", *(f"{name}_standard_error" for name in FREQUENCIES))
     return {
         "coefficients": coefficients,
         **numbers(result, names),
         "misfit": number(result.birge_ratio.item()),
+        "held_out_rms": number(float(result.get("held_out_rms", np.nan))),
     }
 
 
-def coefficient_cell(result: xr.Dataset, symbol: str, widened: float = 1.0) -> str:
-    """A coefficient with its error, `widened` times the stated one, or why there is none."""
+def coefficient_cell(result: xr.Dataset, symbol: str) -> str:
+    """A coefficient with its error, or why there is none."""
     if symbol not in result.force:
         return "-"
     force = result.sel(force=symbol)
     if not force.active.item():
-        return f"dropped (± {widened * force.standard_error.item():.2g})"
+        return f"dropped (± {force.standard_error.item():.2g})"
     kind = force.constraint.item() if "constraint" in force.coords else ""
     mark = {"": "", "fixed": " (fixed)", "at its bound": " (bound)"}.get(kind, " (tied)")
-    return f"{quantity(force, 'coefficient', widened=widened)}{mark}"
+    return f"{quantity(force, 'coefficient')}{mark}"

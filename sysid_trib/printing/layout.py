@@ -43,15 +43,10 @@ def by_label(data: xr.Dataset, dim: str) -> dict[str, xr.Dataset]:
     return {label: data.sel({dim: label}) for label in data[dim].values.tolist()}
 
 
-def quantity(
-    result: xr.Dataset, name: str, units: str = "", factor: float = 1.0, *, widened: float = 1.0
-) -> str:
-    """A variable of a result with its standard error, both times a factor, with units behind it.
-
-    The error is `widened` times the stated one.
-    """
+def quantity(result: xr.Dataset, name: str, units: str = "", factor: float = 1.0) -> str:
+    """A variable of a result with its standard error, both times a factor, with units behind it."""
     value, error = (factor * result[key].item() for key in (name, _error_of(name)))
-    return f"{value_with_error(value, widened * error)}{units}"
+    return f"{value_with_error(value, error)}{units}"
 
 
 def coefficient_text(force: xr.Dataset) -> str:

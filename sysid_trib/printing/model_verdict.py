@@ -1,55 +1,80 @@
 """Whether the model of a cross-check explains the record, and what that means for its numbers."""
 
-from collections.abc import Mapping
-
 import numpy as np
 import xarray as xr
 
-from sysid_trib.noise.random_force import random_force_of
 from sysid_trib.printing.layout import p_value_text
-from sysid_trib.printing.random_force import random_force_verdict
+from sysid_trib.printing.random_force import NOT_FOLLOWED, not_followed, random_force_test
 from sysid_trib.printing.residual import residual_of
 from sysid_trib.results.per_run import record_groups
 from sysid_trib.results.significance import SIGNIFICANT_ERRORS
-from sysid_trib.validation.breakdown import breakdown, record_noise, stated_widening, widening
+from sysid_trib.validation.breakdown import breakdown, record_noise
+from sysid_trib.validation.model_error import error_parts
 
-EXPLAINED = {
-    "yes": "The record is explained: no departure from white noise was found in the residual ({}).",
-    "partly": "The residual is small, but it is not white noise ({}). Either the noise is coloured, or a "
-    "force is missing or has another form. In the second case the coefficients are off by more than their "
-    "errors.",
-    "no": "The model does not explain the record ({}). A force is missing, or one has another form.",
-}
-EXPLAINED_BY_RATE = (
-    "The residual is not white noise ({}). The integral of a measured rate always has such a residual: it "
-    "does not show whether a force is missing."
+EXPLAINED = "The record is explained: its residual is nothing but noise."
+PUSHED = (
+    "The record is explained with a random force: what is left depends on neither angle, speed, amplitude "
+    "nor time."
 )
+APPROXIMATE = "The model is approximate: {}. A force is missing, or one has another form."
+NOT_EXPLAINED = "The model does not explain the record: {}. A force is missing, or one has another form."
+OF_A_RATE = " (The integral of a measured rate always leaves more than its noise.)"
 UNDETERMINED = (
     "The record does not decide: none of the coefficients differs from zero by more than "
     f"{SIGNIFICANT_ERRORS:g} standard errors, so that nothing in it could contradict these forces."
 )
-EFFECTIVE = (
-    "These coefficients are of a model that does not explain the record: they are effective values, which "
-    "may be off by far more than their errors"
-)
+EFFECTIVE = "These coefficients are effective values of a model that is not complete"
 
 
 def holds(tree: xr.DataTree) -> bool:
-    """Whether the record is explained by the model, with a random force or without."""
-    return str(tree["comparison"].attrs["verdict_on_record"]).startswith("explained")
+    """Whether the model follows the record: what follows from its coefficients is given."""
+    return verdict_of(tree).startswith("explained") or verdict_of(tree) == "approximate"
+
+
+def verdict_of(tree: xr.DataTree) -> str:
+    """The verdict on the record, one of `VERDICTS`."""
+    return str(tree["comparison"].attrs["verdict_on_record"])
+
+
+def answer_of(tree: xr.DataTree) -> str:
+    """The method whose numbers the result stands by."""
+    checked = tree["comparison"].attrs
+    return str(checked.get("answer", checked["second"]))
 
 
 def verdict_sentence(tree: xr.DataTree) -> str:
-    """Whether the record is explained."""
-    checked = tree["comparison"].ds
-    if checked.attrs["verdict_on_record"] == "undetermined":
-        return UNDETERMINED
-    if sentence := random_force_verdict(tree):
-        return sentence
-    explained = checked.attrs["explained"]
-    measured_rate = tree[record_groups(tree)[0]].attrs.get("signal") == "rate"
-    sentence = EXPLAINED_BY_RATE if measured_rate and explained != "yes" else EXPLAINED[explained]
-    return sentence.format(f"p {p_value_text(float(checked.residual_p_value.max()))}")
+    """Whether the record is explained, in words that no test is needed to read."""
+    verdict = verdict_of(tree)
+    if verdict in (fixed := {"undetermined": UNDETERMINED, "explained": EXPLAINED}):
+        return fixed[verdict]
+    if verdict == "explained with a random force":
+        return PUSHED
+    if "random_force" in tree.children and (reasons := not_followed(tree)):
+        return NOT_FOLLOWED.format(f"{reasons[0][0].lower()}{reasons[0][1:]}")
+    rate = tree[record_groups(tree)[0]].attrs.get("signal") == "rate"
+    text = APPROXIMATE if verdict == "approximate" else NOT_EXPLAINED
+    return text.format(_how_near(tree)) + (OF_A_RATE if rate else "")
+
+
+def test_sentence(tree: xr.DataTree) -> str:
+    """The tests behind the verdict."""
+    p_value = p_value_text(float(tree["comparison"].residual_p_value.max()))
+    return " ".join([f"The residual as white noise: p {p_value}.", *random_force_test(tree)])
+
+
+def _how_near(tree: xr.DataTree) -> str:
+    """How near the motion of the answer's model comes to the record."""
+    answer = answer_of(tree)
+    part = float(tree["comparison"].residual_over_motion.sel(model=answer))
+    if not np.isfinite(part):
+        return "its motion diverges"
+    lasts = sum(float(np.ptp(tree[group].time.values)) for group in record_groups(tree))
+    periods = lasts * float(tree[answer].asymptotic_frequency) / (2.0 * np.pi)
+    times = residual_over_noise(tree, answer)
+    return (
+        f"over {periods:.0f} periods its motion leaves {100.0 * part:.2g} % of the record (RMS), "
+        f"{times:.3g} times the noise"
+    )
 
 
 def residual_over_noise(tree: xr.DataTree, model: str) -> float:
@@ -67,21 +92,9 @@ def failures(tree: xr.DataTree) -> dict[str, str]:
 def failure_sentences(tree: xr.DataTree) -> list[str]:
     """A sentence on each method that failed: its coefficients are not given."""
     return [
-        f"{name.capitalize()} failed: {reason}{_off(residual_over_noise(tree, name))}. Its coefficients "
-        "are not given."
+        f"{name.capitalize()} failed: {reason}. Its coefficients are not given."
         for name, reason in failures(tree).items()
     ]
-
-
-def _off(ratio: float) -> str:
-    return f" (residual {ratio:.3g} times the noise)" if np.isfinite(ratio) else ""
-
-
-def widenings(tree: xr.DataTree, results: Mapping[str, xr.Dataset]) -> dict[str, float]:
-    """By how much the errors of each method are widened: 1 where the model explains the record."""
-    if tree["comparison"].attrs["verdict_on_record"] != "not explained":
-        return dict.fromkeys(results, 1.0)
-    return {name: widening(result, residual_over_noise(tree, name)) for name, result in results.items()}
 
 
 def kept_results(tree: xr.DataTree) -> dict[str, xr.Dataset]:
@@ -92,17 +105,26 @@ def kept_results(tree: xr.DataTree) -> dict[str, xr.Dataset]:
 
 
 def effective_sentences(tree: xr.DataTree) -> list[str]:
-    """What coefficients of a model that does not explain the record are, and how errors were widened."""
+    """What coefficients of a model that is not complete are, and what their errors hold."""
     results = kept_results(tree)
-    if tree["comparison"].attrs["verdict_on_record"] != "not explained" or not results:
+    if verdict_of(tree) not in ("approximate", "not explained") or not results:
         return []
-    parts, factors = [], widenings(tree, results)
-    pushed = [name for name, result in results.items() if random_force_of(result)]
-    if pushed:
-        whose = " and ".join(pushed)
-        parts.append(f"errors of {whose} allow for a random force in the place of what is missing")
-    for name, result in results.items():
-        whole = factors[name] * stated_widening(result)
-        if name not in pushed and whole > 1.0:
-            parts.append(f"errors of {name} are {whole:.3g} times those by the noise, for what is left")
-    return ["; ".join([EFFECTIVE, *parts]) + "."]
+    answer = answer_of(tree) if answer_of(tree) in results else next(reversed(results))
+    noise, model = error_parts(results[answer])
+    if not np.any(model > 0.0):
+        return [f"{EFFECTIVE}, which may be off by far more than their errors."]
+    factor = float(np.max(np.hypot(noise, model)[noise > 0.0] / noise[noise > 0.0], initial=1.0))
+    return [
+        f"{EFFECTIVE}. Their errors allow for that, by how they move between parts of the record: they are "
+        f"up to {factor:.3g} times those by the noise (--explain)."
+    ]
+
+
+def error_sentences(tree: xr.DataTree) -> list[str]:
+    """The two parts of each error of the answer."""
+    result = kept_results(tree).get(answer_of(tree))
+    if result is None or "error_of_model" not in result:
+        return []
+    parts = zip(result.force.values.tolist(), *error_parts(result), strict=True)
+    texts = ", ".join(f"{symbol} {noise:.2g} and {model:.2g}" for symbol, noise, model in parts)
+    return [f"Errors of {answer_of(tree)} by the noise and by the model: {texts}."]

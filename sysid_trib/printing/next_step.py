@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import xarray as xr
 
-from sysid_trib.printing.model_verdict import failures, holds
+from sysid_trib.printing.model_verdict import failures, verdict_of
 from sysid_trib.results.discoveries import candidates_of, credible_set
 from sysid_trib.results.per_run import record_groups
 from sysid_trib.results.schema import library_of, shape_values_of
@@ -62,9 +62,9 @@ def next_step(tree: xr.DataTree) -> NextStep:
 def _after_identification(tree: xr.DataTree) -> NextStep:
     checked = tree["comparison"].ds
     second = tree[checked.attrs["second"]].to_dataset()
-    if checked.attrs["verdict_on_record"] == "undetermined":
+    if verdict_of(tree) == "undetermined":
         return _after_nothing(second)
-    if not holds(tree):
+    if not verdict_of(tree).startswith("explained"):
         return _search(tree, "names what is missing")
     failed = failures(tree)
     if failed:

@@ -13,22 +13,6 @@ from sysid_trib.validation.verdict import DEPENDENCE_LEVEL, p_value_of_dependenc
 
 # Part of its amplitude by which a motion that is predicted may be wrong.
 USEFUL = 0.05
-PUSHED = (
-    "The record is explained with a random force: what is left depends on neither angle, speed, amplitude "
-    "nor time ({})."
-)
-NOT_RANDOM = (
-    "The model does not explain the record: what is left of it is no random force, since {} ({}). A force is "
-    "missing, or one has another form."
-)
-NOT_PREDICTED = (
-    "The model does not explain the record, not even with a random force: it predicts the next sample worse "
-    "than both noises let it (p {})."
-)
-HIDDEN = (
-    "The model does not explain the record: what was taken for noise of the sensor is larger than that, and "
-    "goes with the motion. A force is missing, or one has another form."
-)
 NOT_FOUND = "No random force is found; the errors allow for {}."
 TOO_SHORT = (
     "The record is too short, or too coarsely sampled, to tell a random force from the sensor's noise, for "
@@ -37,29 +21,17 @@ TOO_SHORT = (
 NOT_FOLLOWED = "The model does not explain the record, not even with a random force: {}"
 
 
-def random_force_verdict(tree: xr.DataTree) -> str:
-    """The verdict in a sentence where a random force takes part in it; empty where it does not."""
-    checked = tree["comparison"].attrs
-    verdict = checked["verdict_on_record"]
-    if "random_force" not in tree.children:
-        hidden = verdict == "not explained" and checked["explained"] == "yes"
-        return HIDDEN if hidden else ""
-    if verdict == "explained":
-        return ""
-    tested = tree["random_force"].to_dataset()
-    if reasons := _not_followed(tested):
-        return NOT_FOLLOWED.format(f"{reasons[0][0].lower()}{reasons[0][1:]}")
-    p_value = p_value_of_dependence(tested)
-    text = f"p {p_value_text(p_value)}"
-    if verdict != "not explained":
-        return PUSHED.format(text)
-    if p_value < DEPENDENCE_LEVEL:
-        return NOT_RANDOM.format(_dependences(tested), text)
-    return NOT_PREDICTED.format(p_value_text(float(tree["comparison"].residual_p_value.max())))
+def random_force_test(tree: xr.DataTree) -> list[str]:
+    """The test of a random force, where one is found."""
+    if "random_force" not in tree.children or not_followed(tree):
+        return []
+    p_value = p_value_of_dependence(tree["random_force"].to_dataset())
+    return [f"A random force that depends on nothing: p {p_value_text(p_value)}."]
 
 
-def _not_followed(tested: xr.Dataset) -> list[str]:
+def not_followed(tree: xr.DataTree) -> list[str]:
     """Why the record could not be followed with a random force, by run; none where it could."""
+    tested = tree["random_force"].to_dataset()
     return [reason for reason in tested.reason.values.tolist() if reason]
 
 
@@ -77,7 +49,7 @@ def random_force_sentences(tree: xr.DataTree, amplitude: float) -> list[str]:
     force, frequency = random_force_of(result), float(result.reference_frequency)
     if "random_force" not in tree.children:
         return _not_found(tree, result) if "random_force_density" in result else []
-    if _not_followed(tree["random_force"].to_dataset()):
+    if not_followed(tree):
         # Nothing is known of what is left: not even with such a force does the model follow the record.
         return []
     noise, units = float(result.noise), signal_units(result)
@@ -122,7 +94,7 @@ def allowed_for(force: RandomForce, units: str) -> str:
     if not force:
         return f"a density of up to {force.standard_error:.1e} {_density_units(units)} (one standard error)"
     size = value_with_error(force.density, force.standard_error)
-    return f"a density of {size} {_density_units(units)} (p {p_value_text(force.p_value)})"
+    return f"a density of {size} {_density_units(units)}"
 
 
 def _periods_of_record(tree: xr.DataTree, frequency: float) -> float:
@@ -162,17 +134,16 @@ def _whose(tree: xr.DataTree, contradicted: bool) -> list[str]:
     """Whether the random force is a property of the experiment, or stands for something that is missing."""
     tested = tree["random_force"].to_dataset()
     p_value = p_value_of_dependence(tested)
-    text = f"(p {p_value_text(p_value)})"
     if p_value < DEPENDENCE_LEVEL:
         return [
-            f"This random force is the sign of something missing: {_dependences(tested)} {text}. The "
+            f"This random force is the sign of something missing: {_dependences(tested)}. The "
             "coefficients are off by more than their errors."
         ]
     if tree["comparison"].attrs["verdict_on_record"] == "not explained" or contradicted:
         return []
     return [
         "The random force goes with neither angle nor speed, and its size is the same at all amplitudes, "
-        f"speeds and times {text}: it is a property of the experiment."
+        "speeds and times: it is a property of the experiment."
     ]
 
 
@@ -184,7 +155,7 @@ def _contradiction(tree: xr.DataTree, given: bool) -> list[str]:
         return []
     run = int(np.argmin(tested.density_p_value.values))
     return [
-        f"The record contradicts the density that was given (p {p_value_text(p_value)}): its most likely "
+        f"The record contradicts the density that was given: its most likely "
         f"one is {tested.likely_density.values[run]:.2g} {_density_units(signal_units(tree))}. Take "
         "--random-force auto."
     ]

@@ -84,10 +84,10 @@ def _power(data: OverviewData) -> plotting.figure:
 
 def _coefficients(data: OverviewData) -> plotting.figure:
     """Coefficients of the main identification over their values, with 95 % intervals."""
-    (name, result), widened = list(data.results.items())[-1], list(data.widened.values())[-1]
+    name, result = list(data.results.items())[-1]
     symbols = result.force.values.tolist()
     made = drawing.list_panel(f"coefficient by {name} over its value, 95 %", symbols)
-    value, error = result.coefficient.values, widened * result.standard_error.values
+    value, error = result.coefficient.values, result.standard_error.values
     with np.errstate(divide="ignore", invalid="ignore"):
         part = np.where(value != 0.0, INTERVAL * error / np.abs(value), np.nan)
     texts = [value_with_error(v, e) for v, e in zip(value.tolist(), error.tolist(), strict=True)]

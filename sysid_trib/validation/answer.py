@@ -1,6 +1,6 @@
 """The answer that predicts: with which noise a record is identified, and how wrong its model may be."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -9,7 +9,8 @@ import xarray as xr
 
 from sysid_trib.errors import SysidTribError, UsageError
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.methods.scope import Method, with_random_force
+from sysid_trib.methods import method_of
+from sysid_trib.methods.scope import Method, scope_of, with_random_force
 from sysid_trib.noise.random_force import RandomForceOption
 from sysid_trib.records.inputs import INPUT
 from sysid_trib.records.runs import Decays, as_runs
@@ -112,11 +113,33 @@ def identifications(decay: Decays, library: ForceLibrary, methods: Sequence[Meth
         results = [pushed.get(at, result) for at, result in enumerate(results)]
         left = [(1.0, 1.0) if at in pushed else residual for at, residual in enumerate(left)]
     return [
-        with_error_of_model(result, _with(method, "off"), runs, library, over_noise)
-        if p_value < RESIDUAL_LEVEL
-        else result
-        for method, result, (p_value, over_noise) in zip(methods, results, left, strict=True)
+        _with_model(result, _with(method, "off"), runs, library, residual)
+        for method, result, residual in zip(methods, results, left, strict=True)
     ]
+
+
+def with_model_in_errors(
+    result: xr.Dataset, method: Method, runs: Sequence[xr.Dataset], library: ForceLibrary
+) -> xr.Dataset:
+    """The identification with errors that are those of the model too, where the residual is not noise."""
+    return _with_model(result, method, runs, library, _residual(runs, result))
+
+
+def with_common_noise(
+    decay: Decays, library: ForceLibrary, methods: Mapping[str, Method]
+) -> dict[str, Method]:
+    """Methods by their name; those that leave it open have the noise that direct identification has.
+
+    Where none of them is direct the first decides; where that cannot identify the record it is the sensor's
+    alone.
+    """
+    open_ones = [method for method in methods.values() if _is_open(method)]
+    direct = [method for method in open_ones if scope_of(method).family == "direct"]
+    option: RandomForceOption = "off"
+    with suppress(SysidTribError, np.linalg.LinAlgError):
+        for method in [*direct, *open_ones][:1]:
+            option = method_of(identifications(decay, library, [method])[0]).random_force
+    return {label: _with(method, option) for label, method in methods.items()}
 
 
 def better_of(first: xr.Dataset, second: xr.Dataset) -> int:
@@ -135,6 +158,19 @@ def _is_open(method: Method) -> bool:
 
 def _with(method: Method, option: RandomForceOption) -> Method:
     return with_random_force(method, option) if _is_open(method) else method
+
+
+def _with_model(
+    result: xr.Dataset,
+    method: Method,
+    runs: Sequence[xr.Dataset],
+    library: ForceLibrary,
+    residual: tuple[float, float],
+) -> xr.Dataset:
+    p_value, over_noise = residual
+    if p_value >= RESIDUAL_LEVEL:
+        return result
+    return with_error_of_model(result, method, runs, library, over_noise)
 
 
 def _residual(runs: Sequence[xr.Dataset], result: xr.Dataset) -> tuple[float, float]:

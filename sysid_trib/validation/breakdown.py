@@ -29,7 +29,7 @@ def run_record_noise(tree: xr.DataTree, run: int) -> float:
 
 
 def breakdown(tree: xr.DataTree, model: str) -> str:
-    """Why the motion of a model says nothing of the record, in a few words; empty if it does.
+    """Why there is no motion of a model, in a few words; empty where there is one, even far from the record.
 
     Parameters
     ----------
@@ -37,18 +37,11 @@ def breakdown(tree: xr.DataTree, model: str) -> str:
         With `simulated_angle(model, time)` in its records.
     model : str
         Which of the models.
-
-    Notes
-    -----
-    A model has broken down where, over a third of the record, its residual (RMS) is as large as the motion:
-    a model at rest would be as near. In antiphase it is twice as large.
     """
     groups = record_groups(tree)
     for at, group in enumerate(groups):
-        angle = tree[group].angle.values
-        reason = no_nearer_than_rest(angle, angle - tree[group].simulated_angle.sel(model=model).values)
-        if reason:
-            return reason.format(f" of run {at + 1}" if len(groups) > 1 else "")
+        if not np.all(np.isfinite(tree[group].simulated_angle.sel(model=model).values)):
+            return f"{DIVERGES}{f' in run {at + 1}' if len(groups) > 1 else ''}"
     return ""
 
 

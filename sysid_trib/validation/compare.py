@@ -16,7 +16,7 @@ from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.results.per_run import group_names
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.validation.answer import check_method
+from sysid_trib.validation.answer import check_method, with_common_noise
 from sysid_trib.validation.comparison_table import method_table
 from sysid_trib.validation.cross_check_statistics import ties
 from sysid_trib.validation.holdout import RunInParts, split
@@ -123,6 +123,7 @@ def compare(
     groups |= dict(zip(group_names("envelope", len(runs)), [run.envelope for run in runs], strict=True))
     if taken := sorted(set(groups) & set(named)):
         raise UsageError(f"'{taken[0]}' is the name of a run; label the method otherwise.")
+    named = with_common_noise(decay, library, named)
     trials = []
     for at, (label, method) in enumerate(named.items()):
         tell(label, at / len(named))

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
+from sysid_trib.arrays import Array
 from sysid_trib.decays.half_sines import envelope
 from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.results.per_run import group_names, noise_of_run
@@ -57,8 +58,9 @@ def cross_check(
     `residual_over_noise` and `departure_time` (s). Its attrs say what the methods cannot tell apart by
     principle, the `verdict` (agree, disagree, unknown), and whether the record is `explained`: yes
     (no departure from white noise is found in the better model's residual), partly (a small one), no; and the
-    `verdict_on_record`: explained, explained with a random force, not explained. Where the second has a
-    random force, there are the groups of `random_force_groups`.
+    `verdict_on_record`, one of `VERDICTS`; the `answer`, the method whose numbers are to be taken; over
+    `model` the `residual_over_motion`. Where the second has a random force, there are the groups of
+    `random_force_groups`.
 
     Notes
     -----
@@ -103,10 +105,13 @@ def cross_check(
     compared.attrs = made | compared.attrs
     compared.attrs |= {"explained": _explained(compared)} | ties(runs, second)
     pushed = random_force_groups(followed[names[1]])
-    explained = compared.attrs["explained"]
-    compared.attrs["verdict_on_record"] = verdict_on_record(explained, followed[names[1]], pushed)
-    compared.attrs["answer"] = names[better_of(first, second)]
+    compared.attrs["answer"] = answer = names[better_of(first, second)]
     records = [_with_motions(run, names, of_run) for run, of_run in zip(runs, moving, strict=True)]
+    left = _residual_over_motion(records)
+    compared["residual_over_motion"] = variable("model", left, "RMS of record minus motion over the record's")
+    compared.attrs["verdict_on_record"] = verdict_on_record(
+        compared.attrs["explained"], left[names.index(answer)], followed[names[1]], pushed
+    )
     groups = dict(zip(group_names("record", len(runs)), records, strict=True))
     groups |= dict(zip(group_names("envelope", len(runs)), [envelope(run) for run in runs], strict=True))
     groups |= {names[0]: first, names[1]: second, "comparison": compared}
@@ -122,6 +127,12 @@ def _with_motions(
     simulated = np.stack([no_motion if motion is None else motion.x + motion.offset for motion in motions])
     angle = variable(("model", "time"), simulated, "angle of the model", "rad")
     return record.assign(simulated_angle=angle)
+
+
+def _residual_over_motion(records: Sequence[xr.Dataset]) -> Array:
+    """RMS of record minus motion over that of the record, of each model; nan without a motion."""
+    missed = sum(((run.angle - run.simulated_angle) ** 2).sum("time", skipna=False).values for run in records)
+    return np.sqrt(missed / sum(float((run.angle**2).sum()) for run in records))
 
 
 def _explained(compared: xr.Dataset) -> str:

@@ -14,6 +14,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.scope import ForceScope, Method, MethodScope, constrained, force_scope, scope_of
 from sysid_trib.records.runs import one_or_all
 from sysid_trib.results.contactless import with_contactless_frequency
+from sysid_trib.validation.answer import with_model_in_errors
 from sysid_trib.validation.breakdown import DIVERGES, no_nearer_than_rest
 from sysid_trib.validation.holdout import RunInParts, predicted, up_to_held_out
 from sysid_trib.validation.residuals import ModelResidual, ModelResiduals, residual_of
@@ -68,6 +69,8 @@ def try_method(
     # The part first: what is imported or compiled at first use is then not in the time of the whole.
     part, part_reason, _ = _identified(method, [run.train for run in runs], library, constraints)
     result, reason, seconds = _identified(method, [run.decay for run in runs], library, constraints)
+    if result is not None:
+        result = with_model_in_errors(result, method, [run.decay for run in runs], library)
     amplitude = max(float(np.max(np.abs(run.decay.angle.values))) for run in runs)
     forces = _force_scope(method, library, result, amplitude)
     none = ModelResiduals((), tuple(run.noise for run in runs))

@@ -23,7 +23,9 @@ from sysid_trib.validation.random_force import ASPECTS, ON, dependence_on_motion
 DEPENDENCE_LEVEL = 0.01
 # Noise of so many times that of the sensor is more than an error of its estimate.
 LOUD = 1.5
-VERDICTS = ("explained", "explained with a random force", "not explained", "undetermined")
+VERDICTS = ("explained", "explained with a random force", "approximate", "not explained", "undetermined")
+# A model is approximate that leaves no more than this part of the motion (RMS).
+FOLLOWED = 0.05
 # Predictions are this far ahead at most, and this close to each other (periods).
 LONGEST_PREDICTION, PREDICTION_STEP = 10.0, 0.25
 
@@ -105,30 +107,35 @@ def _horizons(decay: xr.Dataset, result: xr.Dataset) -> Array:
     return np.asarray(np.arange(1, max(2, int(longest / PREDICTION_STEP))) * PREDICTION_STEP, dtype=float)
 
 
-def verdict_on_record(explained: str, followed: FollowedRuns, groups: Mapping[str, xr.Dataset]) -> str:
+def verdict_on_record(
+    explained: str, left: float, followed: FollowedRuns, groups: Mapping[str, xr.Dataset]
+) -> str:
     """One of `VERDICTS`; a record that decides no coefficient explains nothing, whatever is left of it.
 
     Parameters
     ----------
     explained : {"yes", "partly", "no"}
-        Whether the residual, beside a random force the innovations, is noise.
+        Whether the residual, with a random force the innovations, is noise.
+    left : float
+        RMS of record minus motion over that of the record, of the answer's model; nan without a motion.
     followed : FollowedRuns
         All runs of the identification.
     groups : mapping of str to Dataset
         Of `random_force_groups`.
     """
+    verdict = "approximate" if left <= FOLLOWED else "not explained"
     if "random_force" in groups:
-        independent = p_value_of_dependence(groups["random_force"]) >= DEPENDENCE_LEVEL
-        verdict = VERDICTS[1] if explained != "no" and independent else VERDICTS[2]
-    else:
-        verdict = VERDICTS[0] if explained == "yes" and not _noise_hides_a_force(followed) else VERDICTS[2]
+        if explained != "no" and p_value_of_dependence(groups["random_force"]) >= DEPENDENCE_LEVEL:
+            verdict = "explained with a random force"
+    elif explained == "yes" and not _noise_hides_a_force(followed):
+        verdict = "explained"
     if determines(followed.result):
         return verdict
     # No model of these forces could have been contradicted: its rows leave but the noise, although the motion
     # of coefficients that are not known may diverge.
     rows = float(followed.result.get("birge_ratio", np.inf))
     quiet = rows <= LOUD and "random_force" not in groups
-    return VERDICTS[3] if quiet or verdict != VERDICTS[2] else verdict
+    return "undetermined" if quiet or verdict.startswith("explained") else verdict
 
 
 def is_random(followed: FollowedRuns) -> bool:
