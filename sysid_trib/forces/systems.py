@@ -1,8 +1,9 @@
 """Systems of laboratories as data: what is measured, which forces are there, which cannot be."""
 
+import math
 import os
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
@@ -51,6 +52,10 @@ class System:
     def symbols(self) -> tuple[str, ...]:
         """Forces that are identified or held."""
         return (*self.forces, *self.held)
+
+    def bounds(self, symbols: Iterable[str]) -> dict[str, tuple[float, float]]:
+        """Bounds of those of these forces whose coefficient physics does not let be negative."""
+        return {symbol: (0.0, math.inf) for symbol in symbols if symbol in self.not_negative}
 
 
 def load_system(name_or_path: str) -> System:

@@ -11,7 +11,7 @@ from sysid_trib.errors import SysidTribError, UsageError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods import method_of
 from sysid_trib.methods.scope import Method, scope_of, with_random_force
-from sysid_trib.noise.random_force import RandomForceOption
+from sysid_trib.noise.random_force import RandomForceOption, random_force_of
 from sysid_trib.records.inputs import INPUT
 from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.results.per_run import noise_of_run
@@ -20,7 +20,7 @@ from sysid_trib.state_space.tracked import FollowedRuns
 from sysid_trib.validation.compared_part import fitted_motions
 from sysid_trib.validation.model_error import with_error_of_model
 from sysid_trib.validation.residuals import pooled, residuals
-from sysid_trib.validation.verdict import is_random
+from sysid_trib.validation.verdict import is_found, is_random
 
 # Significance level of a residual that is not white noise.
 RESIDUAL_LEVEL = 1e-3
@@ -191,20 +191,17 @@ def _pushed(
     open_ones: Sequence[int],
 ) -> dict[int, xr.Dataset]:
     """Identifications with a random force or coloured noise, by their place; none where that is refused."""
-    last = open_ones[-1]
+    pushed: dict[int, xr.Dataset] = {}
     try:
-        result = _estimated(methods[last]).identify(decay, library)
-        followed = FollowedRuns(dict(enumerate(runs)), result)
-        if _residual(runs, result)[0] < RESIDUAL_LEVEL or not is_random(followed):
-            return {}
+        for at in open_ones:
+            pushed[at] = with_random_force(methods[at], "estimated").identify(decay, library)
+            followed = FollowedRuns(dict(enumerate(runs)), pushed[at])
+            if at == open_ones[-1]:
+                accepted = _residual(runs, pushed[at])[0] >= RESIDUAL_LEVEL and is_random(followed)
+                return pushed if accepted else {}
+            # What the quicker methods refuse is not looked for by the slower ones.
+            if is_found(random_force_of(pushed[at])) and not is_random(followed):
+                return {}
     except (SysidTribError, np.linalg.LinAlgError):
-        return {}
-    pushed = {last: result}
-    for at in open_ones[:-1]:
-        with suppress(SysidTribError):
-            pushed[at] = _estimated(methods[at]).identify(decay, library)
-    return pushed
-
-
-def _estimated(method: Method) -> Method:
-    return with_random_force(method, "estimated")
+        pass
+    return {}

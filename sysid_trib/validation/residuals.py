@@ -111,11 +111,16 @@ class ModelResiduals:
 
 
 def fitted_motion(
-    decay: xr.Dataset, result: xr.Dataset, run: int = 0, *, nearby: FittedMotion | None = None
+    decay: xr.Dataset,
+    result: xr.Dataset,
+    run: int = 0,
+    *,
+    nearby: FittedMotion | None = None,
+    engine: str | None = None,
 ) -> FittedMotion | None:
     """Motion of an identified model in a run, start and sensor's zero fitted; None if it diverges.
 
-    A motion of another model of the run, `nearby`, spares simulations.
+    A motion of another model of the run, `nearby`, spares simulations; `engine` as that of `trajectory`.
     """
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
     frequency = result.reference_frequency.item()
@@ -125,7 +130,7 @@ def fitted_motion(
         start = first_guess(time, angle, frequency)
     try:
         sensitivity = None if nearby is None else nearby.sensitivity
-        return fit_start(model_of(result), time, angle, start, sensitivity=sensitivity)
+        return fit_start(model_of(result), time, angle, start, sensitivity=sensitivity, engine=engine)
     except SimulationError:
         return None
 

@@ -147,6 +147,9 @@ def scatter(
     if not pushed:
         with suppress(SysidTribError):
             without_noise = np.subtract(*identified(None))
+    if any("error_of_model" in result for result in results):
+        # What the models lack is not in records that are simulated by them.
+        return Scatter(bias + without_noise, _stated(results, kept), 0, stated=True)
     least = fewest_records(len(bias)) if pushed else FEWEST_RECORDS
     drawn: list[Array] = []
 

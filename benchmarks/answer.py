@@ -1,0 +1,131 @@
+"""The answer of `identify` on measured records: what it predicts of what it has not seen, beside all others.
+
+python -m benchmarks.answer [--only WORD]
+
+Trained on the first two thirds of a record, or on another run; of the rest only the start and the sensor's zero are
+fitted. Each method with the sensor's noise alone and with a random force, with the same forces and the same signs;
+the answer is the one that the program stands by. Then its coefficients on the whole record, with total errors: no
+dissipative force may be negative by more than two of them. Records are read from ../shared/data, or SYSID_TRIB_DATA.
+"""
+
+import argparse
+import warnings
+from dataclasses import replace
+from time import process_time
+
+import numpy as np
+import xarray as xr
+from rich.console import Console
+from rich.table import Table
+
+import sysid_trib as st
+from benchmarks.measured import BOTH, records_folder
+from sysid_trib.errors import SysidTribError
+from sysid_trib.forces.systems import load_system
+from sysid_trib.methods.scope import with_random_force
+from sysid_trib.validation.answer import better_of, identifications
+from sysid_trib.validation.residuals import fitted_motion
+
+TANK = "lambda zeta delta nu epsilon"
+# Title, file, columns, window, system, forces, file of another run that is predicted.
+RECORDS = (
+    ("steel pendulum", "single_pendulum/free_swing.csv", {}, (15.0, 75.0), "pendulum", "", ""),
+    (
+        "string, low",
+        "string_pendulum/run_1.txt",
+        {},
+        (None, None),
+        "pendulum",
+        "",
+        "string_pendulum/run_high.txt",
+    ),
+    ("string, high", "string_pendulum/run_high.txt", {}, (None, None), "pendulum", "", ""),
+    ("ship", "roll_decay/model_test_21337.csv", {"angle": "phi"}, (25.0, None), "ship", "", ""),
+    ("tank, 0.953", "sloshing/decay_0p953.csv", {}, (None, None), "", TANK, "sloshing/decay_0p967.csv"),
+    ("tank, 0.967", "sloshing/decay_0p967.csv", {}, (None, None), "", TANK, ""),
+)
+
+
+def methods_of(system: str, forces: str) -> tuple[st.ForceLibrary, dict[str, st.methods.MethodScope]]:
+    """The forces, and the methods with what the system holds and the signs that it fixes."""
+    swinging = load_system(system) if system else None
+    library = BOTH.select(forces.split() or swinging.symbols)
+    options = (
+        {} if swinging is None else {"fix": dict(swinging.held), "bounds": swinging.bounds(library.symbols)}
+    )
+    kinds = (st.methods.Averaging, st.methods.Direct, st.methods.Trajectory)
+    return library, {kind.__name__.lower(): kind(**options) for kind in kinds}
+
+
+def rest_of(result: xr.Dataset, decay: xr.Dataset) -> float:
+    """RMS of record minus model, start and zero fitted."""
+    motion = fitted_motion(decay, result.drop_vars(["start_angle", "start_rate"], errors="ignore"))
+    return (
+        np.inf
+        if motion is None
+        else float(np.sqrt(np.mean((decay.angle.values - motion.offset - motion.x) ** 2)))
+    )
+
+
+def tried(method, decay: xr.Dataset, library: st.ForceLibrary) -> xr.Dataset | None:
+    """An identification, or none where it fails."""
+    try:
+        return method.identify(decay, library)
+    except (SysidTribError, np.linalg.LinAlgError):
+        return None
+
+
+def row(train: xr.Dataset, unseen: xr.Dataset, library: st.ForceLibrary, methods: dict) -> list[str]:
+    """The answer's prediction, that of each method and noise, and what the answer takes."""
+    began = process_time()
+    pair = identifications(train, library, [methods["averaging"], methods["direct"]])
+    at, seconds = better_of(*pair), process_time() - began
+    answer, others = rest_of(pair[at], unseen), []
+    for method in methods.values():
+        for option in ("off", "estimated"):
+            result = tried(with_random_force(method, option), train, library)
+            others.append(np.inf if result is None else rest_of(result, unseen))
+    ratio = answer / min(answer, *others)
+    cells = [f"{value:.4g}" for value in others]
+    return [("averaging", "direct")[at], f"{answer:.4g}", f"{ratio:.2f}", *cells, f"{seconds:.1f}"]
+
+
+def signs(result: xr.Dataset) -> str:
+    """The least coefficient of a dissipative force over its error."""
+    of_forces = [
+        f"{s} {c:.3g} ± {e:.1g}"
+        for s, c, e in zip(
+            result.force.values, result.coefficient.values, result.standard_error.values, strict=True
+        )
+    ]
+    return ", ".join(of_forces)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--only", default="", help="records whose title holds this word")
+    options = parser.parse_args()
+    warnings.simplefilter("ignore")
+    labels = [
+        f"{name} {option}" for name in ("averaging", "direct", "trajectory") for option in ("off", "random")
+    ]
+    table = Table("record", "answer", "its RMS", "over the best", *labels, "processor (s)")
+    for title, file, columns, window, system, forces, other in RECORDS:
+        if options.only not in title:
+            continue
+        decay = st.free_decay(st.read_record(records_folder() / file, **columns), window=window)
+        library, methods = methods_of(system, forces)
+        time = decay.time.values
+        split = int(np.searchsorted(time, time[0] + (time[-1] - time[0]) * 2 / 3, side="right"))
+        parts = decay.isel(time=slice(split)), decay.isel(time=slice(split, None))
+        table.add_row(title, *row(*parts, library, methods))
+        if other:
+            unseen = st.free_decay(st.read_record(records_folder() / other, **columns))
+            table.add_row(f"{title}: another run", *row(decay, unseen, library, methods))
+        pair = identifications(decay, library, [methods["averaging"], methods["direct"]])
+        Console(width=160).print(f"{title}, whole: {signs(pair[better_of(*pair)])}")
+    Console(width=220).print(table)
+
+
+if __name__ == "__main__":
+    main()
