@@ -1,4 +1,4 @@
-"""Damping ratio and frequency of every whole period as rows of two curves of the amplitude, with their noise."""
+"""Damping ratio and frequency of each whole period: rows of two curves of the amplitude, with their noise."""
 
 from dataclasses import dataclass
 
@@ -9,12 +9,12 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.decays.kick_response import half_period_responses
 
-TURN = 2.0 * np.pi
+WHOLE_TURN = 2.0 * np.pi
 # The first and last half-sine take their frequency from their neighbours: left out where there are so many.
 FEWEST_WITHOUT_ENDS = 9
 LEAST_RELATIVE_NOISE = 1e-10
-# Damping moves the frequency of a free decay, and finite periods the damping ratio, in second order: by up to so
-# many times its square, in parts. Averages leave it open.
+# Damping moves the frequency of a free decay, and whole periods the damping ratio, in second order: by up to
+# so many times its square, in parts. Averages leave it open.
 SECOND_ORDER = {"damping_ratio": 2.0, "frequency": 1.0}
 
 
@@ -58,14 +58,14 @@ def period_rows(measured: xr.Dataset, slopes: dict[str, Array] | None = None) ->
     # What a kick before an extremum adds to it and to all later ones, it takes from the fall across it.
     later = -(sp.eye(rows, count, k=1, format="csr") + sp.eye(rows, count, k=2, format="csr"))
     log_b = np.log(b)
-    damping, frequency = fall @ log_b / TURN, -TURN / (fall @ t)
+    damping, frequency = fall @ log_b / WHOLE_TURN, -WHOLE_TURN / (fall @ t)
     # The scatter of extrema is what is sought here; their errors are those of the samples alone.
     relative = _errors(measured, "extremum", "scatter_of_extrema") / b
     late = _errors(measured, "extremum_time", "scatter_of_times")
     lasting, passing = half_period_responses(measured)
-    per_time = frequency**2 / TURN
+    per_time = frequency**2 / WHOLE_TURN
     to_row = {
-        "damping_ratio": (sp.diags(1.0 / np.full(rows, TURN)), sp.diags(1.0 / b), slice(0, count)),
+        "damping_ratio": (sp.diags(1.0 / np.full(rows, WHOLE_TURN)), sp.diags(1.0 / b), slice(0, count)),
         "frequency": (sp.diags(per_time), sp.eye(count), slice(count, 2 * count)),
     }
     noise = {"damping_ratio": b * relative, "frequency": late}
@@ -79,7 +79,9 @@ def period_rows(measured: xr.Dataset, slopes: dict[str, Array] | None = None) ->
         both = of_rows + along if name == "damping_ratio" else sp.hstack([of_rows, along])
         second = SECOND_ORDER[name] * damping**2 * open_part[name]
         sensor[name] = sp.hstack([both, sp.diags(second)]).tocsr()[kept]
-        walk[name] = (scale @ (fall @ per_unit @ passing[part] + later @ per_unit @ lasting[part])).tocsr()[kept]
+        walk[name] = (scale @ (fall @ per_unit @ passing[part] + later @ per_unit @ lasting[part])).tocsr()[
+            kept
+        ]
     log_amplitude = (middle @ log_b)[kept]
     return PeriodRows(log_amplitude, damping[kept], frequency[kept], sensor, walk)
 

@@ -1,8 +1,8 @@
 """A smooth curve through rows whose noise is known in kind but not in size: splines as a mixed model.
 
-The curve is a line and random bends (second differences of B-splines, Eilers and Marx 1996); the noise of the rows
-is s (A + r B), A of the sensor and B of a random walk. Restricted likelihood weighs each size of the bends and
-each r: the curve is the mean over them, and its errors hold that they are not known.
+The curve is a line and random bends (second differences of B-splines, Eilers and Marx 1996); the noise of the
+rows is s (A + r B), A of the sensor and B of a random walk. Restricted likelihood weighs each size of the
+bends and each r: the curve is the mean over them, and its errors hold that they are not known.
 """
 
 from collections.abc import Sequence
@@ -11,21 +11,24 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 from scipy.interpolate import BSpline
-from scipy.linalg import cholesky_banded, eigh, solve_banded
+from scipy.linalg import cholesky_banded, eigh
+from scipy.linalg.lapack import dtbtrs
 
 from sysid_trib.arrays import Array
 
-SPLINES, DEGREE = 40, 3
+CURVE_SPLINES, CURVE_DEGREE = 40, 3
 # What is tried: variances of the bends in units of the noise, and of the walk in units of the sensor's.
 BENDS = np.logspace(-5, 9, 15)
 WALKS = np.append(0.0, np.logspace(-2, 3, 6))
-# The bends of the curve over the likeliest: so that at a kink, too, it is off by less than its noise (Hall 1992).
+# The bends of the curve over the likeliest: a curve that at a kink, too, is off by less than its noise (Hall
+# 1992).
 UNDERSMOOTHED = 10.0
-# A curve may be smooth here and bend sharply there: bends are as large as their neighbours, and not below a part.
+# A curve may be smooth here and bend sharply there: bends are as large as their neighbours are, and no
+# smaller than a part of all.
 NEIGHBOURS, LEAST_BEND = 5, 0.1
-LEVEL, DRAWS = 0.95, 2000
+BAND_PROBABILITY, BAND_DRAWS = 0.95, 2000
 # Likelihoods below this part of the greatest do not count.
-NEGLIGIBLE = 0.01
+NEGLIGIBLE_WEIGHT = 0.01
 ROUNDING_PART = 1e-10
 
 
@@ -74,13 +77,13 @@ class SmoothCurve:
 
 
 @dataclass(frozen=True)
-class _WhiteRows:
-    """Rows in which the noise of one ratio is white, the line projected out, the bends along principal axes."""
+class _WhitePeriods:
+    """Rows in which the noise of one ratio is white, without the line; the bends along principal axes."""
 
     determinant: float
     line: Array
     axes: Array
-    strength: Array
+    information: Array
     score: Array
     rest: float
     across: Array
@@ -92,10 +95,10 @@ class _WhiteRows:
 
         The prior is flat in the standard deviation of the bends.
         """
-        strength = bends[:, None] * self.strength
-        squares = self.rest - (bends[:, None] / (1.0 + strength)) @ self.score**2
+        information = bends[:, None] * self.information
+        squares = self.rest - (bends[:, None] / (1.0 + information)) @ self.score**2
         variance = np.maximum(1.0, squares / count)
-        determinant = self.determinant + np.log1p(strength).sum(axis=1) - 0.5 * np.log(bends)
+        determinant = self.determinant + np.log1p(information).sum(axis=1) - 0.5 * np.log(bends)
         return count * np.log(variance) + squares / variance + determinant, variance
 
 
@@ -107,7 +110,7 @@ class _Likely:
     variance: float
     root: Array
     gain: Array
-    rows: _WhiteRows
+    rows: _WhitePeriods
 
     @property
     def mean(self) -> Array:
@@ -126,7 +129,7 @@ def smooth_curve(rows: NoisyRows, points: Array, bends: Array | None = None) -> 
     bends : (bend,) array of float, optional
         Relative variances of the bends, from a round before; all alike without it.
     """
-    relative = np.ones(SPLINES - 2) if bends is None else bends
+    relative = np.ones(CURVE_SPLINES - 2) if bends is None else bends
     scale = np.concatenate([[1.0, 1.0], np.sqrt(relative)])
     columns, at = (_line_and_bends(where) * scale for where in (rows.position, points))
     sensor, walk = _bands(rows.sensor, rows.walk)
@@ -135,29 +138,33 @@ def smooth_curve(rows: NoisyRows, points: Array, bends: Array | None = None) -> 
     per_walk = float(np.median(sensor[0] / np.maximum(walk[0], np.finfo(float).tiny)))
     white = [_whitened(sensor + ratio * per_walk * walk, columns, rows.target) for ratio in WALKS]
     tried = [part.deviances(BENDS * unit, count) for part in white]
-    # A walk as well is known no better than its standard deviation.
+    # A walk as well is of a prior flat in its standard deviation.
     prior = 0.5 * np.log(np.append(0.5 * WALKS[1], WALKS[1:]))
     deviance = np.array([d for d, _ in tried]) - prior[:, None]
     weight = np.exp(-0.5 * (deviance - deviance.min()))
-    weight[weight < NEGLIGIBLE] = 0.0
+    weight[weight < NEGLIGIBLE_WEIGHT] = 0.0
     weight /= weight.sum()
     likely = [
         _likely(weight[k, b], tried[k][1][b], white[k], at, UNDERSMOOTHED * BENDS[b] * unit)
         for k, b in np.argwhere(weight)
     ]
     best = np.unravel_index(int(np.argmax(weight)), weight.shape)
-    expected = _expected_bends(white[best[0]], float(BENDS[best[1]] * unit), float(tried[best[0]][1][best[1]]))
+    expected = _expected_bends(
+        white[best[0]], float(BENDS[best[1]] * unit), float(tried[best[0]][1][best[1]])
+    )
     return _averaged(likely, count, _smoothed(expected * relative))
 
 
 def _line_and_bends(position: Array) -> Array:
     """A constant, a line, and bends of unit variance each, (position, column)."""
-    inner = np.linspace(0.0, 1.0, SPLINES - DEGREE + 1)
-    knots = np.concatenate([[0.0] * DEGREE, inner, [1.0] * DEGREE])
-    splines = BSpline.design_matrix(np.clip(position, 0.0, 1.0), knots, DEGREE)
-    difference = np.diff(np.eye(SPLINES), 2, axis=0)
+    inner = np.linspace(0.0, 1.0, CURVE_SPLINES - CURVE_DEGREE + 1)
+    knots = np.concatenate([[0.0] * CURVE_DEGREE, inner, [1.0] * CURVE_DEGREE])
+    splines = BSpline.design_matrix(np.clip(position, 0.0, 1.0), knots, CURVE_DEGREE)
+    difference = np.diff(np.eye(CURVE_SPLINES), 2, axis=0)
     bends = difference.T @ np.linalg.inv(difference @ difference.T)
-    return np.asarray(splines @ np.column_stack([np.ones(SPLINES), np.linspace(-1.0, 1.0, SPLINES), bends]))
+    return np.asarray(
+        splines @ np.column_stack([np.ones(CURVE_SPLINES), np.linspace(-1.0, 1.0, CURVE_SPLINES), bends])
+    )
 
 
 def _bands(*roots: sp.csr_matrix) -> list[Array]:
@@ -171,25 +178,24 @@ def _bands(*roots: sp.csr_matrix) -> list[Array]:
     return bands
 
 
-def _whitened(band: Array, columns: Array, target: Array) -> _WhiteRows:
+def _whitened(band: Array, columns: Array, target: Array) -> _WhitePeriods:
     band = band.copy()
     band[0] *= 1.0 + ROUNDING_PART
     factor = cholesky_banded(band, lower=True)
-    under = (len(band) - 1, 0)
-    white = solve_banded(under, factor, np.column_stack([columns, target]))
+    white, _ = dtbtrs(factor, np.column_stack([columns, target]), uplo="L")
     q, r = np.linalg.qr(white[:, :2])
     bends, y = white[:, 2:-1], white[:, -1]
     by_line = q.T @ bends
     free = bends - q @ by_line
-    strength, axes = eigh(free.T @ free)
+    information, axes = eigh(free.T @ free)
     along = (free @ axes).T
     rest = y - q @ (q.T @ y)
     determinant = 2.0 * float(np.sum(np.log(factor[0])) + np.sum(np.log(np.abs(np.diag(r)))))
-    return _WhiteRows(
+    return _WhitePeriods(
         determinant=determinant,
         line=np.linalg.solve(r, np.column_stack([np.eye(2), by_line])),
         axes=axes,
-        strength=np.maximum(strength, 0.0),
+        information=np.maximum(information, 0.0),
         score=along @ rest,
         rest=float(rest @ rest),
         across=np.concatenate([along @ y, q.T @ y]),
@@ -198,17 +204,17 @@ def _whitened(band: Array, columns: Array, target: Array) -> _WhiteRows:
     )
 
 
-def _likely(weight: float, variance: float, rows: _WhiteRows, at: Array, bend: float) -> _Likely:
-    shrunk = bend / (1.0 + bend * rows.strength)
+def _likely(weight: float, variance: float, rows: _WhitePeriods, at: Array, bend: float) -> _Likely:
+    shrunk = bend / (1.0 + bend * rows.information)
     along = (at[:, 2:] - at[:, :2] @ rows.line[:, 2:]) @ rows.axes
     line = at[:, :2] @ rows.line[:, :2]
     root, gain = np.hstack([along * np.sqrt(shrunk), line]), np.hstack([along * shrunk, line])
     return _Likely(weight, variance, root, gain, rows)
 
 
-def _expected_bends(rows: _WhiteRows, bend: float, variance: float) -> Array:
+def _expected_bends(rows: _WhitePeriods, bend: float, variance: float) -> Array:
     """Expected squares of the bends, given the rows."""
-    shrunk = bend / (1.0 + bend * rows.strength)
+    shrunk = bend / (1.0 + bend * rows.information)
     return (rows.axes @ (shrunk * rows.score)) ** 2 + variance * (rows.axes**2 @ shrunk)
 
 
@@ -232,7 +238,7 @@ def _averaged(likely: Sequence[_Likely], count: int, bends: Array) -> SmoothCurv
     )
     error = np.sqrt(variance)
     random = np.random.default_rng(0)
-    draws = random.multinomial(DRAWS, [part.weight for part in likely])
+    draws = random.multinomial(BAND_DRAWS, [part.weight for part in likely])
     largest = []
     for part, m, several in zip(likely, means, draws, strict=True):
         # The variance is known by so many degrees of freedom.
@@ -240,23 +246,19 @@ def _averaged(likely: Sequence[_Likely], count: int, bends: Array) -> SmoothCurv
         bent = part.root @ random.standard_normal((part.root.shape[1], several)) * size
         largest.append(np.max(np.abs(bent + (m - mean)[:, None]) / error[:, None], axis=0))
     noise = np.sqrt(sum(part.weight * part.variance for part in likely))
-    factor = float(np.quantile(np.concatenate(largest), LEVEL))
+    factor = float(np.quantile(np.concatenate(largest), BAND_PROBABILITY))
     return SmoothCurve(mean, error, factor, _weights(likely), float(noise), bends)
 
 
 def _weights(likely: Sequence[_Likely]) -> Array:
     """How each row moves the mean."""
-    gains: dict[int, tuple[_WhiteRows, Array]] = {}
+    gains: dict[int, tuple[_WhitePeriods, Array]] = {}
     for part in likely:
         before = gains[id(part.rows)][1] if id(part.rows) in gains else 0.0
         gains[id(part.rows)] = (part.rows, before + part.weight * part.gain)
     return np.sum([_unwhitened(rows, gain @ rows.under) for rows, gain in gains.values()], axis=0)
 
 
-def _unwhitened(rows: _WhiteRows, weights: Array) -> Array:
+def _unwhitened(rows: _WhitePeriods, weights: Array) -> Array:
     """Weights of the rows whose white ones have the given weights: weights @ factor^-1."""
-    width = len(rows.factor)
-    upper = np.zeros_like(rows.factor)
-    for below in range(width):
-        upper[width - 1 - below, below:] = rows.factor[below, : upper.shape[1] - below]
-    return np.asarray(solve_banded((0, width - 1), upper, weights.T).T)
+    return np.asarray(dtbtrs(rows.factor, weights.T, uplo="L", trans="T")[0].T)
