@@ -1,5 +1,6 @@
 # The public names and where each lives: the one list, read by type checkers and by the package itself.
 from . import methods as methods, plots as plots
+from .averaging.backbone import backbone as backbone
 from .averaging.envelope_prediction import predict_envelope as predict_envelope
 from .averaging.identifiability import indistinguishable as indistinguishable
 from .averaging.signatures import signature as signature

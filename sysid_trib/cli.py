@@ -9,6 +9,7 @@ from pathlib import Path
 import typer
 
 from sysid_trib._version import __version__
+from sysid_trib.commands.backbone import backbone
 from sysid_trib.commands.campaign import campaign
 from sysid_trib.commands.compare import compare
 from sysid_trib.commands.discover import discover
@@ -47,7 +48,7 @@ def _options(
     """Which forces act in an oscillator, learned from its free decay."""
 
 
-for command in (look, identify, discover, compare, campaign, simulate, report, forces):
+for command in (look, backbone, identify, discover, compare, campaign, simulate, report, forces):
     app.command()(command)
 
 

@@ -1,9 +1,12 @@
 """What a kick does to a steady swing: to the extrema fitted to its half periods, and to their times."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+import scipy.sparse as sp
+import xarray as xr
 
 from sysid_trib.arrays import Array
 from sysid_trib.decays.half_periods import HalfPeriods
@@ -67,3 +70,36 @@ def kick_response(curve: EnvelopeCurve) -> KickResponse:
         change[number > 0] -= lasting[kick]
         passing[kick] = change[(number > -SPAN) & (number <= SPAN)]
     return KickResponse(lasting, passing)
+
+
+def half_period_responses(measured: xr.Dataset) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    """Response of extrema and times to kicks of density 1: (2 half periods, kick) each.
+
+    What stays for good, from one extremum to the next; and what passes.
+    """
+    b, t = measured.extremum.values, measured.extremum_time.values
+    response, count = kick_response(measured.attrs.get("curve", "half-sines")), len(b)
+    duration = np.diff(t)
+    duration = np.concatenate([duration[:1], duration, duration[-1:]])
+    # White acceleration adds density/2 * time to the variance of theta' = w v, w = pi/duration.
+    size = np.sqrt(0.5 * duration**3 / (np.pi**2 * KICKS))
+    half, kick = np.arange(count), np.arange(KICKS)
+
+    def matrix(pieces: Sequence[tuple[int, Array]]) -> sp.csr_matrix:
+        data, rows, columns = [], [], []
+        for offset, by_kick in pieces:
+            # The half period between extrema i - 1 and i has the number i.
+            number = half - offset + 1
+            inside = (number >= 0) & (number <= count)
+            for kind, unit in enumerate((np.ones(count), 1.0 / b)):
+                scale = unit[inside] * size[number[inside]]
+                scale = scale * (duration[number[inside]] / np.pi) ** kind
+                data.append((scale[:, None] * by_kick[:, kind]).ravel())
+                rows.append(np.repeat(kind * count + half[inside], KICKS))
+                columns.append((number[inside, None] * KICKS + kick).ravel())
+        places = np.concatenate(rows), np.concatenate(columns)
+        return sp.csr_matrix((np.concatenate(data), places), (2 * count, (count + 1) * KICKS))
+
+    offsets = range(1 - SPAN, SPAN + 1)
+    passing = matrix([(offset, response.passing[:, offset + SPAN - 1]) for offset in offsets])
+    return matrix([(1, response.lasting)]), passing

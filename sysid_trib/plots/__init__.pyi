@@ -1,5 +1,6 @@
 # The figures and where each lives: the one list, read by type checkers and by the package itself.
 from .averaged import signatures as signatures
+from .backbone import backbone as backbone
 from .compared import coefficients as coefficients, comparison as comparison, prediction as prediction
 from .conditions import against_condition as against_condition, against_conditions as against_conditions
 from .discovery_story import story as story

@@ -14,7 +14,7 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.decays.half_periods import IntArray
 from sysid_trib.decays.half_sines import EnvelopeCurve
-from sysid_trib.decays.kick_response import KICKS, SPAN, kick_response
+from sysid_trib.decays.kick_response import half_period_responses
 from sysid_trib.noise.random_force import RandomForce, RandomForceOption
 from sysid_trib.noise.variance_ratio import VarianceRatio, WhiteRows, held_ratio, ratio_span, variance_ratio
 from sysid_trib.regression.local_rows import covariance_band
@@ -79,7 +79,7 @@ class HalfPeriodEquations:
         (equation, kick) sparse array of float
             `KICKS` kicks between neighbouring extrema, before the first and after the last.
         """
-        lasting, passing = _responses(measured)
+        lasting, passing = half_period_responses(measured)
         return sp.csr_matrix(self.by_later_steps() @ lasting + self.slopes @ passing)
 
     def by_later_steps(self) -> sp.csr_matrix:
@@ -95,39 +95,6 @@ class HalfPeriodEquations:
             parts.append((entries.data[held], entries.row[held], column))
         data, row, column = (np.concatenate(part) for part in zip(*parts, strict=True))
         return sp.csr_matrix((data, (row, column)), entries.shape)
-
-
-def _responses(measured: xr.Dataset) -> tuple[sp.csr_matrix, sp.csr_matrix]:
-    """Response of extrema and times to kicks of density 1: (2 half periods, kick) each.
-
-    What stays for good, from one extremum to the next; and what passes.
-    """
-    b, t = measured.extremum.values, measured.extremum_time.values
-    response, count = kick_response(measured.attrs.get("curve", "half-sines")), len(b)
-    duration = np.diff(t)
-    duration = np.concatenate([duration[:1], duration, duration[-1:]])
-    # White acceleration adds density/2 * time to the variance of theta' = w v, w = pi/duration.
-    size = np.sqrt(0.5 * duration**3 / (np.pi**2 * KICKS))
-    half, kick = np.arange(count), np.arange(KICKS)
-
-    def matrix(pieces: Sequence[tuple[int, Array]]) -> sp.csr_matrix:
-        data, rows, columns = [], [], []
-        for offset, by_kick in pieces:
-            # The half period between extrema i - 1 and i has the number i.
-            number = half - offset + 1
-            inside = (number >= 0) & (number <= count)
-            for kind, unit in enumerate((np.ones(count), 1.0 / b)):
-                scale = unit[inside] * size[number[inside]]
-                scale = scale * (duration[number[inside]] / np.pi) ** kind
-                data.append((scale[:, None] * by_kick[:, kind]).ravel())
-                rows.append(np.repeat(kind * count + half[inside], KICKS))
-                columns.append((number[inside, None] * KICKS + kick).ravel())
-        places = np.concatenate(rows), np.concatenate(columns)
-        return sp.csr_matrix((np.concatenate(data), places), (2 * count, (count + 1) * KICKS))
-
-    offsets = range(1 - SPAN, SPAN + 1)
-    passing = matrix([(offset, response.passing[:, offset + SPAN - 1]) for offset in offsets])
-    return matrix([(1, response.lasting)]), passing
 
 
 def with_random_force(measured: xr.Dataset, ratio: VarianceRatio, curve: EnvelopeCurve) -> xr.Dataset:

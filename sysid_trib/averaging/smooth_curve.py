@@ -1,0 +1,264 @@
+"""A smooth curve through rows whose noise is known in kind but not in size: splines as a mixed model.
+
+The curve is a line and random bends (second differences of B-splines, Eilers and Marx 1996); the noise of the
+rows is s (A + r B), A of the sensor and B of a random walk. Restricted likelihood weighs each size of the
+bends and each r: the curve is the mean over them, and its errors hold that they are not known.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.interpolate import BSpline
+from scipy.linalg import cholesky_banded, eigh
+from scipy.linalg.lapack import dtbtrs
+
+from sysid_trib.arrays import Array
+
+CURVE_SPLINES, CURVE_DEGREE = 40, 3
+# What is tried: variances of the bends in units of the noise, and of the walk in units of the sensor's.
+BENDS = np.logspace(-5, 9, 15)
+WALKS = np.append(0.0, np.logspace(-2, 3, 6))
+# The bends of the curve over the likeliest: a curve that at a kink, too, is off by less than its noise (Hall
+# 1992).
+UNDERSMOOTHED = 10.0
+# A curve may be smooth here and bend sharply there: bends are as large as their neighbours are, and no
+# smaller than a part of all.
+NEIGHBOURS, LEAST_BEND = 5, 0.1
+BAND_PROBABILITY, BAND_DRAWS = 0.95, 2000
+# Likelihoods below this part of the greatest do not count.
+NEGLIGIBLE_WEIGHT = 0.01
+ROUNDING_PART = 1e-10
+
+
+@dataclass(frozen=True)
+class NoisyRows:
+    """Values of a curve along a coordinate, with noise.
+
+    Attributes
+    ----------
+    position : (row,) array of float
+        From 0 to 1.
+    target : (row,) array of float
+    sensor, walk : (row, draw) sparse array of float
+        How unit draws move the rows: of the sensor's noise, which is at least of size one, and of a walk.
+    """
+
+    position: Array
+    target: Array
+    sensor: sp.csr_matrix
+    walk: sp.csr_matrix
+
+
+@dataclass(frozen=True)
+class SmoothCurve:
+    """A curve at points, with its errors.
+
+    Attributes
+    ----------
+    mean, standard_error : (point,) array of float
+    factor : float
+        Standard errors within which 95 % of all curves lie everywhere.
+    weights : (point, row) array of float
+        The mean is ``weights @ target``.
+    noise : float
+        Standard deviation of the sensor's noise in units of the one given.
+    bends : (bend,) array of float
+        Relative variances of the bends along the coordinate, for another round.
+    """
+
+    mean: Array
+    standard_error: Array
+    factor: float
+    weights: Array
+    noise: float
+    bends: Array
+
+
+@dataclass(frozen=True)
+class _WhitePeriods:
+    """Rows in which the noise of one ratio is white, without the line; the bends along principal axes."""
+
+    determinant: float
+    line: Array
+    axes: Array
+    information: Array
+    score: Array
+    rest: float
+    across: Array
+    under: Array
+    factor: Array
+
+    def deviances(self, bends: Array, count: int) -> tuple[Array, Array]:
+        """Minus twice the log restricted likelihood, and the variance, of each size of the bends.
+
+        The prior is flat in the standard deviation of the bends.
+        """
+        information = bends[:, None] * self.information
+        squares = self.rest - (bends[:, None] / (1.0 + information)) @ self.score**2
+        variance = np.maximum(1.0, squares / count)
+        determinant = self.determinant + np.log1p(information).sum(axis=1) - 0.5 * np.log(bends)
+        return count * np.log(variance) + squares / variance + determinant, variance
+
+
+@dataclass(frozen=True)
+class _Likely:
+    """One size of the bends and one ratio that are likely: their weight, variance, and curve."""
+
+    weight: float
+    variance: float
+    root: Array
+    gain: Array
+    rows: _WhitePeriods
+
+    @property
+    def mean(self) -> Array:
+        return self.gain @ self.rows.across
+
+
+def smooth_curve(rows: NoisyRows, points: Array, bends: Array | None = None) -> SmoothCurve:
+    """The curve through rows, its standard error, and the band that holds all of it.
+
+    Parameters
+    ----------
+    rows : NoisyRows
+        Three at least.
+    points : (point,) array of float
+        Positions at which it is wanted.
+    bends : (bend,) array of float, optional
+        Relative variances of the bends, from a round before; all alike without it.
+    """
+    relative = np.ones(CURVE_SPLINES - 2) if bends is None else bends
+    scale = np.concatenate([[1.0, 1.0], np.sqrt(relative)])
+    columns, at = (_line_and_bends(where) * scale for where in (rows.position, points))
+    sensor, walk = _bands(rows.sensor, rows.walk)
+    count = len(rows.target) - 2
+    unit = float(np.median(sensor[0]) / np.median(np.sum(_line_and_bends(rows.position)[:, 2:] ** 2, axis=1)))
+    per_walk = float(np.median(sensor[0] / np.maximum(walk[0], np.finfo(float).tiny)))
+    white = [_whitened(sensor + ratio * per_walk * walk, columns, rows.target) for ratio in WALKS]
+    tried = [part.deviances(BENDS * unit, count) for part in white]
+    # A walk as well is of a prior flat in its standard deviation.
+    prior = 0.5 * np.log(np.append(0.5 * WALKS[1], WALKS[1:]))
+    deviance = np.array([d for d, _ in tried]) - prior[:, None]
+    weight = np.exp(-0.5 * (deviance - deviance.min()))
+    weight[weight < NEGLIGIBLE_WEIGHT] = 0.0
+    weight /= weight.sum()
+    likely = [
+        _likely(weight[k, b], tried[k][1][b], white[k], at, UNDERSMOOTHED * BENDS[b] * unit)
+        for k, b in np.argwhere(weight)
+    ]
+    best = np.unravel_index(int(np.argmax(weight)), weight.shape)
+    expected = _expected_bends(
+        white[best[0]], float(BENDS[best[1]] * unit), float(tried[best[0]][1][best[1]])
+    )
+    return _averaged(likely, count, _smoothed(expected * relative))
+
+
+def _line_and_bends(position: Array) -> Array:
+    """A constant, a line, and bends of unit variance each, (position, column)."""
+    inner = np.linspace(0.0, 1.0, CURVE_SPLINES - CURVE_DEGREE + 1)
+    knots = np.concatenate([[0.0] * CURVE_DEGREE, inner, [1.0] * CURVE_DEGREE])
+    splines = BSpline.design_matrix(np.clip(position, 0.0, 1.0), knots, CURVE_DEGREE)
+    difference = np.diff(np.eye(CURVE_SPLINES), 2, axis=0)
+    bends = difference.T @ np.linalg.inv(difference @ difference.T)
+    return np.asarray(
+        splines @ np.column_stack([np.ones(CURVE_SPLINES), np.linspace(-1.0, 1.0, CURVE_SPLINES), bends])
+    )
+
+
+def _bands(*roots: sp.csr_matrix) -> list[Array]:
+    """Covariances of the rows, lower bands of equal number as scipy.linalg stores them."""
+    covariances = [(root @ root.T).tocoo() for root in roots]
+    width = max(int(np.max(np.abs(c.row - c.col), initial=0)) for c in covariances) + 1
+    bands = [np.zeros((width, root.shape[0])) for root in roots]
+    for band, entries in zip(bands, covariances, strict=True):
+        lower = entries.row >= entries.col
+        band[(entries.row - entries.col)[lower], entries.col[lower]] = entries.data[lower]
+    return bands
+
+
+def _whitened(band: Array, columns: Array, target: Array) -> _WhitePeriods:
+    band = band.copy()
+    band[0] *= 1.0 + ROUNDING_PART
+    factor = cholesky_banded(band, lower=True)
+    white, _ = dtbtrs(factor, np.column_stack([columns, target]), uplo="L")
+    q, r = np.linalg.qr(white[:, :2])
+    bends, y = white[:, 2:-1], white[:, -1]
+    by_line = q.T @ bends
+    free = bends - q @ by_line
+    information, axes = eigh(free.T @ free)
+    along = (free @ axes).T
+    rest = y - q @ (q.T @ y)
+    determinant = 2.0 * float(np.sum(np.log(factor[0])) + np.sum(np.log(np.abs(np.diag(r)))))
+    return _WhitePeriods(
+        determinant=determinant,
+        line=np.linalg.solve(r, np.column_stack([np.eye(2), by_line])),
+        axes=axes,
+        information=np.maximum(information, 0.0),
+        score=along @ rest,
+        rest=float(rest @ rest),
+        across=np.concatenate([along @ y, q.T @ y]),
+        under=np.vstack([along, q.T]),
+        factor=factor,
+    )
+
+
+def _likely(weight: float, variance: float, rows: _WhitePeriods, at: Array, bend: float) -> _Likely:
+    shrunk = bend / (1.0 + bend * rows.information)
+    along = (at[:, 2:] - at[:, :2] @ rows.line[:, 2:]) @ rows.axes
+    line = at[:, :2] @ rows.line[:, :2]
+    root, gain = np.hstack([along * np.sqrt(shrunk), line]), np.hstack([along * shrunk, line])
+    return _Likely(weight, variance, root, gain, rows)
+
+
+def _expected_bends(rows: _WhitePeriods, bend: float, variance: float) -> Array:
+    """Expected squares of the bends, given the rows."""
+    shrunk = bend / (1.0 + bend * rows.information)
+    return (rows.axes @ (shrunk * rows.score)) ** 2 + variance * (rows.axes**2 @ shrunk)
+
+
+def _smoothed(bends: Array) -> Array:
+    """Relative variances: the mean over neighbours, their own mean one, none far below it."""
+    kernel = np.ones(NEIGHBOURS)
+    local = np.convolve(bends, kernel, "same") / np.convolve(np.ones_like(bends), kernel, "same")
+    return LEAST_BEND + (1.0 - LEAST_BEND) * local / local.mean()
+
+
+def _averaged(likely: Sequence[_Likely], count: int, bends: Array) -> SmoothCurve:
+    """The mean over what is likely, and draws from it for the band."""
+    means = [part.mean for part in likely]
+    mean = np.sum([part.weight * m for part, m in zip(likely, means, strict=True)], axis=0)
+    variance = np.sum(
+        [
+            part.weight * (part.variance * np.sum(part.root**2, axis=1) + (m - mean) ** 2)
+            for part, m in zip(likely, means, strict=True)
+        ],
+        axis=0,
+    )
+    error = np.sqrt(variance)
+    random = np.random.default_rng(0)
+    draws = random.multinomial(BAND_DRAWS, [part.weight for part in likely])
+    largest = []
+    for part, m, several in zip(likely, means, draws, strict=True):
+        # The variance is known by so many degrees of freedom.
+        size = np.sqrt(np.maximum(1.0, part.variance * count / random.chisquare(count, several)))
+        bent = part.root @ random.standard_normal((part.root.shape[1], several)) * size
+        largest.append(np.max(np.abs(bent + (m - mean)[:, None]) / error[:, None], axis=0))
+    noise = np.sqrt(sum(part.weight * part.variance for part in likely))
+    factor = float(np.quantile(np.concatenate(largest), BAND_PROBABILITY))
+    return SmoothCurve(mean, error, factor, _weights(likely), float(noise), bends)
+
+
+def _weights(likely: Sequence[_Likely]) -> Array:
+    """How each row moves the mean."""
+    gains: dict[int, tuple[_WhitePeriods, Array]] = {}
+    for part in likely:
+        before = gains[id(part.rows)][1] if id(part.rows) in gains else 0.0
+        gains[id(part.rows)] = (part.rows, before + part.weight * part.gain)
+    return np.sum([_unwhitened(rows, gain @ rows.under) for rows, gain in gains.values()], axis=0)
+
+
+def _unwhitened(rows: _WhitePeriods, weights: Array) -> Array:
+    """Weights of the rows whose white ones have the given weights: weights @ factor^-1."""
+    return np.asarray(dtbtrs(rows.factor, weights.T, uplo="L", trans="T")[0].T)

@@ -1,0 +1,83 @@
+"""Frequency and damping ratio against amplitude: the record's with their bands, and the models'."""
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from sysid_trib.averaging.backbone import backbone as curves_of
+from sysid_trib.plots.style import (
+    FULL_WIDTH,
+    GREY,
+    INK,
+    LEGEND,
+    MODEL_LINES,
+    OPEN_MARKS,
+    grid,
+    letter,
+    line,
+    logarithmic_ticks,
+)
+from sysid_trib.printing.model_verdict import kept_results
+from sysid_trib.results.per_run import record_groups
+from sysid_trib.validation.lack_of_fit import lack_of_fit
+
+PANEL_HEIGHT = 2.6
+CURVE_LABELS = {"frequency": "frequency (rad/s)", "damping_ratio": "damping ratio"}
+# Room about the bands, in parts of their extent: single periods may scatter far beyond them.
+MARGIN = 0.3
+
+
+def backbone(data: xr.Dataset | xr.DataTree, run: int = 0) -> Figure:
+    """Frequency and damping ratio against amplitude, with 95 % bands; dots are single periods.
+
+    Parameters
+    ----------
+    data : Dataset or DataTree
+        Of `backbone`; or a result of `cross_check`, whose models' curves are drawn over those of its record.
+    run : int
+        Which of several runs of a result, from 0.
+    """
+    models = None
+    if isinstance(data, xr.DataTree):
+        record = data[record_groups(data)[run]].to_dataset()
+        results = kept_results(data)
+        data = curves_of(record)
+        models = lack_of_fit(record, results) if results else None
+    figure, panels = grid(2, 2, FULL_WIDTH, PANEL_HEIGHT)
+    for ax, name in zip(panels, CURVE_LABELS, strict=True):
+        draw_curve(ax, data, name, models)
+    letter(panels)
+    if models is not None:
+        panels[1].legend(**LEGEND, ncols=2)
+    return figure
+
+
+def draw_curve(ax: Axes, data: xr.Dataset, name: str, models: xr.Dataset | None = None) -> None:
+    """One curve of a backbone with its band, its single periods, and the models' curves.
+
+    Parameters
+    ----------
+    ax : Axes
+    data : Dataset
+        Of `backbone`.
+    name : {"frequency", "damping_ratio"}
+    models : Dataset, optional
+        Of `lack_of_fit`.
+    """
+    amplitude = data.amplitude.values
+    low, high = (data[f"{name}_{end}"].values for end in ("low", "high"))
+    single = {"color": GREY, "marker": "o", "linestyle": "", "zorder": 1} | OPEN_MARKS | {"markersize": 2}
+    ax.plot(data.period_amplitude, data[f"period_{name}"], **single)
+    ax.fill_between(amplitude, low, high, color=INK, alpha=0.2, linewidth=0, zorder=2, label="record, 95 %")
+    ax.plot(amplitude, data[name], color=INK, linewidth=0.8, zorder=2)
+    labels = [] if models is None else models.model.values.tolist()
+    for at, label in enumerate(labels):
+        series = MODEL_LINES[at % len(MODEL_LINES)]
+        ax.plot(amplitude, models[name].sel(model=label), **line(series), zorder=series["zorder"], label=label)
+    # By the bands where they are narrow: an end of few periods would hide all else.
+    narrow = high - low <= 4.0 * np.median(high - low)
+    bottom, top = float(low[narrow].min()), float(high[narrow].max())
+    ax.set(ylim=(bottom - MARGIN * (top - bottom), top + MARGIN * (top - bottom)), xscale="log")
+    ax.set(xlabel=f"amplitude ({data.amplitude.attrs['units']})", ylabel=CURVE_LABELS[name])
+    logarithmic_ticks(ax.xaxis, float(amplitude[0]), float(amplitude[-1]))

@@ -1,0 +1,188 @@
+"""Where models miss the backbone of a record: in damping or in frequency, and at which amplitudes."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from scipy.interpolate import PchipInterpolator
+
+from sysid_trib.arrays import Array
+from sysid_trib.averaging.backbone import CURVES, BackboneCurves, backbone_curves
+from sysid_trib.averaging.period_rows import PeriodRows, period_rows
+from sysid_trib.decays.half_sines import envelope
+from sysid_trib.decays.signal import unit_of_signal
+from sysid_trib.errors import SysidTribError
+from sysid_trib.results.schema import model_of
+from sysid_trib.results.signal_scale import in_units_of_the_motion
+from sysid_trib.results.variables import Variables, variable
+from sysid_trib.simulation.simulate import FAST, trajectory
+
+# A model is released so many half periods above the record: its first ones are left out.
+HALF_PERIODS_ABOVE = 4.0
+# A model that damps less takes longer to the record's last amplitude: up to so many times its length.
+LENGTHS_TRIED = (1.0, 3.0)
+BAND = 1.0
+SHORT = {"frequency": "frequency", "damping_ratio": "damping"}
+
+
+@dataclass(frozen=True)
+class Departure:
+    """Amplitudes at which a model is outside the band of a curve.
+
+    Attributes
+    ----------
+    curve : {"damping_ratio", "frequency"}
+    low, high : float
+        Amplitudes, in the unit of the record.
+    from_smallest, to_largest : bool
+        Whether they are the ends of the record's amplitudes.
+    largest : float
+        Largest deviation there, in half widths of the band; positive where the model is above the record.
+    """
+
+    curve: str
+    low: float
+    high: float
+    from_smallest: bool
+    to_largest: bool
+    largest: float
+
+    def sentence(self, unit: str) -> str:
+        """Where, in words: "in damping from 0.4 rad up"."""
+        name = SHORT[self.curve]
+        if self.from_smallest and self.to_largest:
+            return f"in {name} at all amplitudes"
+        if self.to_largest:
+            return f"in {name} from {self.low:.2g} {unit} up"
+        if self.from_smallest:
+            return f"in {name} up to {self.high:.2g} {unit}"
+        if f"{self.low:.2g}" == f"{self.high:.2g}":
+            return f"in {name} at {self.low:.2g} {unit}"
+        return f"in {name} from {self.low:.2g} to {self.high:.2g} {unit}"
+
+
+def lack_of_fit(
+    decay: xr.Dataset, results: Mapping[str, xr.Dataset], curves: BackboneCurves | None = None
+) -> xr.Dataset:
+    """Models' frequency and damping ratio against the backbone of a record.
+
+    Parameters
+    ----------
+    decay : Dataset
+        ``angle(time)`` of one run.
+    results : mapping of str to Dataset
+        Identifications by name.
+    curves : BackboneCurves, optional
+        Of `backbone_curves(decay)`, if there are.
+
+    Returns
+    -------
+    Dataset
+        Over ``model`` and ``amplitude`` (of `backbone`): ``frequency`` (rad/s) and ``damping_ratio`` of the
+        models, and ``frequency_deviation``, ``damping_ratio_deviation``: model minus record in half widths of
+        the simultaneous 95 % band, so that a model is outside beyond 1. nan where a model does not come.
+
+    Raises
+    ------
+    DecayError
+        The record has no backbone.
+
+    Notes
+    -----
+    The models' motions from a release go through the same half-sines and the same smoothing at the record's
+    own amplitudes: what these do to a curve they do to both.
+    """
+    backbone = curves or backbone_curves(decay)
+    both = {
+        name: _against(backbone, _model_rows(decay, result, backbone)) for name, result in results.items()
+    }
+    variables: Variables = {}
+    for name, (long_name, units) in CURVES.items():
+        values = np.array([pair[name] for pair in both.values()]).reshape(len(both), 2, -1)
+        text = f"{long_name} of the model minus that of the record, in half widths of its 95 % band"
+        variables[name] = variable(("model", "amplitude"), values[:, 0], f"{long_name} of the model", units)
+        variables[f"{name}_deviation"] = variable(("model", "amplitude"), values[:, 1], text, "1")
+    amplitude = variable("amplitude", np.exp(backbone.log_amplitude), "amplitude", unit_of_signal(decay))
+    return xr.Dataset(variables, {"model": list(both), "amplitude": amplitude})
+
+
+def departures(lack: xr.Dataset, model: str) -> list[Departure]:
+    """Ranges of amplitude in which a model leaves the bands, the farthest first.
+
+    Parameters
+    ----------
+    lack : Dataset
+        Of `lack_of_fit`.
+    model : str
+        Name of the model there.
+    """
+    amplitude, those = lack.amplitude.values, []
+    for name in CURVES:
+        deviation = lack[f"{name}_deviation"].sel(model=model).values
+        # Where the model has stopped, it has left.
+        outside = ~(np.abs(deviation) <= BAND)
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], outside, [False]]).astype(int)))
+        for first, end in edges.reshape(-1, 2):
+            part = deviation[first:end]
+            finite = part[np.isfinite(part)]
+            farthest = float(finite[np.argmax(np.abs(finite))]) if len(finite) else np.inf
+            at_ends = bool(first == 0), bool(end == len(amplitude))
+            those.append(Departure(name, amplitude[first], amplitude[end - 1], *at_ends, farthest))
+    return sorted(those, key=lambda departure: -abs(departure.largest))
+
+
+def departure_sentence(ranges: Sequence[Departure], unit: str, most: int = 2) -> str:
+    """Where a model misses the backbone: its farthest departure of each curve, joined by "and"."""
+    farthest = {departure.curve: departure for departure in reversed(ranges)}
+    ordered = sorted(farthest.values(), key=lambda departure: -abs(departure.largest))
+    return " and ".join(departure.sentence(unit) for departure in ordered[:most])
+
+
+def _against(
+    backbone: BackboneCurves, model: tuple[Array, Array, Array] | None
+) -> dict[str, tuple[Array, Array]]:
+    """Each curve of a model, smoothed as the record's, and its deviation in half widths of the band."""
+    nothing = np.full(len(backbone.log_amplitude), np.nan)
+    if model is None:
+        return dict.fromkeys(CURVES, (nothing, nothing))
+    against = {}
+    for name, of_model in zip(CURVES, model[1:], strict=True):
+        curve, u = backbone.by_name[name], backbone.rows.log_amplitude
+        there = PchipInterpolator(model[0], of_model, extrapolate=False)(u)
+        difference = there - getattr(backbone.rows, name)
+        smoothed = curve.weights @ np.where(np.isfinite(difference), difference, 0.0)
+        reached = (backbone.log_amplitude >= model[0][0]) & (backbone.log_amplitude <= model[0][-1])
+        deviation = np.where(reached, smoothed / (curve.factor * curve.standard_error), np.nan)
+        against[name] = (curve.mean + np.where(reached, smoothed, np.nan), deviation)
+    return against
+
+
+def _model_rows(
+    decay: xr.Dataset, result: xr.Dataset, backbone: BackboneCurves
+) -> tuple[Array, Array, Array] | None:
+    """Log amplitudes of a model's motion, increasing, with frequency and damping ratio; None without one."""
+    top, low = float(backbone.rows.log_amplitude.max()), float(backbone.rows.log_amplitude.min())
+    above = HALF_PERIODS_ABOVE * np.pi * max(0.0, float(backbone.by_name["damping_ratio"].mean[-1]))
+    largest = float(np.abs(decay.angle.values).max())
+    for times in LENGTHS_TRIED:
+        try:
+            rows = _motion_rows(decay, result, float(np.exp(top + above) / largest), times)
+        except SysidTribError:
+            return None
+        u, first = np.unique(rows.log_amplitude + np.log(largest), return_index=True)
+        if u[0] <= low:
+            break
+    return u, rows.frequency[first], rows.damping_ratio[first]
+
+
+@in_units_of_the_motion
+def _motion_rows(decay: xr.Dataset, result: xr.Dataset, release: float, times: float) -> PeriodRows:
+    """Periods of the motion from a release; amplitudes in parts of the record's largest signal."""
+    time, largest = decay.time.values.astype(float), float(np.abs(decay.angle.values).max())
+    step = (time[-1] - time[0]) / (len(time) - 1)
+    grid = np.arange(round(times * len(time))) * step
+    motion = trajectory(model_of(result), grid, release * largest, 0.0, engine=FAST)
+    stop = grid <= motion.stop_time if np.isfinite(motion.stop_time) else np.full(len(grid), True)
+    simulated = xr.Dataset({"angle": ("time", motion.angle[stop] / largest)}, {"time": grid[stop]})
+    return period_rows(envelope(simulated))
