@@ -74,7 +74,9 @@ def draw_curve(ax: Axes, data: xr.Dataset, name: str, models: xr.Dataset | None 
     labels = [] if models is None else models.model.values.tolist()
     for at, label in enumerate(labels):
         series = MODEL_LINES[at % len(MODEL_LINES)]
-        ax.plot(amplitude, models[name].sel(model=label), **line(series), zorder=series["zorder"], label=label)
+        ax.plot(
+            amplitude, models[name].sel(model=label), **line(series), zorder=series["zorder"], label=label
+        )
     # By the bands where they are narrow: an end of few periods would hide all else.
     narrow = high - low <= 4.0 * np.median(high - low)
     bottom, top = float(low[narrow].min()), float(high[narrow].max())

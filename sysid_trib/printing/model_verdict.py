@@ -7,8 +7,10 @@ from sysid_trib.printing.layout import p_value_text
 from sysid_trib.printing.random_force import NOT_FOLLOWED, not_followed, random_force_test
 from sysid_trib.printing.residual import residual_of
 from sysid_trib.results.per_run import record_groups
+from sysid_trib.results.signal_units import signal_units
 from sysid_trib.results.significance import SIGNIFICANT_ERRORS
 from sysid_trib.validation.breakdown import breakdown, record_noise
+from sysid_trib.validation.lack_of_fit import departure_sentence, departures
 from sysid_trib.validation.model_error import error_parts
 
 EXPLAINED = "The record is explained: its residual is nothing but noise."
@@ -53,13 +55,22 @@ def verdict_sentence(tree: xr.DataTree) -> str:
         return NOT_FOLLOWED.format(f"{reasons[0][0].lower()}{reasons[0][1:]}")
     rate = tree[record_groups(tree)[0]].attrs.get("signal") == "rate"
     text = APPROXIMATE if verdict == "approximate" else NOT_EXPLAINED
-    return text.format(_how_near(tree)) + (OF_A_RATE if rate else "")
+    return text.format(f"{_how_near(tree)}{_where(tree)}") + (OF_A_RATE if rate else "")
 
 
 def test_sentence(tree: xr.DataTree) -> str:
     """The tests behind the verdict."""
     p_value = p_value_text(float(tree["comparison"].residual_p_value.max()))
     return " ".join([f"The residual as white noise: p {p_value}.", *random_force_test(tree)])
+
+
+def _where(tree: xr.DataTree) -> str:
+    """Where the answer's model misses the backbone most, in words; empty where it nowhere does."""
+    groups = [name for name in tree.children if name.startswith("lack_of_fit")]
+    of_runs = [departures(tree[group].to_dataset(), answer_of(tree)) for group in groups]
+    farthest = max(of_runs, key=lambda ranges: abs(ranges[0].largest) if ranges else 0.0, default=[])
+    sentence = departure_sentence(farthest, signal_units(tree))
+    return f"; it misses the record {sentence}" if sentence else ""
 
 
 def _how_near(tree: xr.DataTree) -> str:

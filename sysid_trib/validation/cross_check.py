@@ -1,12 +1,15 @@
 """Two identifications of a decay held against each other."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 
 import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
+from sysid_trib.averaging.backbone import backbone
 from sysid_trib.decays.half_sines import envelope
+from sysid_trib.errors import DecayError
 from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.results.per_run import group_names, noise_of_run
 from sysid_trib.results.signal_scale import in_units_of_the_motion
@@ -17,6 +20,7 @@ from sysid_trib.validation.answer import RESIDUAL_LEVEL, better_of
 from sysid_trib.validation.compared_part import ComparedPart, compared_part, fitted_motions
 from sysid_trib.validation.cross_check_statistics import comparison, ties
 from sysid_trib.validation.homogeneity import verdict_of
+from sysid_trib.validation.lack_of_fit import lack_of_fit
 from sysid_trib.validation.progress import Tell, silent
 from sysid_trib.validation.residuals import pooled, residuals
 from sysid_trib.validation.verdict import random_force_groups, verdict_on_record
@@ -59,8 +63,8 @@ def cross_check(
     principle, the `verdict` (agree, disagree, unknown), and whether the record is `explained`: yes
     (no departure from white noise is found in the better model's residual), partly (a small one), no; and the
     `verdict_on_record`, one of `VERDICTS`; the `answer`, the method whose numbers are to be taken; over
-    `model` the `residual_over_motion`. Where the second has a random force, there are the groups of
-    `random_force_groups`.
+    `model` the `residual_over_motion`. Groups `backbone` and `lack_of_fit` of each run (see there). Where the
+    second has a random force, there are the groups of `random_force_groups`.
 
     Notes
     -----
@@ -115,6 +119,7 @@ def cross_check(
     groups = dict(zip(group_names("record", len(runs)), records, strict=True))
     groups |= dict(zip(group_names("envelope", len(runs)), [envelope(run) for run in runs], strict=True))
     groups |= {names[0]: first, names[1]: second, "comparison": compared}
+    groups |= _backbones(runs, dict(zip(names, results, strict=True)))
     return xr.DataTree.from_dict({**groups, **pushed})
 
 
@@ -127,6 +132,17 @@ def _with_motions(
     simulated = np.stack([no_motion if motion is None else motion.x + motion.offset for motion in motions])
     angle = variable(("model", "time"), simulated, "angle of the model", "rad")
     return record.assign(simulated_angle=angle)
+
+
+def _backbones(runs: Sequence[xr.Dataset], results: Mapping[str, xr.Dataset]) -> dict[str, xr.Dataset]:
+    """Backbone of each run, and where the models leave it; none of a run with too few half periods."""
+    groups = {}
+    names = [group_names(name, len(runs)) for name in ("backbone", "lack_of_fit")]
+    for run, of_record, of_models in zip(runs, *names, strict=True):
+        with suppress(DecayError):
+            groups[of_record] = backbone(run)
+            groups[of_models] = lack_of_fit(run, results)
+    return groups
 
 
 def _residual_over_motion(records: Sequence[xr.Dataset]) -> Array:
