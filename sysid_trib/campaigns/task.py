@@ -25,6 +25,8 @@ from sysid_trib.results.contactless import with_contactless_frequency
 from sysid_trib.results.discoveries import others_in_place, tied_name
 from sysid_trib.results.schema import map_identifications
 from sysid_trib.results.signal_units import signal_units
+from sysid_trib.validation.answer import identifications
+from sysid_trib.validation.breakdown import breakdown
 from sysid_trib.validation.compare import compare, every_method
 from sysid_trib.validation.cross_check import cross_check
 
@@ -159,7 +161,8 @@ class Task:
             )
         decay = one_or_all(list(decays))
         methods = {label: constrained(method, self.constraints) for label, method in self.methods.items()}
-        results = {label: method.identify(decay, self.library) for label, method in methods.items()}
+        identified = identifications(decay, self.library, list(methods.values()))
+        results = dict(zip(methods, identified, strict=True))
         tree = xr.DataTree.from_dict(results)
         if self.judged:
             tree = cross_check(decay, *results.values(), **self.options)
@@ -263,7 +266,9 @@ def _numbers(task: Task, tree: xr.DataTree) -> Row:
     """The numbers of a result in the places of the store."""
     row = {name: value for name, value in empty_row(task).items() if name not in RECORD_TEXTS}
     for at, label in enumerate(task.labels):
-        if label in tree.children and "covariance" in tree[label]:
+        # What a record's text withholds is not kept either.
+        withheld = task.judged and breakdown(tree, label)
+        if label in tree.children and "covariance" in tree[label] and not withheld:
             _fill(row, at, tree[label].to_dataset(), task.symbols, shape_names(task))
     if "comparison" in tree.children and "p_value" in tree["comparison"]:
         compared = tree["comparison"]

@@ -29,6 +29,8 @@ SUSPICION_LEVEL = 0.05
 # Where models are incomplete averaging is immune to most of what they lack: the other method is the answer
 # where it predicts better by more than this.
 CLEARLY_BETTER = 1.1
+# Families of methods that fit the motion, and so see a random force in it.
+DECIDING = ("direct", "trajectory")
 
 
 def identify(decay: Decays, library: ForceLibrary, method: Method) -> xr.Dataset:
@@ -86,8 +88,8 @@ def identifications(decay: Decays, library: ForceLibrary, methods: Sequence[Meth
     library : ForceLibrary
         The forces offered.
     methods : sequence of Method
-        Those whose `random_force` is `auto` have one where the last of them finds it and its test does not
-        refuse it, and the sensor's noise alone elsewhere.
+        Those whose `random_force` is `auto` have one where the last of them that fits the motion finds it and
+        its test does not refuse it, and the sensor's noise alone elsewhere.
 
     Returns
     -------
@@ -107,7 +109,9 @@ def identifications(decay: Decays, library: ForceLibrary, methods: Sequence[Meth
     if any(INPUT in run.variables for run in runs):
         return results
     left = [_residual(runs, result) for result in results]
-    open_ones = [at for at, method in enumerate(methods) if _is_open(method)]
+    # Decrements neglect forces: the last method of the whole motion decides.
+    places = [at for at, method in enumerate(methods) if _is_open(method)]
+    open_ones = sorted(places, key=lambda at: _family(methods[at]) in DECIDING)
     if open_ones and left[open_ones[-1]][0] < SUSPICION_LEVEL:
         pushed = _pushed(decay, runs, library, methods, open_ones)
         results = [pushed.get(at, result) for at, result in enumerate(results)]
@@ -134,7 +138,7 @@ def with_common_noise(
     alone.
     """
     open_ones = [method for method in methods.values() if _is_open(method)]
-    direct = [method for method in open_ones if scope_of(method).family == "direct"]
+    direct = [method for method in open_ones if _family(method) == "direct"]
     option: RandomForceOption = "off"
     with suppress(SysidTribError, np.linalg.LinAlgError):
         for method in [*direct, *open_ones][:1]:
@@ -154,6 +158,10 @@ def better_of(first: xr.Dataset, second: xr.Dataset) -> int:
 
 def _is_open(method: Method) -> bool:
     return getattr(method, "random_force", "off") == "auto"
+
+
+def _family(method: Method) -> str:
+    return scope_of(method).family
 
 
 def _with(method: Method, option: RandomForceOption) -> Method:
@@ -192,16 +200,19 @@ def _pushed(
 ) -> dict[int, xr.Dataset]:
     """Identifications with a random force or coloured noise, by their place; none where that is refused."""
     pushed: dict[int, xr.Dataset] = {}
-    try:
-        for at in open_ones:
+    for at in open_ones:
+        last = at == open_ones[-1]
+        try:
             pushed[at] = with_random_force(methods[at], "estimated").identify(decay, library)
             followed = FollowedRuns(dict(enumerate(runs)), pushed[at])
-            if at == open_ones[-1]:
+            if last:
                 accepted = _residual(runs, pushed[at])[0] >= RESIDUAL_LEVEL and is_random(followed)
                 return pushed if accepted else {}
             # What the quicker methods refuse is not looked for by the slower ones.
-            if is_found(random_force_of(pushed[at])) and not is_random(followed):
+            averaging = _family(methods[at]) == "averaging" and is_found(random_force_of(pushed[at]))
+            if averaging and not is_random(followed):
                 return {}
-    except (SysidTribError, np.linalg.LinAlgError):
-        pass
+        except (SysidTribError, np.linalg.LinAlgError):
+            if last:
+                return {}
     return {}
