@@ -1,0 +1,153 @@
+"""The answer that predicts: one decision on the noise, errors of noise and model, one method to stand by."""
+
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+from command_line import run
+
+import sysid_trib as st
+from sysid_trib.printing.exported import csv_text, latex_text
+from sysid_trib.printing.identification import identification_json
+from sysid_trib.printing.model_verdict import verdict_sentence
+from sysid_trib.validation.answer import better_of, identifications
+from sysid_trib.validation.model_error import error_parts
+
+NOISE = 3e-4
+TIME = np.arange(0.0, 20.0, 0.02)
+FORCES = st.load_library().select(["zeta", "delta", "epsilon"])
+TRUTH = {"zeta": 0.008, "delta": 0.03, "epsilon": -0.12}
+METHODS = [st.methods.Averaging(), st.methods.Direct()]
+
+
+def record(library=FORCES, values=TRUTH, seed=0, angle=0.5, random_force=0.0):
+    model = st.Model(library, values, 7.0)
+    x = st.simulate(model, TIME, angle, random_force=random_force, seed=seed).angle.values
+    x = x + NOISE * np.random.default_rng(seed).standard_normal(len(TIME))
+    time = ("time", TIME, {"units": "s"})
+    return st.free_decay(xr.Dataset({"angle": ("time", x, {"units": "rad"})}, {"time": time}))
+
+
+@pytest.fixture(scope="module")
+def incomplete():
+    """A record with Stribeck friction that is not offered, and its two identifications."""
+    whole = st.load_library("candidate_effects")
+    hidden = [force for force in whole if force.symbol in ("stribeck",)]
+    library = FORCES.__class__(FORCES.title, (*FORCES.forces, *hidden), FORCES.source)
+    decay = record(library, TRUTH | {"stribeck": 2e-3})
+    return decay, identifications(decay, FORCES, METHODS)
+
+
+@pytest.fixture(scope="module")
+def checked(incomplete):
+    return st.cross_check(incomplete[0], *incomplete[1])
+
+
+def test_where_the_model_is_complete_nothing_is_added():
+    decay = record()
+    decided, alone = st.identify(decay, FORCES, METHODS[1]), METHODS[1].identify(decay, FORCES)
+    assert "error_of_model" not in decided
+    assert "random_force_density" not in decided
+    np.testing.assert_array_equal(decided.standard_error, alone.standard_error)
+    np.testing.assert_array_equal(decided.coefficient, alone.coefficient)
+
+
+def test_a_random_force_is_taken_where_there_is_one():
+    decay = record(random_force=2e-3, seed=3)
+    results = identifications(decay, FORCES, METHODS)
+    assert all(json.loads(result.attrs["options"])["random_force"] == "estimated" for result in results)
+    assert results[1].random_force_density == pytest.approx(2e-3, rel=0.6)
+
+
+def test_a_random_force_that_its_test_refuses_is_not_the_answer(incomplete):
+    for result in incomplete[1]:
+        assert json.loads(result.attrs["options"])["random_force"] == "off"
+
+
+def test_errors_have_two_parts(incomplete):
+    for result in incomplete[1]:
+        noise, model = error_parts(result)
+        assert (model > 0.0).any()
+        np.testing.assert_allclose(result.standard_error, np.hypot(noise, model), rtol=1e-12)
+        np.testing.assert_allclose(np.sqrt(np.diag(result["covariance"])), result.standard_error, rtol=1e-9)
+        unit = result.standard_error.values
+        assert np.linalg.eigvalsh(result["covariance"].values / np.outer(unit, unit)).min() > -1e-9
+
+
+def test_two_releases_agree_within_the_total_errors():
+    whole = st.load_library("candidate_effects")
+    library = FORCES.__class__(FORCES.title, (*FORCES.forces, whole["stribeck"]), FORCES.source)
+    runs = [record(library, TRUTH | {"stribeck": 2e-3}, seed, angle) for seed, angle in ((1, 0.5), (2, 0.3))]
+    first, second = (st.identify(run, FORCES, METHODS[1]) for run in runs)
+    by_noise = st.difference(*(METHODS[1].identify(run, FORCES) for run in runs)).z
+    total = st.difference(first, second).z
+    assert np.abs(by_noise).max() > 4.0
+    assert np.abs(total).max() < 3.0
+
+
+def test_an_option_that_is_given_is_kept():
+    decay = record(random_force=2e-3, seed=3)
+    for option in ("off", "estimated", 2e-3):
+        result = st.identify(decay, FORCES, st.methods.Direct(random_force=option))
+        assert json.loads(result.attrs["options"])["random_force"] == option
+
+
+def test_the_first_is_the_answer_unless_the_second_predicts_clearly_better():
+    def predicting(rms):
+        return xr.Dataset({} if rms is None else {"held_out_rms": rms})
+
+    cases = {(1.0, 1.0): 0, (1.0, 0.95): 0, (1.0, 0.8): 1, (1.0, 1.5): 0, (np.nan, 1.0): 1, (None, None): 1}
+    for (first, second), answer in cases.items():
+        assert better_of(predicting(first), predicting(second)) == answer
+
+
+def test_the_verdict_has_a_scale(checked):
+    assert checked["comparison"].attrs["verdict_on_record"] == "approximate"
+    sentence = verdict_sentence(checked)
+    assert "approximate" in sentence
+    assert "times the noise" in sentence
+    assert "p =" not in sentence
+    assert "p <" not in sentence
+
+
+def test_what_is_given_carries_its_parts_and_its_verdict(checked):
+    data = identification_json(checked)
+    assert data["verdict"] == "approximate"
+    assert data["answer"] in data["methods"]
+    for method in data["methods"].values():
+        for force in method["coefficients"].values():
+            total = np.hypot(force["error_of_noise"], force["error_of_model"])
+            assert force["standard_error"] == pytest.approx(total)
+    table = csv_text(checked)
+    assert "record,verdict,,,approximate" in table
+    assert "record,samples" in table
+    assert "verdict: approximate" in latex_text(checked)
+
+
+def test_a_model_that_diverges_is_withheld_everywhere(checked):
+    tree = checked.copy(deep=True)
+    angle = tree["record"].simulated_angle
+    angle.loc[{"model": "averaging"}] = np.nan
+    tree["record"] = tree["record"].to_dataset().assign(simulated_angle=angle)
+    tree["comparison"].attrs["answer"] = "direct"
+    data = identification_json(tree)
+    assert data["methods"]["averaging"]["coefficients"] == {}
+    assert data["methods"]["averaging"]["reference_frequency"] is None
+    assert "averaging" not in csv_text(tree)
+    assert "averaging" not in latex_text(tree).split("%")[0]
+
+
+def test_a_system_fixes_signs(tmp_path):
+    decay = record(values={"zeta": 0.008, "delta": -0.02, "epsilon": -0.15})
+    path = tmp_path / "swing.csv"
+    np.savetxt(
+        path,
+        np.column_stack([decay.time, decay.angle]),
+        header="time (s),angle (rad)",
+        delimiter=",",
+        comments="",
+    )
+    done = run("identify", path, "--system", "torsion", "--forces", "zeta,delta,epsilon", "--json")
+    for method in json.loads(done.out)["methods"].values():
+        assert all(method["coefficients"][symbol]["value"] >= 0.0 for symbol in ("zeta", "delta"))
