@@ -10,6 +10,7 @@ of the frequency and of friction, coarse steps of the sensor. Two runs each, rel
 
 import argparse
 import warnings
+from contextlib import suppress
 
 import numpy as np
 import xarray as xr
@@ -82,6 +83,13 @@ def rig(kind: str, random: np.random.Generator) -> list[xr.Dataset]:
     return runs
 
 
+def drawn(kind: str, random: np.random.Generator) -> list[xr.Dataset]:
+    """Two runs of a rig of this kind whose motion decays."""
+    while True:
+        with suppress(SysidTribError):
+            return rig(kind, random)
+
+
 def ratios(runs: list[xr.Dataset], method) -> tuple[np.ndarray, np.ndarray]:
     """Differences over the stated total errors, and over those by the noise."""
     first, second = (st.identify(run, library(""), method) for run in runs)
@@ -101,7 +109,7 @@ def main() -> None:
     table = Table("method", "errors", *(f"{s}: RMS" for s in BASE), *(f"{s}: median" for s in BASE), "rigs")
     found: dict[str, list] = {"averaging": [], "direct": []}
     for at in track(range(options.rigs), console=Console(stderr=True), transient=True):
-        runs = rig(KINDS[at % len(KINDS)], random)
+        runs = drawn(KINDS[at % len(KINDS)], random)
         for name, method in (("averaging", st.methods.Averaging()), ("direct", st.methods.Direct())):
             try:
                 found[name].append(ratios(runs, method))

@@ -98,7 +98,8 @@ def test_without_a_random_force_the_result_is_that_of_off():
     absent = 0
     for seed in range(4):
         plain, auto = (
-            Averaging(random_force=option).identify(decay(0.0, seed), LIBRARY) for option in ("off", "estimated")
+            Averaging(random_force=option).identify(decay(0.0, seed), LIBRARY)
+            for option in ("off", "estimated")
         )
         if force := random_force_of(auto):
             assert force.p_value > 0.01

@@ -132,7 +132,7 @@ def test_table_of_the_example_on_an_ascii_terminal():
     ending = run("identify", "--window", ":9", "--omega0", "8.87+-0.02", encoding="ascii")
     assert (ending.status, ending.err) == (0, "")
     verdict, _, first, second, *_ = ending.out.splitlines()
-    assert verdict.startswith("The record is explained: no departure from white noise was found")
+    assert verdict.startswith("The record is explained: its residual is nothing but noise")
     assert first.startswith("Embedded example: simulation")
     assert second.startswith("Free decay: kept 0 s to 9 s")
     for row in ("lambda   solid friction", "alpha    linear elastic force", "w_inf (rad/s)"):
@@ -143,13 +143,15 @@ def test_table_of_the_example_on_an_ascii_terminal():
 def test_layers_of_the_text():
     quiet, usual, whole = (run("identify", *layer).out for layer in (["--quiet"], [], ["--explain"]))
     for text in (quiet, usual, whole):
-        assert text.startswith("The record is explained: no departure from white noise was found")
+        assert text.startswith("The record is explained: its residual is nothing but noise")
         assert "lambda   solid friction" in text
     assert "Averaging and direct agree" not in quiet
     assert "Free decay: kept" not in quiet
     for text in (usual, whole):
-        assert "Averaging and direct agree within their errors: chi-square" in text
+        assert "Averaging and direct agree within their errors." in text
         assert "At 0.274 rad, the decay comes from zeta" in text
+    assert "chi-square" in whole
+    assert "chi-square" not in usual
     assert "weigh the same" in whole
     assert "weigh the same" not in usual
     assert len(quiet.splitlines()) < len(usual.splitlines()) < len(whole.splitlines()) - 5

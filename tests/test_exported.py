@@ -96,7 +96,8 @@ def test_a_table_holds_all_digits(tree):
             assert float(row["value"]) == force.coefficient.item()
             assert float(row["standard_error"]) == force.standard_error.item()
         assert float(found[name, "asymptotic_frequency"]["value"]) == tree[name].asymptotic_frequency.item()
-    assert {row["widening"] for row in rows} == {"1.0"}
+    assert {row["error_of_model"] for row in rows if row["formula"]} == {"0.0"}
+    assert found["record", "verdict"]["value"] == "explained"
 
 
 def test_a_table_for_latex(tree):

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import xarray as xr
 
-from sysid_trib.printing.model_verdict import failures, verdict_of
+from sysid_trib.printing.model_verdict import verdict_of
 from sysid_trib.results.discoveries import candidates_of, credible_set
 from sysid_trib.results.per_run import record_groups
 from sysid_trib.results.schema import library_of, shape_values_of
@@ -66,10 +66,6 @@ def _after_identification(tree: xr.DataTree) -> NextStep:
         return _after_nothing(second)
     if not verdict_of(tree).startswith("explained"):
         return _search(tree, "names what is missing")
-    failed = failures(tree)
-    if failed:
-        name = next(iter(failed))
-        return NextStep("identify", f"the part that {name} follows", {"window": _followed(tree, name)})
     return NextStep("compare", "every method, and how it predicts a part that is held out")
 
 
@@ -82,19 +78,6 @@ def _after_nothing(result: xr.Dataset) -> NextStep:
         return NextStep("identify", reason, {"forces": viscous.symbol}, without=("window",))
     reason = f"{SECOND_RECORD}: a longer motion, from a larger amplitude"
     return NextStep("identify", reason, records=(SECOND_RECORD,), without=("window",))
-
-
-def _followed(tree: xr.DataTree, model: str) -> str:
-    """The thirds of the record that a model follows, as a window; the last where it follows none."""
-    record = tree[record_groups(tree)[0]]
-    time, angle = record.time.values, record.angle.values
-    missed = angle - record.simulated_angle.sel(model=model).values
-    edges = np.linspace(time[0], time[-1], 4)
-    parts = zip(np.array_split(angle, 3), np.array_split(missed, 3), strict=True)
-    followed = [bool(np.sum(residual**2) < np.sum(motion**2)) for motion, residual in parts]
-    if not followed[0]:
-        return f"{edges[2]:.4g}:"
-    return f"{edges[0]:.4g}:{edges[followed.index(False) if False in followed else 3]:.4g}"
 
 
 def _after_comparison(tree: xr.DataTree) -> NextStep:

@@ -61,19 +61,23 @@ def with_error_of_model(
     of the model. Where no part can be fitted it is what the Birge ratio adds (Birge 1932).
     """
     whole, stated = _values(result), _errors(result)
-    moved, expected, missed = [], [], []
+    moved, errors, missed = [], [], []
     for low, high in PARTS:
         part = _part_fit(method, runs, library, low, high, result)
         missed += [rms for run in runs for rms in _held_out(part, run, library, low, high)]
         if part is not None:
             moved.append(_values(part) - whole)
-            expected.append(_errors(part) ** 2 - stated**2)
+            errors.append(_errors(part))
     if not moved:
         beyond = np.sqrt(widening(result, residual_over_noise) ** 2 - 1.0)
         return _widened(result, np.diag((beyond * stated) ** 2), float("nan"))
-    movement = np.mean([np.outer(step, step) for step in moved], axis=0)
+    # Each part counts by what it knows of a coefficient.
+    weights = 1.0 / np.maximum(errors, 1e-300) ** 2
+    weights /= weights.sum(axis=0)
+    steps = np.sqrt(weights) * np.array(moved)
+    movement, expected = steps.T @ steps, (weights * (np.square(errors) - stated**2)).sum(axis=0)
     size = np.diag(movement)
-    beyond = np.maximum(size - np.maximum(np.mean(expected, axis=0), 0.0), 0.0)
+    beyond = np.maximum(size - np.maximum(expected, 0.0), 0.0)
     factor = np.sqrt(np.divide(beyond, size, out=np.zeros_like(size), where=size > 0.0))
     held_out = (
         float(np.exp(np.mean(np.log(missed)))) if missed and np.all(np.isfinite(missed)) else float("nan")

@@ -22,6 +22,8 @@ from sysid_trib.trajectory_fit.initial_conditions import FittedMotion, first_gue
 DEPARTED = 2.0
 # Degree of the polynomials in time by which a slow residual changes amplitude and phase.
 SLOW_DEGREE = 7
+# Of their coefficients so many are left to chance at least, whatever number the fit has taken.
+LEAST_FREE = 4
 # In antiphase (rad) the residual says nothing more of the forces.
 ANTIPHASE = np.pi
 # Of each model: name of the variable, what it is, and its unit.
@@ -160,7 +162,7 @@ def residuals(
     rows = [
         _of_innovations(pair, run)
         if random_force_of(pair.result, run) or sensor_noise_of(pair.result, run).warm_up
-        else _of_free_motion(pair.runs[run], motion, noise)
+        else _of_free_motion(pair.runs[run], motion, noise, _fitted_numbers(pair.result))
         for pair, motion in zip(followed.values(), motions, strict=True)
     ]
     columns = zip(RESIDUALS.items(), np.array(rows).T, strict=True)
@@ -168,15 +170,28 @@ def residuals(
     return xr.Dataset(variables, {"model": list(followed)})
 
 
-def _of_free_motion(decay: xr.Dataset, motion: FittedMotion | None, noise: float) -> tuple[float, ...]:
-    """What `RESIDUALS` lists, of record minus motion."""
+def _fitted_numbers(result: xr.Dataset) -> int:
+    """How many numbers were fitted: coefficients and frequency, and the start of the motion."""
+    errors = [*result.standard_error.values, result.reference_frequency_standard_error.item()]
+    return int(np.count_nonzero(np.asarray(errors) > 0.0)) + 2
+
+
+def _of_free_motion(
+    decay: xr.Dataset, motion: FittedMotion | None, noise: float, fitted: int
+) -> tuple[float, ...]:
+    """What `RESIDUALS` lists, of record minus motion, for which so many numbers were `fitted`."""
     time, angle = decay.time.values, decay.angle.values
     if motion is None:
         return np.nan, np.nan, float(time[0]), 0.0
     residual = angle - motion.offset - motion.x
     rms, width = float(np.sqrt(np.mean(residual**2))), _half_period(motion.v)
     departure = _departure(time, residual, noise, width)
-    return rms, rms / noise, departure, _white_noise_p_value(residual / noise, width, motion.x, motion.v)
+    return (
+        rms,
+        rms / noise,
+        departure,
+        _white_noise_p_value(residual / noise, width, (motion.x, motion.v), fitted),
+    )
 
 
 def _of_innovations(followed: FollowedRuns, run: int) -> tuple[float, ...]:
@@ -191,7 +206,7 @@ def _of_innovations(followed: FollowedRuns, run: int) -> tuple[float, ...]:
     normalised, width = innovation / deviation, _half_period(v)
     rms, over_noise = (float(np.sqrt(np.mean(values**2))) for values in (innovation, normalised))
     departure = _departure(time, normalised, 1.0, width)
-    return rms, over_noise, departure, _white_noise_p_value(normalised, width, x, v)
+    return rms, over_noise, departure, _white_noise_p_value(normalised, width, (x, v), 0)
 
 
 def pooled(of_runs: Sequence[xr.Dataset]) -> xr.Dataset:
@@ -218,11 +233,13 @@ def _departure(time: Array, residual: Array, noise: float, width: int) -> float:
     return float(time[departed[0]]) if len(departed) else float("nan")
 
 
-def _white_noise_p_value(residual: Array, half_period: int, x: Array, v: Array) -> float:
+def _white_noise_p_value(
+    residual: Array, half_period: int, motion: tuple[Array, Array], fitted: int
+) -> float:
     """P-value that a residual over its noise is white noise, by two tests (Bonferroni).
 
     The residual of a missing force is slow: it hides in the RMS of all samples, but not in their means over
-    twelfths of a period; and one that changes the amplitude and the phase of the motion `x`, `v` little by
+    twelfths of a period; and one that changes the amplitude and the phase of the motion (x, v) little by
     little is not in the means of all, but in the few polynomials in time by which these differ.
     """
     width = max(1, half_period // 6)
@@ -230,10 +247,11 @@ def _white_noise_p_value(residual: Array, half_period: int, x: Array, v: Array) 
     means = residual[: count * width].reshape(count, width).mean(axis=1)
     fast = chi2.sf(width * np.sum(means**2), count)
     polynomials = legvander(np.linspace(-1.0, 1.0, len(residual)), SLOW_DEGREE)
-    size = np.maximum(np.hypot(x, v), 1e-300)
-    columns = np.hstack([polynomials * (part / size)[:, None] for part in (x, v)])
+    size = np.maximum(np.hypot(*motion), 1e-300)
+    columns = np.hstack([polynomials * (part / size)[:, None] for part in motion])
     products, moments = columns.T @ columns, columns.T @ residual
-    slow = chi2.sf(moments @ np.linalg.lstsq(products, moments, rcond=1e-10)[0], len(moments))
+    free = max(LEAST_FREE, len(moments) - fitted)
+    slow = chi2.sf(moments @ np.linalg.lstsq(products, moments, rcond=1e-10)[0], free)
     return float(min(1.0, 2.0 * min(fast, slow)))
 
 
