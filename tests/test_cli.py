@@ -109,7 +109,8 @@ def test_json_follows_the_schema(twin):
 
 
 def test_result_file(twin, tree):
-    assert set(tree.children) == {"record", "envelope", "averaging", "direct", "comparison"}
+    curves = {"backbone", "lack_of_fit"}
+    assert set(tree.children) == {"record", "envelope", "averaging", "direct", "comparison"} | curves
     for method, found in twin[1]["methods"].items():
         for symbol, one in found["coefficients"].items():
             assert tree[method].ds.coefficient.sel(force=symbol).item() == one["value"]
@@ -169,7 +170,7 @@ def test_what_warns_is_printed_by_default(tmp_path):
     angle = 0.4 * np.exp(-0.05 * time) * np.cos(9.0 * time - 0.4 * np.exp(-0.1 * time))
     record = write_csv(tmp_path / "softening.csv", time, angle)
     ending = run("identify", record, "--forces", "zeta")
-    assert ending.out.startswith("The model does not explain the record")
+    assert ending.out.startswith("The model is approximate")
     assert "The residuals of direct are correlated" in ending.out
 
 

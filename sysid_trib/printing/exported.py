@@ -52,18 +52,18 @@ def about_the_record(tree: xr.DataTree) -> dict[str, str]:
     """What a table carries of its record and of the verdict on it, by name."""
     records = [tree[group] for group in record_groups(tree)]
     windows = [f"{float(r.time.values[0]):.6g} to {float(r.time.values[-1]):.6g} s" for r in records]
-    about = {
+    details = {
         "window": ", ".join(windows),
         "samples": ", ".join(str(record.sizes["time"]) for record in records),
     }
     if "steps" in tree.children:
-        return {"verdict": str(tree.attrs["verdict"])} | about
+        return {"verdict": str(tree.attrs["verdict"])} | details
     checked = tree["comparison"].attrs
     if "best" in checked:
-        return {"predicts best": str(checked["best"])} | about
+        return {"predicts best": str(checked["best"])} | details
     answer = answer_of(tree)
     residual = f"{residual_over_noise(tree, answer):.3g} times the noise"
-    return {"verdict": verdict_of(tree), "answer": answer} | about | {"residual": residual}
+    return {"verdict": verdict_of(tree), "answer": answer} | details | {"residual": residual}
 
 
 def csv_text(tree: xr.DataTree) -> str:
@@ -106,8 +106,8 @@ def latex_text(tree: xr.DataTree) -> str:
         table = [list(row) for row in zip(*table, strict=True)]
     head, *rows = (f"{' & '.join(row)} \\\\" for row in table)
     begin = rf"\begin{{tabular}}{{l{'c' * (len(table[0]) - 1)}}}"
-    about = "; ".join(f"{name}: {text}" for name, text in about_the_record(tree).items())
-    note = rf"\multicolumn{{{len(table[0])}}}{{l}}{{\footnotesize {about}}} \\"
+    details = "; ".join(f"{name}: {text}" for name, text in about_the_record(tree).items())
+    note = rf"\multicolumn{{{len(table[0])}}}{{l}}{{\footnotesize {details}}} \\"
     lines = [begin, r"\toprule", head, r"\midrule", *rows, r"\bottomrule", note, r"\end{tabular}"]
     main = main_identification(tree)
     return "\n".join([*lines, "", "% no method gave a model" if main is None else equation_latex(main), ""])

@@ -36,14 +36,12 @@ from sysid_trib.printing.residual import residual_of
 from sysid_trib.printing.runs import runs_json, runs_sentences, runs_table
 from sysid_trib.results.signal_units import signal_units
 from sysid_trib.validation.breakdown import record_noise
-from sysid_trib.validation.model_error import error_parts
+from sysid_trib.validation.model_error import FREQUENCIES, error_parts
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from rich.table import Table
-
-FREQUENCIES = ("reference_frequency", "asymptotic_frequency")
 
 
 def identification_blocks(

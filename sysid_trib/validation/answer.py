@@ -108,17 +108,19 @@ def identifications(decay: Decays, library: ForceLibrary, methods: Sequence[Meth
     results = [_with(method, "off").identify(decay, library) for method in methods]
     if any(INPUT in run.variables for run in runs):
         return results
-    left = [_residual(runs, result) for result in results]
+    residual_tests = [_residual(runs, result) for result in results]
     # Decrements neglect forces: the last method of the whole motion decides.
     places = [at for at, method in enumerate(methods) if _is_open(method)]
     open_ones = sorted(places, key=lambda at: _family(methods[at]) in DECIDING)
-    if open_ones and left[open_ones[-1]][0] < SUSPICION_LEVEL:
+    if open_ones and residual_tests[open_ones[-1]][0] < SUSPICION_LEVEL:
         pushed = _pushed(decay, runs, library, methods, open_ones)
         results = [pushed.get(at, result) for at, result in enumerate(results)]
-        left = [(1.0, 1.0) if at in pushed else residual for at, residual in enumerate(left)]
+        residual_tests = [
+            (1.0, 1.0) if at in pushed else residual for at, residual in enumerate(residual_tests)
+        ]
     return [
         _with_model(result, _with(method, "off"), runs, library, residual)
-        for method, result, residual in zip(methods, results, left, strict=True)
+        for method, result, residual in zip(methods, results, residual_tests, strict=True)
     ]
 
 

@@ -111,10 +111,12 @@ def cross_check(
     pushed = random_force_groups(followed[names[1]])
     compared.attrs["answer"] = answer = names[better_of(first, second)]
     records = [_with_motions(run, names, of_run) for run, of_run in zip(runs, moving, strict=True)]
-    left = _residual_over_motion(records)
-    compared["residual_over_motion"] = variable("model", left, "RMS of record minus motion over the record's")
+    parts = _residual_over_motion(records)
+    compared["residual_over_motion"] = variable(
+        "model", parts, "RMS of record minus motion over the record's"
+    )
     compared.attrs["verdict_on_record"] = verdict_on_record(
-        compared.attrs["explained"], left[names.index(answer)], followed[names[1]], pushed
+        compared.attrs["explained"], parts[names.index(answer)], followed[names[1]], pushed
     )
     groups = dict(zip(group_names("record", len(runs)), records, strict=True))
     groups |= dict(zip(group_names("envelope", len(runs)), [envelope(run) for run in runs], strict=True))

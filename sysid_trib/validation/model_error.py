@@ -17,10 +17,10 @@ from sysid_trib.validation.holdout import carried_on, counted_from
 from sysid_trib.validation.residuals import fitted_motion
 
 # Parts of the time of each run that are fitted by themselves.
-PARTS = ((0.0, 0.7), (0.15, 0.85), (0.3, 1.0))
+FITTED_PARTS = ((0.0, 0.7), (0.15, 0.85), (0.3, 1.0))
 FREQUENCIES = ("reference_frequency", "asymptotic_frequency")
 # Fewer samples tell nothing of a motion whose start and zero are fitted.
-FEWEST_SAMPLES = 8
+FEWEST_HELD_OUT = 8
 
 
 def with_error_of_model(
@@ -61,24 +61,27 @@ def with_error_of_model(
     of the model. Where no part can be fitted it is what the Birge ratio adds (Birge 1932).
     """
     whole, stated = _values(result), _errors(result)
-    moved, errors, missed = [], [], []
-    for low, high in PARTS:
+    changes, errors, missed = [], [], []
+    for low, high in FITTED_PARTS:
         part = _part_fit(method, runs, library, low, high, result)
         missed += [rms for run in runs for rms in _held_out(part, run, library, low, high)]
         if part is not None:
-            moved.append(_values(part) - whole)
+            changes.append(_values(part) - whole)
             errors.append(_errors(part))
-    if not moved:
-        beyond = np.sqrt(widening(result, residual_over_noise) ** 2 - 1.0)
-        return _widened(result, np.diag((beyond * stated) ** 2), float("nan"))
+    if not changes:
+        excess = np.sqrt(widening(result, residual_over_noise) ** 2 - 1.0)
+        return _widened(result, np.diag((excess * stated) ** 2), float("nan"))
     # Each part counts by what it knows of a coefficient.
-    weights = 1.0 / np.maximum(errors, 1e-300) ** 2
+    # A coefficient that a bound holds in a part has no error there.
+    largest = np.max(errors, axis=0)
+    known = np.where(np.array(errors) > 0.0, errors, np.where(largest > 0.0, largest, 1.0))
+    weights = 1.0 / known**2
     weights /= weights.sum(axis=0)
-    steps = np.sqrt(weights) * np.array(moved)
+    steps = np.sqrt(weights) * np.array(changes)
     movement, expected = steps.T @ steps, (weights * (np.square(errors) - stated**2)).sum(axis=0)
     size = np.diag(movement)
-    beyond = np.maximum(size - np.maximum(expected, 0.0), 0.0)
-    factor = np.sqrt(np.divide(beyond, size, out=np.zeros_like(size), where=size > 0.0))
+    excess = np.maximum(size - np.maximum(expected, 0.0), 0.0)
+    factor = np.sqrt(np.divide(excess, size, out=np.zeros_like(size), where=size > 0.0))
     held_out = (
         float(np.exp(np.mean(np.log(missed)))) if missed and np.all(np.isfinite(missed)) else float("nan")
     )
@@ -124,7 +127,7 @@ def _held_out(
     """RMS (rad) of what the model of a part leaves before and after it; nan without a motion."""
     kept, size = _between(run, low, high), run.sizes["time"]
     for held_out in (slice(0, kept.start), slice(kept.stop, size)):
-        if held_out.stop - held_out.start < FEWEST_SAMPLES:
+        if held_out.stop - held_out.start < FEWEST_HELD_OUT:
             continue
         rest, before = run.isel(time=held_out), run.isel(time=slice(0, held_out.start + 1))
         # What is too stiff for the fast engine predicts nothing, and is not waited for.

@@ -69,14 +69,16 @@ def try_method(
     # The part first: what is imported or compiled at first use is then not in the time of the whole.
     part, part_reason, _ = _identified(method, [run.train for run in runs], library, constraints)
     result, reason, seconds = _identified(method, [run.decay for run in runs], library, constraints)
-    if result is not None:
-        result = with_model_in_errors(result, method, [run.decay for run in runs], library)
     amplitude = max(float(np.max(np.abs(run.decay.angle.values))) for run in runs)
     forces = _force_scope(method, library, result, amplitude)
     none = ModelResiduals((), tuple(run.noise for run in runs))
     trial = Trial(label, scope_of(method), forces, result, seconds, none, none, none, reason)
     if result is None:
         return trial
+    if not forces.neglects:
+        # Errors of what takes the place of neglected forces would hide its bias.
+        result = with_model_in_errors(result, method, [run.decay for run in runs], library)
+        trial = replace(trial, result=result)
     whole = _of_all(residual_of, [(run.decay, result, run.envelope, at) for at, run in enumerate(runs)], none)
     reason = _complaint("its model", whole) if forces.damped else "its model has no damping"
     if part is not None:

@@ -25,7 +25,7 @@ DEPENDENCE_LEVEL = 0.01
 LOUD = 1.5
 VERDICTS = ("explained", "explained with a random force", "approximate", "not explained", "undetermined")
 # A model is approximate that leaves no more than this part of the motion (RMS).
-FOLLOWED = 0.05
+APPROXIMATE_PART = 0.05
 # Predictions are this far ahead at most, and this close to each other (periods).
 LONGEST_PREDICTION, PREDICTION_STEP = 10.0, 0.25
 
@@ -108,7 +108,7 @@ def _horizons(decay: xr.Dataset, result: xr.Dataset) -> Array:
 
 
 def verdict_on_record(
-    explained: str, left: float, followed: FollowedRuns, groups: Mapping[str, xr.Dataset]
+    explained: str, unexplained: float, followed: FollowedRuns, groups: Mapping[str, xr.Dataset]
 ) -> str:
     """One of `VERDICTS`; a record that decides no coefficient explains nothing, whatever is left of it.
 
@@ -116,14 +116,14 @@ def verdict_on_record(
     ----------
     explained : {"yes", "partly", "no"}
         Whether the residual, with a random force the innovations, is noise.
-    left : float
+    unexplained : float
         RMS of record minus motion over that of the record, of the answer's model; nan without a motion.
     followed : FollowedRuns
         All runs of the identification.
     groups : mapping of str to Dataset
         Of `random_force_groups`.
     """
-    verdict = "approximate" if left <= FOLLOWED else "not explained"
+    verdict = "approximate" if unexplained <= APPROXIMATE_PART else "not explained"
     if "random_force" in groups:
         if explained != "no" and p_value_of_dependence(groups["random_force"]) >= DEPENDENCE_LEVEL:
             verdict = "explained with a random force"
