@@ -79,9 +79,19 @@ class WeakFormProblem:
         return np.array([force.kind == "sensor" for force in self.library])
 
     def averaged_columns(
-        self, frequency: float, x: Array, v: Array, *, points: int = 4, rate_error: float = 0.0
+        self,
+        frequency: float,
+        x: Array,
+        v: Array,
+        *,
+        points: int = 4,
+        rate_error: float = 0.0,
+        hidden: Mapping[str, Array] | None = None,
     ) -> Array:
         """Forces, averaged over each sample's cell, and terms of the sensor along a path, (sample, force).
+
+        Values at the samples alone would turn with the sampling where a period has a whole number of them:
+        a sign that is off in the same places of every period seems to tell forces apart.
 
         Parameters
         ----------
@@ -93,10 +103,12 @@ class WeakFormProblem:
             In each cell.
         rate_error : float, rad
             Standard error to which v is known.
+        hidden : mapping of str to (sample,) array of float, optional
+            Internal states and memory that are known, `{"dahl.z": ...}`.
         """
         acceleration = np.gradient(v, self.form.tau) * (self.nominal_frequency / frequency)
         forces = self.features(frequency).cell_averages(
-            self.elapsed, x, v, acceleration, points=points, rate_error=rate_error
+            self.elapsed, x, v, acceleration, points=points, rate_error=rate_error, internal=hidden
         )
         return self.with_sensor_terms(forces, x, v)
 

@@ -32,6 +32,7 @@ from sysid_trib.regression.rows import Rows, run_weights, stack_rows
 from sysid_trib.regression.solution import Solution, solve
 from sysid_trib.trajectory_fit.ratio_errors import average_by_ratios
 from sysid_trib.trajectory_fit.refined_columns import (
+    POINTS_OF_CELL,
     SETTLED_STEP,
     common_values,
     has_slipped,
@@ -46,8 +47,6 @@ MAX_SMOOTHED_PATHS = 12
 ROUNDS_TO_SETTLE, STEP_AMONG_ERRORS = 4, 0.2
 # Round in which the colour of the sensor's noise is estimated, by a motion that is no longer the first guess.
 COLOUR_ROUND = 1
-# Points of each sample's cell at which forces that jump are averaged.
-POINTS_OF_CELL = 34
 
 
 @dataclass(frozen=True)
