@@ -17,7 +17,7 @@ def noisy(model, time, start, noise, seed=0):
     return st.free_decay(xr.Dataset({"angle": ("time", angle)}, {"time": time}))
 
 
-@pytest.mark.parametrize("start, held", [(2.0, {"epsilon": 0.3}), (1.5, {"epsilon": -0.12, "nu": 0.2})])
+@pytest.mark.parametrize(("start", "held"), [(2.0, {"epsilon": 0.3}), (1.5, {"epsilon": -0.12, "nu": 0.2})])
 def test_a_strong_held_elastic_force_beside_a_random_force(start, held):
     library = SIX.select(["lambda", "zeta", *held])
     true = {"lambda": 2e-3, "zeta": 0.01, **held}
@@ -46,3 +46,78 @@ def test_errors_are_those_of_the_bound_however_many_samples_a_period(per_period,
     # With a random force that the record leaves open errors are larger; never are they smaller.
     assert np.all(ratio > 0.95)
     assert random_force == "auto" or np.all(ratio < 1.1)
+
+
+TRUE = {"lambda": 6e-4, "zeta": 0.005, "delta": 0.02, "epsilon": 0.15}
+TIME = np.arange(0.0, 14.0, 0.01)
+CLEAN = st.simulate(st.Model(SIX.select(list(TRUE)), TRUE, 9.0), TIME, 0.35).angle.values
+NOISE = 2e-4 * np.random.default_rng(1).standard_normal(len(TIME))
+
+
+def decay_of(angle, **options):
+    record = xr.Dataset(
+        {"angle": ("time", angle, {"units": "rad"})}, {"time": ("time", TIME, {"units": "s"})}
+    )
+    return st.free_decay(record, **options)
+
+
+def one_off(angle):
+    angle[700] += 0.01
+
+
+def dropped(angle):
+    angle[np.random.default_rng(2).choice(len(angle), 30, replace=False)] = 0.0
+
+
+def frozen(angle):
+    angle[300:305] = angle[300]
+
+
+@pytest.mark.parametrize("spoil", [one_off, dropped, frozen])
+def test_outliers_within_the_swing_are_left_out(spoil):
+    angle = CLEAN + NOISE
+    spoil(angle)
+    decay = decay_of(angle)
+    assert "left out" in decay.attrs["free_decay"]
+    assert np.std(decay.angle.values - (CLEAN - decay.equilibrium.item())) < 2.3e-4
+    assert "left out" not in decay_of(angle, keep_outliers=True).attrs["free_decay"]
+
+
+@pytest.mark.parametrize(
+    "force",
+    [{"formula": "-max(-0.1, min(0.1, x))"}, {"formula": "100*max(0, x - 0.2)"}],
+    ids=["gap", "wall"],
+)
+def test_impacts_and_steps_are_no_outliers(force, tmp_path):
+    forces = [("k", force["formula"]), ("zeta", "2*v")]
+    text = "".join(f'[[force]]\nsymbol = "{symbol}"\nformula = "{formula}"\n' for symbol, formula in forces)
+    (tmp_path / "t.toml").write_text('title = "t"\n' + text)
+    library = st.load_library(str(tmp_path / "t.toml"))
+    angle = st.simulate(st.Model(library, {"k": 1.0, "zeta": 0.01}, 9.0), TIME, 0.35).angle.values
+    assert "outlier" not in decay_of(angle + 1e-5 * NOISE / 2e-4).attrs["free_decay"]
+    assert "outlier" not in decay_of(np.round(angle, 3)).attrs["free_decay"]
+
+
+@pytest.mark.parametrize(
+    "clip",
+    [
+        lambda x, n: np.minimum(x + n, 0.31),
+        lambda x, n: np.minimum(x, 0.31) + n,
+        lambda x, n: np.clip(x + n, -0.25, 0.25),
+        lambda x, n: np.minimum(x, 0.25) + n,
+    ],
+    ids=["shallow", "shallow, noise after", "both sides", "deep, noise after"],
+)
+def test_what_is_clipped_is_left_out(clip):
+    decay = decay_of(clip(CLEAN, NOISE))
+    assert "clipped at" in decay.attrs["free_decay"]
+    library = SIX.select(list(TRUE))
+    result = st.identify(decay, library, Direct())
+    assert np.all(np.abs(result.coefficient - list(TRUE.values())) < 3.0 * result.standard_error)
+
+
+def test_broad_and_quantised_tops_are_not_clipped():
+    pendulum = st.Model(st.load_library("candidate_effects").select(["gravity"]), {"gravity": 1.0}, 6.0)
+    slow = st.simulate(pendulum, TIME, 2.9).angle.values * np.exp(-0.01 * TIME)
+    for angle in (slow + NOISE, np.round(slow, 2), CLEAN + NOISE, np.round(CLEAN, 2)):
+        assert "clipped" not in decay_of(angle).attrs["free_decay"]

@@ -84,7 +84,6 @@ class WeakFormProblem:
         x: Array,
         v: Array,
         *,
-        points: int = 4,
         rate_error: float = 0.0,
         hidden: Mapping[str, Array] | None = None,
     ) -> Array:
@@ -99,8 +98,6 @@ class WeakFormProblem:
             Reference frequency.
         x, v : (sample,) array of float, rad
             theta and theta'/frequency.
-        points : int
-            In each cell.
         rate_error : float, rad
             Standard error to which v is known.
         hidden : mapping of str to (sample,) array of float, optional
@@ -108,7 +105,7 @@ class WeakFormProblem:
         """
         acceleration = np.gradient(v, self.form.tau) * (self.nominal_frequency / frequency)
         forces = self.features(frequency).cell_averages(
-            self.elapsed, x, v, acceleration, points=points, rate_error=rate_error, internal=hidden
+            self.elapsed, x, v, acceleration, rate_error=rate_error, internal=hidden
         )
         return self.with_sensor_terms(forces, x, v)
 
@@ -284,10 +281,10 @@ def _first_run(
     return RunRegression(problem, reference, np.zeros(len(library)), nominal, 0.0, start)
 
 
-def along_own_path(run: RunRegression, *, points: int = 4) -> RunRegression:
-    """A run with the columns of its path at its present frequency, averaged over cells of so many points."""
+def along_own_path(run: RunRegression) -> RunRegression:
+    """A run with the columns of its path at its present frequency."""
     path = run.reference
-    columns = run.problem.averaged_columns(run.frequency, path.x, path.v, points=points)
+    columns = run.problem.averaged_columns(run.frequency, path.x, path.v)
     return replace(run, reference=ReferenceTrajectory(path.x, path.v, columns, exact=False))
 
 

@@ -18,6 +18,8 @@ from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues
 
 # What pysindy calls its inputs when nobody has named them.
 UNNAMED = ["x0", "x1"]
+# Points of each sample's cell at which forces that jump are averaged.
+POINTS_OF_CELL = 34
 BINDING: dict[type, tuple[int, str]] = {
     ast.Add: (1, " + "),
     ast.Sub: (1, " - "),
@@ -159,7 +161,6 @@ class ForceFeatures(BaseFeatureLibrary):
         rate: Array,
         acceleration: Array,
         *,
-        points: int = 4,
         rate_error: float = 0.0,
         internal: Mapping[str, Array] | None = None,
     ) -> Array:
@@ -171,8 +172,6 @@ class ForceFeatures(BaseFeatureLibrary):
             From the first sample.
         angle, rate, acceleration : (sample,) array of float, rad
             theta, theta' and theta''.
-        points : int
-            In each cell.
         rate_error : float, rad
             Standard deviation of a rate that is not known exactly: the average is over its normal law too.
         internal : mapping of str to (sample,) array of float, optional
@@ -192,8 +191,8 @@ class ForceFeatures(BaseFeatureLibrary):
         columns = np.empty((len(time), len(self._forces)))
         frequency = float(self.reference_frequency or 0.0)
         timed = any(force.holds_time for force in self._forces)
-        number = np.arange(points) - 0.5 * (points - 1)
-        cell, parts = frequency * np.gradient(time), number / points
+        number = np.arange(POINTS_OF_CELL) - 0.5 * (POINTS_OF_CELL - 1)
+        cell, parts = frequency * np.gradient(time), number / POINTS_OF_CELL
         errors = rate_error * ndtri(np.mod(golden_ratio * number + 0.5, 1.0))
 
         def near(part: float, error: float, samples: Sequence[Array]) -> tuple[Array, Array, Array]:

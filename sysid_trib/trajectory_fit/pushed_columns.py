@@ -32,7 +32,6 @@ from sysid_trib.regression.rows import Rows, run_weights, stack_rows
 from sysid_trib.regression.solution import Solution, solve
 from sysid_trib.trajectory_fit.ratio_errors import average_by_ratios
 from sysid_trib.trajectory_fit.refined_columns import (
-    POINTS_OF_CELL,
     SETTLED_STEP,
     common_values,
     has_slipped,
@@ -102,9 +101,7 @@ def regress_pushed(
         # A motion that slipped where both noises were known would slip again, or now and then.
         tried = [turn <= COLOUR_ROUND or run.reference.near is not None for run in runs]
         anchored = [
-            _beside_motion(run, active, near)
-            if may_follow
-            else (along_own_path(run, points=POINTS_OF_CELL), None)
+            _beside_motion(run, active, near) if may_follow else (along_own_path(run), None)
             for run, near, may_follow in zip(runs, sensitivities, tried, strict=True)
         ]
         runs, sensitivities = tuple(run for run, _ in anchored), [near for _, near in anchored]
@@ -138,21 +135,19 @@ def _beside_motion(
     try:
         free = motion_of_run(run, active, sensitivity, near=True)
     except SimulationError:
-        return along_own_path(run, points=POINTS_OF_CELL), None
-    along = problem.averaged_columns(run.frequency, free.x, free.v, points=POINTS_OF_CELL)
+        return along_own_path(run), None
+    along = problem.averaged_columns(run.frequency, free.x, free.v)
     force = (run.frequency / problem.nominal_frequency) ** 2 * (free.x + along @ run.acting)
     # The first path: the free motion itself.
     reference = ReferenceTrajectory(free.x, free.v, along, exact=False, near=NearbyMotion(free.x, force))
     beside = replace(run, reference=reference, start=(free.angle, free.rate))
     if has_slipped(beside):
-        return along_own_path(run, points=POINTS_OF_CELL), None
+        return along_own_path(run), None
     if run.noises is not None:
         # Friction holds a body that rests with what it takes, no more.
         near = NearbyMotion(free.x, np.where(free.v == 0.0, problem.pushes, force))
         error = smoothed_rate_error(run.noises.ratio, float(np.median(np.diff(problem.form.tau))))
-        expected = problem.averaged_columns(
-            run.frequency, path.x, path.v, points=POINTS_OF_CELL, rate_error=error
-        )
+        expected = problem.averaged_columns(run.frequency, path.x, path.v, rate_error=error)
         beside = replace(beside, reference=replace(path, columns=expected, exact=False, near=near))
     # The zero of the sensor is that of the rows, which know the random force.
     return beside, free.sensitivity

@@ -21,8 +21,6 @@ MAX_REFINEMENTS = 25
 SLIPPED = 0.3
 # A step this small, in standard errors, does not count.
 SETTLED_STEP = 0.02
-# Points of each sample's cell at which forces that jump are averaged.
-POINTS_OF_CELL = 34
 # Part of the swing by which coefficients of a record without noise may still change.
 SETTLED_WITHOUT_NOISE = 1e-10
 
@@ -138,9 +136,7 @@ def simulated(
         Of its own motion, if it is known.
     """
     problem, motion = run.problem, motion_of_run(run, active, sensitivity)
-    columns = problem.averaged_columns(
-        run.frequency, motion.x, motion.v, points=POINTS_OF_CELL, hidden=motion.hidden
-    )
+    columns = problem.averaged_columns(run.frequency, motion.x, motion.v, hidden=motion.hidden)
     reference = ReferenceTrajectory(motion.x, motion.v, columns, exact=True)
     start = motion.angle, motion.rate
     return replace(run, reference=reference, start=start, offset=motion.offset), motion.sensitivity
