@@ -297,7 +297,7 @@ REFUSED = {
         "does not decay",
     ),
     "clipped": (T, np.clip(linear(T), -0.02, 0.02), r"clipped at -0\.02 or 0\.02, to the end"),
-    "clipped on one side": (T, np.clip(linear(T), -1, 0.015), r"clipped at 0\.015, to the end"),
+    "clipped on one side": (T, np.clip(linear(T), -1, 0.015), "at least five are needed"),
     "pulses": (T, 90.0 - 70.0 * np.exp(-((linear(T) / 0.03) ** 4)), "pulses, as that of a light barrier"),
     "stuck at once": (T, np.where(T < 0.5, linear(T), linear(np.array(0.5))), "noise|period"),
     "missing value": (

@@ -121,3 +121,47 @@ def test_broad_and_quantised_tops_are_not_clipped():
     slow = st.simulate(pendulum, TIME, 2.9).angle.values * np.exp(-0.01 * TIME)
     for angle in (slow + NOISE, np.round(slow, 2), CLEAN + NOISE, np.round(CLEAN, 2)):
         assert "clipped" not in decay_of(angle).attrs["free_decay"]
+
+
+@pytest.mark.parametrize("units", [("ms", "rad"), ("min", "rad"), ("days", "rad"), ("s", "deg"), ("s", "°")])
+def test_other_units_in_memory_are_refused(units):
+    time, angle = ({"units": unit} for unit in units)
+    record = xr.Dataset({"angle": ("time", CLEAN + NOISE, angle)}, {"time": ("time", TIME, time)})
+    with pytest.raises(st.errors.DecayError, match="needed; convert"):
+        st.free_decay(record)
+    with pytest.raises(st.errors.DecayError, match="needed; convert"):
+        st.identify(record, SIX.select(["zeta"]), Direct())
+
+
+@pytest.mark.parametrize(
+    ("header", "stamps"),
+    [
+        ("Time", 45000.5 + TIME / 86400.0),
+        ("datenum", 738545.739572 + TIME / 86400.0),
+        ("time (h)", TIME / 3600.0),
+        ("time (days)", TIME / 86400.0),
+    ],
+)
+def test_hours_and_serial_days(header, stamps, tmp_path):
+    table = np.column_stack([stamps, CLEAN + NOISE])
+    np.savetxt(
+        tmp_path / "r.csv", table, fmt="%.12f", delimiter=",", comments="", header=f"{header},angle_rad"
+    )
+    record = st.read_record(tmp_path / "r.csv")
+    assert np.ptp(record.time.values) == pytest.approx(13.99, rel=1e-4)
+
+
+def test_whole_stamps_far_apart_have_no_unit(tmp_path):
+    table = np.column_stack([1876 * np.arange(len(TIME)), CLEAN + NOISE])
+    np.savetxt(
+        tmp_path / "r.csv",
+        table,
+        fmt=["%d", "%.6f"],
+        delimiter=",",
+        comments="",
+        header="Time Stamp,angle_rad",
+    )
+    with pytest.raises(st.errors.RecordError, match="--time-units"):
+        st.read_record(tmp_path / "r.csv")
+    record = st.read_record(tmp_path / "r.csv", time_units="us")
+    assert np.median(np.diff(record.time)) == pytest.approx(1.876e-3)

@@ -82,7 +82,7 @@ def _off_the_others(time: Array, signal: Array, period: float, least: tuple[floa
     at_end = np.minimum(signal - np.min(signal), np.max(signal) - signal) <= limit
     clipped = at_end & (np.append(False, at_end[:-1]) | np.append(at_end[1:], False))
     bad &= (off > limit) & ~clipped
-    by_themselves = [at for at in np.flatnonzero(bad) if _is_by_itself(at, signal, off, bad)]
+    by_themselves = [at for at in np.flatnonzero(bad).tolist() if _is_by_itself(at, signal, off, bad)]
     return np.isin(np.arange(time.size), by_themselves)
 
 
