@@ -121,7 +121,7 @@ def test_no_random_force_leaves_no_error_of_the_speed():
 def test_sign_of_a_speed_that_is_not_known_exactly_is_its_mean():
     features = ForceFeatures(FORCES.select(["lambda"]), reference_frequency=W)
     time, speed, error = np.arange(50) * 0.01, np.linspace(-5e-4, 5e-4, 50), 2e-4
-    mean = features.cell_averages(time, np.zeros(50), speed, np.zeros(50), points=34, rate_error=error)[:, 0]
+    mean = features.cell_averages(time, np.zeros(50), speed, np.zeros(50), rate_error=error)[:, 0]
     assert mean == pytest.approx(erf(speed / (error * np.sqrt(2.0))), abs=0.06)
 
 

@@ -69,7 +69,7 @@ class DecayOptions:
         "Unit of the signal; default: the header's, or what its numbers say.",
     )
     sampling_rate: float | None = option("HZ", "Sampling rate, where there is no time column.")
-    time_units: str | None = option("s|ms|us|min", "Unit of time; default: the header's, or s.")
+    time_units: str | None = option("s|ms|us|min|h|days", "Unit of time; default: the header's, or s.")
     window: str = option("START:STOP", "Part of the record in s; either side may be empty.", ":")
     equilibrium: str = option("VALUE|auto", "Equilibrium angle, in the unit of the record's column.", "auto")
     decay: int | None = option(

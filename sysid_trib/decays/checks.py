@@ -21,6 +21,9 @@ RISING_PART = 0.8
 SWINGING_ON = 0.7
 # Its fall does not slow down: that of the last quarter is no less than this part of that of the first.
 HOLLOW = 0.8
+# Noise levels within which a sample is at the end of the sensor's range; part of the samples within four
+# times that which are at it in a flat top (of a parabola it is half of them); fewest flat tops of one sign.
+CLIPPED_NOISE, FLAT_PART, FEWEST_CLIPPED = 6.0, 0.75, 2
 # A hand takes a few periods at most.
 HAND_HALF_PERIODS = 8
 # Friction alone stops a swing that, at its last pace, would end within so many half periods.
@@ -127,41 +130,69 @@ def _refuse_pushes(peak: Array, swing: Swing, source: str) -> None:
             )
 
 
-def after_clipping(time: Array, angle: Array, swing: Swing, source: str) -> Swing:
-    """Leave out half periods with flat tops at one and the same extreme value, three or more of them.
+def end_of_clipping(time: Array, angle: Array, swing: Swing, source: str) -> tuple[int, str]:
+    """First sample after the last half period that the end of the sensor's range cuts off, and a sentence.
+
+    Returns
+    -------
+    int
+        0 where nothing is clipped.
+    str
+        What is left out, and why.
 
     Raises
     ------
     DecayError
-        Nothing is left.
+        Too little is left.
     """
-    last = swing.run.start
-    if swing.run.stop - last < FEWEST_EXTREMA:
-        return swing
-    for side in (1, -1):
-        clipped = _clipped(time, angle, swing, side)
-        if clipped.size >= 3:
-            last = max(last, swing.run.start + int(clipped[-1]) + 1)
-    if swing.run.stop - last < FEWEST_EXTREMA and last > swing.run.start:
-        limits = f"{angle.min():.6g} or {angle.max():.6g}"
+    halves = swing.halves
+    last, limits = -1, []
+    for side in (-1, 1) if swing.run.stop - swing.run.start >= FEWEST_EXTREMA else ():
+        reached, limit = _clipped(time, angle, swing, side)
+        if reached.size:
+            last = max(last, int(reached[-1]))
+            limits.append(f"{limit:.6g}")
+    if last < 0:
+        return 0, ""
+    if swing.run.stop - last - 1 < FEWEST_EXTREMA:
         raise DecayError(
-            f"{source}: its half periods are clipped at {limits}, to the end; record with a wider range."
+            f"{source}: its half periods are clipped at {' or '.join(limits)}, to the end; "
+            "record with a wider range."
         )
-    return replace(swing, run=slice(last, swing.run.stop))
+    first = int(np.searchsorted(time, halves.crossing[last + 1]))
+    cut = f"the first {time[first] - time[0]:.4g} s, clipped at {' and '.join(limits)}, left out"
+    return first, cut
 
 
-def _clipped(time: Array, angle: Array, swing: Swing, side: int) -> IntArray:
-    """Half periods of the run, of one sign, that stay at the extreme value for longer than a cosine would."""
-    starts, stops = swing.halves.select(swing.run).samples(time)
-    part = slice(int(starts[0]), int(stops[-1]))
-    limit = angle[part].max() if side > 0 else angle[part].min()
-    at_limit = np.concatenate(([0], np.cumsum(np.abs(angle - limit) <= 1e-9 * np.ptp(angle))))
-    flat = at_limit[stops] - at_limit[starts]
-    height = side * (limit - swing.equilibrium)
-    # A cosine stays within a quantisation step of its top for this part of a half period.
-    within = max(0.0, 1.0 - swing.oscillation.step / max(height, 1e-300))
-    usual = 2.0 / np.pi * np.arccos(within) * np.median(stops - starts)
-    return np.flatnonzero((flat > 1.5 * usual + 2) & (swing.halves.sign[swing.run] == side))
+def _clipped(time: Array, angle: Array, swing: Swing, side: int) -> tuple[IntArray, float]:
+    """Half periods of one sign that reach the extreme value, if some stay there too long; that value.
+
+    Exactly, or within the noise, which may come after what clips.
+    """
+    halves, run = swing.halves, swing.run
+    starts, stops = halves.samples(time)
+    part = slice(int(starts[run.start]), int(stops[run.stop - 1]))
+    limit = float(side * np.max(side * angle[part]))
+    height = max(side * (limit - swing.equilibrium), 1e-300)
+    inside = (np.arange(len(starts)) >= run.start) & (np.arange(len(starts)) < run.stop)
+    noise = swing.oscillation.smoothed_noise * np.sqrt(swing.oscillation.samples)
+
+    samples = np.minimum(stops - starts, np.median(stops - starts))
+
+    def near_limit(width: float) -> IntArray:
+        near = np.concatenate(([0], np.cumsum(np.abs(limit - angle) <= width)))
+        return np.where(halves.sign == side, near[stops] - near[starts], 0)
+
+    for width in (1e-9 * height, CLIPPED_NOISE * noise):
+        # A cosine stays within so much of its top for this part of a half period.
+        usual_width = max(width, swing.oscillation.step)
+        usual = 2.0 / np.pi * np.arccos(max(0.0, 1.0 - usual_width / height)) * samples
+        at_limit = near_limit(width)
+        # A broad top has many more samples somewhat below it, a flat one next to none.
+        tops = (at_limit > 1.5 * usual + 1) & (at_limit > FLAT_PART * near_limit(4.0 * usual_width))
+        if np.any(tops & inside) and np.count_nonzero(tops) >= FEWEST_CLIPPED:
+            return np.flatnonzero((at_limit > 0) & (inside | tops)), limit
+    return np.zeros(0, dtype=np.int64), limit
 
 
 def before_the_hand(swing: Swing) -> slice | None:

@@ -10,6 +10,7 @@ from sysid_trib.decays.decay_dataset import CutDecay, decay_dataset
 from sysid_trib.decays.equilibrium import Swing, find_swing
 from sysid_trib.decays.free_part import free_part
 from sysid_trib.decays.half_periods import dominant_periods
+from sysid_trib.decays.outliers import outliers
 from sysid_trib.decays.signal import checked_signal
 from sysid_trib.decays.uniform import Piece, uniform_pieces
 from sysid_trib.errors import DecayError, UsageError
@@ -140,14 +141,18 @@ def _kept_samples(time: Array, angle: Array, keep_outliers: bool) -> "tuple[Indi
     if frames is not None:
         kept = frames
         said.append(f"values are held over rows: the {frames.size} new ones of {time.size} are used")
-    outliers = spikes(time[kept], angle[kept])
-    if outliers.size and not keep_outliers:
-        listed = ", ".join(f"{angle[kept][at]:.4g} at {time[kept][at]:.6g} s" for at in outliers[:3])
-        more = ", ..." if outliers.size > 3 else ""
-        count = "1 outlier" if outliers.size == 1 else f"{outliers.size} outliers"
+    if keep_outliers:
+        return kept, said
+    calm = np.delete(kept, spikes(time[kept], angle[kept]))
+    if periods := dominant_periods(time[calm], angle[calm]):
+        calm = np.delete(calm, outliers(time[calm], angle[calm], periods[0]))
+    left_out = np.setdiff1d(kept, calm)
+    if left_out.size:
+        listed = ", ".join(f"{angle[at]:.4g} at {time[at]:.6g} s" for at in left_out[:3])
+        more = ", ..." if left_out.size > 3 else ""
+        count = "1 outlier" if left_out.size == 1 else f"{left_out.size} outliers"
         said.append(f"{count} left out ({listed}{more}; --keep-outliers keeps them)")
-        kept = np.delete(kept, outliers)
-    return kept, said
+    return calm, said
 
 
 def _decays_of(pieces: list[Piece], value: float | None, source: str) -> list[CutDecay]:
@@ -220,8 +225,11 @@ def _first(piece: Piece, value: float | None, source: str) -> CutDecay:
         raise DecayError(
             f"{source}: no oscillation stands out of the noise; check the column and the window."
         )
+    first, clipped = checks.end_of_clipping(time, signal, swing, source)
+    if first:
+        sentence = "; ".join(text for text in (piece.sentence, clipped) if text)
+        return _first(Piece(time[first:], signal[first:], sentence), value, source)
     swing = checks.after_the_drive(time, signal, swing)
-    swing = checks.after_clipping(time, signal, swing, source)
     swing = checks.after_the_largest(time, signal, swing, source)
     return CutDecay(piece, swing, free_part(time, signal - swing.equilibrium, swing))
 

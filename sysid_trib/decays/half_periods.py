@@ -29,6 +29,8 @@ class Oscillation:
         Quantisation step of the original signal (tiny if there is none).
     smoothed_noise : float
         White noise of one averaged point.
+    samples : int
+        That are averaged in a point.
     """
 
     time: Array
@@ -36,6 +38,7 @@ class Oscillation:
     period: float
     step: float
     smoothed_noise: float
+    samples: int
 
     @property
     def floor(self) -> float:
@@ -165,7 +168,7 @@ def smooth(time: Array, signal: Array, period: float) -> Oscillation:
         return (total[first + width] - total[first]) / width + values[0]
 
     noise = float(noise_level(time, signal) / np.sqrt(width))
-    return Oscillation(average(time), average(signal), period, quantisation_step(signal), noise)
+    return Oscillation(average(time), average(signal), period, quantisation_step(signal), noise, width)
 
 
 def find_half_periods(oscillation: Oscillation, equilibrium: float = 0.0) -> HalfPeriods:

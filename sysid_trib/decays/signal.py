@@ -11,6 +11,22 @@ from sysid_trib.errors import DecayError, UsageError
 LARGEST_NUMBER = 1e75
 FEWEST_SAMPLES = 4
 ANGLE_UNIT = "rad"
+SPELT_SECONDS = ("", "1", "s", "sec", "second", "seconds")
+# Units of an angle that files may have, and a record in memory may not: its forces are functions of radians.
+OTHER_ANGLES = (
+    "deg",
+    "degree",
+    "degrees",
+    "°",
+    "mrad",
+    "µrad",
+    "rev",
+    "turn",
+    "turns",
+    "gon",
+    "arcmin",
+    "arcsec",
+)
 
 
 def unit_of_signal(record: xr.Dataset) -> str:
@@ -33,7 +49,8 @@ def checked_signal(record: Any, *names: str) -> None:
     UsageError
         It is no Dataset, has no `angle(time)`, or no numbers in it.
     DecayError
-        A number that is none, or vast, times that do not rise, or next to no samples.
+        A number that is none, or vast, times that do not rise, or next to no samples; or an angle or a time
+        in a unit of its own.
     """
     if not isinstance(record, xr.Dataset) or "angle" not in record:
         raise UsageError(
@@ -59,7 +76,23 @@ def checked_signal(record: Any, *names: str) -> None:
                 f"{source}: {where} is not a finite number that can be computed with "
                 f"({variable.values[first]:g}); cut it out."
             )
+    _check_units(record, source)
     if record.sizes["time"] < FEWEST_SAMPLES:
         raise DecayError(f"{source}: only {record.sizes['time']} samples are no oscillation; record longer.")
     if np.any(np.diff(record.variables["time"].values.astype(float)) <= 0.0):
         raise DecayError(f"{source}: its times do not rise; sort them.")
+
+
+def _check_units(record: xr.Dataset, source: str) -> None:
+    """Refuse times that are not in s and angles that are not in rad; a displacement has any unit."""
+    time_unit = str(record["time"].attrs.get("units", "")).strip()
+    if time_unit.lower() not in SPELT_SECONDS:
+        raise DecayError(
+            f"{source}: its times are in {time_unit}, where s are needed; convert them "
+            '(record.assign_coords(time=...)), with units="s".'
+        )
+    angle_unit = unit_of_signal(record).strip()
+    if angle_unit.lower() in OTHER_ANGLES:
+        raise DecayError(
+            f'{source}: its angle is in {angle_unit}, where rad are needed; convert it, with units="rad".'
+        )

@@ -26,7 +26,7 @@ from sysid_trib.noise.sensor_noise import colour_variables
 from sysid_trib.records.runs import Decays, as_runs, root_mean_square
 from sysid_trib.regression.constraint_map import ConstraintMap, constraint_map
 from sysid_trib.regression.linearisation import linearised
-from sysid_trib.regression.problem import Runs, begin
+from sysid_trib.regression.problem import Runs, along_own_path, begin
 from sysid_trib.regression.rows import Rows, stack_rows, strong_rows, weak_regression
 from sysid_trib.regression.solution import Solution, select, solve, with_errors_of_dropped
 from sysid_trib.results.per_run import start_variables
@@ -37,6 +37,8 @@ from sysid_trib.trajectory_fit.pushed_columns import PushedRegression, regress_p
 from sysid_trib.trajectory_fit.refined_columns import refine_columns, shifted
 
 MAX_SELECTIONS = 5
+# The columns of the first are at a frequency of two digits, and its operator knows no force that is free.
+FIRST_ESTIMATES = 2
 
 
 @dataclass(frozen=True)
@@ -160,8 +162,10 @@ class Direct:
         )
         every = np.ones(len(offered), bool)
         further: RatioAverage | None = None
-        rows = weak_regression(runs, [linearised(run) for run in runs])
-        runs = solve(rows, runs[0], every, constraints).applied_to(runs)
+        for _ in range(FIRST_ESTIMATES):
+            rows = weak_regression(runs, [linearised(run) for run in runs])
+            after = solve(rows, runs[0], every, constraints).applied_to(runs)
+            runs = tuple(along_own_path(run) for run in after)
         if is_fitted(self.random_force) and self._takes_random_force:
             pushed, active = _pushed(self, runs, constraints)
             runs, rows, refined, further = pushed.runs, pushed.rows, pushed.settled, pushed.further

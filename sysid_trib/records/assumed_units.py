@@ -23,6 +23,11 @@ ROUND = 0.02
 GRAVITY_TOLERANCE = 0.05
 # Stamps that count from 1970, in the years 1990 to 2100.
 EPOCH_STAMPS = (("ms", 6.3e11, 4.1e12), ("us", 6.3e14, 4.1e15), ("ns", 6.3e17, 4.1e18))
+# Days as spreadsheets (from 1900) and MATLAB (from the year 0) count them, in the same years; of samples that
+# are less than two seconds apart: as seconds they would be microseconds apart.
+SERIAL_DAYS, SHORT_OF_DAYS = ((3.2e4, 7.4e4), (7.26e5, 7.68e5)), 2.0 / 86400.0
+# s; whole stamps so far apart are counts of a shorter unit: no oscillation is sampled once a minute.
+LONGEST_WHOLE_STEP = 60.0
 # An accelerometer that rests shows gravity: near 1 in g, near 9.8 in m/s^2.
 REST_IN_G = (0.5, 1.2)
 
@@ -73,10 +78,18 @@ def _beside_steps(table: FileTable, name: str, source: str) -> tuple[str, float,
             for text in ("s", "ms", "us"):
                 if np.isclose(usual * TIME_UNITS[text], stated, rtol=0.01):
                     return text, TIME_UNITS[text], f"time in {text}, by its steps in column {other}"
+    middle = float(np.nanmedian(stamps)) if steps.size else 0.0
     for text, low, high in EPOCH_STAMPS:
-        if stamps.size and low < float(np.nanmedian(stamps)) < high:
+        if low < middle < high:
             return text, TIME_UNITS[text], f"time in {text}: it counts from 1970"
+    if 0.0 < usual < SHORT_OF_DAYS and any(low < middle < high for low, high in SERIAL_DAYS):
+        return "days", TIME_UNITS["days"], "time in days: serial dates, as spreadsheets and MATLAB have them"
     counts = usual >= 1.0 and bool(np.all(stamps == np.round(stamps)))
+    if counts and usual > LONGEST_WHOLE_STEP:
+        raise RecordError(
+            f"{source}: the stamps of column {name} are whole numbers, {usual:g} apart, in no unit that is "
+            f"stated; give it, --time-units (time_units= in Python): {OFFERED_TIME_UNITS}."
+        )
     return "s", 1.0, "unit of time not stated: taken as s, though its stamps are whole" if counts else ""
 
 

@@ -78,6 +78,37 @@ class WeakFormProblem:
         """Which of the library are terms of the sensor, (force,) array of bool."""
         return np.array([force.kind == "sensor" for force in self.library])
 
+    def averaged_columns(
+        self,
+        frequency: float,
+        x: Array,
+        v: Array,
+        *,
+        rate_error: float = 0.0,
+        hidden: Mapping[str, Array] | None = None,
+    ) -> Array:
+        """Forces, averaged over each sample's cell, and terms of the sensor along a path, (sample, force).
+
+        Values at the samples alone would turn with the sampling where a period has a whole number of them:
+        a sign that is off in the same places of every period seems to tell forces apart.
+
+        Parameters
+        ----------
+        frequency : float, rad/s
+            Reference frequency.
+        x, v : (sample,) array of float, rad
+            theta and theta'/frequency.
+        rate_error : float, rad
+            Standard error to which v is known.
+        hidden : mapping of str to (sample,) array of float, optional
+            Internal states and memory that are known, `{"dahl.z": ...}`.
+        """
+        acceleration = np.gradient(v, self.form.tau) * (self.nominal_frequency / frequency)
+        forces = self.features(frequency).cell_averages(
+            self.elapsed, x, v, acceleration, rate_error=rate_error, internal=hidden
+        )
+        return self.with_sensor_terms(forces, x, v)
+
     def with_sensor_terms(self, forces: Array, x: Array, v: Array) -> Array:
         """Columns of the forces with h(x, v, t) of each term of the sensor among them, (sample, force)."""
         if not self.of_sensor.any():
@@ -218,7 +249,10 @@ def begin(
     median = float(np.median([np.pi / swing_frequency(decay) for decay in decays]))
     nominal = reference_frequency or nominal_frequency(np.pi / median)
     free = reference_frequency is None
-    runs = tuple(_first_run(decay, library, shapes, nominal, free) for decay in decays)
+    # What is held acts from the first estimate on: a stiffness is no part of the frequency then.
+    held = constraints.impose(np.zeros(len(library)))
+    first = [_first_run(decay, library, shapes, nominal, free) for decay in decays]
+    runs = tuple(replace(run, coefficients=held) for run in first)
     rows = sum(run.problem.form.rows for run in runs)
     if rows < len(library) + 3 + len(runs):
         raise DecayError(f"{rows} rows cannot decide {len(library)} forces; give a longer record.")
@@ -238,15 +272,20 @@ def _first_run(
 ) -> RunRegression:
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
     form = build_weak_form(nominal * (time - time[0]))
-    x, v, acceleration, _ = smooth(form.tau, angle)
+    x, v, _, _ = smooth(form.tau, angle)
     problem = WeakFormProblem(
         time, angle, form, library, dict(shapes), nominal, free, sensor_noise(decay), known_input_of(decay)
     )
-    forces = problem.features(nominal).cell_averages(problem.elapsed, x, v, acceleration)
-    columns = problem.with_sensor_terms(forces, x, v)
-    reference = ReferenceTrajectory(x, v, columns, exact=False)
+    reference = ReferenceTrajectory(x, v, problem.averaged_columns(nominal, x, v), exact=False)
     start = float(x[0]), float(v[0] * nominal)
     return RunRegression(problem, reference, np.zeros(len(library)), nominal, 0.0, start)
+
+
+def along_own_path(run: RunRegression) -> RunRegression:
+    """A run with the columns of its path at its present frequency."""
+    path = run.reference
+    columns = run.problem.averaged_columns(run.frequency, path.x, path.v)
+    return replace(run, reference=ReferenceTrajectory(path.x, path.v, columns, exact=False))
 
 
 def _as_forces(run: RunRegression) -> Array:
@@ -272,16 +311,24 @@ def update(runs: Runs, coefficients: Array, steps: Array, constraints: Constrain
     Returns
     -------
     tuple of RunRegression
+        The columns of their motions are those before.
     """
-    problem, frequency = runs[0].problem, runs[0].frequency
+    problem, former = runs[0].problem, runs[0].frequency
+    frequency = former
     if problem.frequency_free:
-        former, frequency = frequency, float(frequency * np.sqrt(max(0.25, 1.0 + steps[-1])))
+        frequency = float(former * np.sqrt(max(0.25, 1.0 + steps[-1])))
         factors = rescaling_factors(problem.library.forces, former, frequency)
         # A force without a degree in v keeps its size at least: w^2 c stays. A term of the sensor has no w^2.
         factors = np.where(np.isnan(factors), (former / frequency) ** 2, factors)
         coefficients = coefficients * np.where(problem.of_sensor, 1.0, factors)
     coefficients = constraints.impose(coefficients)
     return tuple(
-        replace(run, coefficients=coefficients, frequency=frequency, offset=run.offset + float(step))
+        replace(
+            run,
+            coefficients=coefficients,
+            frequency=frequency,
+            offset=run.offset + float(step),
+            reference=replace(run.reference, v=run.reference.v * (former / frequency)),
+        )
         for run, step in zip(runs, steps, strict=False)
     )

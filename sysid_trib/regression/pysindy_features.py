@@ -18,6 +18,8 @@ from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues
 
 # What pysindy calls its inputs when nobody has named them.
 UNNAMED = ["x0", "x1"]
+# Points of each sample's cell at which forces that jump are averaged.
+POINTS_OF_CELL = 34
 BINDING: dict[type, tuple[int, str]] = {
     ast.Add: (1, " + "),
     ast.Sub: (1, " - "),
@@ -134,16 +136,23 @@ class ForceFeatures(BaseFeatureLibrary):
         -------
         (sample, force) array of float, rad
         """
-        known, columns = internal or {}, np.empty((*angle.shape, len(self._forces)))
-        tau = time * float(self.reference_frequency or 0.0)
+        columns = np.empty((*angle.shape, len(self._forces)))
         for i, force in enumerate(self._forces):
-            names = {name: f"{force.symbol}.{name}" for name in (*force.state, *force.memory)}
-            if all(name in known for name in names.values()):
-                hidden = {name: known[full] for name, full in names.items()}
-            else:
-                hidden = states_along(force, tau, angle, rate, self.shapes, time=time)
-            columns[..., i] = force.value(angle, rate, time, shapes=self.shapes, hidden=hidden)
+            columns[..., i] = self._value(force, time, angle, rate, internal)
         return columns
+
+    def _value(
+        self, force: Force, time: Array, angle: Array, rate: Array, internal: Mapping[str, Array] | None
+    ) -> Array:
+        """Value of one force along a motion, its states as far as they are known."""
+        known = internal or {}
+        names = {name: f"{force.symbol}.{name}" for name in (*force.state, *force.memory)}
+        if all(name in known for name in names.values()):
+            hidden = {name: known[full] for name, full in names.items()}
+        else:
+            tau = time * float(self.reference_frequency or 0.0)
+            hidden = states_along(force, tau, angle, rate, self.shapes, time=time)
+        return force.value(angle, rate, time, shapes=self.shapes, hidden=hidden)
 
     def cell_averages(
         self,
@@ -152,8 +161,8 @@ class ForceFeatures(BaseFeatureLibrary):
         rate: Array,
         acceleration: Array,
         *,
-        points: int = 4,
         rate_error: float = 0.0,
+        internal: Mapping[str, Array] | None = None,
     ) -> Array:
         """`evaluate`, averaged over each sample's cell: sign(v) turns where v does, not at a sample.
 
@@ -163,10 +172,10 @@ class ForceFeatures(BaseFeatureLibrary):
             From the first sample.
         angle, rate, acceleration : (sample,) array of float, rad
             theta, theta' and theta''.
-        points : int
-            In each cell.
         rate_error : float, rad
             Standard deviation of a rate that is not known exactly: the average is over its normal law too.
+        internal : mapping of str to (sample,) array of float, optional
+            As of `evaluate`.
 
         Returns
         -------
@@ -182,8 +191,8 @@ class ForceFeatures(BaseFeatureLibrary):
         columns = np.empty((len(time), len(self._forces)))
         frequency = float(self.reference_frequency or 0.0)
         timed = any(force.holds_time for force in self._forces)
-        number = np.arange(points) - 0.5 * (points - 1)
-        cell, parts = frequency * np.gradient(time), number / points
+        number = np.arange(POINTS_OF_CELL) - 0.5 * (POINTS_OF_CELL - 1)
+        cell, parts = frequency * np.gradient(time), number / POINTS_OF_CELL
         errors = rate_error * ndtri(np.mod(golden_ratio * number + 0.5, 1.0))
 
         def near(part: float, error: float, samples: Sequence[Array]) -> tuple[Array, Array, Array]:
@@ -201,8 +210,7 @@ class ForceFeatures(BaseFeatureLibrary):
         for i, force in enumerate(self._forces):
             # Internal states are continuous, and costly to compute.
             if not force.memoryless:
-                states = states_along(force, time * frequency, angle, rate, self.shapes, time=time)
-                columns[:, i] = force.value(angle, rate, time, shapes=self.shapes, hidden=states)
+                columns[:, i] = self._value(force, time, angle, rate, internal)
                 continue
             low, high = (force.value(*point, shapes=self.shapes) for point in (before, after))
             columns[:, i] = 0.5 * (low + high)

@@ -21,7 +21,13 @@ from sysid_trib.noise.smoothing import least_squares_spline
 from sysid_trib.noise.smoothing_error import smoothed_rate_error
 from sysid_trib.regression.constraint_map import ConstraintMap
 from sysid_trib.regression.linearisation import DeviationOperator, sensor_slope
-from sysid_trib.regression.problem import NearbyMotion, ReferenceTrajectory, RunRegression, Runs
+from sysid_trib.regression.problem import (
+    NearbyMotion,
+    ReferenceTrajectory,
+    RunRegression,
+    Runs,
+    along_own_path,
+)
 from sysid_trib.regression.rows import Rows, run_weights, stack_rows
 from sysid_trib.regression.solution import Solution, solve
 from sysid_trib.trajectory_fit.ratio_errors import average_by_ratios
@@ -40,8 +46,6 @@ MAX_SMOOTHED_PATHS = 12
 ROUNDS_TO_SETTLE, STEP_AMONG_ERRORS = 4, 0.2
 # Round in which the colour of the sensor's noise is estimated, by a motion that is no longer the first guess.
 COLOUR_ROUND = 1
-# Points of each sample's cell at which forces that jump are averaged.
-POINTS_OF_CELL = 34
 
 
 @dataclass(frozen=True)
@@ -97,7 +101,7 @@ def regress_pushed(
         # A motion that slipped where both noises were known would slip again, or now and then.
         tried = [turn <= COLOUR_ROUND or run.reference.near is not None for run in runs]
         anchored = [
-            _beside_motion(run, active, near) if may_follow else (_along_path(run), None)
+            _beside_motion(run, active, near) if may_follow else (along_own_path(run), None)
             for run, near, may_follow in zip(runs, sensitivities, tried, strict=True)
         ]
         runs, sensitivities = tuple(run for run, _ in anchored), [near for _, near in anchored]
@@ -131,39 +135,22 @@ def _beside_motion(
     try:
         free = motion_of_run(run, active, sensitivity, near=True)
     except SimulationError:
-        return _along_path(run), None
-    along = _columns(run, free.x, free.v)
+        return along_own_path(run), None
+    along = problem.averaged_columns(run.frequency, free.x, free.v)
     force = (run.frequency / problem.nominal_frequency) ** 2 * (free.x + along @ run.acting)
     # The first path: the free motion itself.
     reference = ReferenceTrajectory(free.x, free.v, along, exact=False, near=NearbyMotion(free.x, force))
     beside = replace(run, reference=reference, start=(free.angle, free.rate))
     if has_slipped(beside):
-        return _along_path(run), None
+        return along_own_path(run), None
     if run.noises is not None:
         # Friction holds a body that rests with what it takes, no more.
         near = NearbyMotion(free.x, np.where(free.v == 0.0, problem.pushes, force))
         error = smoothed_rate_error(run.noises.ratio, float(np.median(np.diff(problem.form.tau))))
-        expected = _columns(run, path.x, path.v, error)
+        expected = problem.averaged_columns(run.frequency, path.x, path.v, rate_error=error)
         beside = replace(beside, reference=replace(path, columns=expected, exact=False, near=near))
     # The zero of the sensor is that of the rows, which know the random force.
     return beside, free.sensitivity
-
-
-def _along_path(run: RunRegression) -> RunRegression:
-    """A run with its columns along its path, where no free motion of its model follows the record."""
-    path = run.reference
-    along = _columns(run, path.x, path.v)
-    return replace(run, reference=ReferenceTrajectory(path.x, path.v, along, exact=False))
-
-
-def _columns(run: RunRegression, x: Array, v: Array, rate_error: float = 0.0) -> Array:
-    """Forces and terms of the sensor along a motion whose v is known to a standard error, (sample, force)."""
-    problem = run.problem
-    acceleration = np.gradient(v, problem.form.tau)
-    forces = problem.features(run.frequency).cell_averages(
-        problem.elapsed, x, v, acceleration, points=POINTS_OF_CELL, rate_error=rate_error
-    )
-    return problem.with_sensor_terms(forces, x, v)
 
 
 def _smoothed(runs: Runs, operators: Sequence[DeviationOperator], solution: Solution) -> Runs:

@@ -136,8 +136,7 @@ def simulated(
         Of its own motion, if it is known.
     """
     problem, motion = run.problem, motion_of_run(run, active, sensitivity)
-    forces = problem.features(run.frequency).evaluate(problem.elapsed, motion.x, motion.v, motion.hidden)
-    columns = problem.with_sensor_terms(forces, motion.x, motion.v)
+    columns = problem.averaged_columns(run.frequency, motion.x, motion.v, hidden=motion.hidden)
     reference = ReferenceTrajectory(motion.x, motion.v, columns, exact=True)
     start = motion.angle, motion.rate
     return replace(run, reference=reference, start=start, offset=motion.offset), motion.sensitivity
