@@ -14,7 +14,9 @@ from sysid_trib.commands.threads import one_thread
 def backbone(
     *,
     given: DecayOptions,
-    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help=WHERE_TO_WRITE)] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE", help=WHERE_TO_WRITE)
+    ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the curves as JSON, and nothing else.")
     ] = False,
