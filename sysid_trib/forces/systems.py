@@ -52,6 +52,11 @@ class System:
         """Forces that are identified or held."""
         return (*self.forces, *self.held)
 
+    def with_held(self, forces: str) -> str:
+        """Forces by their symbols, `lambda,zeta`, and those that are always there."""
+        named = [symbol.strip() for symbol in forces.split(",") if symbol.strip()]
+        return ",".join([*named, *(symbol for symbol in self.held if symbol not in named)])
+
 
 def load_system(name_or_path: str) -> System:
     """A system by its name, or the first of a TOML file.
