@@ -19,7 +19,7 @@ from sysid_trib.arrays import Array
 CURVE_SPLINES, CURVE_DEGREE = 40, 3
 # What is tried: variances of the bends in units of the noise, and of the walk in units of the sensor's.
 BENDS = np.logspace(-5, 9, 15)
-WALKS = np.append(0.0, np.logspace(-2, 3, 6))
+WALKS = np.append(0.0, np.logspace(-2, 3, 11))
 # The bends of the curve over the likeliest: a curve that at a kink, too, is off by less than its noise (Hall
 # 1992).
 UNDERSMOOTHED = 10.0

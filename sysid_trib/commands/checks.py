@@ -83,8 +83,8 @@ def asked_model(
     if contactless and model.reference_frequency:
         raise UsageError("--omega0 and --reference-frequency each give alpha a meaning: choose one.")
     forces = model.forces
-    if system is not None and forces is None:
-        forces = ",".join(system.symbols)
+    if system is not None:
+        forces = ",".join(system.symbols) if forces is None else system.with_held(forces)
     offered = offered_forces(model.library, forces, bool(contactless or model.reference_frequency))
     shapes = held_shapes(given.set_, offered)
     constraints = Constraints.from_texts(given.fix, given.bound, given.tie)

@@ -23,7 +23,7 @@ EFFECTS = "candidate_effects"
 def start_forces(
     library: str, forces: str | None, frequency: float | None, system: "System | None" = None
 ) -> "ForceLibrary":
-    """The forces of the start model: those asked for, else viscous friction and what a system always has.
+    """The forces of the start model: those asked for, else viscous friction; and what a system always has.
 
     Raises
     ------
@@ -38,7 +38,9 @@ def start_forces(
                 f"Library '{whole.title}' has no viscous friction to start from; name the forces of the "
                 f"start model (--forces {','.join(whole.symbols[:2])})."
             )
-        forces = ",".join([viscous.symbol, *(system.held if system is not None else ())])
+        forces = viscous.symbol
+    if system is not None:
+        forces = system.with_held(forces)
     return offered_forces(library, forces, frequency is not None)
 
 

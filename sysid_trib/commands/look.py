@@ -30,7 +30,7 @@ def look(
             from sysid_trib.commands.record_inputs import decays_within, read_sources
             from sysid_trib.looking.look import look as facts
             from sysid_trib.printing.layers import Layer
-            from sysid_trib.printing.looked import look_blocks, look_json
+            from sysid_trib.printing.looked import look_blocks, look_json, pointed_options
             from sysid_trib.printing.next_step import NextStep
 
             check_folder(plot)
@@ -39,7 +39,8 @@ def look(
             understood = sentences
             decays = decays_within(given, records)
             tree = facts(records, decays)
-            command = command_after(NextStep("identify", "the forces of this decay"), (given,))
+            asked = pointed_options(tree, given.system is not None)
+            command = command_after(NextStep("identify", "the forces of this decay", asked), (given,))
             if plot is not None:
                 tell("figure")
                 from sysid_trib import plots

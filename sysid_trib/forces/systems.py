@@ -57,6 +57,11 @@ class System:
         """Bounds of those of these forces whose coefficient physics does not let be negative."""
         return {symbol: (0.0, math.inf) for symbol in symbols if symbol in self.not_negative}
 
+    def with_held(self, forces: str) -> str:
+        """Forces by their symbols, `lambda,zeta`, and those that are always there."""
+        named = [symbol.strip() for symbol in forces.split(",") if symbol.strip()]
+        return ",".join([*named, *(symbol for symbol in self.held if symbol not in named)])
+
 
 def load_system(name_or_path: str) -> System:
     """A system by its name, or the first of a TOML file.

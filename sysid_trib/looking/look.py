@@ -4,14 +4,20 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
+from sysid_trib.averaging.backbone import backbone_curves
 from sysid_trib.decays.half_periods import noise_level
 from sysid_trib.decays.half_sines import envelope
 from sysid_trib.decays.signal import unit_of_signal
+from sysid_trib.errors import DecayError
+from sysid_trib.forces.library import load_library
+from sysid_trib.looking.pointers import Pointed, pointed_to
 from sysid_trib.looking.sensor_step import sensor_step
 from sysid_trib.noise.level import sensor_noise
 from sysid_trib.results.per_run import group_names
+from sysid_trib.results.signal_scale import counts_angles
 from sysid_trib.results.variables import Variables, variable
 
+USUAL_LIBRARY, PENDULUM = "contact_forces", "pendulum"
 # Points of a spectrum that are kept: it is drawn, not computed with.
 SPECTRUM_POINTS = 2000
 # Instants at either end from which the rate of decay there is taken.
@@ -41,7 +47,8 @@ def look(records: list[xr.Dataset], decays: list[xr.Dataset]) -> xr.DataTree:
         `first_amplitude`, `last_amplitude`, `first_damping_ratio`, `last_damping_ratio`, `noise`,
         `drift` (of the middle; 0
         within its errors), `sensor_step` (of what was measured; nan if none), `samples_per_period`, and
-        `spectrum(frequency_line)`. Units are those of the record.
+        `spectrum(frequency_line)`. Units are those of the record. attrs `points_to_forces`,
+        `points_to_system`, `points_to`: what the backbone points to, empty if nothing.
 
     Raises
     ------
@@ -88,7 +95,24 @@ def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
     kept = curve[["amplitude", "instant_time", "frequency"]].assign(
         amplitude=("instant", amplitude, curve.amplitude.attrs | {"units": unit})
     )
-    return kept.assign({**scalars, **_spectrum(time, angle, unit)}).assign_attrs(decay.attrs)
+    return kept.assign({**scalars, **_spectrum(time, angle, unit)}).assign_attrs(
+        {**decay.attrs, **_pointers(decay)}
+    )
+
+
+def _pointers(decay: xr.Dataset) -> dict[str, str]:
+    """What the backbone points to: forces by their symbols, the system, both in words; empty if nothing."""
+    library = load_library(USUAL_LIBRARY)
+    try:
+        pointed = pointed_to(backbone_curves(decay), library, angle=counts_angles(decay))
+    except DecayError:
+        pointed = Pointed()
+    forces = [force.symbol for formula in pointed.formulas if (force := library.role(formula)) is not None]
+    return {
+        "points_to_forces": ",".join(forces),
+        "points_to_system": PENDULUM if pointed.pendulum else "",
+        "points_to": pointed.sentence,
+    }
 
 
 def _beside_a_drift(amplitude: Array) -> Array:

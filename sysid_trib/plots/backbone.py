@@ -1,5 +1,7 @@
 """Frequency and damping ratio against amplitude: the record's with their bands, and the models'."""
 
+from typing import Any
+
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -25,7 +27,16 @@ from sysid_trib.validation.lack_of_fit import lack_of_fit
 PANEL_HEIGHT = 2.6
 CURVE_LABELS = {"frequency": "frequency (rad/s)", "damping_ratio": "damping ratio"}
 # Room about the bands, in parts of their extent: single periods may scatter far beyond them.
-MARGIN = 0.3
+MARGIN = 0.15
+# A band so many times the median is an end's.
+WIDE = 4.0
+DOTS: dict[str, Any] = OPEN_MARKS | {
+    "color": GREY,
+    "marker": "o",
+    "markersize": 2,
+    "linestyle": "",
+    "zorder": 1,
+}
 
 
 def backbone(data: xr.Dataset | xr.DataTree, run: int = 0) -> Figure:
@@ -67,19 +78,21 @@ def draw_curve(ax: Axes, data: xr.Dataset, name: str, models: xr.Dataset | None 
     """
     amplitude = data.amplitude.values
     low, high = (data[f"{name}_{end}"].values for end in ("low", "high"))
-    single = {"color": GREY, "marker": "o", "linestyle": "", "zorder": 1} | OPEN_MARKS | {"markersize": 2}
-    ax.plot(data.period_amplitude, data[f"period_{name}"], **single)
+    ax.plot(data.period_amplitude, data[f"period_{name}"], **DOTS)
     ax.fill_between(amplitude, low, high, color=INK, alpha=0.2, linewidth=0, zorder=2, label="record, 95 %")
     ax.plot(amplitude, data[name], color=INK, linewidth=0.8, zorder=2)
-    labels = [] if models is None else models.model.values.tolist()
-    for at, label in enumerate(labels):
-        series = MODEL_LINES[at % len(MODEL_LINES)]
-        ax.plot(
-            amplitude, models[name].sel(model=label), **line(series), zorder=series["zorder"], label=label
-        )
-    # By the bands where they are narrow: an end of few periods would hide all else.
-    narrow = high - low <= 4.0 * np.median(high - low)
-    bottom, top = float(low[narrow].min()), float(high[narrow].max())
+    if models is not None:
+        _draw_models(ax, models, name)
+    # All of the curve, and the band where it is narrow: an end of few periods would hide all else.
+    narrow = high - low <= WIDE * np.median(high - low)
+    bottom = min(float(low[narrow].min()), float(data[name].min()))
+    top = max(float(high[narrow].max()), float(data[name].max()))
     ax.set(ylim=(bottom - MARGIN * (top - bottom), top + MARGIN * (top - bottom)), xscale="log")
     ax.set(xlabel=f"amplitude ({data.amplitude.attrs['units']})", ylabel=CURVE_LABELS[name])
     logarithmic_ticks(ax.xaxis, float(amplitude[0]), float(amplitude[-1]))
+
+
+def _draw_models(ax: Axes, models: xr.Dataset, name: str) -> None:
+    for at, label in enumerate(models.model.values.tolist()):
+        series, curve = MODEL_LINES[at % len(MODEL_LINES)], models[name].sel(model=label)
+        ax.plot(models.amplitude, curve, **line(series), zorder=series["zorder"], label=label)

@@ -19,8 +19,8 @@ PRINTED_AMPLITUDES = 8
 CURVE_NAMES = ("frequency", "damping_ratio", "dissipative_force", "elastic_force")
 COLUMNS = tuple(f"{name}{end}" for name in CURVE_NAMES for end in ("", "_standard_error", "_low", "_high"))
 EXPLANATION = (
-    "±: half the band that holds the whole curve in 95 % of records, for noise of the sensor and a random walk of "
-    "amplitude and phase."
+    "±: half the band that holds the whole curve in 95 % of records, for noise of the sensor and a random "
+    "walk of amplitude and phase."
 )
 
 

@@ -54,10 +54,33 @@ def look_json(tree: xr.DataTree, next_command: str) -> dict[str, Any]:
         "decays": [
             {name: number(decay[name].item()) for name in FACTS}
             | {"unit": decay.first_amplitude.attrs["units"], "free_decay": decay.attrs.get("free_decay")}
+            | {name: decay.attrs[name] for name in ("points_to_forces", "points_to_system")}
             for decay in _decays(tree)
         ],
         "next": next_command,
     }
+
+
+def pointed_options(tree: xr.DataTree, system_given: bool) -> dict[str, str]:
+    """Options of `identify` that the backbones of all decays point to.
+
+    Parameters
+    ----------
+    tree : DataTree
+        Of `look`.
+    system_given : bool
+        Whether the user has said what swings.
+    """
+    decays = _decays(tree)
+    systems = {str(decay.attrs["points_to_system"]) for decay in decays}
+    forces = dict.fromkeys(
+        symbol for decay in decays for symbol in str(decay.attrs["points_to_forces"]).split(",") if symbol
+    )
+    # Of another system the frequency is another one's, and so are its forces.
+    options = {} if system_given or not forces else {"forces": ",".join(forces)}
+    return options | (
+        {"system": systems.pop()} if not system_given and len(systems) == 1 and all(systems) else {}
+    )
 
 
 def _decays(tree: xr.DataTree) -> list[xr.Dataset]:
@@ -90,7 +113,9 @@ def _sentences(decay: xr.Dataset) -> list[str]:
             "by forces that differ between the two sides"
         )
     limits += _law(value, fall)
-    return [*sentences, f"{'; '.join(limits).capitalize()}."] if limits else sentences
+    sentences += [f"{'; '.join(limits).capitalize()}."] if limits else []
+    pointed = decay.attrs["points_to"]
+    return [*sentences, f"{pointed[0].upper()}{pointed[1:]}."] if pointed else sentences
 
 
 def _law(value: dict[str, float], fall: float) -> list[str]:

@@ -1,0 +1,193 @@
+"""Frequency and damping ratio against amplitude, without a model, with bands."""
+
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+from command_line import run
+from scipy.interpolate import PchipInterpolator
+
+import sysid_trib as st
+from sysid_trib.averaging.backbone import CURVES
+from sysid_trib.errors import DecayError
+from sysid_trib.forces.library import parse_library
+from sysid_trib.validation.lack_of_fit import departure_sentence, departures, lack_of_fit
+
+W, PER_PERIOD = 2.0 * np.pi, 40
+
+
+def motion(forces, periods=50, start=0.4, **options):
+    """Angle of a model of (formula, coefficient)."""
+    rows = [{"symbol": f"f{at}", "formula": formula} for at, (formula, _) in enumerate(forces)]
+    coefficients = {f"f{at}": value for at, (_, value) in enumerate(forces)}
+    model = st.Model(parse_library({"force": rows}, "test"), coefficients, W)
+    time = np.arange(periods * PER_PERIOD) / PER_PERIOD
+    return st.simulate(model, time, angle=start, **options)[["angle"]]
+
+
+def measured(clean, noise=3e-4, seed=0):
+    return clean + noise * np.random.default_rng(seed).standard_normal(clean.sizes["time"])
+
+
+def decay_of(clean, **options):
+    return st.free_decay(measured(clean, **options).assign_attrs(source="test"))
+
+
+def holds(band, curve, name):
+    """Whether the whole of a curve is in the band of another."""
+    inside = (curve.amplitude > band.amplitude[0]) & (curve.amplitude < band.amplitude[-1])
+    amplitude, value = curve.amplitude.values[inside], curve[name].values[inside]
+    low, high = (
+        PchipInterpolator(band.amplitude, band[f"{name}_{end}"])(amplitude) for end in ("low", "high")
+    )
+    return bool(np.all((value >= low) & (value <= high)))
+
+
+@pytest.fixture(scope="module")
+def viscous():
+    return motion([("2*v", 4e-3)])
+
+
+@pytest.fixture(scope="module")
+def curves(viscous):
+    return st.backbone(decay_of(viscous))
+
+
+def test_the_curves_of_viscous_friction_are_straight(curves):
+    for name, truth in (("frequency", W), ("damping_ratio", 4e-3)):
+        assert np.all((curves[f"{name}_low"] < truth) & (truth < curves[f"{name}_high"]))
+    assert curves.damping_ratio.values == pytest.approx(4e-3, rel=0.2)
+    assert curves.frequency.values == pytest.approx(W, rel=2e-3)
+
+
+def test_amplitude_over_time_is_that_of_the_motion(curves):
+    truth = 0.4 * np.exp(-4e-3 * W * curves.time)
+    inside = (curves.amplitude_over_time_low < truth) & (truth < curves.amplitude_over_time_high)
+    assert inside.all()
+
+
+def test_all_variables_have_unit_and_name_and_come_back(curves, tmp_path):
+    for name, variable in curves.variables.items():
+        assert {"units", "long_name"} <= set(variable.attrs), name
+    st.save(curves, tmp_path / "backbone.nc")
+    xr.testing.assert_equal(st.load(tmp_path / "backbone.nc").to_dataset(), curves)
+    assert curves.amplitude.attrs["units"] == "rad"
+    dissipative = curves.damping_ratio * curves.amplitude
+    np.testing.assert_allclose(curves.dissipative_force, dissipative)
+
+
+def test_bands_are_wider_than_the_bound_of_constants(curves):
+    """The Cramer-Rao bound of one damping ratio and one frequency for the whole record, in white noise."""
+    time = np.arange(50 * PER_PERIOD) / PER_PERIOD
+    envelope = 0.4 * np.exp(-4e-3 * W * time)
+    cosine, sine = envelope * np.cos(W * time), envelope * np.sin(W * time)
+    columns = np.column_stack([cosine, sine, W * time * cosine, time * sine])
+    bound = 3e-4 * np.sqrt(np.diag(np.linalg.inv(columns.T @ columns)))[2:]
+    assert curves.damping_ratio_standard_error.min() > bound[0]
+    assert curves.frequency_standard_error.min() > bound[1]
+
+
+FORCES = {
+    "dry friction": [("sign(v)", 1e-3), ("2*v", 2e-3)],
+    "softening and drag": [("x**3", -0.15), ("v*abs(v)", 0.02), ("2*v", 2e-3)],
+    "stop": [("max(0, abs(x) - 0.15)*sign(x)", 0.3), ("2*v", 4e-3)],
+    "ripple": [("sin(25*x)/25", 0.1), ("2*v", 4e-3)],
+    "even spring": [("x**2", 0.2), ("2*v", 4e-3)],
+}
+
+
+@pytest.mark.parametrize("forces", FORCES.values(), ids=FORCES)
+def test_bands_hold_the_curves_of_the_motion_without_noise(forces):
+    clean = motion(forces)
+    truth = st.backbone(st.free_decay(clean))
+    found = st.backbone(decay_of(clean, seed=1))
+    for name in CURVES:
+        assert holds(found, truth, name), name
+
+
+def test_bands_hold_with_a_random_force():
+    forces = [("2*v", 4e-3), ("x**3", -0.1)]
+    truth = st.backbone(st.free_decay(motion(forces)))
+    found = st.backbone(decay_of(motion(forces, random_force=3e-6, seed=3)))
+    quiet = st.backbone(decay_of(motion(forces)))
+    for name in CURVES:
+        assert holds(found, truth, name), name
+        width = [float((data[f"{name}_high"] - data[f"{name}_low"]).median()) for data in (found, quiet)]
+        assert width[0] > 1.5 * width[1], name
+
+
+def test_the_zero_of_the_sensor_and_its_wander_change_nothing(viscous):
+    offset = 0.002 * np.sin(0.05 * viscous.time)
+    found = st.backbone(decay_of(viscous + offset))
+    assert np.all((found.damping_ratio_low < 4e-3) & (found.damping_ratio_high > 4e-3))
+    assert float(np.abs(found.damping_ratio - 4e-3).median()) < 3e-4
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_five_half_periods_have_wide_bands(noise):
+    short = decay_of(motion([("2*v", 2e-3)], periods=4), noise=noise)
+    short = short.isel(time=slice(0, round(3.3 * PER_PERIOD)))
+    found = st.backbone(short)
+    assert all(np.isfinite(found[name]).all() for name in found.data_vars)
+    assert np.all((found.damping_ratio_low < 2e-3) & (found.damping_ratio_high > 2e-3))
+
+
+def test_fewer_are_refused(viscous):
+    with pytest.raises(DecayError, match="4 whole half periods; a backbone needs 5: record longer"):
+        st.backbone(viscous.isel(time=slice(0, round(2.6 * PER_PERIOD))))
+
+
+def test_a_model_leaves_the_band_where_it_is_wrong():
+    decay = decay_of(motion([("2*v", 2e-3), ("v*abs(v)", 0.03)], periods=60))
+    library = st.load_library("contact_forces")
+    direct = st.methods.Direct()
+    results = {
+        name: st.identify(decay, library.select(forces), direct)
+        for name, forces in (("viscous", ["zeta"]), ("drag", ["zeta", "delta"]))
+    }
+    lack = lack_of_fit(decay, results)
+    assert departures(lack, "drag") == []
+    wrong = departures(lack, "viscous")
+    assert {part.curve for part in wrong} == {"damping_ratio"}
+    assert wrong[0].largest < -2.0
+    assert wrong[0].to_largest
+    assert departure_sentence(wrong, "rad").startswith("in damping from 0.")
+    assert departure_sentence(wrong, "rad").endswith(" rad up")
+
+
+def test_a_model_in_other_units_is_the_same():
+    decay = decay_of(motion([("2*v", 2e-3), ("v*abs(v)", 0.03)], periods=40))
+    library = st.load_library("contact_forces").select(["zeta"])
+    inches = decay.assign(angle=7.0 * decay.angle.assign_attrs(units="mm"))
+    inches["angle"].attrs["units"] = "mm"
+    lacks = [
+        lack_of_fit(d, {"viscous": st.identify(d, library, st.methods.Direct())}) for d in (decay, inches)
+    ]
+    assert lacks[1].amplitude.attrs["units"] == "mm"
+    np.testing.assert_allclose(lacks[1].amplitude, 7.0 * lacks[0].amplitude, rtol=1e-6)
+    np.testing.assert_allclose(
+        lacks[1].damping_ratio_deviation, lacks[0].damping_ratio_deviation, rtol=0.05, atol=0.1
+    )
+
+
+def test_the_command_prints_and_writes(tmp_path, viscous):
+    record = tmp_path / "record.csv"
+    table = measured(viscous).angle.to_dataframe().rename(columns={"angle": "angle (rad)"})
+    table.to_csv(record, index_label="time (s)")
+    files = ["-o", tmp_path / "b.nc", "--csv", tmp_path / "b.csv", "--plot", tmp_path]
+    printed = run("backbone", record, *files)
+    assert printed.status == 0, printed.err
+    assert "frequency (rad/s)" in printed.out
+    assert {"backbone.png", "backbone.pdf"} <= {path.name for path in tmp_path.iterdir()}
+    rows = (tmp_path / "b.csv").read_text().splitlines()
+    assert rows[0].startswith("run,unit,amplitude,frequency,frequency_standard_error")
+    assert len(rows) == 1 + st.load(tmp_path / "b.nc")["backbone"].sizes["amplitude"]
+    data = json.loads(run("backbone", record, "--json").out)
+    assert data["runs"][0]["unit"] == "rad"
+    assert len(data["runs"][0]["frequency_low"]) == len(rows) - 1
+
+
+def test_the_figure_has_both_curves_and_the_models(curves):
+    figure = st.plots.backbone(curves)
+    assert [ax.get_ylabel() for ax in figure.axes] == ["frequency (rad/s)", "damping ratio"]
