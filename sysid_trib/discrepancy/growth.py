@@ -1,0 +1,89 @@
+"""How far a model grows: as long as what it has not seen is predicted better, or it leaves noise alone."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.discrepancy.free_motion import free_motions, model_identification
+from sysid_trib.discrepancy.holdout import Prediction
+from sysid_trib.errors import SysidTribError
+from sysid_trib.likelihood_fit.fitted_model import FittedModel
+from sysid_trib.likelihood_fit.reference import refitted
+from sysid_trib.screening.omnibus_test import FAMILIES
+from sysid_trib.state_space.tracked import FollowedRuns
+from sysid_trib.validation.random_force import dependence_on_motion
+
+
+@dataclass
+class Growth:
+    """The models to which a search came by adding, and how they predict what none has seen.
+
+    Attributes
+    ----------
+    runs : sequence of Dataset
+        To which the models are fitted.
+    predict : callable
+        How a model predicts what was held out.
+    best : tuple of FittedModel and Prediction, or None
+        Of the models that were asked for.
+    known, tested : dict
+        Whether a model of these forces goes on, and p-values of noise, by the coefficients.
+    """
+
+    runs: Sequence[xr.Dataset]
+    predict: Callable[[FittedModel], Prediction]
+    best: tuple[FittedModel, Prediction] | None = None
+    known: dict[tuple[str, ...], bool] = field(default_factory=dict)
+    tested: dict[bytes, float] = field(default_factory=dict)
+
+    def anew(self) -> "Growth":
+        """For another search."""
+        return Growth(self.runs, self.predict)
+
+    def goes_on(self, model: FittedModel) -> bool:
+        """Whether a model may grow: it is better than those before it; else `best` is that to end with."""
+        symbols = tuple(trial.force.symbol for trial in model.trials)
+        if symbols not in self.known:
+            referred = refitted(model)
+            after = self.predict(referred)
+            self.known[symbols] = self.best is None or self.is_better(referred, after, self.best[1])
+            if self.known[symbols]:
+                self.best = model, after
+        return self.known[symbols]
+
+    def is_better(self, model: FittedModel, after: Prediction, before: Prediction) -> bool:
+        """Whether a model predicts better than another one, or leaves nothing that another could explain."""
+        return bool(after.rms < before.rms) or self.leaves_noise(model)
+
+    def leaves_noise(self, model: FittedModel) -> bool:
+        """Whether a model leaves nothing of any run but noise."""
+        return self.noise_p_value(model) >= model.settings.level
+
+    def noise_p_value(self, model: FittedModel) -> float:
+        """P-value of a model that leaves of each run but the sensor's noise, or a random force without cause.
+
+        1 where the free motion follows the record to the noise, 0 where it does not and nothing pushes it.
+        Beside a random force a free motion wanders off, and predicts what is far by chance: there the record
+        must leave nothing that goes with angle, speed or time (`dependence_on_motion`; Bonferroni).
+        """
+        key = model.coefficients.tobytes()
+        if key not in self.tested:
+            self.tested[key] = self._noise_p_value(model)
+        return self.tested[key]
+
+    def _noise_p_value(self, model: FittedModel) -> float:
+        motions = free_motions(model)
+        far = [
+            at for at, motion in enumerate(motions) if not motion.over_noise < model.settings.free_residual
+        ]
+        if not far or not np.all(model.likelihood.ratios[far] > 0.0):
+            return float(not far)
+        result = model_identification(model, motions, self.runs, None)
+        followed = FollowedRuns(dict(enumerate(self.runs)), result)
+        try:
+            tested = [dependence_on_motion(followed, at).p_value.item() for at in far]
+        except SysidTribError:
+            return 0.0
+        return float(min(1.0, FAMILIES * len(far) * min(tested)))
