@@ -154,15 +154,14 @@ def test_layers_of_the_text(twin, capsys):
         texts[layer] = capsys.readouterr().out
     for text in texts.values():
         verdict, _, *lines = text.splitlines()
-        assert verdict.startswith("Explained: with nu and epsilon (or ")
-        assert ") the gap is " in verdict
+        assert verdict.startswith("Explained: with nu and epsilon the gap is ")
         for symbol in ("nu", "epsilon"):
             row = next(line for line in lines if line.startswith(f"{symbol} "))
             assert coefficient_text(tree["steps"].isel(step=["nu", "epsilon"].index(symbol))) in row
     assert len(texts[Layer.QUIET].splitlines()) == 5
     for layer in (Layer.DEFAULT, Layer.EXPLAIN):
         assert "Record: swing.csv" in texts[layer]
-        assert "epsilon cannot be separated from: " in texts[layer]
+        assert "these names stand: nu in 3 of 3; epsilon in 3 of 3." in texts[layer]
         assert "may be present and unseen" in texts[layer]
     assert "Adding it takes the gap from" not in texts[Layer.DEFAULT]
     for lines in discovery_story(tree).values():
@@ -242,7 +241,7 @@ def test_story_in_one_picture(twin):
     np.testing.assert_allclose(marks, np.array(expected) / noise_of(tree))
     named = [text.get_text() for text in explained.texts if " = " in text.get_text()]
     assert [text.partition(" = ")[0].split(", ")[-1] for text in named] == ["nu", "epsilon"]
-    assert [text.partition("; ")[2] for text in named] == ["", "or gravity or magnet"]
+    assert [text.partition("; ")[2] for text in named] == ["", ""]
     assert {panel.get_ylabel() for panel in (record, before, after)} == {"angle (rad)", "gap (mrad)"}
 
 
@@ -613,7 +612,7 @@ def test_a_named_effect_is_the_most_probable_and_no_probability_is_nought(twin):
     assert "1. gravity (fitted by nu)" in told
     assert "nu < 0.01, gravity 1.00" in told
     assert "0.00" not in told.split("equal prior")[1].splitlines()[0]
-    assert "Explained: with gravity (fitted by nu) and epsilon (or " in told
+    assert "Explained: with gravity (fitted by nu) and epsilon the gap is " in told
 
 
 def test_a_discovery_that_decides_nothing_says_so(twin):

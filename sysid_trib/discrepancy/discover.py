@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from scipy.stats import norm
 
-from sysid_trib.discrepancy.evidence import errors_off, evidence
+from sysid_trib.discrepancy.evidence import evidence
 from sysid_trib.discrepancy.growth import Growth
 from sysid_trib.discrepancy.holdout import Prediction, improvements, predicted
 from sysid_trib.discrepancy.parts import Stability, stability_of
@@ -27,6 +26,7 @@ from sysid_trib.likelihood_fit.reference import refitted
 from sysid_trib.likelihood_fit.settings import DEFAULTS, Settings
 from sysid_trib.likelihood_fit.start_model import beside_noises, colour_penalty, fit_start_model, recoloured
 from sysid_trib.records.runs import Decays, as_runs, one_or_all
+from sysid_trib.results.discoveries import misnamed_effects
 from sysid_trib.results.per_run import group_names
 from sysid_trib.results.schema import provenance
 from sysid_trib.results.signal_scale import in_units_of_the_motion
@@ -88,6 +88,7 @@ def discover(
         Of records decimated to some sixty samples a period (attrs `decimated`). attrs: `verdict`
         (`explained`, `unknown effect`, `nothing missing`), `converged`, `out_of_time` (the limit that ended
         the search), `closing_effect` (that `max_effects` left out, and with which nothing is missing),
+        `not_improving` (an effect that gains more than chance, and that the hold-out refuses),
         `noise_p_value` (of a final model that leaves but noise, or a random force without cause), `settings`
         (JSON), `left_out`, `failed_fits`. Groups: `record`
         (`record_1`, ... of several runs) with `simulated_angle(model)` before and after;
@@ -150,6 +151,7 @@ def discover(
         "candidates": offered.to_toml(),
         "verdict": verdict_of(done, predictions, stability, closing),
         "closing_effect": closing,
+        "not_improving": _not_improving(done),
         "noise_p_value": stability.noise_p_value,
         "converged": str(done.converged),
         "out_of_time": f"{time_limit:g} s" if done.out_of_time else "",
@@ -159,6 +161,8 @@ def discover(
         "held_out": f"{len(unseen)} run{'s' * (len(unseen) > 1)}" if unseen else third,
         "decimated": [run.attrs["decimated"] for run in runs if "decimated" in run.attrs],
     }
+    if misnamed_effects(tree):
+        tree.attrs["verdict"] = "unknown effect"
     return tree
 
 
@@ -252,6 +256,13 @@ def _closing_effect(done: Search, candidates: Sequence[Force], growth: Growth) -
     return "" if missing or not growth.leaves_noise(refitted(move.model)) else move.effects[-1]
 
 
+def _not_improving(done: Search) -> str:
+    """The likeliest effect that is not in the model since it does not improve what was held out, or empty."""
+    move = done.next_best
+    asked = move is not None and done.converged and len(done.effects) < move.model.settings.max_effects
+    return move.effects[-1] if move is not None and asked else ""
+
+
 def verdict_of(
     done: Search,
     predictions: Sequence[Prediction] = (),
@@ -275,9 +286,7 @@ def verdict_of(
     last, settings = done.screenings[-1], done.models[0].settings
     refuted = np.any(improvements(predictions) < -settings.refuted)
     astray = bool(done.effects) and not done.followed
-    limit = norm.isf(0.5 * settings.level) * last.omnibus.widening(settings.level)
-    misnamed = any(errors_off(last.model, symbol) > limit for symbol in done.effects)
-    if done.collinear or refuted or astray or misnamed or not done.converged:
+    if done.collinear or refuted or astray or not done.converged:
         return "unknown effect"
     noisy = stability is None or stability.noise_p_value >= settings.level
     if closing or (noisy and not done.outstanding and last.omnibus.p_value >= settings.level):

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-import numpy as np
 import xarray as xr
 
 from sysid_trib.discrepancy.free_motion import free_motions, model_identification
@@ -11,6 +10,8 @@ from sysid_trib.discrepancy.holdout import Prediction
 from sysid_trib.errors import SysidTribError
 from sysid_trib.likelihood_fit.fitted_model import FittedModel
 from sysid_trib.likelihood_fit.reference import refitted
+from sysid_trib.noise.level import sensor_noise
+from sysid_trib.records.runs import root_mean_square
 from sysid_trib.screening.omnibus_test import FAMILIES
 from sysid_trib.state_space.tracked import FollowedRuns
 from sysid_trib.validation.random_force import dependence_on_motion
@@ -65,8 +66,9 @@ class Growth:
         """P-value of a model that leaves of each run but the sensor's noise, or a random force without cause.
 
         1 where the free motion follows the record to the noise, 0 where it does not and nothing pushes it.
-        Beside a random force a free motion wanders off, and predicts what is far by chance: there the record
-        must leave nothing that goes with angle, speed or time (`dependence_on_motion`; Bonferroni).
+        Beside a random force a free motion wanders off, and predicts what is far by chance, and noise of a
+        colour of its own may hide a force: there the record must leave nothing that goes with angle, speed or
+        time (`dependence_on_motion`; Bonferroni).
         """
         key = model.coefficients.tobytes()
         if key not in self.tested:
@@ -74,12 +76,14 @@ class Growth:
         return self.tested[key]
 
     def _noise_p_value(self, model: FittedModel) -> float:
-        motions = free_motions(model)
-        far = [
-            at for at, motion in enumerate(motions) if not motion.over_noise < model.settings.free_residual
-        ]
-        if not far or not np.all(model.likelihood.ratios[far] > 0.0):
-            return float(not far)
+        motions, most = free_motions(model), model.settings.free_residual
+        pushed = model.likelihood.ratios > 0.0
+        if any(not motion.over_noise < most and not pushed[at] for at, motion in enumerate(motions)):
+            return 0.0
+        sizes = [root_mean_square(motion.residual) for motion in motions]
+        far = [at for at, run in enumerate(self.runs) if not sizes[at] < most * sensor_noise(run)]
+        if not far:
+            return 1.0
         result = model_identification(model, motions, self.runs, None)
         followed = FollowedRuns(dict(enumerate(self.runs)), result)
         try:

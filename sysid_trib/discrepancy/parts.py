@@ -10,9 +10,7 @@ from sysid_trib.discrepancy.evidence import evidence, probabilities
 from sysid_trib.discrepancy.search import Search
 from sysid_trib.likelihood_fit.fitted_model import FittedModel
 from sysid_trib.regression.weak_form import cholesky_factor
-
-# Of each run.
-PARTS = {"first 70 %": (0.0, 0.7), "middle 70 %": (0.15, 0.85), "last 70 %": (0.3, 1.0)}
+from sysid_trib.results.discoveries import PARTS_OF_RECORD
 
 
 class InParts(NamedTuple):
@@ -33,7 +31,10 @@ class InParts(NamedTuple):
 
     def probabilities(self, whole: dict[str, float]) -> Array:
         """Of each rival, (rival,): the mean of those by the whole record and by its parts."""
-        table = [np.append(self.costs.get(name, np.full(len(PARTS), np.inf)), whole[name]) for name in whole]
+        table = [
+            np.append(self.costs.get(name, np.full(len(PARTS_OF_RECORD), np.inf)), whole[name])
+            for name in whole
+        ]
         return np.asarray(np.mean([probabilities(costs) for costs in np.transpose(table)], axis=0))
 
 
@@ -76,8 +77,10 @@ def names_in_parts(search: Search) -> dict[str, InParts]:
             for name, model in models.items()
             if model is not None
         }
-        own = scores.get(symbol, np.zeros(len(PARTS)))
-        costs = {name: score - own for name, score in scores.items()} | {symbol: np.zeros(len(PARTS))}
+        own = scores.get(symbol, np.zeros(len(PARTS_OF_RECORD)))
+        costs = {name: score - own for name, score in scores.items()} | {
+            symbol: np.zeros(len(PARTS_OF_RECORD))
+        }
         found[symbol] = InParts(costs, np.min([*costs.values()], axis=0) > -outside)
     return found
 
@@ -92,7 +95,7 @@ def _error_of_model(model: FittedModel) -> Array:
     kept = [0, *range(1, 1 + model.columns - shapes)]
     fits = [
         _solved([table[_rows(table, *part), :][:, kept] for table in tables])
-        for part in ((0.0, 1.0), *PARTS.values())
+        for part in ((0.0, 1.0), *PARTS_OF_RECORD.values())
     ]
     values, variances = (np.array(part)[:, : count + 1] for part in zip(*fits, strict=True))
     expected = np.maximum(np.mean(variances[1:], axis=0) - variances[0], 0.0)
@@ -115,7 +118,7 @@ def _deviances(model: FittedModel) -> Array:
         )
     ]
     found = []
-    for part in PARTS.values():
+    for part in PARTS_OF_RECORD.values():
         inside = [table[_rows(table, *part)] for table in tables]
         target, design = np.concatenate(inside)[:, 0], np.concatenate(inside)[:, 1:]
         residual = target - design @ _least_squares(design, target)

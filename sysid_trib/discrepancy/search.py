@@ -102,8 +102,8 @@ def search(
     An effect is added where what it gains is beyond chance, corrected for the number of tests,
     and nothing in its place is outside of its credible set; where that no longer holds it is dropped. The
     first model is `begin`, which has the noise of `start`, if any. There are `most` effects, by default as
-    the settings say, and no more than `growth` lets there be. What `near` has fitted from the same start is not
-    fitted again. After `deadline`, by `time.monotonic`, no further model is fitted.
+    the settings say, and no more than `growth` lets there be. What `near` has fitted is not fitted
+    again. After `deadline`, by `time.monotonic`, no further model is fitted.
     """
     fits = Fits(start, deadline) if near is None else near.fits
     most = start.settings.max_effects if most is None else most
