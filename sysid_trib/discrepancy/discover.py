@@ -173,7 +173,7 @@ def _best_by_holdout(
     while True:
         steps = with_steps(done, look.keywords["candidates"], tell)
         tell("hold-out")
-        predictions = [growth.predict(model) for model in steps.models]
+        predictions = [growth.foretold(model) for model in steps.models]
         fewer = int(np.argmin([np.nan_to_num(made.rms, nan=np.inf) for made in predictions]))
         if fewer == len(done.effects) or growth.leaves_noise(steps.models[-1]):
             return steps, predictions

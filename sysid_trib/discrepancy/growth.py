@@ -29,26 +29,34 @@ class Growth:
         How a model predicts what was held out.
     best : tuple of FittedModel and Prediction, or None
         Of the models that were asked for.
-    known, tested : dict
-        Whether a model of these forces goes on, and p-values of noise, by the coefficients.
+    known, predictions, tested : dict
+        Whether a model of these forces goes on; by the coefficients predictions, and p-values of noise.
     """
 
     runs: Sequence[xr.Dataset]
     predict: Callable[[FittedModel], Prediction]
     best: tuple[FittedModel, Prediction] | None = None
     known: dict[tuple[str, ...], bool] = field(default_factory=dict)
+    predictions: dict[bytes, Prediction] = field(default_factory=dict)
     tested: dict[bytes, float] = field(default_factory=dict)
 
     def anew(self) -> "Growth":
         """For another search."""
         return Growth(self.runs, self.predict)
 
+    def foretold(self, model: FittedModel) -> Prediction:
+        """How a model predicts what was held out."""
+        key = _key(model)
+        if key not in self.predictions:
+            self.predictions[key] = self.predict(model)
+        return self.predictions[key]
+
     def goes_on(self, model: FittedModel) -> bool:
         """Whether a model may grow: it is better than those before it; else `best` is that to end with."""
         symbols = tuple(trial.force.symbol for trial in model.trials)
         if symbols not in self.known:
             referred = refitted(model)
-            after = self.predict(referred)
+            after = self.foretold(referred)
             self.known[symbols] = self.best is None or self.is_better(referred, after, self.best[1])
             if self.known[symbols]:
                 self.best = model, after
@@ -65,12 +73,12 @@ class Growth:
     def noise_p_value(self, model: FittedModel) -> float:
         """P-value of a model that leaves of each run but the sensor's noise, or a random force without cause.
 
-        1 where the free motion follows the record to the noise, 0 where it does not and nothing pushes it.
-        Beside a random force a free motion wanders off, and predicts what is far by chance, and noise of a
-        colour of its own may hide a force: there the record must leave nothing that goes with angle, speed or
-        time (`dependence_on_motion`; Bonferroni).
+        1 where the free motion follows them and what was held out to the noise, 0 where it does not follow
+        them and nothing pushes it. Beside a random force a free motion wanders off, and predicts what is far by chance, and
+        noise of a colour of its own may hide a force: there the record must leave nothing that goes with
+        angle, speed or time (`dependence_on_motion`; Bonferroni).
         """
-        key = model.coefficients.tobytes()
+        key = _key(model)
         if key not in self.tested:
             self.tested[key] = self._noise_p_value(model)
         return self.tested[key]
@@ -80,14 +88,19 @@ class Growth:
         pushed = model.likelihood.ratios > 0.0
         if any(not motion.over_noise < most and not pushed[at] for at, motion in enumerate(motions)):
             return 0.0
-        sizes = [root_mean_square(motion.residual) for motion in motions]
-        far = [at for at, run in enumerate(self.runs) if not sizes[at] < most * sensor_noise(run)]
-        if not far:
+        noises = [sensor_noise(run) for run in self.runs]
+        sizes = zip([root_mean_square(motion.residual) for motion in motions], noises, strict=True)
+        follows = all(size < most * noise for size, noise in sizes)
+        if follows and self.foretold(model).rms < most * root_mean_square(noises):
             return 1.0
         result = model_identification(model, motions, self.runs, None)
         followed = FollowedRuns(dict(enumerate(self.runs)), result)
         try:
-            tested = [dependence_on_motion(followed, at).p_value.item() for at in far]
+            tested = [dependence_on_motion(followed, at).p_value.item() for at in range(len(self.runs))]
         except SysidTribError:
             return 0.0
-        return float(min(1.0, FAMILIES * len(far) * min(tested)))
+        return float(min(1.0, FAMILIES * len(tested) * min(tested)))
+
+
+def _key(model: FittedModel) -> bytes:
+    return model.coefficients.tobytes()
