@@ -1,7 +1,5 @@
 """What a discovery may name: what predicts, what physics allows, the plainest of what is tied."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from discovery import (
@@ -16,7 +14,7 @@ from discovery import (
     start_model,
     with_effect,
 )
-from helpers import NOISE, W, decay, library_of_formulas
+from helpers import W, decay, library_of_formulas
 
 from sysid_trib import Model
 from sysid_trib.discrepancy.discover import discover
