@@ -74,9 +74,9 @@ class Growth:
         """P-value of a model that leaves of each run but the sensor's noise, or a random force without cause.
 
         1 where the free motion follows them and what was held out to the noise, 0 where it does not follow
-        them and nothing pushes it. Beside a random force a free motion wanders off, and predicts what is far by
-        chance, and noise of a colour of its own may hide a force: there the record must leave nothing that goes
-        with angle, speed or time (`dependence_on_motion`; Bonferroni).
+        them and nothing pushes it. Beside a random force a free motion wanders off and predicts what is far
+        by chance, and noise of a colour of its own may hide a force: there the record must leave nothing
+        that goes with angle, speed or time (`dependence_on_motion`; Bonferroni).
         """
         key = _key(model)
         if key not in self.tested:
