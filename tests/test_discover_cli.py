@@ -278,7 +278,7 @@ def test_figure_of_the_gap_shows_the_records(twin):
     np.testing.assert_array_equal(drawn["record"], record.angle.values)
     for model, panel in (("before", panels[1]), ("after", panels[2])):
         moved = record.simulated_angle.sel(model=model).values
-        label = {"before": "start model", "after": "with nu and (epsilon or 2 more)"}[model]
+        label = {"before": "start model", "after": "with nu and epsilon"}[model]
         np.testing.assert_array_equal(drawn[label], moved)
         np.testing.assert_allclose(panel.lines[0].get_ydata(), 1e3 * (record.angle.values - moved))
         assert "(mrad)" in panel.get_ylabel()
