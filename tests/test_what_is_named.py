@@ -118,7 +118,7 @@ def foretold(*rms):
 
 def test_a_model_grows_while_it_predicts_better(monkeypatch):
     """A spring that imitates an even one is added, and refused: then there is none."""
-    monkeypatch.setattr(Growth, "leaves_noise", lambda growth, model: False)
+    monkeypatch.setattr(Growth, "is_complete", lambda growth, model: False)
     run = with_effect({"even_spring": 3e-2}, seed=8)
     few, start = EFFECTS.select(["bilinear", "bias"]), start_model([run])
     found = [

@@ -175,7 +175,7 @@ def _best_by_holdout(
         tell("hold-out")
         predictions = [growth.foretold(model) for model in steps.models]
         fewer = int(np.argmin([np.nan_to_num(made.rms, nan=np.inf) for made in predictions]))
-        if fewer == len(done.effects) or growth.leaves_noise(steps.models[-1]):
+        if fewer == len(done.effects) or growth.is_complete(steps.models[-1]):
             return steps, predictions
         done = look(done.fits.start, begin=steps.models[fewer], most=fewer, near=done)
 
@@ -253,7 +253,7 @@ def _closing_effect(done: Search, candidates: Sequence[Force], growth: Growth) -
     rest = [force for force in candidates if force.symbol not in move.effects]
     last = screen(move.model, rest, move.effects)
     missing = last.omnibus.p_value < settings.level or may_gain(last)
-    return "" if missing or not growth.leaves_noise(refitted(move.model)) else move.effects[-1]
+    return "" if missing or not growth.is_complete(refitted(move.model)) else move.effects[-1]
 
 
 def _not_improving(done: Search) -> str:

@@ -51,12 +51,12 @@ def errors_off(model: FittedModel, symbol: str) -> float:
     if force.coefficient is None or squared <= 0.0:
         return 0.0
     half = 0.5 * reference_power(force)
-    own, slope = model.coefficients[at] * squared**half, np.zeros(model.columns)
+    referred, slope = model.coefficients[at] * squared**half, np.zeros(model.columns)
     slope[at] = squared**half
     if model.frequency_free:
-        slope[count] = own * half / squared
+        slope[count] = referred * half / squared
     error = float(np.sqrt(slope @ model.likelihood.covariance @ slope))
-    return abs(float(own) - force.coefficient) / error if error > 0.0 else 0.0
+    return abs(float(referred) - force.coefficient) / error if error > 0.0 else 0.0
 
 
 def _at_end(beyond_end: float, error: float) -> float:

@@ -68,7 +68,7 @@ def final_of_set(
 def _plainness(model: FittedModel, symbol: str) -> tuple[bool, int]:
     """Whether an effect is a usual candidate, and the number of its shapes: the least is plainest."""
     force = model.trials[model.columns_of(symbol)[0]].force
-    usual = {(one.symbol, one.formula.text) for one in load_library("candidate_effects")}
+    usual = {(other.symbol, other.formula.text) for other in load_library("candidate_effects")}
     return (force.symbol, force.formula.text) in usual, len(force.shape)
 
 

@@ -64,9 +64,9 @@ class Growth:
 
     def is_better(self, model: FittedModel, after: Prediction, before: Prediction) -> bool:
         """Whether a model predicts better than another one, or leaves nothing that another could explain."""
-        return bool(after.rms < before.rms) or self.leaves_noise(model)
+        return bool(after.rms < before.rms) or self.is_complete(model)
 
-    def leaves_noise(self, model: FittedModel) -> bool:
+    def is_complete(self, model: FittedModel) -> bool:
         """Whether a model leaves nothing of any run but noise."""
         return self.noise_p_value(model) >= model.settings.level
 

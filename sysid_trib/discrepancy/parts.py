@@ -10,7 +10,7 @@ from sysid_trib.discrepancy.evidence import evidence, probabilities
 from sysid_trib.discrepancy.search import Search
 from sysid_trib.likelihood_fit.fitted_model import FittedModel
 from sysid_trib.regression.weak_form import cholesky_factor
-from sysid_trib.results.discoveries import PARTS_OF_RECORD
+from sysid_trib.results.discoveries import RECORD_PARTS
 
 
 class InParts(NamedTuple):
@@ -32,8 +32,7 @@ class InParts(NamedTuple):
     def probabilities(self, whole: dict[str, float]) -> Array:
         """Of each rival, (rival,): the mean of those by the whole record and by its parts."""
         table = [
-            np.append(self.costs.get(name, np.full(len(PARTS_OF_RECORD), np.inf)), whole[name])
-            for name in whole
+            np.append(self.costs.get(name, np.full(len(RECORD_PARTS), np.inf)), whole[name]) for name in whole
         ]
         return np.asarray(np.mean([probabilities(costs) for costs in np.transpose(table)], axis=0))
 
@@ -68,7 +67,7 @@ def stability_of(search: Search, noise_p_value: float) -> Stability:
 
 def names_in_parts(search: Search) -> dict[str, InParts]:
     """Each effect of a search against its rivals in parts of the record."""
-    outside, kept, found = search.models[0].settings.outside_of_set, search.fits.kept, dict[str, InParts]()
+    outside, kept, names = search.models[0].settings.outside_of_set, search.fits.kept, dict[str, InParts]()
     for symbol, rivals in search.rivals.items():
         rest = frozenset(search.effects) - {symbol}
         models = {name: kept.get(rest | ({name} if name else set())) for name in rivals}
@@ -77,12 +76,12 @@ def names_in_parts(search: Search) -> dict[str, InParts]:
             for name, model in models.items()
             if model is not None
         }
-        own = scores.get(symbol, np.zeros(len(PARTS_OF_RECORD)))
-        costs = {name: score - own for name, score in scores.items()} | {
-            symbol: np.zeros(len(PARTS_OF_RECORD))
+        reference = scores.get(symbol, np.zeros(len(RECORD_PARTS)))
+        costs = {name: score - reference for name, score in scores.items()} | {
+            symbol: np.zeros(len(RECORD_PARTS))
         }
-        found[symbol] = InParts(costs, np.min([*costs.values()], axis=0) > -outside)
-    return found
+        names[symbol] = InParts(costs, np.min([*costs.values()], axis=0) > -outside)
+    return names
 
 
 def _error_of_model(model: FittedModel) -> Array:
@@ -95,12 +94,12 @@ def _error_of_model(model: FittedModel) -> Array:
     kept = [0, *range(1, 1 + model.columns - shapes)]
     fits = [
         _solved([table[_rows(table, *part), :][:, kept] for table in tables])
-        for part in ((0.0, 1.0), *PARTS_OF_RECORD.values())
+        for part in ((0.0, 1.0), *RECORD_PARTS.values())
     ]
     values, variances = (np.array(part)[:, : count + 1] for part in zip(*fits, strict=True))
     expected = np.maximum(np.mean(variances[1:], axis=0) - variances[0], 0.0)
-    moved = np.mean((values[1:] - values[0]) ** 2, axis=0)
-    error = np.sqrt(np.maximum(moved - expected, 0.0))
+    movement = np.mean((values[1:] - values[0]) ** 2, axis=0)
+    error = np.sqrt(np.maximum(movement - expected, 0.0))
     return error if model.frequency_free else np.append(error[:count], 0.0)
 
 
@@ -117,14 +116,14 @@ def _deviances(model: FittedModel) -> Array:
             model.rows, model.likelihood.ratios, model.likelihood.variances, strict=True
         )
     ]
-    found = []
-    for part in PARTS_OF_RECORD.values():
+    deviances = []
+    for part in RECORD_PARTS.values():
         inside = [table[_rows(table, *part)] for table in tables]
         target, design = np.concatenate(inside)[:, 0], np.concatenate(inside)[:, 1:]
         residual = target - design @ _least_squares(design, target)
         determinant = sum(float(np.sum(of_run[_rows(of_run, *part)])) for of_run in logarithms)
-        found.append(float(residual @ residual) + determinant)
-    return np.array(found)
+        deviances.append(float(residual @ residual) + determinant)
+    return np.array(deviances)
 
 
 def _least_squares(design: Array, target: Array) -> Array:

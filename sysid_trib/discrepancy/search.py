@@ -1,6 +1,6 @@
 """The search: candidates are screened as columns, a few models are fitted exactly, one evidence decides."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +16,7 @@ from sysid_trib.discrepancy.exchange import (
     not_beyond_chance,
     rivals_of,
 )
-from sysid_trib.discrepancy.final_models import final_of_set, nested_models
+from sysid_trib.discrepancy.final_models import Final, final_of_set, nested_models
 from sysid_trib.discrepancy.fits import Fits
 from sysid_trib.discrepancy.growth import Growth
 from sysid_trib.discrepancy.pairs import likelier_pair, pairs_of
@@ -145,10 +145,20 @@ def search(
         model, effects = step
     if not converged:
         rivals = {symbol: rivals_of(screened(model, effects), effects, symbol, fits) for symbol in effects}
-    final = final_of_set(model, effects, rivals, fits)
+    return _ended(final_of_set(model, effects, rivals, fits), screened, fits, converged, known_screenings)
+
+
+def _ended(
+    final: Final,
+    screened: Callable[[FittedModel, Sequence[str]], Screening],
+    fits: Fits,
+    converged: bool,
+    known: dict[frozenset[str], Screening],
+) -> Search:
+    """A search that ends with a model."""
     last = screened(final.model, final.effects)
     effects = _by_weight(last, final.effects)
-    beyond = _beyond_chance(last, effects, fits)
+    further = _beyond_chance(last, effects, fits)
     compared = {name for of_effect in final.rivals.values() for name in of_effect}
     failed = sorted({*fits.failed} - {*effects} - compared)
     return Search(
@@ -159,13 +169,13 @@ def search(
         final.rivals,
         {symbol: pairs_of(last, effects, symbol, fits) for symbol in effects},
         tuple(failed),
-        _outstanding(last, beyond, fits),
-        min(beyond, key=lambda move: move.evidence, default=None),
+        _outstanding(last, further, fits),
+        min(further, key=lambda move: move.evidence, default=None),
         collinear_effects(last.model, last.products, effects),
         converged,
         fits.out_of_time,
         final.followed,
-        known_screenings,
+        known,
         fits,
     )
 
@@ -206,12 +216,12 @@ def _by_weight(last: Screening, effects: Sequence[str]) -> tuple[str, ...]:
     return tuple(ordered)
 
 
-def _outstanding(last: Screening, beyond: Sequence[Move], fits: Fits) -> tuple[str, ...]:
+def _outstanding(last: Screening, further: Sequence[Move], fits: Fits) -> tuple[str, ...]:
     """Candidates that are missing from the final model, or whose fits beside it failed or were not made."""
     failed = [
         last.trials[at].force.symbol for at in last.best() if last.p_values[at] < last.model.settings.level
     ]
-    missing = [move.effects[-1] for move in beyond]
+    missing = [move.effects[-1] for move in further]
     return (
         *missing,
         *(symbol for symbol in failed[: last.model.settings.fitted] if symbol in fits.failed or fits.ended),

@@ -25,7 +25,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.likelihood_fit.fitted_model import FittedModel
 from sysid_trib.noise.random_force import DENSITY_UNITS, RandomForce
 from sysid_trib.records.runs import root_mean_square
-from sysid_trib.results.discoveries import PAIR, PAIRS, PARTS_OF_RECORD
+from sysid_trib.results.discoveries import PAIR, PAIRS, RECORD_PARTS
 from sysid_trib.results.per_run import group_names
 from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, text_variable, variable, with_error
 from sysid_trib.screening.screen import Screening
@@ -231,7 +231,7 @@ def _in_parts(search: Search, stability: Stability) -> Variables:
     """In how many parts of the record each name stands, and which is the likeliest in each."""
     names = [stability.names[symbol] for symbol in search.effects]
     likeliest = [PAIRS.join(of_effect.likeliest) for of_effect in names]
-    where = f"of {len(PARTS_OF_RECORD)} parts of the record, {', '.join(PARTS_OF_RECORD)}"
+    where = f"of {len(RECORD_PARTS)} parts of the record, {', '.join(RECORD_PARTS)}"
     return {
         "stands_in": variable(
             "step",

@@ -25,8 +25,8 @@ UNDECIDED = (
     "The record decides nothing: no coefficient of the model differs from zero, and no candidate stands out. "
     "A longer motion, from a larger amplitude, would."
 )
-# Noise levels above which what is left is told.
-LARGE = 2.0
+# Noise levels above which a gap is shown.
+SHOWN_RATIO = 2.0
 UNSEEN = "An effect that is weaker than its detectable coefficient may be present and unseen."
 
 
@@ -173,8 +173,8 @@ def _is_no_noise(tree: xr.DataTree) -> bool:
 def _unexplained(tree: xr.DataTree) -> list[str]:
     """At which amplitudes, and by the force map where in a cycle, what no candidate explains is largest."""
     after, units = tree["discrepancy_after"].to_dataset(), signal_units(tree)
-    ratio, amplitude = after.residual_over_noise.values, after.amplitude.values
-    high, most = ratio > LARGE, int(np.argmax(ratio))
+    ratio, amplitude = after.rms.values / noise_of(tree), after.amplitude.values
+    high, most = ratio > SHOWN_RATIO, int(np.argmax(ratio))
     if not high.any():
         return []
     cells = (after.force / after.standard_error).where(abs(after.force) > 0.0).to_series().dropna()
@@ -188,7 +188,7 @@ def _unexplained(tree: xr.DataTree) -> list[str]:
         )
     )
     return [
-        f"What no candidate explains is more than {LARGE:g} times the noise at amplitudes of "
+        f"What no candidate explains is more than {SHOWN_RATIO:g} times the noise at amplitudes of "
         f"{amplitude[high].min():.3g} to {amplitude[high].max():.3g} {units}, and most at "
         f"{amplitude[most]:.3g} {units}, {ratio[most]:.3g} times.{force}"
     ]

@@ -5,7 +5,7 @@ from typing import Any
 
 import xarray as xr
 
-from sysid_trib.results.discoveries import PAIRS, PARTS_OF_RECORD, added_effects
+from sysid_trib.results.discoveries import PAIRS, RECORD_PARTS, added_effects
 
 # In an effect's place.
 NOTHING = "no force"
@@ -22,9 +22,9 @@ def stability_sentences(tree: xr.DataTree) -> list[str]:
         others = Counter(steps.likeliest_in_parts.values[at].split(PAIRS))
         del others[symbol]
         likelier = [f"{name or NOTHING} is likelier in {count}" for name, count in others.items()]
-        texts.append(f"{symbol} in {steps.stands_in.values[at]} of {len(PARTS_OF_RECORD)}")
+        texts.append(f"{symbol} in {steps.stands_in.values[at]} of {len(RECORD_PARTS)}")
         texts[-1] += f" ({', '.join(likelier)})" if likelier else ""
-    parts = ", ".join(PARTS_OF_RECORD)
+    parts = ", ".join(RECORD_PARTS)
     return [f"Looked at again on parts of the record ({parts}), these names stand: {'; '.join(texts)}."]
 
 
@@ -36,5 +36,5 @@ def stability_json(step: xr.Dataset) -> dict[str, Any]:
     return {
         "stands_in": int(step.stands_in),
         "parts": len(likeliest),
-        "likeliest_in": dict(zip(PARTS_OF_RECORD, likeliest, strict=True)),
+        "likeliest_in": dict(zip(RECORD_PARTS, likeliest, strict=True)),
     }
