@@ -450,7 +450,7 @@ def test_a_damaged_store_is_a_sentence(tmp_path):
 
 def test_a_discovery_keeps_what_its_names_cannot_be_separated_from(tmp_path):
     noise = 5e-4 * np.random.default_rng(3).standard_normal(len(TIME))
-    cubic = st.Model(LIBRARY_OF_ALL, {"zeta": 0.01, "epsilon": 0.3}, 10.0)
+    cubic = st.Model(LIBRARY_OF_ALL, {"zeta": 0.01, "epsilon": -0.1664}, 10.0)
     moved = st.simulate(cubic, TIME, 0.3, 0.0).angle.values
     files = [write_csv(tmp_path / "cubic.csv", angle=moved + noise)]
     files += [write_csv(tmp_path / "plain.csv", angle=linear(zeta=0.01) + noise)]

@@ -122,7 +122,7 @@ def test_what_a_force_remembers_of_a_motion_is_what_it_would_move(symbol):
 def test_a_likely_rival_is_in_the_set():
     """At small amplitude gravity and a cubic force are one."""
     base = {"zeta": 3e-3}
-    run = with_effect({"epsilon": -0.2}, seed=0, base=base)
+    run = with_effect({"gravity": 1.0}, seed=0, base=base)
     found = searched([run], library("epsilon", "gravity", "nu", "cubic_damping"), library(*base))
     (name,) = found.effects
     assert credible_set(found, name) == {"epsilon", "gravity"}

@@ -24,11 +24,11 @@ def test_a_pair_is_taken_where_the_effect_is_outside_of_its_set(excess, max_effe
     fits, pair = Fits(start), ("bias", "inertia")
     fits.kept[frozenset(pair)] = start
     monkeypatch.setattr(pairs, "pairs_of", lambda *asked: {pair: excess})
-    found = pairs.likelier_pair(screen(start, [EVERY["bias"]]), ("lugre",), fits)
+    found = pairs.likelier_pair(screen(start, [EVERY["bias"]]), ("lugre",), fits, max_effects)
     assert found == ((start, pair) if taken else None)
     # What chance has been seen to do as well as is not come back to.
     fits.by_chance.add(frozenset(pair))
-    assert pairs.likelier_pair(screen(start, [EVERY["bias"]]), ("lugre",), fits) is None
+    assert pairs.likelier_pair(screen(start, [EVERY["bias"]]), ("lugre",), fits, max_effects) is None
 
 
 @pytest.mark.slow

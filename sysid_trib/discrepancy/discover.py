@@ -2,16 +2,19 @@
 
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from sysid_trib.discrepancy.evidence import evidence
+from sysid_trib.discrepancy.growth import Growth
 from sysid_trib.discrepancy.holdout import Prediction, improvements, predicted
-from sysid_trib.discrepancy.search import Search, search, with_steps
+from sysid_trib.discrepancy.parts import Stability, stability_of
+from sysid_trib.discrepancy.search import Search, may_gain, search, with_steps
 from sysid_trib.discrepancy.to_xarray import groups_of
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import Force, ForceLibrary
@@ -23,9 +26,11 @@ from sysid_trib.likelihood_fit.reference import refitted
 from sysid_trib.likelihood_fit.settings import DEFAULTS, Settings
 from sysid_trib.likelihood_fit.start_model import beside_noises, colour_penalty, fit_start_model, recoloured
 from sysid_trib.records.runs import Decays, as_runs, one_or_all
+from sysid_trib.results.discoveries import misnamed_effects
 from sysid_trib.results.per_run import group_names
 from sysid_trib.results.schema import provenance
 from sysid_trib.results.signal_scale import in_units_of_the_motion
+from sysid_trib.screening.screen import screen
 from sysid_trib.validation.holdout import split, up_to_held_out
 from sysid_trib.validation.progress import Tell, silent
 
@@ -82,7 +87,10 @@ def discover(
     xr.DataTree
         Of records decimated to some sixty samples a period (attrs `decimated`). attrs: `verdict`
         (`explained`, `unknown effect`, `nothing missing`), `converged`, `out_of_time` (the limit that ended
-        the search), `settings` (JSON), `left_out`, `failed_fits`. Groups: `record`
+        the search), `closing_effect` (that `max_effects` left out, and with which nothing is missing),
+        `not_improving` (an effect that gains more than chance, and that the hold-out refuses),
+        `noise_p_value` (of a final model that leaves but noise, or a random force without cause), `settings`
+        (JSON), `left_out`, `failed_fits`. Groups: `record`
         (`record_1`, ... of several runs) with `simulated_angle(model)` before and after;
         `discrepancy` and `discrepancy_after`, where model and record differ (see `demodulation.demodulate`);
         `detectability`, `detectability_after`; `ranking` of candidates before each effect and at the end;
@@ -114,18 +122,20 @@ def discover(
     seen = runs if unseen else [split(run)[0] for run in runs]
     tell("fit of the start model")
     start = fit_start_model(seen, model.forces, reference_frequency, settings)
-    done = search(start, offered.forces, deadline=deadline, tell=tell)
+    growth = Growth(seen, _foresight(start, runs, parts))
+    look = partial(search, candidates=offered.forces, deadline=deadline, tell=tell)
+    done = look(start, growth=growth)
     if verdict_of(done) != "nothing missing":
-        done = _or_coloured_noise(done, start, offered.forces, deadline, tell)
-    done = with_steps(done, offered.forces, tell)
-    tell("hold-out")
-    predictions = _predictions(done, runs, parts)
+        done = _or_coloured_noise(done, start, look, growth, tell)
+    done, predictions = _best_by_holdout(done, look, growth, tell)
+    stability = stability_of(done, growth.noise_p_value(done.models[-1]))
+    closing = _closing_effect(done, offered.forces, growth)
     if refit and not unseen:
         tell("fit to the whole runs")
         done = replace(done, models=[_refitted(model, runs) for model in done.models])
         seen = runs
     tell("where model and record differ")
-    groups = groups_of(runs, seen, done, predictions, offered, reference_frequency)
+    groups = groups_of(runs, seen, done, predictions, offered, reference_frequency, stability)
     for name, run in zip(group_names("record", len(whole)), whole, strict=True):
         groups[name].attrs["kept_window"] = run.time.values[[0, -1]]
     tree = xr.DataTree.from_dict(groups)
@@ -139,7 +149,10 @@ def discover(
         ),
         "settings": json.dumps(asdict(settings)),
         "candidates": offered.to_toml(),
-        "verdict": verdict_of(done, predictions),
+        "verdict": verdict_of(done, predictions, stability, closing),
+        "closing_effect": closing,
+        "not_improving": _not_improving(done),
+        "noise_p_value": stability.noise_p_value,
         "converged": str(done.converged),
         "out_of_time": f"{time_limit:g} s" if done.out_of_time else "",
         "max_effects": settings.max_effects,
@@ -148,11 +161,27 @@ def discover(
         "held_out": f"{len(unseen)} run{'s' * (len(unseen) > 1)}" if unseen else third,
         "decimated": [run.attrs["decimated"] for run in runs if "decimated" in run.attrs],
     }
+    if misnamed_effects(tree):
+        tree.attrs["verdict"] = "unknown effect"
     return tree
 
 
+def _best_by_holdout(
+    done: Search, look: "partial[Search]", growth: Growth, tell: Tell
+) -> tuple[Search, list[Prediction]]:
+    """The search with its steps and their predictions; without what does not improve what was held out."""
+    while True:
+        steps = with_steps(done, look.keywords["candidates"], tell)
+        tell("hold-out")
+        predictions = [growth.foretold(model) for model in steps.models]
+        fewer = int(np.argmin([np.nan_to_num(made.rms, nan=np.inf) for made in predictions]))
+        if fewer == len(done.effects) or growth.is_complete(steps.models[-1]):
+            return steps, predictions
+        done = look(done.fits.start, begin=steps.models[fewer], most=fewer, near=done)
+
+
 def _or_coloured_noise(
-    done: Search, start: FittedModel, candidates: Sequence[Force], deadline: float, tell: Tell
+    done: Search, start: FittedModel, look: Callable[..., Search], growth: Growth, tell: Tell
 ) -> Search:
     """The search beside noise of the likeliest colour, if that explains the record better.
 
@@ -175,7 +204,7 @@ def _or_coloured_noise(
         begin = beside_names
     else:
         return done
-    again = search(coloured, candidates, begin=begin, deadline=deadline, tell=tell)
+    again = look(coloured, begin=begin, growth=growth.anew())
     fewer = settings.outside_of_set * (len(again.effects) < len(done.effects))
     ends = [_with_colour(ended.models[-1], ended.effects) for ended in (done, again)]
     return again if ends[1] < ends[0] + fewer else done
@@ -186,8 +215,10 @@ def _with_colour(model: FittedModel, effects: Sequence[str]) -> float:
     return evidence(model, effects) + colour_penalty(model)
 
 
-def _predictions(done: Search, runs: Sequence[xr.Dataset], parts: Sequence[xr.Dataset]) -> list[Prediction]:
-    """How each model predicts runs that took no part, or the last third of each."""
+def _foresight(
+    start: FittedModel, runs: Sequence[xr.Dataset], parts: Sequence[xr.Dataset]
+) -> Callable[[FittedModel], Prediction]:
+    """How a model predicts runs that took no part, or the last third of each."""
     befores: list[xr.Dataset | None] = [None] * len(parts)
     if parts:
         origins = [_origin(part, runs) for part in parts]
@@ -196,8 +227,8 @@ def _predictions(done: Search, runs: Sequence[xr.Dataset], parts: Sequence[xr.Da
         parts = [split(run)[1] for run in runs]
         befores = [up_to_held_out(run) for run in runs]
         origins, noises = [float(run.time.values[0]) for run in runs], list(range(len(runs)))
-    frequency = done.models[0].rows[0].path.frequency
-    return [predicted(model, parts, befores, origins, noises, frequency) for model in done.models]
+    frequency = start.rows[0].path.frequency
+    return lambda model: predicted(model, parts, befores, origins, noises, frequency)
 
 
 def _origin(part: xr.Dataset, runs: Sequence[xr.Dataset]) -> float:
@@ -214,7 +245,30 @@ def _refitted(model: FittedModel, runs: Sequence[xr.Dataset]) -> FittedModel:
     return refitted(model, [whole(run, rows.path) for run, rows in zip(runs, model.rows, strict=True)])
 
 
-def verdict_of(done: Search, predictions: Sequence[Prediction] = ()) -> str:
+def _closing_effect(done: Search, candidates: Sequence[Force], growth: Growth) -> str:
+    """The effect that no more were asked for left out, if nothing is missing with it; else empty."""
+    settings, move = done.models[-1].settings, done.next_best
+    if move is None or not len(done.effects) == settings.max_effects > 0:
+        return ""
+    rest = [force for force in candidates if force.symbol not in move.effects]
+    last = screen(move.model, rest, move.effects)
+    missing = last.omnibus.p_value < settings.level or may_gain(last)
+    return "" if missing or not growth.is_complete(refitted(move.model)) else move.effects[-1]
+
+
+def _not_improving(done: Search) -> str:
+    """The likeliest effect that is not in the model since it does not improve what was held out, or empty."""
+    move = done.next_best
+    asked = move is not None and done.converged and len(done.effects) < move.model.settings.max_effects
+    return move.effects[-1] if move is not None and asked else ""
+
+
+def verdict_of(
+    done: Search,
+    predictions: Sequence[Prediction] = (),
+    stability: Stability | None = None,
+    closing: str = "",
+) -> str:
     """`explained`, `unknown effect` or `nothing missing`.
 
     Parameters
@@ -222,16 +276,22 @@ def verdict_of(done: Search, predictions: Sequence[Prediction] = ()) -> str:
     done : Search
     predictions : sequence of Prediction
         Of what was held out, by each of its models.
+    stability : Stability, optional
+        Whether it leaves but noise.
+    closing : str
+        The effect that is missing because no more were asked for, and nothing besides.
     """
     # Names that nearly cancel each other, or that do not predict, may imitate one that is not in the library;
     # a model that does not move as the record does explains nothing; what was not compared is not known.
-    settings = done.models[0].settings
+    last, settings = done.screenings[-1], done.models[0].settings
     refuted = np.any(improvements(predictions) < -settings.refuted)
-    missing = done.outstanding or done.screenings[-1].omnibus.p_value < settings.level
     astray = bool(done.effects) and not done.followed
-    if done.collinear or refuted or missing or astray or not done.converged:
+    if done.collinear or refuted or astray or not done.converged:
         return "unknown effect"
-    return "explained" if done.effects else "nothing missing"
+    noisy = stability is None or stability.noise_p_value >= settings.level
+    if closing or (noisy and not done.outstanding and last.omnibus.p_value >= settings.level):
+        return "explained" if done.effects else "nothing missing"
+    return "unknown effect"
 
 
 def _offered(model: ForceLibrary, candidates: ForceLibrary) -> tuple[ForceLibrary, list[str]]:

@@ -8,6 +8,7 @@ from scipy.special import log_ndtr
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.forces.force import Force
 from sysid_trib.likelihood_fit.fitted_model import FittedModel
+from sysid_trib.likelihood_fit.trials import reference_power
 
 
 def evidence(model: FittedModel, effects: Sequence[str]) -> float:
@@ -23,20 +24,39 @@ def evidence(model: FittedModel, effects: Sequence[str]) -> float:
     -----
     Laplace's approximation (MacKay 1992; Kass and Raftery 1995). The prior of a coefficient holds the
     information of one row (unit information), which makes its factor the number of rows; where physics fixes
-    its sign, the prior is on that half line alone. Shapes are as likely anywhere in their range, or in its
+    its sign, the prior is on that half line alone; where physics knows it, being off is paid for by what
+    holding it there would raise the deviance. Shapes are as likely anywhere in their range, or in its
     logarithm where that spans a decade: their factor is the part of the range that the record leaves, which
     is not more than all of it; of one at an end of its range the part inside of it.
     """
     total = model.deviance
     for symbol in effects:
         at, *shapes = model.columns_of(symbol)
-        total += least_penalty(model, [model.trials[at].force])
+        total += least_penalty(model, [model.trials[at].force]) + errors_off(model, symbol) ** 2
         if shapes:
             covariance = model.likelihood.covariance[np.ix_(shapes, shapes)]
             within = np.linalg.pinv(2.0 * np.pi * covariance, hermitian=True)
             total += float(np.linalg.slogdet(np.eye(len(shapes)) + within)[1])
             total += sum(_at_end(*model.at_ends[shape]) for shape in shapes if shape in model.at_ends)
     return float(total)
+
+
+def errors_off(model: FittedModel, symbol: str) -> float:
+    """By how many of its errors a coefficient differs from the one that physics knows; 0 where it knows none.
+
+    Both refer to the model's own frequency, from which that of its paths may be far.
+    """
+    at, count = model.columns_of(symbol)[0], len(model.trials)
+    force, squared = model.trials[at].force, 1.0 + model.stiffness
+    if force.coefficient is None or squared <= 0.0:
+        return 0.0
+    half = 0.5 * reference_power(force)
+    referred, slope = model.coefficients[at] * squared**half, np.zeros(model.columns)
+    slope[at] = squared**half
+    if model.frequency_free:
+        slope[count] = referred * half / squared
+    error = float(np.sqrt(slope @ model.likelihood.covariance @ slope))
+    return abs(float(referred) - force.coefficient) / error if error > 0.0 else 0.0
 
 
 def _at_end(beyond_end: float, error: float) -> float:

@@ -55,6 +55,11 @@ class FreeMotion:
     noise: NoiseModel
     model: Model
 
+    @property
+    def over_noise(self) -> float:
+        """RMS residual over the sensor's noise."""
+        return root_mean_square(self.residual) / self.noise.standard_deviation
+
 
 def model_of_fit(model: FittedModel) -> Model:
     """Forces, errors of the sensor, shapes and frequency of a fit whose paths have its frequency."""
@@ -112,16 +117,24 @@ def _sensor_error(model: Model, elapsed: Array, x: Array, v: Array) -> Array:
     return np.asarray(np.sum(terms, axis=0)) if terms else np.zeros_like(x)
 
 
+def total_covariance(model: FittedModel, widening: float, model_error: Array | None) -> Array:
+    """Covariance of the coefficients and the frequency, by the noise, widened, and by the model."""
+    covariance = widening**2 * model.covariance_with_frequency()
+    return covariance if model_error is None else covariance + np.diag(model_error**2)
+
+
 def model_identification(
     model: FittedModel,
     motions: Sequence[FreeMotion],
     runs: Sequence[xr.Dataset],
     frequency: float | None,
     widening: float = 1.0,
+    model_error: Array | None = None,
 ) -> xr.Dataset:
     """A model as an identification: with the random force of each run, which its errors allow for.
 
-    `widening` : factor of its errors.
+    `widening` : factor of its errors; `model_error` : (trial + 1,) what they have besides, of the
+    coefficients and the frequency (rad/s).
     """
     from sysid_trib.methods.direct import Direct
 
@@ -146,7 +159,7 @@ def model_identification(
         "birge_ratio": (root_mean_square(levels) / expected, "1", "sensor's noise over that of its spectrum"),
         **start_variables([motion.start for motion in motions], [motion.zero for motion in motions]),
     }
-    covariance = widening**2 * model.covariance_with_frequency()
+    covariance = total_covariance(model, widening, model_error)
     estimate = Estimate(model.coefficients, covariance, identified.reference_frequency, levels, extra)
     method = Direct(frequency, shapes=dict(identified.shapes), random_force="estimated")
     result = identification(

@@ -60,11 +60,14 @@ def pairs_of(
 
 
 def likelier_pair(
-    current: Screening, effects: tuple[str, ...], fits: Fits
+    current: Screening, effects: tuple[str, ...], fits: Fits, most: int
 ) -> tuple[FittedModel, tuple[str, ...]] | None:
-    """The model with a pair in an effect's place of whose credible set the effect is outside, if any."""
+    """The model with a pair in an effect's place of whose credible set the effect is outside, if any.
+
+    `most` : effects that a model may have.
+    """
     settings = current.model.settings
-    if len(effects) >= settings.max_effects:
+    if len(effects) >= most:
         return None
     for symbol in effects:
         for pair, excess in pairs_of(current, effects, symbol, fits).items():

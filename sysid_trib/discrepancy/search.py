@@ -1,6 +1,6 @@
 """The search: candidates are screened as columns, a few models are fitted exactly, one evidence decides."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,8 +16,9 @@ from sysid_trib.discrepancy.exchange import (
     not_beyond_chance,
     rivals_of,
 )
-from sysid_trib.discrepancy.final_models import followed_of_set, nested_models
+from sysid_trib.discrepancy.final_models import Final, final_of_set, nested_models
 from sysid_trib.discrepancy.fits import Fits
+from sysid_trib.discrepancy.growth import Growth
 from sysid_trib.discrepancy.pairs import likelier_pair, pairs_of
 from sysid_trib.forces.force import Force
 from sysid_trib.likelihood_fit.fitted_model import FittedModel
@@ -51,7 +52,9 @@ class Search:
         Candidates whose fits failed.
     outstanding : tuple of str
         Candidates that would gain more than chance, and are not in the model: no more effects were asked for,
-        their fits failed, or the search ended before.
+        they do not improve what was held out, their fits failed, or the search ended before.
+    next_best : Move or None
+        The likeliest model with one of them, where `outstanding` has any that can be fitted.
     collinear : list of str
         Effects that are not separately identifiable.
     converged : bool
@@ -62,6 +65,8 @@ class Search:
         Whether the last model moves as its path does.
     known : dict of frozenset of str to Screening
         All that were made, by the effects of the model.
+    fits : Fits
+        All that were made.
     """
 
     screenings: list[Screening]
@@ -72,11 +77,13 @@ class Search:
     pairs: dict[str, dict[tuple[str, str], float]]
     failed: tuple[str, ...]
     outstanding: tuple[str, ...]
+    next_best: Move | None
     collinear: list[str]
     converged: bool
     out_of_time: bool
     followed: bool
     known: dict[frozenset[str], Screening]
+    fits: Fits
 
 
 def search(
@@ -84,6 +91,9 @@ def search(
     candidates: Sequence[Force],
     *,
     begin: FittedModel | None = None,
+    most: int | None = None,
+    growth: Growth | None = None,
+    near: Search | None = None,
     deadline: float = np.inf,
     tell: Tell = silent,
 ) -> Search:
@@ -91,16 +101,18 @@ def search(
 
     An effect is added where what it gains is beyond chance, corrected for the number of tests,
     and nothing in its place is outside of its credible set; where that no longer holds it is dropped. The
-    first model is `begin`, which has the noise of `start`, if any. After `deadline`, by `time.monotonic`, no
-    further model is fitted.
+    first model is `begin`, which has the noise of `start`, if any. There are `most` effects, by default as
+    the settings say, and no more than `growth` lets there be. What `near` has fitted is not fitted
+    again. After `deadline`, by `time.monotonic`, no further model is fitted.
     """
-    fits = Fits(start, deadline)
+    fits = Fits(start, deadline) if near is None else near.fits
+    most = start.settings.max_effects if most is None else most
     model, effects = start, tuple[str, ...]()
     fits.kept[frozenset()] = start
     known = {trial.force.symbol for trial in start.trials}
     if begin is not None and (fitted := fits.of(begin, (), ())) is not None:
         model, effects = fitted, tuple(t.force.symbol for t in begin.trials if t.force.symbol not in known)
-    known_screenings: dict[frozenset[str], Screening] = {}
+    known_screenings = {} if near is None else dict(near.known)
 
     def screened(model: FittedModel, named: Sequence[str]) -> Screening:
         return _screened(known_screenings, candidates, model, named)
@@ -110,7 +122,15 @@ def search(
     for _ in range(start.settings.most_fits):
         tell(f"candidates beside {', '.join(effects) or 'the start model'}")
         current = screened(model, effects)
-        step = _towards(current, effects, fits)
+        exchanged = exchange_effects(current, effects, fits)
+        step = None if exchanged is None else (exchanged.model, exchanged.effects)
+        if step is None and len(effects) < most and may_gain(current):
+            if growth is None or growth.goes_on(model):
+                step = _likeliest(_beyond_chance(current, effects, fits))
+            elif growth.best is not None:
+                best = growth.best[0]
+                step = best, tuple(t.force.symbol for t in best.trials if t.force.symbol not in known)
+                most = len(step[1])
         if step is None:
             step = not_beyond_chance(current, effects, fits)
         if step is None:
@@ -118,16 +138,27 @@ def search(
             rivals = {symbol: rivals_of(current, effects, symbol, fits) for symbol in effects}
             step = better_rival(current, effects, rivals, fits) or chance_in_set(effects, rivals, fits)
         if step is None:
-            step = likelier_pair(current, effects, fits)
+            step = likelier_pair(current, effects, fits, most)
         converged = step is None and not fits.ended
         if step is None:
             break
         model, effects = step
     if not converged:
         rivals = {symbol: rivals_of(screened(model, effects), effects, symbol, fits) for symbol in effects}
-    final = followed_of_set(model, effects, rivals, fits)
+    return _ended(final_of_set(model, effects, rivals, fits), screened, fits, converged, known_screenings)
+
+
+def _ended(
+    final: Final,
+    screened: Callable[[FittedModel, Sequence[str]], Screening],
+    fits: Fits,
+    converged: bool,
+    known: dict[frozenset[str], Screening],
+) -> Search:
+    """A search that ends with a model."""
     last = screened(final.model, final.effects)
     effects = _by_weight(last, final.effects)
+    further = _beyond_chance(last, effects, fits)
     compared = {name for of_effect in final.rivals.values() for name in of_effect}
     failed = sorted({*fits.failed} - {*effects} - compared)
     return Search(
@@ -138,12 +169,14 @@ def search(
         final.rivals,
         {symbol: pairs_of(last, effects, symbol, fits) for symbol in effects},
         tuple(failed),
-        _outstanding(last, effects, fits),
+        _outstanding(last, further, fits),
+        min(further, key=lambda move: move.evidence, default=None),
         collinear_effects(last.model, last.products, effects),
         converged,
         fits.out_of_time,
         final.followed,
-        known_screenings,
+        known,
+        fits,
     )
 
 
@@ -183,26 +216,27 @@ def _by_weight(last: Screening, effects: Sequence[str]) -> tuple[str, ...]:
     return tuple(ordered)
 
 
-def _outstanding(last: Screening, effects: tuple[str, ...], fits: Fits) -> tuple[str, ...]:
+def _outstanding(last: Screening, further: Sequence[Move], fits: Fits) -> tuple[str, ...]:
     """Candidates that are missing from the final model, or whose fits beside it failed or were not made."""
     failed = [
         last.trials[at].force.symbol for at in last.best() if last.p_values[at] < last.model.settings.level
     ]
-    missing = [move.effects[-1] for move in _beyond_chance(last, effects, fits)]
+    missing = [move.effects[-1] for move in further]
     return (
         *missing,
         *(symbol for symbol in failed[: last.model.settings.fitted] if symbol in fits.failed or fits.ended),
     )
 
 
-def _towards(
-    current: Screening, effects: tuple[str, ...], fits: Fits
-) -> tuple[FittedModel, tuple[str, ...]] | None:
-    """The more likely model of as many effects or fewer, else of one more; None if there is none."""
-    step = exchange_effects(current, effects, fits)
-    if step is None and len(effects) < current.model.settings.max_effects:
-        step = min(_beyond_chance(current, effects, fits), key=lambda move: move.evidence, default=None)
-    return None if step is None else (step.model, step.effects)
+def _likeliest(moves: Sequence[Move]) -> tuple[FittedModel, tuple[str, ...]] | None:
+    """The most likely of some moves, if there are any."""
+    best = min(moves, key=lambda move: move.evidence, default=None)
+    return None if best is None else (best.model, best.effects)
+
+
+def may_gain(current: Screening) -> bool:
+    """Whether the column of any candidate gains more than chance."""
+    return any(current.p_values[at] < current.model.settings.level for at in current.best())
 
 
 def _beyond_chance(current: Screening, effects: tuple[str, ...], fits: Fits) -> list[Move]:

@@ -11,15 +11,21 @@ from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.demodulation import demodulate
 from sysid_trib.discrepancy.detectability import detectability, texts_of
 from sysid_trib.discrepancy.evidence import credible, probabilities
-from sysid_trib.discrepancy.free_motion import FreeMotion, free_motions, model_identification
+from sysid_trib.discrepancy.free_motion import (
+    FreeMotion,
+    free_motions,
+    model_identification,
+    total_covariance,
+)
 from sysid_trib.discrepancy.holdout import Prediction, improvements
 from sysid_trib.discrepancy.homogeneity_test import homogeneity
+from sysid_trib.discrepancy.parts import Stability
 from sysid_trib.discrepancy.search import Search
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.likelihood_fit.fitted_model import FittedModel
 from sysid_trib.noise.random_force import DENSITY_UNITS, RandomForce
 from sysid_trib.records.runs import root_mean_square
-from sysid_trib.results.discoveries import PAIR, PAIRS
+from sysid_trib.results.discoveries import PAIR, PAIRS, RECORD_PARTS
 from sysid_trib.results.per_run import group_names
 from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, text_variable, variable, with_error
 from sysid_trib.screening.screen import Screening
@@ -36,6 +42,7 @@ def groups_of(
     predictions: Sequence[Prediction],
     offered: ForceLibrary,
     frequency: float | None,
+    stability: Stability,
 ) -> dict[str, xr.Dataset]:
     """What `discover` returns, group by group.
 
@@ -50,11 +57,12 @@ def groups_of(
     for when, _, screening in ends:
         groups[f"detectability{when}"] = detectability(screening)
     groups["ranking"] = _ranking(search, offered)
-    groups["steps"] = _steps(search, motions, predictions, offered)
+    groups["steps"] = _steps(search, motions, predictions, offered, stability)
     groups["omnibus"] = _omnibus(search)
     for name, at in (("before", 0), ("after", -1)):
         model, factor = search.models[at], _widening(search, at)
-        groups[name] = model_identification(model, motions[at], seen, frequency, factor)
+        error = stability.model_error if at else None
+        groups[name] = model_identification(model, motions[at], seen, frequency, factor, error)
     groups["holdout"] = _holdout(motions[-1], predictions)
     if len(runs) > 1:
         groups["homogeneity"] = homogeneity(search.models)
@@ -134,6 +142,7 @@ def _steps(
     motions: Sequence[Sequence[FreeMotion]],
     predictions: Sequence[Prediction],
     offered: ForceLibrary,
+    stability: Stability,
 ) -> xr.Dataset:
     """The effects added, in order, with their final coefficients and what each explains."""
     if not search.effects:
@@ -144,7 +153,7 @@ def _steps(
     places = [symbols.index(symbol) for symbol in search.effects]
     forces = [final.trials[at].force for at in places]
     values = final.coefficients
-    errors = _widening(search) * np.sqrt(np.diag(final.covariance_with_frequency()))
+    errors = np.sqrt(np.diag(total_covariance(final, _widening(search), stability.model_error)))
     z = values[places] / errors[places]
     chosen = np.array([_selected_at(search, symbol) for symbol in search.effects])
     gains = -np.diff([model.deviance for model in search.models])
@@ -182,7 +191,8 @@ def _steps(
     }
     texts = texts_of(forces, STEP_TEXTS)
     data |= {name: text_variable("step", text, f"{name} of the effect") for name, text in texts.items()}
-    data |= _competition(search, offered) | _pairs(search) | _step_shapes(search)
+    data |= _competition(search, offered, stability) | _pairs(search) | _step_shapes(search)
+    data |= _in_parts(search, stability)
     shaped = {"shape_parameter": list(_shapes(final))} if "shape" in data else {}
     return xr.Dataset(data, {"candidate": list(offered.symbols)} | shaped, {"count": len(forces)})
 
@@ -217,14 +227,37 @@ def _selected_at(search: Search, symbol: str) -> int:
     return max((at for at, out in enumerate(absent[:-1]) if out), default=0)
 
 
-def _competition(search: Search, offered: ForceLibrary) -> Variables:
-    """What each candidate explains in the place of each effect, and what chance does."""
+def _in_parts(search: Search, stability: Stability) -> Variables:
+    """In how many parts of the record each name stands, and which is the likeliest in each."""
+    names = [stability.names[symbol] for symbol in search.effects]
+    likeliest = [PAIRS.join(of_effect.likeliest) for of_effect in names]
+    where = f"of {len(RECORD_PARTS)} parts of the record, {', '.join(RECORD_PARTS)}"
+    return {
+        "stands_in": variable(
+            "step",
+            [int(np.sum(of_effect.stands)) for of_effect in names],
+            f"number {where}, where it stands",
+            "1",
+        ),
+        "likeliest_in_parts": text_variable("step", likeliest, f"likeliest in its place, {where}"),
+    }
+
+
+def _competition(search: Search, offered: ForceLibrary, stability: Stability) -> Variables:
+    """What each candidate explains in the place of each effect, and what chance does.
+
+    Where the final model leaves more than noise, by the mean of its probabilities over the record and its
+    parts.
+    """
     symbols = list(offered.symbols)
     probability, deviance = np.full((2, len(search.effects), len(symbols)), np.nan)
     p_value_of = np.zeros(len(search.effects))
     for at, symbol in enumerate(search.effects):
         rivals = search.rivals[symbol]
-        likely = probabilities(list(rivals.values()))
+        in_parts = stability.names[symbol]
+        likely = (
+            probabilities(list(rivals.values())) if stability.is_complete else in_parts.probabilities(rivals)
+        )
         inside = credible(likely, search.models[0].settings.credible)
         for name, excess, p, tied in zip(rivals, rivals.values(), likely, inside, strict=True):
             if not name:

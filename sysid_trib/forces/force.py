@@ -66,6 +66,8 @@ class Force:
         Parameters that do not enter linearly.
     passive : bool
         Whether it can only store or lose energy, so that its coefficient is not negative.
+    coefficient : float, optional
+        Its coefficient where physics knows it, as 1 of gravity: with another one it is another force.
     """
 
     symbol: str
@@ -80,6 +82,7 @@ class Force:
     start: Mapping[str, Formula] = field(default_factory=dict)
     shape: Mapping[str, Shape] = field(default_factory=dict)
     passive: bool = False
+    coefficient: float | None = None
 
     def __hash__(self) -> int:
         return hash((self.symbol, self.formula))

@@ -102,6 +102,9 @@ def _force(entry: Mapping[str, Any], source: str) -> Force:
     passive = entry.get("passive", False)
     if not isinstance(passive, bool):
         raise LibraryError(f"{where}: passive must be true or false, not {passive!r}.")
+    known = entry.get("coefficient")
+    if "coefficient" in entry and not _is_coefficient(known):
+        raise LibraryError(f"{where}: coefficient must be a number other than 0, not {known!r}.")
     tables = {k: entry.get(k, {}) for k in TABLE_KEYS}
     for key, table in tables.items():
         if not isinstance(table, dict):
@@ -124,10 +127,17 @@ def _force(entry: Mapping[str, Any], source: str) -> Force:
         start={k: formula(f, frozenset("xvt") | exponents) for k, f in tables["start"].items()},
         shape=shape,
         passive=passive,
+        coefficient=None if known is None else float(known),
         **(words | {"name": words["name"] or symbol}),
     )
     _check_finite(force, where)
     return force
+
+
+def _is_coefficient(value: object) -> bool:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return 0.0 < abs(value) <= LARGEST_CONSTANT
 
 
 def _words(text: object, where: str) -> str:

@@ -16,7 +16,7 @@ def toml(force: "Force") -> str:
         k: {name: f.text for name, f in getattr(force, k).items()} for k in ("state", "memory", "start")
     }
     tables["shape"] = {name: vars(shape) for name, shape in force.shape.items()}
-    values = {**words, **tables, "passive": force.passive}
+    values = {**words, **tables, "passive": force.passive, "coefficient": force.coefficient}
     return "".join(f"{k} = {toml_value(value)}\n" for k, value in values.items() if value)
 
 

@@ -37,6 +37,11 @@ class Settings:
     least_gain: float = setting(
         0.1, "deviance below which fits are equal: rounds have settled, no move is made", "odds of 1.05"
     )
+    tie: float = setting(
+        2.0,
+        "-2 ln of the odds within which effects are tied: the plainest has the name",
+        "not worth more than a bare mention: Kass, Raftery 1995",
+    )
     slack: float = setting(
         0.1,
         "part of its gain by which a column may be off: before its exact fit, between values of a shape, and "

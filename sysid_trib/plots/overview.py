@@ -38,7 +38,7 @@ ROW_HEIGHT, FONT_SIZE = 1.75, 7.5
 # beside, where the axis goes on.
 COEFFICIENT_RANGE, END_OF_NUMBERS = (-0.5, 2.0), 5.0
 # Characters of a legend that fit beside the letter of a panel.
-LEGEND_ROOM = 42
+LEGEND_ROOM = 41
 TOO_FEW = "too few samples a period"
 # Decades of an axis of powers that has labels between them, and all of them.
 DECADES_WITH_MINOR_LABELS = (1.5, 0.5)

@@ -8,6 +8,7 @@ import xarray as xr
 from sysid_trib.printing.layout import by_label, number, numbers, quantity_json, records_json
 from sysid_trib.printing.residual import noise_of, residual_of
 from sysid_trib.printing.runs import homogeneity_json
+from sysid_trib.printing.stability import stability_json
 from sysid_trib.results.discoveries import (
     PAIR,
     candidates_of,
@@ -32,6 +33,9 @@ def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
         "steps": [_step_json(tree, at) for at in range(tree["steps"].attrs["count"])],
         "verdict": tree.attrs["verdict"],
         "converged": tree.attrs["converged"] == "True",
+        "closing_effect": tree.attrs.get("closing_effect") or None,
+        "not_improving": tree.attrs.get("not_improving") or None,
+        "noise_p_value": number(float(tree.attrs.get("noise_p_value", "nan"))),
         "noise": number(noise_of(tree)),
         "residual_noise": number(noise_of(tree)),
         "noise_with_its_colour": number(tree["holdout"].residual_noise.item()),
@@ -92,6 +96,7 @@ def _step_json(tree: xr.DataTree, at: int) -> dict[str, Any]:
         "holdout_before": held[at],
         "holdout_after": held[at + 1],
         "worsens_holdout": bool(step.worsens_holdout.item()),
+        **stability_json(step),
         **numbers(step, ("gain", "prediction_z", "random_force_before", "random_force_after")),
         "probability_of_chance": number(round(step.chance_probability.item(), 4)),
         "leans": bool(step.collinear.item()),

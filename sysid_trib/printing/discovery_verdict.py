@@ -14,7 +14,9 @@ from sysid_trib.printing.residual import (
     times_noise,
 )
 from sysid_trib.printing.runs import heterogeneity_sentences
-from sysid_trib.results.discoveries import added_effects, error_widening
+from sysid_trib.printing.stability import stability_sentences
+from sysid_trib.results.discoveries import added_effects, error_widening, misnamed_effects
+from sysid_trib.results.signal_units import signal_units
 from sysid_trib.results.significance import determines
 
 # Forces of the omnibus test, and candidates, that are named where they stand out.
@@ -23,6 +25,8 @@ UNDECIDED = (
     "The record decides nothing: no coefficient of the model differs from zero, and no candidate stands out. "
     "A longer motion, from a larger amplitude, would."
 )
+# Noise levels above which a gap is shown.
+SHOWN_RATIO = 2.0
 UNSEEN = "An effect that is weaker than its detectable coefficient may be present and unseen."
 
 
@@ -45,6 +49,7 @@ def verdict_sentences(tree: xr.DataTree, *, details: bool = True) -> list[str]:
         *sentences,
         *_ended_early(tree),
         *_outstanding(tree),
+        *stability_sentences(tree),
         *heterogeneity_sentences(tree),
         _model(tree),
         f"Equation: {equation_text(tree['after'].to_dataset())}.",
@@ -75,7 +80,14 @@ def _closed(tree: xr.DataTree) -> list[str]:
         return [UNDECIDED, UNSEEN]
     level = tree["ranking"].significance_level.item()
     by_noise = float(np.min(after.random_force_p_value))
-    pushed = f", as a random force leaves it (p {p_value_text(by_noise)})" if by_noise < level else ""
+    pushed = ", as a random force leaves it" if by_noise < level else ""
+    if closing := tree.attrs.get("closing_effect"):
+        most = tree.attrs["max_effects"]
+        return [
+            f"Explained but for the limit that ended the search: with {' and '.join(effects)} the gap is "
+            f"{residual}; with {closing} it would close, but no more than {most} effect{'s' * (most > 1)} "
+            f"{'were' if most > 1 else 'was'} asked for (--max-effects)."
+        ]
     headline = (
         f"Explained: with {' and '.join(effects)} the gap is {residual}{pushed}."
         if effects
@@ -110,6 +122,13 @@ def _unknown_effect(tree: xr.DataTree, details: bool) -> list[str]:
         f"{collinear} nearly cancel{'' if several else 's'} other forces of the model: "
         f"{'they' if several else 'it'} may imitate a force that is no candidate."
     )
+    if misnamed := misnamed_effects(tree):
+        known = " and ".join(f"{symbol} {value:g}" for symbol, value in misnamed.items())
+        return [
+            f"Unknown effect: the gap is {residual}, but the coefficient is not the one that physics knows "
+            f"({known}): a force that is no candidate may be imitated.",
+            *_unexplained(tree),
+        ]
     if collinear and not omnibus.significant:
         return [f"Unknown effect: the gap is {residual}, but {imitate}"]
     refuted = _refuted(tree)
@@ -123,9 +142,17 @@ def _unknown_effect(tree: xr.DataTree, details: bool) -> list[str]:
         names = f"with {' and '.join(added)} " if added else ""
         rivals = "all that may stand in their place were" if added else "all candidates were"
         return [f"Unknown effect: {names}the gap is {residual}, but not {rivals} compared."]
+    if _is_no_noise(tree) and not omnibus.significant and not _last(tree, "ranking").significant.any():
+        names = f"with {' and '.join(added)} " if added else ""
+        return [
+            f"Unknown effect: {names}the gap is {residual}, and no random force leaves it so: what is left "
+            "goes with angle, speed or time.",
+            *_unexplained(tree),
+        ]
     named = "the named effects do" if added else "the model does"
     sentences = [f"Unknown effect: {named} not explain the record; the gap is {residual}."]
     sentences += (residual_sentences if details else force_type_sentences)(tree, "discrepancy_after")
+    sentences += _unexplained(tree)
     if collinear:
         sentences.append(f"Of the effects that were added, {imitate}")
     if omnibus.significant:
@@ -136,6 +163,35 @@ def _unknown_effect(tree: xr.DataTree, details: bool) -> list[str]:
             f"{error_widening(tree):.3g}."
         )
     return sentences
+
+
+def _is_no_noise(tree: xr.DataTree) -> bool:
+    """Whether the final model leaves more than noise of the sensor and a random force without cause."""
+    return float(tree.attrs.get("noise_p_value", 1.0)) < tree["ranking"].significance_level.item()
+
+
+def _unexplained(tree: xr.DataTree) -> list[str]:
+    """At which amplitudes, and by the force map where in a cycle, what no candidate explains is largest."""
+    after, units = tree["discrepancy_after"].to_dataset(), signal_units(tree)
+    ratio, amplitude = after.rms.values / noise_of(tree), after.amplitude.values
+    high, most = ratio > SHOWN_RATIO, int(np.argmax(ratio))
+    if not high.any():
+        return []
+    cells = (after.force / after.standard_error).where(abs(after.force) > 0.0).to_series().dropna()
+    cell = cells.abs().idxmax() if len(cells) else None
+    force = (
+        ""
+        if cell is None
+        else (
+            f" The force that is missing stands out most near x = {cell[0]:.2g}, v = {cell[1]:.2g} {units}: "
+            f"{after.force.sel(x=cell[0], v=cell[1]).item():.2g} {units} times I w^2."
+        )
+    )
+    return [
+        f"What no candidate explains is more than {SHOWN_RATIO:g} times the noise at amplitudes of "
+        f"{amplitude[high].min():.3g} to {amplitude[high].max():.3g} {units}, and most at "
+        f"{amplitude[most]:.3g} {units}, {ratio[most]:.3g} times.{force}"
+    ]
 
 
 def _collinear(tree: xr.DataTree) -> list[str]:
@@ -166,12 +222,14 @@ def _outstanding(tree: xr.DataTree) -> list[str]:
     strong = last.isel(candidate=last.significant.values)
     if not strong.sizes["candidate"]:
         return []
-    most = tree.attrs["max_effects"]
+    most, refused = tree.attrs["max_effects"], tree.attrs.get("not_improving")
     reason = (
         f"no more than {most} effects were asked for (--max-effects)"
         if tree["steps"].attrs["count"] >= most
         else "the search ended before they were fitted"
         if tree.attrs["converged"] != "True"
+        else f"{refused} is the likeliest, but in the model it does not improve what was held out"
+        if refused
         else "fitted in full, none reduces the gap as its score promises"
     )
     return [f"By their scores, these candidates stand out: {_highest(strong.z)}; {reason}."]

@@ -10,6 +10,10 @@ from sysid_trib.forces.library import library_of_text
 
 # Between the names of a pair of candidates, and between pairs.
 PAIR, PAIRS = " and ", "; "
+# Of each run, on which names are looked at again.
+RECORD_PARTS = {"first 70 %": (0.0, 0.7), "middle 70 %": (0.15, 0.85), "last 70 %": (0.3, 1.0)}
+# Standard errors by which a coefficient differs from the one that physics knows where it is another force's.
+MISNAMED = 2.58
 # An effect that is more probable by so much than the one that was fitted has the name.
 LIKELIER = 0.5
 
@@ -23,6 +27,18 @@ def added_effects(tree: xr.DataTree) -> list[str]:
     """Symbols of the effects that were added, in the order of the steps."""
     # Without a step there is but the count.
     return tree["steps"].symbol.values.tolist() if tree["steps"].attrs["count"] else []
+
+
+def misnamed_effects(tree: xr.DataTree) -> dict[str, float]:
+    """Effects of which the coefficient is not the one that physics knows, and that one."""
+    offered, steps = candidates_of(tree), tree["steps"].to_dataset()
+    known = {symbol: offered[symbol].coefficient for symbol in added_effects(tree)}
+    return {
+        symbol: value
+        for at, (symbol, value) in enumerate(known.items())
+        if value is not None
+        and abs(steps.coefficient.values[at] - value) > MISNAMED * steps.standard_error.values[at]
+    }
 
 
 def error_widening(tree: xr.DataTree) -> float:
