@@ -22,13 +22,18 @@ ROUND = 0.02
 # and its unit is one in which gravity comes out right, within this part.
 GRAVITY_TOLERANCE = 0.05
 # Stamps that count from 1970, in the years 1990 to 2100.
+# MATLAB's days from the year 0 and spreadsheets' from 1900 are of the same years.
+LONGEST_DAY_STEP = 1e-2
+SERIAL_DAYS = ((32874.0, 73051.0), (726834.0, 767011.0))
 EPOCH_STAMPS = (("ms", 6.3e11, 4.1e12), ("us", 6.3e14, 4.1e15), ("ns", 6.3e17, 4.1e18))
 # An accelerometer that rests shows gravity: near 1 in g, near 9.8 in m/s^2.
 REST_IN_G = (0.5, 1.2)
+# s; no laboratory waits for longer periods, or of whole stamps, which often are ms or us, or sees shorter ones.
+LONGEST_PERIOD, LONGEST_OF_WHOLE, SHORTEST_PERIOD = 1000.0, 60.0, 5e-5
 
 
-def time_factor(table: FileTable, name: str, given: str | None, source: str) -> tuple[str, float, str]:
-    """Unit of a time column, its factor to s, and why where it was not stated.
+def time_factor(table: FileTable, name: str, given: str | None, source: str) -> tuple[str | None, float, str]:
+    """Unit of a time column, its factor to s, and why where it was not stated; None if nothing tells it.
 
     Raises
     ------
@@ -61,8 +66,11 @@ def time_factor(table: FileTable, name: str, given: str | None, source: str) -> 
     return _beside_steps(table, name, source)
 
 
-def _beside_steps(table: FileTable, name: str, source: str) -> tuple[str, float, str]:
-    """The unit in which the steps of a time column are those that a column `dt (s)` states; else s."""
+def _beside_steps(table: FileTable, name: str, source: str) -> tuple[str | None, float, str]:
+    """The unit in which the steps of a time column are those that a column `dt (s)` states; else s.
+
+    Stamps of these years that count from a known date tell their unit too.
+    """
     stamps = numbers(table.columns[name], name, source)
     steps = np.diff(stamps[np.isfinite(stamps)])
     usual = float(np.median(steps)) if steps.size else 0.0
@@ -76,8 +84,45 @@ def _beside_steps(table: FileTable, name: str, source: str) -> tuple[str, float,
     for text, low, high in EPOCH_STAMPS:
         if stamps.size and low < float(np.nanmedian(stamps)) < high:
             return text, TIME_UNITS[text], f"time in {text}: it counts from 1970"
-    counts = usual >= 1.0 and bool(np.all(stamps == np.round(stamps)))
-    return "s", 1.0, "unit of time not stated: taken as s, though its stamps are whole" if counts else ""
+    for low, high in SERIAL_DAYS:
+        if 0.0 < usual < LONGEST_DAY_STEP and low < np.nanmin(stamps) and np.nanmax(stamps) < high:
+            return "d", TIME_UNITS["d"], "time in days: it counts them as a calendar does"
+    whole = "unit of time not stated: taken as s, though its stamps are whole"
+    return None, 1.0, whole if are_whole(stamps) else ""
+
+
+def are_whole(stamps: Array) -> bool:
+    """Whether stamps are whole numbers, one or more apart."""
+    stamps = stamps[np.isfinite(stamps)]
+    return bool(stamps.size > 1 and np.all(stamps == np.round(stamps)) and np.median(np.diff(stamps)) >= 1.0)
+
+
+def check_period(time: Array, values: Array, whole: bool, source: str) -> None:
+    """Ask for the unit of times that nothing states, where in seconds no laboratory has such a period.
+
+    Parameters
+    ----------
+    time, values : (sample,) array of float
+        The signal; times as they stand.
+    whole : bool
+        Whether the stamps are whole numbers.
+    source : str
+        Of whom the question speaks.
+
+    Raises
+    ------
+    RecordError
+        With the period, and what to give.
+    """
+    good = np.isfinite(values)
+    periods = dominant_periods(time[good], values[good]) if np.count_nonzero(good) > 1 else []
+    longest = LONGEST_OF_WHOLE if whole else LONGEST_PERIOD
+    if periods and not SHORTEST_PERIOD < periods[0] < longest:
+        raise RecordError(
+            f"{source}: nothing states the unit of its times: the period would be {periods[0]:.3g} s in s, "
+            f"{1e-3 * periods[0]:.3g} s in ms, {1e-6 * periods[0]:.3g} s in us; give it, --time-units "
+            f"{OFFERED_TIME_UNITS} (time_units= in Python), or the sampling rate, --sampling-rate HZ."
+        )
 
 
 def circle_radius(table: FileTable, name: str) -> float | None:

@@ -202,7 +202,7 @@ def _candidate(table: FileTable, name: str, time: str | None, source: str) -> _C
         stamps = np.arange(values.size) if time is None else numbers(table.columns[time], time, source)
         if stamps.size != values.size:
             return _Candidate(name, base, signal_unit(table.units.get(name, "") or unit), values, None)
-        clock = read_clock(stamps.astype(float), 1.0, source)
+        clock = read_clock(stamps.astype(float), 1.0, source, values)
         good = np.isfinite(values[clock.rows])
         whole, _ = unwrapped(
             values[clock.rows][good], 360.0 if np.nanmax(np.abs(values)) > 10.0 else 2.0 * np.pi

@@ -51,7 +51,7 @@ def read_record(
         Its unit, where the file does not say it: rad, deg, mrad, mm, px, V, au, rad/s, g, ...
     sampling_rate : float, Hz, optional
         Instead of a time column.
-    time_units : {"s", "ms", "us", "min"}, optional
+    time_units : {"s", "ms", "us", "ns", "min", "h", "d"}, optional
         Where the file does not say it; if not given either, s.
     length : float, m, optional
         Of a pendulum: turns a displacement in a unit of length into an angle.

@@ -4,7 +4,7 @@ import numpy as np
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError, UsageError
-from sysid_trib.records.assumed_units import time_factor
+from sysid_trib.records.assumed_units import are_whole, check_period, time_factor
 from sysid_trib.records.clock import Clock, read_clock
 from sysid_trib.records.columns import Chosen
 from sysid_trib.records.headers import split_header
@@ -82,9 +82,12 @@ def row_times(
                 f"says {how.sampling_rate:g} Hz (sampling_rate= in Python); leave the option out, or give "
                 "the unit of the stamps, --time-units."
             )
-        return Clock(rows / how.sampling_rate, rows, (), (f"{how.sampling_rate:g} Hz as given",)), unit, []
-    clock = read_clock(stamps, factor, source)
-    return clock, unit, [why] if why else []
+        clock = Clock(rows / how.sampling_rate, rows, (), (f"{how.sampling_rate:g} Hz as given",))
+        return clock, unit or "s", []
+    clock = read_clock(stamps, factor, source, values)
+    if unit is None:
+        check_period(clock.time, values[clock.rows], are_whole(stamps), source)
+    return clock, unit or "s", [why] if why else []
 
 
 def _idle(table: FileTable, name: str, samples: int) -> bool:

@@ -3,6 +3,7 @@
 import re
 
 import numpy as np
+import pandas as pd
 
 from sysid_trib.records.headers import split_header
 from sysid_trib.records.tables import FileTable
@@ -14,7 +15,13 @@ def time_of(name: str, times: list[str], table: FileTable) -> str | None:
     fitting = [t for t in times if np.size(table.columns[t]) == np.size(table.columns[name])] or times
     mates = [t for t in fitting if _are_mates(t, name)]
     before = [t for t in fitting if order.index(t) < order.index(name)]
-    return mates[0] if mates else before[-1] if before else fitting[0] if fitting else None
+    if mates or not before:
+        return next(iter(mates or fitting), None)
+    # Of clocks that stand beside each other, the one that stands still least often; else the next one.
+    beside = [before[-1]]
+    while (at := order.index(beside[0])) and order[at - 1] in before:
+        beside.insert(0, order[at - 1])
+    return max(reversed(beside), key=lambda clock: pd.unique(table.columns[clock]).size)
 
 
 def _rest(name: str) -> str:

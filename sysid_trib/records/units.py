@@ -14,6 +14,8 @@ TIME_UNITS = {
     **dict.fromkeys(("us", "µs", "usec", "micros", "microsecond", "microseconds"), 1e-6),
     **dict.fromkeys(("ns", "nanosecond", "nanoseconds"), 1e-9),
     **dict.fromkeys(("min", "minute", "minutes"), 60.0),
+    **dict.fromkeys(("h", "hr", "hour", "hours"), 3600.0),
+    **dict.fromkeys(("d", "day", "days"), 86400.0),
 }
 _TURN = 2.0 * np.pi
 DEGREES_ABROAD = ("degrés", "degres", "degré", "grados", "gradi", "graus", "graden", "grader", "stopnie")
@@ -54,7 +56,7 @@ INTEGRATIONS = {"angle": 0, "displacement": 0, "rate": 1, "acceleration": 2}
 ACCELEROMETER = "accelerometer"
 SIGNALS = (*INTEGRATIONS, ACCELEROMETER)
 OFFERED_UNITS = "rad, deg, mrad, m, mm, px, V, au, rad/s, deg/s, m/s^2 or g"
-OFFERED_TIME_UNITS = "s, ms, us, ns or min"
+OFFERED_TIME_UNITS = "s, ms, us, ns, min, h or d"
 OFFERED_ANGLES = ", ".join(_ANGLES)
 
 
