@@ -207,7 +207,7 @@ def test_whole_stamps_without_a_unit_are_said_to_be_taken_as_seconds(tmp_path):
         "unit of time not stated: taken as s, though its stamps are whole"
         in read_record(path).attrs["reading"]
     )
-    with pytest.raises(RecordError, match="the period would be .* s in ms.*--time-units"):
+    with pytest.raises(RecordError, match=r"the period would be .* s in ms.*--time-units"):
         read_record(written(tmp_path, table(time=1000 * TIME)))
     for options, text in (({"time_units": "ms"}, table(time=1000 * TIME)), ({}, table())):
         assert "unit of time" not in read_record(written(tmp_path, text), **options).attrs["reading"]

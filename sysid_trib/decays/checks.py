@@ -11,7 +11,8 @@ from sysid_trib.errors import DecayError
 
 # Three full periods: five whole half periods and a part of one at either end.
 FEWEST_EXTREMA = 5
-FEWEST_PER_HALF_PERIOD = 3
+# Each half-sine has two unknowns.
+FEWEST_PER_HALF_PERIOD = 2.2
 # A drive holds the amplitude for so many half periods at least, and within this part.
 DRIVEN_HALF_PERIODS = 8
 DRIVEN_TOLERANCE = 0.03
@@ -60,7 +61,7 @@ def after_the_largest(time: Array, angle: Array, swing: Swing, source: str) -> S
         raise DecayError(
             f"{source}: only {count} whole half period{'s' * (count != 1)} of steady oscillation (period "
             f"about {swing.oscillation.period:.3g} s), at least five are needed, three full periods in all; "
-            "record longer or widen the window."
+            "record longer or widen the window, or name the forces that act (--forces) to take it as it is."
         )
     peak = np.abs(signed_extrema(time, angle - swing.equilibrium, swing.halves.select(run)))
     # Generous for an extremum's own scatter: by noise, which averaging over a third of a period would leave,
@@ -73,7 +74,8 @@ def after_the_largest(time: Array, angle: Array, swing: Swing, source: str) -> S
     if count - first < FEWEST_EXTREMA and largest:
         growth = 100.0 * ((peak[largest] / peak[0]) ** (2.0 / largest) - 1.0)
         raise DecayError(
-            f"{source}: the oscillation grows by {growth:.2g} % a period; a free decay is needed."
+            f"{source}: the oscillation grows by {growth:.2g} % a period; a free decay is needed, or the "
+            "forces that act (--forces), to take it as it is."
         )
     if fall < 1e-4 * peak[first] + scatter / np.sqrt(quarter):
         change = -200.0 * fall / peak[first] / (count - first)

@@ -28,7 +28,7 @@ SERIAL_DAYS = ((32874.0, 73051.0), (726834.0, 767011.0))
 EPOCH_STAMPS = (("ms", 6.3e11, 4.1e12), ("us", 6.3e14, 4.1e15), ("ns", 6.3e17, 4.1e18))
 # An accelerometer that rests shows gravity: near 1 in g, near 9.8 in m/s^2.
 REST_IN_G = (0.5, 1.2)
-# s; no laboratory waits for longer periods, or of whole stamps, which often are ms or us, or sees shorter ones.
+# s; no laboratory has longer periods, or of whole stamps, which often are ms or us, or shorter ones.
 LONGEST_PERIOD, LONGEST_OF_WHOLE, SHORTEST_PERIOD = 1000.0, 60.0, 5e-5
 
 

@@ -13,6 +13,7 @@ from sysid_trib.errors import RecordError, UsageError, readable
 from sysid_trib.records.as_angle import as_felt, as_position
 from sysid_trib.records.columns import Chosen, choose_columns, has_column
 from sysid_trib.records.expression import is_expression, with_expression
+from sysid_trib.records.notes import noted_rate
 from sysid_trib.records.numbers import numbers
 from sysid_trib.records.reading import Reading
 from sysid_trib.records.row_times import row_times
@@ -110,7 +111,8 @@ def read_records(path: str | os.PathLike[str], how: Reading | None = None) -> li
     if is_expression(how.angle) and not has_column(table, how.angle):
         table = with_expression(table, str(how.angle), source)
     signal = "acceleration" if how.signal == ACCELEROMETER else how.signal
-    chosen = choose_columns(table, source, time=how.time, angle=how.angle, signal=signal)
+    rate = how.sampling_rate or noted_rate(table.notes)
+    chosen = choose_columns(table, source, time=how.time, angle=how.angle, signal=signal, rate=rate)
     checksum = hashlib.sha256(path.read_bytes()).hexdigest()
     records = []
     for number, columns in enumerate(chosen):

@@ -6,8 +6,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records.assumed_units import are_whole, check_period, time_factor
 from sysid_trib.records.clock import Clock, read_clock
-from sysid_trib.records.columns import Chosen
-from sysid_trib.records.headers import split_header
+from sysid_trib.records.columns import Chosen, no_clock
 from sysid_trib.records.notes import noted_rate
 from sysid_trib.records.numbers import numbers
 from sysid_trib.records.reading import Reading
@@ -52,15 +51,7 @@ def row_times(
     if columns.time is None or (how.sampling_rate is not None and _idle(table, columns.time, values.size)):
         rate = how.sampling_rate or noted
         if rate is None:
-            over = [name for name in table.columns if split_header(name)[0].startswith("freq")]
-            if over:
-                raise RecordError(
-                    f"{source}: its columns are over {over[0]}, not over time: it is a response; a record "
-                    "is needed."
-                )
-            raise RecordError(
-                f"{source}: there is no time column; give the sampling rate (--sampling-rate HZ)."
-            )
+            raise RecordError(no_clock(table, source))
         said = [] if how.sampling_rate else [f"sampling rate of {rate:g} Hz from its notes"]
         rows = np.arange(values.size)
         return Clock(rows / rate, rows, (), (f"{rate:g} Hz",)), "s", said
