@@ -19,6 +19,8 @@ DRIVEN_TOLERANCE = 0.03
 # A beat rises over so many half periods at least, in this part of them, and swings on in this part.
 FEWEST_RISING = 5
 RISING_PART = 0.8
+# Between its maxima the amplitude of a beat falls by this part of the largest one at least.
+TROUGH = 0.3
 SWINGING_ON = 0.7
 # Its fall does not slow down: that of the last quarter is no less than this part of that of the first.
 HOLLOW = 0.8
@@ -71,13 +73,16 @@ def after_the_largest(time: Array, angle: Array, swing: Swing, source: str) -> S
     first = largest if peak[largest] > 1.03 * peak[0] + scatter else 0
     quarter = max(1, (count - first) // 4)
     fall = float(np.mean(peak[first : first + quarter]) - np.mean(peak[-quarter:]))
+    falling = fall >= 1e-4 * peak[first] + scatter / np.sqrt(quarter)
+    if (count - first < FEWEST_EXTREMA and largest) or not falling:
+        _refuse_rise_and_fall(peak, scatter, source)
     if count - first < FEWEST_EXTREMA and largest:
         growth = 100.0 * ((peak[largest] / peak[0]) ** (2.0 / largest) - 1.0)
         raise DecayError(
             f"{source}: the oscillation grows by {growth:.2g} % a period; a free decay is needed, or the "
             "forces that act (--forces), to take it as it is."
         )
-    if fall < 1e-4 * peak[first] + scatter / np.sqrt(quarter):
+    if not falling:
         change = -200.0 * fall / peak[first] / (count - first)
         raise DecayError(
             f"{source}: the oscillation does not decay: of {peak[first]:.3g}, {change:.2g} % a period; "
@@ -87,6 +92,20 @@ def after_the_largest(time: Array, angle: Array, swing: Swing, source: str) -> S
     _refuse_pushes(peak[first:], swing, source)
     _refuse_beats(swing, source)
     return swing
+
+
+def _refuse_rise_and_fall(peak: Array, scatter: float, source: str) -> None:
+    """Refuse an amplitude that falls and rises as far again: beats, unless it began from rest as a drive does."""
+    trough = int(np.argmin(peak))
+    before, after = peak[: trough + 1].max(), peak[trough:].max()
+    if (
+        min(before, after) - peak[trough] > TROUGH * peak.max() + 2.0 * scatter
+        and peak[0] > TROUGH * peak.max()
+    ):
+        raise DecayError(
+            f"{source}: the amplitude falls from {before:.3g} to {peak[trough]:.3g} and rises again to "
+            f"{after:.3g}: two modes beat; record one alone, or choose the window of one decay."
+        )
 
 
 def _refuse_beats(swing: Swing, source: str) -> None:

@@ -146,8 +146,8 @@ def free_decays(
         said.append(f"taken as it is, since its forces are named, though {refused}")
     if len(pieces) > 1:
         said.append(f"gaps part the record into {len(pieces)} pieces, {len(decays)} of them decays")
-    found = [decay_dataset(inside, decay, "; ".join(said)) for decay in decays]
-    return [decay.assign_attrs(taken_as_it_is=refused) for decay in found] if refused else found
+    datasets = [decay_dataset(inside, decay, "; ".join(said)) for decay in decays]
+    return [decay.assign_attrs(taken_as_it_is=refused) for decay in datasets] if refused else datasets
 
 
 def _kept_samples(time: Array, angle: Array, keep_outliers: bool) -> "tuple[Indices, list[str]]":

@@ -78,8 +78,8 @@ def _damped_sine(time: Array, signal: Array, period: float) -> tuple[float, floa
             fits.append(curve_fit(motion, at, y, [*start, exponent, 1.0]))
         except (RuntimeError, ValueError):
             continue
-    left = [float(np.std(y - motion(at, *values))) for values, _ in fits]
-    if not fits or min(left) > LARGEST_LEFT:
+    residuals = [float(np.std(y - motion(at, *values))) for values, _ in fits]
+    if not fits or min(residuals) > LARGEST_LEFT:
         return None
-    values, covariance = fits[int(np.argmin(left))]
+    values, covariance = fits[int(np.argmin(residuals))]
     return float(values[0] * size), float(np.sqrt(covariance[0, 0]) * size)

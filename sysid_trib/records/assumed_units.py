@@ -1,10 +1,14 @@
 """Units that a file does not state: what its numbers and names let one assume, with the evidence."""
 
 import numpy as np
+import xarray as xr
+from scipy.special import ellipk
 
 from sysid_trib.arrays import Array
+from sysid_trib.decays.free_decay import free_decay
 from sysid_trib.decays.half_periods import dominant_periods
-from sysid_trib.errors import RecordError, UsageError
+from sysid_trib.decays.half_sines import envelope
+from sysid_trib.errors import DecayError, RecordError, UsageError
 from sysid_trib.records.headers import names_quantity, split_header
 from sysid_trib.records.numbers import is_clock_time, is_numeric, numbers
 from sysid_trib.records.tables import FileTable
@@ -28,6 +32,9 @@ SERIAL_DAYS = ((32874.0, 73051.0), (726834.0, 767011.0))
 EPOCH_STAMPS = (("ms", 6.3e11, 4.1e12), ("us", 6.3e14, 4.1e15), ("ns", 6.3e17, 4.1e18))
 # An accelerometer that rests shows gravity: near 1 in g, near 9.8 in m/s^2.
 REST_IN_G = (0.5, 1.2)
+# rad; from this amplitude on a pendulum's frequency shows whether it is one in rad: it rises as it decays, by
+# more than this part of what it should.
+FROM_AMPLITUDE, STEADY = 1.0, 0.25
 # s; no laboratory has longer periods, or of whole stamps, which often are ms or us, or shorter ones.
 LONGEST_PERIOD, LONGEST_OF_WHOLE, SHORTEST_PERIOD = 1000.0, 60.0, 5e-5
 
@@ -171,6 +178,14 @@ def assumed_unit(
             return _unit(
                 "deg"
             ), f"unit not stated: in degrees, since an angle does not swing to {half:.3g} rad"
+        if half > FROM_AMPLITUDE and (moves := _frequency_shift(time, values)) is not None:
+            seen, of_pendulum = moves
+            if abs(seen) < STEADY * of_pendulum:
+                return _unit("deg"), (
+                    f"unit not stated: in degrees, since the frequency of a pendulum that swings to {half:.3g} "
+                    f"rad would rise by {100.0 * of_pendulum:.2g} % as it decays, and this one moves by "
+                    f"{100.0 * seen:.2g} % (--units rad if it is no pendulum)"
+                )
         return _unit("rad"), "unit not stated: taken as rad"
     if quantity == "displacement":
         return SignalUnit(
@@ -185,6 +200,24 @@ def assumed_unit(
     in_g = REST_IN_G[0] < abs(rest) < REST_IN_G[1]
     reason = f", since it swings about {rest:.3g}, as gravity would" if in_g else ""
     return _unit("g" if in_g else "m/s^2"), f"unit not stated: taken as {'g' if in_g else 'm/s^2'}{reason}"
+
+
+def _frequency_shift(time: Array, values: Array) -> tuple[float, float] | None:
+    """How far the frequency rises over a decay, as a part of it, and how far that of a pendulum would in rad.
+
+    None where there is no decay.
+    """
+    try:
+        curve = envelope(free_decay(xr.Dataset({"angle": ("time", values)}, {"time": time})))
+    except DecayError:
+        return None
+    count = max(1, curve.sizes["instant"] // 4)
+    pendulum = 0.5 * np.pi / ellipk(np.sin(0.5 * np.minimum(curve.amplitude.values, 3.1)) ** 2)
+    first, last = (
+        [float(np.median(part[ends])) for part in (curve.frequency.values, pendulum)]
+        for ends in (slice(None, count), slice(-count, None))
+    )
+    return last[0] / first[0] - 1.0, last[1] / first[1] - 1.0
 
 
 def _on_circle(time: Array, values: Array, radius: float) -> tuple[SignalUnit, str]:

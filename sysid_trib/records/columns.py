@@ -13,7 +13,7 @@ from sysid_trib.errors import RecordError, SysidTribError, UsageError, did_you_m
 from sysid_trib.records.axes import are_axes, in_phase, is_magnitude
 from sysid_trib.records.clock import read_clock
 from sysid_trib.records.headers import counts_rows, is_time, names_quantity, split_header
-from sysid_trib.records.numbers import is_clock_time, is_numeric, numbers
+from sysid_trib.records.numbers import is_clock_time, is_numeric, numbers, without_sentinels
 from sysid_trib.records.side_by_side import cells, runs_side_by_side, time_of
 from sysid_trib.records.tables import FileTable
 from sysid_trib.records.units import INTEGRATIONS, SignalUnit, signal_unit
@@ -124,7 +124,7 @@ def choose_columns(
     if not names:
         raise RecordError(f"{source}: there is no column for the angle beside the time.")
     if rate is None and not times:
-        # Which column swings is told after there is a clock.
+        # Without a clock it cannot be seen which column swings.
         raise RecordError(no_clock(table, source))
     runs = runs_side_by_side(names, times, table)
     if runs:
@@ -142,8 +142,8 @@ def choose_columns(
 
 def _moving_runs(runs: list[tuple[str, str]], table: FileTable, source: str) -> list[Chosen]:
     """Runs side by side, without those that hold no decay where others do; they are named."""
-    found = {name: _candidate(table, name, time, source) for time, name in runs}
-    still = [name for name, candidate in found.items() if candidate is None or candidate.swing is None]
+    candidates = {name: _candidate(table, name, time, source) for time, name in runs}
+    still = [name for name, candidate in candidates.items() if candidate is None or candidate.swing is None]
     still = [] if len(still) == len(runs) else still
     said = f"runs side by side, {', '.join(still)} left out: no decay" if still else "runs side by side"
     return [Chosen(time, name, said) for time, name in runs if name not in still]
@@ -216,7 +216,7 @@ def _candidate(table: FileTable, name: str, time: str | None, source: str) -> _C
     base, unit = split_header(name)
     swing, reason = None, ""
     try:
-        values = numbers(table.columns[name], name, source)
+        values, _ = without_sentinels(numbers(table.columns[name], name, source))
     except SysidTribError:
         return None
     if np.count_nonzero(np.isfinite(values)) < FEWEST_NUMBERS:
@@ -289,7 +289,11 @@ def _no_decay(pool: list[_Candidate], source: str) -> str:
     reasons = "; ".join(f"{column.name}: {column.reason}" for column in pool[:LISTED] if column.reason)
     return (
         f"{source}: none of {len(pool)} columns swings as a free decay{f' ({reasons})' * bool(reasons)}; "
-        "is it driven? A free decay is needed: switch the drive off, and record what follows."
+        + (
+            "record one mode alone."
+            if "two modes beat" in reasons and "driven" not in reasons
+            else "is it driven? A free decay is needed: switch the drive off, and record what follows."
+        )
     )
 
 

@@ -7,7 +7,7 @@ from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records.assumed_units import are_whole, check_period, time_factor
 from sysid_trib.records.clock import Clock, read_clock
 from sysid_trib.records.columns import Chosen, no_clock
-from sysid_trib.records.notes import noted_rate
+from sysid_trib.records.notes import noted_duration, noted_rate
 from sysid_trib.records.numbers import numbers
 from sysid_trib.records.reading import Reading
 from sysid_trib.records.tables import FileTable
@@ -47,7 +47,7 @@ def row_times(
     UsageError
         Time stamps contradict the sampling rate that is given.
     """
-    noted = noted_rate(table.notes)
+    noted = stated_rate(table)
     if columns.time is None or (how.sampling_rate is not None and _idle(table, columns.time, values.size)):
         rate = how.sampling_rate or noted
         if rate is None:
@@ -79,6 +79,16 @@ def row_times(
     if unit is None:
         check_period(clock.time, values[clock.rows], are_whole(stamps), source)
     return clock, unit or "s", [why] if why else []
+
+
+def stated_rate(table: FileTable) -> float | None:
+    """Sampling rate (Hz) that the notes of a file state, or that its rows have over a duration they state."""
+    rate, duration = noted_rate(table.notes), noted_duration(table.notes)
+    if rate is not None or duration is None:
+        return rate
+    rows = max(np.size(column) for column in table.columns.values())
+    # The last sample may be at the end.
+    return (rows - 1) / duration if (rows - 1) % duration == 0.0 else rows / duration
 
 
 def _idle(table: FileTable, name: str, samples: int) -> bool:

@@ -19,11 +19,13 @@ TIME_UNITS = {
 }
 _TURN = 2.0 * np.pi
 DEGREES_ABROAD = ("degrés", "degres", "degré", "grados", "gradi", "graus", "graden", "grader", "stopnie")
+# The sign of degrees of Mac Roman and of DOS, where it is read as Latin.
+MISREAD = ("¡", "ø")
 # Spellings by the name that results use.
 _ANGLES = {
     "rad": ("rad", "rads", "radian", "radians"),
     "mrad": ("mrad", "milliradian", "milliradians"),
-    "deg": ("deg", "deg.", "degs", "degree", "degrees", "°", "º", "grad", "grade", *DEGREES_ABROAD),
+    "deg": ("deg", "deg.", "degs", "degree", "degrees", "°", "º", "grad", "grade", *DEGREES_ABROAD, *MISREAD),
     "gon": ("gon",),
     "arcmin": ("arcmin", "arc min", "arcminutes", "\u2032"),
     "arcsec": ("arcsec", "arc sec", "arcseconds", "\u2033"),
