@@ -19,6 +19,8 @@ DRIVEN_TOLERANCE = 0.03
 # A beat rises over so many half periods at least, in this part of them, and swings on in this part.
 FEWEST_RISING = 5
 RISING_PART = 0.8
+# What goes on after a decay at less than this part of its largest amplitude is shaken by something else.
+SHAKEN = 0.25
 # Between its maxima the amplitude of a beat falls by this part of the largest one at least.
 TROUGH = 0.3
 SWINGING_ON = 0.7
@@ -89,7 +91,8 @@ def after_the_largest(time: Array, angle: Array, swing: Swing, source: str) -> S
             "is it driven? A free decay is needed."
         )
     swing = replace(swing, run=slice(run.start + first, run.stop))
-    _refuse_pushes(peak[first:], swing, source)
+    swing = _before_shaking(peak[first:], swing)
+    _refuse_pushes(peak[first : first + swing.run.stop - swing.run.start], swing, source)
     _refuse_beats(swing, source)
     return swing
 
@@ -133,19 +136,39 @@ def _refuse_beats(swing: Swing, source: str) -> None:
         )
 
 
-def _refuse_pushes(peak: Array, swing: Swing, source: str) -> None:
-    """Refuse an amplitude that rises again, comparing extrema of one sign: a push, or two modes that beat."""
+def _first_rise(peak: Array, swing: Swing) -> tuple[int, float] | None:
+    """First half period that is larger than one of its sign before, and the smallest of those; else None."""
+    rises = []
     for side in (0, 1):
         same = peak[side::2]
         lowest = np.minimum.accumulate(same)
-        rises = np.flatnonzero(same > 1.1 * lowest + 2.0 * swing.oscillation.floor)
-        if rises.size:
-            instant = swing.halves.crossing[swing.run.start + side + 2 * int(rises[0])]
-            raise DecayError(
-                f"{source}: the amplitude rises again at {instant:.4g} s, from {lowest[rises[0]]:.3g} to "
-                f"{same[rises[0]]:.3g}; a free decay does not: two modes beat, or it was pushed; end the "
-                "window before, or start it after."
-            )
+        larger = np.flatnonzero(same > 1.1 * lowest + 2.0 * swing.oscillation.floor)
+        rises += [(side + 2 * int(larger[0]), float(lowest[larger[0]]))] if larger.size else []
+    return min(rises, default=None)
+
+
+def _before_shaking(peak: Array, swing: Swing) -> Swing:
+    """Leave out what comes after the decay if it is shaken on from there: small, and larger again."""
+    rise = _first_rise(peak, swing)
+    if rise is None:
+        return swing
+    level = float(peak[rise[0] :].max())
+    stop = int(np.argmax(peak <= level))
+    if level > SHAKEN * peak[0] or stop < FEWEST_EXTREMA:
+        return swing
+    return replace(swing, run=slice(swing.run.start, swing.run.start + stop))
+
+
+def _refuse_pushes(peak: Array, swing: Swing, source: str) -> None:
+    """Refuse an amplitude that rises again, comparing extrema of one sign: a push, or two modes that beat."""
+    rise = _first_rise(peak, swing)
+    if rise is not None:
+        instant = swing.halves.crossing[swing.run.start + rise[0]]
+        raise DecayError(
+            f"{source}: the amplitude rises again at {instant:.4g} s, from {rise[1]:.3g} to "
+            f"{peak[rise[0]]:.3g}; a free decay does not: two modes beat, or it was pushed; end the "
+            "window before, or start it after."
+        )
 
 
 def after_clipping(time: Array, angle: Array, swing: Swing, source: str) -> Swing:
