@@ -163,7 +163,7 @@ COMMANDS = [
     ([*GOOD, "--length", "-1"], 2, "give the pendulum's length in m"),
     ([*GOOD, "--sampling-rate", "50"], 2, "say 100 Hz, but --sampling-rate says 50 Hz"),
     ([*GOOD, "--units", "mm"], 2, "says rad, but --units says mm (units= in Python)"),
-    ([*GOOD, "--time-units", "fortnight"], 2, "'fortnight' are unknown: give s, ms, us, ns or min"),
+    ([*GOOD, "--time-units", "fortnight"], 2, "'fortnight' are unknown: give s, ms, us, ns, min, h or d"),
     ([*GOOD, "--signal", "foo"], 2, "signal 'foo' is unknown"),
     ([*GOOD, "--time", "7"], 2, "no single column '7'; its columns are 0: time (s), 1: angle (rad)"),
     ([*GOOD, "--angle", "theta"], 2, "no single column 'theta'"),

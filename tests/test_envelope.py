@@ -239,11 +239,11 @@ def test_everything_has_units_and_survives_a_file(tmp_path):
         (np.zeros(500), "noise"),
         (np.random.default_rng(0).standard_normal(500), "noise"),
         (damped(np.arange(500) * 0.001), "half periods|noise"),
-        (damped(np.arange(500) * 0.12), "five samples"),
+        (damped(np.arange(500) * 0.25), "two samples"),
     ],
 )
 def test_refused(angle, reason):
-    step = 0.12 if reason == "five samples" else 0.001
+    step = 0.25 if reason == "two samples" else 0.001
     with pytest.raises(DecayError, match=reason):
         envelope(decay_of(np.arange(angle.size) * step, angle))
 

@@ -202,11 +202,13 @@ def test_sampling_rate(tmp_path, decimal):
 
 def test_whole_stamps_without_a_unit_are_said_to_be_taken_as_seconds(tmp_path):
     """They may be milliseconds, or count samples."""
-    path = written(tmp_path, table(time=1000 * TIME))
+    path = written(tmp_path, table(time=np.arange(60), angle=ANGLE[::5]))
     assert (
         "unit of time not stated: taken as s, though its stamps are whole"
         in read_record(path).attrs["reading"]
     )
+    with pytest.raises(RecordError, match=r"the period would be .* s in ms.*--time-units"):
+        read_record(written(tmp_path, table(time=1000 * TIME)))
     for options, text in (({"time_units": "ms"}, table(time=1000 * TIME)), ({}, table())):
         assert "unit of time" not in read_record(written(tmp_path, text), **options).attrs["reading"]
 
@@ -462,7 +464,7 @@ def test_missing_file_and_directory(tmp_path):
 
 @pytest.mark.parametrize(
     "options",
-    [{"signal": "speed"}, {"units": "-"}, {"length": 0.0}, {"time_units": "h"}, {"sampling_rate": 0.0}],
+    [{"signal": "speed"}, {"units": "-"}, {"length": 0.0}, {"time_units": "week"}, {"sampling_rate": 0.0}],
 )
 def test_unknown_options(tmp_path, options):
     with pytest.raises(UsageError):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.contact import binaries, defects, further, texts  # noqa: F401
+from benchmarks.contact import binaries, defects, further, stumbles, texts  # noqa: F401
 from benchmarks.contact.writing import KINDS, Draw, Right
 from sysid_trib.decays.free_decay import free_decays
 from sysid_trib.errors import SysidTribError

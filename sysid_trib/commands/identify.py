@@ -72,7 +72,9 @@ def identify(
         random_force = checks.parse_random_force(model.random_force)
         destination.check(given.records)
         tell("reading")
-        decays, sources = read_decays(given, model.reference_frequency, contactless)
+        decays, sources = read_decays(
+            given, model.reference_frequency, contactless, as_it_is=bool(model.forces)
+        )
         if scale.mass is not None:
             check_length_unit(unit_of_signal(decays[0]))
         methods, draws = _methods(offered, shapes, model.reference_frequency, decays)
@@ -147,4 +149,7 @@ def _methods(
     if any(MEASURED in decay for decay in decays):
         # What is reported last is that in the quantity that was measured.
         return [averaging if forces_alone else direct, trajectory], few
-    return ([averaging, direct], SIMULATED_RECORDS) if forces_alone else ([trajectory, direct], few)
+    # One that is too short or grows has no envelope to be averaged.
+    if not forces_alone or any(decay.attrs.get("taken_as_it_is") for decay in decays):
+        return [trajectory, direct], few
+    return [averaging, direct], SIMULATED_RECORDS

@@ -20,6 +20,8 @@ def read_decays(
     given: DecayOptions,
     reference_frequency: float | None = None,
     contactless: tuple[float, float] | None = None,
+    *,
+    as_it_is: bool = False,
 ) -> "tuple[list[xr.Dataset], list[str]]":
     """Read free decays of the files, or of the embedded example.
 
@@ -31,6 +33,8 @@ def read_decays(
         Refused where it cannot be the records'.
     contactless : (float, float), rad/s, optional
         Frequency without contact and its error; refused likewise.
+    as_it_is : bool
+        As in `free_decays`: where the forces are named.
 
     Returns
     -------
@@ -49,7 +53,7 @@ def read_decays(
         if checksum in sums:
             raise UsageError(f"{record} is given twice; runs of one experiment are different records.")
         sums.append(checksum)
-        those = [decay for part in read for decay in _decays(given, part)]
+        those = [decay for part in read for decay in _decays(given, part, as_it_is=as_it_is)]
         chosen = _chosen(those, given.decay, record)
         decays += chosen
         several = f" {len(those)} decays{', one of them taken' if len(chosen) == 1 else ''}."
@@ -94,13 +98,13 @@ def _read(given: DecayOptions, record: Path | None) -> "tuple[list[xr.Dataset], 
             raise RecordError(said) from None
         raise
     attrs = runs[0].attrs
-    column = attrs["angle_column"]
+    column = " and ".join(dict.fromkeys(str(run.attrs["angle_column"]) for run in runs))
     facts = [f"{attrs['signal']} in {attrs['angle_unit_in_file']} from column {column}", attrs["clock"]]
     facts += [attrs[name] for name in ("reading", "integration") if attrs.get(name)]
     return runs, f"Record: {record}, {'; '.join(facts)}."
 
 
-def _decays(given: DecayOptions, record: "xr.Dataset") -> "list[xr.Dataset]":
+def _decays(given: DecayOptions, record: "xr.Dataset", *, as_it_is: bool = False) -> "list[xr.Dataset]":
     from sysid_trib.decays.free_decay import free_decays
     from sysid_trib.records.units import signal_unit
 
@@ -109,7 +113,8 @@ def _decays(given: DecayOptions, record: "xr.Dataset") -> "list[xr.Dataset]":
     if centre != "auto":
         unit = signal_unit(str(record.attrs.get("angle_unit_in_file", "rad")))
         centre = parse_number(given.equilibrium, "--equilibrium") * (unit.factor if unit else 1.0)
-    return free_decays(record, window=limits, equilibrium=centre, keep_outliers=given.keep_outliers)
+    how = {"keep_outliers": given.keep_outliers, "as_it_is": as_it_is}
+    return free_decays(record, window=limits, equilibrium=centre, **how)
 
 
 def _chosen(decays: "list[xr.Dataset]", number: int | None, record: Path | None) -> "list[xr.Dataset]":

@@ -11,13 +11,18 @@ from sysid_trib.errors import DecayError
 
 # Three full periods: five whole half periods and a part of one at either end.
 FEWEST_EXTREMA = 5
-FEWEST_PER_HALF_PERIOD = 3
+# Each half-sine has two unknowns.
+FEWEST_PER_HALF_PERIOD = 2.2
 # A drive holds the amplitude for so many half periods at least, and within this part.
 DRIVEN_HALF_PERIODS = 8
 DRIVEN_TOLERANCE = 0.03
 # A beat rises over so many half periods at least, in this part of them, and swings on in this part.
 FEWEST_RISING = 5
 RISING_PART = 0.8
+# What goes on after a decay at less than this part of its largest amplitude is shaken by something else.
+SHAKEN = 0.25
+# Between its maxima the amplitude of a beat falls by this part of the largest one at least.
+TROUGH = 0.3
 SWINGING_ON = 0.7
 # Its fall does not slow down: that of the last quarter is no less than this part of that of the first.
 HOLLOW = 0.8
@@ -63,7 +68,7 @@ def after_the_largest(time: Array, angle: Array, swing: Swing, source: str) -> S
         raise DecayError(
             f"{source}: only {count} whole half period{'s' * (count != 1)} of steady oscillation (period "
             f"about {swing.oscillation.period:.3g} s), at least five are needed, three full periods in all; "
-            "record longer or widen the window."
+            "record longer or widen the window, or name the forces that act (--forces) to take it as it is."
         )
     peak = np.abs(signed_extrema(time, angle - swing.equilibrium, swing.halves.select(run)))
     # Generous for an extremum's own scatter: by noise, which averaging over a third of a period would leave,
@@ -73,21 +78,40 @@ def after_the_largest(time: Array, angle: Array, swing: Swing, source: str) -> S
     first = largest if peak[largest] > 1.03 * peak[0] + scatter else 0
     quarter = max(1, (count - first) // 4)
     fall = float(np.mean(peak[first : first + quarter]) - np.mean(peak[-quarter:]))
+    falling = fall >= 1e-4 * peak[first] + scatter / np.sqrt(quarter)
+    if (count - first < FEWEST_EXTREMA and largest) or not falling:
+        _refuse_rise_and_fall(peak, scatter, source)
     if count - first < FEWEST_EXTREMA and largest:
         growth = 100.0 * ((peak[largest] / peak[0]) ** (2.0 / largest) - 1.0)
         raise DecayError(
-            f"{source}: the oscillation grows by {growth:.2g} % a period; a free decay is needed."
+            f"{source}: the oscillation grows by {growth:.2g} % a period; a free decay is needed, or the "
+            "forces that act (--forces), to take it as it is."
         )
-    if fall < 1e-4 * peak[first] + scatter / np.sqrt(quarter):
+    if not falling:
         change = -200.0 * fall / peak[first] / (count - first)
         raise DecayError(
             f"{source}: the oscillation does not decay: of {peak[first]:.3g}, {change:.2g} % a period; "
             "is it driven? A free decay is needed."
         )
     swing = replace(swing, run=slice(run.start + first, run.stop))
-    _refuse_pushes(peak[first:], swing, source)
+    swing = _before_shaking(peak[first:], swing)
+    _refuse_pushes(peak[first : first + swing.run.stop - swing.run.start], swing, source)
     _refuse_beats(swing, source)
     return swing
+
+
+def _refuse_rise_and_fall(peak: Array, scatter: float, source: str) -> None:
+    """Refuse an amplitude that falls and rises as far again: beats, unless it began from rest as a drive does."""
+    trough = int(np.argmin(peak))
+    before, after = peak[: trough + 1].max(), peak[trough:].max()
+    if (
+        min(before, after) - peak[trough] > TROUGH * peak.max() + 2.0 * scatter
+        and peak[0] > TROUGH * peak.max()
+    ):
+        raise DecayError(
+            f"{source}: the amplitude falls from {before:.3g} to {peak[trough]:.3g} and rises again to "
+            f"{after:.3g}: two modes beat; record one alone, or choose the window of one decay."
+        )
 
 
 def _refuse_beats(swing: Swing, source: str) -> None:
@@ -115,19 +139,39 @@ def _refuse_beats(swing: Swing, source: str) -> None:
         )
 
 
-def _refuse_pushes(peak: Array, swing: Swing, source: str) -> None:
-    """Refuse an amplitude that rises again, comparing extrema of one sign: a push, or two modes that beat."""
+def _first_rise(peak: Array, swing: Swing) -> tuple[int, float] | None:
+    """First half period that is larger than one of its sign before, and the smallest of those; else None."""
+    rises = []
     for side in (0, 1):
         same = peak[side::2]
         lowest = np.minimum.accumulate(same)
-        rises = np.flatnonzero(same > 1.1 * lowest + 2.0 * swing.oscillation.floor)
-        if rises.size:
-            instant = swing.halves.crossing[swing.run.start + side + 2 * int(rises[0])]
-            raise DecayError(
-                f"{source}: the amplitude rises again at {instant:.4g} s, from {lowest[rises[0]]:.3g} to "
-                f"{same[rises[0]]:.3g}; a free decay does not: two modes beat, or it was pushed; end the "
-                "window before, or start it after."
-            )
+        larger = np.flatnonzero(same > 1.1 * lowest + 2.0 * swing.oscillation.floor)
+        rises += [(side + 2 * int(larger[0]), float(lowest[larger[0]]))] if larger.size else []
+    return min(rises, default=None)
+
+
+def _before_shaking(peak: Array, swing: Swing) -> Swing:
+    """Leave out what comes after the decay if it is shaken on from there: small, and larger again."""
+    rise = _first_rise(peak, swing)
+    if rise is None:
+        return swing
+    level = float(peak[rise[0] :].max())
+    stop = int(np.argmax(peak <= level))
+    if level > SHAKEN * peak[0] or stop < FEWEST_EXTREMA:
+        return swing
+    return replace(swing, run=slice(swing.run.start, swing.run.start + stop))
+
+
+def _refuse_pushes(peak: Array, swing: Swing, source: str) -> None:
+    """Refuse an amplitude that rises again, comparing extrema of one sign: a push, or two modes that beat."""
+    rise = _first_rise(peak, swing)
+    if rise is not None:
+        instant = swing.halves.crossing[swing.run.start + rise[0]]
+        raise DecayError(
+            f"{source}: the amplitude rises again at {instant:.4g} s, from {rise[1]:.3g} to "
+            f"{peak[rise[0]]:.3g}; a free decay does not: two modes beat, or it was pushed; end the "
+            "window before, or start it after."
+        )
 
 
 def end_of_clipping(time: Array, angle: Array, swing: Swing, source: str) -> tuple[int, str]:

@@ -76,7 +76,7 @@ def _largest(swing: Swing) -> float:
     return float(swing.halves.peak[swing.run].max(initial=0.0))
 
 
-def usable_half_periods(time: Array, angle: Array, source: str) -> HalfPeriods:
+def usable_half_periods(time: Array, angle: Array, source: str, fewest: int = 3) -> HalfPeriods:
     """Whole half periods of a centred decay.
 
     Parameters
@@ -86,25 +86,28 @@ def usable_half_periods(time: Array, angle: Array, source: str) -> HalfPeriods:
         kept.
     source : str
         Name of the record in messages.
+    fewest : int
+        How many are needed; an envelope needs three.
 
     Raises
     ------
     DecayError
-        Fewer than three.
+        Fewer than these.
     """
     halves = _whole_half_periods(time.tobytes(), angle.tobytes())
     if halves is None:
         raise DecayError(f"{source}: no oscillation stands out of the noise.")
-    if halves.sign.size < 3:
-        raise DecayError(f"{source}: only {halves.sign.size} whole half periods; at least three are needed.")
+    count = halves.sign.size
+    if count < fewest:
+        raise DecayError(f"{source}: only {count} whole half periods; at least {fewest} needed.")
     return halves
 
 
-def with_half_periods(decay: xr.Dataset) -> tuple[Array, Array, HalfPeriods]:
+def with_half_periods(decay: xr.Dataset, fewest: int = 3) -> tuple[Array, Array, HalfPeriods]:
     """Times (s), angles (rad) and whole half periods of a centred decay (see `usable_half_periods`)."""
     checked_signal(decay)
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
-    return time, angle, usable_half_periods(time, angle, str(decay.attrs.get("source", "decay")))
+    return time, angle, usable_half_periods(time, angle, str(decay.attrs.get("source", "decay")), fewest)
 
 
 @lru_cache(maxsize=KEPT_DECAYS)

@@ -11,6 +11,7 @@ from sysid_trib.decays.equilibrium import Swing, find_swing
 from sysid_trib.decays.free_part import free_part
 from sysid_trib.decays.half_periods import dominant_periods
 from sysid_trib.decays.outliers import outliers
+from sysid_trib.decays.short_decay import short_decay
 from sysid_trib.decays.signal import checked_signal
 from sysid_trib.decays.uniform import Piece, uniform_pieces
 from sysid_trib.errors import DecayError, UsageError
@@ -78,6 +79,7 @@ def free_decays(
     window: tuple[float | None, float | None] = (None, None),
     equilibrium: float | str = "auto",
     keep_outliers: bool = False,
+    as_it_is: bool = False,
 ) -> list[xr.Dataset]:
     """Every free decay of a record, in order: parted by gaps, by hands, or by a new release.
 
@@ -91,6 +93,9 @@ def free_decays(
         As in `free_decay`.
     keep_outliers : bool
         Whether single samples that leap out of the swing and back are kept.
+    as_it_is : bool
+        Whether a motion that is too short, too damped or growing to prove itself a free decay is taken whole,
+        about the constant beside the damped sine that fits it best; for forces that are known.
 
     Returns
     -------
@@ -128,10 +133,22 @@ def free_decays(
     period = periods[0] if periods else float(time[-1] - time[0])
     breaks = np.atleast_1d(np.asarray(record.attrs.get("breaks", ()), dtype=float))
     pieces = uniform_pieces(time, angle, period, tuple(breaks))
-    decays = _decays_of(pieces, value, source)
+    refused = ""
+    try:
+        decays = _decays_of(pieces, value, source)
+    except DecayError as refusal:
+        if not as_it_is:
+            raise
+        longest = max(pieces, key=lambda piece: piece.time.size)
+        decays = [short_decay(longest, value, refusal)]
+        refused = (
+            str(refusal).removeprefix(f"{source}: ").partition(";")[0].partition(", at least")[0].rstrip(".")
+        )
+        said.append(f"taken as it is, since its forces are named, though {refused}")
     if len(pieces) > 1:
         said.append(f"gaps part the record into {len(pieces)} pieces, {len(decays)} of them decays")
-    return [decay_dataset(inside, decay, "; ".join(said)) for decay in decays]
+    datasets = [decay_dataset(inside, decay, "; ".join(said)) for decay in decays]
+    return [decay.assign_attrs(taken_as_it_is=refused) for decay in datasets] if refused else datasets
 
 
 def _kept_samples(time: Array, angle: Array, keep_outliers: bool) -> "tuple[Indices, list[str]]":

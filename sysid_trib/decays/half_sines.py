@@ -18,6 +18,8 @@ EnvelopeCurve: TypeAlias = Literal["half-sines", "analytic-signal"]
 
 # The third round moves the frequency by less than 1e-6 of itself.
 FREQUENCY_ROUNDS = 3
+# A half-sine of known frequency has two unknowns.
+FEWEST_IN_HALF_PERIOD = 2
 # Half periods that differences for the scatter span; fewer than a few of these decide nothing.
 DIFFERENCE_SPAN, FEWEST_FOR_SCATTER = 8, 15
 # White noise scatters by more than 1 + this over sqrt(differences) in one record of a thousand, however long.
@@ -117,9 +119,9 @@ def envelope(decay: xr.Dataset, curve: EnvelopeCurve = "half-sines") -> xr.Datas
     if curve not in EXTREMA:
         raise UsageError(f"curve='{curve}' is neither 'half-sines' nor 'analytic-signal'.")
     time, angle, halves = with_half_periods(decay)
-    if np.diff(halves.samples(time)[0]).min() < 5:
+    if np.diff(halves.samples(time)[0]).min() < FEWEST_IN_HALF_PERIOD:
         source = decay.attrs.get("source", "decay")
-        raise DecayError(f"{source}: fewer than five samples in a half period; sample faster.")
+        raise DecayError(f"{source}: fewer than two samples in a half period; sample faster.")
     signed, extremum_time, extremum_error, time_error = EXTREMA[curve](time, angle, halves)
     noise, extremum = noise_of_record(time, angle), np.abs(signed)
     decay_ratio = float(np.clip(np.median(extremum[2:] / extremum[:-2]), 0.0, 1.0))

@@ -121,7 +121,8 @@ def _beside_a_drift(amplitude: Array) -> Array:
         return amplitude
     inner = 0.25 * (amplitude[:-2] + 2.0 * amplitude[1:-1] + amplitude[2:])
     # The ends by the slope of their neighbours.
-    return np.concatenate(([2.0 * inner[0] - inner[1]], inner, [2.0 * inner[-1] - inner[-2]]))
+    first, last = 2.0 * inner[0] - inner[1], 2.0 * inner[-1] - inner[-2]
+    return np.concatenate(([first], inner, [last if last > 0.0 else amplitude[-1]]))
 
 
 def _drift(curve: xr.Dataset) -> float:

@@ -8,7 +8,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
-from sysid_trib.errors import SysidTribError
+from sysid_trib.errors import DecayError, SysidTribError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.auxiliary import AuxiliaryFit, AuxiliaryModel
 from sysid_trib.methods.scope import Method, scope_of
@@ -248,9 +248,20 @@ def _first_swings(decay: xr.Dataset, frequency: float) -> tuple[Array, Array]:
 
 
 def _as_measured(simulated: xr.Dataset, measured: xr.Dataset) -> xr.Dataset:
-    """The simulated envelope at the record's half periods and with its standard errors."""
+    """The simulated envelope at the record's half periods and with its standard errors.
+
+    Raises
+    ------
+    DecayError
+        They have fewer than three half periods in common, as where the motion stops early.
+    """
     shift = int(np.argmin(np.abs(simulated.extremum_time.values - measured.extremum_time.values[0])))
     count = min(measured.sizes["half_period"], simulated.sizes["half_period"] - shift)
+    if count < 3:
+        raise DecayError(
+            f"the motion of the model and the record have {count} of the three half periods in common that "
+            "are needed"
+        )
     part = simulated.isel(half_period=slice(shift, shift + count), instant=slice(shift, shift + count - 2))
     errors = {"extremum_standard_error", "extremum_time_standard_error", DENSITY} & measured.keys()
     kept = part.assign(measured[list(errors)].isel(half_period=slice(0, count)).data_vars)

@@ -30,9 +30,9 @@ def swing_frequency(decay: xr.Dataset) -> float:
     Raises
     ------
     DecayError
-        Fewer than three half periods.
+        No whole half period.
     """
-    _, _, halves = with_half_periods(decay)
+    _, _, halves = with_half_periods(decay, fewest=1)
     return float(np.pi / np.median(halves.duration))
 
 

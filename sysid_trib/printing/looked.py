@@ -95,8 +95,7 @@ def _sentences(decay: xr.Dataset) -> list[str]:
     fall = value["first_amplitude"] / value["last_amplitude"]
     sentences = [
         f"{value['periods']:.3g} periods of {value['period']:.5g} s; the amplitude falls from "
-        f"{value['first_amplitude']:.4g} to {value['last_amplitude']:.4g} {unit}, its rate over w is "
-        f"{value['first_damping_ratio']:.3g} at the start and {value['last_damping_ratio']:.3g} at the end.",
+        f"{value['first_amplitude']:.4g} to {value['last_amplitude']:.4g} {unit}{_rates(value)}.",
         f"{value['samples_per_period']:.3g} samples a period, noise {value['noise']:.2g} {unit}, {step}.",
     ]
     limits = []
@@ -116,6 +115,14 @@ def _sentences(decay: xr.Dataset) -> list[str]:
     sentences += [f"{'; '.join(limits).capitalize()}."] if limits else []
     pointed = decay.attrs["points_to"]
     return [*sentences, f"{pointed[0].upper()}{pointed[1:]}."] if pointed else sentences
+
+
+def _rates(value: dict[str, float]) -> str:
+    """The rate of decay at either end; nothing where there is none."""
+    first, last = value["first_damping_ratio"], value["last_damping_ratio"]
+    if not np.isfinite(first + last):
+        return ""
+    return f", its rate over w is {first:.3g} at the start and {last:.3g} at the end"
 
 
 def _law(value: dict[str, float], fall: float) -> list[str]:

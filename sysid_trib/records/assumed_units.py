@@ -1,10 +1,14 @@
 """Units that a file does not state: what its numbers and names let one assume, with the evidence."""
 
 import numpy as np
+import xarray as xr
+from scipy.special import ellipk
 
 from sysid_trib.arrays import Array
+from sysid_trib.decays.free_decay import free_decay
 from sysid_trib.decays.half_periods import dominant_periods
-from sysid_trib.errors import RecordError, UsageError
+from sysid_trib.decays.half_sines import envelope
+from sysid_trib.errors import DecayError, RecordError, UsageError
 from sysid_trib.records.headers import names_quantity, split_header
 from sysid_trib.records.numbers import is_clock_time, is_numeric, numbers
 from sysid_trib.records.tables import FileTable
@@ -22,18 +26,21 @@ ROUND = 0.02
 # and its unit is one in which gravity comes out right, within this part.
 GRAVITY_TOLERANCE = 0.05
 # Stamps that count from 1970, in the years 1990 to 2100.
+# MATLAB's days from the year 0 and spreadsheets' from 1900 are of the same years.
+LONGEST_DAY_STEP = 1e-2
+SERIAL_DAYS = ((32874.0, 73051.0), (726834.0, 767011.0))
 EPOCH_STAMPS = (("ms", 6.3e11, 4.1e12), ("us", 6.3e14, 4.1e15), ("ns", 6.3e17, 4.1e18))
-# Days as spreadsheets (from 1900) and MATLAB (from the year 0) count them, in the same years; of samples that
-# are less than two seconds apart: as seconds they would be microseconds apart.
-SERIAL_DAYS, SHORT_OF_DAYS = ((3.2e4, 7.4e4), (7.26e5, 7.68e5)), 2.0 / 86400.0
-# s; whole stamps so far apart are counts of a shorter unit: no oscillation is sampled once a minute.
-LONGEST_WHOLE_STEP = 60.0
 # An accelerometer that rests shows gravity: near 1 in g, near 9.8 in m/s^2.
 REST_IN_G = (0.5, 1.2)
+# rad; from this amplitude on a pendulum's frequency shows whether it is one in rad: it rises as it decays, by
+# more than this part of what it should.
+FROM_AMPLITUDE, STEADY = 1.0, 0.25
+# s; no laboratory has longer periods, or of whole stamps, which often are ms or us, or shorter ones.
+LONGEST_PERIOD, LONGEST_OF_WHOLE, SHORTEST_PERIOD = 1000.0, 60.0, 5e-5
 
 
-def time_factor(table: FileTable, name: str, given: str | None, source: str) -> tuple[str, float, str]:
-    """Unit of a time column, its factor to s, and why where it was not stated.
+def time_factor(table: FileTable, name: str, given: str | None, source: str) -> tuple[str | None, float, str]:
+    """Unit of a time column, its factor to s, and why where it was not stated; None if nothing tells it.
 
     Raises
     ------
@@ -66,8 +73,11 @@ def time_factor(table: FileTable, name: str, given: str | None, source: str) -> 
     return _beside_steps(table, name, source)
 
 
-def _beside_steps(table: FileTable, name: str, source: str) -> tuple[str, float, str]:
-    """The unit in which the steps of a time column are those that a column `dt (s)` states; else s."""
+def _beside_steps(table: FileTable, name: str, source: str) -> tuple[str | None, float, str]:
+    """The unit in which the steps of a time column are those that a column `dt (s)` states; else s.
+
+    Stamps of these years that count from a known date tell their unit too.
+    """
     stamps = numbers(table.columns[name], name, source)
     steps = np.diff(stamps[np.isfinite(stamps)])
     usual = float(np.median(steps)) if steps.size else 0.0
@@ -82,15 +92,45 @@ def _beside_steps(table: FileTable, name: str, source: str) -> tuple[str, float,
     for text, low, high in EPOCH_STAMPS:
         if low < middle < high:
             return text, TIME_UNITS[text], f"time in {text}: it counts from 1970"
-    if 0.0 < usual < SHORT_OF_DAYS and any(low < middle < high for low, high in SERIAL_DAYS):
-        return "days", TIME_UNITS["days"], "time in days: serial dates, as spreadsheets and MATLAB have them"
-    counts = usual >= 1.0 and bool(np.all(stamps == np.round(stamps)))
-    if counts and usual > LONGEST_WHOLE_STEP:
+    for low, high in SERIAL_DAYS:
+        if 0.0 < usual < LONGEST_DAY_STEP and low < np.nanmin(stamps) and np.nanmax(stamps) < high:
+            return "d", TIME_UNITS["d"], "time in days: it counts them as a calendar does"
+    whole = "unit of time not stated: taken as s, though its stamps are whole"
+    return None, 1.0, whole if are_whole(stamps) else ""
+
+
+def are_whole(stamps: Array) -> bool:
+    """Whether stamps are whole numbers, one or more apart."""
+    stamps = stamps[np.isfinite(stamps)]
+    return bool(stamps.size > 1 and np.all(stamps == np.round(stamps)) and np.median(np.diff(stamps)) >= 1.0)
+
+
+def check_period(time: Array, values: Array, whole: bool, source: str) -> None:
+    """Ask for the unit of times that nothing states, where in seconds no laboratory has such a period.
+
+    Parameters
+    ----------
+    time, values : (sample,) array of float
+        The signal; times as they stand.
+    whole : bool
+        Whether the stamps are whole numbers.
+    source : str
+        Of whom the question speaks.
+
+    Raises
+    ------
+    RecordError
+        With the period, and what to give.
+    """
+    good = np.isfinite(values)
+    periods = dominant_periods(time[good], values[good]) if np.count_nonzero(good) > 1 else []
+    longest = LONGEST_OF_WHOLE if whole else LONGEST_PERIOD
+    if periods and not SHORTEST_PERIOD < periods[0] < longest:
         raise RecordError(
-            f"{source}: the stamps of column {name} are whole numbers, {usual:g} apart, in no unit that is "
-            f"stated; give it, --time-units (time_units= in Python): {OFFERED_TIME_UNITS}."
+            f"{source}: nothing states the unit of its times: the period would be {periods[0]:.3g} s in s, "
+            f"{1e-3 * periods[0]:.3g} s in ms, {1e-6 * periods[0]:.3g} s in us; give it, --time-units "
+            f"{OFFERED_TIME_UNITS} (time_units= in Python), or the sampling rate, --sampling-rate HZ."
         )
-    return "s", 1.0, "unit of time not stated: taken as s, though its stamps are whole" if counts else ""
 
 
 def circle_radius(table: FileTable, name: str) -> float | None:
@@ -139,6 +179,14 @@ def assumed_unit(
             return _unit(
                 "deg"
             ), f"unit not stated: in degrees, since an angle does not swing to {half:.3g} rad"
+        if half > FROM_AMPLITUDE and (moves := _frequency_shift(time, values)) is not None:
+            seen, of_pendulum = moves
+            if abs(seen) < STEADY * of_pendulum:
+                return _unit("deg"), (
+                    f"unit not stated: in degrees, since the frequency of a pendulum that swings to {half:.3g} "
+                    f"rad would rise by {100.0 * of_pendulum:.2g} % as it decays, and this one moves by "
+                    f"{100.0 * seen:.2g} % (--units rad if it is no pendulum)"
+                )
         return _unit("rad"), "unit not stated: taken as rad"
     if quantity == "displacement":
         return SignalUnit(
@@ -153,6 +201,24 @@ def assumed_unit(
     in_g = REST_IN_G[0] < abs(rest) < REST_IN_G[1]
     reason = f", since it swings about {rest:.3g}, as gravity would" if in_g else ""
     return _unit("g" if in_g else "m/s^2"), f"unit not stated: taken as {'g' if in_g else 'm/s^2'}{reason}"
+
+
+def _frequency_shift(time: Array, values: Array) -> tuple[float, float] | None:
+    """How far the frequency rises over a decay, as a part of it, and how far that of a pendulum would in rad.
+
+    None where there is no decay.
+    """
+    try:
+        curve = envelope(free_decay(xr.Dataset({"angle": ("time", values)}, {"time": time})))
+    except DecayError:
+        return None
+    count = max(1, curve.sizes["instant"] // 4)
+    pendulum = 0.5 * np.pi / ellipk(np.sin(0.5 * np.minimum(curve.amplitude.values, 3.1)) ** 2)
+    first, last = (
+        [float(np.median(part[ends])) for part in (curve.frequency.values, pendulum)]
+        for ends in (slice(None, count), slice(-count, None))
+    )
+    return last[0] / first[0] - 1.0, last[1] / first[1] - 1.0
 
 
 def _on_circle(time: Array, values: Array, radius: float) -> tuple[SignalUnit, str]:

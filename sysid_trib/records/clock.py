@@ -6,9 +6,8 @@ import numpy as np
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError
+from sysid_trib.records.even_rows import WITHIN, decimal_step, even_rows
 
-# Stamps are decimal numbers: the step of their rounding is a power of ten.
-MOST_DIGITS = 9
 # A step longer than this many usual ones has rows missing in it.
 LACKING_STEP = 1.5
 # A clock that is set back this often is none: the rows are in no order.
@@ -16,8 +15,6 @@ MOST_SET_BACK = 20
 UNEVEN_PART = 1e-9
 # Part of a step; less is not worth a word.
 NO_JITTER = 1e-4
-# Steps of the rounding within which stamps are a line's; the line's own slope is known to a little less.
-ROUNDED_WITHIN = 1.02
 # s; stamps that started longer ago (epoch seconds) are counted from the first: no digit is lost to them.
 LONGEST_COUNTED = 1e6
 # s; of shorter steps numbers lose their digits.
@@ -46,7 +43,7 @@ class Clock:
     sentences: tuple[str, ...] = ()
 
 
-def read_clock(stamps: Array, factor: float, source: str) -> Clock:
+def read_clock(stamps: Array, factor: float, source: str, values: Array | None = None) -> Clock:
     """Times from stamps.
 
     Parameters
@@ -57,6 +54,8 @@ def read_clock(stamps: Array, factor: float, source: str) -> Clock:
         Of that unit, in s.
     source : str
         Name of the file, for messages.
+    values : (row,) array of float, optional
+        The signal, by which rows prove to be even where stamps are repeated or come in packets.
 
     Raises
     ------
@@ -65,28 +64,23 @@ def read_clock(stamps: Array, factor: float, source: str) -> Clock:
     """
     rows = np.flatnonzero(np.isfinite(stamps))
     given = stamps[rows]
-    sentences = []
-    repeated = np.flatnonzero(np.diff(given) == 0.0) + 1
-    if 2 * repeated.size > given.size:
-        raise RecordError(
-            f"{source}: most time stamps are repeated: the clock is coarser than the sampling; "
-            "give the sampling rate instead, --sampling-rate HZ (sampling_rate= in Python)."
-        )
     if given.size < 2:
         raise RecordError(f"{source}: a single sample is not a record.")
-    if repeated.size:
-        rows, given = np.delete(rows, repeated), np.delete(given, repeated)
-        sentences.append(f"{_rows(repeated.size)} with a repeated time stamp left out")
-    given, back = _rising(given, source)
+    sentences: list[str] = []
+    back = np.zeros(0, dtype=np.int64)
+    even = None if _is_even(given) else even_rows(given, rows, None if values is None else values[rows])
+    if even is None:
+        rows, given, sentences = _without_repeated(rows, given, source)
+        given, back = _rising(given, source)
     if back.size:
         where = ", ".join(f"{given[b - 1] * factor:.6g} s" for b in back[:3])
         sentences.append(f"the clock is set back after {where}: used as {back.size + 1} pieces")
-    if factor * float(np.median(np.abs(np.diff(given)))) < SHORTEST_STEP:
+    if factor * float(np.mean(np.abs(np.diff(given)))) < SHORTEST_STEP:
         raise RecordError(
             f"{source}: its samples are {factor * (given[1] - given[0]):.3g} s apart: no clock has such "
             "steps; give its unit (--time-units), or the sampling rate (--sampling-rate HZ)."
         )
-    time, said = _without_rounding(given, np.append(0, back), _rounding(given))
+    time, said = even or _without_rounding(given, np.append(0, back), decimal_step(given))
     time = time * factor
     if abs(time[0]) > LONGEST_COUNTED:
         sentences.append(f"counted from the first stamp, {given[0]:.10g}")
@@ -101,6 +95,28 @@ def read_clock(stamps: Array, factor: float, source: str) -> Clock:
         )
     breaks = tuple(float(time[b]) for b in back)
     return Clock(time, rows, breaks, (*sentences, _said_rate(time, said)))
+
+
+def _is_even(given: Array) -> bool:
+    """Whether all steps are the same."""
+    steps = np.diff(given)
+    return bool(np.ptp(steps) <= UNEVEN_PART * steps[0] + 4e-16 * np.abs(given).max())
+
+
+def _without_repeated(
+    rows: "np.ndarray[tuple[int], np.dtype[np.int64]]", given: Array, source: str
+) -> "tuple[np.ndarray[tuple[int], np.dtype[np.int64]], Array, list[str]]":
+    """Rows and stamps without those that repeat the stamp before, and a sentence on them."""
+    repeated = np.flatnonzero(np.diff(given) == 0.0) + 1
+    if 2 * repeated.size > given.size:
+        raise RecordError(
+            f"{source}: most time stamps are repeated: the clock is coarser than the sampling; "
+            "give the sampling rate instead, --sampling-rate HZ (sampling_rate= in Python)."
+        )
+    if not repeated.size:
+        return rows, given, []
+    said = [f"{_rows(repeated.size)} with a repeated time stamp left out"]
+    return np.delete(rows, repeated), np.delete(given, repeated), said
 
 
 def _rows(count: int) -> str:
@@ -123,16 +139,6 @@ def _rising(given: Array, source: str) -> "tuple[Array, np.ndarray[tuple[int], n
     shift = np.zeros(given.size)
     shift[back] = usual - steps[back - 1]
     return given + np.cumsum(shift), back
-
-
-def _rounding(given: Array) -> float:
-    """Step of the decimal rounding of stamps, 0 if they have more digits than `MOST_DIGITS`."""
-    largest = float(np.abs(given).max(initial=1e-300))
-    for digits in range(MOST_DIGITS + 1):
-        scaled = given * 10.0**digits
-        if np.all(np.abs(scaled - np.round(scaled)) <= 4e-16 * largest * 10.0**digits + 1e-9):
-            return float(10.0**-digits)
-    return 0.0
 
 
 def _without_rounding(
@@ -159,7 +165,7 @@ def _without_rounding(
     # Within the rounding the first stamp is as good a start as any: it is kept.
     line = start + slope * index
     # Within one step of their last digit, whether it was rounded or cut off.
-    if np.ptp(given - line) <= ROUNDED_WITHIN * rounding + 1e-12 * abs(slope):
+    if np.ptp(given - line) <= WITHIN * rounding + 1e-12 * abs(slope):
         rounded = f"stamps rounded to {rounding:g}"
         return line + (given[0] - line[0]), f"{rounded}; {lack}" if lack else rounded
     worst = float(np.max(np.abs(steps - counts * slope)))

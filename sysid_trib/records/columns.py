@@ -10,15 +10,18 @@ from sysid_trib.decays.cleaning import unwrapped, unwrapped_anywhere
 from sysid_trib.decays.equilibrium import Swing
 from sysid_trib.decays.free_decay import swing_within
 from sysid_trib.errors import RecordError, SysidTribError, UsageError, did_you_mean
+from sysid_trib.records.axes import are_axes, in_phase, is_magnitude
 from sysid_trib.records.clock import read_clock
 from sysid_trib.records.headers import counts_rows, is_time, names_quantity, split_header
-from sysid_trib.records.numbers import is_clock_time, is_numeric, numbers
+from sysid_trib.records.numbers import is_clock_time, is_numeric, numbers, without_sentinels
 from sysid_trib.records.side_by_side import cells, runs_side_by_side, time_of
 from sysid_trib.records.tables import FileTable
 from sysid_trib.records.units import INTEGRATIONS, SignalUnit, signal_unit
 
 # Of columns in one unit, one is the signal if it swings so many times as far as any other.
 DOMINANT = 5.0
+# What is so many times as large as the column that swings is no noise beside it, and is asked about.
+FAR_LARGER = 50.0
 # Two columns are one signal twice.
 SAME_SIGNAL = 0.9999
 # Columns that are looked at.
@@ -76,7 +79,13 @@ class _Candidate:
 
 
 def choose_columns(
-    table: FileTable, source: str, *, time: str | int | None, angle: str | int | None, signal: str | None
+    table: FileTable,
+    source: str,
+    *,
+    time: str | int | None,
+    angle: str | int | None,
+    signal: str | None,
+    rate: float | None,
 ) -> list[Chosen]:
     """The columns of each run in a table: as given, or where one alone can be meant.
 
@@ -90,13 +99,15 @@ def choose_columns(
         Name or number (from 0) of the columns of time and signal.
     signal : str, optional
         The quantity that is wanted.
+    rate : float, Hz, optional
+        Sampling rate, where one is given or stated.
 
     Raises
     ------
     UsageError
         There is no such column, or several could be the signal: they are listed.
     RecordError
-        There is no column for a signal.
+        There is no column for a signal, or no clock.
     """
     times = _time_columns(table)
     given_time = None if time is None else find_column(table, time, source)
@@ -112,18 +123,30 @@ def choose_columns(
     ]
     if not names:
         raise RecordError(f"{source}: there is no column for the angle beside the time.")
+    if rate is None and not times:
+        # Without a clock it cannot be seen which column swings.
+        raise RecordError(no_clock(table, source))
     runs = runs_side_by_side(names, times, table)
     if runs:
         return [Chosen(*run, "runs side by side") for run in runs]
     parts = cells(names, times, table)
     if parts:
         first = parts[0][1]
-        chosen, _ = _choose(first, times, table, signal, source)
-        return [Chosen(t, group[first.index(chosen)], "cells, each a run") for t, group in parts]
+        at = first.index(_choose(first, times, table, signal, source)[0]) if len(first) > 1 else 0
+        return _moving_runs([(t, group[at]) for t, group in parts], table, source)
     if len(names) == 1:
         return [Chosen(time_of(names[0], times, table), names[0])]
     name, why = _choose(names, times, table, signal, source)
     return [Chosen(time_of(name, times, table), name, why)]
+
+
+def _moving_runs(runs: list[tuple[str, str]], table: FileTable, source: str) -> list[Chosen]:
+    """Runs side by side, without those that hold no decay where others do; they are named."""
+    candidates = {name: _candidate(table, name, time, source) for time, name in runs}
+    still = [name for name, candidate in candidates.items() if candidate is None or candidate.swing is None]
+    still = [] if len(still) == len(runs) else still
+    said = f"runs side by side, {', '.join(still)} left out: no decay" if still else "runs side by side"
+    return [Chosen(time, name, said) for time, name in runs if name not in still]
 
 
 def _choose(
@@ -135,7 +158,7 @@ def _choose(
     if not candidates:
         # Each of them holds a text: the refusal says where.
         return names[0], ""
-    chosen, why = _certain(candidates, signal, source, timed=bool(times))
+    chosen, why = _certain(candidates, signal, source)
     return chosen.name, why
 
 
@@ -193,7 +216,7 @@ def _candidate(table: FileTable, name: str, time: str | None, source: str) -> _C
     base, unit = split_header(name)
     swing, reason = None, ""
     try:
-        values = numbers(table.columns[name], name, source)
+        values, _ = without_sentinels(numbers(table.columns[name], name, source))
     except SysidTribError:
         return None
     if np.count_nonzero(np.isfinite(values)) < FEWEST_NUMBERS:
@@ -202,7 +225,7 @@ def _candidate(table: FileTable, name: str, time: str | None, source: str) -> _C
         stamps = np.arange(values.size) if time is None else numbers(table.columns[time], time, source)
         if stamps.size != values.size:
             return _Candidate(name, base, signal_unit(table.units.get(name, "") or unit), values, None)
-        clock = read_clock(stamps.astype(float), 1.0, source)
+        clock = read_clock(stamps.astype(float), 1.0, source, values)
         good = np.isfinite(values[clock.rows])
         whole, _ = unwrapped(
             values[clock.rows][good], 360.0 if np.nanmax(np.abs(values)) > 10.0 else 2.0 * np.pi
@@ -213,11 +236,10 @@ def _candidate(table: FileTable, name: str, time: str | None, source: str) -> _C
     return _Candidate(name, base, signal_unit(table.units.get(name, "") or unit), values, swing, reason)
 
 
-def _certain(
-    candidates: list[_Candidate], signal: str | None, source: str, *, timed: bool
-) -> tuple[_Candidate, str]:
+def _certain(candidates: list[_Candidate], signal: str | None, source: str) -> tuple[_Candidate, str]:
     """The one column that can be meant, and why."""
     moving = [c for c in candidates if c.amplitude > 0.0] or candidates
+    moving = [c for c in moving if not is_magnitude(c.values)] or moving
     pool = [c for c in moving if c.swing is not None] or moving
     if signal is not None:
         pool = [c for c in pool if c.quantity == signal] or pool
@@ -227,10 +249,14 @@ def _certain(
     named = [c for c in pool if c.quantity == "angle" and names_quantity(c.base) == "angle"]
     others = f"of {len(candidates)} columns" if len(candidates) > 1 else ""
     if len(pool) == 1:
+        _ask_of_larger(pool[0], moving, source)
         return pool[0], f"the one {others} that swings as a decay" if others and pool[0].swing else ""
     if len(named) == 1:
         return named[0], f"named as an angle, {others}"
-    pool = _without_copies(named or pool)
+    axes = _without_smaller_axes(named or pool)
+    if len(axes) == 1:
+        return axes[0], "the largest of the axes of one sensor, which swing together as one motion"
+    pool = _without_copies(axes)
     if len(pool) == 1:
         return pool[0], f"of the columns that swing alike, {others}"
     units = {c.unit.text if c.unit else "" for c in pool}
@@ -238,14 +264,24 @@ def _certain(
     if len(units) == 1 and largest.amplitude > DOMINANT * second.amplitude:
         return largest, f"it swings {largest.amplitude / second.amplitude:.2g} times as far as any other"
     if not any(c.swing for c in pool):
-        if not timed:
-            # That there is no clock is the first thing to say.
-            return (named or pool)[0], ""
         raise RecordError(_no_decay(named or pool, source))
     raise UsageError(
         f"{source}: {_listed(pool)} could each be the signal; name one, such as "
-        f'--angle "{pool[0].name}" (angle= in Python).'
+        f'--angle "{(largest if len(units) == 1 else pool[0]).name}" (angle= in Python).'
     )
+
+
+def _ask_of_larger(swinging: _Candidate, moving: list[_Candidate], source: str) -> None:
+    """Ask which one is the signal where a column of the same kind that is no clean decay is far larger."""
+    for other in moving:
+        unit = other.unit and swinging.unit and other.unit.text == swinging.unit.text
+        alike = unit or are_axes(other.base, swinging.base)
+        if alike and other.swing is None and other.amplitude > FAR_LARGER * swinging.amplitude:
+            raise UsageError(
+                f"{source}: {other.name} moves {other.amplitude / swinging.amplitude:.2g} times as far as "
+                f"{swinging.name}, but is no free decay ({other.reason}): cut that out, or name the column, "
+                f'--angle "{swinging.name}" (angle= in Python).'
+            )
 
 
 def _no_decay(pool: list[_Candidate], source: str) -> str:
@@ -253,8 +289,22 @@ def _no_decay(pool: list[_Candidate], source: str) -> str:
     reasons = "; ".join(f"{column.name}: {column.reason}" for column in pool[:LISTED] if column.reason)
     return (
         f"{source}: none of {len(pool)} columns swings as a free decay{f' ({reasons})' * bool(reasons)}; "
-        "is it driven? A free decay is needed: switch the drive off, and record what follows."
+        + (
+            "record one mode alone."
+            if "two modes beat" in reasons and "driven" not in reasons
+            else "is it driven? A free decay is needed: switch the drive off, and record what follows."
+        )
     )
+
+
+def _without_smaller_axes(pool: list[_Candidate]) -> list[_Candidate]:
+    """Without axes of one sensor that move in phase with a larger one: all see the same motion."""
+    largest = max(pool, key=lambda c: c.amplitude)
+    return [
+        c
+        for c in pool
+        if c is largest or not (are_axes(c.base, largest.base) and in_phase(c.values, largest.values))
+    ]
 
 
 def _without_copies(pool: list[_Candidate]) -> list[_Candidate]:
@@ -300,6 +350,16 @@ def _listed(pool: list[_Candidate]) -> str:
         period = f", period {column.period:.4g}" if column.swing else ""
         texts.append(f"{column.name} ({low:.4g} to {high:.4g}{period})")
     return " and ".join([", ".join(texts[:-1]), texts[-1]] if len(texts) > 1 else texts)
+
+
+def no_clock(table: FileTable, source: str) -> str:
+    """Why there are no times, and what to give."""
+    over = [name for name in table.columns if split_header(name)[0].startswith("freq")]
+    if over:
+        return (
+            f"{source}: its columns are over {over[0]}, not over time: it is a response; a record is needed."
+        )
+    return f"{source}: there is no time column; give the sampling rate (--sampling-rate HZ)."
 
 
 def has_column(table: FileTable, wanted: str | int | None) -> bool:

@@ -76,7 +76,8 @@ QUANTITY_NAMES = {
     "displacement": POSITION_NAMES,
     "acceleration": ACCELERATION_NAMES,
 }
-_KNOWN = TIME_UNITS.keys() | ANGLE_UNITS.keys() | POSITION_UNITS.keys() | {"g", "dps", "%"}
+# Behind a name without a bracket these letters are an index: `theta_d`, `h d`.
+_KNOWN = (TIME_UNITS.keys() | ANGLE_UNITS.keys() | POSITION_UNITS.keys() | {"g", "dps", "%"}) - {"h", "d"}
 
 
 def split_header(name: str) -> tuple[str, str]:

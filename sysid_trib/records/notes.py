@@ -10,9 +10,8 @@ _SECOND = r"s(?:ec(?:ond)?)?\b"
 _RATES = (
     # `fs = 200 Hz`, `Sampling rate (kHz): 2`
     r"\b(?:fs|f_s|fps|sampl(?:e|ing)[ _]?(?:rate|frequency)|samplerate|abtast(?:rate|frequenz)|"
-    r"(?:frame|data|scan)[ _]?rate)\b(?:\s*[\[(](?P<before>\w+)[\])])?\W{0,4}"
-    + _VALUE
-    + r"\s*(?P<after>k?hz)?",
+    r"(?:frame|data|scan|actual|acq(?:uisition)?|daq|adc|clock|update)[ _]?rate|(?<![\w ])rate)\b"
+    r"(?:\s*[\[(](?P<before>\w+)[\])])?\W{0,4}" + _VALUE + r"\s*(?P<after>k?hz)?",
     # `30 fps`, `65 samples/s`
     r"(?<![\w.,])"
     + _VALUE
@@ -25,6 +24,9 @@ _STEP = (
     r"\b(?:dt|ts|delta[ _]?[tx]|(?:sampl(?:e|ing)|time)[ _]?(?:interval|step|period|time)|"
     r"abtast(?:intervall|zeit))\b"
     r"(?:\s*[\[(](?P<before>\w+)[\])])?\W{0,4}" + _VALUE + r"(?:\s*(?P<after>[mµu]?s)\b)?"
+)
+_DURATION = (
+    r"\b(?:duration|record(?:ing)?[ _]?length|acquisition[ _]?time)\b\W{0,4}" + _VALUE + r"\s*(?:s\b|$)"
 )
 _UNIT = (
     r"\b(?:y_unit_label|vertical units|units?)\b(?:(?<=vertical units)|\s*[:=\t])"
@@ -43,6 +45,12 @@ def noted_rate(notes: Sequence[str]) -> float | None:
         if match and _value(match) > 0.0:
             return 1.0 / (_value(match) * TIME_UNITS.get(_unit_of(match, "s"), 1.0))
     return None
+
+
+def noted_duration(notes: Sequence[str]) -> float | None:
+    """Duration (s) that a scalar or a comment of a file states: `duration = 30`."""
+    matches = (re.search(_DURATION, note, re.IGNORECASE) for note in notes)
+    return next((_value(match) for match in matches if match and _value(match) > 0.0), None)
 
 
 def _value(match: "re.Match[str]") -> float:

@@ -45,6 +45,11 @@ MISSING_TEXTS = {
     *("ovl", "ol", "o.l", "overload", "overflow", "over range", "overrange", "error", "err"),
 }
 DAY = 86400.0
+# The minus sign of Swedish and Norwegian settings.
+MINUS = "\u2212"
+# What loggers write where they have no value, and how many times as large as any other value it is.
+SENTINELS = (-999.0, -9999.0, -99999.0, 999.0, 9999.0, 99999.0, -999.25)
+FAR_OUTSIDE = 2.0
 _CLOCK_TIME = re.compile(r"(?:(\d+):)?(\d+):(\d+(?:\.\d*)?)(?::(\d+))?(?:\s*([ap])\.?m\.?)?", re.IGNORECASE)
 
 
@@ -86,6 +91,23 @@ def numbers(values: Any, name: str, source: str) -> Array:
     return values
 
 
+def without_sentinels(values: Array) -> tuple[Array, str]:
+    """A signal with nan in place of -999 and its like, and a sentence on them.
+
+    Parameters
+    ----------
+    values : (row,) array of float
+        A sentinel is one of theirs that no other value comes near.
+    """
+    for sentinel in SENTINELS:
+        marked = values == sentinel
+        others = np.abs(values[~marked & np.isfinite(values)])
+        if marked.any() and others.size and abs(sentinel) > FAR_OUTSIDE * others.max():
+            said = f"{np.count_nonzero(marked)} values of {sentinel:g} taken as missing"
+            return np.where(marked, np.nan, values), said
+    return values, ""
+
+
 def is_numeric(values: Any) -> bool:
     """Whether a column could hold a signal: numbers, most of the first ones."""
     values = np.asarray(values)
@@ -104,7 +126,7 @@ def is_missing(text: str) -> bool:
 def is_number(value: object) -> bool:
     """Whether a text is a number, with a decimal point or comma."""
     try:
-        float(str(value).replace(",", ".", 1))
+        float(str(value).replace(",", ".", 1).replace(MINUS, "-"))
     except ValueError:
         return False
     return True
@@ -170,7 +192,7 @@ def _number(value: object, name: str, row: int, source: str) -> float:
         # A whole number of 400 digits is infinite as a text.
         pass
     try:
-        return float(str(value).replace(",", "."))
+        return float(str(value).replace(",", ".").replace(MINUS, "-"))
     except ValueError:
         raise RecordError(
             f"{source}: row {row} of column {name} holds {str(value)[:30]!r}, not a number; "

@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,10 @@ from sysid_trib.errors import RecordError, UsageError, readable
 from sysid_trib.records.as_angle import as_felt, as_position
 from sysid_trib.records.columns import Chosen, choose_columns, has_column
 from sysid_trib.records.expression import is_expression, with_expression
-from sysid_trib.records.numbers import numbers
+from sysid_trib.records.numbers import numbers, without_sentinels
+from sysid_trib.records.opened import opened
 from sysid_trib.records.reading import Reading
-from sysid_trib.records.row_times import row_times
+from sysid_trib.records.row_times import row_times, stated_rate
 from sysid_trib.records.stated_unit import stated_unit
 from sysid_trib.records.tables import FileTable, read_table
 from sysid_trib.records.units import ACCELEROMETER
@@ -37,7 +39,8 @@ def read_record(
     Parameters
     ----------
     path : str or path
-        Text or CSV, MATLAB, Excel, netCDF, HDF5, Parquet or TDMS; the content decides, not the name.
+        Text or CSV, MATLAB, Excel, netCDF, HDF5, Parquet or TDMS, or one of them as .gz; the content decides,
+        not the name. `-` is standard input.
     time : str or int, optional
         Name of the time column, or its number from 0. If not given, it is recognised by its name or because
         it rises. The columns of MATLAB and HDF5 files are named like `data.Y[0]`.
@@ -51,7 +54,7 @@ def read_record(
         Its unit, where the file does not say it: rad, deg, mrad, mm, px, V, au, rad/s, g, ...
     sampling_rate : float, Hz, optional
         Instead of a time column.
-    time_units : {"s", "ms", "us", "min"}, optional
+    time_units : {"s", "ms", "us", "ns", "min", "h", "d"}, optional
         Where the file does not say it; if not given either, s.
     length : float, m, optional
         Of a pendulum: turns a displacement in a unit of length into an angle.
@@ -106,28 +109,31 @@ def read_records(path: str | os.PathLike[str], how: Reading | None = None) -> li
     path = Path(path)
     if how.time is not None and how.sampling_rate is not None:
         raise UsageError(f"{path.name}: give a time column or a sampling rate, not both.")
-    table, source = read_table(path), readable(path.name)
+    with opened(path) as file:
+        table, source = read_table(file), readable(path.name if path.name != "-" else file.name)
+        checksum = hashlib.sha256(file.read_bytes()).hexdigest()
     if is_expression(how.angle) and not has_column(table, how.angle):
         table = with_expression(table, str(how.angle), source)
     signal = "acceleration" if how.signal == ACCELEROMETER else how.signal
-    chosen = choose_columns(table, source, time=how.time, angle=how.angle, signal=signal)
-    checksum = hashlib.sha256(path.read_bytes()).hexdigest()
-    records = []
-    for number, columns in enumerate(chosen):
-        record = _read(table, columns, how, source)
+    rate = how.sampling_rate or stated_rate(table)
+    chosen = choose_columns(table, source, time=how.time, angle=how.angle, signal=signal, rate=rate)
+    records = [_read(table, columns, how, source) for columns in chosen]
+    # A run that hardly swings does not show that it is in degrees; another one of the file does.
+    if {record.attrs["angle_unit_in_file"] for record in records} == {"rad", "deg"} and how.units is None:
+        records = [_read(table, columns, replace(how, units="deg"), source) for columns in chosen]
+    for number, record in enumerate(records, 1):
         # Two runs of one file are two records.
-        record.attrs["record_checksum"] = checksum if len(chosen) == 1 else f"{checksum}-{number + 1}"
-        records.append(record)
+        record.attrs["record_checksum"] = checksum if len(chosen) == 1 else f"{checksum}-{number}"
     return records
 
 
 def _read(table: FileTable, columns: Chosen, how: Reading, source: str) -> xr.Dataset:
-    values = numbers(table.columns[columns.signal], columns.signal, source)
+    values, absent = without_sentinels(numbers(table.columns[columns.signal], columns.signal, source))
     clock, time_unit, said = row_times(table, columns, how, values, source)
     kept = np.isfinite(values[clock.rows])
     missing = int(np.count_nonzero(~kept))
-    said = [columns.sentence, *said]
-    if missing:
+    said = [columns.sentence, *said, absent]
+    if missing and not absent:
         said.append(f"{missing} values missing" if missing > 1 else "1 value missing")
     time, values = clock.time[kept], values[clock.rows][kept]
     if values.size < 2:

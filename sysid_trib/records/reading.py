@@ -27,7 +27,7 @@ class Reading:
         Unit of the signal.
     sampling_rate : float, Hz, optional
         Instead of a time column.
-    time_units : {"s", "ms", "us", "min", "h", "days"}, optional
+    time_units : {"s", "ms", "us", "ns", "min", "h", "d"}, optional
         Unit of the time column.
     length : float, m, optional
         Of a pendulum: turns a displacement in a unit of length into an angle.

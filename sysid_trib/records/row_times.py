@@ -4,11 +4,10 @@ import numpy as np
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError, UsageError
-from sysid_trib.records.assumed_units import time_factor
+from sysid_trib.records.assumed_units import are_whole, check_period, time_factor
 from sysid_trib.records.clock import Clock, read_clock
-from sysid_trib.records.columns import Chosen
-from sysid_trib.records.headers import split_header
-from sysid_trib.records.notes import noted_rate
+from sysid_trib.records.columns import Chosen, no_clock
+from sysid_trib.records.notes import noted_duration, noted_rate
 from sysid_trib.records.numbers import numbers
 from sysid_trib.records.reading import Reading
 from sysid_trib.records.tables import FileTable
@@ -48,19 +47,11 @@ def row_times(
     UsageError
         Time stamps contradict the sampling rate that is given.
     """
-    noted = noted_rate(table.notes)
+    noted = stated_rate(table)
     if columns.time is None or (how.sampling_rate is not None and _idle(table, columns.time, values.size)):
         rate = how.sampling_rate or noted
         if rate is None:
-            over = [name for name in table.columns if split_header(name)[0].startswith("freq")]
-            if over:
-                raise RecordError(
-                    f"{source}: its columns are over {over[0]}, not over time: it is a response; a record "
-                    "is needed."
-                )
-            raise RecordError(
-                f"{source}: there is no time column; give the sampling rate (--sampling-rate HZ)."
-            )
+            raise RecordError(no_clock(table, source))
         said = [] if how.sampling_rate else [f"sampling rate of {rate:g} Hz from its notes"]
         rows = np.arange(values.size)
         return Clock(rows / rate, rows, (), (f"{rate:g} Hz",)), "s", said
@@ -82,9 +73,22 @@ def row_times(
                 f"says {how.sampling_rate:g} Hz (sampling_rate= in Python); leave the option out, or give "
                 "the unit of the stamps, --time-units."
             )
-        return Clock(rows / how.sampling_rate, rows, (), (f"{how.sampling_rate:g} Hz as given",)), unit, []
-    clock = read_clock(stamps, factor, source)
-    return clock, unit, [why] if why else []
+        clock = Clock(rows / how.sampling_rate, rows, (), (f"{how.sampling_rate:g} Hz as given",))
+        return clock, unit or "s", []
+    clock = read_clock(stamps, factor, source, values)
+    if unit is None:
+        check_period(clock.time, values[clock.rows], are_whole(stamps), source)
+    return clock, unit or "s", [why] if why else []
+
+
+def stated_rate(table: FileTable) -> float | None:
+    """Sampling rate (Hz) that the notes of a file state, or that its rows have over a duration they state."""
+    rate, duration = noted_rate(table.notes), noted_duration(table.notes)
+    if rate is not None or duration is None:
+        return rate
+    rows = max(np.size(column) for column in table.columns.values())
+    # The last sample may be at the end.
+    return (rows - 1) / duration if (rows - 1) % duration == 0.0 else rows / duration
 
 
 def _idle(table: FileTable, name: str, samples: int) -> bool:

@@ -3,6 +3,7 @@
 import re
 
 import numpy as np
+import pandas as pd
 
 from sysid_trib.records.headers import split_header
 from sysid_trib.records.tables import FileTable
@@ -14,7 +15,13 @@ def time_of(name: str, times: list[str], table: FileTable) -> str | None:
     fitting = [t for t in times if np.size(table.columns[t]) == np.size(table.columns[name])] or times
     mates = [t for t in fitting if _are_mates(t, name)]
     before = [t for t in fitting if order.index(t) < order.index(name)]
-    return mates[0] if mates else before[-1] if before else fitting[0] if fitting else None
+    if mates or not before:
+        return next(iter(mates or fitting), None)
+    # Of clocks that stand beside each other, the one that stands still least often; else the next one.
+    beside = [before[-1]]
+    while (at := order.index(beside[0])) and order[at - 1] in before:
+        beside.insert(0, order[at - 1])
+    return max(reversed(beside), key=lambda clock: pd.unique(table.columns[clock]).size)
 
 
 def _rest(name: str) -> str:
@@ -37,11 +44,13 @@ def runs_side_by_side(names: list[str], times: list[str], table: FileTable) -> l
 
 
 def cells(names: list[str], times: list[str], table: FileTable) -> list[tuple[str, list[str]]]:
-    """Times and signals of each cell of MATLAB's, where all cells hold as many; nothing of other tables."""
-    groups = [(time, [name for name in names if _are_mates(time, name)]) for time in times]
-    paired = sum(len(group) for _, group in groups) == len(names)
+    """Times and signals of each run: MATLAB's cells, or `t1 x1 v1 t2 x2 v2`; nothing of other tables.
+
+    Each has as many columns as the others, of the same names but for their numbers.
+    """
+    groups = [(time, [name for name in names if time_of(name, times, table) == time]) for time in times]
+    patterns = {tuple(re.sub(r"#?\d+", "", item) for item in (time, *group)) for time, group in groups}
     fit = all(
         np.size(table.columns[name]) == np.size(table.columns[t]) for t, group in groups for name in group
     )
-    alike = len({len(group) for _, group in groups}) == 1
-    return groups if len(groups) > 1 and names and paired and alike and fit else []
+    return groups if len(groups) > 1 and len(patterns) == 1 and fit and groups[0][1] else []

@@ -107,6 +107,10 @@ def _is_hdf5(head: bytes) -> bool:
 def _reader(head: bytes, path: Path) -> Callable[[Path], FileTable]:
     if _is_hdf5(head):
         return read_netcdf if path.suffix in (".nc", ".nc4", ".cdf") else read_hdf5
+    if head.startswith(b"\xd0\xcf\x11\xe0"):
+        raise RecordError(
+            f"{path.name}: this is a workbook of the old format (.xls); save it as .xlsx or CSV."
+        )
     readers = {
         b"MATLAB 5.0": read_matlab,
         b"CDF": read_netcdf,

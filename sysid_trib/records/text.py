@@ -33,6 +33,10 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
     """
     content = path.read_bytes()
     wide = content.startswith((b"\xff\xfe", b"\xfe\xff"))
+    markup = re.match(rb"[\xef\xbb\xbf\s]*<[?!]?(\w+)", content)
+    if markup is not None:
+        kind = "a web page" if markup[1].lower() in (b"html", b"doctype") else "XML"
+        raise RecordError(f"{path.name}: this is {kind}, not a table; export the data as CSV or .xlsx.")
     if not wide and b"\0" in content:
         raise RecordError(
             f"{path.name}: binary content, but none of the formats that can be read ({FORMATS})."
@@ -167,7 +171,8 @@ def _first_row(lines: list[str], delimiter: str | None, start: int, width: int) 
 def _header(before: list[str], delimiter: str | None, width: int) -> list[str] | None:
     """Names from the lines above the numbers, a line of units below them included."""
     header: list[list[str]] = []
-    for line in reversed([line for line in before if line.strip()][-2:]):
+    # A line of dashes below the names is none of them.
+    for line in reversed([line for line in before if any(map(str.isalnum, line)) or "°" in line][-2:]):
         text = line.lstrip("#%/! \t") if _is_comment(line) else line
         separator = "," if delimiter is None and "," in text else delimiter
         fields = _fields(text, separator)

@@ -19,11 +19,13 @@ TIME_UNITS = {
 }
 _TURN = 2.0 * np.pi
 DEGREES_ABROAD = ("degrés", "degres", "degré", "grados", "gradi", "graus", "graden", "grader", "stopnie")
+# The sign of degrees of Mac Roman and of DOS, where it is read as Latin.
+MISREAD = ("¡", "ø")
 # Spellings by the name that results use.
 _ANGLES = {
     "rad": ("rad", "rads", "radian", "radians"),
     "mrad": ("mrad", "milliradian", "milliradians"),
-    "deg": ("deg", "deg.", "degs", "degree", "degrees", "°", "º", "grad", "grade", *DEGREES_ABROAD),
+    "deg": ("deg", "deg.", "degs", "degree", "degrees", "°", "º", "grad", "grade", *DEGREES_ABROAD, *MISREAD),
     "gon": ("gon",),
     "arcmin": ("arcmin", "arc min", "arcminutes", "\u2032"),
     "arcsec": ("arcsec", "arc sec", "arcseconds", "\u2033"),
@@ -56,7 +58,7 @@ INTEGRATIONS = {"angle": 0, "displacement": 0, "rate": 1, "acceleration": 2}
 ACCELEROMETER = "accelerometer"
 SIGNALS = (*INTEGRATIONS, ACCELEROMETER)
 OFFERED_UNITS = "rad, deg, mrad, m, mm, px, V, au, rad/s, deg/s, m/s^2 or g"
-OFFERED_TIME_UNITS = "s, ms, us, ns, min, h or days"
+OFFERED_TIME_UNITS = "s, ms, us, ns, min, h or d"
 OFFERED_ANGLES = ", ".join(_ANGLES)
 
 

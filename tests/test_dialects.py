@@ -1,0 +1,191 @@
+"""Text, columns and files as laboratories write them; each is read right, or refused by its cause."""
+
+import gzip
+import io
+import sys
+import types
+
+import numpy as np
+import pytest
+import scipy.io
+import xarray as xr
+
+from sysid_trib.decays.free_decay import free_decay
+from sysid_trib.errors import DecayError, RecordError, UsageError
+from sysid_trib.records.read import read_record, read_records
+
+TIME = np.arange(0.0, 10.0, 0.01)
+SWING = 0.35 * np.exp(-0.05 * TIME) * np.cos(9.0 * TIME)
+NOISE = 1e-3 * np.random.default_rng(0).standard_normal((6, TIME.size))
+
+
+def grouped(value, comma=True):
+    """A number with groups of three digits."""
+    text = f"{value:,.3f}"
+    return text.translate(str.maketrans(",.", ".,")) if comma else text
+
+
+def rows(*columns, sep=","):
+    """Lines of cells."""
+    return "\n".join(sep.join(cells) for cells in zip(*columns, strict=True)) + "\n"
+
+
+SECONDS = [f"{t:.3f}" for t in TIME]
+DEGREES = [f"{x:.6f}" for x in np.degrees(SWING)]
+CLOCK = [f"16:04:{20.0 + t:06.3f}" for t in TIME]
+TEXTS = {
+    "points for thousands": (
+        "t [s];x [mm]\n" + rows(map(grouped, TIME), (grouped(5000 + 1000 * x) for x in SWING), sep=";"),
+        5000 + 1000 * SWING,
+    ),
+    "commas for thousands": (
+        "t [s],x [mm]\n" + rows(SECONDS, (f'"{grouped(5000 + 1000 * x, False)}"' for x in SWING)),
+        5000 + 1000 * SWING,
+    ),
+    "three decimals between commas": (
+        "t (s),x (mm),y (mm)\n"
+        + rows(SECONDS, (f"{x:.3f}" for x in SWING), (f"{5 + x:.3f}" for x in NOISE[0])),
+        SWING,
+    ),
+    "minus of the typographer": (
+        "t (s),theta (deg)\n" + rows(SECONDS, DEGREES).replace("-", "\u2212"),
+        SWING,
+    ),
+    "units in cells": (
+        "time,angle\n" + rows([f"{t} s" for t in SECONDS], [f"{x} deg" for x in DEGREES]),
+        SWING,
+    ),
+    "degree sign in cells": ("t (s);phi\n" + rows(SECONDS, [f"{x}°" for x in DEGREES], sep=";"), SWING),
+    "dashes below the head": (
+        "Stamp, Time_Elapsed(s), Angle(deg)\n" + 30 * "-" + "\n" + rows(CLOCK, SECONDS, DEGREES, sep=", "),
+        SWING,
+    ),
+    "degrees of Mac Roman": ("t (s),theta (\u00a1)\n" + rows(SECONDS, DEGREES), SWING),
+}
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_texts(tmp_path, name):
+    text, right = TEXTS[name]
+    path = tmp_path / "r.csv"
+    path.write_bytes(text.encode("latin-1" if "Mac" in name else "utf-8"))
+    record = read_record(path)
+    assert record.angle.values == pytest.approx(right, abs=1e-3)
+    assert record.time.values - record.time.values[0] == pytest.approx(TIME, abs=1e-3)
+
+
+@pytest.mark.parametrize("sentinel", [-999, 9999])
+def test_a_block_of_what_stands_for_no_value_is_missing(tmp_path, sentinel):
+    cells = [str(sentinel) if 300 <= row < 305 else f"{x:.6f}" for row, x in enumerate(SWING)]
+    path = tmp_path / "r.csv"
+    path.write_text("t (s),theta (rad)\n" + rows(SECONDS, cells), encoding="utf-8")
+    record = read_record(path)
+    assert record.sizes["time"] == TIME.size - 5
+    assert f"5 values of {sentinel} taken as missing" in record.attrs["reading"]
+    assert free_decay(record).sizes["time"] == TIME.size
+
+
+def test_what_stands_for_a_file(tmp_path, monkeypatch):
+    text = ("t (s),theta (deg)\n" + rows(SECONDS, DEGREES)).encode()
+    packed = tmp_path / "r.csv.gz"
+    packed.write_bytes(gzip.compress(text))
+    monkeypatch.setattr(sys, "stdin", types.SimpleNamespace(buffer=io.BytesIO(text)))
+    for path in (packed, "-"):
+        assert read_record(path).angle.values == pytest.approx(SWING, abs=1e-5)
+    packed.write_bytes(gzip.compress(text)[:-500])
+    with pytest.raises(RecordError, match="cannot be unpacked"):
+        read_record(packed)
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (b"<phyphox version='1'>\n<title>1, 2</title>\n", "this is XML"),
+        (b"\xef\xbb\xbf<?xml version='1.0'?>\n1,2\n3,4\n", "this is XML"),
+        (b"<!DOCTYPE html>\n<p>1,2\n", "a web page"),
+        (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(600), "save it as .xlsx"),
+    ],
+)
+def test_what_is_no_table_is_named(tmp_path, content, reason):
+    path = tmp_path / "r.csv"
+    path.write_bytes(content)
+    with pytest.raises(RecordError, match=reason):
+        read_record(path)
+
+
+@pytest.mark.parametrize("scalars", [{"ActualRate": 100.0}, {"duration": 10.0}])
+def test_scalars_of_a_file_give_its_clock(tmp_path, scalars):
+    scipy.io.savemat(tmp_path / "r.mat", {"data": SWING, "trial": 1.0, **scalars})
+    assert read_record(tmp_path / "r.mat").time.values == pytest.approx(TIME)
+
+
+def table(path, head, *columns):
+    """A file of columns of numbers."""
+    path.write_text(
+        head + "\n" + rows(*([f"{x:.6f}" for x in column] for column in columns)), encoding="utf-8"
+    )
+    return path
+
+
+def test_the_largest_axis_of_one_rotation_is_taken(tmp_path):
+    axes = [factor * SWING + 10.0 * noise for factor, noise in zip((0.33, 1.0, -0.48), NOISE, strict=False)]
+    head = "Time (s),Gyroscope x (rad/s),Gyroscope y (rad/s),Gyroscope z (rad/s)"
+    record = read_record(table(tmp_path / "r.csv", head, TIME, *axes))
+    assert record.attrs["angle_column"] == "Gyroscope y (rad/s)"
+    assert "largest of the axes" in record.attrs["reading"]
+
+
+def test_the_axis_that_swings_far_is_taken_or_offered(tmp_path):
+    slow = 0.35 * np.exp(-0.03 * TIME) * np.cos(3.0 * TIME)
+    head = "Time (s),Acceleration x (m/s^2),Acceleration y (m/s^2)"
+    record = read_record(table(tmp_path / "r.csv", head, TIME, 0.1 * slow + NOISE[0], SWING + NOISE[1]))
+    assert record.attrs["angle_column"] == "Acceleration y (m/s^2)"
+    with pytest.raises(UsageError, match='such as --angle "Acceleration y'):
+        read_record(table(tmp_path / "r.csv", head, TIME, 0.5 * slow + NOISE[0], SWING + NOISE[1]))
+
+
+def test_a_small_swing_is_not_preferred_to_what_is_far_larger(tmp_path):
+    driven = 60.0 * np.cos(9.0 * TIME)
+    head = "Time (s),Angle left (deg),Angle right (deg)"
+    with pytest.raises(UsageError, match=r"Angle right \(deg\) moves .* times as far"):
+        read_record(table(tmp_path / "r.csv", head, TIME, SWING + NOISE[0], driven + NOISE[1]))
+
+
+def test_a_magnitude_is_no_signal(tmp_path):
+    head = "Time (s),Absolute (m/s^2),Along (m/s^2)"
+    path = table(tmp_path / "r.csv", head, TIME, 1.02 * np.abs(SWING), SWING + NOISE[0])
+    assert read_record(path).attrs["angle_column"] == "Along (m/s^2)"
+
+
+def test_runs_side_by_side_with_several_columns_each(tmp_path):
+    later = 0.8 * SWING
+    head = "t1,theta1,omega1,t2,theta2,omega2"
+    columns = TIME, 30 * SWING, np.gradient(30 * SWING, TIME), TIME, 3 * later, np.gradient(3 * later, TIME)
+    runs = read_records(table(tmp_path / "r.csv", head, *columns))
+    assert [run.attrs["angle_column"] for run in runs] == ["theta1", "theta2"]
+    # The first one shows that the second is in degrees too.
+    assert [run.attrs["angle_unit_in_file"] for run in runs] == ["deg", "deg"]
+
+
+def test_no_clock_is_said_before_columns_are_judged(tmp_path):
+    path = table(tmp_path / "r.csv", "left,right", 3.0 * NOISE[0], NOISE[1])
+    with pytest.raises(RecordError, match="no time column"):
+        read_record(path)
+
+
+def test_a_frequency_that_is_steady_tells_degrees_from_radians(tmp_path):
+    steady = read_record(table(tmp_path / "r.csv", "t,theta", TIME, 8.0 * SWING))
+    assert steady.attrs["angle_unit_in_file"] == "deg"
+    assert "as it decays" in steady.attrs["reading"]
+    # As of a pendulum: w falls by a^2/16.
+    amplitude = 1.6 * np.exp(-0.1 * TIME)
+    phase = 9.0 * np.concatenate(([0.0], np.cumsum(1.0 - amplitude[1:] ** 2 / 16.0))) * 0.01
+    softening = read_record(table(tmp_path / "r.csv", "t,theta", TIME, amplitude * np.cos(phase)))
+    assert softening.attrs["angle_unit_in_file"] == "rad"
+
+
+def test_beats_are_told_from_a_drive():
+    beat, driven = np.cos(9.0 * TIME) + 0.8 * np.cos(10.5 * TIME), np.cos(9.0 * TIME)
+    for angle, reason in ((beat, "two modes beat"), (driven, "is it driven")):
+        with pytest.raises(DecayError, match=reason):
+            free_decay(xr.Dataset({"angle": ("time", angle + NOISE[0])}, {"time": TIME}))

@@ -1,0 +1,86 @@
+"""Motions of few samples, few swings, heavy damping or growth: what the methods can do the command can do."""
+
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+from command_line import run
+
+import sysid_trib as st
+from sysid_trib.decays.free_decay import free_decay, free_decays
+from sysid_trib.errors import DecayError
+from sysid_trib.methods.indirect import _as_measured
+
+FREQUENCY = 9.0
+
+
+def swing(time, zeta, start=0.4, middle=0.05, noise=1e-3):
+    """A viscous decay from rest about a middle, with noise."""
+    w = FREQUENCY * np.sqrt(1.0 - zeta**2)
+    fall = start * np.exp(-zeta * FREQUENCY * time)
+    angle = fall * (np.cos(w * time) + zeta * FREQUENCY / w * np.sin(w * time))
+    return middle + angle + noise * np.random.default_rng(0).standard_normal(time.size)
+
+
+SHORT = {
+    "heavily damped": (np.arange(0.0, 2.0, 0.002), 0.3, 0.4),
+    "two periods": (np.arange(0.0, 1.396, 0.005), 0.03, 0.4),
+    "growing": (np.arange(0.0, 14.0, 0.01), -0.01, 0.05),
+}
+
+
+@pytest.mark.parametrize("name", SHORT)
+def test_what_proves_no_decay_is_taken_where_its_forces_are_named(name):
+    time, zeta, start = SHORT[name]
+    record = xr.Dataset({"angle": ("time", swing(time, zeta, start))}, {"time": time})
+    with pytest.raises(DecayError, match="--forces"):
+        free_decay(record)
+    (decay,) = free_decays(record, as_it_is=True)
+    assert decay.equilibrium.item() == pytest.approx(0.05, abs=4.0 * decay.equilibrium_standard_error.item())
+    assert "taken as it is" in decay.attrs["free_decay"]
+    result = st.identify(decay, st.load_library("contact_forces").select(["zeta"]), st.methods.Direct())
+    assert result.coefficient.item() == pytest.approx(zeta, abs=4.0 * result.standard_error.item())
+
+
+@pytest.mark.slow
+def test_the_command_takes_it_too(tmp_path):
+    time, zeta, start = SHORT["heavily damped"]
+    rows = [f"{t:.4f},{x:.6f}" for t, x in zip(time, swing(time, zeta, start), strict=True)]
+    path = tmp_path / "short.csv"
+    path.write_text("t (s),theta (rad)\n" + "\n".join(rows), encoding="utf-8")
+    assert "--forces" in run("identify", path, "--json").err
+    ending = run("identify", path, "--forces", "zeta", "--json")
+    assert ending.status == 0
+    found = json.loads(ending.out)["methods"]["direct"]["coefficients"]["zeta"]
+    assert found["value"] == pytest.approx(zeta, abs=4.0 * found["standard_error"])
+
+
+def test_noise_is_no_short_decay():
+    time = np.arange(0.0, 5.0, 0.01)
+    noise = np.random.default_rng(0).standard_normal(time.size)
+    with pytest.raises(DecayError, match="noise"):
+        free_decays(xr.Dataset({"angle": ("time", noise)}, {"time": time}), as_it_is=True)
+
+
+@pytest.mark.parametrize("samples", [9.0, 6.0, 5.0])
+def test_few_samples_a_period_are_enough(samples):
+    time = np.arange(0.0, 28.0, 2.0 * np.pi / FREQUENCY / samples)
+    decay = free_decay(xr.Dataset({"angle": ("time", swing(time, 0.005))}, {"time": time}))
+    library = st.load_library("contact_forces").select(["zeta"])
+    for method in (st.methods.Averaging(), st.methods.Direct()):
+        result = st.identify(decay, library, method)
+        assert result.coefficient.item() == pytest.approx(0.005, abs=4.0 * result.standard_error.item())
+
+
+def test_a_motion_that_stops_before_the_record_swings_is_said_to_have_nothing_in_common():
+    time = np.arange(0.0, 40.0, 0.1)
+    late = np.where(time < 18.0, 0.0, 0.2 * np.exp(-0.05 * time) * np.sin(0.7 * (time - 18.0)))
+    late += 1e-4 * np.random.default_rng(0).standard_normal(time.size)
+    early = np.where(time < 20.0, 0.2 * np.sin(0.7 * time + 0.3), 1e-9)
+    record, motion = (
+        st.envelope(xr.Dataset({"angle": ("time", angle)}, {"time": time})).assign_attrs(first_time=0.0)
+        for angle in (late, early)
+    )
+    with pytest.raises(DecayError, match="in common"):
+        _as_measured(motion, record)
