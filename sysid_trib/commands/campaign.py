@@ -1,9 +1,6 @@
 """`sysid-trib campaign`."""
 
 import json
-import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from glob import glob, has_magic
 from pathlib import Path
@@ -80,29 +77,16 @@ def campaign(
             memory=asked.memory,
             tell=tell,
         )
-        with _readable(output):
-            tell("what varies between the records")
-            compared = _compared(store, table, asked.laboratories)
-            tell("report")
-            page, counts = output.with_suffix(PAGE_ENDING), counts_of(store)
-            from sysid_trib.reporting.campaign import write_campaign
+        tell("what varies between the records")
+        compared = _compared(store, table, asked.laboratories)
+        tell("report")
+        page, counts = output.with_suffix(PAGE_ENDING), counts_of(store)
+        from sysid_trib.reporting.campaign import write_campaign
 
-            write_campaign(store, compared, table, page, command_line())
-    with _readable(output):
-        _print(store, counts, compared, (output, page), asked.as_json)
+        write_campaign(store, compared, table, page, command_line())
+    _print(store, counts, compared, (output, page), asked.as_json)
     if not counts["done"]:
         raise RecordError(f"{output}: no record has a result; why each has none is in {page}.")
-
-
-@contextmanager
-def _readable(store: Path) -> Iterator[None]:
-    """Say of a store that is damaged that it is."""
-    try:
-        yield
-    except (RuntimeError, zlib.error) as error:
-        raise RecordError(
-            f"{store}: a part of the store is damaged ({error}); remove the store, and repeat the command."
-        ) from None
 
 
 def _checked_output(asked: CampaignOptions) -> Path:
