@@ -8,7 +8,7 @@ from pathlib import Path
 
 import xarray as xr
 
-from sysid_trib.campaigns.lock import alone
+from sysid_trib.campaigns.lock import sole_writer
 from sysid_trib.campaigns.records import CampaignRecords
 from sysid_trib.campaigns.run import finished_blocks
 from sysid_trib.campaigns.store import Store, as_dataset
@@ -80,7 +80,7 @@ def campaign(
     whole = CampaignRecords(records)
     # A link to a store stays one when records come to it.
     path = Path(output).resolve() if Path(output).is_symlink() else Path(output)
-    with alone(path):
+    with sole_writer(path):
         store = Store(path, task, whole, max(1, min(LARGEST_BLOCK, len(whole) // BLOCKS)))
         _fill(store, task, whole, workers, memory, tell)
         return as_dataset(path)

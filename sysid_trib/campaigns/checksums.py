@@ -35,8 +35,9 @@ def arrays_of(path: Path) -> dict[str, Any]:
     for name, array in arrays.items():
         if array.dtype.kind not in KINDS or array.filters:
             raise ValueError(f"{name} is of another kind")
-        along_records = array.attrs["_ARRAY_DIMENSIONS"][0] == "record"
-        if along_records and (array.shape[0] != count or (name != "record" and array.chunks[0] != block)):
+        if _is_per_record(array) and (
+            array.shape[0] != count or (name != "record" and array.chunks[0] != block)
+        ):
             raise ValueError(f"{name} is of another length")
         if array.chunks[1:] != array.shape[1:]:
             raise ValueError(f"{name} is in other chunks")
@@ -49,7 +50,7 @@ def row_arrays(arrays: Mapping[str, Any]) -> dict[str, Any]:
     return {
         name: array
         for name, array in sorted(arrays.items())
-        if array.attrs["_ARRAY_DIMENSIONS"][0] == "record" and name not in coordinates
+        if _is_per_record(array) and name not in coordinates
     }
 
 
@@ -57,7 +58,7 @@ def labels_checksum(arrays: Mapping[str, Any]) -> int:
     """CRC-32 of what all records share: methods, forces and their units."""
     checksum = 0
     for name, array in sorted(arrays.items()):
-        if array.attrs["_ARRAY_DIMENSIONS"][0] != "record":
+        if not _is_per_record(array):
             checksum = crc32(_bytes(array[:][None])[0], crc32(name.encode(), checksum))
     return checksum
 
@@ -113,6 +114,10 @@ def _damaged(path: Path, arrays: Mapping[str, Any]) -> Iterator[str]:
         wrong = (status != 0) & (known != row_checksums(columns, of_block, labels))
         wrong |= (status < 0) | (status >= STATUSES)
         yield from (of_block[at] for at in np.flatnonzero(wrong))
+
+
+def _is_per_record(array: Any) -> bool:
+    return bool(array.attrs["_ARRAY_DIMENSIONS"][0] == "record")
 
 
 def _bytes(column: Array) -> Array:

@@ -10,7 +10,7 @@ from sysid_trib.errors import RecordError
 
 
 @contextmanager
-def alone(path: Path) -> Iterator[None]:
+def sole_writer(path: Path) -> Iterator[None]:
     """Hold the lock of a store: a file beside it, locked until this process lets it go or dies.
 
     Raises

@@ -66,8 +66,9 @@ def campaign(
         from sysid_trib.commands.campaign_task import task_of
 
         check_extra()
-        output = _checked_output(asked)
         records = _records(given.records, asked.study, asked.conditions)
+        reads = [*([] if asked.study else records), asked.study, asked.conditions]
+        output = _checked_output(asked, [*reads, model.library, search.candidates, given.system])
         table = _conditions(asked, CampaignRecords(records).names)
         store = campaign(
             records,
@@ -89,15 +90,16 @@ def campaign(
         raise RecordError(f"{output}: no record has a result; why each has none is in {page}.")
 
 
-def _checked_output(asked: CampaignOptions) -> Path:
-    """The store; a place that cannot be written is refused before the work is done."""
+def _checked_output(asked: CampaignOptions, reads: list[str | Path | None]) -> Path:
+    """The store; a place that cannot be written, or is read, is refused before the work is done."""
     if asked.output is None:
         raise UsageError("A campaign wants a store: -o RESULTS.zarr.")
     if asked.output.suffix != STORE_ENDING:
         raise UsageError(f"{asked.output}: the ending must be {STORE_ENDING}.")
     from sysid_trib.commands.destination import check_output
 
-    check_output(asked.output.with_suffix(PAGE_ENDING), PAGE_ENDING)
+    files = [Path(name) for name in reads if name is not None]
+    check_output(asked.output.with_suffix(PAGE_ENDING), PAGE_ENDING, reads=files)
     return asked.output
 
 
