@@ -108,7 +108,7 @@ def read_records(path: str | os.PathLike[str], how: Reading | None = None) -> li
         raise UsageError(f"{path.name}: give a time column or a sampling rate, not both.")
     table, source = read_table(path), readable(path.name)
     if is_expression(how.angle) and not has_column(table, how.angle):
-        table = with_expression(table, str(how.angle), source)
+        table = with_expression(table, str(how.angle), how.units, source)
     signal = "acceleration" if how.signal == ACCELEROMETER else how.signal
     chosen = choose_columns(table, source, time=how.time, angle=how.angle, signal=signal)
     checksum = hashlib.sha256(path.read_bytes()).hexdigest()

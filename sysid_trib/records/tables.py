@@ -33,11 +33,14 @@ class FileTable:
         Their units, where the file states them beside the names.
     notes : tuple of str
         What else it says: comment lines, texts and scalars as `name = value`.
+    made : dict of str to (str, str)
+        Columns that a formula made, not the file: what stands for the name and unit of a header.
     """
 
     columns: ColumnValues
     units: dict[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    made: dict[str, tuple[str, str]] = field(default_factory=dict)
 
 
 def read_table(path: Path) -> FileTable:
