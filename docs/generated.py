@@ -31,7 +31,7 @@ from typer.testing import CliRunner
 
 import sysid_trib as st
 from sysid_trib.averaging.identifiability import exactly_dependent, without_signature
-from sysid_trib.cli import app
+from sysid_trib.commands.app import app
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.methods import METHODS
 from sysid_trib.printing.forces import loses_power, signature_text
@@ -114,7 +114,7 @@ def run(program: str, *words: str) -> str:
 def commands() -> str:
     """Every command with its options, from the command line itself."""
     text = subprocess.run(
-        [sys.executable, "-m", "typer", "sysid_trib.cli", "utils", "docs", "--name", "sysid-trib"],
+        [sys.executable, "-m", "typer", "sysid_trib.commands.app", "utils", "docs", "--name", "sysid-trib"],
         capture_output=True,
         text=True,
         check=True,

@@ -1,75 +1,119 @@
-"""The command line. Commands import what they need when they run, so that --help is quick."""
+"""The program: it runs a command, and says in one line how it failed.
+
+It imports next to nothing before it listens to Ctrl-C, which may come while the commands are imported.
+"""
 
 import os
+import signal
 import sys
-import traceback
-import warnings
-from pathlib import Path
-
-import typer
-
-from sysid_trib._version import __version__
-from sysid_trib.commands.backbone import backbone
-from sysid_trib.commands.campaign import campaign
-from sysid_trib.commands.compare import compare
-from sysid_trib.commands.discover import discover
-from sysid_trib.commands.forces import forces
-from sysid_trib.commands.identify import identify
-from sysid_trib.commands.look import look
-from sysid_trib.commands.report import report
-from sysid_trib.commands.simulate import simulate
-from sysid_trib.errors import SysidTribError, printable
+from types import FrameType
+from typing import NoReturn
 
 INTERRUPTED = 130
 OUT_OF_MEMORY = "Out of memory; take a shorter window or a lower sampling rate, or raise the limit."
 # Bytes; what the largest libraries of machine code take to be loaded.
 LIBRARY_SIZE = 2**28
 
-app = typer.Typer(
-    no_args_is_help=False,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-)
-
-
-def _show_version(asked: bool) -> None:
-    if asked:
-        print(f"sysid-trib {__version__}")
-        raise typer.Exit
-
-
-@app.callback()
-def _options(
-    version: bool = typer.Option(
-        False, "--version", callback=_show_version, is_eager=True, help="Show the version."
-    ),
-) -> None:
-    """Which forces act in an oscillator, learned from its free decay."""
-
-
-for command in (look, backbone, identify, discover, compare, campaign, simulate, report, forces):
-    app.command()(command)
-
 
 def main() -> None:
-    """Run the command line: errors in one line on stderr, exit status as documented."""
+    """Run the command line: errors in one line on stderr, exit status as documented.
+
+    As the process ends with it, it leaves further interrupts without an answer.
+    """
+    came: list[int] = []
+
+    # Libraries that are cut off while they are imported swallow an interrupt, or make another error of it.
+    def interrupt(number: int, frame: FrameType | None) -> NoReturn:
+        came.append(number)
+        raise KeyboardInterrupt
+
+    status, message = INTERRUPTED, ""
+    try:
+        signal.signal(signal.SIGINT, interrupt)
+        sys.unraisablehook = _pass_interrupts_over
+        status, message = _outcome()
+    except KeyboardInterrupt:
+        # It came before there was a command to end, or was the second one.
+        came.append(signal.SIGINT)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if came or status == INTERRUPTED:
+        status, message = INTERRUPTED, "interrupted."
+    if message:
+        from sysid_trib.errors import printable
+
+        print(f"sysid-trib: {printable(message)}", file=sys.stderr)
+    sys.exit(status)
+
+
+def _pass_interrupts_over(unraisable: "sys.UnraisableHookArgs") -> None:
+    """Say nothing of an interrupt that came where nothing can be raised: it is known to have come."""
+    if not isinstance(unraisable.exc_value, KeyboardInterrupt):
+        sys.__unraisablehook__(unraisable)
+
+
+def _outcome() -> tuple[int, str]:
+    """Exit status of the command, and the line for stderr if it failed."""
+    import warnings
+
     # A closed stream is none.
     if sys.stderr is None:
         sys.stderr = open(os.devnull, "w")  # noqa: SIM115 (as long as the process)
     if sys.stdout is None:
-        sys.stderr.write("sysid-trib: standard output is closed; send it to a file, or to /dev/null.\n")
-        sys.exit(1)
+        return 1, "standard output is closed; send it to a file, or to /dev/null."
     for stream in (sys.stdout, sys.stderr):
         # A terminal or pipe that is not UTF-8 must not turn ± into a traceback.
         stream.reconfigure(errors="replace")  # type: ignore[union-attr]
     with warnings.catch_warnings():
         # Numerical libraries warn in their own terms; what matters of it is in the result, or an error here.
         warnings.showwarning = lambda *_, **__: None
-        status, message = _outcome()
-    if message:
-        print(f"sysid-trib: {printable(message)}", file=sys.stderr)
-    sys.exit(status)
+        try:
+            return _run()
+        except MemoryError:
+            return 1, OUT_OF_MEMORY
+        except Exception as error:
+            if _memory_is_short():
+                return 1, OUT_OF_MEMORY
+            return 1, _internal(error)
+
+
+def _run() -> tuple[int, str]:
+    """Run the command; its exit status, and what it was refused for."""
+    import typer
+
+    from sysid_trib.commands.app import app
+    from sysid_trib.errors import SysidTribError
+
+    # Typer brings its own click or uses the one installed, by its version: take the class from where it is.
+    click_error: type[Exception] = next(
+        k for k in typer.BadParameter.__mro__ if k.__name__ == "ClickException"
+    )
+    try:
+        status = app(standalone_mode=False) or 0
+        sys.stdout.flush()
+        return status, ""
+    except SysidTribError as error:
+        return error.exit_status, str(error)
+    except click_error as error:
+        said = error.format_message()  # type: ignore[attr-defined]
+        return 2, f"{said}{'' if said.endswith(('.', '?')) else '.'} See sysid-trib --help."
+    except typer.Abort:
+        return INTERRUPTED, ""
+    except SystemExit:
+        # Typer's, of a pipe whose reader has enough.
+        _leave_standard_output()
+        return 0, ""
+    except OSError as error:
+        if error.filename is not None:
+            return 1, f"{error.filename}: {error.strerror}; choose another file."
+        _leave_standard_output()
+        if isinstance(error, BrokenPipeError):
+            return 0, ""
+        return 1, f"standard output cannot be written: {error.strerror or error}."
+
+
+def _leave_standard_output() -> None:
+    """What is left in the buffer must not fail once more at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _memory_is_short() -> bool:
@@ -81,38 +125,10 @@ def _memory_is_short() -> bool:
     return False
 
 
-def _outcome() -> tuple[int, str]:
-    """Exit status of the command, and the line for stderr if it failed."""
-    # Typer brings its own click or uses the one installed, by its version: take the class from where it is.
-    click_error: type[Exception] = next(
-        k for k in typer.BadParameter.__mro__ if k.__name__ == "ClickException"
-    )
-    try:
-        status = app(standalone_mode=False) or 0
-        sys.stdout.flush()
-        # Typer turns an interrupt into this status, silently.
-        return status, "interrupted." if status == INTERRUPTED else ""
-    except SysidTribError as error:
-        return error.exit_status, str(error)
-    except click_error as error:
-        said = error.format_message()  # type: ignore[attr-defined]
-        return 2, f"{said}{'' if said.endswith(('.', '?')) else '.'} See sysid-trib --help."
-    except (KeyboardInterrupt, typer.Abort):
-        return INTERRUPTED, "interrupted."
-    except OSError as error:
-        if error.filename is not None:
-            return 1, f"{error.filename}: {error.strerror}; choose another file."
-        # What is left in the buffer must not fail once more at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        if isinstance(error, BrokenPipeError):
-            return 0, ""  # the reader has enough
-        return 1, f"standard output cannot be written: {error.strerror or error}."
-    except MemoryError:
-        return 1, OUT_OF_MEMORY
-    except Exception as error:
-        if _memory_is_short():
-            return 1, OUT_OF_MEMORY
-        # A fault of this package, but still no traceback: a line that finds the place.
-        frame = next(t for t in reversed(traceback.extract_tb(error.__traceback__)))
-        place = f"{Path(frame.filename).name}:{frame.lineno}"
-        return 1, f"Internal error ({type(error).__name__} in {place}: {error}); please report it."
+def _internal(error: Exception) -> str:
+    """A fault of this package, but still no traceback: a line that finds the place."""
+    import traceback
+
+    frame = traceback.extract_tb(error.__traceback__)[-1]
+    place = f"{os.path.basename(frame.filename)}:{frame.lineno}"
+    return f"Internal error ({type(error).__name__} in {place}: {error}); please report it."

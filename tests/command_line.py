@@ -1,6 +1,7 @@
 """The command line in this process: what it prints, and with which status it ends."""
 
 import io
+import signal
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,8 +40,11 @@ def run(*arguments: object, encoding: str = "utf-8") -> Ending:
         patch.setattr(sys, "argv", ["sysid-trib", *map(str, arguments)])
         patch.setattr(sys, "stdout", out)
         patch.setattr(sys, "stderr", err)
+        patch.setattr(sys, "unraisablehook", sys.unraisablehook)
+        before = signal.getsignal(signal.SIGINT)
         with pytest.raises(SystemExit) as ending:
             cli.main()
+        signal.signal(signal.SIGINT, before)
     texts = [stream.buffer.getvalue().decode(encoding) for stream in (out, err)]  # type: ignore[attr-defined]
     return Ending(int(ending.value.code or 0), *texts)
 

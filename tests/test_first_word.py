@@ -18,7 +18,7 @@ def test_nothing_heavy_is_imported_before_the_first_word(tmp_path):
     script = f"""
 import sys
 from contextlib import contextmanager
-from sysid_trib import cli
+from sysid_trib.commands.app import app
 from sysid_trib.commands import {", ".join(COMMANDS)}
 class Reached(Exception): pass
 @contextmanager
@@ -32,7 +32,7 @@ for name in {COMMANDS!r}:
     module.progress = progress
     sys.modules["sysid_trib.commands.terminal"].progress = progress
     try:
-        cli.app([name, *arguments.get(name, [])], standalone_mode=False)
+        app([name, *arguments.get(name, [])], standalone_mode=False)
     except Reached as reached:
         print(name, reached)
 """

@@ -347,11 +347,12 @@ def test_an_angle_without_a_unit_is_in_rad_whatever_its_size(attrs, size):
     ("shell", "status", "said"),
     [
         ("{} | head -1; exit ${{PIPESTATUS[0]}}", 0, ""),
+        ("{} | true; exit ${{PIPESTATUS[0]}}", 0, ""),
         ("{} >&-", 1, "standard output is closed"),
         ("{} >/dev/full", 1, "standard output cannot be written"),
         ("ulimit -v 700000; {}", 1, "Out of memory"),
     ],
-    ids=["head", "closed", "full", "memory"],
+    ids=["head", "true", "closed", "full", "memory"],
 )
 def test_terminals_and_limits(shell, status, said):
     asked = " ".join(f"'{word}'" for word in [*COMMAND, "identify" if "ulimit" in shell else "forces"])

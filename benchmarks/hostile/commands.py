@@ -182,6 +182,7 @@ def case(random: np.random.Generator, folder: Path) -> Callable[[], object]:
             patch.object(sys, "argv", ["sysid-trib", *given]),
             contextlib.redirect_stdout(out),
             contextlib.redirect_stderr(err),
+            patch.object(sys, "unraisablehook", sys.unraisablehook),
         ):
             try:
                 cli.main()

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import xarray as xr
 
+from sysid_trib.campaigns.lock import sole_writer
 from sysid_trib.campaigns.records import CampaignRecords
 from sysid_trib.campaigns.run import finished_blocks
-from sysid_trib.campaigns.store import Store, open_store
+from sysid_trib.campaigns.store import Store, as_dataset
 from sysid_trib.campaigns.study import Study
 from sysid_trib.campaigns.task import Task
 from sysid_trib.errors import UsageError
@@ -77,18 +78,27 @@ def campaign(
     check_extra()
     _check_process()
     whole = CampaignRecords(records)
-    count = len(whole)
-    store = Store(Path(output), task, whole, max(1, min(LARGEST_BLOCK, count // BLOCKS)))
-    changed = store.changed(whole)
+    # A link to a store stays one when records come to it.
+    path = Path(output).resolve() if Path(output).is_symlink() else Path(output)
+    with sole_writer(path):
+        store = Store(path, task, whole, max(1, min(LARGEST_BLOCK, len(whole) // BLOCKS)))
+        _fill(store, task, whole, workers, memory, tell)
+        return as_dataset(path)
+
+
+def _fill(
+    store: Store, task: Task, records: CampaignRecords, workers: int | str, memory: str, tell: Tell
+) -> None:
+    """Do what is still to be done in a store."""
+    changed, count = store.changed(records), len(records)
     blocks = store.unfinished(changed)
     done, bad = count - sum(len(at) for at in blocks), store.without_result(changed)
     tell(f"workers; {changed.sum():,} records have changed" if changed.any() else "workers")
-    for at, rows in finished_blocks(task, blocks, whole.record, workers=workers, memory=memory):
+    for at, rows in finished_blocks(task, blocks, records.record, workers=workers, memory=memory):
         store.write(at, rows)
         done += len(at)
         bad += sum(row["status"] > 1 for row in rows)
         tell(f"{done:,} of {count:,} records, {bad:,} without a result", done / count)
-    return open_store(store.path)
 
 
 def _check_process() -> None:

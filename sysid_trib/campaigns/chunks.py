@@ -1,6 +1,6 @@
-"""A chunk of a Zarr array on this machine, written in one go.
+"""A chunk of a Zarr array on this machine, written or read in one go.
 
-Zarr itself writes each chunk through threads of its own, which takes ten times as long as the file does.
+Zarr itself takes each chunk through threads of its own, which takes ten times as long as the file does.
 """
 
 import os
@@ -34,7 +34,7 @@ def write_chunk(folder: Path, array: Any, number: int, values: Array) -> None:
     """
     whole = np.full(array.chunks, array.fill_value, dtype=array.dtype)
     whole[: len(values)] = values
-    place = folder / ".".join(["0"] * whole.ndim).replace("0", str(number), 1)
+    place = _place(folder, array, number)
     if _is_fill(whole, array.fill_value):
         # As zarr does: what is not there is the fill value.
         place.unlink(missing_ok=True)
@@ -49,6 +49,29 @@ def write_chunk(folder: Path, array: Any, number: int, values: Array) -> None:
     except OSError:
         unfinished.unlink(missing_ok=True)
         raise
+
+
+def read_chunk(folder: Path, array: Any, number: int) -> Array:
+    """The chunk of a number along the first dimension, as `write_chunk` takes it; whole at the end too.
+
+    Raises
+    ------
+    OSError, RuntimeError, ValueError
+        It is damaged.
+    """
+    whole = np.full(array.chunks, array.fill_value, dtype=array.dtype)
+    try:
+        content: Any = _place(folder, array, number).read_bytes()
+    except FileNotFoundError:
+        return whole
+    for compressor in reversed(array.compressors):
+        # Into as many bytes as it is of, and no more.
+        content = compressor.decode(content, out=np.empty(whole.nbytes, dtype="uint8"))
+    return np.frombuffer(content, dtype=array.dtype).reshape(array.chunks).copy()
+
+
+def _place(folder: Path, array: Any, number: int) -> Path:
+    return folder / ".".join(["0"] * array.ndim).replace("0", str(number), 1)
 
 
 def _is_fill(values: Array, fill: Any) -> bool:

@@ -9,6 +9,7 @@ import xarray as xr
 
 from sysid_trib.campaigns.task import IDENTIFIED, PREDICTS_BEST
 from sysid_trib.errors import RecordError, UsageError
+from sysid_trib.records.tables import check_is_file
 from sysid_trib.results.common_reference import ASYMPTOTIC_FREQUENCY
 
 # Column of a table of conditions that names the records; without it rows are in the order of the records.
@@ -103,6 +104,7 @@ def read_conditions(path: Path, records: Sequence[str]) -> pd.DataFrame:
     RecordError
         It is no table.
     """
+    check_is_file(path)
     try:
         with path.open() as file:
             heading = file.readline()
@@ -111,8 +113,6 @@ def read_conditions(path: Path, records: Sequence[str]) -> pd.DataFrame:
         # As they are copied out of one.
         marks = {"sep": "\t"} if "\t" in heading and "," not in heading else marks
         table = pd.read_csv(path, skipinitialspace=True, **marks)
-    except FileNotFoundError:
-        raise UsageError(f"There is no file {path}.") from None
     except (OSError, ValueError) as error:
         raise RecordError(f"{path.name}: not a table of conditions in CSV ({error}).") from None
     _check_values(path, table)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid_trib.campaigns.checksums import CHECKSUM
 from sysid_trib.campaigns.growth import copy_rows, unfinished
 from sysid_trib.campaigns.outline import EDGES
 from sysid_trib.campaigns.records import CampaignRecords
@@ -84,6 +85,8 @@ def _fill(group: Any, task: Task, records: CampaignRecords, block: int) -> None:
         if units:
             array.attrs["units"] = units
     status = _array(group, "status", ("record",), (len(records),), np.dtype("int8"), block)
+    checksum = _array(group, CHECKSUM, ("record",), (len(records),), np.dtype("int64"), block)
+    checksum.attrs["long_name"] = "CRC-32 of the record's row"
     status.attrs.update(flag_values=list(range(len(STATUS))), flag_meanings=" ".join(STATUS))
     begun_with = {FINGERPRINT: records.fingerprint(task), TASK_FINGERPRINT: records.fingerprint_of_task(task)}
     group.attrs.update(begun_with | {"task": task.name, "coordinates": "unit speed_degree"})

@@ -14,6 +14,9 @@ from sysid_trib.campaigns.study import Study
 from sysid_trib.campaigns.task import Task
 from sysid_trib.errors import UsageError, readable
 
+# Of what a store holds; one of another format is of another version.
+STORE_FORMAT = 2
+
 
 @dataclass(frozen=True)
 class CampaignRecords:
@@ -74,7 +77,18 @@ class CampaignRecords:
         options = sorted((name, repr(value)) for name, value in task.options.items())
         study = asdict(self.items) | {"records": None} if isinstance(self.items, Study) else None
         in_memory = self._content() if study is None else []
-        return _digest([__version__, study, in_memory, libraries, asked, options, _callable_text(task.read)])
+        return _digest(
+            [
+                __version__,
+                STORE_FORMAT,
+                study,
+                in_memory,
+                libraries,
+                asked,
+                options,
+                _callable_text(task.read),
+            ]
+        )
 
     def _content(self) -> Any:
         """Of a study, or of what is in memory; files say themselves when they change."""

@@ -5,15 +5,25 @@ renamed into its place when it is whole: at any moment the store can be read, an
 """
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from sysid_trib.arrays import Index, Mask
-from sysid_trib.campaigns.chunks import UNFINISHED, write_chunk
+from sysid_trib.arrays import Array, Index, Mask
+from sysid_trib.campaigns.checksums import (
+    CHECKSUM,
+    arrays_of,
+    check_rows,
+    damaged,
+    labels_checksum,
+    row_arrays,
+    row_checksums,
+)
+from sysid_trib.campaigns.chunks import UNFINISHED, read_chunk, write_chunk
 from sysid_trib.campaigns.growth import exchange, recover
 from sysid_trib.campaigns.new_store import FINGERPRINT, STATUS, TASK_FINGERPRINT, made_beside
 from sysid_trib.campaigns.records import CampaignRecords
@@ -26,7 +36,7 @@ from sysid_trib.campaigns.task import (
     checksum_of,
     empty_row,
 )
-from sysid_trib.errors import RecordError, UsageError
+from sysid_trib.errors import RecordError, SysidTribError, UsageError
 
 WAITING, LOST = 0, 4
 
@@ -52,32 +62,28 @@ class Store:
     """
 
     def __init__(self, path: Path, task: Task, records: CampaignRecords, block: int) -> None:
-        import zarr
-
         self.path, fingerprint = path, records.fingerprint(task)
-        try:
+        with _readable(path):
             recover(path)
             if not path.exists():
                 os.replace(made_beside(path, task, records, block), path)
-            group: Any = zarr.open_group(path, mode="r+")
+            group, arrays = _opened(path)
             same = dict(group.attrs).get(FINGERPRINT) == fingerprint
-            if not same and _has_grown(group, task, records):
+            grown = not same and _has_grown(group, task, records)
+            if same or grown:
+                check_rows(path, arrays)
+            if grown:
                 exchange(path, made_beside(path, task, records, block, group))
-                group, same = zarr.open_group(path, mode="r+"), True
-            # Opened once: each time takes as long as to write a record.
-            self.arrays: dict[str, Any] = dict(group.arrays())
-            self.block = int(self.arrays["status"].chunks[0])
-        except (OSError, KeyError, ValueError) as error:
-            reason = getattr(error, "strerror", None) or error
-            raise RecordError(
-                f"{path}: cannot be made, or is no store of a campaign ({reason}); choose another with -o."
-            ) from None
+                same, arrays = True, _opened(path)[1]
         if not same:
             raise UsageError(
                 f"{path}: is the store of another campaign (other task, options or version, or records that "
                 "are not among these); choose another place with -o, or repeat the command that made it to "
                 "go on."
             )
+        # Opened once: each time takes as long as to write a record.
+        self.arrays, self.rows, self.block = arrays, row_arrays(arrays), int(arrays["status"].chunks[0])
+        self._names, self._labels = records.names, labels_checksum(arrays)
         for partial in path.rglob(f"*{UNFINISHED}"):
             partial.unlink(missing_ok=True)
 
@@ -115,24 +121,35 @@ class Store:
         RecordError
             The disk is full, or the store is gone.
         """
-        first = int(at[0]) // self.block * self.block
-        chunk = slice(first, first + self.block)
+        number = int(at[0]) // self.block
+        first = number * self.block
+        places, names = at - first, self._names[first : first + self.block]
         try:
+            columns = {
+                name: read_chunk(self.path / name, array, number)[: len(names)]
+                for name, array in self.rows.items()
+            }
+            if columns["status"][places].any():
+                # What is done anew does not count until all of it is there.
+                columns["status"][places] = WAITING
+                self._write("status", number, columns["status"])
+            for name in columns.keys() & rows[0].keys():
+                columns[name][places] = np.stack([np.asarray(row[name]) for row in rows])
+            known = read_chunk(self.path / CHECKSUM, self.arrays[CHECKSUM], number)[: len(names)]
+            rows_done = {name: column[places] for name, column in columns.items()}
+            known[places] = row_checksums(rows_done, [names[place] for place in places], self._labels)
+            columns[CHECKSUM] = known
             # Status last: a block counts when all of it is there.
-            for name in sorted((n for n in rows[0] if n in self.arrays), key=lambda name: name == "status"):
-                array = self.arrays[name]
-                values = array[chunk] if len(at) < self.block else None
-                new = np.stack([np.asarray(row[name]) for row in rows])
-                if values is None or len(values) == len(at):
-                    values = new.astype(array.dtype)
-                else:
-                    values[at - first] = new
-                write_chunk(self.path / name, array, first // self.block, values)
+            for name in sorted(columns, key=lambda name: name == "status"):
+                self._write(name, number, columns[name])
         except OSError as error:
             raise RecordError(
                 f"{self.path}: cannot be written ({error.strerror or error}); what was done is "
                 "kept: make room, and repeat the command to go on."
             ) from None
+
+    def _write(self, name: str, number: int, values: Array) -> None:
+        write_chunk(self.path / name, self.arrays[name], number, values)
 
 
 def counts_of(store: xr.Dataset) -> dict[str, int]:
@@ -163,18 +180,48 @@ def open_store(path: str | os.PathLike[str]) -> xr.Dataset:
     RecordError
         It is no such store.
     """
-    try:
-        store = xr.open_zarr(path, consolidated=False, chunks=None, mask_and_scale=False)
-        if FINGERPRINT not in store.attrs or "status" not in store:
-            raise ValueError("no status of records")
-    except (OSError, ValueError, KeyError) as error:
-        raise RecordError(f"{path}: is no store of a campaign ({error}).") from None
+    place = Path(path)
+    with _readable(place):
+        check_rows(place, _opened(place)[1])
+        return as_dataset(place)
+
+
+def as_dataset(path: Path) -> xr.Dataset:
+    """A store that has been checked as a Dataset."""
+    store = xr.open_zarr(path, consolidated=False, chunks=None, mask_and_scale=False)
     # A directory lists its arrays in any order; the order of dims in what is printed is not to depend on it.
-    store = store[sorted(map(str, store.data_vars))]
+    store = store[sorted(name for name in map(str, store.data_vars) if name != CHECKSUM)]
     for array in store.variables.values():
         # No value is missing: what was not computed is nan, waiting, or an empty text.
         array.attrs.pop("_FillValue", None)
     return store
+
+
+def _opened(path: Path) -> tuple[Any, dict[str, Any]]:
+    """The group of a store, and its arrays."""
+    import zarr
+
+    group = zarr.open_group(path, mode="r")
+    if FINGERPRINT not in group.attrs:
+        raise RecordError(f"{path}: is no store of a campaign; choose another with -o.")
+    return group, arrays_of(path)
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """Say of a store that cannot be read that it is damaged, or none."""
+    try:
+        yield
+    except (SysidTribError, MemoryError):
+        raise
+    except OSError as error:
+        raise RecordError(
+            f"{path}: cannot be made, or is no store of a campaign ({error.strerror or error}); choose "
+            "another with -o."
+        ) from None
+    # What is damaged meets its reader with any exception at all.
+    except Exception as error:
+        raise damaged(path, error) from None
 
 
 def _has_grown(group: Any, task: Task, records: CampaignRecords) -> bool:

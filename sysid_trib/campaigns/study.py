@@ -2,7 +2,7 @@
 
 import os
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,16 +11,35 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.decays.free_decay import free_decay
-from sysid_trib.errors import RecordError, UsageError
+from sysid_trib.errors import DecayError, RecordError, did_you_mean
 from sysid_trib.forces.library import load_library
-from sysid_trib.simulation.model import Model
+from sysid_trib.records.tables import check_is_file
+from sysid_trib.simulation.model import Model, check_shapes
 from sysid_trib.simulation.simulate import simulate
 
-# Part of a study, and what it may hold besides numbers that are drawn.
-STUDY_PARTS = ("coefficients", "shapes", "start", "sampling", "noise", "random_force")
+# Parts of a study, and what each may hold; that of the first two is in the library.
+PART_NAMES: dict[str, tuple[str, ...]] = {
+    "coefficients": (),
+    "shapes": (),
+    "start": ("angle", "rate"),
+    "sampling": ("duration", "rate"),
+    "noise": ("deviation", "correlation"),
+    "random_force": ("density",),
+}
+STUDY_PARTS = tuple(PART_NAMES)
 TOP = ("title", "records", "seed", "library", "reference_frequency", *STUDY_PARTS)
-DRAWN = ("low", "high"), ("mean", "deviation")
+DRAWN = {"low", "high"}, {"mean", "deviation"}
+# What may be drawn of a value, where not any number is one: (lowest, highest).
+RANGES = {
+    ("motion", "reference_frequency"): (1e-9, 1e9),
+    ("sampling", "duration"): (1e-9, 1e9),
+    ("sampling", "rate"): (1e-9, 1e9),
+    ("noise", "deviation"): (0.0, 1e9),
+    ("noise", "correlation"): (-0.999999, 0.999999),
+    ("random_force", "density"): (0.0, 1e9),
+}
 LONGEST_RECORD = 10_000_000
+SAMPLES_ALLOWED = f"duration times rate must be 2 to {LONGEST_RECORD:,} samples"
 
 
 @dataclass(frozen=True)
@@ -80,7 +99,7 @@ class Study:
         SimulationError
             The motion of these values cannot be computed.
         DecayError
-            It is no decay.
+            It is no decay, or too long.
         """
         drawn = self.drawn(at)
         start, sampling, noise = (drawn.get(part, {}) for part in ("start", "sampling", "noise"))
@@ -89,7 +108,10 @@ class Study:
         model = Model(
             library, drawn["coefficients"], drawn["motion"]["reference_frequency"], drawn.get("shapes", {})
         )
-        time = np.arange(round(sampling["duration"] * sampling["rate"])) / sampling["rate"]
+        samples = sampling["duration"] * sampling["rate"]
+        if not 1.0 < samples <= LONGEST_RECORD:
+            raise DecayError(f"{samples:.6g} samples were drawn; {SAMPLES_ALLOWED}.")
+        time = np.arange(round(samples)) / sampling["rate"]
         # One stream for what is drawn, one for the noise, one for the random force.
         noisy, pushed = np.random.SeedSequence(self.seed, spawn_key=(at, 1)).spawn(2)
         motion = simulate(
@@ -151,15 +173,13 @@ def load_study(path: str | os.PathLike[str]) -> Study:
         It is no TOML, lacks a part, or holds what a study has no place for.
     """
     name = Path(path).name
+    check_is_file(Path(path))
     try:
         text = Path(path).read_text(encoding="utf-8")
         data = tomllib.loads(text)
-    except FileNotFoundError:
-        raise UsageError(f"There is no file {path}.") from None
     except (OSError, ValueError, RecursionError) as error:
         raise RecordError(f"{name}: not a study in TOML ({error}).") from None
-    if idle := [key for key in data if key not in TOP]:
-        raise RecordError(f"{name}: a study has no '{idle[0]}'; it has {', '.join(TOP)}.")
+    _refuse_unknown(data, TOP, f"{name}: a study")
     lacking = [key for key in ("reference_frequency", "coefficients", "sampling") if key not in data]
     if lacking:
         raise RecordError(f"{name}: a study needs '{lacking[0]}'.")
@@ -169,9 +189,10 @@ def load_study(path: str | os.PathLike[str]) -> Study:
             if not isinstance(data[part], Mapping) or not data[part]:
                 raise RecordError(f"{name}: '{part}' must be a table of values.")
             values[part] = dict(data[part])
+            _refuse_unknown(data[part], PART_NAMES[part] or data[part], f"{name}: '{part}'")
     for part, names in values.items():
         for key, value in names.items():
-            _check(value, f"{name}: '{key}' of '{part}'")
+            _check(value, RANGES.get((part, key)), f"{name}: '{key}' of '{part}'")
     counts = [data.get("records", 100), data.get("seed", 0)]
     if not all(isinstance(count, int) and 0 <= count < 2**63 for count in counts) or not counts[0]:
         raise RecordError(f"{name}: 'records' and 'seed' must be whole numbers, the first above zero.")
@@ -182,14 +203,21 @@ def load_study(path: str | os.PathLike[str]) -> Study:
     study = Study(str(data.get("title", Path(path).stem)), counts[0], counts[1], library, values)
     sampling = study.drawn(0)["sampling"]
     if not 1.0 < sampling["duration"] * sampling["rate"] <= LONGEST_RECORD:
-        raise RecordError(f"{name}: duration times rate must be 2 to {LONGEST_RECORD:,} samples.")
-    load_library(library).select(values["coefficients"])
+        raise RecordError(f"{name}: {SAMPLES_ALLOWED}.")
+    check_shapes(values.get("shapes", {}), load_library(library).select(values["coefficients"]))
     return study
 
 
-def _check(value: Any, what: str) -> None:
-    """Refuse what cannot be drawn."""
-    law = isinstance(value, Mapping) and tuple(value) in DRAWN
+def _refuse_unknown(given: Iterable[str], known: Iterable[str], what: str) -> None:
+    """Refuse a name that would be passed over in silence."""
+    for key in given:
+        if key not in known:
+            raise RecordError(f"{what} has no '{key}'; it has {', '.join(known)}.{did_you_mean(key, known)}")
+
+
+def _check(value: Any, allowed: tuple[float, float] | None, what: str) -> None:
+    """Refuse what cannot be drawn, or what no record can have."""
+    law = isinstance(value, Mapping) and set(value) in DRAWN
     numbers = list(value.values()) if law else value if isinstance(value, list) and value else [value]
     good = all(isinstance(n, int | float) and not isinstance(n, bool) and abs(n) < 1e12 for n in numbers)
     if not good or (law and "low" in value and not value["low"] <= value["high"]):
@@ -197,3 +225,10 @@ def _check(value: Any, what: str) -> None:
             f"{what} must be a number, a list of numbers, {{low = ..., high = ...}} or "
             "{mean = ..., deviation = ...}."
         )
+    normal = law and "mean" in value
+    if normal and value["deviation"] < 0.0:
+        raise RecordError(f"{what}: the deviation of what is drawn must not be below zero.")
+    # A normal law has no bounds: what it draws is refused record by record.
+    low, high = allowed or (-np.inf, np.inf)
+    if not all(low <= n <= high for n in ([value["mean"]] if normal else numbers)):
+        raise RecordError(f"{what} must be from {low:g} to {high:g}.")

@@ -1,6 +1,7 @@
 """What a campaign does with each record, and the row of numbers that comes of it."""
 
 import hashlib
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from time import perf_counter
@@ -238,7 +239,8 @@ def _row_of(task: Task, record: Any) -> Row:
 
 def checksum_of(record: Any) -> str:
     """SHA-256 of a record's file; empty of one that cannot be read, or is none."""
-    if not isinstance(record, str):
+    # A pipe would be waited for.
+    if not isinstance(record, str) or not os.path.isfile(record):
         return ""
     try:
         with open(record, "rb") as file:

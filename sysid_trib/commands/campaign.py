@@ -1,9 +1,6 @@
 """`sysid-trib campaign`."""
 
 import json
-import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from glob import glob, has_magic
 from pathlib import Path
@@ -69,8 +66,9 @@ def campaign(
         from sysid_trib.commands.campaign_task import task_of
 
         check_extra()
-        output = _checked_output(asked)
         records = _records(given.records, asked.study, asked.conditions)
+        reads = [*([] if asked.study else records), asked.study, asked.conditions]
+        output = _checked_output(asked, [*reads, model.library, search.candidates, given.system])
         table = _conditions(asked, CampaignRecords(records).names)
         store = campaign(
             records,
@@ -80,40 +78,28 @@ def campaign(
             memory=asked.memory,
             tell=tell,
         )
-        with _readable(output):
-            tell("what varies between the records")
-            compared = _compared(store, table, asked.laboratories)
-            tell("report")
-            page, counts = output.with_suffix(PAGE_ENDING), counts_of(store)
-            from sysid_trib.reporting.campaign import write_campaign
+        tell("what varies between the records")
+        compared = _compared(store, table, asked.laboratories)
+        tell("report")
+        page, counts = output.with_suffix(PAGE_ENDING), counts_of(store)
+        from sysid_trib.reporting.campaign import write_campaign
 
-            write_campaign(store, compared, table, page, command_line())
-    with _readable(output):
-        _print(store, counts, compared, (output, page), asked.as_json)
+        write_campaign(store, compared, table, page, command_line())
+    _print(store, counts, compared, (output, page), asked.as_json)
     if not counts["done"]:
         raise RecordError(f"{output}: no record has a result; why each has none is in {page}.")
 
 
-@contextmanager
-def _readable(store: Path) -> Iterator[None]:
-    """Say of a store that is damaged that it is."""
-    try:
-        yield
-    except (RuntimeError, zlib.error) as error:
-        raise RecordError(
-            f"{store}: a part of the store is damaged ({error}); remove the store, and repeat the command."
-        ) from None
-
-
-def _checked_output(asked: CampaignOptions) -> Path:
-    """The store; a place that cannot be written is refused before the work is done."""
+def _checked_output(asked: CampaignOptions, reads: list[str | Path | None]) -> Path:
+    """The store; a place that cannot be written, or is read, is refused before the work is done."""
     if asked.output is None:
         raise UsageError("A campaign wants a store: -o RESULTS.zarr.")
     if asked.output.suffix != STORE_ENDING:
         raise UsageError(f"{asked.output}: the ending must be {STORE_ENDING}.")
     from sysid_trib.commands.destination import check_output
 
-    check_output(asked.output.with_suffix(PAGE_ENDING), PAGE_ENDING)
+    files = [Path(name) for name in reads if name is not None]
+    check_output(asked.output.with_suffix(PAGE_ENDING), PAGE_ENDING, reads=files)
     return asked.output
 
 

@@ -175,7 +175,9 @@ def check_output(target: Path | None, ending: str, *, reads: Sequence[Path] = ()
             f"{target}: cannot be written, its folder {reason}; choose another place with {flag}."
         )
     if target.exists() and any(record.exists() and target.samefile(record) for record in reads):
-        raise RecordError(f"{target}: the result would replace the record; choose another place with {flag}.")
+        raise RecordError(
+            f"{target}: the result would replace a file that is read; choose another place with {flag}."
+        )
 
 
 def check_folder(folder: Path | None) -> None:

@@ -46,12 +46,17 @@ def command_after(step: "NextStep", groups: Sequence[Any]) -> str:
     words = ["sysid-trib", step.command]
     replaced = {name.replace("-", "_") for name in (*step.options, *step.without)}
     given = {part.name: (part, getattr(group, part.name)) for group in groups for part in fields(group)}
-    words += [str(record) for record in given.pop(RECORDS, (None, []))[1]] + list(step.records)
+    words += [_as_word(str(record)) for record in given.pop(RECORDS, (None, []))[1]] + list(step.records)
     for name, (part, value) in given.items():
         if name in known and name.strip("_") not in replaced and value != default_of(part):
             words += _words(part, value)
     words += [word for name, value in step.options.items() for word in (f"--{name}", value)]
     return readable(shlex.join(words))
+
+
+def _as_word(file: str) -> str:
+    """A file as a word of a command, where a dash at its beginning would be an option."""
+    return f"./{file}" if file.startswith("-") else file
 
 
 def _options_of(command: str) -> set[str]:

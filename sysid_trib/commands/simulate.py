@@ -38,7 +38,7 @@ def simulate(
         from sysid_trib.forces.library import load_library
         from sysid_trib.simulation.model import Model
 
-        check_output(output, ".csv .nc")
+        check_output(output, ".csv .nc", reads=[Path(library)])
         offered = load_library(library)
         coefficients, shapes = checks.settings(set_, offered, papers=library == DEFAULT_LIBRARY)
         checks.check_positive(reference_frequency, "--reference-frequency")

@@ -27,6 +27,8 @@ def what_else(path: Path) -> str:
         return (
             f"{name}: this is the store of a campaign, no record; its page {page} shows it." if store else ""
         )
+    if not path.is_file():
+        return ""
     try:
         with path.open("rb") as file:
             start = file.read(1024).lstrip().lower()

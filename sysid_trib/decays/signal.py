@@ -7,7 +7,7 @@ import xarray as xr
 
 from sysid_trib.errors import DecayError, UsageError
 
-# Squares and cubes of larger numbers overflow.
+# Squares and cubes of larger numbers overflow, those of numbers below its inverse are lost.
 LARGEST_NUMBER = 1e75
 FEWEST_SAMPLES = 4
 ANGLE_UNIT = "rad"
@@ -49,8 +49,8 @@ def checked_signal(record: Any, *names: str) -> None:
     UsageError
         It is no Dataset, has no `angle(time)`, or no numbers in it.
     DecayError
-        A number that is none, or vast, times that do not rise, or next to no samples; or an angle or a time
-        in a unit of its own.
+        A number that is none, or vast, all numbers tiny, times that do not rise, or next to no samples; or an
+        angle or a time in a unit of its own.
     """
     if not isinstance(record, xr.Dataset) or "angle" not in record:
         raise UsageError(
@@ -81,6 +81,11 @@ def checked_signal(record: Any, *names: str) -> None:
         raise DecayError(f"{source}: only {record.sizes['time']} samples are no oscillation; record longer.")
     if np.any(np.diff(record.variables["time"].values.astype(float)) <= 0.0):
         raise DecayError(f"{source}: its times do not rise; sort them.")
+    for name in ("time", "angle"):
+        values = record.variables[name].values
+        extent = float(np.max(values) - np.min(values))
+        if 0.0 < extent < 1.0 / LARGEST_NUMBER:
+            raise DecayError(f"{source}: all of its {name} is within {extent:.3g}, too little; scale it.")
 
 
 def _check_units(record: xr.Dataset, source: str) -> None:

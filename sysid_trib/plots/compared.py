@@ -8,8 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sysid_trib.plots.comparison_data import ASYMPTOTIC, PREDICTION, ComparisonData, comparison_data
-from sysid_trib.plots.style import axes, grid, legend_marks, letter, name_rows
-from sysid_trib.printing.exported import unit_in_latex
+from sysid_trib.plots.style import axes, grid, legend_marks, letter, name_rows, unit_label
 from sysid_trib.results.schema import library_of
 
 # Height of a panel (inch): without methods, and of a method.
@@ -140,5 +139,5 @@ def _symbol(tree: xr.DataTree, quantity: str) -> str:
 def _axis_label(symbol: str, data: xr.Dataset) -> str:
     """Symbol and unit; a power of ten is in the label, not in the ticks."""
     scale = f"$10^{{{data.power}}}$" if data.power else ""
-    unit = " ".join(filter(None, (scale, unit_in_latex(data.unit) if data.unit != "1" else ""))) or "1"
+    unit = " ".join(filter(None, (scale, unit_label(data.unit) if data.unit != "1" else ""))) or "1"
     return f"${symbol}$ ({unit})"

@@ -8,8 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-from sysid_trib.plots.style import FULL_WIDTH, INK, ORANGE, axes, grid
-from sysid_trib.printing.exported import unit_in_latex
+from sysid_trib.plots.style import FULL_WIDTH, INK, ORANGE, axes, grid, unit_label
 
 ACROSS = 2
 # Beyond these runs bars hide the marks.
@@ -66,7 +65,7 @@ def against_condition(
     if ticks:
         ax.set_xticks(range(len(ticks)), ticks)
     unit = str(of_quantity.unit.item()).removeprefix("1") if "unit" in of_quantity.coords else ""
-    ax.set(xlabel=name, ylabel=f"{quantity} ({unit_in_latex(unit)})" if unit else quantity)
+    ax.set(xlabel=name, ylabel=f"{quantity} ({unit_label(unit)})" if unit else quantity)
     return ax
 
 

@@ -8,7 +8,6 @@ from sysid_trib.plots import style
 from sysid_trib.plots.discovery_data import held_out_sentence
 from sysid_trib.plots.motion_data import motion_data
 from sysid_trib.plots.motion_figures import draw_in_time
-from sysid_trib.printing.exported import unit_in_latex
 from sysid_trib.printing.layout import quantity
 from sysid_trib.printing.residual import noise_of, residual_of
 from sysid_trib.results.discoveries import (
@@ -91,4 +90,4 @@ def _in_words(step: xr.Dataset) -> str:
 def _in_numbers(step: xr.Dataset) -> str:
     """The coefficient of an effect with its error and unit."""
     unit = step.unit.item()
-    return quantity(step, "coefficient", "" if unit == "1" else f" {unit_in_latex(unit)}")
+    return quantity(step, "coefficient", "" if unit == "1" else f" {style.unit_label(unit)}")

@@ -29,8 +29,8 @@ from sysid_trib.plots.style import (
     letter,
     line,
     new_figure,
+    unit_label,
 )
-from sysid_trib.printing.exported import unit_in_latex
 from sysid_trib.printing.layout import value_with_error
 
 ROW_HEIGHT, FONT_SIZE = 1.75, 7.5
@@ -185,7 +185,7 @@ def _coefficients(ax: Axes, data: OverviewData) -> Axes:
     for row, symbol in enumerate(symbols):
         of_force = main.sel(force=symbol)
         text = value_with_error(of_force.coefficient.item(), of_force.standard_error.item())
-        unit = "" if of_force.unit.item() == "1" else f" {unit_in_latex(of_force.unit.item())}"
+        unit = "" if of_force.unit.item() == "1" else f" {unit_label(of_force.unit.item())}"
         written = ax.text(0.99, row, f"{text}{unit}", transform=ax.get_yaxis_transform(), **note)
         written.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.5})
     ax.axvline(0.0, color="0.6", linewidth=0.6, linestyle=":")

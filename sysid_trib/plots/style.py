@@ -2,14 +2,20 @@
 
 import re
 from collections.abc import Iterable, Mapping
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import XAxis
+from matplotlib.backend_bases import RendererBase
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.mathtext import MathTextParser
+from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator, NullLocator
+
+from sysid_trib.printing.exported import unit_in_latex
 
 Style = Mapping[str, Any]
 
@@ -90,7 +96,37 @@ def columns_of_legend(labels: Iterable[str], most: int, room: int) -> int:
 
 def new_figure(width: float, height: float) -> Figure:
     """An empty figure, its size in inches, that keeps labels apart."""
-    return Figure(figsize=(width, height), layout="constrained")
+    return LiteralFigure(figsize=(width, height), layout="constrained")
+
+
+class LiteralFigure(Figure):
+    """A figure that draws a text of a file as it is where it looks like mathematics and is none."""
+
+    def draw(self, renderer: RendererBase) -> None:
+        """Draw the figure."""
+        for ax in self.axes:
+            # Labels of ticks are written when they are asked for.
+            _ = ax.get_xticklabels(), ax.get_yticklabels()
+        for text in self.findobj(Text):
+            if not _is_written(text.get_text()):
+                text.set_parse_math(False)
+        super().draw(renderer)
+
+
+@lru_cache(maxsize=1000)
+def _is_written(text: str) -> bool:
+    """Whether matplotlib can write a text with what it takes for mathematics in it."""
+    try:
+        for line in text.split("\n") if "$" in text else ():
+            MathTextParser("path").parse(line)
+    except ValueError:
+        return False
+    return True
+
+
+def unit_label(unit: str) -> str:
+    """A unit with its powers, as matplotlib writes it: it knows fewer escapes than LaTeX."""
+    return unit_in_latex(unit).replace(r"\&", "&").replace(r"\#", "#")
 
 
 def axes(ax: Axes | None) -> Axes:

@@ -28,6 +28,10 @@ HEADS = (
 )
 # More methods than this are rows.
 MOST_COLUMNS = 3
+# Signs by which a spreadsheet knows a formula.
+FORMULA_SIGNS = ("=", "+", "-", "@")
+LATEX_ESCAPES = {letter: f"\\{letter}" for letter in "{}$&#_%"}
+LATEX_ESCAPES |= {"\\": r"\backslash ", "^": r"\wedge ", "~": r"\sim "}
 FREQUENCIES_LATEX = {"reference_frequency": r"\omega", "asymptotic_frequency": r"\omega_\infty"}
 
 
@@ -76,13 +80,14 @@ def csv_text(tree: xr.DataTree) -> str:
         for (symbol, force), errors in zip(by_label(result, "force").items(), parts, strict=True):
             words = [name, symbol, force["name"].item(), force["formula"].item()]
             numbers = [force.coefficient.item(), force.standard_error.item()]
-            writer.writerow([*words, *numbers, force.unit.item(), force.refers_to.item(), *errors])
+            row = [*words, *numbers, force.unit.item(), force.refers_to.item(), *errors]
+            writer.writerow(map(_as_text, row))
         for quantity in FREQUENCIES_LATEX:
             words = [name, quantity, quantity.replace("_", " "), ""]
             numbers = [result[quantity].item(), result[f"{quantity}_standard_error"].item()]
-            writer.writerow([*words, *numbers, "rad/s", "", "", ""])
+            writer.writerow(map(_as_text, [*words, *numbers, "rad/s", "", "", ""]))
     for name, text in about_the_record(tree).items():
-        writer.writerow(["record", name, "", "", text, *([""] * 5)])
+        writer.writerow(map(_as_text, ["record", name, "", "", text, *([""] * 5)]))
     return buffer.getvalue()
 
 
@@ -101,7 +106,7 @@ def latex_text(tree: xr.DataTree) -> str:
             text = _in_latex(value_with_error(result[quantity].item(), error))
             cells.setdefault(f"${symbol}$ (rad/s)", {})[name] = text
     table = [[head, *(row.get(name, "--") for name in named)] for head, row in cells.items()]
-    table.insert(0, ["", *named])
+    table.insert(0, ["", *(name.replace("_", " ") for name in named)])
     if len(named) > MOST_COLUMNS:
         table = [list(row) for row in zip(*table, strict=True)]
     head, *rows = (f"{' & '.join(row)} \\\\" for row in table)
@@ -119,9 +124,18 @@ def unit_in_latex(unit: str) -> str:
     for part in unit.split():
         match = re.fullmatch(r"(.*?[^\d^.-])\^?(-?[\d.]+)?", part)
         base, power = match.groups() if match else (part, None)
-        base = base.replace("%", r"\%").replace("_", r"\_").replace("#", r"\#").replace("&", r"\&")
-        parts.append(rf"\mathrm{{{base}}}" + (f"^{{{power}}}" if power else ""))
+        parts.append(rf"\mathrm{{{_escaped(base)}}}" + (f"^{{{power}}}" if power else ""))
     return "$" + r"\,".join(parts) + "$"
+
+
+def _escaped(text: str) -> str:
+    """A text of a file within mathematics of LaTeX: none of its letters is a command."""
+    return "".join(LATEX_ESCAPES.get(letter, letter) for letter in text)
+
+
+def _as_text(cell: object) -> object:
+    """A cell of a spreadsheet, which would execute a text that begins as a formula does."""
+    return f"'{cell}" if isinstance(cell, str) and cell.startswith(FORMULA_SIGNS) else cell
 
 
 def main_identification(tree: xr.DataTree) -> xr.Dataset | None:

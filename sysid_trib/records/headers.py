@@ -85,7 +85,8 @@ def split_header(name: str) -> tuple[str, str]:
 
     Both in lower case; the name without a group before it (`run.time`, `Run 1: Time`).
     """
-    text = re.sub(r"_?\{\w*\}|(?<=.)#\d+$", "", name.strip().lower().replace("μ", "µ"))
+    # Patterns take the square of the time for blanks in a row.
+    text = re.sub(r"_?\{\w*\}|(?<=.)#\d+$", "", " ".join(name.lower().split()).replace("μ", "µ"))
     bracket = re.fullmatch(r"(.*?)\s*[\[({]\s*([^\[\](){}]*?)\s*[\])}](?:\s+run\b.*)?", text)
     if bracket is not None and not bracket[2].isdigit():
         base, unit = bracket[1], plain_unit(bracket[2])

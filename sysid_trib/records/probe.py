@@ -87,6 +87,7 @@ class _ReadingProcess:
 
     def __init__(self) -> None:
         self.parent, self._lock, self._out_of_time = os.getpid(), threading.Lock(), False
+        self._has_answered = True
         command = [sys.executable, "-P", "-c", START, str(Path(__file__).parents[2])]
         self._process = subprocess.Popen(
             command,
@@ -100,24 +101,33 @@ class _ReadingProcess:
 
     @property
     def is_ours(self) -> bool:
-        """Whether it waits for files of this process: a forked one has its own."""
-        return self.parent == os.getpid() and self._process.poll() is None
+        """Whether it waits for files of this process: a forked one has its own.
+
+        One whose answer was not waited for is of no use: the next file would get that answer.
+        """
+        answers = self._has_answered or self._lock.locked()
+        return self.parent == os.getpid() and self._process.poll() is None and answers
 
     def ask(self, reader: str, path: Path) -> tuple[str, str]:
         """How a file was read, and what is wrong with it."""
         with self._lock:
+            if not self._has_answered:
+                # The question before was interrupted while this one waited.
+                return _reading_process().ask(reader, path)
             seconds = SECONDS + SECONDS_PER_BYTE * path.stat().st_size
-            self._out_of_time = False
+            self._has_answered = self._out_of_time = False
             timer = threading.Timer(BUSY * seconds, self._end_late)
-            timer.start()
             try:
+                timer.start()
                 answer = self._line_for(json.dumps([reader, os.fspath(path.absolute()), seconds]))
+                self._has_answered = answer.endswith(b"\n")
             finally:
                 timer.cancel()
-            if answer:
+                if not self._has_answered:
+                    self.end()
+            if self._has_answered:
                 end, said = json.loads(answer)
                 return str(end), str(said)
-            self.end()
             return DAMAGED, "it takes far too long" if self._out_of_time else "its reader ends without a word"
 
     def _line_for(self, question: str) -> bytes:

@@ -113,7 +113,7 @@ def read_records(path: str | os.PathLike[str], how: Reading | None = None) -> li
         table, source = read_table(file), readable(path.name if path.name != "-" else file.name)
         checksum = hashlib.sha256(file.read_bytes()).hexdigest()
     if is_expression(how.angle) and not has_column(table, how.angle):
-        table = with_expression(table, str(how.angle), source)
+        table = with_expression(table, str(how.angle), how.units, source)
     signal = "acceleration" if how.signal == ACCELEROMETER else how.signal
     rate = how.sampling_rate or stated_rate(table)
     chosen = choose_columns(table, source, time=how.time, angle=how.angle, signal=signal, rate=rate)

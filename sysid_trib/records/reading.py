@@ -1,6 +1,7 @@
 """How a file is to be read: what its user says of it."""
 
 from dataclasses import dataclass
+from numbers import Real
 
 from sysid_trib.errors import UsageError
 from sysid_trib.records.units import (
@@ -54,6 +55,10 @@ class Reading:
             raise UsageError(f"time units {self.time_units!r} are unknown: give {OFFERED_TIME_UNITS}.")
         if self.units is not None and signal_unit(self.units) is None:
             raise UsageError(f"units {self.units!r} are unknown: give {OFFERED_UNITS}.")
+        for name in ("sampling_rate", "length", "distance"):
+            value = getattr(self, name)
+            if value is not None and not isinstance(value, Real):
+                raise UsageError(f"{name.replace('_', ' ')} {value!r} is no number: give one.")
         if self.sampling_rate is not None and not 1e-9 <= self.sampling_rate <= 1e9:
             raise UsageError(
                 f"sampling rate {self.sampling_rate:g}: give a positive number of samples a second."

@@ -47,7 +47,7 @@ def stated_unit(
     name = columns.signal
     # What an accelerometer feels is in the units of an acceleration.
     signal = "acceleration" if how.signal == ACCELEROMETER else how.signal
-    base, in_header = split_header(name)
+    base, in_header = table.made.get(name) or split_header(name)
     in_header = as_written(name, in_header)
     stated = signal_unit(table.units.get(name, "") or in_header or noted_unit(table.notes))
     given = None if how.units is None else signal_unit(how.units)

@@ -1,7 +1,7 @@
 """Tables of numbers from files of many formats; the content decides, not the name."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime, time as clock_time
 from pathlib import Path
 from typing import Any
@@ -33,11 +33,14 @@ class FileTable:
         Their units, where the file states them beside the names.
     notes : tuple of str
         What else it says: comment lines, texts and scalars as `name = value`.
+    made : dict of str to (str, str)
+        Columns that a formula made, not the file: what stands for the name and unit of a header.
     """
 
     columns: ColumnValues
     units: dict[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    made: dict[str, tuple[str, str]] = field(default_factory=dict)
 
 
 def read_table(path: Path) -> FileTable:
@@ -55,16 +58,7 @@ def read_table(path: Path) -> FileTable:
     RecordError
         The file is empty, binary, truncated or holds no table; the message names it.
     """
-    try:
-        path.stat()
-    except (FileNotFoundError, NotADirectoryError, ValueError):
-        raise UsageError(f"{path}: there is no such file.") from None
-    except OSError as error:
-        raise RecordError(f"{path}: cannot be read ({error.strerror}); name another file.") from None
-    if path.is_dir():
-        raise RecordError(f"{path}: this is a directory, not a record; name a file in it.")
-    if not path.is_file():
-        raise RecordError(f"{path}: this is a pipe or a device, not a file; save the record as a file first.")
+    check_is_file(path)
     try:
         with path.open("rb") as file:
             head = file.read(1024)
@@ -88,10 +82,43 @@ def read_table(path: Path) -> FileTable:
     except Exception as error:
         reason = next(iter(str(error).splitlines()), "") or type(error).__name__
         raise RecordError(f"{path.name}: cannot be read, it seems damaged or cut off ({reason}).") from error
+    table = replace(
+        table, columns={n: column for n, column in table.columns.items() if not _is_nested(column)}
+    )
     if not any(np.size(column) for column in table.columns.values()):
         raise RecordError(f"{path.name}: there are no numbers in it.")
     check_width(path, len(table.columns))
     return table
+
+
+def check_is_file(path: Path) -> None:
+    """Refuse what cannot be read, or what would be waited for without end.
+
+    Raises
+    ------
+    UsageError
+        There is no such file.
+    RecordError
+        It is a folder, a pipe or a device.
+    """
+    try:
+        path.stat()
+    except (FileNotFoundError, NotADirectoryError, ValueError):
+        raise UsageError(f"{path}: there is no such file.") from None
+    except OSError as error:
+        raise RecordError(f"{path}: cannot be read ({error.strerror}); name another file.") from None
+    if path.is_dir():
+        raise RecordError(f"{path}: this is a directory; name a file in it.")
+    if not path.is_file():
+        raise RecordError(
+            f"{path}: this is a pipe or a device, not a file; save what it gives as a file first."
+        )
+
+
+def _is_nested(column: Any) -> bool:
+    """Whether the cells of a column are lists, as netCDF and Parquet can have them."""
+    values = np.asarray(column)
+    return values.dtype.kind == "O" and any(isinstance(cell, np.ndarray | list | dict) for cell in values)
 
 
 def is_hdf5(path: Path) -> bool:
@@ -202,7 +229,9 @@ def read_netcdf(path: Path) -> FileTable:
 
     with path.open("rb") as file:
         engine = "scipy" if file.read(3) == b"CDF" else "h5netcdf"
-    with xr.open_dataset(path, engine=engine, decode_times=False) as dataset:
+    # Of HDF5 without dimensions, so that it has some.
+    named: dict[str, Any] = {"phony_dims": "sort"} if engine == "h5netcdf" else {}
+    with xr.open_dataset(path, engine=engine, decode_times=False, **named) as dataset:
         columns = {str(name): item.to_numpy() for name, item in dataset.variables.items() if item.ndim == 1}
         units = {name: str(dataset[name].attrs.get("units", "")) for name in columns}
     return FileTable(columns, units)

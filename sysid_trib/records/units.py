@@ -32,7 +32,7 @@ _ANGLES = {
     "µrad": ("µrad", "urad", "microrad", "microradian", "microradians"),
     "rev": ("rev", "revs", "turn", "turns", "revolutions"),
 }
-_RADIANS = {
+RADIANS = {
     **{"rad": 1.0, "mrad": 1e-3, "µrad": 1e-6, "deg": _TURN / 360.0, "gon": _TURN / 400.0, "rev": _TURN},
     **{"arcmin": _TURN / 21600.0, "arcsec": _TURN / 1296000.0},
 }
@@ -112,7 +112,7 @@ def signal_unit(text: str) -> SignalUnit | None:
     per = {"rate": "/s", "acceleration": "/s^2", "": ""}[quantity]
     if base in ANGLE_UNITS:
         name = ANGLE_UNITS[base]
-        return SignalUnit(f"{name}{per}", quantity or "angle", "rad", _RADIANS[name])
+        return SignalUnit(f"{name}{per}", quantity or "angle", "rad", RADIANS[name])
     if base in POSITION_UNITS:
         name = POSITION_UNITS[base]
         return SignalUnit(f"{name}{per}", quantity or "displacement", name, 1.0)
@@ -121,7 +121,8 @@ def signal_unit(text: str) -> SignalUnit | None:
 
 def plain_unit(text: str) -> str:
     """A unit in lower case, with `/s` and `/s^2` for every way to write "per second"."""
-    plain = re.sub(r" since .*", "", text.strip().lower().replace("μ", "µ"))
+    # Patterns take the square of the time for blanks in a row.
+    plain = re.sub(r" since .*", "", " ".join(text.lower().split()).replace("μ", "µ"))
     plain = plain.replace("**", "^").translate(_SUPERSCRIPTS)
     plain = re.sub(r"-\^|\^[({]?-|(?<=s)-(?=[12]$)", "^-", plain)
     plain = re.sub(r"\^[({]?(-?)([12])[)}]?", r"^\1\2", plain)
@@ -131,7 +132,7 @@ def plain_unit(text: str) -> str:
         r"^(.+?)[\s_*·.]+s(?:ec)?\s*\^-([12])$|^(m?rad|deg|°|[cmuµ]?m)s\^-([12])$", _per_second, plain
     )
     plain = re.sub(r"^(m?rad|deg|°|[cmuµ]?m)[\s_]s$", r"\1/s", plain)
-    return re.sub(r"\s+", " ", plain).strip().removesuffix("^1")
+    return plain.strip().removesuffix("^1")
 
 
 def _per_second(match: "re.Match[str]") -> str:

@@ -13,6 +13,7 @@ import xarray as xr
 
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records.probe import check_binary
+from sysid_trib.records.tables import check_is_file
 from sysid_trib.results.format import current_format
 
 # How the names of files begin that are not whole yet.
@@ -152,6 +153,7 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
             f"{place.name}: a folder, no result in netCDF; the store of a campaign has its page beside it "
             f"({place.stem}.html), and st.open_store reads it."
         )
+    check_is_file(place)
     try:
         with place.open("rb") as file:
             hdf5 = file.read(4) == b"\x89HDF"

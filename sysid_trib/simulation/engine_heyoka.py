@@ -1,7 +1,7 @@
 """Motion by Taylor series (heyoka) nearly to machine precision, compiled once per set of forces."""
 
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from functools import lru_cache
 from threading import RLock
 from typing import Any, cast
@@ -14,6 +14,9 @@ from sysid_trib.forces.force import Force
 from sysid_trib.forces.formulas import Functions, divided
 from sysid_trib.simulation.equations import SMOOTHED, Motion, Progress, Vector
 from sysid_trib.simulation.stick_slip import AT_REST, Rule, branches_from_rest, settle
+
+# It would log to standard output: motions that diverge, and that it found no place to keep what it compiled.
+hy.set_logger_level_critical()
 
 Callback = Callable[[Any, int], bool]
 # Reached to 1e-14 over the run of the paper; machine precision takes a sixth longer.
@@ -134,8 +137,7 @@ class Compiled:
         progress.turns.clear()
         if taylor.with_events:
             taylor.reset_cooldowns()
-        with _quiet():
-            outcome, *_, rows = taylor.propagate_grid(grid, max_steps=progress.steps)
+        outcome, *_, rows = taylor.propagate_grid(grid, max_steps=progress.steps)
         wrong = self._wrong_turn(progress)
         if wrong is not None:
             y, tau = wrong
@@ -243,16 +245,6 @@ class CompiledRule:
         given = np.empty((len(self._given), len(tau)))
         given[: self._count], given[1], given[self._count : -1], given[-1] = y.T, 0.0, p[:, None], tau
         return np.asarray(self._function(given)).reshape(2, -1, len(tau))
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """What heyoka would print on a diverging motion is raised instead; outside its default holds."""
-    hy.set_logger_level_critical()
-    try:
-        yield
-    finally:
-        hy.set_logger_level_info()
 
 
 @lru_cache(maxsize=128)

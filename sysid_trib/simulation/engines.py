@@ -22,6 +22,9 @@ def engine_of(name: str, forces: tuple[Force, ...], tolerance: float) -> Engine:
         return interpreted(forces, tolerance)
     if name != "heyoka" or not has_heyoka():
         raise UsageError(f"There is no engine '{name}' here; take scipy, or heyoka where it is installed.")
+    # heyoka imports sympy itself, and swallows an interrupt that comes then.
+    import sympy  # noqa: F401
+
     from sysid_trib.simulation.engine_heyoka import compiled
 
     return compiled(forces)
