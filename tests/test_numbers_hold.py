@@ -6,6 +6,8 @@ import xarray as xr
 
 import sysid_trib as st
 from sysid_trib.methods import Direct
+from sysid_trib.physics.energy import dissipated_energy
+from sysid_trib.physics.force_weights import weights
 
 SIX = st.load_library("contact_forces")
 
@@ -165,3 +167,43 @@ def test_whole_stamps_far_apart_have_no_unit(tmp_path):
         st.read_record(tmp_path / "r.csv")
     record = st.read_record(tmp_path / "r.csv", time_units="us")
     assert np.median(np.diff(record.time)) == pytest.approx(1.876e-3)
+
+
+@pytest.mark.parametrize(("quantity", "noise"), [("acceleration", 0.05), ("rate", 0.004)])
+def test_what_was_measured_is_compared_in_its_own_quantity(quantity, noise, tmp_path):
+    time = np.arange(0.0, 10.4, 0.02469)
+    w, decays = 2.0 * np.pi / 0.4403, 0.10
+    wave = 2.0 * np.exp((-decays + 1j * w) * time) * (1.0 if quantity == "acceleration" else -1j / w)
+    values = wave.real + noise * np.random.default_rng(11).standard_normal(len(time))
+    unit = "m/s^2" if quantity == "acceleration" else "m/s"
+    header = f"Time (s),{quantity} ({unit})"
+    table = np.column_stack([time, values])
+    np.savetxt(tmp_path / "a.csv", table, fmt="%.6e", delimiter=",", comments="", header=header)
+    decay = st.free_decay(st.read_record(tmp_path / "a.csv"))
+    library = SIX.select(["zeta"])
+    methods = st.methods.Averaging(), st.methods.Trajectory()
+    tree = st.cross_check(decay, *(st.identify(decay, library, method) for method in methods), draws=0)
+    compared = tree["comparison"]
+    assert compared.attrs["explained"] == "yes"
+    assert np.all(np.abs(compared.residual_over_noise - 1.0) < 0.15)
+    for name in ("averaging", "trajectory"):
+        result = tree[name]
+        assert abs(result.coefficient.item() - decays / w) < 3.5 * result.standard_error.item() < 1e-3
+
+
+def test_weights_of_a_force_that_depends_on_time_are_those_of_each_time(tmp_path):
+    forces = [("zeta", "2*v"), ("ageing", "2*v*t/10")]
+    text = "".join(f'[[force]]\nsymbol = "{symbol}"\nformula = "{formula}"\n' for symbol, formula in forces)
+    (tmp_path / "t.toml").write_text('title = "t"\n' + text)
+    library = st.load_library(str(tmp_path / "t.toml")).select(["zeta", "ageing"])
+    model = st.Model(library, {"zeta": 0.004, "ageing": 0.004}, 9.0)
+    result = st.identify(noisy(model, TIME, 0.35, 1e-4), library, Direct())
+    amplitudes, times = [0.1, 0.3], [10.0, 2.0]
+    together = weights(result, amplitudes, time=times)
+    for at, (amplitude, time) in enumerate(zip(amplitudes, times, strict=True)):
+        alone = weights(result, amplitude, time=time)
+        xr.testing.assert_allclose(together.isel(amplitude=at, drop=True), alone.drop_vars("amplitude"))
+    shares = together.decay_share.sel(force="ageing")
+    np.testing.assert_allclose(shares, [0.5, 1.0 / 6.0], atol=0.02)
+    energy = dissipated_energy(result, amplitudes, time=times)
+    np.testing.assert_allclose(energy.energy_share.sel(force="ageing"), shares)

@@ -7,12 +7,14 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.decays.equilibrium import with_half_periods
-from sysid_trib.decays.half_periods import noise_level, quantisation_step
+from sysid_trib.decays.half_periods import noise_of_record
 from sysid_trib.errors import DecayError
 from sysid_trib.noise.smoothing import MOST_KEPT, noise_about_spline
 
 # Every method and verdict asks for the noise of the same record, or of its few runs: the last are kept.
 KEPT_NOISES = 4
+# Dry friction makes an acceleration jump, which no spline follows: it leaves so many times the noise.
+JUMPS = 1.2
 
 
 def swing_frequency(decay: xr.Dataset) -> float:
@@ -60,15 +62,25 @@ def sensor_noise(decay: xr.Dataset) -> float:
         Of what the least-squares spline with twelve knots a period does not follow: no model is needed, so
         that it is the same for every method. Of coloured noise it is the part above six times the frequency
         of the swing. Where the samples are too few, or have gaps, it is that of sixth differences, or of the
-        quantisation if that is larger.
+        quantisation if that is larger. Of an integrated signal it is that of what was measured,
+        over the frequency of the swing for each integration.
     """
+    integrations = int(decay.attrs.get("integrations", 0))
+    if integrations and "measured" in decay:
+        measured = decay["measured"].sel(measured_time=slice(*decay.time.values[[0, -1]].tolist()))
+        by_spline = sensor_noise(xr.Dataset({"angle": measured.rename(measured_time="time")}))
+        by_differences = noise_of_record(
+            measured.measured_time.values.astype(float), measured.values.astype(float)
+        )
+        noise = by_spline if by_spline < JUMPS * by_differences else by_differences
+        return float(noise / swing_frequency(decay) ** integrations)
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
     try:
         tau = nominal_frequency(swing_frequency(decay)) * (time - time[0])
         about_spline = _about_spline if len(tau) <= MOST_KEPT else _about_long_spline
         return about_spline(tau.tobytes(), angle.tobytes())
     except DecayError:
-        return max(noise_level(time, angle), quantisation_step(angle) / float(np.sqrt(12.0)))
+        return float(noise_of_record(time, angle))
 
 
 def _noise(tau: bytes, angle: bytes) -> float:

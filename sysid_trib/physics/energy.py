@@ -24,7 +24,7 @@ def dissipated_energy(
     inertia: float | None = None,
     *,
     inertia_standard_error: float = 0.0,
-    time: float = 0.0,
+    time: ArrayLike = 0.0,
 ) -> xr.Dataset:
     """Energy that each force takes from a cycle, to first order in the forces.
 
@@ -38,8 +38,8 @@ def dissipated_energy(
         Moment of inertia; without it energies are in units of I w^2.
     inertia_standard_error : float, kg m^2
         Its standard error.
-    time : float, s
-        `t` of the formulas.
+    time : float or (amplitude,) array of float, s
+        `t` of the formulas, at all amplitudes or at each.
 
     Returns
     -------
@@ -56,7 +56,8 @@ def dissipated_energy(
     estimate, a = model_estimate(result), amplitude_row(amplitude)
     if inertia is not None:
         check_quantity("inertia", inertia, inertia_standard_error)
-    sine = np.array([averages(f, a, estimate.shapes, np.full(a.size, time))[0] for f in estimate.forces])
+    at = np.broadcast_to(np.asarray(time, float), a.shape)
+    sine = np.array([averages(f, a, estimate.shapes, at)[0] for f in estimate.forces])
     unit = -2.0 * np.pi * a * sine
     taken, covariance = estimate.coefficients[:, None] * unit, estimate.coefficient_covariance
 

@@ -26,7 +26,7 @@ POINTS_WITH_MEMORY = 360
 PANELS = 24
 
 
-def weights(result: xr.Dataset, amplitude: ArrayLike, *, time: float = 0.0) -> xr.Dataset:
+def weights(result: xr.Dataset, amplitude: ArrayLike, *, time: ArrayLike = 0.0) -> xr.Dataset:
     """Weigh the forces of an identification against each other, in envelope and in frequency.
 
     Parameters
@@ -35,8 +35,8 @@ def weights(result: xr.Dataset, amplitude: ArrayLike, *, time: float = 0.0) -> x
         An identification.
     amplitude : float or (amplitude,) array of float, rad
         A number or one row of them.
-    time : float, s
-        `t` of the formulas.
+    time : float or (amplitude,) array of float, s
+        `t` of the formulas, at all amplitudes or at each.
 
     Returns
     -------
@@ -55,9 +55,9 @@ def weights(result: xr.Dataset, amplitude: ArrayLike, *, time: float = 0.0) -> x
         A force that is not finite on such a cycle.
     """
     estimate, a = model_estimate(result), amplitude_row(amplitude)
-    forces, shapes = estimate.forces, estimate.shapes
-    unit = np.array([averages(force, a, shapes, np.full(a.size, time)) for force in forces])
-    peaks = np.array([peak(force, a, shapes, time) for force in forces])
+    forces, shapes, at = estimate.forces, estimate.shapes, np.broadcast_to(np.asarray(time, float), a.shape)
+    unit = np.array([averages(force, a, shapes, at) for force in forces])
+    peaks = np.array([peak(force, a, shapes, at) for force in forces])
     c, covariance = estimate.coefficients[:, None], estimate.coefficient_covariance
     errors, dims = np.sqrt(np.diag(covariance))[:, None], ("force", "amplitude")
     # A zero without a sign.
@@ -95,20 +95,22 @@ def shares(terms: Array, unit: Array, covariance: Array) -> tuple[Array, Array]:
     return weight, np.sqrt(np.maximum(variance, 0.0))
 
 
-def peak(force: Force, a: Array, shapes: Mapping[str, float], time: float = 0.0) -> Array:
+def peak(force: Force, a: Array, shapes: Mapping[str, float], time: ArrayLike = 0.0) -> Array:
     """Largest |h| on the cycles of these amplitudes (rad); internal states are on their settled cycle.
 
     Of a force with memory it is half from peak to peak.
     """
     if force.degree is not None:
         return np.asarray(_unit_peak(force) * a**force.degree)
+    at = np.broadcast_to(np.asarray(time, float), a.shape)
     if force.memory:
-        return np.array([_settled_peak(force, amplitude, shapes, time) for amplitude in a.tolist()])
+        pairs = zip(a.tolist(), at.tolist(), strict=True)
+        return np.array([_settled_peak(force, amplitude, shapes, instant) for amplitude, instant in pairs])
     if force.state:
-        return _steady_peaks(force, a, shapes, time)
+        return _steady_peaks(force, a, shapes, at)
     phi = 2.0 * np.pi * np.arange(POINTS) / POINTS
     x, v = np.multiply.outer(a, np.cos(phi)), -np.multiply.outer(a, np.sin(phi))
-    return np.asarray(np.abs(force.value(x, v, time, shapes=shapes)).max(axis=1))
+    return np.asarray(np.abs(force.value(x, v, at[:, None], shapes=shapes)).max(axis=1))
 
 
 @lru_cache(maxsize=1024)
@@ -128,7 +130,7 @@ def _settled_peak(force: Force, a: float, shapes: Mapping[str, float], time: flo
     return 0.5 * float(np.ptp(h))
 
 
-def _steady_peaks(force: Force, a: Array, shapes: Mapping[str, float], time: float) -> Array:
+def _steady_peaks(force: Force, a: Array, shapes: Mapping[str, float], time: Array) -> Array:
     """Peaks on the steady cycles of the states, all amplitudes at once."""
     edges = np.linspace(0.0, 2.0 * np.pi, PANELS + 1)
     row = np.repeat(np.arange(a.size), PANELS)
@@ -136,7 +138,7 @@ def _steady_peaks(force: Force, a: Array, shapes: Mapping[str, float], time: flo
     given = {k: np.float64(value) for k, value in force.shape_values(shapes).items()}
 
     def names(row: Index, phi: Array) -> dict[str, Any]:
-        return {"x": a[row] * np.cos(phi), "v": -a[row] * np.sin(phi), "t": time, **given}
+        return {"x": a[row] * np.cos(phi), "v": -a[row] * np.sin(phi), "t": time[row], **given}
 
     cycles = solve_states(force, Panels(row, row, low, high), names)
     at = cycles.panels.row[:, None]

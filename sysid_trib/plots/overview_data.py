@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError
 from sysid_trib.physics.energy import dissipated_energy
 from sysid_trib.physics.force_weights import weights
@@ -116,8 +115,9 @@ def overview_data(tree: xr.DataTree, run: int = 0) -> OverviewData:
     with suppress(SysidTribError):
         if main is not None and "record" in drawn.half_periods:
             halves = drawn.half_periods["record"]
-            weighed = weights(main, _amplitudes(halves.amplitude.values))
-            power = _power(main, halves)
+            # `t` of a formula is the time since the first sample.
+            halves = halves.assign(elapsed=halves.instant_time - float(record.time[0]))
+            weighed, power = _weights(main, halves), _power(main, halves)
     models = tuple(drawn.lines)[-1 if "steps" in tree.children else 0 :]
     held = held_out_sentence(tree)
     return OverviewData(drawn, results, weighed, power, missing, explained, models, held)
@@ -136,15 +136,20 @@ def _best_motion(tree: xr.DataTree, run: int) -> MotionData:
     return MotionData(shown, noise, {best: MODEL_LINES[1]}, {best: best})
 
 
-def _amplitudes(amplitude: Array) -> Array:
-    return np.linspace(float(amplitude.min()), float(amplitude.max()), DRAWN_AMPLITUDES)
+def _weights(result: xr.Dataset, halves: xr.Dataset) -> xr.Dataset:
+    """Weights of the forces over the amplitudes of a decay, each at its own time."""
+    order = np.argsort(halves.amplitude.values)
+    amplitude, since = halves.amplitude.values[order], halves.elapsed.values[order]
+    drawn = np.linspace(float(amplitude[0]), float(amplitude[-1]), DRAWN_AMPLITUDES)
+    return weights(result, drawn, time=np.interp(drawn, amplitude, since))
 
 
 def _power(result: xr.Dataset, halves: xr.Dataset) -> xr.Dataset:
     """What each force takes on the mean over a cycle: its energy of a cycle over the period."""
     time, amplitude = halves.instant_time.values, halves.amplitude.values
     at = np.linspace(time[0], time[-1], DRAWN_INSTANTS)
-    energy = dissipated_energy(result, np.interp(at, time, amplitude))
+    elapsed = np.interp(at, time, halves.elapsed.values)
+    energy = dissipated_energy(result, np.interp(at, time, amplitude), time=elapsed)
     frequency = result.reference_frequency.item() / (2.0 * np.pi)
     power = energy[["energy", "energy_standard_error"]].rename(
         energy="power", energy_standard_error="power_standard_error"

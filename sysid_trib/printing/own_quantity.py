@@ -5,6 +5,7 @@ import xarray as xr
 
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.printing.model_verdict import kept_results
+from sysid_trib.results.per_run import record_groups
 
 
 def own_quantity(tree: xr.DataTree) -> list[str]:
@@ -20,8 +21,11 @@ def own_quantity(tree: xr.DataTree) -> list[str]:
             units = str(result.bias.attrs["units"])
             pairs = zip(np.ravel(result.bias), np.ravel(result.bias_standard_error), strict=True)
             biases = ", ".join(value_with_error(float(bias), float(error)) for bias, error in pairs)
+            times = int(tree[record_groups(tree)[0]].attrs.get("integrations", 0))
+            over = {0: "", 1: " over w", 2: " over w^2"}[times]
             return [
                 f"{name.capitalize()} compares the {quantity} itself, with a bias of {biases} {units} about "
-                "the mean of its swing; the other method and the residuals are those of the integral."
+                f"the mean of its swing; the other method is of the integral, "
+                f"residuals are of the {quantity}{over}."
             ]
     return []

@@ -20,7 +20,9 @@ NAMED_HARMONICS = ("second", "third")
 
 
 def residual_of(tree: xr.DataTree, model: str) -> float:
-    """RMS of record minus model over all runs, rad."""
+    """RMS of record minus model over all runs, rad; of an integrated signal that of `comparison`."""
+    if "comparison" in tree and int(tree[record_groups(tree)[0]].attrs.get("integrations", 0)):
+        return float(tree["comparison"].residual_rms.sel(model=model).item())
     residuals = [
         (tree[group].angle - tree[group].simulated_angle.sel(model=model)).values
         for group in record_groups(tree)

@@ -10,13 +10,16 @@ from scipy.stats import chi2
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import SimulationError, SysidTribError
+from sysid_trib.noise.level import swing_frequency
 from sysid_trib.noise.random_force import random_force_of
 from sysid_trib.noise.sensor_noise import sensor_noise_of
 from sysid_trib.records.runs import root_mean_square
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.variables import variable
+from sysid_trib.simulation.simulated_motion import SimulatedMotion
 from sysid_trib.state_space.tracked import FollowedRuns
 from sysid_trib.trajectory_fit.initial_conditions import FittedMotion, first_guess, fit_start
+from sysid_trib.trajectory_fit.observation import MEASURED, MEASURED_TIME, measured_part
 
 # A model departs from the record where the RMS over half a period is beyond this many noise levels.
 DEPARTED = 2.0
@@ -162,7 +165,7 @@ def residuals(
     rows = [
         _of_innovations(pair, run)
         if random_force_of(pair.result, run) or sensor_noise_of(pair.result, run).warm_up
-        else _of_free_motion(pair.runs[run], motion, noise, _fitted_numbers(pair.result))
+        else _of_free_motion(pair.runs[run], pair.result, motion, noise)
         for pair, motion in zip(followed.values(), motions, strict=True)
     ]
     columns = zip(RESIDUALS.items(), np.array(rows).T, strict=True)
@@ -177,21 +180,36 @@ def _fitted_numbers(result: xr.Dataset) -> int:
 
 
 def _of_free_motion(
-    decay: xr.Dataset, motion: FittedMotion | None, noise: float, fitted: int
+    decay: xr.Dataset, result: xr.Dataset, motion: FittedMotion | None, noise: float
 ) -> tuple[float, ...]:
-    """What `RESIDUALS` lists, of record minus motion, for which so many numbers were `fitted`."""
+    """What `RESIDUALS` lists, of record minus motion."""
     time, angle = decay.time.values, decay.angle.values
     if motion is None:
         return np.nan, np.nan, float(time[0]), 0.0
     residual = angle - motion.offset - motion.x
+    if int(decay.attrs.get("integrations", 0)) and MEASURED in decay:
+        residual = _measured_residual(decay, result, motion)
     rms, width = float(np.sqrt(np.mean(residual**2))), _half_period(motion.v)
     departure = _departure(time, residual, noise, width)
-    return (
-        rms,
-        rms / noise,
-        departure,
-        _white_noise_p_value(residual / noise, width, (motion.x, motion.v), fitted),
-    )
+    path, fitted = (motion.x, motion.v), _fitted_numbers(result)
+    return rms, rms / noise, departure, _white_noise_p_value(residual / noise, width, path, fitted)
+
+
+def _measured_residual(decay: xr.Dataset, result: xr.Dataset, motion: FittedMotion) -> Array:
+    """What was measured minus the model, (sample,), rad: over the swing's frequency for each integration.
+
+    Integration makes white noise red: in the integral no residual is white.
+    """
+    time, model = decay.time.values.astype(float), model_of(result)
+    rate, stop = motion.v * model.reference_frequency, motion.stop_time
+    simulated = SimulatedMotion(motion.x, motion.x, rate, stop, time[:0], dict(motion.hidden), "")
+    observation, _, _ = measured_part(decay)
+    residual = decay[MEASURED].sel({MEASURED_TIME: time}).values - observation.shown(model, simulated, time)
+    # The bias, and the start, which was fitted to the integral: a small change of it is one of both phases.
+    start = motion.sensitivity if motion.sensitivity is not None else np.zeros((len(time), 0))
+    free = np.column_stack([np.ones(len(time)), start])
+    residual = residual - free @ np.linalg.lstsq(free, residual, rcond=None)[0]
+    return np.asarray(residual / swing_frequency(decay) ** int(decay.attrs["integrations"]))
 
 
 def _of_innovations(followed: FollowedRuns, run: int) -> tuple[float, ...]:
