@@ -2,11 +2,11 @@
 
 python -m benchmarks.backbone [--records N] [--kinds "jenkins,ripple"]
 
-80 periods of 50 samples, white, coloured (autoregressive, 0.8) and rounded noise (0.5 mrad; a step of 2 mrad) in
-turn, with the sensor's noise alone and with a random force of 1e-6 (rad/s^2)^2/Hz. True is the backbone of the
-model's motion without noise and random force, by the same definition, at its own periods. Beside it: pointwise
-coverage, the median half width, and processor time. Half of the kinds are in no library. And the time of 10^4
-samples.
+80 periods of 50 samples, white, coloured (autoregressive, 0.8) and rounded noise (0.5 mrad; a step of 2 mrad)
+in turn, with the sensor's noise alone and with a random force of 1e-6 (rad/s^2)^2/Hz. True is the backbone of
+the model's motion without noise and random force, by the same definition, at its own periods. Beside it:
+pointwise coverage, the median half width, and processor time. Half of the kinds are in no library. And the
+time of 10^4 samples.
 """
 
 import argparse

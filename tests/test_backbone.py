@@ -10,8 +10,12 @@ from scipy.interpolate import PchipInterpolator
 
 import sysid_trib as st
 from sysid_trib.averaging.backbone import CURVES
+from sysid_trib.commands.checks import asked_model
+from sysid_trib.commands.discovery_inputs import start_forces
+from sysid_trib.commands.options import ConstraintOptions, ModelOptions
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.library import parse_library
+from sysid_trib.forces.systems import load_system
 from sysid_trib.validation.lack_of_fit import departure_sentence, departures, lack_of_fit
 
 W, PER_PERIOD = 2.0 * np.pi, 40
@@ -191,3 +195,40 @@ def test_the_command_prints_and_writes(tmp_path, viscous):
 def test_the_figure_has_both_curves_and_the_models(curves):
     figure = st.plots.backbone(curves)
     assert [ax.get_ylabel() for ax in figure.axes] == ["frequency (rad/s)", "damping ratio"]
+
+
+LOOKED = {
+    "dry friction": ([("sign(v)", 1e-3), ("2*v", 2e-3)], 0.4, "--forces lambda,zeta"),
+    "drag on a pendulum": (
+        [("sin(x) - x", 1.0), ("v*abs(v)", 0.02)],
+        1.2,
+        "--forces delta --system pendulum",
+    ),
+    "hardening": ([("x**3", 0.2), ("2*v", 4e-3)], 0.4, "--forces zeta,epsilon"),
+}
+
+
+@pytest.mark.parametrize(("forces", "start", "options"), LOOKED.values(), ids=LOOKED)
+def test_look_reads_what_the_backbone_points_to(forces, start, options, tmp_path):
+    record = tmp_path / "record.csv"
+    table = (
+        measured(motion(forces, start=start)).angle.to_dataframe().rename(columns={"angle": "angle (rad)"})
+    )
+    table.to_csv(record, index_label="time (s)")
+    ending = run("look", record)
+    assert ending.status == 0, ending.err
+    following = ending.out.splitlines()[-1]
+    assert following.endswith(options)
+    # What swings is what the user says.
+    if "--system" in options:
+        assert run("look", record, "--system", "ship").out.splitlines()[-1].endswith("--system ship")
+
+
+def test_what_a_system_always_has_is_there_beside_other_forces():
+    pendulum = load_system("pendulum")
+    model = ModelOptions(forces="lambda,zeta")
+    offered, _, constraints, _ = asked_model(model, ConstraintOptions(), pendulum)
+    assert offered.symbols == ("lambda", "zeta", "gravity")
+    assert constraints.fixed == {"gravity": 1.0}
+    start = start_forces("contact_forces", "lambda,zeta", None, pendulum)
+    assert start.symbols == ("lambda", "zeta", "gravity")

@@ -18,7 +18,9 @@ FRICTION = {"sign(v)": "dry friction", "2*v": "viscous friction", "v*abs(v)": "d
 ELASTIC = {"x*abs(x)": "a stiffness that goes with the amplitude", "x**3": "a cubic stiffness"}
 # Beside the band, of a shift of the frequency: what a pendulum's third harmonic and a string that gives leave
 # open.
-OPEN_PART = 0.15
+OPEN_PART = 0.1
+# Decrements go with the square of the period: averages of first order leave that open.
+OF_SHIFT = 2.0
 # A curve that is nowhere known better than so says nothing.
 LEAST_KNOWN = 0.5
 
@@ -83,13 +85,15 @@ def pointed_to(curves: BackboneCurves, library: ForceLibrary, *, angle: bool) ->
     }
     damping = {formula: -tables[formula][0] / a for formula in FRICTION if formula in tables}
     frequency, half = curves.by_name["frequency"].mean, curves.half_width("frequency")
-    ratio, width = curves.by_name["damping_ratio"].mean, curves.half_width("damping_ratio")
+    shift = np.abs(frequency - np.average(frequency, weights=half**-2.0))
+    ratio = curves.by_name["damping_ratio"].mean
+    width = curves.half_width("damping_ratio") + OF_SHIFT * shift / frequency * np.abs(ratio)
     known = np.min(width / np.abs(ratio)) < LEAST_KNOWN
     friction = _fewest(damping, ratio, width, np.empty((len(a), 0))) if known else ()
     if _within({}, frequency, half, np.ones((len(a), 1))):
         return Pointed(friction)
     swing = np.pi / (2.0 * ellipk(np.sin(0.5 * np.minimum(a, 3.1)) ** 2))
-    half = half + OPEN_PART * np.abs(frequency - frequency[0])
+    half = half + OPEN_PART * shift
     if angle and a[-1] < np.pi and _within({}, frequency, half, swing[:, None]):
         return Pointed(friction, pendulum=True)
     shifts = {formula: tables[formula][1] / a for formula in ELASTIC if formula in tables}
