@@ -41,9 +41,9 @@ class InParts(NamedTuple):
 class Stability(NamedTuple):
     """How a search stands in parts of the record.
 
-    `names` : each of its effects there. `predictions` : of what was held out, by its models. `noise_p_value` :
-    see `Growth`; where the final model leaves more than noise (not `is_complete`), sets and errors allow for
-    how names and coefficients move between parts.
+    `names` : each of its effects there. `predictions` : of what was held out, by its models.
+    `noise_p_value` : see `Growth`; where the final model leaves more than noise (not `is_complete`), sets and
+    errors allow for how names and coefficients move between parts.
     `model_error` : (trial + 1,) of the coefficients and the frequency (rad/s), by that alone.
     """
 

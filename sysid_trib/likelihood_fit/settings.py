@@ -119,7 +119,7 @@ class Settings:
 
     @property
     def tie(self) -> float:
-        """Evidence (-2 ln) not worth more than a bare mention: the plainest has the name (Kass, Raftery 1995)."""
+        """Evidence (-2 ln) not worth more than a bare mention (Kass, Raftery 1995): the plainest is named."""
         return 2.0
 
     @staticmethod
