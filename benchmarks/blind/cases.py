@@ -25,7 +25,8 @@ FAR = 1e6
 QUICKEST = 100
 # So small a z is not seen.
 UNSEEN = 4.0
-HIDDEN = [*FORCES, *SENSORS]
+# Of another coefficient than 1 gravity is another force.
+HIDDEN = [symbol for symbol in (*FORCES, *SENSORS) if symbol != "gravity"]
 
 
 class UnseenError(Exception):

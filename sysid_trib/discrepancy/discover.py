@@ -14,7 +14,7 @@ from sysid_trib.discrepancy.evidence import evidence
 from sysid_trib.discrepancy.growth import Growth
 from sysid_trib.discrepancy.holdout import Prediction, improvements, predicted
 from sysid_trib.discrepancy.parts import Stability, stability_of
-from sysid_trib.discrepancy.search import Search, may_gain, search, with_steps
+from sysid_trib.discrepancy.search import Begin, Search, may_gain, search, with_steps
 from sysid_trib.discrepancy.to_xarray import groups_of
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import Force, ForceLibrary
@@ -128,14 +128,14 @@ def discover(
     if verdict_of(done) != "nothing missing":
         done = _or_coloured_noise(done, start, look, growth, tell)
     done, predictions = _best_by_holdout(done, look, growth, tell)
-    stability = stability_of(done, growth.noise_p_value(done.models[-1]))
+    stability = stability_of(done, predictions, growth.noise_p_value(done.models[-1]))
     closing = _closing_effect(done, offered.forces, growth)
     if refit and not unseen:
         tell("fit to the whole runs")
         done = replace(done, models=[_refitted(model, runs) for model in done.models])
         seen = runs
     tell("where model and record differ")
-    groups = groups_of(runs, seen, done, predictions, offered, reference_frequency, stability)
+    groups = groups_of(runs, seen, done, stability, offered, reference_frequency)
     for name, run in zip(group_names("record", len(whole)), whole, strict=True):
         groups[name].attrs["kept_window"] = run.time.values[[0, -1]]
     tree = xr.DataTree.from_dict(groups)
@@ -177,7 +177,7 @@ def _best_by_holdout(
         fewer = int(np.argmin([np.nan_to_num(made.rms, nan=np.inf) for made in predictions]))
         if fewer == len(done.effects) or growth.is_complete(steps.models[-1]):
             return steps, predictions
-        done = look(done.fits.start, begin=steps.models[fewer], most=fewer, near=done)
+        done = look(done.fits.start, begin=Begin(steps.models[fewer], fewer, done))
 
 
 def _or_coloured_noise(
@@ -204,7 +204,7 @@ def _or_coloured_noise(
         begin = beside_names
     else:
         return done
-    again = look(coloured, begin=begin, growth=growth.anew())
+    again = look(coloured, begin=None if begin is None else Begin(begin), growth=growth.anew())
     fewer = settings.outside_of_set * (len(again.effects) < len(done.effects))
     ends = [_with_colour(ended.models[-1], ended.effects) for ended in (done, again)]
     return again if ends[1] < ends[0] + fewer else done

@@ -7,6 +7,7 @@ import numpy as np
 
 from sysid_trib.arrays import Array
 from sysid_trib.discrepancy.evidence import evidence, probabilities
+from sysid_trib.discrepancy.holdout import Prediction
 from sysid_trib.discrepancy.search import Search
 from sysid_trib.likelihood_fit.fitted_model import FittedModel
 from sysid_trib.regression.weak_form import cholesky_factor
@@ -40,12 +41,14 @@ class InParts(NamedTuple):
 class Stability(NamedTuple):
     """How a search stands in parts of the record.
 
-    `names` : each of its effects there. `noise_p_value` : see `Growth`; where the final model leaves more
-    than noise (not `is_complete`), sets and errors allow for how names and coefficients move between parts.
+    `names` : each of its effects there. `predictions` : of what was held out, by its models.
+    `noise_p_value` : see `Growth`; where the final model leaves more than noise (not `is_complete`), sets and
+    errors allow for how names and coefficients move between parts.
     `model_error` : (trial + 1,) of the coefficients and the frequency (rad/s), by that alone.
     """
 
     names: dict[str, InParts]
+    predictions: Sequence[Prediction]
     noise_p_value: float
     model_error: Array
 
@@ -55,14 +58,14 @@ class Stability(NamedTuple):
         return self.noise_p_value >= 1.0
 
 
-def stability_of(search: Search, noise_p_value: float) -> Stability:
+def stability_of(search: Search, predictions: Sequence[Prediction], noise_p_value: float) -> Stability:
     """How the effects and the final model of a search stand in parts of the record."""
     last = search.models[-1]
     error = np.zeros(len(last.trials) + 1)
     if noise_p_value < 1.0:
         error = _error_of_model(last)
         error[-1] *= 0.5 * last.rows[0].path.frequency
-    return Stability(names_in_parts(search), noise_p_value, error)
+    return Stability(names_in_parts(search), predictions, noise_p_value, error)
 
 
 def names_in_parts(search: Search) -> dict[str, InParts]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -86,14 +87,24 @@ class Search:
     fits: Fits
 
 
+class Begin(NamedTuple):
+    """Where a search begins.
+
+    `model` : the first one. `most` : effects at most, by default as the settings say. `near` : a search from
+    the same start, of which what was fitted is not fitted again.
+    """
+
+    model: FittedModel
+    most: int | None = None
+    near: Search | None = None
+
+
 def search(
     start: FittedModel,
     candidates: Sequence[Force],
     *,
-    begin: FittedModel | None = None,
-    most: int | None = None,
+    begin: Begin | None = None,
     growth: Growth | None = None,
-    near: Search | None = None,
     deadline: float = np.inf,
     tell: Tell = silent,
 ) -> Search:
@@ -101,17 +112,17 @@ def search(
 
     An effect is added where what it gains is beyond chance, corrected for the number of tests,
     and nothing in its place is outside of its credible set; where that no longer holds it is dropped. The
-    first model is `begin`, which has the noise of `start`, if any. There are `most` effects, by default as
-    the settings say, and no more than `growth` lets there be. What `near` has fitted is not fitted
-    again. After `deadline`, by `time.monotonic`, no further model is fitted.
+    first model is that of `begin`, which has the noise of `start`, if any; there are no more effects than
+    `growth` lets there be. After `deadline`, by `time.monotonic`, no further model is fitted.
     """
+    near = None if begin is None else begin.near
     fits = Fits(start, deadline) if near is None else near.fits
-    most = start.settings.max_effects if most is None else most
+    most = start.settings.max_effects if begin is None or begin.most is None else begin.most
     model, effects = start, tuple[str, ...]()
     fits.kept[frozenset()] = start
     known = {trial.force.symbol for trial in start.trials}
-    if begin is not None and (fitted := fits.of(begin, (), ())) is not None:
-        model, effects = fitted, tuple(t.force.symbol for t in begin.trials if t.force.symbol not in known)
+    if begin is not None and (fitted := fits.of(begin.model, (), ())) is not None:
+        model, effects = fitted, tuple(t.force.symbol for t in fitted.trials if t.force.symbol not in known)
     known_screenings = {} if near is None else dict(near.known)
 
     def screened(model: FittedModel, named: Sequence[str]) -> Screening:
@@ -122,8 +133,8 @@ def search(
     for _ in range(start.settings.most_fits):
         tell(f"candidates beside {', '.join(effects) or 'the start model'}")
         current = screened(model, effects)
-        exchanged = exchange_effects(current, effects, fits)
-        step = None if exchanged is None else (exchanged.model, exchanged.effects)
+        exchange = exchange_effects(current, effects, fits)
+        step = None if exchange is None else (exchange.model, exchange.effects)
         if step is None and len(effects) < most and may_gain(current):
             if growth is None or growth.goes_on(model):
                 step = _likeliest(_beyond_chance(current, effects, fits))

@@ -39,10 +39,9 @@ def groups_of(
     runs: Sequence[xr.Dataset],
     seen: Sequence[xr.Dataset],
     search: Search,
-    predictions: Sequence[Prediction],
+    stability: Stability,
     offered: ForceLibrary,
     frequency: float | None,
-    stability: Stability,
 ) -> dict[str, xr.Dataset]:
     """What `discover` returns, group by group.
 
@@ -57,13 +56,13 @@ def groups_of(
     for when, _, screening in ends:
         groups[f"detectability{when}"] = detectability(screening)
     groups["ranking"] = _ranking(search, offered)
-    groups["steps"] = _steps(search, motions, predictions, offered, stability)
+    groups["steps"] = _steps(search, motions, stability, offered)
     groups["omnibus"] = _omnibus(search)
     for name, at in (("before", 0), ("after", -1)):
         model, factor = search.models[at], _widening(search, at)
         error = stability.model_error if at else None
         groups[name] = model_identification(model, motions[at], seen, frequency, factor, error)
-    groups["holdout"] = _holdout(motions[-1], predictions)
+    groups["holdout"] = _holdout(motions[-1], stability.predictions)
     if len(runs) > 1:
         groups["homogeneity"] = homogeneity(search.models)
     return groups
@@ -140,9 +139,8 @@ def _best_trials(screening: Screening) -> dict[str, int]:
 def _steps(
     search: Search,
     motions: Sequence[Sequence[FreeMotion]],
-    predictions: Sequence[Prediction],
-    offered: ForceLibrary,
     stability: Stability,
+    offered: ForceLibrary,
 ) -> xr.Dataset:
     """The effects added, in order, with their final coefficients and what each explains."""
     if not search.effects:
@@ -160,7 +158,7 @@ def _steps(
     collinear = np.isin(search.effects, search.collinear)
     residual = [root_mean_square(np.concatenate([run.residual for run in of_model])) for of_model in motions]
     white = _whitened(search)
-    improved = improvements(predictions)
+    improved = improvements(stability.predictions)
     density = [_density(model) for model in search.models]
     column = partial(variable, "step")
     of_density = "one-sided density of the random force {}, on the mean"

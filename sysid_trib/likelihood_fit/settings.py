@@ -37,11 +37,6 @@ class Settings:
     least_gain: float = setting(
         0.1, "deviance below which fits are equal: rounds have settled, no move is made", "odds of 1.05"
     )
-    tie: float = setting(
-        2.0,
-        "-2 ln of the odds within which effects are tied: the plainest has the name",
-        "not worth more than a bare mention: Kass, Raftery 1995",
-    )
     slack: float = setting(
         0.1,
         "part of its gain by which a column may be off: before its exact fit, between values of a shape, and "
@@ -121,6 +116,11 @@ class Settings:
     def far(self) -> float:
         """The same of one of as many models as are fitted."""
         return 2.0 * float(np.log(self.fitted / (1.0 - self.credible)))
+
+    @property
+    def tie(self) -> float:
+        """Evidence (-2 ln) not worth more than a bare mention (Kass, Raftery 1995): the plainest is named."""
+        return 2.0
 
     @staticmethod
     def table() -> list[tuple[str, str, str, str]]:
