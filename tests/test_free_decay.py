@@ -306,7 +306,7 @@ REFUSED = {
         "at 7 s is not a finite number",
     ),
     "pushed": (T, linear(T, 0.02) + 0.15 * (T > 9) * linear(np.maximum(T - 9, 0), 0.02), "rises again at 9"),
-    "beats": (T, linear(T, 0.002) + linear(T, 0.002, omega=10.6, amplitude=0.2), "rises again at|not decay"),
+    "beats": (T, linear(T, 0.002) + linear(T, 0.002, omega=10.6, amplitude=0.2), "two modes beat"),
     "coarse": (T, linear(T, omega=220.0, zeta=0.0005), "samples in a half period; sample faster"),
     "few samples": (T[:15], linear(T[:15]), "only 15 samples"),
 }

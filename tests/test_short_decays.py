@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from command_line import run
+from scipy.signal import lfilter
 
 import sysid_trib as st
 from sysid_trib.decays.free_decay import free_decay, free_decays
@@ -63,7 +64,7 @@ def test_noise_is_no_short_decay():
         free_decays(xr.Dataset({"angle": ("time", noise)}, {"time": time}), as_it_is=True)
 
 
-@pytest.mark.parametrize("samples", [9.0, 6.0, 5.0])
+@pytest.mark.parametrize("samples", [9.0, 6.0, 5.3])
 def test_few_samples_a_period_are_enough(samples):
     time = np.arange(0.0, 28.0, 2.0 * np.pi / FREQUENCY / samples)
     decay = free_decay(xr.Dataset({"angle": ("time", swing(time, 0.005))}, {"time": time}))
@@ -84,3 +85,16 @@ def test_a_motion_that_stops_before_the_record_swings_is_said_to_have_nothing_in
     )
     with pytest.raises(DecayError, match="in common"):
         _as_measured(motion, record)
+
+
+def test_shaking_after_the_decay_is_cut():
+    time = np.arange(0.0, 60.0, 0.01)
+    decay = 0.3 * np.exp(-0.01 * FREQUENCY * time) * np.cos(FREQUENCY * time)
+    # The same mode, pushed at random throughout.
+    pole = np.exp((-0.01 + 1j) * FREQUENCY * 0.01)
+    pushes, noise = np.random.default_rng(0).standard_normal((2, time.size))
+    shaking = lfilter([1.0], [1.0, -2.0 * pole.real, abs(pole) ** 2], pushes)
+    shaking *= 0.003 / shaking.std()
+    noise = 3e-4 * noise
+    (kept,) = free_decays(xr.Dataset({"angle": ("time", decay + shaking + noise)}, {"time": time}))
+    assert kept.time.values[-1] < 40.0

@@ -29,7 +29,7 @@ def _(path: Path, draw: Draw) -> Right:
     late = draw.within(0.0, 0.05) * (draw.noise(row.size, 1.0) > 1.5)[row // size * size]
     # A packet does not overtake the one before.
     arrival = np.maximum.accumulate(row // size * size / motion.rate + late)
-    stamps = arrival + draw.pick(0.0, 0.001) * (row % size)
+    stamps = np.maximum.accumulate(arrival + draw.pick(0.0, 0.001) * (row % size))
     write(path, cells("%.3f %.5f", stamps, fine(draw, motion.x, 1.0)), "time (s),angle (rad)")
     return motion.right("angle", "rad")
 
@@ -199,6 +199,6 @@ def _(path: Path, draw: Draw) -> Right:
     w = 2.0 * np.pi / motion.period
     pole = np.exp((-motion.zeta + 1j) * w / motion.rate)
     shaking = lfilter([1.0], [1.0, -2.0 * pole.real, abs(pole) ** 2], draw.noise(motion.time.size, 1.0))
-    x = motion.x + 0.01 * motion.start / shaking.std() * shaking
+    x = motion.x + 0.004 * motion.start / shaking.std() * shaking
     write(path, cells("%.4f %.6f", motion.time, x + draw.noise(x.size, 1e-4)), "t (s),theta (rad)")
     return motion.right("angle", "rad", words=("end the window",))

@@ -12,7 +12,7 @@ from sysid_trib.errors import DecayError
 # Three full periods: five whole half periods and a part of one at either end.
 FEWEST_EXTREMA = 5
 # Each half-sine has two unknowns.
-FEWEST_PER_HALF_PERIOD = 2.2
+FEWEST_PER_HALF_PERIOD = 2.5
 # A drive holds the amplitude for so many half periods at least, and within this part.
 DRIVEN_HALF_PERIODS = 8
 DRIVEN_TOLERANCE = 0.03
@@ -101,7 +101,7 @@ def after_the_largest(time: Array, angle: Array, swing: Swing, source: str) -> S
 
 
 def _refuse_rise_and_fall(peak: Array, scatter: float, source: str) -> None:
-    """Refuse an amplitude that falls and rises as far again: beats, unless it began from rest as a drive does."""
+    """Refuse an amplitude that falls and rises as far again: beats, unless it began from rest."""
     trough = int(np.argmin(peak))
     before, after = peak[: trough + 1].max(), peak[trough:].max()
     if (

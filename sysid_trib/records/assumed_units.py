@@ -183,9 +183,9 @@ def assumed_unit(
             seen, of_pendulum = moves
             if abs(seen) < STEADY * of_pendulum:
                 return _unit("deg"), (
-                    f"unit not stated: in degrees, since the frequency of a pendulum that swings to {half:.3g} "
-                    f"rad would rise by {100.0 * of_pendulum:.2g} % as it decays, and this one moves by "
-                    f"{100.0 * seen:.2g} % (--units rad if it is no pendulum)"
+                    f"unit not stated: in degrees, since the frequency of a pendulum that swings to "
+                    f"{half:.3g} rad would rise by {100.0 * of_pendulum:.2g} % as it decays, and this one "
+                    f"moves by {100.0 * seen:.2g} % (--units rad if it is no pendulum)"
                 )
         return _unit("rad"), "unit not stated: taken as rad"
     if quantity == "displacement":
