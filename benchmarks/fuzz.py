@@ -3,7 +3,8 @@
 python benchmarks/fuzz.py [--cases N] [--kind KIND ...] [--seed S] [--first N] [--out FILE]
 
 Kinds: text, binary (files that are read); library, toml (libraries and their formulas, systems, studies);
-damaged, page (saved results, pages of edited ones); record (datasets in memory); command (options, letters);
+formula (signals computed from columns); store (of campaigns, damaged; conditions); damaged, page (saved
+results, pages of edited ones); record (datasets in memory); command (options, letters);
 discover (random records and libraries). A case is drawn from the seed, its kind and its number alone: a fault
 is repeated by --kind KIND --seed S --first N --cases 1. The cases of a kind run in one process, which is
 replaced when it dies, hangs or has grown. A fault is any other exception, over 5 s of processor time to
@@ -29,6 +30,8 @@ SHARES = {
     "binary": 15,
     "library": 25,
     "toml": 15,
+    "formula": 10,
+    "store": 5,
     "damaged": 5,
     "page": 1,
     "record": 8,

@@ -189,3 +189,14 @@ def test_a_mass_and_a_load_make_forces_of_a_displacement(tmp_path):
     assert "coefficient of friction: lambda" in translation_sentences(result, 0.5, 2.0)[1]
     assert "--inertia" in run("identify", "--mass", "0.5").err
     assert run("identify", path, "--load", "2").status == 2
+
+
+def test_texts_of_files_are_neither_commands_of_latex_nor_formulas_of_spreadsheets(tree):
+    assert unit_in_latex(r"$\si{V}$") == r"$\mathrm{\$\backslash si\{V\}\$}$"
+    assert unit_in_latex("a&b^-1 50%") == r"$\mathrm{a\&b}^{-1}\,\mathrm{50\%}$"
+    hostile = tree.copy()
+    direct = hostile["direct"].to_dataset()
+    hostile["direct"] = xr.DataTree(direct.assign_coords(unit=("force", ["=1+1"] * direct.sizes["force"])))
+    rows = [row for row in csv.DictReader(io.StringIO(csv_text(hostile))) if row["method"] == "direct"]
+    assert {row["unit"] for row in rows} == {"'=1+1", "rad/s"}
+    assert all(float(row["value"]) == float(row["value"]) for row in rows)

@@ -40,14 +40,17 @@ def ends_of(tmp_path, kind, numbers):
     return [case for case in cases if case["end"].startswith(FAULTS)]
 
 
-@pytest.mark.parametrize(("kind", "count"), [("text", 30), ("library", 40), ("toml", 40), ("record", 12)])
+@pytest.mark.parametrize(
+    ("kind", "count"), [("text", 30), ("library", 40), ("toml", 40), ("record", 12), ("formula", 20)]
+)
 def test_hostile_input_ends_in_a_result_or_in_a_sentence(tmp_path, kind, count):
     assert ends_of(tmp_path, kind, range(count)) == []
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("kind", "count"), [("binary", 60), ("damaged", 20), ("page", 4), ("command", 30), ("discover", 10)]
+    ("kind", "count"),
+    [("binary", 60), ("damaged", 20), ("store", 20), ("page", 4), ("command", 30), ("discover", 10)],
 )
 def test_hostile_files_results_and_commands(tmp_path, kind, count):
     assert ends_of(tmp_path, kind, range(count)) == []

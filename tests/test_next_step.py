@@ -5,6 +5,7 @@ import json
 import re
 import shlex
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -303,3 +304,8 @@ def test_sentences_are_in_the_unit_of_the_record():
     text = " ".join(told).replace("rad/s)", "").replace("(rad/s^2)^2/Hz", "")
     assert " mm" in text
     assert not re.search(r"\bm?rad\b", text)
+
+
+def test_a_file_that_begins_with_a_dash_is_no_option():
+    given = DecayOptions(records=[Path("-a.csv"), Path("b.csv")])
+    assert command_after(NextStep("identify", ""), [given]) == "sysid-trib identify ./-a.csv b.csv"

@@ -1,5 +1,7 @@
 """Figures show the numbers that they are given."""
 
+import io
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -55,3 +57,12 @@ def test_a_long_record_keeps_its_peaks_on_paper():
     drawn = plots.motions(record, {}).lines[0].get_ydata()
     assert drawn.size <= MOST_POINTS
     assert {0.3, -0.4} <= set(drawn)
+
+
+@pytest.mark.parametrize("text", [r"$\si{V}$", "a&b", "$$", r"\frac{", "a $ b", r"$x$\nand $\si{V}$"])
+def test_a_text_that_is_no_mathematics_is_drawn_as_it_is(text):
+    figure = style.new_figure(2.0, 2.0)
+    ax = figure.subplots()
+    ax.set(xlabel=text, title=f"load ({style.unit_label(text)})")
+    ax.set_xticks([0, 1], [text, "b"])
+    figure.savefig(io.BytesIO(), format="png")

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from hostile import commands, discoveries, files, libraries, records, results, tables
+from hostile import commands, discoveries, files, formulas, libraries, records, results, stores, tables
 from hostile.pieces import MARK
 from sysid_trib.errors import SysidTribError
 
@@ -31,12 +31,14 @@ KINDS: dict[str, Kind] = {
     "toml": libraries.toml_case,
     "damaged": results.damaged_case,
     "page": results.page_case,
+    "formula": formulas.case,
+    "store": stores.case,
     "record": records.case,
     "command": commands.case,
     "discover": discoveries.case,
 }
 # Fits take their time; what is read, loaded or parsed must not.
-WORKING = ("page", "record", "command", "discover")
+WORKING = ("page", "store", "record", "command", "discover")
 SLOWEST_S, SLOWEST_WORK_S, HUNG_S = 5.0, 60.0, 900.0
 MOST_MEMORY = 2**30
 # After which a process makes room for another one: some libraries keep what they have seen.
