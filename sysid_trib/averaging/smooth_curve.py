@@ -25,7 +25,7 @@ WALKS = np.append(0.0, np.logspace(-2, 3, 11))
 UNDERSMOOTHED = 10.0
 # A curve may be smooth here and bend sharply there: bends are as large as their neighbours are, and no
 # smaller than a part of all.
-NEIGHBOURS, LEAST_BEND = 5, 0.1
+NEAREST, LEAST_BEND = 5, 0.1
 BAND_PROBABILITY, BAND_DRAWS = 0.95, 2000
 # Likelihoods below this part of the greatest do not count.
 NEGLIGIBLE_WEIGHT = 0.01
@@ -220,7 +220,7 @@ def _expected_bends(rows: _WhitePeriods, bend: float, variance: float) -> Array:
 
 def _smoothed(bends: Array) -> Array:
     """Relative variances: the mean over neighbours, their own mean one, none far below it."""
-    kernel = np.ones(NEIGHBOURS)
+    kernel = np.ones(NEAREST)
     local = np.convolve(bends, kernel, "same") / np.convolve(np.ones_like(bends), kernel, "same")
     return LEAST_BEND + (1.0 - LEAST_BEND) * local / local.mean()
 
