@@ -2,15 +2,15 @@
 
 python -m benchmarks.answer [--only WORD]
 
-Trained on the first two thirds of a record, or on another run; of the rest only the start and the sensor's zero are
-fitted. Each method with the sensor's noise alone and with a random force, with the same forces and the same signs;
-the answer is the one that the program stands by. Then its coefficients on the whole record, with total errors: no
-dissipative force may be negative by more than two of them. Records are read from ../shared/data, or SYSID_TRIB_DATA.
+Trained on the first two thirds of a record, or on another run; of the rest only the start and the sensor's
+zero are fitted. Each method with the sensor's noise alone and with a random force, with the same forces and
+the same signs; the answer is the one that the program stands by. Then its coefficients on the whole record,
+with total errors: no dissipative force may be negative by more than two of them. Records are read from
+../shared/data, or SYSID_TRIB_DATA.
 """
 
 import argparse
 import warnings
-from dataclasses import replace
 from time import process_time
 
 import numpy as np

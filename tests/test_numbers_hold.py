@@ -24,7 +24,7 @@ def test_a_strong_held_elastic_force_beside_a_random_force(start, held):
     library = SIX.select(["lambda", "zeta", *held])
     true = {"lambda": 2e-3, "zeta": 0.01, **held}
     decay = noisy(st.Model(library, true, 6.0), np.arange(0.0, 30.0, 0.02), start, 1e-3)
-    result = st.identify(decay, library, Direct(random_force="auto", fix=held))
+    result = st.identify(decay, library, Direct(random_force="estimated", fix=held))
     free = result.sel(force=["lambda", "zeta"])
     assert np.all(np.abs(free.coefficient - [2e-3, 0.01]) < 3.5 * free.standard_error)
     assert abs(result.reference_frequency - 6.0) < 3.5 * result.reference_frequency_standard_error
