@@ -464,7 +464,7 @@ def test_missing_file_and_directory(tmp_path):
 
 @pytest.mark.parametrize(
     "options",
-    [{"signal": "speed"}, {"units": "-"}, {"length": 0.0}, {"time_units": "week"}, {"sampling_rate": 0.0}],
+    [{"signal": "speed"}, {"units": "-"}, {"length": 0.0}, {"time_units": "weeks"}, {"sampling_rate": 0.0}],
 )
 def test_unknown_options(tmp_path, options):
     with pytest.raises(UsageError):

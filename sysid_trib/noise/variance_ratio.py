@@ -13,6 +13,7 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import chi2
 
 from sysid_trib.arrays import Array
+from sysid_trib.errors import DecayError
 
 # Ratios tried: a wander far below a noise level at the end, and kicks far above it at each sample.
 SMALLEST_WANDER = 0.03
@@ -64,6 +65,11 @@ class WhiteRows:
         columns = np.concatenate([self.design.T / size[:, None], self.target[None]])
         factor: Array = np.asarray(np.linalg.qr(columns.T, mode="r"), dtype=float)
         count = self.design.shape[1]
+        if len(factor) <= count:
+            raise DecayError(
+                f"{len(self.target)} equations do not tell a random force beside {count} parameters; "
+                "leave it out (--random-force off), or give a longer record."
+            )
         degrees_of_freedom = self.degrees_of_freedom
         variance = max(float(factor[count, count] ** 2) / degrees_of_freedom, 1e-300)
         information = 2.0 * float(np.sum(np.log(np.abs(np.diag(factor)[:count]) * size + 1e-300)))

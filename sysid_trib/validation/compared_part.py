@@ -59,7 +59,11 @@ def compared_part(whole: ComparedPart) -> ComparedPart:
         of the whole. As given where no run is longer than `LONGEST_WHOLE` periods, where a force depends on
         time, or where a method cannot identify the stretches.
     """
-    period = 2.0 * np.pi / whole.results[1].asymptotic_frequency.item()
+    frequency = whole.results[1].asymptotic_frequency.item()
+    # A model that does not swing at small amplitudes has no period there.
+    if not frequency > 0.0:
+        return whole
+    period = 2.0 * np.pi / frequency
     duration = PERIODS_PER_STRETCH * period
     stretches = tuple(
         part for run in whole.runs for part in _stretches(run, duration, LONGEST_WHOLE * period)
