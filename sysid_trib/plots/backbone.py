@@ -24,12 +24,12 @@ from sysid_trib.printing.model_verdict import kept_results
 from sysid_trib.results.per_run import record_groups
 from sysid_trib.validation.lack_of_fit import lack_of_fit
 
-PANEL_HEIGHT = 2.6
+CURVE_HEIGHT = 2.6
 CURVE_LABELS = {"frequency": "frequency (rad/s)", "damping_ratio": "damping ratio"}
 # Room about the bands, in parts of their extent: single periods may scatter far beyond them.
 MARGIN = 0.15
 # A band so many times the median is an end's.
-WIDE = 4.0
+END_WIDTH = 4.0
 DOTS: dict[str, Any] = OPEN_MARKS | {
     "color": GREY,
     "marker": "o",
@@ -55,7 +55,7 @@ def backbone(data: xr.Dataset | xr.DataTree, run: int = 0) -> Figure:
         results = kept_results(data)
         data = curves_of(record)
         models = lack_of_fit(record, results) if results else None
-    figure, panels = grid(2, 2, FULL_WIDTH, PANEL_HEIGHT)
+    figure, panels = grid(2, 2, FULL_WIDTH, CURVE_HEIGHT)
     for ax, name in zip(panels, CURVE_LABELS, strict=True):
         draw_curve(ax, data, name, models)
     letter(panels)
@@ -84,7 +84,7 @@ def draw_curve(ax: Axes, data: xr.Dataset, name: str, models: xr.Dataset | None 
     if models is not None:
         _draw_models(ax, models, name)
     # All of the curve, and the band where it is narrow: an end of few periods would hide all else.
-    narrow = high - low <= WIDE * np.median(high - low)
+    narrow = high - low <= END_WIDTH * np.median(high - low)
     bottom = min(float(low[narrow].min()), float(data[name].min()))
     top = max(float(high[narrow].max()), float(data[name].max()))
     ax.set(ylim=(bottom - MARGIN * (top - bottom), top + MARGIN * (top - bottom)), xscale="log")
