@@ -125,7 +125,8 @@ def test_result_file_comes_back_equal(tree, tmp_path):
 
 def test_figure(twin):
     written = sorted(path.name for path in (twin[0] / "new" / "figures").iterdir())
-    assert written == [f"{name}.{kind}" for name in ("identification", "overview") for kind in ("pdf", "png")]
+    figures = ("backbone", "identification", "overview")
+    assert written == [f"{name}.{kind}" for name in figures for kind in ("pdf", "png")]
     assert (twin[0] / "new/figures/identification.png").read_bytes().startswith(b"\x89PNG")
 
 

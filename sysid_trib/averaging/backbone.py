@@ -9,7 +9,7 @@ from scipy.special import ndtri
 
 from sysid_trib.arrays import Array
 from sysid_trib.averaging.period_rows import SECOND_ORDER, PeriodRows, period_rows
-from sysid_trib.averaging.smooth_curve import BAND_PROBABILITY, NoisyRows, SmoothCurve, smooth_curve
+from sysid_trib.averaging.smooth_curve import BAND_PROBABILITY, WALKS, NoisyRows, SmoothCurve, smooth_curve
 from sysid_trib.decays.half_sines import envelope
 from sysid_trib.decays.signal import unit_of_signal
 from sysid_trib.errors import DecayError
@@ -68,7 +68,7 @@ def backbone_curves(decay: xr.Dataset) -> BackboneCurves:
     position, log_amplitude = _coordinate(u)
     points = np.linspace(0.0, 1.0, CURVE_POINTS)
     curves: dict[str, SmoothCurve] = {}
-    for _ in range(ROUNDS + 1):
+    for turn in range(ROUNDS + 1):
         if curves:
             slopes = {
                 name: np.interp(u, log_amplitude, np.gradient(curve.mean, log_amplitude))
@@ -80,6 +80,7 @@ def backbone_curves(decay: xr.Dataset) -> BackboneCurves:
                 NoisyRows(position, getattr(rows, name), rows.sensor[name], rows.walk[name]),
                 points,
                 curves[name].bends if curves else None,
+                WALKS if turn == ROUNDS else WALKS[::2],
             )
             for name in CURVES
         }

@@ -117,7 +117,9 @@ class _Likely:
         return self.gain @ self.rows.across
 
 
-def smooth_curve(rows: NoisyRows, points: Array, bends: Array | None = None) -> SmoothCurve:
+def smooth_curve(
+    rows: NoisyRows, points: Array, bends: Array | None = None, walks: Array = WALKS
+) -> SmoothCurve:
     """The curve through rows, its standard error, and the band that holds all of it.
 
     Parameters
@@ -128,6 +130,8 @@ def smooth_curve(rows: NoisyRows, points: Array, bends: Array | None = None) -> 
         Positions at which it is wanted.
     bends : (bend,) array of float, optional
         Relative variances of the bends, from a round before; all alike without it.
+    walks : (walk,) array of float
+        Variances of the walk that are tried, the first 0: fewer are enough for the bends.
     """
     relative = np.ones(CURVE_SPLINES - 2) if bends is None else bends
     scale = np.concatenate([[1.0, 1.0], np.sqrt(relative)])
@@ -136,10 +140,10 @@ def smooth_curve(rows: NoisyRows, points: Array, bends: Array | None = None) -> 
     count = len(rows.target) - 2
     unit = float(np.median(sensor[0]) / np.median(np.sum(_line_and_bends(rows.position)[:, 2:] ** 2, axis=1)))
     per_walk = float(np.median(sensor[0] / np.maximum(walk[0], np.finfo(float).tiny)))
-    white = [_whitened(sensor + ratio * per_walk * walk, columns, rows.target) for ratio in WALKS]
+    white = [_whitened(sensor + ratio * per_walk * walk, columns, rows.target) for ratio in walks]
     tried = [part.deviances(BENDS * unit, count) for part in white]
     # A walk as well is of a prior flat in its standard deviation.
-    prior = 0.5 * np.log(np.append(0.5 * WALKS[1], WALKS[1:]))
+    prior = 0.5 * np.log(np.append(0.5 * walks[1], walks[1:]))
     deviance = np.array([d for d, _ in tried]) - prior[:, None]
     weight = np.exp(-0.5 * (deviance - deviance.min()))
     weight[weight < NEGLIGIBLE_WEIGHT] = 0.0

@@ -98,6 +98,7 @@ def identify(
             | translation_json(second_of(tree), scale.mass, scale.load)
         ),
         lambda plots: [
+            *figures_of_runs(tree, "backbone", plots.backbone),
             *figures_of_runs(tree, "overview", plots.overview),
             *figures_of_runs(tree, "identification", plots.identification),
             *random_force_figures(tree, plots),

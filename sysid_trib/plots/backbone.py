@@ -29,7 +29,7 @@ CURVE_LABELS = {"frequency": "frequency (rad/s)", "damping_ratio": "damping rati
 # Room about the bands, in parts of their extent: single periods may scatter far beyond them.
 MARGIN = 0.15
 # A band so many times the median is an end's.
-WIDE_BAND = 4.0
+END_WIDTH = 4.0
 DOTS: dict[str, Any] = OPEN_MARKS | {
     "color": GREY,
     "marker": "o",
@@ -84,7 +84,7 @@ def draw_curve(ax: Axes, data: xr.Dataset, name: str, models: xr.Dataset | None 
     if models is not None:
         _draw_models(ax, models, name)
     # All of the curve, and the band where it is narrow: an end of few periods would hide all else.
-    narrow = high - low <= WIDE_BAND * np.median(high - low)
+    narrow = high - low <= END_WIDTH * np.median(high - low)
     bottom = min(float(low[narrow].min()), float(data[name].min()))
     top = max(float(high[narrow].max()), float(data[name].max()))
     ax.set(ylim=(bottom - MARGIN * (top - bottom), top + MARGIN * (top - bottom)), xscale="log")
