@@ -102,6 +102,7 @@ def test_an_effect_that_the_limit_leaves_out_is_not_unknown():
     assert "1 effect was asked for (--max-effects)" in verdict_sentences(tree)[0]
 
 
+@pytest.mark.slow
 def test_what_the_limit_and_the_library_leave_out_is_unknown():
     run = with_effect({"cubic_damping": 0.2, "even_spring": 1e-2, "inertia": 0.5}, seed=8)
     few = EFFECTS.select(["cubic_damping", "even_spring"])
@@ -116,6 +117,7 @@ def foretold(*rms):
     return lambda model: Prediction((np.zeros(3),), next(given))
 
 
+@pytest.mark.slow
 def test_a_model_grows_while_it_predicts_better(monkeypatch):
     """A spring that imitates an even one is added, and refused: then there is none."""
     monkeypatch.setattr(Growth, "is_complete", lambda growth, model: False)

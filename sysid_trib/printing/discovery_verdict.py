@@ -142,7 +142,7 @@ def _unknown_effect(tree: xr.DataTree, details: bool) -> list[str]:
         names = f"with {' and '.join(added)} " if added else ""
         rivals = "all that may stand in their place were" if added else "all candidates were"
         return [f"Unknown effect: {names}the gap is {residual}, but not {rivals} compared."]
-    if _is_no_noise(tree) and not omnibus.significant and not _last(tree, "ranking").significant.any():
+    if _is_no_noise(tree) and not omnibus.significant:
         names = f"with {' and '.join(added)} " if added else ""
         return [
             f"Unknown effect: {names}the gap is {residual}, and no random force leaves it so: what is left "
