@@ -294,7 +294,7 @@ def test_a_store_whose_growth_was_killed_is_put_back(study, tmp_path, monkeypatc
         ("reference_frequency = 8.87\n", "", "needs 'reference_frequency'"),
         ("low = 1e-3", "low = 1", "'zeta' of 'coefficients' must be"),
         ("records = {records}", "records = 0", "whole numbers"),
-        ("rate = 60", "rat = 60", "'sampling' needs 'rate'"),
+        ("rate = 60", "rat = 60", "'sampling' has no 'rat'; .*Did you mean 'rate'"),
         ("duration = 8", "duration = 8e9", "2 to 10,000,000 samples"),
         ("lambda =", "lamda =", "lamda"),
         ("[noise]", "[nose]", "has no 'nose'; it has title, .*Did you mean 'noise'"),

@@ -32,8 +32,8 @@ DRAWN = {"low", "high"}, {"mean", "deviation"}
 # What may be drawn of a value, where not any number is one: (lowest, highest).
 RANGES = {
     ("motion", "reference_frequency"): (1e-9, 1e9),
-    ("sampling", "duration"): (1e-9, 1e9),
-    ("sampling", "rate"): (1e-9, 1e9),
+    ("sampling", "duration"): (1e-9, 1e12),
+    ("sampling", "rate"): (1e-9, 1e12),
     ("noise", "deviation"): (0.0, 1e9),
     ("noise", "correlation"): (-0.999999, 0.999999),
     ("random_force", "density"): (0.0, 1e9),

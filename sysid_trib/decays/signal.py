@@ -85,7 +85,9 @@ def checked_signal(record: Any, *names: str) -> None:
         values = record.variables[name].values
         extent = float(np.max(values) - np.min(values))
         if 0.0 < extent < 1.0 / LARGEST_NUMBER:
-            raise DecayError(f"{source}: all of its {name} is within {extent:.3g}, too little; scale it.")
+            raise DecayError(
+                f"{source}: {name} is flat at {values[0]:.3g} but for {extent:.3g}, too little; scale it."
+            )
 
 
 def _check_units(record: xr.Dataset, source: str) -> None:

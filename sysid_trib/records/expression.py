@@ -120,19 +120,19 @@ def _unit(parts: Sequence[Formula], units: Mapping[str, str]) -> str | None:
     """The unit of a formula, or of an arc tangent; empty where no column has one, None where none follows."""
     if not any(units.values()):
         return "rad" if len(parts) == 2 else ""
-    found = [_dimension(part.tree, units) for part in parts]
-    if len(found) == 2:
-        return "rad" if found[0] is not None and found[0] == found[1] else None
-    if found[0] is None or found[0][1] not in (0.0, 1.0):
+    dimensions = [_dimension(part.tree, units) for part in parts]
+    if len(dimensions) == 2:
+        return "rad" if dimensions[0] is not None and dimensions[0] == dimensions[1] else None
+    if dimensions[0] is None or dimensions[0][1] not in (0.0, 1.0):
         return None
-    unit, power = found[0]
+    unit, power = dimensions[0]
     return "" if not power else None if _converts(parts[0], unit, units) else unit
 
 
 def _agreed(follows: str | None, given: str | None) -> str | None:
     """The unit that follows, or the one given where none does, or one of another quantity."""
-    one, other = signal_unit(follows or ""), signal_unit(given or "")
-    if other is None or (one is not None and one.quantity == other.quantity):
+    of_columns, asked = signal_unit(follows or ""), signal_unit(given or "")
+    if asked is None or (of_columns is not None and of_columns.quantity == asked.quantity):
         return follows
     return given
 
@@ -180,14 +180,14 @@ def _dimension(tree: ast.AST, units: Mapping[str, str]) -> Dimension | None:
                 return _sum(first, second)
             return _product(first, second, -1.0 if isinstance(op, ast.Div) else 1.0)
         case ast.Call(func=ast.Name(id=name), args=args):
-            found = [_dimension(arg, units) for arg in args]
-            if None in found:
+            dimensions = [_dimension(arg, units) for arg in args]
+            if None in dimensions:
                 return None
             if name in ("abs", "min", "max"):
-                return reduce(lambda a, b: a and b and _sum(a, b), found)
-            if name == "sqrt" and found[0] is not None:
-                return found[0][0], 0.5 * found[0][1]
-            return NUMBER if found[0] == NUMBER or name == "sign" else None
+                return reduce(lambda a, b: a and b and _sum(a, b), dimensions)
+            if name == "sqrt" and dimensions[0] is not None:
+                return dimensions[0][0], 0.5 * dimensions[0][1]
+            return NUMBER if dimensions[0] == NUMBER or name == "sign" else None
     return None
 
 
