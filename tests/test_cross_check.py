@@ -17,7 +17,7 @@ from sysid_trib.validation.answer import identify
 from sysid_trib.validation.cross_check import cross_check
 
 FORCES = load_library()
-GROUPS = {"record", "envelope", "averaging", "direct", "comparison"}
+GROUPS = {"record", "envelope", "averaging", "direct", "comparison", "backbone", "lack_of_fit"}
 
 
 def checked(record, library=FORCES, averaging=None, **options):
@@ -114,7 +114,7 @@ def test_two_of_one_method_keep_apart():
     record = paper_run(FIVE).decay(7)
     pair = [m.identify(record, FORCES) for m in (Direct(refine=False), Direct())]
     tree = cross_check(record, *pair, draws=12)
-    assert set(tree.children) == {"record", "envelope", "direct_1", "direct_2", "comparison"}
+    assert set(tree.children) == GROUPS - {"averaging", "direct"} | {"direct_1", "direct_2"}
 
 
 def test_simulated_angles_are_in_the_record():
@@ -158,8 +158,8 @@ def test_methods_with_options_that_are_no_text_are_held_against_each_other():
     record, start = paper_run(FIVE).decay(0), Model(FORCES, FIVE, W)
     first = identify(record, FORCES, Trajectory(start=start, bounds={"zeta": (0.0, 1.0)}))
     second = identify(record, FORCES, Direct(optimizer=STLSQ(threshold=1e-9, alpha=0.0)))
-    assert method_of(first) == Trajectory(bounds={"zeta": [0.0, 1.0]}, fit_shapes=[])
-    assert method_of(second) == Direct()
+    assert method_of(first) == Trajectory(bounds={"zeta": [0.0, 1.0]}, fit_shapes=[], random_force="off")
+    assert method_of(second) == Direct(random_force="off")
     compared = cross_check(record, first, second, draws=12)["comparison"]
     assert compared.attrs["verdict"] == "agree"
     assert compared.attrs["explained"] == "yes"

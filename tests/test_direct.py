@@ -206,7 +206,7 @@ def test_forces_that_are_the_same_are_refused_by_name():
 def test_too_short_a_record_is_refused():
     run = paper_run()
     with pytest.raises(DecayError):
-        Direct(W).identify(Run(run.model, run.time[:80]).decay(0), run.model.library)
+        Direct(W).identify(Run(run.model, run.time[:30]).decay(0), run.model.library)
 
 
 def test_unknown_form_is_refused():

@@ -34,7 +34,7 @@ def written(tmp_path, *headers):
         (["x (mm)"], "abs(x)", "mm"),
         (["x (mm)", "y (mm)"], "atan2(x - 3.1, 40 - y)", "rad"),
         (["rate (deg/s)"], "-rate", "deg/s"),
-        (["theta"], "-theta", "rad"),
+        (["theta"], "-theta", "deg"),
     ],
 )
 def test_the_unit_of_columns_is_that_of_a_formula(tmp_path, headers, formula, unit):

@@ -293,7 +293,7 @@ def test_a_fit_tells_the_two_noises_apart(friction):
     assert np.sqrt(np.mean(np.square(scores))) < 1.5
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.2)
     # By output error the same records contradict themselves by far.
-    plain = st.identify(decay, model.library, st.methods.Trajectory())
+    plain = st.methods.Trajectory(random_force="off").identify(decay, model.library)
     assert (plain.standard_error < 0.5 * result.standard_error).all()
 
 

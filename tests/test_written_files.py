@@ -15,7 +15,7 @@ SHOWN = {
     "page.html": "this is a page of HTML, no record; a browser shows it",
     "many.zarr": "this is the store of a campaign, no record; its page many.html shows it",
     # Not of this package: what was said of it before is right.
-    "folder": "this is a directory, not a record",
+    "folder": "this is a directory; name a file in it",
     "other.nc": "there are no numbers in it",
     "other.json": "no rows of numbers",
     "cut.json": "no rows of numbers",

@@ -61,7 +61,6 @@ def identify(
         from sysid_trib.printing.identification import identification_blocks, identification_json
         from sysid_trib.printing.layers import Block
         from sysid_trib.printing.own_quantity import own_quantity
-        from sysid_trib.printing.signs import sign_sentences
         from sysid_trib.printing.translation import second_of, translation_json, translation_sentences
         from sysid_trib.results.contactless import with_contactless_frequency
         from sysid_trib.results.schema import map_identifications
@@ -88,7 +87,7 @@ def identify(
         lambda: [
             *identification_blocks(
                 tree,
-                [*record_sentences(tree, sources), *own_quantity(tree), *sign_sentences(tree, swinging)],
+                [*record_sentences(tree, sources), *own_quantity(tree)],
                 scale.inertia,
             ),
             Block(translation_sentences(second_of(tree), scale.mass, scale.load)),

@@ -41,16 +41,16 @@ def identify(decay: Decays, library: ForceLibrary, method: Method) -> xr.Dataset
     decay : `angle(time)` in rad, as `free_decay` returns it; or a list of runs, which share their forces and
         reference frequency, but have a start, a sensor's zero and a noise of their own.
     library : the forces offered.
-    method : e.g. `methods.Direct()`. With `random_force="auto"`, its default, it has a random force where one
-    is
-        found and its test does not refuse it (see `identifications`); else the sensor's noise alone.
+    method : e.g. `methods.Direct()`. Whether it has a random force is decided where its `random_force` is
+        `auto`, the default (see `identifications`).
 
     Returns
     -------
     Dataset with `coefficient(force)` (dimensionless unless its `unit` says otherwise),
     `standard_error(force)`, `covariance(force, other_force)`, `active(force)`, `refers_to(force)` (rad/s),
     scalars `reference_frequency`, `asymptotic_frequency` (rad/s), `noise` (rad, RMS over the runs);
-    provenance in its attrs. Whether runs agree: `run_agreement`.
+    provenance in its attrs. Where the model leaves more than noise also `error_of_noise(force)`,
+    `error_of_model(force)`, `held_out_rms`. Whether runs agree: `run_agreement`.
 
     Raises
     ------

@@ -11,6 +11,8 @@ from sysid_trib.results.per_run import record_groups
 
 PARTS_OF_RECORD = ("first", "second", "last")
 DIVERGES = "its motion diverges"
+# Of the largest angle of the record; a motion that grows beyond is none of it.
+LARGEST_MOTION = 3.0
 NO_NEARER = "over the {} third{} its motion is no nearer to the record than rest"
 
 
@@ -40,7 +42,8 @@ def breakdown(tree: xr.DataTree, model: str) -> str:
     """
     groups = record_groups(tree)
     for at, group in enumerate(groups):
-        if not np.all(np.isfinite(tree[group].simulated_angle.sel(model=model).values)):
+        simulated = np.abs(tree[group].simulated_angle.sel(model=model).values)
+        if not np.max(simulated) <= LARGEST_MOTION * np.max(np.abs(tree[group].angle.values)):
             return f"{DIVERGES}{f' in run {at + 1}' if len(groups) > 1 else ''}"
     return ""
 

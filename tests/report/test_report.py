@@ -206,7 +206,7 @@ def test_bad_results_are_refused(folder, tmp_path, what):
         source.mkdir()
     else:
         tree = st.load(folder / "cross_check.nc")
-        tree["comparison"] = xr.DataTree(tree["comparison"].to_dataset().drop_vars("residual_over_noise"))
+        tree["comparison"] = xr.DataTree(tree["comparison"].to_dataset().drop_vars("z"))
         st.save(tree, source)
     ending = run("report", source, "-o", tmp_path / "page.html")
     assert ending.status == 1
