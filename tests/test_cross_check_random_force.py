@@ -46,7 +46,7 @@ def record():
 
 @pytest.fixture(scope="module")
 def pair(record):
-    return [st.identify(record, FORCES, method) for method in (WHITE, AUTO)]
+    return [method.identify(record, FORCES) for method in (WHITE, AUTO)]
 
 
 def test_wander_is_that_of_kicked_motions():

@@ -57,7 +57,7 @@ def random_force_sentences(tree: xr.DataTree, amplitude: float) -> list[str]:
     given = "" if size else ", as given"
     lasts = _periods_of_record(tree, frequency)
     periods = [_periods(force.periods_to(limit, frequency), lasts) for limit in (noise, USEFUL * amplitude)]
-    missing = tree["comparison"].attrs["verdict_on_record"] == "not explained"
+    missing = not tree["comparison"].attrs["verdict_on_record"].startswith("explained")
     is_one = ", taken for a random force, has" if missing else " is a random force with"
     return [
         f"What is left{is_one} a density of {size or f'{force.density:.3g}'} "
@@ -139,7 +139,7 @@ def _whose(tree: xr.DataTree, contradicted: bool) -> list[str]:
             f"This random force is the sign of something missing: {_dependences(tested)}. The "
             "coefficients are off by more than their errors."
         ]
-    if tree["comparison"].attrs["verdict_on_record"] == "not explained" or contradicted:
+    if not tree["comparison"].attrs["verdict_on_record"].startswith("explained") or contradicted:
         return []
     return [
         "The random force goes with neither angle nor speed, and its size is the same at all amplitudes, "
