@@ -25,8 +25,7 @@ FAR = 1e6
 QUICKEST = 100
 # So small a z is not seen.
 UNSEEN = 4.0
-# Of another coefficient than 1 gravity is another force.
-HIDDEN = [symbol for symbol in (*FORCES, *SENSORS) if symbol != "gravity"]
+HIDDEN = [*FORCES, *SENSORS]
 
 
 class UnseenError(Exception):

@@ -13,8 +13,8 @@ NOISE = 1e-3
 # Effects that only take one sign: springs that pull back, contacts that lose energy.
 ONE_SIGN = {
     "structural_damping", "maxwell", "resonator", "jenkins", "iwan", "dahl", "lugre", "bouc_wen",
-    "bouc_wen_2", "partial_slip", "masing", "freeplay", "wall", "inertia", "magnet", "ambient",
-    "friction_bump", "speed_bump",
+    "bouc_wen_2", "partial_slip", "masing", "freeplay", "wall", "inertia", "ambient", "friction_bump",
+    "speed_bump",
 }  # fmt: skip
 
 
