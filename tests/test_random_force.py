@@ -355,7 +355,7 @@ def test_gravity_of_a_measured_pendulum_is_one():
     time, angle = table[window][::10].T
     decay = xr.Dataset({"angle": ("time", angle - np.pi)}, {"time": time})
     library = ForceLibrary("pendulum", tuple(FORCES[s] for s in ("lambda", "zeta", "delta", "gravity")))
-    result = st.identify(decay, library, st.methods.Trajectory(random_force="estimated"))
+    result = st.methods.Trajectory(random_force="estimated").identify(decay, library)
     gravity = result.sel(force="gravity")
     assert gravity.standard_error.item() < 1e-3
     assert abs(gravity.coefficient.item() - 1.0) < 3.0 * gravity.standard_error.item()
