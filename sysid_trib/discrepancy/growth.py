@@ -16,6 +16,9 @@ from sysid_trib.screening.omnibus_test import FAMILIES
 from sysid_trib.state_space.tracked import FollowedRuns
 from sysid_trib.validation.random_force import dependence_on_motion
 
+# A right effect may predict worse while another is missing: so many in a row do not end a search.
+MOST_REFUSED = 1
+
 
 @dataclass
 class Growth:
@@ -31,6 +34,8 @@ class Growth:
         Of the models that were asked for.
     known, predictions, tested : dict
         Whether a model of these forces goes on; by the coefficients predictions, and p-values of noise.
+    refused : int
+        Models in a row that were no better.
     """
 
     runs: Sequence[xr.Dataset]
@@ -39,6 +44,7 @@ class Growth:
     known: dict[tuple[str, ...], bool] = field(default_factory=dict)
     predictions: dict[bytes, Prediction] = field(default_factory=dict)
     tested: dict[bytes, float] = field(default_factory=dict)
+    refused: int = 0
 
     def anew(self) -> "Growth":
         """For another search."""
@@ -57,8 +63,10 @@ class Growth:
         if symbols not in self.known:
             referred = refitted(model)
             after = self.foretold(referred)
-            self.known[symbols] = self.best is None or self.is_better(referred, after, self.best[1])
-            if self.known[symbols]:
+            better = self.best is None or self.is_better(referred, after, self.best[1])
+            self.refused = 0 if better else self.refused + 1
+            self.known[symbols] = self.refused <= MOST_REFUSED
+            if better:
                 self.best = model, after
         return self.known[symbols]
 
