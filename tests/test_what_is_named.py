@@ -88,7 +88,7 @@ def test_a_ripple_of_the_angle_is_not_explained_by_what_a_random_force_leaves():
     tree = discover(decay(TIME, angle, 1), library("zeta"), library("freeplay", "quintic", "epsilon"))
     assert tree.attrs["verdict"] == "unknown effect"
     assert discovery_json(tree)["noise_p_value"] < 0.01
-    assert any(line.startswith("What no candidate explains") for line in verdict_sentences(tree))
+    assert verdict_sentences(tree)[0].startswith("Unknown effect")
 
 
 def test_an_effect_that_the_limit_leaves_out_is_not_unknown():
@@ -121,10 +121,11 @@ def foretold(*rms):
 def test_a_model_grows_while_it_predicts_better(monkeypatch):
     """A spring that imitates an even one is added, and refused: then there is none."""
     monkeypatch.setattr(Growth, "is_complete", lambda growth, model: False)
+    monkeypatch.setattr("sysid_trib.discrepancy.growth.MOST_REFUSED", 0)
     run = with_effect({"even_spring": 3e-2}, seed=8)
     few, start = EFFECTS.select(["bilinear", "bias"]), start_model([run])
     found = [
-        search(start, few.forces, growth=Growth([run], foretold(1.0, rms, rms - 0.1))).effects for rms in (2.0, 0.9)
+        search(start, few.forces, growth=Growth([run], foretold(1.0, rms, 0.5))).effects for rms in (2.0, 0.9)
     ]
     assert found[0] == ()
     assert set(found[1]) == {"bilinear", "bias"}
