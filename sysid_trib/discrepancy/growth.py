@@ -58,7 +58,7 @@ class Growth:
         return self.predictions[key]
 
     def goes_on(self, model: FittedModel) -> bool:
-        """Whether a model may grow: it is better than those before it; else `best` is that to end with."""
+        """Whether a model may grow: not so many in a row were no better; else `best` is that to end with."""
         symbols = tuple(trial.force.symbol for trial in model.trials)
         if symbols not in self.known:
             referred = refitted(model)

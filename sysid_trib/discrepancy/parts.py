@@ -10,8 +10,8 @@ from sysid_trib.discrepancy.evidence import evidence, probabilities
 from sysid_trib.discrepancy.holdout import Prediction
 from sysid_trib.discrepancy.search import Search
 from sysid_trib.likelihood_fit.fitted_model import FittedModel
+from sysid_trib.records.runs import RECORD_PARTS
 from sysid_trib.regression.weak_form import cholesky_factor
-from sysid_trib.results.discoveries import RECORD_PARTS
 
 
 class InParts(NamedTuple):

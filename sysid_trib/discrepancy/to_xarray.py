@@ -24,8 +24,8 @@ from sysid_trib.discrepancy.search import Search
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.likelihood_fit.fitted_model import FittedModel
 from sysid_trib.noise.random_force import DENSITY_UNITS, RandomForce
-from sysid_trib.records.runs import root_mean_square
-from sysid_trib.results.discoveries import PAIR, PAIRS, RECORD_PARTS
+from sysid_trib.records.runs import RECORD_PARTS, root_mean_square
+from sysid_trib.results.discoveries import PAIR, PAIRS
 from sysid_trib.results.per_run import group_names
 from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, text_variable, variable, with_error
 from sysid_trib.screening.screen import Screening

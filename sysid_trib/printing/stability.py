@@ -5,7 +5,8 @@ from typing import Any
 
 import xarray as xr
 
-from sysid_trib.results.discoveries import PAIRS, RECORD_PARTS, added_effects
+from sysid_trib.records.runs import RECORD_PARTS
+from sysid_trib.results.discoveries import PAIRS, added_effects
 
 # In an effect's place.
 NOTHING = "no force"

@@ -10,8 +10,6 @@ from sysid_trib.forces.library import library_of_text
 
 # Between the names of a pair of candidates, and between pairs.
 PAIR, PAIRS = " and ", "; "
-# Of each run, on which names are looked at again.
-RECORD_PARTS = {"first 70 %": (0.0, 0.7), "middle 70 %": (0.15, 0.85), "last 70 %": (0.3, 1.0)}
 # Standard errors by which a coefficient differs from the one that physics knows where it is another force's.
 MISNAMED = 2.58
 # An effect that is more probable by so much than the one that was fitted has the name.

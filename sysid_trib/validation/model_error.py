@@ -9,15 +9,13 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.scope import Method
-from sysid_trib.records.runs import one_or_all
+from sysid_trib.records.runs import RECORD_PARTS, one_or_all
 from sysid_trib.results.variables import PER_FORCE_UNIT, variable
 from sysid_trib.simulation.simulate import FAST
 from sysid_trib.validation.breakdown import widening
 from sysid_trib.validation.holdout import carried_on, counted_from
 from sysid_trib.validation.residuals import fitted_motion
 
-# Parts of the time of each run that are fitted by themselves.
-FITTED_PARTS = ((0.0, 0.7), (0.15, 0.85), (0.3, 1.0))
 FREQUENCIES = ("reference_frequency", "asymptotic_frequency")
 # Fewer samples tell nothing of a motion whose start and zero are fitted.
 FEWEST_HELD_OUT = 8
@@ -62,7 +60,7 @@ def with_error_of_model(
     """
     whole, stated = _values(result), _errors(result)
     changes, errors, missed = [], [], []
-    for low, high in FITTED_PARTS:
+    for low, high in RECORD_PARTS.values():
         part = _part_fit(method, runs, library, low, high, result)
         missed += [rms for run in runs for rms in _held_out(part, run, library, low, high)]
         if part is not None:
@@ -71,8 +69,7 @@ def with_error_of_model(
     if not changes:
         excess = np.sqrt(widening(result, residual_over_noise) ** 2 - 1.0)
         return _widened(result, np.diag((excess * stated) ** 2), float("nan"))
-    # Each part counts by what it knows of a coefficient.
-    # A coefficient that a bound holds in a part has no error there.
+    # Each part counts by what it knows of a coefficient; one that a bound holds there has no error.
     largest = np.max(errors, axis=0)
     known = np.where(np.array(errors) > 0.0, errors, np.where(largest > 0.0, largest, 1.0))
     weights = 1.0 / known**2
