@@ -132,7 +132,11 @@ def backbone(decay: xr.Dataset) -> xr.Dataset:
     restricted likelihood weighs (see `smooth_curve`). Averages leave open, and bands hold, what damping does
     in second order: the damping ratio squared of the frequency, twice that of the damping ratio.
     """
-    curves = backbone_curves(decay)
+    return backbone_dataset(decay, backbone_curves(decay))
+
+
+def backbone_dataset(decay: xr.Dataset, curves: BackboneCurves) -> xr.Dataset:
+    """The `backbone` of a decay of which there are the `backbone_curves` already."""
     unit, amplitude = unit_of_signal(decay), np.exp(curves.log_amplitude)
     return xr.Dataset(
         _over_amplitude(curves, amplitude, unit) | _over_time(curves, unit) | _periods(curves.rows, unit),

@@ -97,7 +97,8 @@ def identify(
             | translation_json(second_of(tree), scale.mass, scale.load)
         ),
         lambda plots: [
-            *figures_of_runs(tree, "backbone", plots.backbone),
+            # A run with few half periods has none.
+            *(figure for figure in figures_of_runs(tree, "backbone", plots.backbone) if figure[0] in tree),
             *figures_of_runs(tree, "overview", plots.overview),
             *figures_of_runs(tree, "identification", plots.identification),
             *random_force_figures(tree, plots),

@@ -7,7 +7,6 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sysid_trib.averaging.backbone import backbone as curves_of
 from sysid_trib.plots.style import (
     FULL_WIDTH,
     GREY,
@@ -21,8 +20,7 @@ from sysid_trib.plots.style import (
     logarithmic_ticks,
 )
 from sysid_trib.printing.model_verdict import kept_results
-from sysid_trib.results.per_run import record_groups
-from sysid_trib.validation.lack_of_fit import lack_of_fit
+from sysid_trib.results.per_run import group_names, record_groups
 
 CURVE_HEIGHT = 2.6
 CURVE_LABELS = {"frequency": "frequency (rad/s)", "damping_ratio": "damping ratio"}
@@ -51,10 +49,10 @@ def backbone(data: xr.Dataset | xr.DataTree, run: int = 0) -> Figure:
     """
     models = None
     if isinstance(data, xr.DataTree):
-        record = data[record_groups(data)[run]].to_dataset()
-        results = kept_results(data)
-        data = curves_of(record)
-        models = lack_of_fit(record, results) if results else None
+        count, kept = len(record_groups(data)), list(kept_results(data))
+        names = (group_names(name, count)[run] for name in ("backbone", "lack_of_fit"))
+        of_record, of_models = (data[name].to_dataset() for name in names)
+        data, models = of_record, of_models.sel(model=kept) if kept else None
     figure, panels = grid(2, 2, FULL_WIDTH, CURVE_HEIGHT)
     for ax, name in zip(panels, CURVE_LABELS, strict=True):
         draw_curve(ax, data, name, models)

@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
-from sysid_trib.averaging.backbone import backbone
+from sysid_trib.averaging.backbone import backbone_curves, backbone_dataset
 from sysid_trib.decays.half_sines import envelope
 from sysid_trib.errors import DecayError
 from sysid_trib.records.runs import Decays, as_runs
@@ -142,8 +142,9 @@ def _backbones(runs: Sequence[xr.Dataset], results: Mapping[str, xr.Dataset]) ->
     names = [group_names(name, len(runs)) for name in ("backbone", "lack_of_fit")]
     for run, of_record, of_models in zip(runs, *names, strict=True):
         with suppress(DecayError):
-            groups[of_record] = backbone(run)
-            groups[of_models] = lack_of_fit(run, results)
+            curves = backbone_curves(run)
+            groups[of_record] = backbone_dataset(run, curves)
+            groups[of_models] = lack_of_fit(run, results, curves)
     return groups
 
 
