@@ -197,6 +197,18 @@ def test_the_figure_has_both_curves_and_the_models(curves):
     assert [ax.get_ylabel() for ax in figure.axes] == ["frequency (rad/s)", "damping ratio"]
 
 
+def test_a_record_of_few_half_periods_is_drawn_without_a_backbone(tmp_path):
+    time = np.arange(0.0, 3.9, 0.01)
+    angle = 0.3 * np.exp(-0.05 * time) * np.cos(4.0 * time)
+    angle = angle + 1e-5 * np.random.default_rng(0).standard_normal(time.size)
+    np.savetxt(
+        tmp_path / "a.csv", np.c_[time, angle], delimiter=",", header="time (s),angle (rad)", comments=""
+    )
+    drawn = run("identify", tmp_path / "a.csv", "--forces", "zeta", "--plot", tmp_path / "figures")
+    assert (drawn.status, drawn.err) == (0, "")
+    assert {path.stem for path in (tmp_path / "figures").iterdir()} == {"identification", "overview"}
+
+
 LOOKED = {
     "dry friction": ([("sign(v)", 1e-3), ("2*v", 2e-3)], 0.4, "--forces lambda,zeta"),
     "drag on a pendulum": (
