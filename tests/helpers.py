@@ -2,10 +2,8 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 
 import numpy as np
-import pytest
 import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import binom, chi2
@@ -16,9 +14,6 @@ from sysid_trib.simulation.simulate import trajectory
 
 Array = NDArray[np.float64]
 
-# heyoka has wheels for Linux alone.
-ENGINES = ("heyoka", "scipy") if find_spec("heyoka") else ("scipy",)
-needs_heyoka = pytest.mark.skipif("heyoka" not in ENGINES, reason="heyoka is not installed on this machine")
 # Le Bot et al. 2019, Sec. 3: PDMS sphere on glass.
 W = 9.91
 SIX: dict[str, float] = {

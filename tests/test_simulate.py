@@ -1,19 +1,15 @@
-import gc
 import itertools
 import time as clock
-from weakref import ref
 
 import numpy as np
 import pytest
-from helpers import ENGINES, needs_heyoka
 from hypothesis import given, settings, strategies as st
 from reference_motion import reference_motion
+from scipy_motion import scipy_motion
 
 from sysid_trib import Model, load_library
-from sysid_trib.errors import SimulationError, UsageError
+from sysid_trib.errors import SimulationError
 from sysid_trib.forces.library import parse_library
-from sysid_trib.simulation.engine_scipy import advance
-from sysid_trib.simulation.equations import Progress
 from sysid_trib.simulation.simulate import simulate, trajectory
 
 SIX = load_library("contact_forces")
@@ -83,7 +79,7 @@ def odd(**coefficients):
 
 
 def both(model, time=TIME, *start):
-    return [trajectory(model, time, *start, engine=engine) for engine in (ENGINES[0], "scipy")]
+    return trajectory(model, time, *start), scipy_motion(model, time, *start)
 
 
 def energy(x, v, c):
@@ -104,12 +100,10 @@ FIGURES = [
 ]
 
 
-@pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("friction", [-2.3e-5, 1e-3])
-def test_the_papers_run_is_exact(engine, friction):
+def test_the_papers_run_is_exact(friction):
     coefficients = PAPER | {"lambda": friction}
-    found = simulate(Model(SIX, coefficients, W), TIME, engine=engine)
-    assert found.engine == engine
+    found = simulate(Model(SIX, coefficients, W), TIME)
     np.testing.assert_allclose(found.angle, reference_motion(coefficients, W, TIME), rtol=0, atol=1e-10)
 
 
@@ -121,15 +115,14 @@ def test_each_force_alone_is_exact(coefficients):
 
 
 def test_strong_friction_stops_the_papers_run_at_16_s():
-    stops = [simulate(six(**PAPER | {"lambda": 1e-3}), TIME, engine=e).stop_time.item() for e in ENGINES]
-    assert stops[0] == pytest.approx(16.1, abs=0.05)
-    assert stops[0] == pytest.approx(stops[-1], abs=1e-9)
+    first, second = both(six(**PAPER | {"lambda": 1e-3}))
+    assert first.stop_time == pytest.approx(16.1, abs=0.05)
+    assert first.stop_time == pytest.approx(second.stop, abs=1e-9)
 
 
-@pytest.mark.parametrize("engine", ENGINES)
-def test_dry_friction_takes_2_lambda_each_half_period_and_stops_in_the_stick_band(engine):
+def test_dry_friction_takes_2_lambda_each_half_period_and_stops_in_the_stick_band():
     model = six(lam=0.03)
-    found = trajectory(model, TIME, 1.0, engine=engine)
+    found = trajectory(model, TIME, 1.0)
     half_periods = np.diff(np.concatenate([[0.0], found.reversals, [found.stop_time]]))
     np.testing.assert_allclose(half_periods, np.pi / W, rtol=1e-10)
     turned = trajectory(model, np.concatenate([[0.0], found.reversals]), 1.0).angle
@@ -196,11 +189,10 @@ def test_negative_dry_friction_has_a_limit_cycle():
     ],
     ids=str,
 )
-@needs_heyoka
-def test_the_engines_agree(coefficients, bar):
+def test_the_engine_agrees_with_scipy(coefficients, bar):
     first, second = both(odd(**coefficients), TIME[:1001])
-    np.testing.assert_allclose(first.angle, second.angle, rtol=0, atol=bar)
-    np.testing.assert_allclose(first.stop_time, second.stop_time, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(first.angle, second.y[:, 0], rtol=0, atol=bar)
+    np.testing.assert_allclose(first.stop_time, second.stop, rtol=0, atol=1e-6)
     for name, values in first.hidden.items():
         np.testing.assert_allclose(values, second.hidden[name], rtol=0, atol=1e-6)
 
@@ -262,8 +254,8 @@ def test_a_state_that_moves_at_rest_sets_the_motion_free():
     # The relaxing element lets the mass stick and slip towards the middle.
     model = Model(ODD, {"maxwell": 1.0, "dry": 0.02}, W, {"maxwell.T": 3.0})
     first, second = both(model, TIME[:1001], 0.3)
-    np.testing.assert_allclose(first.stop_time, second.stop_time, rtol=0, atol=1e-6)
-    np.testing.assert_allclose(first.angle, second.angle, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(first.stop_time, second.stop, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(first.angle, second.y[:, 0], rtol=0, atol=1e-9)
     assert np.sum(np.diff((first.rate == 0.0).astype(int)) == 1) > 15
 
 
@@ -322,27 +314,24 @@ def test_time_counts_from_the_first_sample():
     np.testing.assert_allclose(late.reversals, early.reversals + 100.0, rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("start", [(0.0, 1.0), (0.3, 0.0), (0.0, -2.0), (-0.2, 0.5)])
-def test_starts_on_a_switching_surface_are_exact(engine, start):
-    found = simulate(Model(SIX, PAPER, W), TIME[:301], *start, engine=engine)
+def test_starts_on_a_switching_surface_are_exact(start):
+    found = simulate(Model(SIX, PAPER, W), TIME[:301], *start)
     expected = reference_motion(PAPER, W, TIME[:301], start)
     np.testing.assert_allclose(found.angle, expected, rtol=0, atol=1e-10)
 
 
-@pytest.mark.parametrize("engine", ENGINES)
-def test_rest_in_the_stick_band_is_a_stop_at_once(engine):
-    found = simulate(six(lam=0.03, zeta=0.01), TIME + 5.0, 0.02, engine=engine)
+def test_rest_in_the_stick_band_is_a_stop_at_once():
+    found = simulate(six(lam=0.03, zeta=0.01), TIME + 5.0, 0.02)
     assert found.stop_time == 5.0
     assert np.all(found.angle == 0.02)
     assert np.all(found.rate == 0.0)
-    assert simulate(six(zeta=0.01), TIME, 0.0, engine=engine).stop_time == 0.0
+    assert simulate(six(zeta=0.01), TIME, 0.0).stop_time == 0.0
 
 
-@pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("count", [1, 2, 3])
-def test_short_records(engine, count):
-    found = simulate(Model(SIX, PAPER, W), TIME[:count], engine=engine)
+def test_short_records(count):
+    found = simulate(Model(SIX, PAPER, W), TIME[:count])
     np.testing.assert_allclose(found.angle, trajectory(Model(SIX, PAPER, W), TIME).angle[:count], atol=1e-12)
 
 
@@ -383,77 +372,16 @@ def test_the_dataset_says_what_it_holds():
         ({"zeros": 0.1}, "not finite"),
     ],
 )
-@pytest.mark.parametrize("engine", [None, "scipy"])
-def test_motions_without_a_future_are_refused_in_one_line(coefficients, message, engine, capfd):
+def test_motions_without_a_future_are_refused_in_one_line(coefficients, message, capfd):
     began = clock.process_time()
     with pytest.raises(SimulationError, match=message) as caught:
-        simulate(odd(**coefficients), TIME, engine=engine)
+        simulate(odd(**coefficients), TIME)
     assert "\n" not in str(caught.value)
     assert clock.process_time() - began < 30
     assert capfd.readouterr() == ("", "")
-
-
-def test_a_surface_that_is_no_number_on_the_way_ends_scipys_motion():
-    def guards(tau, y):
-        return np.array([0.1 if tau < 0.3 else np.nan if tau < 0.5 else -1.0])
-
-    def rates(tau, y):
-        return np.array([y[1], -y[0]])
-
-    progress = Progress(np.zeros(3), budget=10, steps=100)
-    *_, crossed = advance(rates, guards, np.array([0.3, 0.0]), np.linspace(0.0, 5.0, 50), progress, 1e-9)
-    assert not crossed
-    assert "not finite" in progress.failure
 
 
 @pytest.mark.parametrize("time", [[], [0.0, 1.0, 1.0], [1.0, 0.0], [0.0, np.nan], [[0.0, 1.0]]], ids=str)
 def test_times_must_increase(time):
     with pytest.raises(SimulationError, match="increase"):
         simulate(odd(dry=0.1), time)
-
-
-def test_an_unknown_engine_is_named():
-    with pytest.raises(UsageError, match=r"'euler'.*scipy"):
-        simulate(odd(dry=0.1), TIME, engine="euler")
-
-
-def test_scipy_takes_over_without_heyoka(monkeypatch):
-    for module in ("simulate", "engines"):
-        monkeypatch.setattr(f"sysid_trib.simulation.{module}.has_heyoka", lambda: False)
-    assert simulate(six(zeta=0.01), TIME[:100]).engine == "scipy"
-    with pytest.raises(UsageError, match="'heyoka'"):
-        simulate(six(zeta=0.01), TIME, engine="heyoka")
-
-
-@needs_heyoka
-def test_a_sample_on_the_wrong_branch_hands_the_run_to_scipy(monkeypatch):
-    from sysid_trib.simulation import engine_heyoka
-
-    compiled = engine_heyoka.Compiled(engine_heyoka.Motion(six(lam=0.01).forces))
-    glide = compiled.glide
-
-    def wrong(run, y, grid):
-        rows, *end = glide(run, y, grid)
-        rows[5] *= -1.0
-        return rows, *end
-
-    monkeypatch.setattr(compiled, "glide", wrong)
-    monkeypatch.setattr(engine_heyoka, "compiled", lambda forces: compiled)
-    assert simulate(six(lam=0.01), TIME[:100]).engine == "scipy"
-    with pytest.raises(SimulationError, match="branch"):
-        simulate(six(lam=0.01), TIME[:100], engine="heyoka")
-
-
-@needs_heyoka
-def test_a_compiled_motion_that_is_no_longer_kept_is_freed():
-    """Each holds megabytes, and a search compiles hundreds."""
-    from sysid_trib.simulation import engine_heyoka as engine
-
-    for symbols in (["dry", "viscous"], ["viscous"], ["jenkins", "dry"], ["dahl"]):
-        forces = ODD.select(symbols).forces
-        simulate(Model(ODD, dict.fromkeys(symbols, 1e-3), W), TIME[:500], 0.3)
-        kept = ref(engine.compiled(forces))
-        assert kept() is not None
-        engine.compiled.cache_clear()
-        gc.collect()
-        assert kept() is None

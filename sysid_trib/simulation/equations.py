@@ -136,11 +136,14 @@ class Motion:
         self, y: Values, p: Values, tau: Any, functions: Functions, *, frozen: bool = False
     ) -> list[Any]:
         """Value of each switching surface; `frozen` takes inner branches by the signs in `p`."""
-        values = []
-        for s in self.switches:
-            signs = self._signs(s.force, p) if frozen else None
-            values.append(s.surface.evaluate(self._names(s.force, y, p, tau), functions, signs))
-        return values
+        return [self.surface(s, y, p, tau, functions, frozen=frozen) for s in self.switches]
+
+    def surface(
+        self, switch: Switch, y: Values, p: Values, tau: Any, functions: Functions, *, frozen: bool = True
+    ) -> Any:
+        """Value of one switching surface (see `surfaces`)."""
+        signs = self._signs(switch.force, p) if frozen else None
+        return switch.surface.evaluate(self._names(switch.force, y, p, tau), functions, signs)
 
     def replaced(self, y: Values, p: Values, tau: Any, functions: Functions) -> list[Any]:
         """Memory after a reversal, from the old memory."""
@@ -155,13 +158,26 @@ class Motion:
         y, p = np.zeros(len(self.variables)), self.parameters(model)
         y[:2] = x, v
         for i, force in enumerate(self.forces):
-            names = {"x": y[0], "v": y[1], "t": 0.0, **{k: p[j] for k, j in self._in_p[i].items()}}
-            for name, value in force.start_values(names).items():
+            for name, value in force.start_values(self._at_start(i, p, x, v)).items():
                 if name in force.state:
                     y[self._in_y[i][name]] = value
                 else:
                     p[self._in_p[i][name]] = value
         return y, p
+
+    def start_derivatives(self, model: Model, at: tuple[float, float], dy: Vector, dp: Vector) -> None:
+        """Add what states and memory start with to the derivatives of `y` and `p`, (entry, parameter)."""
+        p = self.parameters(model)
+        for i, force in enumerate(self.forces):
+            names = self._at_start(i, p, *at)
+            origins = {"x": dy[0], "v": dy[1], **{k: dp[self._in_p[i][k]] for k in force.shape}}
+            for name, formula in force.start.items():
+                target = dy[self._in_y[i][name]] if name in force.state else dp[self._in_p[i][name]]
+                for origin in formula.names & origins.keys():
+                    target += float(formula.derivative(names, origin)) * origins[origin]
+
+    def _at_start(self, i: int, p: Vector, x: float, v: float) -> dict[str, float]:
+        return {"x": x, "v": v, "t": 0.0, **{k: p[j] for k, j in self._in_p[i].items()}}
 
     def _names(self, i: int, y: Values, p: Values, tau: Any) -> dict[str, Any]:
         names = {"x": y[0], "v": y[1]}
@@ -197,64 +213,3 @@ class Motion:
             {s.text: index.get(s.text, index.get(f"{f.symbol}: {s.text}", -1)) for s in f.surfaces}
             for f in self.forces
         )
-
-
-class Progress:
-    """A simulation under way: its parameters, when they changed, and how it ended.
-
-    Parameters
-    ----------
-    p : array of float
-        The parameters of the motion, changed in place.
-    budget : int
-        Switchings it may still take.
-    steps : int
-        Steps of the integrator it may still take.
-    """
-
-    def __init__(self, p: Vector, *, budget: int, steps: int) -> None:
-        self.p = p
-        self.budget = budget
-        self.steps = steps
-        self.stuck = False
-        self.failure = ""
-        # Of each reversal at which the motion was taken to turn, which note that is, and `y` there as bytes.
-        self.turns: list[tuple[int, bytes]] = []
-        self._times: list[float] = []
-        self._past: list[bytes] = []
-
-    @property
-    def times(self) -> Vector:
-        """When the parameters changed, in tau."""
-        return np.array(self._times)
-
-    @property
-    def past(self) -> Vector:
-        """The parameters from each of `times` on."""
-        return np.frombuffer(b"".join(self._past)).reshape(-1, len(self.p))
-
-    def note(self, tau: float) -> None:
-        """Note the parameters from `tau` on."""
-        self._times.append(tau)
-        self._past.append(self.p.tobytes())
-
-    def turn(self, tau: float, y: bytes) -> bool:
-        """Count and note a reversal at which the motion is taken to turn; False if the budget is spent."""
-        self.turns.append((len(self._times), y))
-        self._times.append(tau)
-        self._past.append(self.p.tobytes())
-        return self.count()
-
-    def back_to(self, note: int) -> float:
-        """Undo this note and what came after it; its tau."""
-        tau, self.p[:] = self._times[note], np.frombuffer(self._past[note - 1])
-        self.failure = ""
-        del self._times[note:], self._past[note:]
-        return tau
-
-    def count(self) -> bool:
-        """Take one switching from the budget; False if it is spent."""
-        self.budget -= 1
-        if self.budget < 0:
-            self.failure = "switches without end"
-        return self.budget >= 0

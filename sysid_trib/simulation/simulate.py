@@ -1,5 +1,6 @@
 """Exact motion of a model: switchings, sticking and memory at their true times."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -9,14 +10,11 @@ from numpy.typing import ArrayLike
 
 from sysid_trib.errors import SimulationError, UsageError
 from sysid_trib.records.inputs import INPUT, KnownInput
-from sysid_trib.simulation.engines import engine_of, has_heyoka
 from sysid_trib.simulation.equations import Vector
-from sysid_trib.simulation.integrate import DivergenceError, NormalisedMotion, integrate
+from sysid_trib.simulation.integrate import MOST_STEPS, integrate
 from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.simulated_motion import SimulatedMotion, shown
-from sysid_trib.simulation.stepped import stepped_trajectory
-
-FAST = "fast"
+from sysid_trib.simulation.pushes import pushes_of
+from sysid_trib.simulation.simulated_motion import SimulatedMotion, simulated_motion
 
 
 def simulate(
@@ -25,8 +23,6 @@ def simulate(
     angle: float = 0.3,
     rate: float = 0.0,
     *,
-    engine: str | None = None,
-    tolerance: float = 1e-12,
     random_force: float = 0.0,
     seed: int = 0,
     known_input: ArrayLike | None = None,
@@ -41,10 +37,6 @@ def simulate(
         Increasing, not necessarily evenly spaced; `t` in a formula counts from the first.
     angle, rate : float, rad and rad/s
         Angle and its derivative at time[0].
-    engine : str, optional
-        `heyoka`, `scipy`, or None for the best that is installed, and the other if that fails.
-    tolerance : float
-        Relative tolerance of scipy; heyoka always goes to 1e-13.
     random_force : float, (rad/s^2)^2/Hz
         One-sided density of a white acceleration in the motion.
     seed : int
@@ -75,10 +67,7 @@ def simulate(
     if known_input is not None:
         acceleration = np.asarray(known_input, dtype=float)
         model = replace(model, known_input=KnownInput(time - time[0], acceleration))
-    if random_force:
-        motion = stepped_trajectory(model, time, (angle, rate), random_force, seed)
-    else:
-        motion = trajectory(model, time, angle, rate, engine=engine, tolerance=tolerance)
+    motion = trajectory(model, time, angle, rate, random_force=random_force, seed=seed)
     data: dict[str, Any] = {
         "angle": ("time", motion.angle, {"units": "rad", "long_name": "angle"}),
         "rate": ("time", motion.rate, {"units": "rad/s", "long_name": "angular rate"}),
@@ -89,7 +78,7 @@ def simulate(
     if known_input is not None:
         data[INPUT] = ("time", acceleration, {"units": "rad/s^2", "long_name": "known input"})
     data["time"] = ("time", time, {"units": "s", "long_name": "time"})
-    return xr.Dataset(data, attrs={"engine": motion.engine})
+    return xr.Dataset(data)
 
 
 def trajectory(
@@ -98,18 +87,21 @@ def trajectory(
     angle: float = 0.3,
     rate: float = 0.0,
     *,
-    engine: str | None = None,
-    tolerance: float = 1e-12,
+    by: Sequence[str] = (),
+    most_steps: int = MOST_STEPS,
+    random_force: float = 0.0,
+    seed: int = 0,
 ) -> SimulatedMotion:
     """Simulate without labels, the fast way for repeated use (see `simulate`).
 
     Parameters
     ----------
-    model, time, angle, rate, tolerance
+    model, time, angle, rate, random_force, seed
         See `simulate`.
-    engine : str, optional
-        Also `FAST`: the best that is installed, and no other if that fails, which may take a thousand times
-        longer (a stiff state).
+    by : sequence of str
+        Parameters of which derivatives are taken: symbols of forces, `dahl.s`, and the names in `integrate`.
+    most_steps : int
+        A period; a stiff state may take thousands.
 
     Returns
     -------
@@ -117,8 +109,8 @@ def trajectory(
 
     Notes
     -----
-    The equations are compiled once per set of forces; coefficients, shapes and frequency are free. Forces
-    with coefficient zero stay in: their states and memory follow the motion.
+    Coefficients, shapes and frequency of the same forces are free. Forces with coefficient zero stay in:
+    their states and memory follow the motion.
     """
     if time.ndim != 1 or not len(time) or not np.all(np.isfinite(time)) or np.any(np.diff(time) <= 0.0):
         raise SimulationError(
@@ -127,29 +119,7 @@ def trajectory(
     if not (np.isfinite(angle) and np.isfinite(rate)):
         raise SimulationError(f"A motion cannot start from angle {angle} rad and rate {rate} rad/s.")
     w, start = model.reference_frequency, float(time[0])
-    if model.known_input is not None:
-        return stepped_trajectory(model, time, (angle, rate))
     grid = w * (time - start)
-    path, name = _path(model, grid, (angle, rate / w), engine, tolerance)
-    x, v = path.y[:, 0], path.y[:, 1]
-    stop, reversals = start + path.stop / w, start + path.reversals / w
-    angles = shown(model, x, v, time - start)
-    return SimulatedMotion(angles, x, w * v, stop, reversals, path.hidden, name)
-
-
-def _path(
-    model: Model, grid: Vector, at: tuple[float, float], engine: str | None, tolerance: float
-) -> tuple[NormalisedMotion, str]:
-    choice: tuple[str, ...] = ("heyoka", "scipy") if has_heyoka() else ("scipy",)
-    if engine:
-        choice = choice[:1] if engine == FAST else (engine,)
-    for name in choice:
-        compiled = engine_of(name, model.forces, tolerance)
-        y, p = compiled.motion.start(model, *at)
-        try:
-            with compiled.lock:
-                return integrate(compiled, y, p, grid), name
-        except SimulationError as error:
-            if isinstance(error, DivergenceError) or name == choice[-1]:
-                raise
-    raise AssertionError
+    pushes = pushes_of(model, grid, random_force, seed)
+    path = integrate(model, grid, (angle, rate / w), by=by, pushes=pushes, most_steps=most_steps)
+    return simulated_motion(model, time - start, start, path, by, pushed=len(pushes.knots) > 0)

@@ -1,8 +1,12 @@
 """A motion at the times asked for, and what a sensor shows of it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from sysid_trib.simulation.equations import Vector
+from sysid_trib.simulation.integrate import FREQUENCY, NormalisedMotion
 from sysid_trib.simulation.model import Model
 
 
@@ -14,30 +18,81 @@ class SimulatedMotion:
     ----------
     angle : (sample,) array of float, rad
         As measured, with the sensor terms of the model.
-    position, rate : (sample,) array of float, rad and rad/s
+    position, rate, acceleration : (sample,) array of float, rad, rad/s and rad/s^2
         The true motion.
     stop_time : float, s
-        NaN if the motion goes on.
+        NaN if the motion goes on, or is pushed.
     reversals : array of float, s
         Exact times of v = 0, known where a force switches there.
     hidden : dict of str to (sample,) array of float
         States and memory of forces, as `dahl.z`.
-    engine : str
-        What integrated it.
+    derivatives : dict of str to (sample, parameter) array of float
+        Of `angle`, `position`, `rate` and `acceleration`, where they were asked for.
     """
 
     angle: Vector
     position: Vector
     rate: Vector
+    acceleration: Vector
     stop_time: float
     reversals: Vector
     hidden: dict[str, Vector]
-    engine: str
+    derivatives: dict[str, Vector]
 
 
-def shown(model: Model, x: Vector, v: Vector, elapsed: Vector) -> Vector:
-    """What the sensor shows of a motion, but for its zero."""
-    shown = x.copy()
+def simulated_motion(
+    model: Model, elapsed: Vector, start: float, path: NormalisedMotion, by: Sequence[str], *, pushed: bool
+) -> SimulatedMotion:
+    """A motion in tau as one in time, as the sensor shows it.
+
+    Parameters
+    ----------
+    model : Model
+    elapsed : (sample,) array of float, s
+        Times since the start.
+    start : float, s
+    path : NormalisedMotion
+    by : sequence of str
+        Parameters of its derivatives.
+    pushed : bool
+        Whether it may go on at any time.
+    """
+    w, x, v = model.reference_frequency, path.y[:, 0], path.y[:, 1]
+    of_w = np.array([float(name == FREQUENCY) for name in by])
+    of_x, of_v, of_bend = path.derivative[:, 0], path.derivative[:, 1], path.derivative[:, -1]
+    angle, of_angle = x.copy(), of_x.copy()
     for sensor in model.sensors:
-        shown += model.coefficients[sensor.symbol] * sensor.value(x, v, elapsed, shapes=model.shapes)
-    return shown
+        coefficient, shapes = model.coefficients[sensor.symbol], sensor.shape_values(model.shapes)
+        names = {"x": x, "v": v, "t": elapsed, **shapes}
+        angle += coefficient * sensor.value(x, v, elapsed, shapes=model.shapes)
+        if not by:
+            continue
+        for name, of_name in (("x", of_x), ("v", of_v)):
+            if name in sensor.formula.names:
+                of_angle += coefficient * _column(sensor.formula.derivative(names, name), x) * of_name
+        for i, name in enumerate(by):
+            symbol, _, shape = name.partition(".")
+            if name == sensor.symbol:
+                of_angle[:, i] += sensor.value(x, v, elapsed, shapes=model.shapes)
+            elif symbol == sensor.symbol:
+                of_angle[:, i] += coefficient * _column(sensor.formula.derivative(names, shape), x)[:, 0]
+    derivatives = {
+        "angle": of_angle,
+        "position": of_x,
+        "rate": w * of_v + v[:, None] * of_w,
+        "acceleration": w * (w * of_bend + path.acceleration[:, None] * of_w),
+    }
+    return SimulatedMotion(
+        angle,
+        x,
+        w * v,
+        w**2 * path.acceleration,
+        float("nan") if pushed else start + path.stop / w,
+        start + path.reversals / w,
+        path.hidden,
+        derivatives if by else {},
+    )
+
+
+def _column(values: Vector, like: Vector) -> Vector:
+    return np.broadcast_to(values, like.shape)[:, None]

@@ -8,13 +8,10 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
 from sysid_trib.noise.random_force import RandomForce
 from sysid_trib.results.variables import variable
+from sysid_trib.simulation.integrate import FREQUENCY, START_ANGLE, START_RATE
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.state_space.linearised import Derivatives, linearised_about
-from sysid_trib.trajectory_fit.parameters import FREQUENCY, Parameters
-
-# Each parameter is moved until the angle moves by about this part of its own size; central differences.
-ANGLE_STEP = 1e-6
 
 
 def cramer_rao_bound(
@@ -99,29 +96,12 @@ def cramer_rao_bound(
 
 def _sensitivities(model: Model, time: Array, start: Array, free: bool) -> Array:
     """Derivatives of the angle by coefficients, start and reference frequency, (sample, parameter)."""
-    library = model.library.select(model.coefficients)
-    parameters = Parameters(library, None if free else model.reference_frequency, shapes=model.shapes)
-    values = parameters.pack({**model.coefficients, FREQUENCY: model.reference_frequency}, [*start, 0.0])
-
-    def motion(values: Array) -> Array:
-        angle, rate, _ = parameters.per_run(values)[0].tolist()
-        return trajectory(parameters.model(values), time, angle, rate).angle
-
-    def slope(i: int, step: float) -> Array:
-        unit = step * np.eye(len(values))[i]
-        return (motion(values + unit) - motion(values - unit)) / (2.0 * step)
-
-    amplitude = float(np.sqrt(np.mean(motion(values) ** 2)))
-    columns = []
-    run = parameters.of_run(0)
-    frequency = [parameters.index(FREQUENCY)] if free else []
-    for i in (*range(len(library)), run.start, run.start + 1, *frequency):
-        # A parameter's own scale is not known beforehand: a first small step shows it.
-        first = slope(i, 1e-2 * ANGLE_STEP * amplitude)
-        if not first.any():
-            raise UsageError(f"Force {parameters.names[i]} does not act on this motion; leave it out.")
-        columns.append(slope(i, ANGLE_STEP * amplitude / np.sqrt(np.mean(first**2))))
-    return np.stack(columns, axis=1)
+    names = [*model.coefficients, START_ANGLE, START_RATE, *([FREQUENCY] if free else [])]
+    columns = trajectory(model, time, *start.tolist(), by=names).derivatives["angle"]
+    for name, column in zip(names, columns.T, strict=True):
+        if not column.any():
+            raise UsageError(f"Force {name} does not act on this motion; leave it out.")
+    return columns
 
 
 def _white_sensitivities(model: Model, time: Array, start: Array, free: bool, ratio: float) -> Array:

@@ -7,15 +7,14 @@ import numpy as np
 
 from sysid_trib.arrays import Array
 from sysid_trib.noise.smoothing import first_of_spline
+from sysid_trib.simulation.integrate import MOST_STEPS, START_ANGLE, START_RATE
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
-from sysid_trib.simulation.simulated_motion import SimulatedMotion
 
 MAX_ROUNDS = 8
 # A last step of the start, in parts of the swing.
 SETTLED_START = 1e-5
-# By which a start is moved for a derivative, in parts of the swing.
-START_DIFFERENCE = 1e-6
+BY_START = (START_ANGLE, START_RATE)
 # A direction that moves the motion by this part of what another does is not told from rounding.
 SINGULAR = 1e-7
 # A motion that does not come near the record in so many rounds has slipped out of phase.
@@ -72,7 +71,7 @@ def fit_start(
     offset: float | None = 0.0,
     sensitivity: Array | None = None,
     near: bool = False,
-    engine: str | None = None,
+    most_steps: int = MOST_STEPS,
 ) -> FittedMotion:
     """Least squares of a record on the initial conditions of a model's motion.
 
@@ -89,11 +88,11 @@ def fit_start(
     offset : float or None, rad
         First guess of the sensor's zero; None holds it at zero.
     sensitivity : (sample, 2) array of float, optional
-        Of a model nearby; by differences where left out.
+        Of a model nearby; its own where left out.
     near : bool
         Whether the motion need only be near the record, not the best of all: the last step is then taken by
         its start alone.
-    engine : str, optional
+    most_steps : int
         Of `trajectory`.
 
     Returns
@@ -113,10 +112,14 @@ def fit_start(
     # A rate in a power of two near w, in which it counts as an angle does, whatever the unit of time.
     units = np.array([1.0, np.exp2(np.round(np.log2(model.reference_frequency)))])
     begin, zero = np.array(start, dtype=float), offset or 0.0
-    motion = trajectory(model, time, *begin, engine=engine)
+    motion = trajectory(
+        model, time, *begin, by=BY_START if sensitivity is None else (), most_steps=most_steps
+    )
+    sensitivity = motion.derivatives.get("angle", sensitivity)
     for _ in range(NEARBY_ROUNDS if near else MAX_ROUNDS):
         if sensitivity is None:
-            sensitivity = _sensitivity(model, time, begin, amplitude, motion, engine)
+            motion = trajectory(model, time, *begin, by=BY_START, most_steps=most_steps)
+            sensitivity = motion.derivatives["angle"]
         columns = sensitivity * units
         columns = columns if offset is None else np.column_stack([columns, np.ones(len(time))])
         # Three columns of many rows: their products tell a step as well, and ten times as fast.
@@ -129,7 +132,7 @@ def fit_start(
         zero += float(steps[2]) if offset is not None else 0.0
         if near and longest < SETTLED_START:
             break
-        motion = trajectory(model, time, *begin, engine=engine)
+        motion = trajectory(model, time, *begin, most_steps=most_steps)
         if longest < SETTLED_START:
             break
         if longest > 1e-2:
@@ -138,30 +141,3 @@ def fit_start(
     return FittedMotion(
         begin.item(0), begin.item(1), zero, motion.angle, v, motion.stop_time, motion.hidden, sensitivity
     )
-
-
-def _sensitivity(
-    model: Model, time: Array, begin: Array, amplitude: Array, motion: SimulatedMotion, engine: str | None
-) -> Array:
-    """Derivative of a motion by its start, (sample, 2): by simulations a millionth of the swing away.
-
-    A motion under forces that neither time nor memory changes is its own derivative by a start that is later:
-    one simulation tells the rest.
-    """
-    if _is_autonomous(model) and len(time) > 2:
-        w = model.reference_frequency
-        further = trajectory(model, time, *((1.0 + START_DIFFERENCE) * begin), engine=engine).angle
-        along = np.stack([(further - motion.angle) / START_DIFFERENCE, motion.rate / w])
-        acceleration = np.gradient(motion.rate[:3], time[:3], edge_order=2)[0]
-        directions = np.array([[begin[0], begin[1] / w], [begin[1] / w, acceleration / w**2]])
-        return np.asarray((np.linalg.pinv(directions) @ along).T / [1.0, w])
-    steps = START_DIFFERENCE * amplitude
-    starts = [begin + steps * unit for unit in np.eye(2)]
-    angles = [trajectory(model, time, *start, engine=engine).angle for start in starts]
-    return (np.stack(angles, axis=1) - motion.angle[:, None]) / steps
-
-
-def _is_autonomous(model: Model) -> bool:
-    """Whether the future of a motion depends on its angle and rate alone, and the sensor shows the angle."""
-    free = model.known_input is None and not model.sensors
-    return free and all(force.memoryless and not force.holds_time for force in model.forces)

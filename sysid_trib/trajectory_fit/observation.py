@@ -7,7 +7,6 @@ import xarray as xr
 
 from sysid_trib.arrays import Array
 from sysid_trib.records.units import STANDARD_GRAVITY
-from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulated_motion import SimulatedMotion
 
 MEASURED, MEASURED_TIME = "measured", "measured_time"
@@ -28,39 +27,18 @@ class Observation:
     quantity: str = "angle"
     distance: float = 0.0
 
-    def shown(self, model: Model, motion: SimulatedMotion, time: Array) -> Array:
-        """What the sensor shows of a motion, (sample,).
+    def shown(self, motion: SimulatedMotion) -> Array:
+        """What the sensor shows of a motion, (sample,)."""
+        if self.quantity == "accelerometer":
+            return self.distance * motion.acceleration + STANDARD_GRAVITY * np.sin(motion.position)
+        return np.asarray(getattr(motion, self.quantity))
 
-        Parameters
-        ----------
-        model : Model
-            Whose motion it is.
-        motion : SimulatedMotion
-        time : (sample,) array of float, s
-            Its times.
-        """
-        if self.quantity == "angle":
-            return np.asarray(motion.angle)
-        if self.quantity == "rate":
-            return np.asarray(motion.rate)
-        acceleration = acceleration_of(model, motion, time)
-        if self.quantity == "acceleration":
-            return acceleration
-        return self.distance * acceleration + STANDARD_GRAVITY * np.sin(motion.position)
-
-
-def acceleration_of(model: Model, motion: SimulatedMotion, time: Array) -> Array:
-    """Acceleration of a motion by the forces of its model, (sample,) array of float, rad/s^2."""
-    w, x = model.reference_frequency, motion.position
-    v, since = motion.rate / w, time - time[0]
-    push = np.array(x, dtype=float)
-    for force in model.forces:
-        prefix = f"{force.symbol}."
-        hidden = {k.removeprefix(prefix): h for k, h in motion.hidden.items() if k.startswith(prefix)}
-        h = force.value(x, v, since, shapes=model.shapes, hidden=hidden)
-        push = push + model.coefficients[force.symbol] * h
-    # What friction holds does not accelerate.
-    return np.where(time > motion.stop_time, 0.0, -(w**2) * push)
+    def derivatives(self, motion: SimulatedMotion) -> Array:
+        """Derivatives of that by the parameters of the motion's, (sample, parameter)."""
+        if self.quantity == "accelerometer":
+            gravity = STANDARD_GRAVITY * np.cos(motion.position)[:, None] * motion.derivatives["position"]
+            return np.asarray(self.distance * motion.derivatives["acceleration"] + gravity)
+        return motion.derivatives[self.quantity]
 
 
 def measured_part(decay: xr.Dataset) -> tuple[Observation, Array, Array]:

@@ -11,10 +11,9 @@ from sysid_trib.arrays import Array
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.ties import Tie
+from sysid_trib.simulation.integrate import FREQUENCY
 from sysid_trib.simulation.model import Model
 
-# Names with a space, which no force has.
-FREQUENCY = "reference frequency"
 # What each run has of its own: angle (rad) and rate (rad/s) at its first sample, zero of the sensor (rad).
 PER_RUN = ("start_angle", "start_rate", "offset")
 

@@ -9,15 +9,17 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import SimulationError
 from sysid_trib.noise.autoregression import whitened
 from sysid_trib.records.inputs import KnownInput
+from sysid_trib.simulation.integrate import START_ANGLE, START_RATE
 from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.simulate import FAST, trajectory
+from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.simulated_motion import SimulatedMotion
 from sysid_trib.trajectory_fit.observation import Observation
-from sysid_trib.trajectory_fit.parameters import FREQUENCY, Parameters
+from sysid_trib.trajectory_fit.parameters import Parameters
 
 # A motion is out of all proportion beyond so many swings of the record.
 OUT_OF_PROPORTION = 10.0
-# Sensitivities are forward differences over a step that moves the phase by about this much (rad).
-PHASE_STEP = 1e-6
+# Part of a parameter by which a penalty is differenced.
+PENALTY_STEP = 1e-5
 # The shortest part of a record that is tried where a motion cannot be computed to the end.
 FIRST_SAMPLES = 20
 
@@ -36,8 +38,6 @@ class WhitenedRecord:
         Filter that whitens the noise.
     weight : float, 1/rad
         One over the standard deviation of the whitened noise.
-    engine : str or None
-        Engine of the simulation.
     observation : Observation
         What was measured; `angle` and `weight` are in its unit.
     swing : float, rad, optional
@@ -50,7 +50,6 @@ class WhitenedRecord:
     angle: Array
     filter_: Array = field(default_factory=lambda: np.ones(1))
     weight: float = 1.0
-    engine: str | None = None
     observation: Observation = field(default_factory=Observation)
     swing: float | None = None
     known_input: KnownInput | None = None
@@ -82,33 +81,45 @@ class WhitenedRecord:
         can be computed for. Where there is none, the penalty grows with the coefficients, without which every
         motion can be computed.
         """
-        model = replace(model, known_input=self.known_input)
         far = OUT_OF_PROPORTION * self.size
-        # The highest frequency that samples show. An optimiser astray asks for hours of faster swings.
-        highest = np.pi * (len(self.time) - 1) / (self.time[-1] - self.time[0])
-        angle, rate, offset = per_run.tolist()
-        excess = max(model.reference_frequency / highest, abs(angle) / far, abs(rate) / (far * highest))
-        if excess > 1.0:
+        if (excess := self._excess(model, per_run)) > 1.0:
             return _penalty(far, excess - 1.0, len(self.time))
-
-        def residual(count: int, engine: str | None) -> Array | None:
-            try:
-                motion = trajectory(model, self.time[:count], angle, rate, engine=engine)
-            except SimulationError:
-                return None
-            shown = self.observation.shown(model, motion, self.time[:count])
-            return np.asarray(shown + offset - self.angle[:count])
-
-        if (whole := residual(len(self.time), self.engine)) is not None:
-            return whole
+        if (motion := self._motion(model, per_run)) is not None:
+            return self._difference(motion, per_run)
         count, first = FIRST_SAMPLES, None
-        while count < len(self.time) and (longer := residual(count, FAST)) is not None:
-            count, first = 2 * count, longer
+        while count < len(self.time) and (motion := self._motion(model, per_run, count)) is not None:
+            count, first = 2 * count, self._difference(motion, per_run)
         if first is None:
             return _penalty(far, float(np.linalg.norm(list(model.coefficients.values()))), len(self.time))
         # Compressed: what diverges is not to count for more than what cannot be computed.
         size = np.maximum(np.abs(first) / far, 1.0)
         return np.append(first / size * (1.0 + np.log(size)), np.full(len(self.time) - len(first), far))
+
+    def sensitivity(self, model: Model, per_run: Array, by: Sequence[str]) -> Array | None:
+        """Derivatives of the residual by parameters of the motion, (sample, parameter); None at a penalty."""
+        if self._excess(model, per_run) > 1.0:
+            return None
+        motion = self._motion(model, per_run, by=by)
+        return None if motion is None else self.observation.derivatives(motion)
+
+    def _excess(self, model: Model, per_run: Array) -> float:
+        """By how much frequency or start are out of all proportion; the highest that samples show is 1."""
+        # An optimiser astray asks for hours of faster swings.
+        highest = np.pi * (len(self.time) - 1) / (self.time[-1] - self.time[0])
+        far, (angle, rate, _) = OUT_OF_PROPORTION * self.size, per_run.tolist()
+        return float(max(model.reference_frequency / highest, abs(angle) / far, abs(rate) / (far * highest)))
+
+    def _motion(
+        self, model: Model, per_run: Array, count: int | None = None, by: Sequence[str] = ()
+    ) -> SimulatedMotion | None:
+        acting, (angle, rate, _) = replace(model, known_input=self.known_input), per_run.tolist()
+        try:
+            return trajectory(acting, self.time[:count], angle, rate, by=by)
+        except SimulationError:
+            return None
+
+    def _difference(self, motion: SimulatedMotion, per_run: Array) -> Array:
+        return np.asarray(self.observation.shown(motion) + per_run[2] - self.angle[: len(motion.angle)])
 
     def white(self, values: Array) -> Array:
         """Values with noise of one level and no colour."""
@@ -179,32 +190,19 @@ class FitProblem:
         """Derivative of one run's residual (`here`) by all parameters."""
         parameters, record = self.parameters, self.records[run]
         table = np.zeros((len(here), len(values)))
-        *places, offset = [*range(len(parameters.common)), *range(len(values))[parameters.of_run(run)]]
-        table[:, offset] = 1.0
-        for i, step in zip(places, self._steps(values, record), strict=True):
-            if parameters.names[i] not in parameters.constraints.fixed:
-                stepped = values.copy()
-                stepped[i] += step
-                start = parameters.per_run(stepped)[run]
-                table[:, i] = (record.residual(parameters.model(stepped), start) - here) / step
+        *starts, offset = range(len(values))[parameters.of_run(run)]
+        moving = [i for i, name in enumerate(parameters.common) if name not in parameters.constraints.fixed]
+        names = [*(parameters.common[i] for i in moving), START_ANGLE, START_RATE]
+        start = parameters.per_run(values)[run]
+        places = [*moving, *starts]
+        columns = record.sensitivity(parameters.model(values), start, names)
+        if columns is not None:
+            table[:, places], table[:, offset] = columns, 1.0
+            return table
+        for i in (*places, offset):
+            stepped = values.copy()
+            stepped[i] += PENALTY_STEP * max(abs(values[i]), PENALTY_STEP)
+            start = parameters.per_run(stepped)[run]
+            residual = record.residual(parameters.model(stepped), start)
+            table[:, i] = (residual - here) / (stepped[i] - values[i])
         return table
-
-    def _steps(self, values: Array, record: WhitenedRecord) -> list[float]:
-        """Steps of the common parameters, and of a run's start: each moves the phase at the end as much."""
-        parameters = self.parameters
-        size = record.size
-        frequency = parameters.model(values).reference_frequency
-        duration = float(record.time[-1] - record.time[0])
-        phase = frequency * duration + 1.0
-        x = size * np.cos(np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False))
-        v = size * np.sin(np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False))
-        # A force that grows with time is nothing at first, one that is periodic nothing at times.
-        times = np.linspace(0.0, duration, len(x))
-        steps = {name: 1e-5 * max(abs(values[parameters.index(name)]), 1e-3) for name in parameters.common}
-        for force in parameters.library:
-            hidden = dict.fromkeys((*force.state, *force.memory), 0.5 * size)
-            h = force.value(x, v, times, shapes=parameters.shapes, hidden=hidden)
-            steps[force.symbol] = PHASE_STEP * size / (phase * max(float(np.sqrt(np.mean(h**2))), 1e-9))
-        if FREQUENCY in steps:
-            steps[FREQUENCY] = PHASE_STEP * frequency / phase
-        return [*steps.values(), PHASE_STEP * size, PHASE_STEP * size * frequency]

@@ -11,7 +11,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.scope import Method
 from sysid_trib.records.runs import RECORD_PARTS, one_or_all
 from sysid_trib.results.variables import PER_FORCE_UNIT, variable
-from sysid_trib.simulation.simulate import FAST
+from sysid_trib.simulation.integrate import FEW_STEPS
 from sysid_trib.validation.breakdown import widening
 from sysid_trib.validation.holdout import carried_on, counted_from
 from sysid_trib.validation.residuals import fitted_motion
@@ -127,9 +127,9 @@ def _held_out(
         if held_out.stop - held_out.start < FEWEST_HELD_OUT:
             continue
         rest, before = run.isel(time=held_out), run.isel(time=slice(0, held_out.start + 1))
-        # What is too stiff for the fast engine predicts nothing, and is not waited for.
+        # What is too stiff predicts nothing, and is not waited for.
         later = None if part is None else carried_on(part, library, before)
-        motion = None if later is None else fitted_motion(rest, later, engine=FAST)
+        motion = None if later is None else fitted_motion(rest, later, most_steps=FEW_STEPS)
         yield (
             np.nan
             if motion is None

@@ -16,7 +16,8 @@ from sysid_trib.noise.sensor_noise import sensor_noise_of
 from sysid_trib.records.runs import root_mean_square
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.variables import variable
-from sysid_trib.simulation.simulated_motion import SimulatedMotion
+from sysid_trib.simulation.integrate import MOST_STEPS
+from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.state_space.tracked import FollowedRuns
 from sysid_trib.trajectory_fit.initial_conditions import FittedMotion, first_guess, fit_start
 from sysid_trib.trajectory_fit.observation import MEASURED, MEASURED_TIME, measured_part
@@ -121,11 +122,11 @@ def fitted_motion(
     run: int = 0,
     *,
     nearby: FittedMotion | None = None,
-    engine: str | None = None,
+    most_steps: int = MOST_STEPS,
 ) -> FittedMotion | None:
     """Motion of an identified model in a run, start and sensor's zero fitted; None if it diverges.
 
-    A motion of another model of the run, `nearby`, spares simulations; `engine` as that of `trajectory`.
+    A motion of another model of the run, `nearby`, spares simulations; `most_steps` as that of `trajectory`.
     """
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
     frequency = result.reference_frequency.item()
@@ -135,7 +136,7 @@ def fitted_motion(
         start = first_guess(time, angle, frequency)
     try:
         sensitivity = None if nearby is None else nearby.sensitivity
-        return fit_start(model_of(result), time, angle, start, sensitivity=sensitivity, engine=engine)
+        return fit_start(model_of(result), time, angle, start, sensitivity=sensitivity, most_steps=most_steps)
     except SimulationError:
         return None
 
@@ -201,10 +202,9 @@ def _measured_residual(decay: xr.Dataset, result: xr.Dataset, motion: FittedMoti
     Integration makes white noise red: in the integral no residual is white.
     """
     time, model = decay.time.values.astype(float), model_of(result)
-    rate, stop = motion.v * model.reference_frequency, motion.stop_time
-    simulated = SimulatedMotion(motion.x, motion.x, rate, stop, time[:0], dict(motion.hidden), "")
+    simulated = trajectory(model, time, motion.angle, motion.rate)
     observation, _, _ = measured_part(decay)
-    residual = decay[MEASURED].sel({MEASURED_TIME: time}).values - observation.shown(model, simulated, time)
+    residual = decay[MEASURED].sel({MEASURED_TIME: time}).values - observation.shown(simulated)
     # The bias, and the start, which was fitted to the integral: a small change of it is one of both phases.
     start = motion.sensitivity if motion.sensitivity is not None else np.zeros((len(time), 0))
     free = np.column_stack([np.ones(len(time)), start])
