@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from sysid_trib.errors import SimulationError
+from sysid_trib.simulation.course import Course, Given, course_of
 from sysid_trib.simulation.equations import Motion, Vector
 from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.program import program_of
+from sysid_trib.simulation.program import Program, program_of
 from sysid_trib.simulation.pushes import UNPUSHED, Pushes
 
 # What a derivative can be by, besides symbols of forces and names of shape parameters: names with a space.
@@ -42,8 +43,8 @@ class NormalisedMotion:
         NaN if the motion goes on.
     reversals : array of float
         Where v = 0 switches a force.
-    derivative : (grid, state + 1, parameter) array of float
-        Of `y` and the acceleration, at given times.
+    derivative : (grid, state + 1 + memory, parameter) array of float
+        Of `y`, the acceleration and the memory, at given times.
     """
 
     y: Vector
@@ -84,37 +85,44 @@ def integrate(
         It diverges, switches without end, takes too many steps, or is not finite.
     """
     run, ended = _engine()
-    pushed = bool(np.any(pushes.polynomials))
-    motion, program = program_of(model.forces, pushed=pushed, paced=FREQUENCY in by)
+    motion, program = program_of(model.forces, pushed=bool(np.any(pushes.polynomials)), paced=FREQUENCY in by)
     y, p = motion.start(model, *at)
-    p = np.concatenate([[1.0], p[: motion.signs_at.start]])
-    dy, dp = _seeds(motion, model, at, by)
+    dy, dp = seeds(motion, model, at, by)
+    course = course_of(program, len(by), pushes.polynomials.shape[1] - 1)
+    begin(program, course, y, dy, np.append(1.0, p[: motion.signs_at.start]), dp)
     # An input over w^2 is less by 2/w of itself where w is larger.
-    of_push = np.array([-2.0 / model.reference_frequency if name == FREQUENCY else 0.0 for name in by])
-    periods, many = float(grid[-1] - grid[0]) / (2.0 * np.pi), len(pushes.knots)
-    switchings = 1000 + many + int(periods * (50 + 10 * len(motion.switches)))
-    steps = 5000 + many + int(most_steps * periods)
-    signs, given = np.zeros(len(motion.switches)), (pushes.knots, pushes.polynomials, pushes.kicks)
-    rows, tangents, reversals, turns, stop, outcome, tau = run(
-        program,
-        np.asarray(grid, dtype=float),
-        y,
-        dy,
-        p,
-        dp,
-        of_push,
-        signs,
-        *given,
-        DIVERGED,
-        switchings,
-        steps,
+    course.of_push[:] = [-2.0 / model.reference_frequency * (name == FREQUENCY) for name in by]
+    course.clock[0] = grid[0]
+    columns, knots = len(y) + 1 + len(motion.memory), np.require(pushes.knots, float, "CW")
+    given = Given(
+        np.require(grid, float, "CW"),
+        knots,
+        np.require(pushes.polynomials, float, "CW"),
+        np.require(pushes.kicks, float, "CW"),
+        np.zeros((len(knots), len(by))),
+        np.empty((len(grid), columns)),
+        np.empty((len(grid), columns, len(by))),
     )
+    periods, many = float(grid[-1] - grid[0]) / (2.0 * np.pi), len(knots)
+    switchings = 1000 + many + int(periods * (50 + 10 * len(motion.switches)))
+    limits = (DIVERGED, switchings, 5000 + many + int(most_steps * periods))
+    reversals, turns, stop, outcome = run(program, given, course, limits)
     if outcome != ended:
-        _raise(outcome, tau / model.reference_frequency)
-    size = len(y)
-    hidden = dict(zip((*motion.variables[2:], "", *motion.memory), rows.T[2:], strict=True))
-    acceleration = hidden.pop("")
-    return NormalisedMotion(rows[:, :size], acceleration, hidden, stop, reversals[:turns].copy(), tangents)
+        _raise(outcome, course.clock[0] / model.reference_frequency)
+    names, size = (*motion.variables[2:], "", *motion.memory), len(y)
+    hidden = dict(zip(names, given.rows.T[2:], strict=True))
+    acceleration, rows = hidden.pop(""), given.rows[:, :size]
+    return NormalisedMotion(rows, acceleration, hidden, stop, reversals[:turns].copy(), given.tangents)
+
+
+def begin(program: Program, course: Course, y: Vector, dy: Vector, p: Vector, dp: Vector) -> None:
+    """Put the start of a motion, and the parameters of a program, where the engine takes them from."""
+    course.y[:], course.dy[:] = y, dy
+    course.memory[:] = p[len(p) - program.memory :]
+    places = slice(program.states + 2, program.inputs)
+    for table in (course.J, course.trial, course.up, course.down):
+        table[places, 0] = p
+    course.T[places, 0] = dp
 
 
 @cache
@@ -127,7 +135,7 @@ def _engine() -> tuple[Callable[..., Any], int]:
     return run, ENDED
 
 
-def _seeds(motion: Motion, model: Model, at: tuple[float, float], by: Sequence[str]) -> tuple[Vector, Vector]:
+def seeds(motion: Motion, model: Model, at: tuple[float, float], by: Sequence[str]) -> tuple[Vector, Vector]:
     """Derivatives of the start, (state, parameter), and of the program's parameters."""
     w, names = model.reference_frequency, [f.symbol for f in motion.forces]
     places = {name: 1 + i for i, name in enumerate((*names, *motion.shapes))}

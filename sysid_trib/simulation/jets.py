@@ -1,7 +1,7 @@
-"""Taylor series of all slots of a program, and of their derivatives, order by order; roots of what they tell.
+"""Taylor series of all slots of a program, and of their derivatives, order by order.
 
 J[slot, k] is the k-th Taylor coefficient, T[slot, k, parameter] its derivative. The recurrences are those of
-automatic differentiation (Jorba and Zou 2005, Table 2); their derivatives are the same recurrences, linearised.
+automatic differentiation (Jorba and Zou 2005, Table 2); their derivatives are the same, linearised.
 """
 
 import math
@@ -27,26 +27,17 @@ from sysid_trib.simulation.program import (
     TANH,
 )
 
-# A surface this near to zero, of the size of its series, is at zero.
-ROUNDING = 1e-13
-# So many parts of a step are looked at for a root.
-MOST_INTERVALS = 500
-# Nearer than this to a surface, its sign is decided by where the motion is a little later.
-NEAR_SURFACE = 1e-9
-
 
 @inner
-def row(program, J, s):
-    """A slot at order 0; of a sign what it was."""
-    op, a, b, c, d = program.op, program.a, program.b, program.c, program.d
-    o, p, q = op[s], a[s], b[s]
+def row(J, s, o, p, q, d, c):
+    """A slot at order 0, by its operation and operands; of a sign what it was."""
     if o == ADD:
         J[s, 0] = J[p, 0] + J[q, 0]
     elif o == SUB:
         J[s, 0] = J[p, 0] - J[q, 0]
     elif o == LINEAR:
         # What is off does not act even where it is singular.
-        factor = c[s] * J[d[s], 0]
+        factor = c * J[d, 0]
         J[s, 0] = J[p, 0] + factor * J[q, 0] if factor != 0.0 else J[p, 0]
     elif o == SCALE:
         J[s, 0] = J[p, 0] * J[q, 0] if J[p, 0] != 0.0 else 0.0
@@ -57,7 +48,7 @@ def row(program, J, s):
     elif o == NEG:
         J[s, 0] = -J[p, 0]
     elif o == CONST:
-        J[s, 0] = c[s]
+        J[s, 0] = c
     elif o == SIN:
         J[s, 0] = math.sin(J[p, 0])
     elif o == PARTNER:
@@ -67,7 +58,7 @@ def row(program, J, s):
     elif o == LOG:
         J[s, 0] = math.log(J[p, 0]) if J[p, 0] > 0.0 else np.nan
     elif o == POWER:
-        J[s, 0] = J[p, 0] ** c[s]
+        J[s, 0] = J[p, 0] ** c
     elif o == TANH:
         J[s, 0] = math.tanh(J[p, 0])
 
@@ -75,17 +66,19 @@ def row(program, J, s):
 @inner
 def at_once(program, J):
     """All slots of a motion at order 0, on the branch of the signs in J."""
+    op, a, b, d, c = program.op, program.a, program.b, program.d, program.c
     for s in range(program.inputs, program.main):
-        row(program, J, s)
+        row(J, s, op[s], a[s], b[s], d[s], c[s])
 
 
 @inner
 def at_once_live(program, J, last):
     """Slots up to `last` at order 0; signs follow their surfaces."""
+    op, a, b, d, c = program.op, program.a, program.b, program.d, program.c
     for s in range(program.inputs, last):
-        row(program, J, s)
-        if program.op[s] == SIGN:
-            u = J[program.a[s], 0]
+        row(J, s, op[s], a[s], b[s], d[s], c[s])
+        if op[s] == SIGN:
+            u = J[a[s], 0]
             J[s, 0] = 1.0 if u > 0.0 else -1.0 if u < 0.0 else u
 
 
@@ -150,10 +143,9 @@ def order(program, J, k):
 
 
 @inner
-def derivative(program, J, T, k, s):
+def derivative(J, T, k, s, o, p, q, r, c):
     """Order k of the derivatives of a slot, from the series and the orders below it."""
-    count, c = T.shape[2], program.c
-    o, p, q = program.op[s], program.a[s], program.b[s]
+    count = T.shape[2]
     here = T[s, k]
     if o == ADD:
         for i in range(count):
@@ -162,16 +154,15 @@ def derivative(program, J, T, k, s):
         for i in range(count):
             here[i] = T[p, k, i] - T[q, k, i]
     elif o == LINEAR:
-        r = program.d[s]
         for i in range(count):
-            here[i] = T[p, k, i] + c[s] * (T[r, 0, i] * J[q, k] + J[r, 0] * T[q, k, i])
+            here[i] = T[p, k, i] + c * (T[r, 0, i] * J[q, k] + J[r, 0] * T[q, k, i])
     elif o == NEG:
         for i in range(count):
             here[i] = -T[p, k, i]
     elif o == SCALE:
         for i in range(count):
             here[i] = T[p, 0, i] * J[q, k] + J[p, 0] * T[q, k, i]
-    elif o == CONST or o == SIGN:
+    elif o in (CONST, SIGN):
         for i in range(count):
             here[i] = 0.0
     else:
@@ -198,7 +189,7 @@ def derivative(program, J, T, k, s):
                 here[i] = (here[i] + T[p, k, i]) / J[p, 0]
         elif o == POWER:
             for m in range(k + 1):
-                u, w = c[s] * J[s, k - m], J[p, k - m] if m < k else 0.0
+                u, w = c * J[s, k - m], J[p, k - m] if m < k else 0.0
                 for i in range(count):
                     here[i] += u * T[p, m, i] - w * T[s, m, i]
             for i in range(count):
@@ -213,131 +204,16 @@ def derivative(program, J, T, k, s):
 
 
 @inner
-def value(series, n, h):
-    """Sum of a series up to order n at h."""
-    t = series[n]
-    for k in range(n - 1, -1, -1):
-        t = t * h + series[k]
-    return t
+def derivatives_at_once(program, J, T, last):
+    """Derivatives of the slots up to `last` at order 0."""
+    op, a, b, d, c = program.op, program.a, program.b, program.d, program.c
+    for s in range(program.inputs, last):
+        derivative(J, T, np.int64(0), s, op[s], a[s], b[s], d[s], c[s])
 
 
 @inner
-def of_parameter(T, s, p, n, h):
-    """Derivative of a slot by a parameter at h."""
-    t = T[s, n, p]
-    for k in range(n - 1, -1, -1):
-        t = t * h + T[s, k, p]
-    return t
-
-
-@inner
-def rest_of(series, n, h):
-    """The same without order 0."""
-    t = series[n]
-    for k in range(n - 1, 0, -1):
-        t = t * h + series[k]
-    return t * h
-
-
-@inner
-def slope(series, n, h):
-    """Derivative of a series at h."""
-    t = n * series[n]
-    for k in range(n - 1, 0, -1):
-        t = t * h + k * series[k]
-    return t
-
-
-@inner
-def _keeps_clear(g, n, low, high):
-    """Whether a series is above zero from `low` to `high`, by its quadratic and a bound on the rest."""
-    d = g[1] if n > 0 else 0.0
-    q = g[2] if n > 1 else 0.0
-    least = min(g[0] + low * (d + low * q), g[0] + high * (d + high * q))
-    if q > 0.0:
-        turn = min(max(-0.5 * d / q, low), high)
-        least = g[0] + turn * (d + turn * q)
-    size = max(high, -low)
-    rest = 0.0
-    for k in range(n, 2, -1):
-        rest = (rest + abs(g[k])) * size
-    return least > rest * size * size
-
-
-@inner
-def first_crossing(series, n, h, side, near, known, work):
-    """Where in (0, h] a series leaves the side (+1, -1) of zero on which it is to be; h + 1 if it does not.
-
-    A zero at 0 itself, up to `near` or of `known` order, also a double one, is divided out; a wrong side there is a crossing at 0. The interval is
-    halved where neither a quadratic about its middle with a bound on the rest, nor its derivative, decides.
-    """
-    none, size, scale = h + 1.0, 0.0, 1.0
-    for k in range(n + 1):
-        work[0, k] = side * series[k] * scale
-        size = max(size, abs(work[0, k])) if work[0, k] == work[0, k] else np.inf
-        scale *= h
-    if not 0.0 < size < np.inf:
-        return none
-    low = 0
-    # `near` is what rounding leaves of a difference.
-    while low < n and (low < known or abs(work[0, low]) <= ROUNDING * size or abs(series[low]) <= near):
-        low += 1
-    n -= low
-    g, about = work[4], work[1]
-    for k in range(n + 1):
-        g[k] = work[0, low + k]
-    enters = 0.0
-    if g[0] < 0.0:
-        # Where it goes is known before it has gone: just before its zero it is no longer on the wrong side.
-        if low > 0 or n == 0 or abs(series[0]) > NEAR_SURFACE or not g[1] > 0.0:
-            return 0.0
-        enters = min(1.0, -2.0 * g[0] / g[1])
-    # First about the beginning: mostly that decides.
-    if _keeps_clear(g, n, 0.0, 1.0):
-        return none
-    # In units of the step; `left` and `right` of intervals that are still to be looked at, the first on top.
-    left, right = work[2], work[3]
-    left[0], right[0], top = enters, 1.0, 0
-    for _ in range(MOST_INTERVALS):
-        if top < 0:
-            break
-        lo, hi = left[top], right[top]
-        top -= 1
-        middle, radius = 0.5 * (lo + hi), 0.5 * (hi - lo)
-        for k in range(n + 1):
-            about[k] = g[k]
-        for j in range(n):
-            for k in range(n - 1, j - 1, -1):
-                about[k] += middle * about[k + 1]
-        if _keeps_clear(about, n, -radius, radius):
-            continue
-        steeper, power = 0.0, radius * radius
-        for k in range(3, n + 1):
-            steeper += k * abs(about[k]) * power
-            power *= radius
-        d = about[1] if n > 0 else 0.0
-        q = about[2] if n > 1 else 0.0
-        if abs(d) - 2.0 * abs(q) * radius > steeper or radius < 1e-13:
-            # It only rises, or only falls.
-            if value(g, n, hi) >= 0.0:
-                continue
-            x, y = lo, hi
-            u = middle
-            for _ in range(80):
-                f = value(g, n, u)
-                if f > 0.0:
-                    x = u
-                else:
-                    y = u
-                if f == 0.0 or y - x < 1e-16:
-                    break
-                f = u - f / slope(g, n, u)
-                if f == u:
-                    break
-                u = f if x < f < y else 0.5 * (x + y)
-            return u * h
-        top += 1
-        left[top], right[top] = middle, hi
-        top += 1
-        left[top], right[top] = lo, middle
-    return none
+def derivatives_of_order(program, J, T, k):
+    """Order k >= 1 of the derivatives of the slots that change."""
+    op, a, b, d, c = program.op, program.a, program.b, program.d, program.c
+    for s in program.rows:
+        derivative(J, T, k, s, op[s], a[s], b[s], d[s], c[s])

@@ -59,7 +59,8 @@ def simulated_motion(
     """
     w, x, v = model.reference_frequency, path.y[:, 0], path.y[:, 1]
     of_w = np.array([float(name == FREQUENCY) for name in by])
-    of_x, of_v, of_bend = path.derivative[:, 0], path.derivative[:, 1], path.derivative[:, -1]
+    of_x, of_v = path.derivative[:, 0], path.derivative[:, 1]
+    of_bend = path.derivative[:, path.y.shape[1]]
     angle, of_angle = x.copy(), of_x.copy()
     for sensor in model.sensors:
         coefficient, shapes = model.coefficients[sensor.symbol], sensor.shape_values(model.shapes)

@@ -1,0 +1,140 @@
+"""Which way a motion goes on from a switching or from rest (Filippov 1988), compiled."""
+
+from sysid_trib.simulation.compiling import inner
+from sysid_trib.simulation.jets import at_once, at_once_live
+from sysid_trib.simulation.roots import NEAR_SURFACE
+
+# Near a surface its sign is decided by where the motion is so much later (in tau).
+LOOKAHEAD = 1e-5
+# rad: a speed below which a motion may come to rest other than by v = 0; one that is rest; what a motion that
+# is taken as at rest may still have had to go.
+SLOW, AT_REST, CREEP = 1e-5, 1e-12, 1e-11
+VALUES, FAR, AHEAD, LATER, REST = range(5)
+
+
+@inner
+def put(source, target):
+    """Copy a list of numbers."""
+    for i in range(len(source)):
+        target[i] = source[i]
+
+
+@inner
+def state_at(program, J, y, tau):
+    """Put a state at an instant into the first orders."""
+    for i in range(program.states):
+        J[i, 0] = y[i]
+    J[program.states, 0] = tau
+
+
+@inner
+def parameters_at(program, J, memory, signs):
+    """Put memory and signs into the first orders."""
+    at = program.inputs - len(memory)
+    for m in range(len(memory)):
+        J[at + m, 0] = memory[m]
+    for m in range(len(signs)):
+        J[program.signs[m], 0] = signs[m]
+
+
+@inner
+def signs_of(program, J, out):
+    """Signs of the surfaces by their values; J holds the state at order 0."""
+    at_once_live(program, J, program.main)
+    for m in range(len(program.signs)):
+        out[m] = J[program.signs[m], 0]
+
+
+@inner
+def rates_of(program, J, signs):
+    """The rates of the state in J on the branch of these signs, at order 0, into J."""
+    for m in range(len(program.signs)):
+        J[program.signs[m], 0] = signs[m]
+    at_once(program, J)
+
+
+@inner
+def by_nearness(values, near, far, out):
+    """Of each surface the first sign if it is near, else the second."""
+    for m in range(len(out)):
+        out[m] = near[m] if abs(values[m]) < NEAR_SURFACE else far[m]
+
+
+@inner
+def signs_and_values(program, c, out):
+    """Signs of the surfaces in c.trial, and their values."""
+    signs_of(program, c.trial, out)
+    for m in range(len(program.signs)):
+        c.room[VALUES, m] = c.trial[program.surfaces[m], 0]
+
+
+@inner
+def signs_ahead(program, c):
+    """Signs of a motion that goes on from here: near a surface, those where it will be a little later."""
+    J, y, tau, later = c.trial, c.y, c.clock[0], c.room[LATER]
+    state_at(program, J, y, tau)
+    signs_and_values(program, c, c.room[FAR])
+    by_nearness(c.room[VALUES], c.signs, c.room[FAR], c.signs)
+    rates_of(program, J, c.signs)
+    for i in range(program.states):
+        later[i] = y[i] + LOOKAHEAD * J[program.rates[i], 0]
+    later[0] += 0.5 * LOOKAHEAD**2 * J[program.rates[1], 0]
+    state_at(program, J, later, tau + LOOKAHEAD)
+    signs_of(program, J, c.room[AHEAD])
+    by_nearness(c.room[VALUES], c.room[AHEAD], c.signs, c.signs)
+
+
+@inner
+def branch(program, c, way, memory, signs):
+    """Acceleration at rest of a motion about to go `way` (+1, -1); memory and signs of that branch."""
+    J, y, tau, later, ahead = c.trial, c.room[REST], c.clock[0], c.room[LATER], c.room[AHEAD]
+    put(c.y, y)
+    y[1] = 0.0
+    state_at(program, J, y, tau)
+    parameters_at(program, J, c.memory, c.signs)
+    put(c.memory, memory)
+    if len(memory) > 0 and way * c.signs[0] < 0.0:
+        at_once_live(program, J, len(program.op))
+        for m in range(len(memory)):
+            memory[m] = J[program.replaced[m], 0]
+    parameters_at(program, J, memory, c.signs)
+    signs_and_values(program, c, c.room[FAR])
+    for i in range(program.states):
+        later[i] = y[i]
+    later[0] += way * 0.5 * LOOKAHEAD**2
+    later[1] += way * LOOKAHEAD
+    state_at(program, J, later, tau + LOOKAHEAD)
+    signs_of(program, J, ahead)
+    by_nearness(c.room[VALUES], ahead, c.room[FAR], signs)
+    if program.states > 2:
+        rates_of(program, J, signs)
+        for i in range(2, program.states):
+            later[i] += 0.5 * LOOKAHEAD * J[program.rates[i], 0]
+        state_at(program, J, later, tau + LOOKAHEAD)
+        signs_of(program, J, ahead)
+        by_nearness(c.room[VALUES], ahead, signs, signs)
+    state_at(program, J, y, tau)
+    rates_of(program, J, signs)
+    return J[program.rates[1], 0]
+
+
+@inner
+def settle(program, c):
+    """Set signs, and at a reversal the memory, for the motion from here; False if it sticks."""
+    speed = abs(c.y[1])
+    if speed <= SLOW:
+        up = branch(program, c, 1.0, c.memory_up, c.signs_up)
+        down = branch(program, c, -1.0, c.memory_down, c.signs_down)
+        sticks = up <= 0.0 and down >= 0.0
+        # Detent and friction make ever shorter swings without end: they end where less than CREEP remains.
+        if speed <= AT_REST or (sticks and speed * speed < 2.0 * CREEP * min(-up, down)):
+            if not sticks:
+                # Where both push away (negative friction) it goes towards x = 0.
+                rises = up > 0.0 and (down >= 0.0 or c.y[0] < 0.0)
+                put(c.memory_up if rises else c.memory_down, c.memory)
+                put(c.signs_up if rises else c.signs_down, c.signs)
+            return not sticks
+    if len(c.signs) > 0:
+        parameters_at(program, c.trial, c.memory, c.signs)
+        signs_ahead(program, c)
+    return True
