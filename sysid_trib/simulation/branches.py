@@ -1,6 +1,22 @@
 """Which way a motion goes on from a switching or from rest (Filippov 1988), compiled."""
 
 from sysid_trib.simulation.compiling import inner
+from sysid_trib.simulation.course import (
+    AHEAD,
+    CLOCK,
+    FAR,
+    LATER,
+    MEMORY,
+    MEMORY_DOWN,
+    MEMORY_UP,
+    REST,
+    SIGNS,
+    SIGNS_DOWN,
+    SIGNS_UP,
+    STATE,
+    TRIAL,
+    VALUES,
+)
 from sysid_trib.simulation.jets import at_once, at_once_live
 from sysid_trib.simulation.roots import NEAR_SURFACE
 
@@ -9,7 +25,6 @@ LOOKAHEAD = 1e-5
 # rad: a speed below which a motion may come to rest other than by v = 0; one that is rest; what a motion that
 # is taken as at rest may still have had to go.
 SLOW, AT_REST, CREEP = 1e-5, 1e-12, 1e-11
-VALUES, FAR, AHEAD, LATER, REST = range(5)
 
 
 @inner
@@ -30,10 +45,10 @@ def state_at(program, J, y, tau):
 @inner
 def parameters_at(program, J, memory, signs):
     """Put memory and signs into the first orders."""
-    at = program.inputs - len(memory)
-    for m in range(len(memory)):
+    at = program.inputs - program.memory
+    for m in range(program.memory):
         J[at + m, 0] = memory[m]
-    for m in range(len(signs)):
+    for m in range(len(program.signs)):
         J[program.signs[m], 0] = signs[m]
 
 
@@ -62,57 +77,57 @@ def by_nearness(values, near, far, out):
 
 @inner
 def signs_and_values(program, c, out):
-    """Signs of the surfaces in c.trial, and their values."""
-    signs_of(program, c.trial, out)
+    """Signs of the surfaces in c.aside[TRIAL], and their values."""
+    signs_of(program, c.aside[TRIAL], out)
     for m in range(len(program.signs)):
-        c.room[VALUES, m] = c.trial[program.surfaces[m], 0]
+        c.v[VALUES, m] = c.aside[TRIAL][program.surfaces[m], 0]
 
 
 @inner
 def signs_ahead(program, c):
     """Signs of a motion that goes on from here: near a surface, those where it will be a little later."""
-    J, y, tau, later = c.trial, c.y, c.clock[0], c.room[LATER]
+    J, y, tau, later = c.aside[TRIAL], c.v[STATE], c.v[CLOCK, 0], c.v[LATER]
     state_at(program, J, y, tau)
-    signs_and_values(program, c, c.room[FAR])
-    by_nearness(c.room[VALUES], c.signs, c.room[FAR], c.signs)
-    rates_of(program, J, c.signs)
+    signs_and_values(program, c, c.v[FAR])
+    by_nearness(c.v[VALUES], c.v[SIGNS], c.v[FAR], c.v[SIGNS])
+    rates_of(program, J, c.v[SIGNS])
     for i in range(program.states):
         later[i] = y[i] + LOOKAHEAD * J[program.rates[i], 0]
     later[0] += 0.5 * LOOKAHEAD**2 * J[program.rates[1], 0]
     state_at(program, J, later, tau + LOOKAHEAD)
-    signs_of(program, J, c.room[AHEAD])
-    by_nearness(c.room[VALUES], c.room[AHEAD], c.signs, c.signs)
+    signs_of(program, J, c.v[AHEAD])
+    by_nearness(c.v[VALUES], c.v[AHEAD], c.v[SIGNS], c.v[SIGNS])
 
 
 @inner
 def branch(program, c, way, memory, signs):
     """Acceleration at rest of a motion about to go `way` (+1, -1); memory and signs of that branch."""
-    J, y, tau, later, ahead = c.trial, c.room[REST], c.clock[0], c.room[LATER], c.room[AHEAD]
-    put(c.y, y)
+    J, y, tau, later, ahead = c.aside[TRIAL], c.v[REST], c.v[CLOCK, 0], c.v[LATER], c.v[AHEAD]
+    put(c.v[STATE], y)
     y[1] = 0.0
     state_at(program, J, y, tau)
-    parameters_at(program, J, c.memory, c.signs)
-    put(c.memory, memory)
-    if len(memory) > 0 and way * c.signs[0] < 0.0:
+    parameters_at(program, J, c.v[MEMORY], c.v[SIGNS])
+    put(c.v[MEMORY], memory)
+    if program.memory > 0 and way * c.v[SIGNS, 0] < 0.0:
         at_once_live(program, J, len(program.op))
-        for m in range(len(memory)):
+        for m in range(program.memory):
             memory[m] = J[program.replaced[m], 0]
-    parameters_at(program, J, memory, c.signs)
-    signs_and_values(program, c, c.room[FAR])
+    parameters_at(program, J, memory, c.v[SIGNS])
+    signs_and_values(program, c, c.v[FAR])
     for i in range(program.states):
         later[i] = y[i]
     later[0] += way * 0.5 * LOOKAHEAD**2
     later[1] += way * LOOKAHEAD
     state_at(program, J, later, tau + LOOKAHEAD)
     signs_of(program, J, ahead)
-    by_nearness(c.room[VALUES], ahead, c.room[FAR], signs)
+    by_nearness(c.v[VALUES], ahead, c.v[FAR], signs)
     if program.states > 2:
         rates_of(program, J, signs)
         for i in range(2, program.states):
             later[i] += 0.5 * LOOKAHEAD * J[program.rates[i], 0]
         state_at(program, J, later, tau + LOOKAHEAD)
         signs_of(program, J, ahead)
-        by_nearness(c.room[VALUES], ahead, signs, signs)
+        by_nearness(c.v[VALUES], ahead, signs, signs)
     state_at(program, J, y, tau)
     rates_of(program, J, signs)
     return J[program.rates[1], 0]
@@ -121,20 +136,20 @@ def branch(program, c, way, memory, signs):
 @inner
 def settle(program, c):
     """Set signs, and at a reversal the memory, for the motion from here; False if it sticks."""
-    speed = abs(c.y[1])
+    speed = abs(c.v[STATE, 1])
     if speed <= SLOW:
-        up = branch(program, c, 1.0, c.memory_up, c.signs_up)
-        down = branch(program, c, -1.0, c.memory_down, c.signs_down)
+        up = branch(program, c, 1.0, c.v[MEMORY_UP], c.v[SIGNS_UP])
+        down = branch(program, c, -1.0, c.v[MEMORY_DOWN], c.v[SIGNS_DOWN])
         sticks = up <= 0.0 and down >= 0.0
         # Detent and friction make ever shorter swings without end: they end where less than CREEP remains.
         if speed <= AT_REST or (sticks and speed * speed < 2.0 * CREEP * min(-up, down)):
             if not sticks:
                 # Where both push away (negative friction) it goes towards x = 0.
-                rises = up > 0.0 and (down >= 0.0 or c.y[0] < 0.0)
-                put(c.memory_up if rises else c.memory_down, c.memory)
-                put(c.signs_up if rises else c.signs_down, c.signs)
+                rises = up > 0.0 and (down >= 0.0 or c.v[STATE, 0] < 0.0)
+                put(c.v[MEMORY_UP] if rises else c.v[MEMORY_DOWN], c.v[MEMORY])
+                put(c.v[SIGNS_UP] if rises else c.v[SIGNS_DOWN], c.v[SIGNS])
             return not sticks
-    if len(c.signs) > 0:
-        parameters_at(program, c.trial, c.memory, c.signs)
+    if len(program.signs) > 0:
+        parameters_at(program, c.aside[TRIAL], c.v[MEMORY], c.v[SIGNS])
         signs_ahead(program, c)
     return True

@@ -1,4 +1,7 @@
-"""What the compiled engine works on: a motion under way, and what it is to follow."""
+"""What the compiled engine works on: a motion under way, and what it is to follow.
+
+Few arrays, since each costs a compiled call half a dozen numbers.
+"""
 
 from typing import Any, NamedTuple
 
@@ -7,6 +10,14 @@ import numpy as np
 from sysid_trib.simulation.program import Program
 
 ORDER = 18
+# Rows of `v`: the state and what rounding has left of it; what is held between reversals, and the same before
+# it was replaced; sides of the surfaces, and of which order one is known to be zero here; memory and sides of
+# a motion that goes upwards or downwards from rest; tau and what rounding has left of it; what pushes, about
+# tau, and its derivatives over itself; room for surfaces and states.
+(STATE, ERROR, MEMORY, REPLACED, SIGNS, ZEROS, MEMORY_UP, SIGNS_UP, MEMORY_DOWN, SIGNS_DOWN) = range(10)
+(CLOCK, PUSH, OF_PUSH, VALUES, FAR, AHEAD, LATER, REST) = range(10, 18)
+# Tables of `aside`: slots at an instant that is tried; series at rest, were it to go upwards or downwards.
+TRIAL, UP, DOWN = range(3)
 
 
 class Course(NamedTuple):
@@ -16,46 +27,19 @@ class Course(NamedTuple):
     ----------
     J, T : (slot, order) and (slot, order, parameter) array of float
         Series of the slots, and their derivatives.
-    trial : (slot, 1) array of float
-        Slots at an instant that is tried.
-    up, down : (slot, order) array of float
-        Series at rest, were it to go upwards or downwards.
-    y, error, dy : (state,), (state,) and (state, parameter) array of float
-        The state, what rounding has left of it, and its derivatives.
-    memory, replaced : (memory,) array of float
-        What is held between reversals; the same before it was replaced.
-    signs, zeros : (surface,) array of float and int
-        Sides of the surfaces; of which order a surface is known to be zero here.
-    memory_up, signs_up, memory_down, signs_down : array of float
-        The same of a motion that goes upwards or downwards from rest.
-    clock : (2,) array of float
-        tau, and what rounding has left of it.
-    push, of_push : (degree + 1,) and (parameter,) array of float
-        What pushes, about tau; its derivatives over itself.
-    room, work : array of float
-        Room for values of surfaces and states, and for roots.
+    aside : (table, slot, order) array of float
+    v : (row, number) array of float
+    dy : (state, parameter) array of float
+        Derivatives of the state.
+    work : (5, 64) array of float
+        Room for roots.
     """
 
     J: Any
     T: Any
-    trial: Any
-    up: Any
-    down: Any
-    y: Any
-    error: Any
+    aside: Any
+    v: Any
     dy: Any
-    memory: Any
-    replaced: Any
-    signs: Any
-    zeros: Any
-    memory_up: Any
-    signs_up: Any
-    memory_down: Any
-    signs_down: Any
-    clock: Any
-    push: Any
-    of_push: Any
-    room: Any
     work: Any
 
 
@@ -85,16 +69,15 @@ class Given(NamedTuple):
     tangents: Any
 
 
-def course_of(program: Program, parameters: int, degree: int) -> Course:
-    """Room for motions of a program, with so many derivatives and pushes of this degree."""
-    slots, size, held, surfaces = len(program.op), program.states, program.memory, len(program.signs)
-    one, all_orders = (slots, 1), (slots, ORDER + 1)
-    shapes = (
-        *(all_orders, (slots, ORDER + 1, parameters), one, all_orders, all_orders),
-        *((size,), (size,), (size, parameters), (held,), (held,), (surfaces,), (surfaces,)),
-        *((held,), (surfaces,), (held,), (surfaces,), (2,), (degree + 1,), (parameters,)),
-        *((5, max(size, surfaces, 1)), (5, 64)),
+def course_of(program: Program, parameters: int) -> Course:
+    """Room for motions of a program, with so many derivatives."""
+    slots, size = len(program.op), program.states
+    width = max(size, program.memory, len(program.signs), program.degree, parameters, 2)
+    return Course(
+        np.zeros((slots, ORDER + 1)),
+        np.zeros((slots, ORDER + 1, parameters)),
+        np.zeros((3, slots, ORDER + 1)),
+        np.zeros((REST + 1, width)),
+        np.zeros((size, parameters)),
+        np.zeros((5, 64)),
     )
-    arrays = [np.zeros(shape) for shape in shapes]
-    course = Course(*arrays)
-    return course._replace(zeros=np.zeros(surfaces, dtype=np.int64))

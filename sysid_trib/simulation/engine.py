@@ -9,7 +9,25 @@ import numpy as np
 
 from sysid_trib.simulation.branches import branch, parameters_at, put, rates_of, settle, signs_of, state_at
 from sysid_trib.simulation.compiling import compiled, inner
-from sysid_trib.simulation.course import ORDER
+from sysid_trib.simulation.course import (
+    CLOCK,
+    DOWN,
+    ERROR,
+    MEMORY,
+    MEMORY_DOWN,
+    MEMORY_UP,
+    OF_PUSH,
+    ORDER,
+    PUSH,
+    REPLACED,
+    SIGNS,
+    SIGNS_DOWN,
+    SIGNS_UP,
+    STATE,
+    TRIAL,
+    UP,
+    ZEROS,
+)
 from sysid_trib.simulation.jets import at_once, at_once_live, derivatives_at_once, derivatives_of_order, order
 from sysid_trib.simulation.roots import first_crossing, of_parameter, rest_of, slope, value
 
@@ -30,13 +48,13 @@ def series(program, c, h, stuck):
 
     Where it is stuck, x and v stay and the states go on. Derivatives follow where there are any.
     """
-    J, T, size, count, degree = c.J, c.T, program.states, c.T.shape[2], len(c.push)
-    state_at(program, J, c.y, c.clock[0])
+    J, T, size, count, degree = c.J, c.T, program.states, c.T.shape[2], program.degree
+    state_at(program, J, c.v[STATE], c.v[CLOCK, 0])
     J[size, 1] = 1.0
     for k in range(degree):
-        J[size + 1, k] = c.push[k]
+        J[size + 1, k] = c.v[PUSH, k]
         for q in range(count):
-            T[size + 1, k, q] = c.of_push[q] * c.push[k]
+            T[size + 1, k, q] = c.v[OF_PUSH, q] * c.v[PUSH, k]
     at_once(program, J)
     if count > 0:
         for i in range(size):
@@ -98,22 +116,22 @@ def length(program, J, n):
 @inner
 def pushed(given, c, piece):
     """What pushes, about here."""
-    degree = len(c.push) - 1
+    degree = given.pushes.shape[1] - 1
     for k in range(degree + 1):
-        c.push[k] = given.pushes[piece, k] if piece >= 0 else 0.0
+        c.v[PUSH, k] = given.pushes[piece, k] if piece >= 0 else 0.0
     if piece >= 0:
-        since = c.clock[0] - given.knots[piece]
+        since = c.v[CLOCK, 0] - given.knots[piece]
         for j in range(degree):
             for k in range(degree - 1, j - 1, -1):
-                c.push[k] += since * c.push[k + 1]
+                c.v[PUSH, k] += since * c.v[PUSH, k + 1]
 
 
 @inner
 def free_step(program, c, n, h):
     """Up to where a free motion may go, and the surface that it meets there, or -1."""
-    which, near = -1, AT_ZERO * max(abs(c.y[0]), abs(c.y[1]))
-    for m in range(len(c.signs)):
-        r = first_crossing(c.J[program.surfaces[m]], n, h, c.signs[m], near, c.zeros[m], c.work)
+    which, near = -1, AT_ZERO * max(abs(c.v[STATE, 0]), abs(c.v[STATE, 1]))
+    for m in range(len(program.signs)):
+        r = first_crossing(c.J[program.surfaces[m]], n, h, c.v[SIGNS, m], near, c.v[ZEROS, m], c.work)
         if r <= h:
             h, which = r, m
     return h, which
@@ -123,24 +141,24 @@ def free_step(program, c, n, h):
 def held_step(program, c, n, h, ends):
     """Up to where a body may stay at rest, and which way it is let go there (+1, -1), or 0."""
     way, none, acceleration = 0.0, np.int64(0), program.rates[1]
-    near = AT_ZERO * abs(c.y[0])
-    for m in range(len(c.signs)):
+    near = AT_ZERO * abs(c.v[STATE, 0])
+    for m in range(len(program.signs)):
         # Of a surface that is zero at rest nothing is known but at the start.
-        if c.signs_up[m] != 0.0:
-            r = first_crossing(c.J[program.surfaces[m]], n, h, c.signs_up[m], near, none, c.work)
+        if c.v[SIGNS_UP, m] != 0.0:
+            r = first_crossing(c.J[program.surfaces[m]], n, h, c.v[SIGNS_UP, m], near, none, c.work)
             if r < h:
                 h = max(r, PASSED)
-    up = branch(program, c, 1.0, c.memory_up, c.signs_up)
-    down = branch(program, c, -1.0, c.memory_down, c.signs_down)
-    along(program, c, c.up, n, c.memory_up, c.signs_up)
-    along(program, c, c.down, n, c.memory_down, c.signs_down)
+    up = branch(program, c, 1.0, c.v[MEMORY_UP], c.v[SIGNS_UP])
+    down = branch(program, c, -1.0, c.v[MEMORY_DOWN], c.v[SIGNS_DOWN])
+    along(program, c, c.aside[UP], n, c.v[MEMORY_UP], c.v[SIGNS_UP])
+    along(program, c, c.aside[DOWN], n, c.v[MEMORY_DOWN], c.v[SIGNS_DOWN])
     if not ends or not is_still(program, c, n):
-        h = min(h, radius(c.up, acceleration, acceleration, n, ROUNDING_PART))
-        h = min(h, radius(c.down, acceleration, acceleration, n, ROUNDING_PART))
-        r = 0.0 if up > 0.0 else first_crossing(c.up[acceleration], n, h, -1.0, near, none, c.work)
+        h = min(h, radius(c.aside[UP], acceleration, acceleration, n, ROUNDING_PART))
+        h = min(h, radius(c.aside[DOWN], acceleration, acceleration, n, ROUNDING_PART))
+        r = 0.0 if up > 0.0 else first_crossing(c.aside[UP][acceleration], n, h, -1.0, near, none, c.work)
         if r < h:
             h, way = r, 1.0
-        r = 0.0 if down < 0.0 else first_crossing(c.down[acceleration], n, h, 1.0, near, none, c.work)
+        r = 0.0 if down < 0.0 else first_crossing(c.aside[DOWN][acceleration], n, h, 1.0, near, none, c.work)
         if r < h:
             h, way = r, -1.0
     return h, way
@@ -165,7 +183,7 @@ def is_still(program, c, n):
         if abs(c.J[i, 1]) > STILL:
             return False
     for k in range(1, n + 1):
-        if c.up[program.rates[1], k] != 0.0 or c.down[program.rates[1], k] != 0.0:
+        if c.aside[UP][program.rates[1], k] != 0.0 or c.aside[DOWN][program.rates[1], k] != 0.0:
             return False
     return True
 
@@ -173,10 +191,10 @@ def is_still(program, c, n):
 @inner
 def sampled(program, given, c, done, n, reach, stuck):
     """Write what lies up to `reach` in tau since the clock; how much of the grid is done."""
-    size, held, count = program.states, len(c.memory), c.T.shape[2]
+    size, held, count = program.states, program.memory, c.T.shape[2]
     at = program.inputs - held
     while done < len(given.grid):
-        s = (given.grid[done] - c.clock[0]) - c.clock[1]
+        s = (given.grid[done] - c.v[CLOCK, 0]) - c.v[CLOCK, 1]
         if s > reach:
             break
         for i in range(size + 1):
@@ -186,7 +204,7 @@ def sampled(program, given, c, done, n, reach, stuck):
             for q in range(count):
                 given.tangents[done, i, q] = 0.0 if rests else of_parameter(c.T, slot, q, n, s)
         for m in range(held):
-            given.rows[done, size + 1 + m] = c.memory[m]
+            given.rows[done, size + 1 + m] = c.v[MEMORY, m]
             for q in range(count):
                 given.tangents[done, size + 1 + m, q] = c.T[at + m, 0, q]
         done += 1
@@ -197,26 +215,26 @@ def sampled(program, given, c, done, n, reach, stuck):
 def advance(program, c, n, h, stuck):
     """Go a step on: the state, its derivatives and the clock; sums are compensated."""
     for i in range(program.states):
-        step = rest_of(c.J[i], n, h) + c.error[i]
-        new = c.y[i] + step
-        c.error[i] = step - (new - c.y[i])
-        c.y[i] = new
+        step = rest_of(c.J[i], n, h) + c.v[ERROR, i]
+        new = c.v[STATE, i] + step
+        c.v[ERROR, i] = step - (new - c.v[STATE, i])
+        c.v[STATE, i] = new
         for q in range(c.T.shape[2]):
             c.dy[i, q] = of_parameter(c.T, i, q, n, h)
     if stuck:
         stop(c)
-    step = c.clock[1] + h
-    now = c.clock[0] + step
-    c.clock[1] = step - (now - c.clock[0])
-    c.clock[0] = now
-    for m in range(len(c.zeros)):
-        c.zeros[m] = 0
+    step = c.v[CLOCK, 1] + h
+    now = c.v[CLOCK, 0] + step
+    c.v[CLOCK, 1] = step - (now - c.v[CLOCK, 0])
+    c.v[CLOCK, 0] = now
+    for m in range(len(program.signs)):
+        c.v[ZEROS, m] = 0
 
 
 @inner
 def stop(c):
     """What friction holds has no speed, whatever it had."""
-    c.y[1], c.error[1] = 0.0, 0.0
+    c.v[STATE, 1], c.v[ERROR, 1] = 0.0, 0.0
     for q in range(c.dy.shape[1]):
         c.dy[1, q] = 0.0
 
@@ -225,7 +243,7 @@ def stop(c):
 def switched(program, c, which, n, h):
     """Go on from a surface, with the jump of the derivatives; whether the motion sticks there."""
     size, count, slot = program.states, c.T.shape[2], program.surfaces[which]
-    moves, way = np.zeros(count), c.signs[0]
+    moves, way = np.zeros(count), c.v[SIGNS, 0]
     if count > 0:
         rate = slope(c.J[slot], n, h)
         for q in range(count):
@@ -235,27 +253,27 @@ def switched(program, c, which, n, h):
                 c.dy[i, q] += value(c.J[program.rates[i]], n, h) * moves[q]
     if slot < size:
         # The surface is a state: exactly zero here.
-        c.y[slot], c.error[slot] = 0.0, 0.0
-    c.zeros[which] = 1
-    put(c.memory, c.replaced)
-    c.trial[size + 1, 0] = value(c.push, len(c.push) - 1, h)
+        c.v[STATE, slot], c.v[ERROR, slot] = 0.0, 0.0
+    c.v[ZEROS, which] = 1
+    put(c.v[MEMORY], c.v[REPLACED])
+    c.aside[TRIAL][size + 1, 0] = value(c.v[PUSH], program.degree - 1, h)
     sticks = not settle(program, c)
     if sticks:
         stop(c)
     if count > 0:
-        after(program, c, moves, way * c.signs[0] < 0.0, sticks)
+        after(program, c, moves, way * c.v[SIGNS, 0] < 0.0, sticks)
     return sticks
 
 
 @inner
 def after(program, c, moves, turned, sticks):
     """Derivatives after a switching, whose instant `moves`; of the memory where it was replaced."""
-    J, T, size, held, count = c.J, c.T, program.states, len(c.memory), c.T.shape[2]
+    J, T, size, held, count = c.J, c.T, program.states, program.memory, c.T.shape[2]
     at = program.inputs - held
-    state_at(program, J, c.y, c.clock[0])
-    J[size + 1, 0] = c.trial[size + 1, 0]
+    state_at(program, J, c.v[STATE], c.v[CLOCK, 0])
+    J[size + 1, 0] = c.aside[TRIAL][size + 1, 0]
     if held > 0 and turned:
-        parameters_at(program, J, c.replaced, c.signs)
+        parameters_at(program, J, c.v[REPLACED], c.v[SIGNS])
         for i in range(size):
             for q in range(count):
                 T[i, 0, q] = c.dy[i, q]
@@ -264,8 +282,8 @@ def after(program, c, moves, turned, sticks):
         for m in range(held):
             for q in range(count):
                 T[at + m, 0, q] = T[program.replaced[m], 0, q]
-    parameters_at(program, J, c.memory, c.signs)
-    rates_of(program, J, c.signs)
+    parameters_at(program, J, c.v[MEMORY], c.v[SIGNS])
+    rates_of(program, J, c.v[SIGNS])
     for i in range(2 if sticks else 0, size):
         for q in range(count):
             c.dy[i, q] -= J[program.rates[i], 0] * moves[q]
@@ -274,29 +292,29 @@ def after(program, c, moves, turned, sticks):
 @inner
 def released(program, c, way):
     """Let a body go from rest: it begins without speed and without acceleration."""
-    put(c.memory_up if way > 0.0 else c.memory_down, c.memory)
-    put(c.signs_up if way > 0.0 else c.signs_down, c.signs)
-    c.zeros[0] = 2
+    put(c.v[MEMORY_UP] if way > 0.0 else c.v[MEMORY_DOWN], c.v[MEMORY])
+    put(c.v[SIGNS_UP] if way > 0.0 else c.v[SIGNS_DOWN], c.v[SIGNS])
+    c.v[ZEROS, 0] = 2
 
 
 @inner
 def at_knot(given, c, piece, stuck):
     """What happens at a knot: kicks, and impulses to the derivatives; whether it was kicked."""
-    c.clock[0], c.clock[1] = given.knots[piece], 0.0
+    c.v[CLOCK, 0], c.v[CLOCK, 1] = given.knots[piece], 0.0
     if not stuck:
         for q in range(given.impulses.shape[1]):
             c.dy[1, q] += given.impulses[piece, q]
-    c.y[0] += given.kicks[piece, 0]
-    c.y[1] += given.kicks[piece, 1]
+    c.v[STATE, 0] += given.kicks[piece, 0]
+    c.v[STATE, 1] += given.kicks[piece, 1]
     return given.kicks[piece, 0] != 0.0 or given.kicks[piece, 1] != 0.0
 
 
 @inner
 def outcome_of(c, h, furthest, steps, most_steps):
     """How a motion stands."""
-    if abs(c.y[0]) > furthest:
+    if abs(c.v[STATE, 0]) > furthest:
         return GROWS
-    if not (np.isfinite(c.y[0]) and np.isfinite(c.y[1]) and h >= 0.0):
+    if not (np.isfinite(c.v[STATE, 0]) and np.isfinite(c.v[STATE, 1]) and h >= 0.0):
         return NOT_FINITE
     return STEPS if steps > most_steps else MOVING
 
@@ -315,11 +333,11 @@ def noted(times, count, tau):
 @inner
 def begun(program, c):
     """Signs of a motion that begins here, or was kicked; whether it sticks, and whether it turned."""
-    way = c.signs[0] if len(c.signs) > 0 else 0.0
+    way = c.v[SIGNS, 0] if len(program.signs) > 0 else 0.0
     sticks = not settle(program, c)
     if sticks:
         stop(c)
-    return sticks, not sticks and len(c.signs) > 0 and way * c.signs[0] < 0.0
+    return sticks, not sticks and len(program.signs) > 0 and way * c.v[SIGNS, 0] < 0.0
 
 
 @compiled
@@ -332,26 +350,26 @@ def run(program, given, c, limits):
     furthest, budget, most_steps = limits
     end, last, piece, done, steps = given.grid[-1], len(given.knots) - 1, -1, 0, 0
     reversals, turns, rest, state = np.empty(64), np.int64(0), np.nan, MOVING
-    while piece < last and given.knots[piece + 1] <= c.clock[0]:
+    while piece < last and given.knots[piece + 1] <= c.v[CLOCK, 0]:
         piece += 1
     fresh, stuck = True, False
     while state == MOVING:
         pushed(given, c, piece)
-        c.trial[program.states + 1, 0] = c.push[0]
+        c.aside[TRIAL][program.states + 1, 0] = c.v[PUSH, 0]
         turned = False
         if fresh:
             stuck, turned = begun(program, c)
-            rest = c.clock[0] if stuck else np.nan
+            rest = c.v[CLOCK, 0] if stuck else np.nan
             fresh = False
         if stuck:
-            state_at(program, c.trial, c.y, c.clock[0])
-            parameters_at(program, c.trial, c.memory, c.signs)
-            signs_of(program, c.trial, c.signs_up)
-        parameters_at(program, c.J, c.memory, c.signs_up if stuck else c.signs)
-        to_end = max(end - c.clock[0] - c.clock[1], 0.0)
+            state_at(program, c.aside[TRIAL], c.v[STATE], c.v[CLOCK, 0])
+            parameters_at(program, c.aside[TRIAL], c.v[MEMORY], c.v[SIGNS])
+            signs_of(program, c.aside[TRIAL], c.v[SIGNS_UP])
+        parameters_at(program, c.J, c.v[MEMORY], c.v[SIGNS_UP] if stuck else c.v[SIGNS])
+        to_end = max(end - c.v[CLOCK, 0] - c.v[CLOCK, 1], 0.0)
         limit = to_end
         if piece < last:
-            limit = min(limit, max(given.knots[piece + 1] - c.clock[0] - c.clock[1], 0.0))
+            limit = min(limit, max(given.knots[piece + 1] - c.v[CLOCK, 0] - c.v[CLOCK, 1], 0.0))
         h, which, way = min(limit, LONGEST), -1, 0.0
         n = series(program, c, h, stuck)
         steps += 1
@@ -367,10 +385,10 @@ def run(program, given, c, limits):
         advance(program, c, n, h, stuck)
         if which >= 0:
             budget -= 1
-            before = c.signs[0]
+            before = c.v[SIGNS, 0]
             stuck = switched(program, c, which, n, h)
-            rest = c.clock[0] if stuck else np.nan
-            turned = not stuck and before * c.signs[0] < 0.0
+            rest = c.v[CLOCK, 0] if stuck else np.nan
+            turned = not stuck and before * c.v[SIGNS, 0] < 0.0
         elif way != 0.0:
             budget -= 1
             released(program, c, way)
@@ -379,7 +397,7 @@ def run(program, given, c, limits):
             piece += 1
             fresh = at_knot(given, c, piece, stuck)
         if turned:
-            reversals = noted(reversals, turns, c.clock[0])
+            reversals = noted(reversals, turns, c.v[CLOCK, 0])
             turns += 1
         state = SWITCHES if budget < 0 else outcome_of(c, h, furthest, steps, most_steps)
     return reversals, turns, rest, state

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from sysid_trib.errors import SimulationError
-from sysid_trib.simulation.course import Course, Given, course_of
+from sysid_trib.simulation.course import CLOCK, MEMORY, OF_PUSH, STATE, Course, Given, course_of
 from sysid_trib.simulation.equations import Motion, Vector
 from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.program import Program, program_of
+from sysid_trib.simulation.program import PUSH_DEGREE, Program, program_of
 from sysid_trib.simulation.pushes import UNPUSHED, Pushes
 
 # What a derivative can be by, besides symbols of forces and names of shape parameters: names with a space.
@@ -88,16 +88,17 @@ def integrate(
     motion, program = program_of(model.forces, pushed=bool(np.any(pushes.polynomials)), paced=FREQUENCY in by)
     y, p = motion.start(model, *at)
     dy, dp = seeds(motion, model, at, by)
-    course = course_of(program, len(by), pushes.polynomials.shape[1] - 1)
+    course = course_of(program, len(by))
     begin(program, course, y, dy, np.append(1.0, p[: motion.signs_at.start]), dp)
     # An input over w^2 is less by 2/w of itself where w is larger.
-    course.of_push[:] = [-2.0 / model.reference_frequency * (name == FREQUENCY) for name in by]
-    course.clock[0] = grid[0]
+    of_push = [-2.0 / model.reference_frequency * (name == FREQUENCY) for name in by]
+    course.v[OF_PUSH, : len(by)] = of_push
+    course.v[CLOCK, 0] = grid[0]
     columns, knots = len(y) + 1 + len(motion.memory), np.require(pushes.knots, float, "CW")
     given = Given(
         np.require(grid, float, "CW"),
         knots,
-        np.require(pushes.polynomials, float, "CW"),
+        np.pad(pushes.polynomials, ((0, 0), (0, PUSH_DEGREE + 1 - pushes.polynomials.shape[1]))),
         np.require(pushes.kicks, float, "CW"),
         np.zeros((len(knots), len(by))),
         np.empty((len(grid), columns)),
@@ -108,7 +109,7 @@ def integrate(
     limits = (DIVERGED, switchings, 5000 + many + int(most_steps * periods))
     reversals, turns, stop, outcome = run(program, given, course, limits)
     if outcome != ended:
-        _raise(outcome, course.clock[0] / model.reference_frequency)
+        _raise(outcome, course.v[CLOCK, 0] / model.reference_frequency)
     names, size = (*motion.variables[2:], "", *motion.memory), len(y)
     hidden = dict(zip(names, given.rows.T[2:], strict=True))
     acceleration, rows = hidden.pop(""), given.rows[:, :size]
@@ -117,11 +118,10 @@ def integrate(
 
 def begin(program: Program, course: Course, y: Vector, dy: Vector, p: Vector, dp: Vector) -> None:
     """Put the start of a motion, and the parameters of a program, where the engine takes them from."""
-    course.y[:], course.dy[:] = y, dy
-    course.memory[:] = p[len(p) - program.memory :]
+    course.v[STATE, : len(y)], course.dy[:] = y, dy
+    course.v[MEMORY, : program.memory] = p[len(p) - program.memory :]
     places = slice(program.states + 2, program.inputs)
-    for table in (course.J, course.trial, course.up, course.down):
-        table[places, 0] = p
+    course.J[places, 0] = course.aside[:, places, 0] = p
     course.T[places, 0] = dp
 
 
@@ -166,6 +166,6 @@ def _raise(outcome: int, elapsed: float) -> None:
         )
     reason = {engine.SWITCHES: "switches without end", engine.STEPS: "needs too many steps"}
     raise SimulationError(
-        f"The motion {reason.get(outcome, 'is not finite')}, {after}; mind forces that switch or are singular "
-        "there."
+        f"The motion {reason.get(outcome, 'is not finite')}, {after}; mind forces that switch or are "
+        "singular there."
     )

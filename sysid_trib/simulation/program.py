@@ -1,7 +1,7 @@
-"""The equations of a motion as a straight-line program, one row an operation, that the compiled engine runs.
+"""The equations of a motion as a straight-line program, one row an operation, that the engine runs.
 
-A formula becomes rows by being evaluated once on `Slot`s, which note what is done to them. Slots are numbered:
-the states `y`, tau, what pushes, the parameters `p` up to the memory, then a row each.
+A formula becomes rows by being evaluated once on `Slot`s, which note what is done to them. Slots are
+numbered: the states `y`, tau, what pushes, the parameters `p` up to the memory, then a row each.
 """
 
 import math
@@ -20,6 +20,8 @@ from sysid_trib.simulation.equations import SMOOTHED, Motion
 # LINEAR is a + c d b with d that does not change: most of an equation of motion.
 ADD, SUB, LINEAR, MUL, SCALE, DIV, NEG, CONST, SIGN, SIN, PARTNER, EXP, LOG, POWER, TANH = range(15)
 Integers = NDArray[np.int64]
+# What pushes is a cubic in tau between knots, or less.
+PUSH_DEGREE = 3
 
 
 class Program(NamedTuple):
@@ -35,8 +37,8 @@ class Program(NamedTuple):
         Slots that change along a motion, in their order.
     inputs, main : int
         Number of input slots; first slot that only the memory needs.
-    states, memory : int
-        How many there are.
+    states, memory, degree : int
+        How many there are; numbers of a polynomial that pushes.
     rates, surfaces, signs, replaced : array of int
         Slots of the states' rates, of the switching surfaces and their signs, of the memory's next values.
     """
@@ -51,6 +53,7 @@ class Program(NamedTuple):
     main: int
     states: int
     memory: int
+    degree: int
     rates: Integers
     surfaces: Integers
     signs: Integers
@@ -289,6 +292,7 @@ def _tidied(rows: Rows, main: int, states: int, *outputs: list[int]) -> Program:
         int(sum(used[:main])),
         states,
         len(outputs[3]),
+        PUSH_DEGREE + 1,
         *(place[np.array(output, dtype=np.int64)].astype(np.int64) for output in outputs),
     )
 

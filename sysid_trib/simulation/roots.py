@@ -68,8 +68,8 @@ def _keeps_clear(g, n, low, high):
 def first_crossing(series, n, h, side, near, known, work):
     """Where in (0, h] a series leaves the side (+1, -1) of zero on which it is to be; h + 1 if it does not.
 
-    A zero at 0 itself, up to `near` or of `known` order, also a double one, is divided out; a wrong side there
-    is a crossing at 0. The interval is halved where neither a quadratic with a bound on the rest, nor its
+    A zero at 0 itself, up to `near` or of `known` order, also a double one, is divided out; a wrong side
+    there is a crossing at 0. The interval is halved where neither a quadratic with a bound on the rest, nor its
     derivative, decides.
     """
     g, low = work[0], _reduced(series, n, h, side, near, known, work)
@@ -113,7 +113,7 @@ def first_crossing(series, n, h, side, near, known, work):
 
 @inner
 def _reduced(series, n, h, side, near, known, work):
-    """The order of the zero at 0, what it leaves in work[0], in units of the step; -1 for a series of zeros."""
+    """Order of the zero at 0; what it leaves in work[0], in units of the step. -1: a series of zeros."""
     size, scale = 0.0, 1.0
     for k in range(n + 1):
         term = side * series[k] * scale
