@@ -4,7 +4,7 @@ BIN := $(VENV)/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n auto --dist loadfile $(WARNINGS)
 
-.PHONY: demo test test-slow test-lowest test-scipy coverage notebooks docs check clean
+.PHONY: demo test test-slow test-lowest coverage notebooks docs check clean
 
 demo: $(VENV)/ready
 	$(BIN)/sysid-trib identify --omega0 8.87
@@ -20,10 +20,6 @@ test-slow: $(VENV)/ready-dev
 # deprecated since is theirs to mend.
 test-lowest:
 	$(MAKE) VENV=.venv-lowest CONSTRAINTS=build/lowest.txt WARNINGS='-W ignore::DeprecationWarning' test
-
-# Without heyoka, as where it has no wheel: scipy simulates.
-test-scipy: .venv-scipy/ready-scipy
-	$(MAKE) VENV=.venv-scipy test
 
 coverage: $(VENV)/ready-dev
 	$(PYTEST) --cov --cov-report=term-missing:skip-covered --cov-fail-under=95
@@ -41,7 +37,7 @@ check: $(VENV)/ready-dev
 	$(BIN)/mypy
 
 clean:
-	rm -rf .venv .venv-lowest .venv-scipy .hypothesis .mypy_cache .pytest_cache .ruff_cache .coverage .coverage.* build dist
+	rm -rf .venv .venv-lowest .hypothesis .mypy_cache .pytest_cache .ruff_cache .coverage .coverage.* build dist
 	find . -name __pycache__ -prune -exec rm -rf {} +
 
 $(VENV)/pyvenv.cfg:
@@ -61,11 +57,6 @@ $(VENV)/ready-dev: pyproject.toml $(CONSTRAINTS) | $(VENV)/pyvenv.cfg
 	@echo "Setting up $(VENV) for tests (a few minutes the first time) ..."
 	@$(PIP) --editable '.[dev]' $(addprefix --constraint ,$(CONSTRAINTS))
 	@touch $@ $(VENV)/ready
-
-.venv-scipy/ready-scipy: pyproject.toml
-	$(MAKE) VENV=.venv-scipy .venv-scipy/ready-dev
-	@.venv-scipy/bin/python -m pip uninstall --quiet --yes heyoka
-	@touch $@
 
 $(VENV)/ready-notebooks: pyproject.toml | $(VENV)/pyvenv.cfg
 	@echo "Setting up $(VENV) for the notebooks (a few minutes the first time) ..."

@@ -84,7 +84,7 @@ def test_help_imports_nothing_heavy():
         [sys.executable, "-c", script], capture_output=True, text=True, check=True
     ).stdout
     assert "--reference-frequency" in printed
-    for heavy in ("pysindy", "heyoka", "matplotlib", "xarray", "scipy", "pandas", "sympy"):
+    for heavy in ("pysindy", "numba", "matplotlib", "xarray", "scipy", "pandas", "sympy"):
         assert f"'{heavy}'" not in printed
 
 

@@ -10,7 +10,7 @@ from sysid_trib.commands.terminal import TimeLeft
 from sysid_trib.looking.sensor_step import sensor_step
 
 COMMANDS = ("look", "identify", "discover", "compare", "simulate", "report", "forces")
-HEAVY = ("numpy", "scipy", "pandas", "xarray", "matplotlib", "pysindy", "heyoka")
+HEAVY = ("numpy", "scipy", "pandas", "xarray", "matplotlib", "pysindy", "numba")
 
 
 def test_nothing_heavy_is_imported_before_the_first_word(tmp_path):

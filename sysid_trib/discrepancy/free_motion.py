@@ -18,7 +18,7 @@ from sysid_trib.noise.sensor_noise import colour_variables
 from sysid_trib.records.runs import one_or_all, root_mean_square
 from sysid_trib.results.per_run import start_variables
 from sysid_trib.results.schema import Estimate, identification
-from sysid_trib.simulation.integrate import FEW_STEPS
+from sysid_trib.simulation.integrate import FEW_STEPS_A_PERIOD
 from sysid_trib.simulation.model import Model
 from sysid_trib.trajectory_fit.initial_conditions import FittedMotion, fit_start
 from sysid_trib.validation.holdout import counted_from
@@ -88,7 +88,7 @@ def free_motion(model: Model, path: RecordPath, noise: NoiseModel) -> FreeMotion
     begin = float(x[0]), float(v[0] * path.frequency)
     try:
         # What is too stiff is not waited for.
-        motion = fit_start(acting, path.time, path.angle - error, begin, most_steps=FEW_STEPS)
+        motion = fit_start(acting, path.time, path.angle - error, begin, most_steps=FEW_STEPS_A_PERIOD)
     except SimulationError:
         # A model without a motion of its own has that which the record leaves it.
         motion = FittedMotion(*begin, 0.0, x, v, np.nan, {}, None)

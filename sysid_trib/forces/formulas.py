@@ -1,6 +1,6 @@
 """Formulas of forces: parsed by whitelist, never by `eval`, and evaluated on any kind of number.
 
-One tree serves NumPy arrays, heyoka expressions and SymPy symbols: `Formula.evaluate` takes the values of
+One tree serves NumPy arrays, slots of a program and SymPy symbols: `Formula.evaluate` takes the values of
 the names and a table of functions. Where a formula changes branch (`sign`, `abs`, `min`, `max`) it has a
 switching surface; given the signs of these surfaces, `evaluate` follows one branch, which is analytic.
 """
@@ -112,7 +112,7 @@ class Formula:
         Parameters
         ----------
         names : mapping of str to number
-            Value of each variable; arrays, heyoka or SymPy expressions.
+            Value of each variable; arrays, slots of a program, SymPy expressions.
         functions : mapping of str to callable
             The table of functions, `power` among them.
         signs : mapping of str to number, optional

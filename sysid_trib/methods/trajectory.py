@@ -24,11 +24,12 @@ from sysid_trib.records.runs import Decays, as_runs, root_mean_square
 from sysid_trib.results.birge import birge_ratio
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
+from sysid_trib.simulation.integrate import FREQUENCY
 from sysid_trib.simulation.model import Model
 from sysid_trib.trajectory_fit.initial_conditions import first_guess
 from sysid_trib.trajectory_fit.least_squares import Fit, fitted, grown, rms, stopped_by_bounds
 from sysid_trib.trajectory_fit.observation import MEASURED, measured_part
-from sysid_trib.trajectory_fit.parameters import FREQUENCY, PER_RUN, Parameters
+from sysid_trib.trajectory_fit.parameters import PER_RUN, Parameters
 from sysid_trib.trajectory_fit.problem import FitProblem, WhitenedRecord
 from sysid_trib.trajectory_fit.pushed_result import pushed_identification
 from sysid_trib.trajectory_fit.pushed_step import penalised_deviance

@@ -1,21 +1,21 @@
 """Which way a motion goes on from a switching or from rest (Filippov 1988), compiled."""
 
 from sysid_trib.simulation.compiling import inner
-from sysid_trib.simulation.course import (
-    AHEAD,
-    CLOCK,
-    FAR,
-    LATER,
-    MEMORY,
-    MEMORY_DOWN,
-    MEMORY_UP,
-    REST,
-    SIGNS,
-    SIGNS_DOWN,
-    SIGNS_UP,
-    STATE,
+from sysid_trib.simulation.engine_state import (
+    ROW_AHEAD,
+    ROW_CLOCK,
+    ROW_FAR,
+    ROW_LATER,
+    ROW_MEMORY,
+    ROW_MEMORY_DOWN,
+    ROW_MEMORY_UP,
+    ROW_REST,
+    ROW_SIGNS,
+    ROW_SIGNS_DOWN,
+    ROW_SIGNS_UP,
+    ROW_STATE,
+    ROW_VALUES,
     TRIAL,
-    VALUES,
 )
 from sysid_trib.simulation.jets import at_once, at_once_live
 from sysid_trib.simulation.roots import NEAR_SURFACE
@@ -80,54 +80,54 @@ def signs_and_values(program, c, out):
     """Signs of the surfaces in c.aside[TRIAL], and their values."""
     signs_of(program, c.aside[TRIAL], out)
     for m in range(len(program.signs)):
-        c.v[VALUES, m] = c.aside[TRIAL][program.surfaces[m], 0]
+        c.v[ROW_VALUES, m] = c.aside[TRIAL][program.surfaces[m], 0]
 
 
 @inner
 def signs_ahead(program, c):
     """Signs of a motion that goes on from here: near a surface, those where it will be a little later."""
-    J, y, tau, later = c.aside[TRIAL], c.v[STATE], c.v[CLOCK, 0], c.v[LATER]
+    J, y, tau, later = c.aside[TRIAL], c.v[ROW_STATE], c.v[ROW_CLOCK, 0], c.v[ROW_LATER]
     state_at(program, J, y, tau)
-    signs_and_values(program, c, c.v[FAR])
-    by_nearness(c.v[VALUES], c.v[SIGNS], c.v[FAR], c.v[SIGNS])
-    rates_of(program, J, c.v[SIGNS])
+    signs_and_values(program, c, c.v[ROW_FAR])
+    by_nearness(c.v[ROW_VALUES], c.v[ROW_SIGNS], c.v[ROW_FAR], c.v[ROW_SIGNS])
+    rates_of(program, J, c.v[ROW_SIGNS])
     for i in range(program.states):
         later[i] = y[i] + LOOKAHEAD * J[program.rates[i], 0]
     later[0] += 0.5 * LOOKAHEAD**2 * J[program.rates[1], 0]
     state_at(program, J, later, tau + LOOKAHEAD)
-    signs_of(program, J, c.v[AHEAD])
-    by_nearness(c.v[VALUES], c.v[AHEAD], c.v[SIGNS], c.v[SIGNS])
+    signs_of(program, J, c.v[ROW_AHEAD])
+    by_nearness(c.v[ROW_VALUES], c.v[ROW_AHEAD], c.v[ROW_SIGNS], c.v[ROW_SIGNS])
 
 
 @inner
 def branch(program, c, way, memory, signs):
     """Acceleration at rest of a motion about to go `way` (+1, -1); memory and signs of that branch."""
-    J, y, tau, later, ahead = c.aside[TRIAL], c.v[REST], c.v[CLOCK, 0], c.v[LATER], c.v[AHEAD]
-    put(c.v[STATE], y)
+    J, y, tau, later, ahead = c.aside[TRIAL], c.v[ROW_REST], c.v[ROW_CLOCK, 0], c.v[ROW_LATER], c.v[ROW_AHEAD]
+    put(c.v[ROW_STATE], y)
     y[1] = 0.0
     state_at(program, J, y, tau)
-    parameters_at(program, J, c.v[MEMORY], c.v[SIGNS])
-    put(c.v[MEMORY], memory)
-    if program.memory > 0 and way * c.v[SIGNS, 0] < 0.0:
-        at_once_live(program, J, len(program.op))
+    parameters_at(program, J, c.v[ROW_MEMORY], c.v[ROW_SIGNS])
+    put(c.v[ROW_MEMORY], memory)
+    if program.memory > 0 and way * c.v[ROW_SIGNS, 0] < 0.0:
+        at_once_live(program, J, len(program.code))
         for m in range(program.memory):
             memory[m] = J[program.replaced[m], 0]
-    parameters_at(program, J, memory, c.v[SIGNS])
-    signs_and_values(program, c, c.v[FAR])
+    parameters_at(program, J, memory, c.v[ROW_SIGNS])
+    signs_and_values(program, c, c.v[ROW_FAR])
     for i in range(program.states):
         later[i] = y[i]
     later[0] += way * 0.5 * LOOKAHEAD**2
     later[1] += way * LOOKAHEAD
     state_at(program, J, later, tau + LOOKAHEAD)
     signs_of(program, J, ahead)
-    by_nearness(c.v[VALUES], ahead, c.v[FAR], signs)
+    by_nearness(c.v[ROW_VALUES], ahead, c.v[ROW_FAR], signs)
     if program.states > 2:
         rates_of(program, J, signs)
         for i in range(2, program.states):
             later[i] += 0.5 * LOOKAHEAD * J[program.rates[i], 0]
         state_at(program, J, later, tau + LOOKAHEAD)
         signs_of(program, J, ahead)
-        by_nearness(c.v[VALUES], ahead, signs, signs)
+        by_nearness(c.v[ROW_VALUES], ahead, signs, signs)
     state_at(program, J, y, tau)
     rates_of(program, J, signs)
     return J[program.rates[1], 0]
@@ -136,20 +136,20 @@ def branch(program, c, way, memory, signs):
 @inner
 def settle(program, c):
     """Set signs, and at a reversal the memory, for the motion from here; False if it sticks."""
-    speed = abs(c.v[STATE, 1])
+    speed = abs(c.v[ROW_STATE, 1])
     if speed <= SLOW:
-        up = branch(program, c, 1.0, c.v[MEMORY_UP], c.v[SIGNS_UP])
-        down = branch(program, c, -1.0, c.v[MEMORY_DOWN], c.v[SIGNS_DOWN])
+        up = branch(program, c, 1.0, c.v[ROW_MEMORY_UP], c.v[ROW_SIGNS_UP])
+        down = branch(program, c, -1.0, c.v[ROW_MEMORY_DOWN], c.v[ROW_SIGNS_DOWN])
         sticks = up <= 0.0 and down >= 0.0
         # Detent and friction make ever shorter swings without end: they end where less than CREEP remains.
         if speed <= AT_REST or (sticks and speed * speed < 2.0 * CREEP * min(-up, down)):
             if not sticks:
                 # Where both push away (negative friction) it goes towards x = 0.
-                rises = up > 0.0 and (down >= 0.0 or c.v[STATE, 0] < 0.0)
-                put(c.v[MEMORY_UP] if rises else c.v[MEMORY_DOWN], c.v[MEMORY])
-                put(c.v[SIGNS_UP] if rises else c.v[SIGNS_DOWN], c.v[SIGNS])
+                rises = up > 0.0 and (down >= 0.0 or c.v[ROW_STATE, 0] < 0.0)
+                put(c.v[ROW_MEMORY_UP] if rises else c.v[ROW_MEMORY_DOWN], c.v[ROW_MEMORY])
+                put(c.v[ROW_SIGNS_UP] if rises else c.v[ROW_SIGNS_DOWN], c.v[ROW_SIGNS])
             return not sticks
     if len(program.signs) > 0:
-        parameters_at(program, c.aside[TRIAL], c.v[MEMORY], c.v[SIGNS])
+        parameters_at(program, c.aside[TRIAL], c.v[ROW_MEMORY], c.v[ROW_SIGNS])
         signs_ahead(program, c)
     return True

@@ -9,9 +9,11 @@ from typing import Any
 
 import numba
 
-OPTIONS = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+# Numba's own types know half of its options.
+njit: Any = numba.njit
+NUMBA_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 # Of what only compiled functions call: a way in from Python would take a third of the time to compile.
-inner = numba.njit(**OPTIONS, fastmath={"contract"}, no_cpython_wrapper=True)
+inner: Any = njit(**NUMBA_OPTIONS, fastmath={"contract"}, no_cpython_wrapper=True)
 
 
 def compiled(function: Callable[..., Any]) -> Any:
@@ -20,13 +22,14 @@ def compiled(function: Callable[..., Any]) -> Any:
     Numba looks at the file of the function alone; the folder is named by all of the engine's, so that nothing
     stale is run. Where nothing can be kept each process compiles anew.
     """
-    before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(_folder())
+    settings: Any = numba.config
+    before, settings.CACHE_DIR = settings.CACHE_DIR, str(_folder())
     try:
-        return numba.njit(**OPTIONS, cache=True)(function)
+        return njit(**NUMBA_OPTIONS, cache=True)(function)
     except RuntimeError:
-        return numba.njit(**OPTIONS)(function)
+        return njit(**NUMBA_OPTIONS)(function)
     finally:
-        numba.config.CACHE_DIR = before
+        settings.CACHE_DIR = before
 
 
 def tell_of_compiling() -> None:
@@ -41,9 +44,9 @@ def _folder() -> Path:
     texts = b"".join(file.read_bytes() for file in sorted(here.glob("*.py")))
     digest = hashlib.sha256(texts + numba.__version__.encode()).hexdigest()[:16]
     if sys.platform == "win32":
-        root = os.environ.get("LOCALAPPDATA", "")
+        root = os.getenv("LOCALAPPDATA", "")
     else:
-        root = os.environ.get("XDG_CACHE_HOME", "")
+        root = os.getenv("XDG_CACHE_HOME", "")
     # Without a home there is no place; the name of it cannot be made either.
     base = Path(root) if root else Path(os.path.expanduser("~")) / ".cache"
     return base / "sysid_trib" / f"engine-{digest}"

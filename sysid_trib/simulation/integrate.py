@@ -8,16 +8,24 @@ from typing import Any
 import numpy as np
 
 from sysid_trib.errors import SimulationError
-from sysid_trib.simulation.course import CLOCK, MEMORY, OF_PUSH, STATE, Course, Given, course_of
+from sysid_trib.simulation.engine_state import (
+    ROW_CLOCK,
+    ROW_MEMORY,
+    ROW_OF_PUSH,
+    ROW_STATE,
+    EngineState,
+    Given,
+    new_state,
+)
 from sysid_trib.simulation.equations import Motion, Vector
 from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.program import PUSH_DEGREE, Program, program_of
+from sysid_trib.simulation.program import PUSH_DEGREE, Instructions, program_of
 from sysid_trib.simulation.pushes import UNPUSHED, Pushes
 
 # What a derivative can be by, besides symbols of forces and names of shape parameters: names with a space.
-FREQUENCY, START_ANGLE, START_RATE = "reference frequency", "start angle", "start rate"
+FREQUENCY, BY_ANGLE, BY_RATE = "reference frequency", "start angle", "start rate"
 # Steps a period that a motion may take: of a stiff state thousands, for which a fit does not wait.
-MOST_STEPS, FEW_STEPS = 20_000, 500
+STEPS_A_PERIOD, FEW_STEPS_A_PERIOD = 20_000, 500
 
 
 DIVERGED = 1e3  # rad; no pendulum swings there
@@ -62,7 +70,7 @@ def integrate(
     *,
     by: Sequence[str] = (),
     pushes: Pushes = UNPUSHED,
-    most_steps: int = MOST_STEPS,
+    most_steps: int = STEPS_A_PERIOD,
 ) -> NormalisedMotion:
     """Integrate the motion of a model along a grid.
 
@@ -74,7 +82,7 @@ def integrate(
     at : (float, float), rad
         x and v there.
     by : sequence of str
-        Parameters of the derivatives: symbols, `dahl.s`, `FREQUENCY`, `START_ANGLE`, `START_RATE`.
+        Parameters of the derivatives: symbols, `dahl.s`, `FREQUENCY`, `BY_ANGLE`, `BY_RATE`.
     pushes : Pushes
     most_steps : int
         A period.
@@ -84,45 +92,67 @@ def integrate(
     SimulationError
         It diverges, switches without end, takes too many steps, or is not finite.
     """
-    run, ended = _engine()
     motion, program = program_of(model.forces, pushed=bool(np.any(pushes.polynomials)), paced=FREQUENCY in by)
     y, p = motion.start(model, *at)
     dy, dp = seeds(motion, model, at, by)
-    course = course_of(program, len(by))
-    begin(program, course, y, dy, np.append(1.0, p[: motion.signs_at.start]), dp)
+    state = new_state(program, len(by))
+    begin(program, state, y, dy, np.append(1.0, p[: motion.signs_at.start]), dp)
     # An input over w^2 is less by 2/w of itself where w is larger.
     of_push = [-2.0 / model.reference_frequency * (name == FREQUENCY) for name in by]
-    course.v[OF_PUSH, : len(by)] = of_push
-    course.v[CLOCK, 0] = grid[0]
-    columns, knots = len(y) + 1 + len(motion.memory), np.require(pushes.knots, float, "CW")
+    state.v[ROW_OF_PUSH, : len(by)] = of_push
+    state.v[ROW_CLOCK, 0] = grid[0]
+    columns, knots = len(y) + 1 + len(motion.memory), pushes.knots
     given = Given(
-        np.require(grid, float, "CW"),
+        grid,
         knots,
         np.pad(pushes.polynomials, ((0, 0), (0, PUSH_DEGREE + 1 - pushes.polynomials.shape[1]))),
-        np.require(pushes.kicks, float, "CW"),
+        pushes.kicks,
         np.zeros((len(knots), len(by))),
+        np.full(len(knots), -1),
+        np.empty((0, 0)),
         np.empty((len(grid), columns)),
         np.empty((len(grid), columns, len(by))),
     )
     periods, many = float(grid[-1] - grid[0]) / (2.0 * np.pi), len(knots)
     switchings = 1000 + many + int(periods * (50 + 10 * len(motion.switches)))
     limits = (DIVERGED, switchings, 5000 + many + int(most_steps * periods))
-    reversals, turns, stop, outcome = run(program, given, course, limits)
-    if outcome != ended:
-        _raise(outcome, course.v[CLOCK, 0] / model.reference_frequency)
+    reversals, turns, stop = run(program, given, state, limits, model.reference_frequency)
     names, size = (*motion.variables[2:], "", *motion.memory), len(y)
     hidden = dict(zip(names, given.rows.T[2:], strict=True))
     acceleration, rows = hidden.pop(""), given.rows[:, :size]
     return NormalisedMotion(rows, acceleration, hidden, stop, reversals[:turns].copy(), given.tangents)
 
 
-def begin(program: Program, course: Course, y: Vector, dy: Vector, p: Vector, dp: Vector) -> None:
+def begin(program: Instructions, state: EngineState, y: Vector, dy: Vector, p: Vector, dp: Vector) -> None:
     """Put the start of a motion, and the parameters of a program, where the engine takes them from."""
-    course.v[STATE, : len(y)], course.dy[:] = y, dy
-    course.v[MEMORY, : program.memory] = p[len(p) - program.memory :]
+    state.v[ROW_STATE, : len(y)], state.dy[:] = y, dy
+    state.v[ROW_MEMORY, : program.memory] = p[len(p) - program.memory :]
     places = slice(program.states + 2, program.inputs)
-    course.J[places, 0] = course.aside[:, places, 0] = p
-    course.T[places, 0] = dp
+    state.J[places, 0] = state.aside[:, places, 0] = p
+    state.T[places, 0] = dp
+
+
+def run(
+    program: Instructions, given: Given, state: EngineState, limits: tuple[float, int, int], frequency: float
+) -> tuple[Vector, int, float]:
+    """Follow a motion, or intervals, by the compiled engine.
+
+    Returns where the sign of v changes, how often, and where it comes to rest, in tau.
+
+    Raises
+    ------
+    SimulationError
+        It diverges, switches without end, takes too many steps, or is not finite.
+    """
+    compiled, ended = _engine()
+    # One kind of array, for which it is compiled once.
+    given = given._replace(
+        **{name: np.require(part, part.dtype, ["C", "W"]) for name, part in given._asdict().items()}
+    )
+    reversals, turns, rest, outcome = compiled(program, given, state, limits)
+    if outcome != ended:
+        _raise(outcome, state.v[ROW_CLOCK, 0] / frequency)
+    return reversals, turns, rest
 
 
 @cache
@@ -141,9 +171,9 @@ def seeds(motion: Motion, model: Model, at: tuple[float, float], by: Sequence[st
     places = {name: 1 + i for i, name in enumerate((*names, *motion.shapes))}
     dy, dp = np.zeros((len(motion.variables), len(by))), np.zeros((1 + motion.signs_at.start, len(by)))
     for column, name in enumerate(by):
-        if name == START_ANGLE:
+        if name == BY_ANGLE:
             dy[0, column] = 1.0
-        elif name == START_RATE:
+        elif name == BY_RATE:
             dy[1, column] = 1.0 / w
         elif name == FREQUENCY:
             # v = rate/w at the start; then all goes faster.

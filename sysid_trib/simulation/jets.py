@@ -29,15 +29,16 @@ from sysid_trib.simulation.program import (
 
 
 @inner
-def row(J, s, o, p, q, d, c):
-    """A slot at order 0, by its operation and operands; of a sign what it was."""
+def row(J, s, code, c):
+    """A slot at order 0; of a sign what it was."""
+    o, p, q, d = code[s, 0], code[s, 1], code[s, 2], code[s, 3]
     if o == ADD:
         J[s, 0] = J[p, 0] + J[q, 0]
     elif o == SUB:
         J[s, 0] = J[p, 0] - J[q, 0]
     elif o == LINEAR:
         # What is off does not act even where it is singular.
-        factor = c * J[d, 0]
+        factor = c[s] * J[d, 0]
         J[s, 0] = J[p, 0] + factor * J[q, 0] if factor != 0.0 else J[p, 0]
     elif o == SCALE:
         J[s, 0] = J[p, 0] * J[q, 0] if J[p, 0] != 0.0 else 0.0
@@ -48,7 +49,7 @@ def row(J, s, o, p, q, d, c):
     elif o == NEG:
         J[s, 0] = -J[p, 0]
     elif o == CONST:
-        J[s, 0] = c
+        J[s, 0] = c[s]
     elif o == SIN:
         J[s, 0] = math.sin(J[p, 0])
     elif o == PARTNER:
@@ -58,7 +59,7 @@ def row(J, s, o, p, q, d, c):
     elif o == LOG:
         J[s, 0] = math.log(J[p, 0]) if J[p, 0] > 0.0 else np.nan
     elif o == POWER:
-        J[s, 0] = J[p, 0] ** c
+        J[s, 0] = J[p, 0] ** c[s]
     elif o == TANH:
         J[s, 0] = math.tanh(J[p, 0])
 
@@ -66,35 +67,33 @@ def row(J, s, o, p, q, d, c):
 @inner
 def at_once(program, J):
     """All slots of a motion at order 0, on the branch of the signs in J."""
-    op, a, b, d, c = program.op, program.a, program.b, program.d, program.c
     for s in range(program.inputs, program.main):
-        row(J, s, op[s], a[s], b[s], d[s], c[s])
+        row(J, s, program.code, program.c)
 
 
 @inner
 def at_once_live(program, J, last):
     """Slots up to `last` at order 0; signs follow their surfaces."""
-    op, a, b, d, c = program.op, program.a, program.b, program.d, program.c
     for s in range(program.inputs, last):
-        row(J, s, op[s], a[s], b[s], d[s], c[s])
-        if op[s] == SIGN:
-            u = J[a[s], 0]
+        row(J, s, program.code, program.c)
+        if program.code[s, 0] == SIGN:
+            u = J[program.code[s, 1], 0]
             J[s, 0] = 1.0 if u > 0.0 else -1.0 if u < 0.0 else u
 
 
 @inner
 def order(program, J, k):
     """Order k >= 1 of the slots that change, from the orders below it."""
-    op, a, b, c, d = program.op, program.a, program.b, program.c, program.d
+    code, c = program.code, program.c
     for s in program.rows:
-        o, p, q = op[s], a[s], b[s]
+        o, p, q, d = code[s, 0], code[s, 1], code[s, 2], code[s, 3]
         t = 0.0
         if o == ADD:
             t = J[p, k] + J[q, k]
         elif o == SUB:
             t = J[p, k] - J[q, k]
         elif o == LINEAR:
-            factor = c[s] * J[d[s], 0]
+            factor = c[s] * J[d, 0]
             t = J[p, k] + factor * J[q, k] if factor != 0.0 else J[p, k]
         elif o == SCALE:
             t = J[p, 0] * J[q, k] if J[p, 0] != 0.0 else 0.0
@@ -143,8 +142,9 @@ def order(program, J, k):
 
 
 @inner
-def derivative(J, T, k, s, o, p, q, r, c):
+def derivative(J, T, k, s, code, c):
     """Order k of the derivatives of a slot, from the series and the orders below it."""
+    o, p, q, r = code[s, 0], code[s, 1], code[s, 2], code[s, 3]
     count = T.shape[2]
     here = T[s, k]
     if o == ADD:
@@ -155,7 +155,7 @@ def derivative(J, T, k, s, o, p, q, r, c):
             here[i] = T[p, k, i] - T[q, k, i]
     elif o == LINEAR:
         for i in range(count):
-            here[i] = T[p, k, i] + c * (T[r, 0, i] * J[q, k] + J[r, 0] * T[q, k, i])
+            here[i] = T[p, k, i] + c[s] * (T[r, 0, i] * J[q, k] + J[r, 0] * T[q, k, i])
     elif o == NEG:
         for i in range(count):
             here[i] = -T[p, k, i]
@@ -189,7 +189,7 @@ def derivative(J, T, k, s, o, p, q, r, c):
                 here[i] = (here[i] + T[p, k, i]) / J[p, 0]
         elif o == POWER:
             for m in range(k + 1):
-                u, w = c * J[s, k - m], J[p, k - m] if m < k else 0.0
+                u, w = c[s] * J[s, k - m], J[p, k - m] if m < k else 0.0
                 for i in range(count):
                     here[i] += u * T[p, m, i] - w * T[s, m, i]
             for i in range(count):
@@ -206,14 +206,12 @@ def derivative(J, T, k, s, o, p, q, r, c):
 @inner
 def derivatives_at_once(program, J, T, last):
     """Derivatives of the slots up to `last` at order 0."""
-    op, a, b, d, c = program.op, program.a, program.b, program.d, program.c
     for s in range(program.inputs, last):
-        derivative(J, T, np.int64(0), s, op[s], a[s], b[s], d[s], c[s])
+        derivative(J, T, np.int64(0), s, program.code, program.c)
 
 
 @inner
 def derivatives_of_order(program, J, T, k):
     """Order k >= 1 of the derivatives of the slots that change."""
-    op, a, b, d, c = program.op, program.a, program.b, program.d, program.c
     for s in program.rows:
-        derivative(J, T, k, s, op[s], a[s], b[s], d[s], c[s])
+        derivative(J, T, k, s, program.code, program.c)

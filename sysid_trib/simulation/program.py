@@ -24,13 +24,13 @@ Integers = NDArray[np.int64]
 PUSH_DEGREE = 3
 
 
-class Program(NamedTuple):
-    """Rows of operations, and where to find what in them.
+class Instructions(NamedTuple):
+    """Listing of operations, and where to find what in them.
 
     Attributes
     ----------
-    op, a, b, d : (slot,) array of int
-        Operation and operands of each slot; those of the inputs are not read.
+    code : (slot, 4) array of int
+        Operation and operands a, b, d of each slot; those of the inputs are not read.
     c : (slot,) array of float
         Number of a constant, exponent of a power.
     rows : (row,) array of int
@@ -43,10 +43,7 @@ class Program(NamedTuple):
         Slots of the states' rates, of the switching surfaces and their signs, of the memory's next values.
     """
 
-    op: Integers
-    a: Integers
-    b: Integers
-    d: Integers
+    code: Integers
     c: NDArray[np.float64]
     rows: Integers
     inputs: int
@@ -60,7 +57,7 @@ class Program(NamedTuple):
     replaced: Integers
 
 
-class Rows:
+class Listing:
     """A program under construction.
 
     Parameters
@@ -119,7 +116,7 @@ class Slot:
 
     Parameters
     ----------
-    rows : Rows
+    rows : Listing
     index : int
     """
 
@@ -127,7 +124,7 @@ class Slot:
     # NumPy's numbers leave arithmetic with it to it.
     __array_ufunc__ = None
 
-    def __init__(self, rows: Rows, index: int) -> None:
+    def __init__(self, rows: Listing, index: int) -> None:
         self.rows, self.index = rows, index
 
     def _sum(self, a: Any, b: Any, way: float) -> "Slot":
@@ -239,7 +236,7 @@ FUNCTIONS: Functions = {
 @lru_cache(maxsize=512)
 def program_of(
     forces: tuple[Force, ...], *, pushed: bool = False, paced: bool = False
-) -> tuple[Motion, Program]:
+) -> tuple[Motion, Instructions]:
     """The equations of motion under these forces, and their program, for any coefficients and shapes.
 
     Its parameters are `p` of `Motion` up to the signs, and one more in front of them: where `paced`, what all
@@ -248,7 +245,7 @@ def program_of(
     """
     motion = Motion(forces)
     states, fixed = len(motion.variables), motion.signs_at.start
-    rows = Rows(states, 1 + fixed)
+    rows = Listing(states, 1 + fixed)
     slots = [Slot(rows, i) for i in range(rows.inputs)]
     y, (tau, push, pace), p = slots[:states], slots[states : states + 3], slots[states + 3 :]
     signs: list[Any] = [0.0] * len(motion.switches)
@@ -267,7 +264,7 @@ def program_of(
     return motion, _tidied(rows, main, states, ends, surfaces, [s.index for s in signs], replaced)
 
 
-def _tidied(rows: Rows, main: int, states: int, *outputs: list[int]) -> Program:
+def _tidied(rows: Listing, main: int, states: int, *outputs: list[int]) -> Instructions:
     """The program without rows that nothing needs."""
     used = [i < rows.inputs or any(i in output for output in outputs) for i in range(len(rows.op))]
     for i in range(len(rows.op) - 1, rows.inputs - 1, -1):
@@ -283,9 +280,8 @@ def _tidied(rows: Rows, main: int, states: int, *outputs: list[int]) -> Program:
     kept = [i for i in range(len(rows.op)) if used[i]]
     tables = [place[[part[i] for i in kept]] for part in (rows.a, rows.b, rows.d)]
     changing = [place[i] for i in kept if rows.inputs <= i < main and not rows.still[i]]
-    return Program(
-        np.array([rows.op[i] for i in kept], dtype=np.int64),
-        *(table.astype(np.int64) for table in tables),
+    return Instructions(
+        np.stack([np.array([rows.op[i] for i in kept]), *tables], axis=1).astype(np.int64),
         np.array([rows.c[i] for i in kept], dtype=float),
         np.array(changing, dtype=np.int64),
         rows.inputs,
@@ -297,7 +293,7 @@ def _tidied(rows: Rows, main: int, states: int, *outputs: list[int]) -> Program:
     )
 
 
-def _live(rows: Rows) -> Functions:
+def _live(rows: Listing) -> Functions:
     """Functions whose branches follow their arguments."""
 
     def sign(u: Any) -> Any:

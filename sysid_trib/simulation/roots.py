@@ -5,9 +5,9 @@ import numpy as np
 from sysid_trib.simulation.compiling import inner
 
 # A surface this near to zero, of the size of its series, is at zero.
-ROUNDING = 1e-13
+ZERO_PART = 1e-13
 # So many parts of a step are looked at for a root, none shorter than this.
-MOST_INTERVALS, SHORTEST = 500, 1e-13
+MOST_INTERVALS, SHORTEST_PART = 500, 1e-13
 # Nearer than this to a surface, its sign is decided by where the motion is a little later.
 NEAR_SURFACE = 1e-9
 
@@ -65,14 +65,14 @@ def _keeps_clear(g, n, low, high):
 
 
 @inner
-def first_crossing(series, n, h, side, near, known, work):
+def first_crossing(series, n, h, side, zero, work):
     """Where in (0, h] a series leaves the side (+1, -1) of zero on which it is to be; h + 1 if it does not.
 
-    A zero at 0 itself, up to `near` or of `known` order, also a double one, is divided out; a wrong side
-    there is a crossing at 0. The interval is halved where neither a quadratic with a bound on the rest, nor its
+    A zero at 0 itself, up to the number or of the order in `zero`, is divided out; a wrong side there is a
+    crossing at 0. The interval is halved where neither a quadratic with a bound on the rest, nor its
     derivative, decides.
     """
-    g, low = work[0], _reduced(series, n, h, side, near, known, work)
+    g, low = work[0], _reduced(series, n, h, side, zero, work)
     if low < 0:
         return h + 1.0
     n -= low
@@ -101,7 +101,7 @@ def first_crossing(series, n, h, side, near, known, work):
                 shifted[k] += middle * shifted[k + 1]
         if _keeps_clear(shifted, n, -half, half):
             continue
-        if half < SHORTEST or _is_monotonic(shifted, n, half):
+        if half < SHORTEST_PART or _is_monotonic(shifted, n, half):
             if value(g, n, hi) < 0.0:
                 return h * _only_root(g, n, lo, hi)
             continue
@@ -112,8 +112,9 @@ def first_crossing(series, n, h, side, near, known, work):
 
 
 @inner
-def _reduced(series, n, h, side, near, known, work):
+def _reduced(series, n, h, side, zero, work):
     """Order of the zero at 0; what it leaves in work[0], in units of the step. -1: a series of zeros."""
+    near, known = zero
     size, scale = 0.0, 1.0
     for k in range(n + 1):
         term = side * series[k] * scale
@@ -124,7 +125,7 @@ def _reduced(series, n, h, side, near, known, work):
         return -1
     low = 0
     # `near` is what rounding leaves of a difference.
-    while low < n and (low < known or abs(work[4, low]) <= ROUNDING * size or abs(series[low]) <= near):
+    while low < n and (low < known or abs(work[4, low]) <= ZERO_PART * size or abs(series[low]) <= near):
         low += 1
     for k in range(n - low + 1):
         work[0, k] = work[4, low + k]

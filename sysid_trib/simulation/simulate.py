@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from sysid_trib.errors import SimulationError, UsageError
 from sysid_trib.records.inputs import INPUT, KnownInput
 from sysid_trib.simulation.equations import Vector
-from sysid_trib.simulation.integrate import MOST_STEPS, integrate
+from sysid_trib.simulation.integrate import STEPS_A_PERIOD, integrate
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.pushes import pushes_of
 from sysid_trib.simulation.simulated_motion import SimulatedMotion, simulated_motion
@@ -67,7 +67,7 @@ def simulate(
     if known_input is not None:
         acceleration = np.asarray(known_input, dtype=float)
         model = replace(model, known_input=KnownInput(time - time[0], acceleration))
-    motion = trajectory(model, time, angle, rate, random_force=random_force, seed=seed)
+    motion = _simulated(model, time, (angle, rate), (random_force, seed))
     data: dict[str, Any] = {
         "angle": ("time", motion.angle, {"units": "rad", "long_name": "angle"}),
         "rate": ("time", motion.rate, {"units": "rad/s", "long_name": "angular rate"}),
@@ -88,15 +88,13 @@ def trajectory(
     rate: float = 0.0,
     *,
     by: Sequence[str] = (),
-    most_steps: int = MOST_STEPS,
-    random_force: float = 0.0,
-    seed: int = 0,
+    most_steps: int = STEPS_A_PERIOD,
 ) -> SimulatedMotion:
     """Simulate without labels, the fast way for repeated use (see `simulate`).
 
     Parameters
     ----------
-    model, time, angle, rate, random_force, seed
+    model, time, angle, rate
         See `simulate`.
     by : sequence of str
         Parameters of which derivatives are taken: symbols of forces, `dahl.s`, and the names in `integrate`.
@@ -112,14 +110,26 @@ def trajectory(
     Coefficients, shapes and frequency of the same forces are free. Forces with coefficient zero stay in:
     their states and memory follow the motion.
     """
+    return _simulated(model, time, (angle, rate), (0.0, 0), by, most_steps)
+
+
+def _simulated(
+    model: Model,
+    time: Vector,
+    start: tuple[float, float],
+    random: tuple[float, int],
+    by: Sequence[str] = (),
+    most_steps: int = STEPS_A_PERIOD,
+) -> SimulatedMotion:
+    """A motion, pushed by a random force of this density and seed."""
     if time.ndim != 1 or not len(time) or not np.all(np.isfinite(time)) or np.any(np.diff(time) <= 0.0):
         raise SimulationError(
             "The times of a simulation must be finite and increase; sort them, drop repeats."
         )
+    angle, rate = start
     if not (np.isfinite(angle) and np.isfinite(rate)):
         raise SimulationError(f"A motion cannot start from angle {angle} rad and rate {rate} rad/s.")
-    w, start = model.reference_frequency, float(time[0])
-    grid = w * (time - start)
-    pushes = pushes_of(model, grid, random_force, seed)
-    path = integrate(model, grid, (angle, rate / w), by=by, pushes=pushes, most_steps=most_steps)
-    return simulated_motion(model, time - start, start, path, by, pushed=len(pushes.knots) > 0)
+    w, elapsed = model.reference_frequency, time - float(time[0])
+    pushes = pushes_of(model, w * elapsed, *random)
+    path = integrate(model, w * elapsed, (angle, rate / w), by=by, pushes=pushes, most_steps=most_steps)
+    return simulated_motion(model, elapsed, float(time[0]), path, by, pushed=len(pushes.knots) > 0)

@@ -16,17 +16,16 @@ from sysid_trib.results.per_run import noise_of_run
 from sysid_trib.results.schema import asymptotic_frequency, library_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import variable, with_error
+from sysid_trib.simulation.integrate import FREQUENCY
+from sysid_trib.simulation.model import Model
 from sysid_trib.state_space.intervals import steps_over
 from sysid_trib.state_space.kalman import LinearModel, filter_gains, statsmodels_model
 from sysid_trib.state_space.linearised import Derivatives, linearised_about, sensor_on
 from sysid_trib.state_space.recent_predictions import widening
 from sysid_trib.state_space.tracked import TrackedRecord, track
-from sysid_trib.state_space.vector_field import VectorField
 
 # Periods that the filter has for the start and the sensor's zero before the first prediction.
 SETTLING_PERIODS = 2.0
-# In tau: of a prediction, which is known to parts of a thousand, no more is asked.
-LONGEST_SUBSTEP = 0.4
 
 
 @dataclass(frozen=True)
@@ -174,14 +173,14 @@ def _predictions(
     leads = 2.0 * np.pi / w * ahead
     targets = _nearest(time, time[starts][:, None] + leads)
     times = np.where(targets >= 0, time[targets], time[starts][:, None] + leads)
-    field = VectorField(tracked.model, names, frequency=True)
+    model, onward = tracked.model, (*names, FREQUENCY)
     predicted, variance = np.empty(times.shape), np.empty(times.shape)
     size = states.shape[1] - 1
     still = np.broadcast_to(np.eye(size), (len(starts), size, size))
     now = Ahead(states[:, :size], still, by_states[:, :size], np.zeros_like(still))
     at = time[starts]
     for j in range(len(leads)):
-        now, at = _advanced(field, now, w * (at - time[0]), w * (times[:, j] - at)), times[:, j]
+        now, at = _advanced(model, onward, now, w * (at - time[0]), w * (times[:, j] - at)), times[:, j]
         shown, observed, by_sensor = sensor_on(tracked.model, at - time[0], now.states, by)
         predicted[:, j] = shown + states[:, size]
         by_start = np.concatenate(
@@ -301,9 +300,9 @@ def parameters_of(result: xr.Dataset) -> tuple[tuple[str, ...], Array]:
     return tuple(symbols), np.nan_to_num(whole)
 
 
-def _advanced(field: VectorField, now: Ahead, tau: Array, length: Array) -> Ahead:
+def _advanced(model: Model, by: tuple[str, ...], now: Ahead, tau: Array, length: Array) -> Ahead:
     """The motions a stretch further, with all that moves them."""
-    steps = steps_over(field, tau, length, now.states, longest=LONGEST_SUBSTEP)
+    steps = steps_over(model, tau, length, now.states, by)
     onward = steps.transition
     return Ahead(
         steps.end,

@@ -12,10 +12,11 @@ import numpy as np
 from scipy.special import ndtri
 
 from sysid_trib.arrays import Array
+from sysid_trib.simulation.equations import Motion
+from sysid_trib.simulation.integrate import FREQUENCY
 from sysid_trib.simulation.model import Model
 from sysid_trib.state_space.intervals import steps_over
 from sysid_trib.state_space.steps import Steps
-from sysid_trib.state_space.vector_field import VectorField
 
 # Speeds of equal probability that stand for the normal law.
 SPEEDS = 8
@@ -53,10 +54,10 @@ def expected_steps(
         The motion diverges between two samples, or switches without end.
     """
     w = model.reference_frequency
-    field = VectorField(model, names, frequency)
+    by = (*names, FREQUENCY) if frequency else names
     tau, length = w * (time[:-1] - time[0]), w * np.diff(time)
-    steps = steps_over(field, tau, length, states)
-    if not np.any(rate_error) or not any(switch.key == "v" for switch in field.motion.switches):
+    steps = steps_over(model, tau, length, states[:-1], by)
+    if not np.any(rate_error) or not any(switch.key == "v" for switch in Motion(model.forces).switches):
         return steps
     v, error = states[:, 1], np.broadcast_to(rate_error, len(states))
     near = np.minimum(np.abs(v[:-1]), np.abs(v[1:])) < ONE_SIGN * error[:-1]
@@ -64,7 +65,7 @@ def expected_steps(
     begun = np.repeat(states[None, unsure], SPEEDS, axis=0)
     begun[:, :, 1] += np.multiply.outer(NORMAL, error[unsure])
     several = np.tile(unsure, SPEEDS)
-    drawn = steps_over(field, tau[several], length[several], begun.reshape(-1, states.shape[1]))
+    drawn = steps_over(model, tau[several], length[several], begun.reshape(-1, states.shape[1]), by)
 
     def averaged(certain: Array, drawn: Array) -> Array:
         whole = certain.copy()

@@ -1,30 +1,25 @@
-"""The motion from each sample to the next, exact and with its derivatives, over all intervals at once.
+"""The motion from each sample to the next, exact and with its derivatives.
 
-Each interval starts at a state that is given (multiple shooting, Bock 1981), so that none waits for another.
-An explicit Runge-Kutta step advances state, derivatives and diffusion together; where it passes a switching
-surface it is cut there (`switching`).
+Each interval starts at a state that is given (multiple shooting, Bock 1981), and is followed by the compiled
+engine. What a random force adds is the covariance of impulses within the interval, carried to its end by the
+same derivatives, at Gauss's points.
 """
 
-from collections.abc import Callable
-from dataclasses import replace
-
 import numpy as np
-from scipy.integrate import DOP853, RK45
-from scipy.optimize import elementwise
 
-from sysid_trib.arrays import Array, Index, Mask
-from sysid_trib.errors import SimulationError
+from sysid_trib.arrays import Array, Index
+from sysid_trib.simulation.engine_state import INTERVAL_ENDS, ROW_OF_PUSH, Given, new_state
+from sysid_trib.simulation.integrate import DIVERGED, FREQUENCY, begin, run, seeds
 from sysid_trib.simulation.model import Model
+from sysid_trib.simulation.program import PUSH_DEGREE, program_of
 from sysid_trib.state_space.steps import Steps
-from sysid_trib.state_space.switching import Front, crossed, passed_surface, settled, sides
-from sysid_trib.state_space.vector_field import Instants, VectorField
 
-# Longest substep in tau.
-SUBSTEP = 0.16
-# By so little (rad) a motion may be on the wrong side of a surface that it touches, for rounding.
-TOUCHED = 1e-14
-# In an interval, and in each unit of tau of a long one.
-MOST_SWITCHINGS = 60
+# In tau; longer intervals are followed in parts.
+LONGEST_INTERVAL = 0.5
+GAUSS_POINTS, GAUSS_WEIGHTS = (0.5 * part for part in np.polynomial.legendre.leggauss(3))
+GAUSS_POINTS = GAUSS_POINTS + 0.5
+# In an interval, and in each unit of tau of it.
+SWITCHINGS_ALLOWED, STEPS_ALLOWED = 60, 3000
 
 
 def steps_between(
@@ -54,25 +49,22 @@ def steps_between(
     SimulationError
         The motion diverges between two samples, or switches without end.
     """
-    w = model.reference_frequency
-    field = VectorField(model, names, frequency)
-    return steps_over(field, w * (time[:-1] - time[0]), w * np.diff(time), states)
+    w, by = model.reference_frequency, (*names, FREQUENCY) if frequency else names
+    return steps_over(model, w * (time[:-1] - time[0]), w * np.diff(time), states[:-1], by)
 
 
-def steps_over(
-    field: VectorField, tau: Array, length: Array, states: Array, *, longest: float = SUBSTEP
-) -> Steps:
+def steps_over(model: Model, tau: Array, length: Array, states: Array, by: tuple[str, ...] = ()) -> Steps:
     """Exact motion over any intervals.
 
     Parameters
     ----------
-    field : VectorField
+    model : Model
     tau, length : (interval,) array of float
         Beginning and length of each.
     states : (interval, state) array of float
-        At the beginnings; one more where the intervals follow each other.
-    longest : float
-        Longest substep in tau.
+        At the beginnings.
+    by : tuple of str
+        Parameters by which the ends are derived.
 
     Returns
     -------
@@ -83,144 +75,84 @@ def steps_over(
     SimulationError
         The motion diverges within an interval, or switches without end.
     """
-    size, count = field.size, len(tau)
-    front = _begin(field, states[:count].T.astype(float), tau)
-    remaining = length.copy()
-    density = np.maximum(1.0 / longest, _stiffness(field, states, count))
-    substep = length / np.maximum(1.0, np.ceil(density * length))
-    switchings = np.zeros(count, int)
-    moving = np.arange(count)
-    whole = front
-    waiting = np.zeros(count, bool)
-    while len(moving):
-        # Those that pass a surface wait for the others: a search for many crossings takes as long as for one.
-        crossing = bool(waiting[moving].all())
-        at = moving if crossing else moving[~waiting[moving]]
-        step = np.minimum(substep[at], remaining[at])
-        part = whole.at(at) if len(at) < count else whole
-        if crossing:
-            step = _first_crossing(field, part.here, step)
-            ahead = crossed(field, _step(field, part, step))
-            switchings[at] += 1
-            waiting[at] = False
-        else:
-            ahead = _step(field, part, step)
-            passed = passed_surface(field, ahead.here)
-            if passed.any():
-                waiting[at[passed]] = True
-                free = np.flatnonzero(~passed)
-                at, step, ahead = at[free], step[free], ahead.at(free)
-        whole = _with(whole, at, ahead) if len(at) < count else ahead
-        remaining[at] -= step
-        if not np.all(np.isfinite(ahead.here.y)) or np.any(switchings > MOST_SWITCHINGS * (1.0 + length)):
-            raise SimulationError(
-                "The motion between two samples diverges or switches without end; mind negative damping and "
-                "forces that are singular where it goes."
-            )
-        moving = moving[remaining[moving] > 1e-14]
+    parts = np.maximum(1, np.ceil(length / LONGEST_INTERVAL).astype(int))
+    whole = _followed(model, tau, length / parts, states, by)
+    for done in range(1, int(parts.max(initial=1))):
+        at = np.flatnonzero(parts > done)
+        part = length[at] / parts[at]
+        further = _followed(model, tau[at] + done * part, part, whole.end[at], by)
+        onward = further.transition
+        whole.end[at] = further.end
+        whole.transition[at] = onward @ whole.transition[at]
+        whole.sensitivity[at] = onward @ whole.sensitivity[at] + further.sensitivity
+        whole.diffusion[at] = onward @ whole.diffusion[at] @ onward.swapaxes(1, 2) + further.diffusion
+    return whole
+
+
+def _followed(model: Model, tau: Array, length: Array, states: Array, by: tuple[str, ...]) -> Steps:
+    """The same of short intervals, one after the other."""
+    w, known = model.reference_frequency, model.known_input
+    motion, program = program_of(model.forces, pushed=known is not None, paced=FREQUENCY in by)
+    size, count = program.states + program.memory, len(tau)
+    columns = size + len(by) + len(GAUSS_POINTS)
+    at, knots, marks, points = _knots(tau, length, np.empty(0) if known is None else w * known.elapsed)
+    impulses = np.zeros((len(knots), columns))
+    inside = np.flatnonzero(points >= 0)
+    impulses[inside, size + len(by) + points[inside]] = np.sqrt(
+        GAUSS_WEIGHTS[points[inside]] * length[at[inside]]
+    )
+    polynomials = np.zeros((len(knots), PUSH_DEGREE + 1))
+    if known is not None:
+        polynomials[:, 0] = known.over_stiffness(knots, w)
+        rise = np.append(np.diff(known.acceleration) / np.diff(known.elapsed), [0.0, 0.0]) / w**3
+        last = np.searchsorted(w * known.elapsed, knots, side="right") - 1
+        polynomials[:, 1] = np.where(last < 0, 0.0, rise[last])
+    state = new_state(program, columns)
+    y, p = motion.start(model, 0.0, 0.0)
+    dp = np.zeros((1 + motion.signs_at.start, columns))
+    _, dp[:, size : size + len(by)] = seeds(motion, model, (0.0, 0.0), by)
+    # The start of the memory is given, and so are its derivatives.
+    dp[len(dp) - program.memory :] = 0.0
+    dy = np.zeros((program.states, columns))
+    begin(program, state, y, dy, np.append(1.0, p[: motion.signs_at.start]), dp)
+    # An input over w^2 is less by 2/w of itself where w is larger.
+    state.v[ROW_OF_PUSH, size : size + len(by)] = [-2.0 / w * (name == FREQUENCY) for name in by]
+    rows = np.empty((count, size + 1))
+    tangents = np.empty((count, size + 1, columns))
+    kicks = np.zeros((len(knots), 2))
+    given = Given(tau, knots, polynomials, kicks, impulses, marks, states.astype(float), rows, tangents)
+    budget = int(SWITCHINGS_ALLOWED * np.sum(1.0 + length)), int(STEPS_ALLOWED * np.sum(1.0 + length))
+    if count:
+        run(program, given, state, (DIVERGED, *budget), w)
+    kept = np.delete(np.arange(size + 1), program.states)
+    table = tangents[:, kept]
+    diffusion = table[:, :, size + len(by) :]
     return Steps(
-        whole.here.y.T,
-        np.moveaxis(whole.derivative[:, :size], -1, 0),
-        np.moveaxis(whole.derivative[:, size:], -1, 0),
-        np.moveaxis(whole.diffusion, -1, 0),
+        rows[:, kept],
+        table[:, :, :size].copy(),
+        table[:, :, size : size + len(by)].copy(),
+        diffusion @ diffusion.swapaxes(1, 2),
     )
 
 
-def _stiffness(field: VectorField, states: Array, count: int) -> Array:
-    """Fastest rate at which internal states relax in each interval, per unit of tau.
+def _knots(tau: Array, length: Array, bends: Array) -> tuple[Index, Array, Index, Index]:
+    """Of each knot its interval, tau, mark, and which of Gauss's points it is, or -1.
 
-    By the states at its beginning, and at its end where they are known: that is where the next one begins.
+    A knot begins and ends each interval; between are Gauss's points, and where an input bends.
     """
-    memory = slice(2, len(field.motion.variables))
-    if memory.stop == 2:
-        return np.zeros(count)
-    at_samples = Instants(states.T.astype(float), np.zeros(len(states)), *_no_side(field, len(states)))
-    _, by_state, _ = field.derivatives(settled(field, at_samples, np.ones(len(states), bool)))
-    rates = np.max(np.abs(by_state[memory, memory]), axis=(0, 1))
-    return np.maximum(rates[:count], rates[-count:])
-
-
-def _no_side(field: VectorField, count: int) -> tuple[Array, Mask]:
-    """Signs and sticking of instants of which nothing is known yet."""
-    return np.zeros((len(field.motion.switches), count)), np.zeros(count, bool)
-
-
-def _begin(field: VectorField, y: Array, tau: Array) -> Front:
-    size, count = field.size, len(tau)
-    here = settled(field, Instants(y, tau, *_no_side(field, count)), np.ones(count, bool))
-    derivative = np.zeros((size, size + len(field.names) + field.frequency, count))
-    derivative[range(size), range(size)] = 1.0
-    # What friction holds has no speed, whatever it had.
-    derivative[1, 1, here.stuck] = 0.0
-    return Front(here, derivative, np.zeros((size, size, count)))
-
-
-def _step(field: VectorField, front: Front, step: Array) -> Front:
-    """One step: of order eight for the state, five for derivatives and diffusion.
-
-    An error of the state, 1e-9 a radian with order five, turns the phase of a long record by more than its
-    many samples leave open; of the derivatives it is of no account.
-    """
-    size, here = field.size, front.here
-    start = np.concatenate([here.y[:, None], front.derivative, front.diffusion], axis=1)
-
-    def slopes(table: Array, part: float) -> Array:
-        at = replace(here, y=table[:, 0], tau=here.tau + part * step)
-        rates, by_state, by_parameter = field.derivatives(at)
-        slope = np.empty_like(table)
-        slope[:, 0] = rates
-        slope[:, 1:] = np.einsum("abn,bcn->acn", by_state, table[:, 1:])
-        slope[:, 1 + size : -size] += by_parameter
-        slope[:, -size:] += slope[:, -size:].swapaxes(0, 1).copy()
-        slope[1, -size + 1] += ~here.stuck
-        return slope
-
-    end = _runge_kutta(RK45, slopes, start, step)
-    return Front(_stepped_state(field, here, step), end[:, 1:-size], end[:, -size:])
-
-
-def _stepped_state(field: VectorField, here: Instants, step: Array) -> Instants:
-    """The state alone, by the same step."""
-
-    def rates(y: Array, part: float) -> Array:
-        return field.rates(replace(here, y=y, tau=here.tau + part * step))
-
-    return replace(here, y=_runge_kutta(DOP853, rates, here.y, step), tau=here.tau + step)
-
-
-def _runge_kutta(
-    method: type[RK45] | type[DOP853], slope: Callable[[Array, float], Array], start: Array, step: Array
-) -> Array:
-    """One explicit step (Hairer, Norsett and Wanner 1993) of values (..., instant); `slope(values, part)`."""
-    stages = method.n_stages
-    slopes = np.empty((stages, start.size))
-    for i in range(stages):
-        ahead = (method.A[i, :i] @ slopes[:i]).reshape(start.shape)
-        slopes[i] = slope(start + step * ahead, method.C[i]).ravel()
-    return np.asarray(start + step * (method.B @ slopes).reshape(start.shape))
-
-
-def _first_crossing(field: VectorField, here: Instants, step: Array) -> Array:
-    """Length of the step just beyond the first surface that it passes."""
-
-    def side(part: Array, at: Array) -> Array:
-        start = here.at(at.astype(int))
-        value = np.min(sides(field, _stepped_state(field, start, part)), axis=0) + TOUCHED
-        # A motion that starts on a surface has not passed it there.
-        return np.asarray(np.where(part == 0.0, np.maximum(value, TOUCHED), value))
-
-    numbers = np.arange(len(step), dtype=float)
-    crossing = elementwise.find_root(
-        side, (np.zeros_like(step), step), args=(numbers,), tolerances={"xatol": 1e-15}
-    )
-    return np.asarray(crossing.bracket[1])
-
-
-def _with(front: Front, at: Index, part: Front) -> Front:
-    """The front with some intervals replaced."""
-    here, new = front.here, part.here
-    y, tau, signs, stuck = here.y.copy(), here.tau.copy(), here.signs.copy(), here.stuck.copy()
-    y[:, at], tau[at], signs[:, at], stuck[at] = new.y, new.tau, new.signs, new.stuck
-    derivative, diffusion = front.derivative.copy(), front.diffusion.copy()
-    derivative[..., at], diffusion[..., at] = part.derivative, part.diffusion
-    return Front(Instants(y, tau, signs, stuck), derivative, diffusion)
+    count, many = len(tau), len(GAUSS_POINTS)
+    fractions = np.concatenate([[0.0], GAUSS_POINTS, [1.0]])
+    marks = np.full((count, many + 2), -1)
+    marks[:, 0], marks[:, -1] = np.arange(count), INTERVAL_ENDS
+    points = np.tile([-1, *range(many), -1], (count, 1))
+    at = np.repeat(np.arange(count), many + 2)
+    knots = (tau[:, None] + length[:, None] * fractions).ravel()
+    first, last = np.searchsorted(bends, tau, "right"), np.searchsorted(bends, tau + length, "left")
+    bent = np.maximum(last - first, 0)
+    within = np.arange(bent.sum()) - np.repeat(np.cumsum(bent) - bent, bent)
+    of_bend = np.repeat(np.arange(count), bent)
+    at, none = np.concatenate([at, of_bend]), np.full(len(of_bend), -1)
+    knots = np.concatenate([knots, bends[first[of_bend] + within]])
+    marks, points = np.concatenate([marks.ravel(), none]), np.concatenate([points.ravel(), none])
+    order = np.lexsort((marks == INTERVAL_ENDS, marks < 0, knots, at))
+    return at[order], knots[order], marks[order], points[order]

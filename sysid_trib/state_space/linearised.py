@@ -10,13 +10,12 @@ from sysid_trib.arrays import Array
 from sysid_trib.averaging.internal_states import states_along
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import Force
-from sysid_trib.forces.formulas import IMAGINARY_STEP
+from sysid_trib.forces.formulas import ANALYTIC, IMAGINARY_STEP
 from sysid_trib.noise.smoothing import smooth
 from sysid_trib.simulation.equations import Motion
 from sysid_trib.simulation.model import Model
 from sysid_trib.state_space.expected_steps import expected_steps
 from sysid_trib.state_space.kalman import LinearModel
-from sysid_trib.state_space.vector_field import BRANCHING
 
 # A step so many times the usual one is a gap, over which no spline is laid.
 LONG_STEP = 2.5
@@ -159,5 +158,5 @@ def sensor_on(model: Model, elapsed: Array, path: Array, by: Derivatives) -> tup
 
 
 def _values(sensor: Force, x: Any, v: Any, elapsed: Array, shapes: dict[str, complex]) -> Array:
-    value = sensor.formula.evaluate({"x": x, "v": v, "t": elapsed, **shapes}, BRANCHING)
+    value = sensor.formula.evaluate({"x": x, "v": v, "t": elapsed, **shapes}, ANALYTIC)
     return np.broadcast_to(np.asarray(value, dtype=complex), x.shape)

@@ -8,7 +8,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
 from sysid_trib.noise.random_force import RandomForce
 from sysid_trib.results.variables import variable
-from sysid_trib.simulation.integrate import FREQUENCY, START_ANGLE, START_RATE
+from sysid_trib.simulation.integrate import BY_ANGLE, BY_RATE, FREQUENCY
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.state_space.linearised import Derivatives, linearised_about
@@ -96,7 +96,7 @@ def cramer_rao_bound(
 
 def _sensitivities(model: Model, time: Array, start: Array, free: bool) -> Array:
     """Derivatives of the angle by coefficients, start and reference frequency, (sample, parameter)."""
-    names = [*model.coefficients, START_ANGLE, START_RATE, *([FREQUENCY] if free else [])]
+    names = [*model.coefficients, BY_ANGLE, BY_RATE, *([FREQUENCY] if free else [])]
     columns = trajectory(model, time, *start.tolist(), by=names).derivatives["angle"]
     for name, column in zip(names, columns.T, strict=True):
         if not column.any():

@@ -7,14 +7,14 @@ import numpy as np
 
 from sysid_trib.arrays import Array
 from sysid_trib.noise.smoothing import first_of_spline
-from sysid_trib.simulation.integrate import MOST_STEPS, START_ANGLE, START_RATE
+from sysid_trib.simulation.integrate import BY_ANGLE, BY_RATE, STEPS_A_PERIOD
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 
 MAX_ROUNDS = 8
 # A last step of the start, in parts of the swing.
 SETTLED_START = 1e-5
-BY_START = (START_ANGLE, START_RATE)
+BY_START = (BY_ANGLE, BY_RATE)
 # A direction that moves the motion by this part of what another does is not told from rounding.
 SINGULAR = 1e-7
 # A motion that does not come near the record in so many rounds has slipped out of phase.
@@ -71,7 +71,7 @@ def fit_start(
     offset: float | None = 0.0,
     sensitivity: Array | None = None,
     near: bool = False,
-    most_steps: int = MOST_STEPS,
+    most_steps: int = STEPS_A_PERIOD,
 ) -> FittedMotion:
     """Least squares of a record on the initial conditions of a model's motion.
 

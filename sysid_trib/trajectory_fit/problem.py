@@ -9,7 +9,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import SimulationError
 from sysid_trib.noise.autoregression import whitened
 from sysid_trib.records.inputs import KnownInput
-from sysid_trib.simulation.integrate import START_ANGLE, START_RATE
+from sysid_trib.simulation.integrate import BY_ANGLE, BY_RATE
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.simulation.simulated_motion import SimulatedMotion
@@ -192,7 +192,7 @@ class FitProblem:
         table = np.zeros((len(here), len(values)))
         *starts, offset = range(len(values))[parameters.of_run(run)]
         moving = [i for i, name in enumerate(parameters.common) if name not in parameters.constraints.fixed]
-        names = [*(parameters.common[i] for i in moving), START_ANGLE, START_RATE]
+        names = [*(parameters.common[i] for i in moving), BY_ANGLE, BY_RATE]
         start = parameters.per_run(values)[run]
         places = [*moving, *starts]
         columns = record.sensitivity(parameters.model(values), start, names)

@@ -13,7 +13,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.records.runs import one_or_all
 from sysid_trib.results.per_run import start_variables
 from sysid_trib.results.schema import Estimate, identification
-from sysid_trib.trajectory_fit.parameters import FREQUENCY
+from sysid_trib.simulation.integrate import FREQUENCY
 from sysid_trib.trajectory_fit.problem import FitProblem
 
 

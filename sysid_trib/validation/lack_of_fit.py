@@ -16,7 +16,7 @@ from sysid_trib.errors import SysidTribError
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import Variables, variable
-from sysid_trib.simulation.integrate import FEW_STEPS
+from sysid_trib.simulation.integrate import FEW_STEPS_A_PERIOD
 from sysid_trib.simulation.simulate import trajectory
 
 # A model is released so many half periods above the record: its first ones are left out.
@@ -183,7 +183,7 @@ def _motion_rows(decay: xr.Dataset, result: xr.Dataset, release: float, times: f
     time, largest = decay.time.values.astype(float), float(np.abs(decay.angle.values).max())
     step = (time[-1] - time[0]) / (len(time) - 1)
     grid = np.arange(round(times * len(time))) * step
-    motion = trajectory(model_of(result), grid, release * largest, 0.0, most_steps=FEW_STEPS)
+    motion = trajectory(model_of(result), grid, release * largest, 0.0, most_steps=FEW_STEPS_A_PERIOD)
     stop = grid <= motion.stop_time if np.isfinite(motion.stop_time) else np.full(len(grid), True)
     simulated = xr.Dataset({"angle": ("time", motion.angle[stop] / largest)}, {"time": grid[stop]})
     return period_rows(envelope(simulated))

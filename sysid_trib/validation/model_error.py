@@ -11,7 +11,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.scope import Method
 from sysid_trib.records.runs import RECORD_PARTS, one_or_all
 from sysid_trib.results.variables import PER_FORCE_UNIT, variable
-from sysid_trib.simulation.integrate import FEW_STEPS
+from sysid_trib.simulation.integrate import FEW_STEPS_A_PERIOD
 from sysid_trib.validation.breakdown import widening
 from sysid_trib.validation.holdout import carried_on, counted_from
 from sysid_trib.validation.residuals import fitted_motion
@@ -129,7 +129,7 @@ def _held_out(
         rest, before = run.isel(time=held_out), run.isel(time=slice(0, held_out.start + 1))
         # What is too stiff predicts nothing, and is not waited for.
         later = None if part is None else carried_on(part, library, before)
-        motion = None if later is None else fitted_motion(rest, later, most_steps=FEW_STEPS)
+        motion = None if later is None else fitted_motion(rest, later, most_steps=FEW_STEPS_A_PERIOD)
         yield (
             np.nan
             if motion is None

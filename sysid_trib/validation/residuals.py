@@ -16,7 +16,7 @@ from sysid_trib.noise.sensor_noise import sensor_noise_of
 from sysid_trib.records.runs import root_mean_square
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.variables import variable
-from sysid_trib.simulation.integrate import MOST_STEPS
+from sysid_trib.simulation.integrate import STEPS_A_PERIOD
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.state_space.tracked import FollowedRuns
 from sysid_trib.trajectory_fit.initial_conditions import FittedMotion, first_guess, fit_start
@@ -122,7 +122,7 @@ def fitted_motion(
     run: int = 0,
     *,
     nearby: FittedMotion | None = None,
-    most_steps: int = MOST_STEPS,
+    most_steps: int = STEPS_A_PERIOD,
 ) -> FittedMotion | None:
     """Motion of an identified model in a run, start and sensor's zero fitted; None if it diverges.
 

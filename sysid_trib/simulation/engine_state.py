@@ -7,20 +7,33 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sysid_trib.simulation.program import Program
+from sysid_trib.simulation.program import Instructions
 
 ORDER = 18
+# A mark of knots: what lies before it is written.
+INTERVAL_ENDS = -2
 # Rows of `v`: the state and what rounding has left of it; what is held between reversals, and the same before
 # it was replaced; sides of the surfaces, and of which order one is known to be zero here; memory and sides of
 # a motion that goes upwards or downwards from rest; tau and what rounding has left of it; what pushes, about
 # tau, and its derivatives over itself; room for surfaces and states.
-(STATE, ERROR, MEMORY, REPLACED, SIGNS, ZEROS, MEMORY_UP, SIGNS_UP, MEMORY_DOWN, SIGNS_DOWN) = range(10)
-(CLOCK, PUSH, OF_PUSH, VALUES, FAR, AHEAD, LATER, REST) = range(10, 18)
+(
+    ROW_STATE,
+    ROW_ERROR,
+    ROW_MEMORY,
+    ROW_REPLACED,
+    ROW_SIGNS,
+    ROW_ZEROS,
+    ROW_MEMORY_UP,
+    ROW_SIGNS_UP,
+    ROW_MEMORY_DOWN,
+    ROW_SIGNS_DOWN,
+) = range(10)
+(ROW_CLOCK, ROW_PUSH, ROW_OF_PUSH, ROW_VALUES, ROW_FAR, ROW_AHEAD, ROW_LATER, ROW_REST) = range(10, 18)
 # Tables of `aside`: slots at an instant that is tried; series at rest, were it to go upwards or downwards.
 TRIAL, UP, DOWN = range(3)
 
 
-class Course(NamedTuple):
+class EngineState(NamedTuple):
     """A motion under way; its arrays are changed in place.
 
     Attributes
@@ -54,8 +67,12 @@ class Given(NamedTuple):
         From each knot on, a polynomial in tau since it that pushes; what is added to x and v there.
     impulses : (knot, parameter) array of float
         What is added there to the derivatives of v.
+    marks : (knot,) array of int
+        The start that is taken there, or `INTERVAL_ENDS`; -1 elsewhere.
+    starts : (interval, state + memory) array of float
+        Where intervals begin that are followed one after the other; none for one motion on the grid.
     rows : (grid, state + 1 + memory) array of float
-        The states, the acceleration, the memory.
+        The states, the acceleration (of one motion), the memory; at the ends of intervals.
     tangents : (grid, state + 1 + memory, parameter) array of float
         Their derivatives.
     """
@@ -65,19 +82,21 @@ class Given(NamedTuple):
     pushes: Any
     kicks: Any
     impulses: Any
+    marks: Any
+    starts: Any
     rows: Any
     tangents: Any
 
 
-def course_of(program: Program, parameters: int) -> Course:
+def new_state(program: Instructions, parameters: int) -> EngineState:
     """Room for motions of a program, with so many derivatives."""
-    slots, size = len(program.op), program.states
+    slots, size = len(program.code), program.states
     width = max(size, program.memory, len(program.signs), program.degree, parameters, 2)
-    return Course(
+    return EngineState(
         np.zeros((slots, ORDER + 1)),
         np.zeros((slots, ORDER + 1, parameters)),
         np.zeros((3, slots, ORDER + 1)),
-        np.zeros((REST + 1, width)),
+        np.zeros((ROW_REST + 1, width)),
         np.zeros((size, parameters)),
         np.zeros((5, 64)),
     )
