@@ -29,56 +29,55 @@ from sysid_trib.simulation.program import (
 
 
 @inner
-def row(J, s, code, c):
-    """A slot at order 0; of a sign what it was."""
-    o, p, q, d = code[s, 0], code[s, 1], code[s, 2], code[s, 3]
-    if o == ADD:
-        J[s, 0] = J[p, 0] + J[q, 0]
-    elif o == SUB:
-        J[s, 0] = J[p, 0] - J[q, 0]
-    elif o == LINEAR:
-        # What is off does not act even where it is singular.
-        factor = c[s] * J[d, 0]
-        J[s, 0] = J[p, 0] + factor * J[q, 0] if factor != 0.0 else J[p, 0]
-    elif o == SCALE:
-        J[s, 0] = J[p, 0] * J[q, 0] if J[p, 0] != 0.0 else 0.0
-    elif o == MUL:
-        J[s, 0] = J[p, 0] * J[q, 0]
-    elif o == DIV:
-        J[s, 0] = J[p, 0] / J[q, 0] if J[q, 0] != 0.0 else np.nan
-    elif o == NEG:
-        J[s, 0] = -J[p, 0]
-    elif o == CONST:
-        J[s, 0] = c[s]
-    elif o == SIN:
-        J[s, 0] = math.sin(J[p, 0])
-    elif o == PARTNER:
-        J[s, 0] = math.cos(J[p, 0])
-    elif o == EXP:
-        J[s, 0] = math.exp(min(J[p, 0], 709.0))
-    elif o == LOG:
-        J[s, 0] = math.log(J[p, 0]) if J[p, 0] > 0.0 else np.nan
-    elif o == POWER:
-        J[s, 0] = J[p, 0] ** c[s]
-    elif o == TANH:
-        J[s, 0] = math.tanh(J[p, 0])
+def _row_by_row(program, J, last, live):
+    """Slots up to `last` at order 0; signs follow their surfaces where `live`, else they stay."""
+    code, c = program.code, program.c
+    for s in range(program.inputs, last):
+        o, p, q, d = code[s, 0], code[s, 1], code[s, 2], code[s, 3]
+        if o == ADD:
+            J[s, 0] = J[p, 0] + J[q, 0]
+        elif o == SUB:
+            J[s, 0] = J[p, 0] - J[q, 0]
+        elif o == LINEAR:
+            # What is off does not act even where it is singular.
+            factor = c[s] * J[d, 0]
+            J[s, 0] = J[p, 0] + factor * J[q, 0] if factor != 0.0 else J[p, 0]
+        elif o == SCALE:
+            J[s, 0] = J[p, 0] * J[q, 0] if J[p, 0] != 0.0 else 0.0
+        elif o == MUL:
+            J[s, 0] = J[p, 0] * J[q, 0]
+        elif o == DIV:
+            J[s, 0] = J[p, 0] / J[q, 0] if J[q, 0] != 0.0 else np.nan
+        elif o == NEG:
+            J[s, 0] = -J[p, 0]
+        elif o == CONST:
+            J[s, 0] = c[s]
+        elif o == SIN:
+            J[s, 0] = math.sin(J[p, 0])
+        elif o == PARTNER:
+            J[s, 0] = math.cos(J[p, 0])
+        elif o == EXP:
+            J[s, 0] = math.exp(min(J[p, 0], 709.0))
+        elif o == LOG:
+            J[s, 0] = math.log(J[p, 0]) if J[p, 0] > 0.0 else np.nan
+        elif o == POWER:
+            J[s, 0] = J[p, 0] ** c[s]
+        elif o == TANH:
+            J[s, 0] = math.tanh(J[p, 0])
+        elif o == SIGN and live:
+            J[s, 0] = 1.0 if J[p, 0] > 0.0 else -1.0 if J[p, 0] < 0.0 else J[p, 0]
 
 
 @inner
 def at_once(program, J):
     """All slots of a motion at order 0, on the branch of the signs in J."""
-    for s in range(program.inputs, program.main):
-        row(J, s, program.code, program.c)
+    _row_by_row(program, J, program.main, program.main < 0)
 
 
 @inner
 def at_once_live(program, J, last):
     """Slots up to `last` at order 0; signs follow their surfaces."""
-    for s in range(program.inputs, last):
-        row(J, s, program.code, program.c)
-        if program.code[s, 0] == SIGN:
-            u = J[program.code[s, 1], 0]
-            J[s, 0] = 1.0 if u > 0.0 else -1.0 if u < 0.0 else u
+    _row_by_row(program, J, last, last >= 0)
 
 
 @inner
@@ -142,76 +141,57 @@ def order(program, J, k):
 
 
 @inner
-def derivative(J, T, k, s, code, c):
-    """Order k of the derivatives of a slot, from the series and the orders below it."""
-    o, p, q, r = code[s, 0], code[s, 1], code[s, 2], code[s, 3]
-    count = T.shape[2]
-    here = T[s, k]
-    if o == ADD:
-        for i in range(count):
-            here[i] = T[p, k, i] + T[q, k, i]
-    elif o == SUB:
-        for i in range(count):
-            here[i] = T[p, k, i] - T[q, k, i]
-    elif o == LINEAR:
-        for i in range(count):
-            here[i] = T[p, k, i] + c[s] * (T[r, 0, i] * J[q, k] + J[r, 0] * T[q, k, i])
-    elif o == NEG:
-        for i in range(count):
-            here[i] = -T[p, k, i]
-    elif o == SCALE:
-        for i in range(count):
-            here[i] = T[p, 0, i] * J[q, k] + J[p, 0] * T[q, k, i]
-    elif o in (CONST, SIGN):
+def _derivatives(program, J, T, k, slots):
+    """Order k of the derivatives of these slots, from the series and the orders below it."""
+    code, c, count = program.code, program.c, T.shape[2]
+    for s in slots:
+        o, p, q, r = code[s, 0], code[s, 1], code[s, 2], code[s, 3]
+        here = T[s, k]
+        if o <= LINEAR:
+            way = -1.0 if o == SUB else 1.0
+            factor = c[s] * J[r, 0] if o == LINEAR else way
+            of_factor = c[s] * J[q, k] if o == LINEAR else 0.0
+            for i in range(count):
+                here[i] = T[p, k, i] + factor * T[q, k, i] + of_factor * T[r, 0, i]
+            continue
+        if o in (SCALE, NEG):
+            factor, of_factor = (J[p, 0], J[q, k]) if o == SCALE else (0.0, 0.0)
+            for i in range(count):
+                here[i] = T[p, 0, i] * of_factor + factor * T[q, k, i] if o == SCALE else -T[p, k, i]
+            continue
         for i in range(count):
             here[i] = 0.0
-    else:
-        for i in range(count):
-            here[i] = 0.0
-        if o == MUL:
-            for m in range(k + 1):
-                u, w = J[q, k - m], J[p, k - m]
-                for i in range(count):
-                    here[i] += T[p, m, i] * u + w * T[q, m, i]
-        elif o == DIV:
-            for m in range(k + 1):
-                u, w = J[s, k - m], J[q, k - m] if m < k else 0.0
-                for i in range(count):
-                    here[i] -= u * T[q, m, i] + w * T[s, m, i]
+        if o in (CONST, SIGN):
+            continue
+        for m in range(k + 1):
+            # What multiplies the derivatives of the operands, and of the slot itself, at order m.
+            of_p, of_q, of_s, at_last = 0.0, 0.0, 0.0, m == k
+            if o == MUL:
+                of_p, of_q = J[q, k - m], J[p, k - m]
+            elif o == DIV:
+                of_p, of_q = (1.0 if at_last else 0.0), -J[s, k - m]
+                of_s = 0.0 if at_last else -J[q, k - m]
+            elif o in (LOG, POWER):
+                of_p = (1.0 if at_last else 0.0) if o == LOG else c[s] * J[s, k - m]
+                of_s = 0.0 if at_last else -J[p, k - m]
+            else:
+                # d sin u = cos u du, d cos u = -sin u du, d exp u = exp u du, d tanh u = (1 - tanh^2 u) du
+                of_p = J[s, k - m] if o == EXP else -J[q, k - m] if o == PARTNER else J[q, k - m]
             for i in range(count):
-                here[i] = (here[i] + T[p, k, i]) / J[q, 0]
-        elif o == LOG:
-            for m in range(k):
-                w = J[p, k - m]
-                for i in range(count):
-                    here[i] -= w * T[s, m, i]
+                here[i] += of_p * T[p, m, i] + of_q * T[q, m, i] + of_s * T[s, m, i]
+        if o in (DIV, LOG, POWER):
+            divisor = J[q, 0] if o == DIV else J[p, 0]
             for i in range(count):
-                here[i] = (here[i] + T[p, k, i]) / J[p, 0]
-        elif o == POWER:
-            for m in range(k + 1):
-                u, w = c[s] * J[s, k - m], J[p, k - m] if m < k else 0.0
-                for i in range(count):
-                    here[i] += u * T[p, m, i] - w * T[s, m, i]
-            for i in range(count):
-                here[i] /= J[p, 0]
-        else:
-            # d sin u = cos u du, d cos u = -sin u du, d exp u = exp u du, d tanh u = (1 - tanh^2 u) du
-            factor, way = (s, 1.0) if o == EXP else (q, -1.0 if o == PARTNER else 1.0)
-            for m in range(k + 1):
-                u = way * J[factor, k - m]
-                for i in range(count):
-                    here[i] += u * T[p, m, i]
+                here[i] /= divisor
 
 
 @inner
 def derivatives_at_once(program, J, T, last):
     """Derivatives of the slots up to `last` at order 0."""
-    for s in range(program.inputs, last):
-        derivative(J, T, np.int64(0), s, program.code, program.c)
+    _derivatives(program, J, T, np.int64(0), np.arange(program.inputs, last))
 
 
 @inner
 def derivatives_of_order(program, J, T, k):
     """Order k >= 1 of the derivatives of the slots that change."""
-    for s in program.rows:
-        derivative(J, T, k, s, program.code, program.c)
+    _derivatives(program, J, T, k, program.rows)

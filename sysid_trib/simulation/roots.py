@@ -7,7 +7,7 @@ from sysid_trib.simulation.compiling import inner
 # A surface this near to zero, of the size of its series, is at zero.
 ZERO_PART = 1e-13
 # So many parts of a step are looked at for a root, none shorter than this.
-MOST_INTERVALS, SHORTEST_PART = 500, 1e-13
+MOST_INTERVALS, SHORTEST_INTERVAL = 500, 1e-13
 # Nearer than this to a surface, its sign is decided by where the motion is a little later.
 NEAR_SURFACE = 1e-9
 
@@ -101,7 +101,7 @@ def first_crossing(series, n, h, side, zero, work):
                 shifted[k] += middle * shifted[k + 1]
         if _keeps_clear(shifted, n, -half, half):
             continue
-        if half < SHORTEST_PART or _is_monotonic(shifted, n, half):
+        if half < SHORTEST_INTERVAL or _is_monotonic(shifted, n, half):
             if value(g, n, hi) < 0.0:
                 return h * _only_root(g, n, lo, hi)
             continue
