@@ -26,6 +26,7 @@ from sysid_trib.printing.model_verdict import (
     failures,
     holds,
     kept_results,
+    line_sentences,
     test_sentence,
     verdict_of,
     verdict_sentence,
@@ -69,7 +70,7 @@ def identification_blocks(
     blocks = [
         Block([verdict_sentence(tree)], ALWAYS),
         Block(sources),
-        Block([*failure_sentences(tree), *effective_sentences(tree)], ALWAYS),
+        Block([*line_sentences(tree), *failure_sentences(tree), *effective_sentences(tree)], ALWAYS),
     ]
     if results:
         blocks.append(Block(identification_table(tree), ALWAYS))
@@ -136,7 +137,7 @@ def identification_json(tree: xr.DataTree, inertia: float | None = None) -> dict
         for name, result in results.items()
     }
     differences = ("difference", "expected_difference", "standard_error", "z")
-    tested = ("departure_time", "residual_p_value")
+    tested = ("departure_time", "residual_p_value", "line_frequency", "line_amplitude")
     check = {
         **numbers(checked, ("chi_square", "degrees_of_freedom", "p_value")),
         "differences": {
