@@ -6,7 +6,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from sysid_trib.printing.cross_check import agreement_sentences, amplitudes, consequences
+from sysid_trib.printing.cross_check import (
+    agreement_sentences,
+    amplitudes,
+    consequences,
+    times_of_amplitudes,
+)
 from sysid_trib.printing.equation import equation_text
 from sysid_trib.printing.layers import ALWAYS, USUALLY, Block, Layer
 from sysid_trib.printing.layout import (
@@ -66,7 +71,8 @@ def identification_blocks(
     key, details = agreement_sentences(tree), agreement_sentences(tree, details=True)
     results = kept_results(tree)
     if holds(tree) and answer_of(tree) in results:
-        key += weight_sentences(results[answer_of(tree)], float(amplitudes(tree).max()))
+        at = times_of_amplitudes(tree)
+        key += weight_sentences(results[answer_of(tree)], amplitudes(tree), time=at)
     blocks = [
         Block([verdict_sentence(tree)], ALWAYS),
         Block(sources),
@@ -160,7 +166,9 @@ def identification_json(tree: xr.DataTree, inertia: float | None = None) -> dict
     data["consequences"] = (
         {"refused": refused[0]}
         if refused
-        else physics_json(results[answer_of(tree)], amplitudes(tree), inertia)
+        else physics_json(
+            results[answer_of(tree)], amplitudes(tree), inertia, time=times_of_amplitudes(tree)
+        )
     )
     if "runs" in tree:
         data["runs"] = runs_json(tree["runs"].to_dataset())
