@@ -166,9 +166,7 @@ def identification_json(tree: xr.DataTree, inertia: float | None = None) -> dict
     data["consequences"] = (
         {"refused": refused[0]}
         if refused
-        else physics_json(
-            results[answer_of(tree)], amplitudes(tree), inertia, time=times_of_amplitudes(tree)
-        )
+        else physics_json(results[answer_of(tree)], amplitudes(tree), inertia, time=times_of_amplitudes(tree))
     )
     if "runs" in tree:
         data["runs"] = runs_json(tree["runs"].to_dataset())

@@ -241,9 +241,7 @@ def _weights_json(result: xr.Dataset, amplitude: float, time: float) -> dict[str
     return {"amplitude": amplitude, "forces": forces}
 
 
-def _energy_json(
-    result: xr.Dataset, amplitude: float, time: float, inertia: float | None
-) -> dict[str, Any]:
+def _energy_json(result: xr.Dataset, amplitude: float, time: float, inertia: float | None) -> dict[str, Any]:
     values = dissipated_energy(result, amplitude, inertia, time=time)
     forces = {s: quantity_json(force, "energy") for s, force in by_label(values, "force").items()}
     whole = {name: quantity_json(values, name) for name in ENERGIES}

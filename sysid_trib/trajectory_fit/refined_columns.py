@@ -20,7 +20,7 @@ MAX_REFINEMENTS = 25
 # A simulated motion this far from the record (RMS, of the record's) has slipped out of phase.
 SLIPPED = 0.3
 # A step after which it slips is halved, so often at most.
-MAX_HALVINGS = 8
+MOST_HALVINGS = 8
 # A step this small, in standard errors, does not count.
 SETTLED_STEP = 0.02
 # Part of the swing by which coefficients of a record without noise may still change.
@@ -80,15 +80,15 @@ def _refined(
         if any(has_slipped(run) for run in runs):
             # From a motion that follows the record a part of the step is one of less.
             halvings += 1
-            if operators is not None or halvings > MAX_HALVINGS or followed is None:
+            if operators is not None or halvings > MOST_HALVINGS or followed is None:
                 break
             step_back = 0.5 * (common_values(followed) - common_values(runs))
             runs = tuple(replace(run, start=at.start) for run, at in zip(runs, followed, strict=True))
             runs = shifted(runs, step_back, constraints)
             continue
         followed = runs
-        about = operators or [linearised(run) for run in runs]
-        rows = weak_regression(runs, about)
+        local = operators or [linearised(run) for run in runs]
+        rows = weak_regression(runs, local)
         solution = solve(rows, runs[0], active, constraints)
         after = solution.applied_to(runs)
         change = common_values(after) - common_values(runs)
