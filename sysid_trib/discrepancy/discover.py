@@ -129,8 +129,7 @@ def discover(
     if verdict_of(done) != "nothing missing":
         done = _or_coloured_noise(done, start, look, growth, tell)
     done, predictions = _best_by_holdout(done, look, growth, tell)
-    noise_p_value = float("nan") if done.out_of_time else growth.noise_p_value(done.models[-1])
-    stability = stability_of(done, predictions, noise_p_value)
+    stability = stability_of(done, predictions, _noise_p_value(done, growth))
     closing = _closing_effect(done, offered.forces, growth)
     if refit and not unseen:
         tell("fit to the whole runs")
@@ -256,6 +255,11 @@ def _closing_effect(done: Search, candidates: Sequence[Force], growth: Growth) -
     last = screen(move.model, rest, move.effects)
     missing = last.omnibus.p_value < settings.level or may_gain(last)
     return "" if missing or not growth.is_complete(refitted(move.model)) else move.effects[-1]
+
+
+def _noise_p_value(done: Search, growth: Growth) -> float:
+    """P-value of what the final model leaves; nan where the time ran out."""
+    return float("nan") if done.out_of_time else growth.noise_p_value(done.models[-1])
 
 
 def _not_improving(done: Search) -> str:
