@@ -100,6 +100,9 @@ def test_the_first_is_the_answer_unless_the_second_predicts_clearly_better():
     cases = {(1.0, 1.0): 0, (1.0, 0.95): 0, (1.0, 0.8): 1, (1.0, 1.5): 0, (np.nan, 1.0): 1, (None, None): 1}
     for (first, second), answer in cases.items():
         assert better_of(predicting(first), predicting(second)) == answer
+    # One that leaves nothing but noise is not asked to predict.
+    assert better_of(predicting(1.0), predicting(None)) == 1
+    assert better_of(predicting(None), predicting(0.5)) == 0
 
 
 def test_the_verdict_has_a_scale(checked):

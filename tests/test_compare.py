@@ -284,7 +284,9 @@ def test_time_in_a_formula_counts_from_the_start_of_the_decay():
 def test_what_rings_on_is_predicted_from_what_came_before():
     ring = {"symbol": "ring", "formula": "z", "state": {"z": "u", "u": "-x - 3.61*z - 0.002*u"}}
     library = parse_library({"force": [{"symbol": "zeta", "formula": "2*v"}, ring]}, "test")
-    record = Run(Model(library, {"zeta": 0.005, "ring": 2e-2}, W), paper_run().time).decay(3)
+    record = Run(
+        Model(library, {"zeta": 0.005, "ring": 2e-2}, W), paper_run(duration=16.0, sampling_rate=50.0).time
+    ).decay(3)
     found = compare(record, library, [Direct()])
     assert found["comparison"].holdout_over_noise.item() < 1.2
     arguments = split(record)[1], found["direct"].to_dataset(), found["envelope"].to_dataset()

@@ -207,3 +207,17 @@ def test_weights_of_a_force_that_depends_on_time_are_those_of_each_time(tmp_path
     np.testing.assert_allclose(shares, [0.5, 1.0 / 6.0], atol=0.02)
     energy = dissipated_energy(result, amplitudes, time=times)
     np.testing.assert_allclose(energy.energy_share.sel(force="ageing"), shares)
+
+
+def test_a_swing_of_many_periods_with_gravity_held():
+    library = st.ForceLibrary(
+        "pendulum", (SIX["lambda"], SIX["zeta"], st.load_library("candidate_effects")["gravity"]), "test"
+    )
+    true = {"zeta": 5e-5, "gravity": 1.0}
+    decay = noisy(st.Model(library, true, 9.3), np.arange(0.0, 100.0, 0.05), 1.5, 1e-4)
+    method = Direct(random_force="off", fix={"gravity": 1.0})
+    result = method.identify(decay, library)
+    free = result.sel(force=["lambda", "zeta"])
+    assert np.all(np.abs(free.coefficient - [0.0, 5e-5]) < 3.5 * free.standard_error)
+    assert abs(result.reference_frequency - 9.3) < 3.5 * result.reference_frequency_standard_error
+    assert result.reference_frequency_standard_error < 1e-4

@@ -567,3 +567,18 @@ def test_wrong_requests_are_usage_errors(call, message):
 def test_a_short_decay_has_no_windows():
     with pytest.raises(DecayError, match="Two windows"):
         sliding_coefficients(paper_run(duration=5.0).decay(0), load_library(), Direct())
+
+
+def test_shares_of_a_force_that_grows_are_those_at_the_time_of_an_amplitude():
+    library = parse_library(
+        {"force": [{"symbol": "grows", "formula": "t*sign(v)"}, {"symbol": "zeta", "formula": "2*v"}]}, "test"
+    )
+    result = known({"grows": 1e-4, "zeta": 0.01}, library=library)
+    data = physics_json(result, [0.3, 0.1], time=[0.0, 20.0])
+    shares = [at["forces"]["grows"]["decay_share"]["value"] for at in data["weights"]]
+    # <sign(v) sin phi> = -2/pi, <2 v sin phi> = -a.
+    friction = 1e-4 * 20.0 * 2.0 / np.pi
+    assert shares == pytest.approx([0.0, friction / (friction + 0.01 * 0.1)], rel=1e-6)
+    assert data["energy"][0]["forces"]["grows"]["value"] == 0.0
+    assert data["energy"][1]["forces"]["grows"]["value"] > 0.0
+    assert "grows" in physics_sentences(result, [0.3, 0.1], time=[0.0, 20.0])[1]

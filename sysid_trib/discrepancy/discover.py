@@ -89,7 +89,8 @@ def discover(
         (`explained`, `unknown effect`, `nothing missing`), `converged`, `out_of_time` (the limit that ended
         the search), `closing_effect` (that `max_effects` left out, and with which nothing is missing),
         `not_improving` (an effect that gains more than chance, and that the hold-out refuses),
-        `noise_p_value` (of a final model that leaves but noise, or a random force without cause), `settings`
+        `noise_p_value` (of a final model that leaves but noise, or a random force without cause; nan where
+        the time ran out), `settings`
         (JSON), `left_out`, `failed_fits`. Groups: `record`
         (`record_1`, ... of several runs) with `simulated_angle(model)` before and after;
         `discrepancy` and `discrepancy_after`, where model and record differ (see `demodulation.demodulate`);
@@ -128,7 +129,7 @@ def discover(
     if verdict_of(done) != "nothing missing":
         done = _or_coloured_noise(done, start, look, growth, tell)
     done, predictions = _best_by_holdout(done, look, growth, tell)
-    stability = stability_of(done, predictions, growth.noise_p_value(done.models[-1]))
+    stability = stability_of(done, predictions, _noise_p_value(done, growth))
     closing = _closing_effect(done, offered.forces, growth)
     if refit and not unseen:
         tell("fit to the whole runs")
@@ -254,6 +255,11 @@ def _closing_effect(done: Search, candidates: Sequence[Force], growth: Growth) -
     last = screen(move.model, rest, move.effects)
     missing = last.omnibus.p_value < settings.level or may_gain(last)
     return "" if missing or not growth.is_complete(refitted(move.model)) else move.effects[-1]
+
+
+def _noise_p_value(done: Search, growth: Growth) -> float:
+    """P-value of what the final model leaves; nan where the time ran out."""
+    return float("nan") if done.out_of_time else growth.noise_p_value(done.models[-1])
 
 
 def _not_improving(done: Search) -> str:

@@ -62,7 +62,8 @@ def stability_of(search: Search, predictions: Sequence[Prediction], noise_p_valu
     """How the effects and the final model of a search stand in parts of the record."""
     last = search.models[-1]
     error = np.zeros(len(last.trials) + 1)
-    if noise_p_value < 1.0:
+    # Nor is it known whether a search that ran out of time leaves but noise.
+    if not noise_p_value >= 1.0:
         error = _error_of_model(last)
         error[-1] *= 0.5 * last.rows[0].path.frequency
     return Stability(names_in_parts(search), predictions, noise_p_value, error)

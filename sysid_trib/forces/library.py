@@ -58,14 +58,13 @@ def load_library(name_or_path: str | Path = "contact_forces") -> ForceLibrary:
     try:
         if path.stat().st_size > MAX_BYTES:
             raise LibraryError(f"{path.name}: larger than {MAX_BYTES:,} bytes; a library is a short text.")
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        return library_of_text(path.read_text(encoding="utf-8"), path.name)
     # TOML, text and integers of too many digits alike.
     except (OSError, ValueError, RecursionError) as error:
         if isinstance(error, LibraryError):
             raise
         reason = " ".join(str(error).split())
         raise LibraryError(f"{path.name}: not a readable TOML file ({reason}); see libraries/.") from None
-    return parse_library(data, path.name)
 
 
 @lru_cache(maxsize=32)

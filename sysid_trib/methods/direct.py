@@ -8,12 +8,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from sysid_trib.arrays import Mask
-from sysid_trib.errors import UsageError
+from sysid_trib.arrays import Array, Mask
+from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.to_identify import forces_to_identify
 from sysid_trib.methods.scope import MethodScope
+from sysid_trib.noise.level import swing_frequency
 from sysid_trib.noise.random_force import (
     RandomForceOption,
     check_random_force,
@@ -23,7 +24,7 @@ from sysid_trib.noise.random_force import (
 )
 from sysid_trib.noise.ratio_posterior import RatioAverage
 from sysid_trib.noise.sensor_noise import colour_variables
-from sysid_trib.records.runs import Decays, as_runs, root_mean_square
+from sysid_trib.records.runs import Decays, as_runs, one_or_all, root_mean_square
 from sysid_trib.regression.constraint_map import ConstraintMap, constraint_map
 from sysid_trib.regression.linearisation import linearised
 from sysid_trib.regression.problem import Runs, along_own_path, begin
@@ -34,11 +35,13 @@ from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import Variables
 from sysid_trib.trajectory_fit.pushed_columns import PushedRegression, regress_pushed
-from sysid_trib.trajectory_fit.refined_columns import refine_columns, shifted
+from sysid_trib.trajectory_fit.refined_columns import common_values, refine_columns, shifted
 
 MAX_SELECTIONS = 5
 # The columns of the first are at a frequency of two digits, and its operator knows no force that is free.
 FIRST_ESTIMATES = 2
+# Of a record of fewer radians the half tells no more than the whole.
+FEWEST_RADIANS = 120.0
 
 
 @dataclass(frozen=True)
@@ -174,6 +177,11 @@ class Direct:
             active = _selected(self, rows, constraints)
         else:
             runs, rows, active, refined = _weak_form(self, runs, constraints)
+            if self.refine and not refined and (nearer := _of_first_half(self, decay, library)) is not None:
+                runs = shifted(runs, nearer - common_values(runs), constraints)
+                runs, rows, refined = refine_columns(
+                    runs, rows, [linearised(run) for run in runs], active, constraints
+                )
         solution = solve(rows, runs[0], active, constraints)
         if further is not None:
             solution = replace(solution, covariance=solution.covariance + further.covariance)
@@ -246,6 +254,23 @@ def _weak_form(method: Direct, runs: Runs, constraints: ConstraintMap) -> tuple[
         if np.array_equal(chosen, active):
             break
     return runs, rows, active, refined
+
+
+def _of_first_half(method: Direct, decay: Decays, library: ForceLibrary) -> Array | None:
+    """Coefficients and frequency by the first half of each run, whose motion slips less; None if it does too.
+
+    Over many periods a first estimate is soon out of phase.
+    """
+    halves = [run.isel(time=slice(run.sizes["time"] // 2)) for run in as_runs(decay, driven=True)]
+    try:
+        if min(np.ptp(half.time.values) * swing_frequency(half) for half in halves) < FEWEST_RADIANS:
+            return None
+        result = method.identify(one_or_all(halves), library)
+    except DecayError:
+        return None
+    if result.attrs["refined"] != "True":
+        return None
+    return np.append(result.coefficient.values, result.reference_frequency.item())
 
 
 def _selected(method: Direct, rows: Rows, constraints: ConstraintMap) -> Mask:

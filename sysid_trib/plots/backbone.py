@@ -47,12 +47,7 @@ def backbone(data: xr.Dataset | xr.DataTree, run: int = 0) -> Figure:
     run : int
         Which of several runs of a result, from 0.
     """
-    models = None
-    if isinstance(data, xr.DataTree):
-        count, kept = len(record_groups(data)), list(kept_results(data))
-        names = (group_names(name, count)[run] for name in ("backbone", "lack_of_fit"))
-        of_record, of_models = (data[name].to_dataset() for name in names)
-        data, models = of_record, of_models.sel(model=kept) if kept else None
+    data, models = curves_of(data, run) if isinstance(data, xr.DataTree) else (data, None)
     figure, panels = grid(2, 2, FULL_WIDTH, CURVE_HEIGHT)
     for ax, name in zip(panels, CURVE_LABELS, strict=True):
         draw_curve(ax, data, name, models)
@@ -60,6 +55,20 @@ def backbone(data: xr.Dataset | xr.DataTree, run: int = 0) -> Figure:
     if models is not None:
         panels[1].legend(**LEGEND, ncols=2)
     return figure
+
+
+def curves_of(tree: xr.DataTree, run: int) -> tuple[xr.Dataset, xr.Dataset | None]:
+    """The backbone of a run in a result of `cross_check`, and its models' curves if any model is kept.
+
+    Raises
+    ------
+    KeyError
+        The run has no backbone.
+    """
+    count, kept = len(record_groups(tree)), list(kept_results(tree))
+    names = (group_names(name, count)[run] for name in ("backbone", "lack_of_fit"))
+    of_record, of_models = (tree[name].to_dataset() for name in names)
+    return of_record, of_models.sel(model=kept) if kept else None
 
 
 def draw_curve(ax: Axes, data: xr.Dataset, name: str, models: xr.Dataset | None = None) -> None:

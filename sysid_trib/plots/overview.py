@@ -11,6 +11,7 @@ from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatterSciNotation
 
+from sysid_trib.plots.backbone import CURVE_LABELS, draw_curve
 from sysid_trib.plots.discovery_data import DOT_BEYOND
 from sysid_trib.plots.motion_figures import draw_in_time
 from sysid_trib.plots.overview_data import INTERVAL, OverviewData, overview_data
@@ -56,9 +57,10 @@ SMALL_LEGEND: dict[str, Any] = LEGEND | {
 def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figure:
     """A result at a glance, one figure for `cross_check`, `compare` and `discover`.
 
-    Record and model; the residual; each force's share of the decay and of the frequency shift against
-    amplitude; its power over time; coefficients with 95 % intervals; and the force that is still missing,
-    over angle and rate, with its uncertainty.
+    Frequency and damping ratio against amplitude, the record's with their 95 % bands and the models', where
+    there is a backbone. Record and model; the residual; each force's share of the decay and of the frequency
+    shift against amplitude; its power over time; coefficients with 95 % intervals; and the force that is
+    still missing, over angle and rate, with its uncertainty.
 
     Parameters
     ----------
@@ -74,19 +76,25 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
 
 def drawn_overview(data: OverviewData, width: float = FULL_WIDTH) -> Figure:
     """The same of an overview's numbers."""
-    rows = ["AA", "BB", "CD", "EF", "GH"] if width >= TWO_COLUMNS else list("ABCDEFGH")
+    wide = width >= TWO_COLUMNS
+    rows = ["AA", "BB", "CD", "EF", "GH"] if wide else list("ABCDEFGH")
+    if data.backbone is not None:
+        rows = [*(["IJ"] if wide else "IJ"), *rows]
     with mpl.rc_context({"font.size": FONT_SIZE, "axes.titlesize": FONT_SIZE + 0.5}):
         figure = new_figure(width, ROW_HEIGHT * len(rows))
         panels = figure.subplot_mosaic(";".join(rows))
         draw_in_time([panels["A"], panels["B"]], data.motion, [list(data.models)])
-        _legend(panels["A"], 3, LEGEND_ROOM * (2 if width >= TWO_COLUMNS else 1))
+        _legend(panels["A"], 3, LEGEND_ROOM * (2 if wide else 1))
+        if data.backbone is not None:
+            for panel, name in zip("IJ", CURVE_LABELS, strict=True):
+                draw_curve(panels[panel], data.backbone[0], name, data.backbone[1])
         _shares(panels["C"], data, "decay_share", "share of the decay (%)")
         _shares(panels["D"], data, "frequency_share", "share of the shift (%)")
         _power(panels["E"], data)
         _coefficients(panels["F"], data)
         _surface(panels["G"], data)
         _profiles(panels["H"], data)
-        titles = [*[""] * 6, "what is missing; dots: beyond 3 errors", ""]
+        titles = [*[""] * (len(panels) - 2), "what is missing; dots: beyond 3 errors", ""]
         letter(panels.values(), titles, fontsize=FONT_SIZE + 0.5)
         footnote(figure, data.held_out)
         if not data.holds:

@@ -10,6 +10,7 @@ import xarray as xr
 from sysid_trib.errors import SysidTribError
 from sysid_trib.physics.energy import dissipated_energy
 from sysid_trib.physics.force_weights import weights
+from sysid_trib.plots.backbone import curves_of
 from sysid_trib.plots.discovery_data import COLOUR_PERCENT, DOT_BEYOND, held_out_sentence
 from sysid_trib.plots.motion_data import MotionData, motion_data
 from sysid_trib.plots.style import MODEL_LINES
@@ -49,6 +50,8 @@ class OverviewData:
         Those whose motions are drawn: of a discovery the last alone.
     held_out : str
         What of the record a discovery held out, as a sentence.
+    backbone : pair of Dataset, or None
+        `curves_of` the run: of the record, and of the models; none of few half periods, or without a check.
     """
 
     motion: MotionData
@@ -59,6 +62,7 @@ class OverviewData:
     holds: bool
     models: tuple[str, ...]
     held_out: str
+    backbone: tuple[xr.Dataset, xr.Dataset | None] | None = None
 
     @property
     def units(self) -> str:
@@ -120,7 +124,11 @@ def overview_data(tree: xr.DataTree, run: int = 0) -> OverviewData:
             weighed, power = _weights(main, halves), _power(main, halves)
     models = tuple(drawn.lines)[-1 if "steps" in tree.children else 0 :]
     held = held_out_sentence(tree)
-    return OverviewData(drawn, results, weighed, power, missing, explained, models, held)
+    curves = None
+    if any(name.startswith("lack_of_fit") for name in tree.children):
+        with suppress(KeyError):
+            curves = curves_of(tree, run)
+    return OverviewData(drawn, results, weighed, power, missing, explained, models, held, curves)
 
 
 def _best_motion(tree: xr.DataTree, run: int) -> MotionData:

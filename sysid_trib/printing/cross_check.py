@@ -139,13 +139,20 @@ def consequences(tree: xr.DataTree, inertia: float | None) -> list[str]:
         undetermined = tree["comparison"].attrs["verdict_on_record"] == "undetermined"
         return [NO_CONSEQUENCES.format("is not decided by" if undetermined else "does not explain")]
     result = tree[answer_of(tree)].to_dataset()
-    return physics_sentences(result, amplitudes(tree), inertia)
+    return physics_sentences(result, amplitudes(tree), inertia, time=times_of_amplitudes(tree))
 
 
 def amplitudes(tree: xr.DataTree) -> NDArray[np.float64]:
     """Amplitudes of the half periods of all runs, rad."""
     groups = group_names("envelope", len(record_groups(tree)))
     return np.concatenate([tree[group].amplitude.values for group in groups])
+
+
+def times_of_amplitudes(tree: xr.DataTree) -> NDArray[np.float64]:
+    """Since the first sample of their run, s: `t` of the formulas at each of the `amplitudes`."""
+    groups = record_groups(tree)
+    pairs = zip(groups, group_names("envelope", len(groups)), strict=True)
+    return np.concatenate([tree[half].instant_time.values - tree[run].time.values[0] for run, half in pairs])
 
 
 def _remarks(method: str, result: xr.Dataset) -> list[str]:

@@ -6,7 +6,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from sysid_trib.printing.cross_check import agreement_sentences, amplitudes, consequences
+from sysid_trib.printing.cross_check import (
+    agreement_sentences,
+    amplitudes,
+    consequences,
+    times_of_amplitudes,
+)
 from sysid_trib.printing.equation import equation_text
 from sysid_trib.printing.layers import ALWAYS, USUALLY, Block, Layer
 from sysid_trib.printing.layout import (
@@ -26,6 +31,7 @@ from sysid_trib.printing.model_verdict import (
     failures,
     holds,
     kept_results,
+    line_sentences,
     test_sentence,
     verdict_of,
     verdict_sentence,
@@ -65,11 +71,12 @@ def identification_blocks(
     key, details = agreement_sentences(tree), agreement_sentences(tree, details=True)
     results = kept_results(tree)
     if holds(tree) and answer_of(tree) in results:
-        key += weight_sentences(results[answer_of(tree)], float(amplitudes(tree).max()))
+        at = times_of_amplitudes(tree)
+        key += weight_sentences(results[answer_of(tree)], amplitudes(tree), time=at)
     blocks = [
         Block([verdict_sentence(tree)], ALWAYS),
         Block(sources),
-        Block([*failure_sentences(tree), *effective_sentences(tree)], ALWAYS),
+        Block([*line_sentences(tree), *failure_sentences(tree), *effective_sentences(tree)], ALWAYS),
     ]
     if results:
         blocks.append(Block(identification_table(tree), ALWAYS))
@@ -136,7 +143,7 @@ def identification_json(tree: xr.DataTree, inertia: float | None = None) -> dict
         for name, result in results.items()
     }
     differences = ("difference", "expected_difference", "standard_error", "z")
-    tested = ("departure_time", "residual_p_value")
+    tested = ("departure_time", "residual_p_value", "line_frequency", "line_amplitude")
     check = {
         **numbers(checked, ("chi_square", "degrees_of_freedom", "p_value")),
         "differences": {
@@ -159,7 +166,7 @@ def identification_json(tree: xr.DataTree, inertia: float | None = None) -> dict
     data["consequences"] = (
         {"refused": refused[0]}
         if refused
-        else physics_json(results[answer_of(tree)], amplitudes(tree), inertia)
+        else physics_json(results[answer_of(tree)], amplitudes(tree), inertia, time=times_of_amplitudes(tree))
     )
     if "runs" in tree:
         data["runs"] = runs_json(tree["runs"].to_dataset())

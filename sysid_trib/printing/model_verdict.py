@@ -5,7 +5,7 @@ import xarray as xr
 
 from sysid_trib.printing.layout import p_value_text
 from sysid_trib.printing.random_force import NOT_FOLLOWED, not_followed, random_force_test
-from sysid_trib.printing.residual import residual_of
+from sysid_trib.printing.residual import in_small_units, residual_of
 from sysid_trib.results.per_run import record_groups
 from sysid_trib.results.signal_units import signal_units
 from sysid_trib.results.significance import SIGNIFICANT_ERRORS
@@ -14,6 +14,7 @@ from sysid_trib.validation.lack_of_fit import departure_sentence, departures
 from sysid_trib.validation.model_error import error_parts
 
 EXPLAINED = "The record is explained: its residual is nothing but noise."
+EXPLAINED_BUT_LINE = "The record is explained: its residual is noise and a line."
 PUSHED = (
     "The record is explained with a random force: what is left depends on neither angle, speed, amplitude "
     "nor time."
@@ -47,7 +48,8 @@ def answer_of(tree: xr.DataTree) -> str:
 def verdict_sentence(tree: xr.DataTree) -> str:
     """Whether the record is explained, in words that no test is needed to read."""
     verdict = verdict_of(tree)
-    if verdict in (fixed := {"undetermined": UNDETERMINED, "explained": EXPLAINED}):
+    explained = EXPLAINED_BUT_LINE if line_sentences(tree) else EXPLAINED
+    if verdict in (fixed := {"undetermined": UNDETERMINED, "explained": explained}):
         return fixed[verdict]
     if verdict == "explained with a random force":
         return PUSHED
@@ -122,12 +124,27 @@ def effective_sentences(tree: xr.DataTree) -> list[str]:
         return []
     answer = answer_of(tree) if answer_of(tree) in results else next(reversed(results))
     noise, model = error_parts(results[answer])
+    if "error_of_model" in results[answer] and not np.any(model > 0.0):
+        return [f"{EFFECTIVE}; parts of the record move them by no more than their errors."]
     if not np.any(model > 0.0):
         return [f"{EFFECTIVE}, which may be off by far more than their errors."]
     factor = float(np.max(np.hypot(noise, model)[noise > 0.0] / noise[noise > 0.0], initial=1.0))
     return [
         f"{EFFECTIVE}. Their errors allow for that, by how they move between parts of the record: they are "
         f"up to {factor:.3g} times those by the noise (--explain)."
+    ]
+
+
+def line_sentences(tree: xr.DataTree) -> list[str]:
+    """That the residual of the answer's model holds a line, and what that may be."""
+    of_answer = tree["comparison"].to_dataset().sel(model=answer_of(tree))
+    frequency = float(of_answer.get("line_frequency", np.nan))
+    if not np.isfinite(frequency):
+        return []
+    size = in_small_units(float(of_answer.line_amplitude), signal_units(tree))
+    return [
+        f"The residual holds a line at {frequency / (2.0 * np.pi):.4g} Hz of {size}: hum, perhaps from above "
+        "half the sampling rate, or another mode. Record without it, or filter it out."
     ]
 
 

@@ -25,7 +25,9 @@ WEIGHTS = ("peak_force", "decay", "frequency_shift", "decay_share", "frequency_s
 ENERGIES = ("total_energy", "lost_fraction")
 
 
-def physics_sentences(result: xr.Dataset, amplitude: ArrayLike, inertia: float | None = None) -> list[str]:
+def physics_sentences(
+    result: xr.Dataset, amplitude: ArrayLike, inertia: float | None = None, *, time: ArrayLike = 0.0
+) -> list[str]:
     """The physics of an identification in plain sentences, of the forces that are significant.
 
     Parameters
@@ -37,6 +39,8 @@ def physics_sentences(result: xr.Dataset, amplitude: ArrayLike, inertia: float |
         at the largest.
     inertia : float, kg m^2, optional
         Adds energies and coefficients in SI units.
+    time : array_like of float, s
+        `t` of the formulas at each amplitude.
 
     Returns
     -------
@@ -49,15 +53,16 @@ def physics_sentences(result: xr.Dataset, amplitude: ArrayLike, inertia: float |
     UsageError
         Not an identification, not positive angles, or no positive inertia.
     """
-    ends = _ends(amplitude)
+    ends = _ends(amplitude, time)
+    largest = ends[0][0]
     sentences = []
     try:
         for end in ends:
-            sentences += _weights(result, end)
-        sentences += _energy(result, ends[0], inertia)
-        sentences += _crossovers(result, ends)
+            sentences += _weights(result, *end)
+        sentences += _energy(result, *ends[0], inertia)
+        sentences += _crossovers(result, [end for end, _ in ends])
         if _arrest_is_decided(result):
-            sentences.append(_arrest(arrest_time(result, ends[0]), signal_units(result)))
+            sentences.append(_arrest(arrest_time(result, largest), signal_units(result)))
     except LibraryError as error:
         sentences.append(f"Nothing more can be computed: {error}")
     if speaks_of_slip(result):
@@ -67,18 +72,20 @@ def physics_sentences(result: xr.Dataset, amplitude: ArrayLike, inertia: float |
     return sentences
 
 
-def weight_sentences(result: xr.Dataset, amplitude: float) -> list[str]:
-    """Which forces the decay and the frequency shift come from, at one amplitude (rad).
+def weight_sentences(result: xr.Dataset, amplitude: ArrayLike, *, time: ArrayLike = 0.0) -> list[str]:
+    """Which forces the decay and the frequency shift come from, at the largest amplitude (rad) and its time.
 
     Empty where no force acts, or where one is not finite.
     """
     try:
-        return _weights(result, amplitude)
+        return _weights(result, *_ends(amplitude, time)[0])
     except LibraryError:
         return []
 
 
-def physics_json(result: xr.Dataset, amplitude: ArrayLike, inertia: float | None = None) -> dict[str, Any]:
+def physics_json(
+    result: xr.Dataset, amplitude: ArrayLike, inertia: float | None = None, *, time: ArrayLike = 0.0
+) -> dict[str, Any]:
     """The physics of an identification as plain data; non-finite numbers are None.
 
     Parameters
@@ -89,6 +96,8 @@ def physics_json(result: xr.Dataset, amplitude: ArrayLike, inertia: float | None
         Amplitudes of the motion.
     inertia : float, kg m^2, optional
         Adds energies and coefficients in SI units.
+    time : array_like of float, s
+        `t` of the formulas at each amplitude.
 
     Returns
     -------
@@ -102,15 +111,16 @@ def physics_json(result: xr.Dataset, amplitude: ArrayLike, inertia: float | None
     UsageError
         Not an identification, not positive angles, or no positive inertia.
     """
-    ends = _ends(amplitude)
+    ends = _ends(amplitude, time)
+    largest = ends[0][0]
     data: dict[str, Any] = {}
     try:
-        data["weights"] = [_weights_json(result, end) for end in ends]
-        data["energy"] = [_energy_json(result, end, inertia) for end in ends]
+        data["weights"] = [_weights_json(result, *end) for end in ends]
+        data["energy"] = [_energy_json(result, *end, inertia) for end in ends]
         data["crossovers"] = _crossovers_json(crossovers(result))
-        stop = arrest_time(result, ends[0])
+        stop = arrest_time(result, largest)
         data["arrest"] = {
-            "amplitude": ends[0],
+            "amplitude": largest,
             "arrest_time": quantity_json(stop, "arrest_time"),
             **numbers(stop, ["stop_time"]),
         }
@@ -125,10 +135,11 @@ def physics_json(result: xr.Dataset, amplitude: ArrayLike, inertia: float | None
     return data
 
 
-def _ends(amplitude: ArrayLike) -> list[float]:
-    """The largest and the smallest amplitude, or the only one."""
+def _ends(amplitude: ArrayLike, time: ArrayLike) -> list[tuple[float, float]]:
+    """The largest and the smallest amplitude, or the only one, each with its time."""
     a = amplitude_row(amplitude)
-    return sorted({float(a.max()), float(a.min())}, reverse=True)
+    at = np.broadcast_to(np.asarray(time, float), a.shape)
+    return sorted({(float(a[end]), float(at[end])) for end in (a.argmax(), a.argmin())}, reverse=True)
 
 
 def _significant(result: xr.Dataset) -> list[str]:
@@ -151,8 +162,8 @@ def _pairs(values: xr.Dataset) -> list[xr.Dataset]:
     return [values.isel(pair=at) for at in range(values.sizes["pair"])]
 
 
-def _weights(result: xr.Dataset, amplitude: float) -> list[str]:
-    by_force = by_label(weights(result, amplitude), "force")
+def _weights(result: xr.Dataset, amplitude: float, time: float) -> list[str]:
+    by_force = by_label(weights(result, amplitude, time=time), "force")
     by_force = {symbol: by_force[symbol] for symbol in _significant(result) if symbol in by_force}
     parts = []
     for weight, what in (("decay_share", "decay"), ("frequency_share", "frequency shift")):
@@ -165,8 +176,8 @@ def _weights(result: xr.Dataset, amplitude: float) -> list[str]:
     return [f"At {amplitude:.3g} {signal_units(result)}, {'; '.join(parts)}."] if parts else []
 
 
-def _energy(result: xr.Dataset, amplitude: float, inertia: float | None) -> list[str]:
-    values = dissipated_energy(result, amplitude, inertia)
+def _energy(result: xr.Dataset, amplitude: float, time: float, inertia: float | None) -> list[str]:
+    values = dissipated_energy(result, amplitude, inertia, time=time)
     if not values.total_energy.item():
         return []
     percent = quantity(values, "lost_fraction", " %", 100.0)
@@ -224,14 +235,14 @@ def _si_units(values: xr.Dataset) -> str:
     return f"In SI units: {', '.join(texts)}; linear stiffness {stiffness}."
 
 
-def _weights_json(result: xr.Dataset, amplitude: float) -> dict[str, Any]:
-    by_force = by_label(weights(result, amplitude), "force")
+def _weights_json(result: xr.Dataset, amplitude: float, time: float) -> dict[str, Any]:
+    by_force = by_label(weights(result, amplitude, time=time), "force")
     forces = {s: {name: quantity_json(force, name) for name in WEIGHTS} for s, force in by_force.items()}
     return {"amplitude": amplitude, "forces": forces}
 
 
-def _energy_json(result: xr.Dataset, amplitude: float, inertia: float | None) -> dict[str, Any]:
-    values = dissipated_energy(result, amplitude, inertia)
+def _energy_json(result: xr.Dataset, amplitude: float, time: float, inertia: float | None) -> dict[str, Any]:
+    values = dissipated_energy(result, amplitude, inertia, time=time)
     forces = {s: quantity_json(force, "energy") for s, force in by_label(values, "force").items()}
     whole = {name: quantity_json(values, name) for name in ENERGIES}
     return {"amplitude": amplitude, "units": values.energy.attrs["units"], "forces": forces, **whole}

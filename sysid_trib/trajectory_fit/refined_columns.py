@@ -9,7 +9,7 @@ from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import SimulationError
 from sysid_trib.records.runs import root_mean_square
 from sysid_trib.regression.constraint_map import ConstraintMap
-from sysid_trib.regression.linearisation import DeviationOperator
+from sysid_trib.regression.linearisation import DeviationOperator, linearised
 from sysid_trib.regression.problem import ReferenceTrajectory, RunRegression, Runs
 from sysid_trib.regression.rows import Rows, weak_regression
 from sysid_trib.regression.solution import Solution, solve
@@ -19,6 +19,8 @@ from sysid_trib.trajectory_fit.initial_conditions import FittedMotion, fit_start
 MAX_REFINEMENTS = 25
 # A simulated motion this far from the record (RMS, of the record's) has slipped out of phase.
 SLIPPED = 0.3
+# A step after which it slips is halved, so often at most.
+MOST_HALVINGS = 8
 # A step this small, in standard errors, does not count.
 SETTLED_STEP = 0.02
 # Part of the swing by which coefficients of a record without noise may still change.
@@ -50,7 +52,24 @@ def refine_columns(
     settled : bool
         Otherwise runs and rows are those given.
     """
-    first, last = (runs, rows), None
+    for kept in (operators, None):
+        refined = _refined(runs, kept, active, constraints)
+        if refined is not None:
+            return *refined, True
+    return runs, rows, False
+
+
+def _refined(
+    runs: Runs, operators: Sequence[DeviationOperator] | None, active: Mask, constraints: ConstraintMap
+) -> tuple[Runs, Rows] | None:
+    """Runs and rows at which nothing changes; without `operators` by those about each motion.
+
+    Over many periods a small error of an operator turns what the motion still misses into other forces. Where
+    forces are nearly the same, so that the last steps are slow, it is then the nearest motion.
+    """
+    followed: Runs | None = None
+    nearest: tuple[float, Runs, Rows] | None = None
+    last, halvings = None, 0
     sensitivities: list[Array | None] = [None] * len(runs)
     for _ in range(MAX_REFINEMENTS):
         try:
@@ -59,24 +78,41 @@ def refine_columns(
             break
         runs, sensitivities = tuple(run for run, _ in motions), [near for _, near in motions]
         if any(has_slipped(run) for run in runs):
-            break
-        rows = weak_regression(runs, operators)
+            # From a motion that follows the record a part of the step is one of less.
+            halvings += 1
+            if operators is not None or halvings > MOST_HALVINGS or followed is None:
+                break
+            step_back = 0.5 * (common_values(followed) - common_values(runs))
+            runs = tuple(replace(run, start=at.start) for run, at in zip(runs, followed, strict=True))
+            runs = shifted(runs, step_back, constraints)
+            continue
+        followed = runs
+        local = operators or [linearised(run) for run in runs]
+        rows = weak_regression(runs, local)
         solution = solve(rows, runs[0], active, constraints)
         after = solution.applied_to(runs)
         change = common_values(after) - common_values(runs)
         step = step_in_errors(runs, after, rows, solution)
         if np.all(np.abs(step) <= 1.0):
-            return runs, rows, True
+            return runs, rows
+        missed = max(_missed(run) for run in runs)
+        if operators is None and (nearest is None or missed < nearest[0]):
+            nearest = missed, runs, rows
         ahead = _extrapolation(step, last)
         last = None if ahead else step
         runs = shifted(after, ahead * change, constraints)
-    return (*first, False)
+    return None if nearest is None else nearest[1:]
 
 
 def has_slipped(run: RunRegression) -> bool:
     """Whether the motion of a run's model is out of phase with the record."""
+    return _missed(run) > SLIPPED
+
+
+def _missed(run: RunRegression) -> float:
+    """RMS of record minus reference motion over that of the record."""
     residual = run.measured - run.reference.x
-    return bool(np.sqrt(np.mean(residual**2)) > SLIPPED * np.sqrt(np.mean(run.problem.angle**2)))
+    return float(np.sqrt(np.mean(residual**2) / np.mean(run.problem.angle**2)))
 
 
 def common_values(runs: Runs) -> Array:

@@ -151,9 +151,12 @@ def with_common_noise(
 def better_of(first: xr.Dataset, second: xr.Dataset) -> int:
     """Which of two identifications of a record is the answer: the second, unless the first predicts better.
 
-    Where their models leave nothing but noise the second is: it is at the statistical bound. Elsewhere it
-    must predict the parts that were held out better than the first by more than `CLEARLY_BETTER`.
+    Where its model leaves nothing but noise the second is: it is at the statistical bound; else the first
+    where its does. Elsewhere the second must predict the parts that were held out better than the first by
+    more than `CLEARLY_BETTER`.
     """
+    if "held_out_rms" not in second or "held_out_rms" not in first:
+        return int("held_out_rms" not in second)
     held_out = [float(result.get("held_out_rms", np.nan)) for result in (first, second)]
     return 0 if np.isfinite(held_out[0]) and not CLEARLY_BETTER * held_out[1] < held_out[0] else 1
 

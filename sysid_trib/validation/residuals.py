@@ -21,6 +21,7 @@ from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.state_space.tracked import FollowedRuns
 from sysid_trib.trajectory_fit.initial_conditions import FittedMotion, first_guess, fit_start
 from sysid_trib.trajectory_fit.observation import MEASURED, MEASURED_TIME, measured_part
+from sysid_trib.validation.spectral_line import NO_LINE, spectral_line
 
 # A model departs from the record where the RMS over half a period is beyond this many noise levels.
 DEPARTED = 2.0
@@ -28,6 +29,8 @@ DEPARTED = 2.0
 SLOW_DEGREE = 7
 # Of their coefficients so many are left to chance at least, whatever number the fit has taken.
 LEAST_FREE = 4
+# The sensor's noise is that above so many times the frequency of the swing: a line below is no part of it.
+HIGHEST_HARMONIC = 6.0
 # In antiphase (rad) the residual says nothing more of the forces.
 ANTIPHASE = np.pi
 # Of each model: name of the variable, what it is, and its unit.
@@ -36,7 +39,10 @@ RESIDUALS = {
     "residual_over_noise": ("RMS of record minus model over the noise", "1"),
     "departure_time": ("first time beyond the noise, nan if never", "s"),
     "residual_p_value": ("p-value of white noise within the band of the motion", "1"),
+    "line_frequency": ("angular frequency of a line in the residual, nan if there is none", "rad/s"),
+    "line_amplitude": ("amplitude of the line", "rad"),
 }
+NO_MOTION = (np.nan, np.nan)
 
 
 @dataclass(frozen=True)
@@ -161,10 +167,11 @@ def residuals(
     -----
     What a free motion leaves of a record that was pushed is its wander, and no failure of the model. Beside
     a random force, and in coloured noise of the sensor, the innovations take its place, and their own
-    standard deviation that of the noise.
+    standard deviation that of the noise. A line of a frequency of its own (`spectral_line`), as hum makes it,
+    is no noise: within the band of the motion the p-value is zero with one.
     """
     rows = [
-        _of_innovations(pair, run)
+        _of_innovations(pair, motion, run)
         if random_force_of(pair.result, run) or sensor_noise_of(pair.result, run).warm_up
         else _of_free_motion(pair.runs[run], pair.result, motion, noise)
         for pair, motion in zip(followed.values(), motions, strict=True)
@@ -186,14 +193,21 @@ def _of_free_motion(
     """What `RESIDUALS` lists, of record minus motion."""
     time, angle = decay.time.values, decay.angle.values
     if motion is None:
-        return np.nan, np.nan, float(time[0]), 0.0
+        return *NO_MOTION, float(time[0]), 0.0, *NO_LINE
     residual = angle - motion.offset - motion.x
     if int(decay.attrs.get("integrations", 0)) and MEASURED in decay:
         residual = _measured_residual(decay, result, motion)
     rms, width = float(np.sqrt(np.mean(residual**2))), _half_period(motion.v)
     departure = _departure(time, residual, noise, width)
     path, fitted = (motion.x, motion.v), _fitted_numbers(result)
-    return rms, rms / noise, departure, _white_noise_p_value(residual / noise, width, path, fitted)
+    line = spectral_line(time, residual, path)
+    p_value = 0.0 if _in_band(line, result) else _white_noise_p_value(residual / noise, width, path, fitted)
+    return rms, rms / noise, departure, p_value, *line
+
+
+def _in_band(line: tuple[float, float], result: xr.Dataset) -> bool:
+    """Whether there is a line where the motion has its harmonics."""
+    return line[0] < HIGHEST_HARMONIC * result.asymptotic_frequency.item()
 
 
 def _measured_residual(decay: xr.Dataset, result: xr.Dataset, motion: FittedMotion) -> Array:
@@ -212,25 +226,31 @@ def _measured_residual(decay: xr.Dataset, result: xr.Dataset, motion: FittedMoti
     return np.asarray(residual / swing_frequency(decay) ** int(decay.attrs["integrations"]))
 
 
-def _of_innovations(followed: FollowedRuns, run: int) -> tuple[float, ...]:
+def _of_innovations(followed: FollowedRuns, motion: FittedMotion | None, run: int) -> tuple[float, ...]:
     """What `RESIDUALS` lists, of the innovations beside a random force (see `innovations`)."""
-    time = followed.runs[run].time.values
+    decay = followed.runs[run]
+    time, line = decay.time.values, NO_LINE
+    if motion is not None:
+        line = spectral_line(time, decay.angle.values - motion.offset - motion.x, (motion.x, motion.v))
     try:
         tracked = followed.tracked(run)
     except SysidTribError:
-        return np.nan, np.nan, float(time[0]), 0.0
+        return *NO_MOTION, float(time[0]), 0.0, *line
     innovation, deviation = tracked.innovations()
     x, v = tracked.linear.path[:, 0], tracked.linear.path[:, 1]
     normalised, width = innovation / deviation, _half_period(v)
     rms, over_noise = (float(np.sqrt(np.mean(values**2))) for values in (innovation, normalised))
     departure = _departure(time, normalised, 1.0, width)
-    return rms, over_noise, departure, _white_noise_p_value(normalised, width, (x, v), 0)
+    hum = _in_band(line, followed.result)
+    p_value = 0.0 if hum else _white_noise_p_value(normalised, width, (x, v), 0)
+    return rms, over_noise, departure, p_value, *line
 
 
 def pooled(of_runs: Sequence[xr.Dataset]) -> xr.Dataset:
     """`residuals` of several runs as one, those of each run beside it with the dimension `run`.
 
-    RMS over the runs, the earliest departure, and the least p-value times the number of runs (Bonferroni).
+    RMS over the runs, the earliest departure, the least p-value times the number of runs (Bonferroni),
+    and the highest line.
     """
     if len(of_runs) == 1:
         return of_runs[0]
@@ -238,6 +258,10 @@ def pooled(of_runs: Sequence[xr.Dataset]) -> xr.Dataset:
     whole = (runs[["residual_rms", "residual_over_noise"]] ** 2).mean("run", skipna=False) ** 0.5
     whole["departure_time"] = runs.departure_time.min("run")
     whole["residual_p_value"] = np.minimum(1.0, len(of_runs) * runs.residual_p_value.min("run"))
+    highest = runs.line_amplitude.fillna(0.0).argmax("run")
+    whole = whole.assign(
+        {name: runs[name].isel(run=highest) for name in ("line_frequency", "line_amplitude")}
+    )
     for name in whole.data_vars:
         whole[name].attrs = of_runs[0][name].attrs
     return whole.merge(runs.rename({name: f"run_{name}" for name in runs.data_vars}))

@@ -1,0 +1,71 @@
+"""A line in the residual is found wherever it is, and nothing else is taken for one."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import sysid_trib as st
+from sysid_trib.methods import Direct
+from sysid_trib.printing.model_verdict import line_sentences, verdict_of, verdict_sentence
+from sysid_trib.validation.answer import identifications
+from sysid_trib.validation.cross_check import cross_check
+from sysid_trib.validation.spectral_line import spectral_line
+
+TIME = np.arange(0.0, 30.0, 0.01)
+NOISE = 3e-4
+FORCES = st.load_library().select(["zeta", "delta"])
+MOTION = st.simulate(st.Model(FORCES, {"zeta": 0.005, "delta": 0.02}, 9.0), TIME, angle=0.5).angle.values
+
+
+def noise(seed=0):
+    return NOISE * np.random.default_rng(seed).standard_normal(len(TIME))
+
+
+def found(residual):
+    return spectral_line(TIME, residual, (MOTION, np.gradient(MOTION, TIME) / 9.0))
+
+
+@pytest.mark.parametrize("frequency", [0.5, 2.13, 4.6, 18.02, 47.3])
+def test_a_line_has_its_frequency_and_amplitude(frequency):
+    at, amplitude = found(noise() + 3e-3 * np.sin(2.0 * np.pi * frequency * TIME + 1.0))
+    assert at / (2.0 * np.pi) == pytest.approx(frequency, abs=0.003)
+    assert amplitude == pytest.approx(3e-3, rel=0.03)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_noise_holds_no_line(seed):
+    assert np.isnan(found(noise(seed))[0])
+    assert np.isnan(found(np.cumsum(noise(seed)))[0])
+
+
+@pytest.mark.parametrize("step", [1e-3, 1e-2, 0.07])
+def test_steps_of_the_sensor_are_no_line(step):
+    assert np.isnan(found(np.round((MOTION + noise()) / step) * step - MOTION)[0])
+
+
+def test_harmonics_of_the_motion_are_no_line():
+    assert np.isnan(found(noise() + 0.01 * MOTION**3)[0])
+
+
+@pytest.fixture(scope="module", params=[4.6, 18.02])
+def hum(request):
+    """A decay with hum of ten times the noise, within and above the band of the motion, and its check."""
+    angle = MOTION + noise() + 4.2e-3 * np.sin(2.0 * np.pi * request.param * TIME)
+    decay = st.free_decay(xr.Dataset({"angle": ("time", angle, {"units": "rad"})}, {"time": TIME}))
+    methods = [Direct(), Direct(refine=False, random_force="off")]
+    return request.param, cross_check(decay, *identifications(decay, FORCES, methods)[::-1], draws=4)
+
+
+def test_hum_is_said_and_where_the_motion_is_explains_nothing(hum):
+    frequency, tree = hum
+    assert f"{frequency:.4g} Hz of 4.2" in line_sentences(tree)[0]
+    if frequency < 9.0:
+        assert verdict_of(tree) == "approximate"
+    else:
+        assert verdict_sentence(tree).endswith("noise and a line.")
+
+
+def test_intervals_hold_beside_hum(hum):
+    result = hum[1]["direct_2" if "direct_2" in hum[1] else "direct"].to_dataset()
+    z = (result.coefficient - np.array([0.005, 0.02])) / result.standard_error
+    assert np.all(np.abs(z.values) < 3.0)
