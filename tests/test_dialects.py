@@ -12,6 +12,7 @@ import xarray as xr
 
 from sysid_trib.decays.free_decay import free_decay
 from sysid_trib.errors import DecayError, RecordError, UsageError
+from sysid_trib.records.axes import is_magnitude
 from sysid_trib.records.read import read_record, read_records
 
 TIME = np.arange(0.0, 10.0, 0.01)
@@ -189,3 +190,7 @@ def test_beats_are_told_from_a_drive():
     for angle, reason in ((beat, "two modes beat"), (driven, "is it driven")):
         with pytest.raises(DecayError, match=reason):
             free_decay(xr.Dataset({"angle": ("time", angle + NOISE[0])}, {"time": TIME}))
+
+
+def test_so_few_samples_that_a_quarter_of_them_is_none_are_no_magnitude():
+    assert not is_magnitude(np.array([1.0, 2.0]))
