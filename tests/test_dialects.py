@@ -194,3 +194,26 @@ def test_beats_are_told_from_a_drive():
 
 def test_so_few_samples_that_a_quarter_of_them_is_none_are_no_magnitude():
     assert not is_magnitude(np.array([1.0, 2.0]))
+
+
+def test_facts_of_an_oscilloscope_beside_the_first_rows(tmp_path):
+    facts = [("Record Length", "1000"), ("Vertical Units", "V"), ("Horizontal Units", "s")]
+    cells = [",".join(fact) for fact in facts] + [","] * (len(TIME) - len(facts))
+    rows = (f"{c},,{t:.6f},{x:.4f}," for c, t, x in zip(cells, TIME, SWING, strict=True))
+    (tmp_path / "r.csv").write_text("\n".join(rows))
+    record = read_record(tmp_path / "r.csv")
+    assert record.attrs["angle_unit_in_file"] == "V"
+    assert record.sizes["time"] == len(TIME)
+
+
+def test_a_group_names_the_quantity_of_its_axis(tmp_path):
+    head = "%time,field.angular_velocity.x,field.angular_velocity.y"
+    path = table(tmp_path / "r.csv", head, TIME, 0.01 * NOISE[0], SWING)
+    assert read_record(path).attrs["signal"] == "rate"
+
+
+def test_a_column_without_a_name_that_swings_beyond_a_half_turn_is_no_angle(tmp_path):
+    (tmp_path / "r.txt").write_text(
+        "% fs = 100 Hz\n" + "".join(f"{500.0 * x / np.ptp(SWING):.3f}\n" for x in SWING)
+    )
+    assert read_record(tmp_path / "r.txt").attrs["angle_unit_in_file"] == "au"

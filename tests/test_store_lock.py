@@ -18,7 +18,11 @@ def held_by_another(file: int, *_: int) -> None:
 
 def test_the_second_is_told_and_the_lock_goes(tmp_path):
     store = tmp_path / "s.zarr"
-    with lock.sole_writer(store), pytest.raises(RecordError, match="another campaign"), lock.sole_writer(store):
+    with (
+        lock.sole_writer(store),
+        pytest.raises(RecordError, match="another campaign"),
+        lock.sole_writer(store),
+    ):
         pass
     assert not list(tmp_path.iterdir())
     with lock.sole_writer(store):

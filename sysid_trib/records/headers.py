@@ -92,7 +92,10 @@ def split_header(name: str) -> tuple[str, str]:
         base, unit = bracket[1], plain_unit(bracket[2])
     else:
         base, unit = _without_bracket(text)
-    base = re.split(r"[./](?=\D)|:\s+", base)[-1]
+    *groups, base = re.split(r"[./](?=\D)|:\s+", base)
+    # `angular_velocity.x`
+    if base in ("x", "y", "z") and groups and names_quantity(groups[-1].replace("_", " ")):
+        base = f"{groups[-1]} {base}"
     return re.sub(r"^\d+\s+", "", base.replace("_", " ").strip()), unit
 
 
@@ -133,7 +136,8 @@ def is_time(base: str, unit: str) -> bool:
     """Whether a header is that of a time column."""
     base = _without_accents(base)
     plain = re.sub(r"\s*\d+$", "", base)
-    return plain in TIME_NAMES or base in TIME_NAMES or (unit in TIME_UNITS and base.startswith("time"))
+    named = plain in TIME_NAMES or base in TIME_NAMES
+    return named or (unit in TIME_UNITS and (base.startswith("time") or base.endswith(" time")))
 
 
 def counts_rows(base: str) -> bool:

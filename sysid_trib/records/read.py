@@ -39,7 +39,7 @@ def read_record(
     Parameters
     ----------
     path : str or path
-        Text or CSV, MATLAB, Excel, netCDF, HDF5, Parquet or TDMS, or one of them as .gz; the content decides,
+        Text, CSV or JSON, MATLAB, NumPy, Excel, netCDF, HDF5, Parquet or TDMS, or one of them as .gz; the content decides,
         not the name. `-` is standard input.
     time : str or int, optional
         Name of the time column, or its number from 0. If not given, it is recognised by its name or because

@@ -12,7 +12,7 @@ from sysid_trib.records.labels import DELIMITERS, plain_lines
 from sysid_trib.records.numbers import is_missing, is_number
 from sysid_trib.records.units import TIME_UNITS, plain_unit, signal_unit
 
-FORMATS = "text or CSV, MATLAB, Excel (.xlsx), netCDF, HDF5, Parquet, TDMS"
+FORMATS = "text, CSV or JSON, MATLAB, NumPy, Excel (.xlsx), netCDF, HDF5, Parquet, TDMS"
 WIDEST_TABLE = 4096
 # Rows beside which facts may stand.
 MOST_FACTS = 40
@@ -156,13 +156,17 @@ def _goes_on(lines: list[str], delimiter: str | None, fields: list[str]) -> bool
 
 
 def _first_row(lines: list[str], delimiter: str | None, start: int, width: int) -> int:
-    """Go back over rows that are numbers by half: bad data, not a header."""
+    """Go back over rows that are numbers by half, or where others are: bad data or facts, not a header."""
+    usual = [at for at, item in enumerate(_fields(lines[start], delimiter)) if is_number(item)]
     while start > 0 and not _is_comment(lines[start - 1]):
         fields = _fields(lines[start - 1], delimiter)
         if len(fields) < width:
             # The last cell may be empty.
             fields = lines[start - 1].split(delimiter)
-        if len(fields) != width or 2 * sum(is_number(item) for item in fields) < width:
+        if len(fields) != width:
+            break
+        numeric = [is_number(item) for item in fields]
+        if 2 * sum(numeric) < width and not (len(usual) > 1 and all(numeric[at] for at in usual)):
             break
         start -= 1
     return start
