@@ -217,3 +217,18 @@ def test_a_column_without_a_name_that_swings_beyond_a_half_turn_is_no_angle(tmp_
         "% fs = 100 Hz\n" + "".join(f"{500.0 * x / np.ptp(SWING):.3f}\n" for x in SWING)
     )
     assert read_record(tmp_path / "r.txt").attrs["angle_unit_in_file"] == "au"
+
+
+@pytest.mark.parametrize(
+    ("head", "unit"),
+    [
+        ("Zeit;Weg;Kraft\ns;mm;N", "mm"),
+        ("Sekunden;Volt;Force", "V"),
+        ("Время, с;Угол, град;x", "deg"),
+        ("time;p1_x;p1_y", "au"),
+    ],
+)
+def test_units_in_a_row_of_their_own_as_a_name_or_abroad(tmp_path, head, unit):
+    lines = rows(SECONDS, (f"{30.0 * x:.4f}" for x in SWING), (f"{x:.3f}" for x in NOISE[0]), sep=";")
+    (tmp_path / "r.csv").write_text(f"{head}\n{lines}", encoding="utf-8")
+    assert read_record(tmp_path / "r.csv").attrs["angle_unit_in_file"] == unit

@@ -9,12 +9,19 @@ import pandas as pd
 
 
 def json_content(path: Path) -> Any:
-    """What a file of JSON holds; None of any other one, as of one with an object a line."""
+    """What a file of JSON holds, an object a line or not; None of any other one."""
     content = path.read_bytes().removeprefix(b"\xef\xbb\xbf").strip()
     if not content.startswith((b"{", b"[")) or not content.endswith((b"}", b"]")):
         return None
     try:
         return json.loads(content)
+    except RecursionError:
+        return None
+    except ValueError:
+        lines = content.splitlines()
+    try:
+        # Where the first line is whole, the others are rows too.
+        return [json.loads(line) for line in lines if line.strip()] if len(lines) > 1 else None
     except (ValueError, RecursionError):
         return None
 

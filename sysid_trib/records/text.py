@@ -208,7 +208,7 @@ def header_names(rows: list[list[str]]) -> list[str] | None:
     last, above = rows[-1], rows[-2] if len(rows) > 1 else []
     bracketed = any(last) and all(re.fullmatch(r"[\[(].*[\])]|", item) for item in last)
     named = len(above) == len(last) and not any(map(is_number, above)) and bool(above and above[-1])
-    if named and (bracketed or _are_units(last)):
+    if named and (bracketed or _are_units(last, known=False)):
         units = [item if bracketed or not item else f"({item})" for item in last]
         return [f"{name} {unit}".strip() for unit, name in zip(units, above, strict=True)]
     if _are_units(last):
@@ -216,11 +216,12 @@ def header_names(rows: list[list[str]]) -> list[str] | None:
     return last
 
 
-def _are_units(items: list[str]) -> bool:
-    """Whether a line holds units alone, one of them that of time."""
+def _are_units(items: list[str], known: bool = True) -> bool:
+    """Whether a line holds units alone, one of them that of time; all of them known, or another one."""
     # Sketches call their columns so.
     if {"millis", "micros"} & {item.lower() for item in items}:
         return False
     times = [item for item in items if plain_unit(item) in TIME_UNITS]
     others = [signal_unit(item) for item in items if item and item not in times]
-    return bool(times) and len(items) > 1 and all(unit is not None and unit.known for unit in others)
+    enough = all if known else any
+    return bool(times) and len(items) > 1 and enough(unit is not None and unit.known for unit in others)
