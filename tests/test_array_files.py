@@ -27,6 +27,11 @@ def test_arrays_of_numpy(tmp_path):
     holds(tmp_path / "named.npy", "data.theta")
     np.savez_compressed(tmp_path / "vectors.npz", phi=SWING, t=TIME)
     holds(tmp_path / "vectors.npz", "phi")
+    np.save(tmp_path / "other_order.npy", np.c_[TIME, SWING].astype(">f8"))
+    holds(tmp_path / "other_order.npy", "data[1]")
+    dates = np.datetime64("2024-01-01") + np.round(1e9 * TIME).astype("m8[ns]")
+    np.save(tmp_path / "dates.npy", np.rec.fromarrays([dates, SWING], names="time,theta"))
+    holds(tmp_path / "dates.npy", "data.theta")
     np.savez(tmp_path / "rate.npz", phi=SWING, fs=50.0)
     holds(tmp_path / "rate.npz", "phi")
 

@@ -232,3 +232,10 @@ def test_units_in_a_row_of_their_own_as_a_name_or_abroad(tmp_path, head, unit):
     lines = rows(SECONDS, (f"{30.0 * x:.4f}" for x in SWING), (f"{x:.3f}" for x in NOISE[0]), sep=";")
     (tmp_path / "r.csv").write_text(f"{head}\n{lines}", encoding="utf-8")
     assert read_record(tmp_path / "r.csv").attrs["angle_unit_in_file"] == unit
+
+
+@pytest.mark.parametrize("encoding", ["utf-16-le", "utf-16-be", "utf-16"])
+def test_wide_letters_with_their_mark_or_without(tmp_path, encoding):
+    text = "time (s),angle (deg)\n" + rows(SECONDS, DEGREES)
+    (tmp_path / "r.csv").write_bytes(text.encode(encoding))
+    assert read_record(tmp_path / "r.csv").attrs["angle_unit_in_file"] == "deg"

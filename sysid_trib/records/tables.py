@@ -85,9 +85,8 @@ def read_table(path: Path) -> FileTable:
     except Exception as error:
         reason = next(iter(str(error).splitlines()), "") or type(error).__name__
         raise RecordError(f"{path.name}: cannot be read, it seems damaged or cut off ({reason}).") from error
-    table = replace(
-        table, columns={n: column for n, column in table.columns.items() if not _is_nested(column)}
-    )
+    columns = {name: _native(column) for name, column in table.columns.items() if not _is_nested(column)}
+    table = replace(table, columns=columns)
     if not any(np.size(column) for column in table.columns.values()):
         raise RecordError(f"{path.name}: there are no numbers in it.")
     check_width(path, len(table.columns))
@@ -116,6 +115,12 @@ def check_is_file(path: Path) -> None:
         raise RecordError(
             f"{path}: this is a pipe or a device, not a file; save what it gives as a file first."
         )
+
+
+def _native(column: Any) -> Any:
+    """A column in the machine's own order of bytes: not all that follows knows the other one."""
+    values = np.asarray(column)
+    return values.astype(values.dtype.newbyteorder("="), copy=False)
 
 
 def _is_nested(column: Any) -> bool:
@@ -285,7 +290,7 @@ def _flatten(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
     elif isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype == object):
         for index, item in enumerate(value):
             yield from _flatten(item, f"{name}[{index}]")
-    elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
+    elif isinstance(value, np.ndarray) and value.dtype.kind in "fiubmM":
         value = np.squeeze(value)
         if value.ndim == 1:
             yield name, value

@@ -16,6 +16,8 @@ FORMATS = "text, CSV or JSON, MATLAB, NumPy, Excel (.xlsx), netCDF, HDF5, Parque
 WIDEST_TABLE = 4096
 # Rows beside which facts may stand.
 MOST_FACTS = 40
+# Letters of a column's name.
+LONGEST_NAME = 1000
 
 
 def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
@@ -32,7 +34,12 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
         Binary content, or no numbers.
     """
     content = path.read_bytes()
-    wide = content.startswith((b"\xff\xfe", b"\xfe\xff"))
+    wide = ""
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        wide = "utf-16"
+    elif content[:MOST_FACTS].count(b"\0") == MOST_FACTS // 2:
+        # Without its mark: every second byte of plain letters is zero.
+        wide = "utf-16-le" if content[1:2] == b"\0" else "utf-16-be"
     markup = re.match(rb"[\xef\xbb\xbf\s]*<[?!]?(\w+)", content)
     if markup is not None:
         kind = "a web page" if markup[1].lower() in (b"html", b"doctype") else "XML"
@@ -42,7 +49,7 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
             f"{path.name}: binary content, but none of the formats that can be read ({FORMATS})."
         )
     try:
-        text = content.decode("utf-16" if wide else "utf-8-sig")
+        text = content.decode(wide or "utf-8-sig")
     except UnicodeDecodeError:
         text = content.decode("latin-1")
     lines = plain_lines(text)
@@ -191,7 +198,7 @@ def _header(before: list[str], delimiter: str | None, width: int) -> list[str] |
         wider = not header and delimiter is not None and len(fields) > width
         if len(fields) != width and not wider and not (len(fields) == 1 and delimiter == ","):
             break
-        header.append(fields)
+        header.append([field[:LONGEST_NAME] for field in fields])
     return header_names(header[::-1])
 
 
