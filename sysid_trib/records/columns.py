@@ -16,7 +16,7 @@ from sysid_trib.records.headers import counts_rows, is_time, names_quantity, spl
 from sysid_trib.records.numbers import is_clock_time, is_numeric, numbers, without_sentinels
 from sysid_trib.records.side_by_side import cells, runs_side_by_side, time_of
 from sysid_trib.records.tables import FileTable
-from sysid_trib.records.units import INTEGRATIONS, SignalUnit, signal_unit
+from sysid_trib.records.units import INTEGRATIONS, TIME_UNITS, SignalUnit, signal_unit
 
 # Of columns in one unit, one is the signal if it swings so many times as far as any other.
 DOMINANT = 5.0
@@ -173,13 +173,12 @@ def _time_columns(table: FileTable) -> list[str]:
         for name in names
         if is_time(split_header(name)[0], units[name]) or is_clock_time(table.columns[name])
     ]
-    # `Time_id[0]`, `t run 2`: names that begin so, of columns that rise.
+    # `Time_id[0]`, `t run 2`, `host time (s)`: names that begin or end so, of columns that rise.
     named += [
         name
         for name in names
         if name not in named
-        and re.match(r"(?:time|t|zeit)\b", split_header(name)[0])
-        and not units[name]
+        and _is_like_time(split_header(name)[0], units[name])
         and _rises(table.columns[name])
     ]
     named.sort(key=names.index)
@@ -199,6 +198,12 @@ def _time_columns(table: FileTable) -> list[str]:
     ):
         return rising[1:2]
     return rising[:1]
+
+
+def _is_like_time(base: str, unit: str) -> bool:
+    if unit:
+        return unit in TIME_UNITS and base.endswith(" time")
+    return re.match(r"(?:time|t|zeit)\b", base) is not None
 
 
 def _is_empty(values: object) -> bool:

@@ -142,8 +142,7 @@ def is_time(base: str, unit: str) -> bool:
     """Whether a header is that of a time column."""
     base = _without_accents(base)
     plain = re.sub(r"\s*\d+$", "", base)
-    named = plain in TIME_NAMES or base in TIME_NAMES
-    return named or (unit in TIME_UNITS and (base.startswith("time") or base.endswith(" time")))
+    return plain in TIME_NAMES or base in TIME_NAMES or (unit in TIME_UNITS and base.startswith("time"))
 
 
 def counts_rows(base: str) -> bool:
