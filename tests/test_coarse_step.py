@@ -48,7 +48,13 @@ def test_errors_are_those_of_the_rounding(decay):
 
 @pytest.mark.parametrize(
     ("step", "noise", "swing", "coarse"),
-    [(0.01, 2e-4, 0.07, True), (0.01, 0.006, 0.07, False), (1e-4, 1e-5, 0.3, False), (0.0, 1e-4, 0.3, False)],
+    [
+        (0.01, 2e-4, 0.07, True),
+        (0.01, 2e-4, 0.02, True),
+        (0.01, 0.006, 0.07, False),
+        (1e-4, 1e-5, 0.3, False),
+        (0.0, 1e-4, 0.3, False),
+    ],
 )
 def test_a_step_is_coarse_beside_noise_and_motion(step, noise, swing, coarse):
     signal = swing * np.cos(0.05 * np.arange(2000.0)) + noise * np.random.default_rng(0).standard_normal(2000)
