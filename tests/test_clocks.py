@@ -110,3 +110,10 @@ def test_runs_below_each_other_without_names(tmp_path):
     (tmp_path / "r.dat").write_text(f"{block}\n\n{block}")
     record = read_record(tmp_path / "r.dat")
     assert len(record.attrs["breaks"]) == 1
+
+
+def test_a_stamp_next_to_nothing_among_others(tmp_path):
+    texts = [f"{t:.2f}" for t in TIME]
+    texts[0] = "-1e-300"
+    record = read_record(written(tmp_path / "r.csv", texts))
+    assert record.sizes["time"] == TIME.size
