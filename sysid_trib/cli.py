@@ -42,6 +42,9 @@ def main() -> None:
         from sysid_trib.errors import printable
 
         print(f"sysid-trib: {printable(message)}", file=sys.stderr)
+    # Python ends by a signal, whatever the status, where an interrupt came within the last text that was
+    # executed, as the methods of a dataclass are while it is imported: this one is the last.
+    exec("")
     sys.exit(status)
 
 

@@ -86,3 +86,34 @@ def test_a_period_that_no_laboratory_has_is_asked_about(tmp_path, unit, factor):
     with pytest.raises(RecordError, match=r"nothing states the unit of its times.*--time-units"):
         read_record(path)
     holds(read_record(path, time_units=unit))
+
+
+@pytest.mark.parametrize("count", ["samples", "samples of 8 bits", "packets"])
+def test_a_counter_beside_packets_counts_what_is_lost(tmp_path, count):
+    number = np.arange(TIME.size)
+    number = number[(number < 200) | (number >= 216)]
+    stamps = number // 8 * (8.0 / RATE) + 0.03 * np.random.default_rng(1).random(TIME.size)[number // 8]
+    counted = {"samples": number, "samples of 8 bits": number % 256, "packets": number // 8}[count]
+    head = f"{'packet' if count == 'packets' else 'sample'},host time (s),angle (deg)"
+    texts = [f"{c},{t:.4f}" for c, t in zip(counted, stamps, strict=True)]
+    values = 20.0 * np.exp(-0.1 * number / RATE) * np.cos(2.0 * np.pi * number / RATE / PERIOD)
+    record = read_record(written(tmp_path / "r.csv", texts, head, values=values))
+    assert "16 samples lost" in record.attrs["reading"]
+    gaps = np.round(np.diff(record.time.values) * RATE, 1)
+    assert gaps[199] == 17.0
+    assert np.all(np.delete(gaps, 199) == 1.0)
+
+
+def test_runs_below_each_other_without_names(tmp_path):
+    values = 20.0 * np.exp(-0.1 * TIME) * np.cos(2.0 * np.pi * TIME / PERIOD)
+    block = "".join(f"{t:.4f} {v:.4f}\n" for t, v in zip(TIME, values, strict=True))
+    (tmp_path / "r.dat").write_text(f"{block}\n\n{block}")
+    record = read_record(tmp_path / "r.dat")
+    assert len(record.attrs["breaks"]) == 1
+
+
+def test_a_stamp_next_to_nothing_among_others(tmp_path):
+    texts = [f"{t:.2f}" for t in TIME]
+    texts[0] = "-1e-300"
+    record = read_record(written(tmp_path / "r.csv", texts))
+    assert record.sizes["time"] == TIME.size

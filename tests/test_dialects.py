@@ -12,6 +12,7 @@ import xarray as xr
 
 from sysid_trib.decays.free_decay import free_decay
 from sysid_trib.errors import DecayError, RecordError, UsageError
+from sysid_trib.records.axes import is_magnitude
 from sysid_trib.records.read import read_record, read_records
 
 TIME = np.arange(0.0, 10.0, 0.01)
@@ -189,3 +190,52 @@ def test_beats_are_told_from_a_drive():
     for angle, reason in ((beat, "two modes beat"), (driven, "is it driven")):
         with pytest.raises(DecayError, match=reason):
             free_decay(xr.Dataset({"angle": ("time", angle + NOISE[0])}, {"time": TIME}))
+
+
+def test_so_few_samples_that_a_quarter_of_them_is_none_are_no_magnitude():
+    assert not is_magnitude(np.array([1.0, 2.0]))
+
+
+def test_facts_of_an_oscilloscope_beside_the_first_rows(tmp_path):
+    facts = [("Record Length", "1000"), ("Vertical Units", "V"), ("Horizontal Units", "s")]
+    cells = [",".join(fact) for fact in facts] + [","] * (len(TIME) - len(facts))
+    rows = (f"{c},,{t:.6f},{x:.4f}," for c, t, x in zip(cells, TIME, SWING, strict=True))
+    (tmp_path / "r.csv").write_text("\n".join(rows))
+    record = read_record(tmp_path / "r.csv")
+    assert record.attrs["angle_unit_in_file"] == "V"
+    assert record.sizes["time"] == len(TIME)
+
+
+def test_a_group_names_the_quantity_of_its_axis(tmp_path):
+    head = "%time,field.angular_velocity.x,field.angular_velocity.y"
+    path = table(tmp_path / "r.csv", head, TIME, 0.01 * NOISE[0], SWING)
+    assert read_record(path).attrs["signal"] == "rate"
+
+
+def test_a_column_without_a_name_that_swings_beyond_a_half_turn_is_no_angle(tmp_path):
+    (tmp_path / "r.txt").write_text(
+        "% fs = 100 Hz\n" + "".join(f"{500.0 * x / np.ptp(SWING):.3f}\n" for x in SWING)
+    )
+    assert read_record(tmp_path / "r.txt").attrs["angle_unit_in_file"] == "au"
+
+
+@pytest.mark.parametrize(
+    ("head", "unit"),
+    [
+        ("Zeit;Weg;Kraft\ns;mm;N", "mm"),
+        ("Sekunden;Volt;Force", "V"),
+        ("Время, с;Угол, град;x", "deg"),
+        ("time;p1_x;p1_y", "au"),
+    ],
+)
+def test_units_in_a_row_of_their_own_as_a_name_or_abroad(tmp_path, head, unit):
+    lines = rows(SECONDS, (f"{30.0 * x:.4f}" for x in SWING), (f"{x:.3f}" for x in NOISE[0]), sep=";")
+    (tmp_path / "r.csv").write_text(f"{head}\n{lines}", encoding="utf-8")
+    assert read_record(tmp_path / "r.csv").attrs["angle_unit_in_file"] == unit
+
+
+@pytest.mark.parametrize("encoding", ["utf-16-le", "utf-16-be", "utf-16"])
+def test_wide_letters_with_their_mark_or_without(tmp_path, encoding):
+    text = "time (s),angle (deg)\n" + rows(SECONDS, DEGREES)
+    (tmp_path / "r.csv").write_bytes(text.encode(encoding))
+    assert read_record(tmp_path / "r.csv").attrs["angle_unit_in_file"] == "deg"

@@ -73,6 +73,19 @@ def test_an_interrupt_while_a_module_is_imported(module):
     assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "sysid-trib: interrupted.\n")
 
 
+def test_an_interrupt_within_a_text_that_is_executed(tmp_path):
+    """Python would end the process by the signal, as what `python -m` runs."""
+    (tmp_path / "program.py").write_text(
+        "from sysid_trib import cli\n"
+        "cli._outcome = lambda: exec('raise KeyboardInterrupt')\n"
+        "import sysid_trib.errors\n"
+        "cli.main()\n"
+    )
+    words = [sys.executable, "-m", "program"]
+    ended = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "sysid-trib: interrupted.\n")
+
+
 def test_what_is_compiled_logs_nothing_where_there_is_no_home(tmp_path):
     command = [sys.executable, "-m", "sysid_trib", "simulate", "-o", "a.csv", "--duration", "5"]
     environment = {

@@ -9,6 +9,7 @@ from command_line import run
 from scipy.signal import lfilter
 
 import sysid_trib as st
+from sysid_trib.campaigns.task import IDENTIFIED, rows_of
 from sysid_trib.decays.free_decay import free_decay, free_decays
 from sysid_trib.errors import DecayError
 from sysid_trib.methods.indirect import _as_measured
@@ -55,6 +56,36 @@ def test_the_command_takes_it_too(tmp_path):
     assert ending.status == 0
     found = json.loads(ending.out)["methods"]["direct"]["coefficients"]["zeta"]
     assert found["value"] == pytest.approx(zeta, abs=4.0 * found["standard_error"])
+
+
+@pytest.mark.parametrize("name", SHORT)
+def test_a_campaign_takes_it_by_the_fit_of_the_motion(tmp_path, name):
+    time, zeta, start = SHORT[name]
+    decays = free_decays(
+        xr.Dataset({"angle": ("time", swing(time, zeta, start))}, {"time": time}), as_it_is=True
+    )
+    task = st.Task(
+        "identify", st.load_library().select(["zeta"]), read=lambda path: decays, options={"draws": 0}
+    )
+    (row,) = rows_of(task, ["r.csv"])
+    assert row["status"] == IDENTIFIED
+    assert row["verdict"] == "explained"
+    assert np.isnan(row["coefficient"][task.labels.index("averaging")]).all()
+    at = task.labels.index("direct")
+    error = 4.0 * row["standard_error"][at].item()
+    assert row["coefficient"][at].item() == pytest.approx(zeta, abs=error)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SHORT)
+def test_other_commands_take_it(tmp_path, name):
+    time, zeta, start = SHORT[name]
+    table = np.c_[time, swing(time, zeta, start)]
+    np.savetxt(tmp_path / "r.csv", table, "%.6f", ",", header="time (s),angle (rad)", comments="")
+    for command in (["compare"], ["discover", "--max-effects", "1", "--time-limit", "20"]):
+        ending = run(*command, tmp_path / "r.csv", "--forces", "zeta")
+        assert ending.status == 0, ending.err
+        assert "taken as it is" in ending.out
 
 
 def test_noise_is_no_short_decay():

@@ -63,6 +63,7 @@ OPTIONS = {
         "--json",
         "-o",
     ),
+    "backbone": (*READING, "--json", "-o", "--csv", "--plot"),
     "simulate": MOTION,
     "report": (),
     "forces": ("--json",),
@@ -128,9 +129,7 @@ def arguments(random: np.random.Generator, folder: Path) -> list[str]:
     (folder / "own.toml").write_text(library(random), "utf-8", "replace")
     (folder / "system.toml").write_text(system(random), "utf-8", "replace")
     sound_results(folder)
-    command = str(
-        pick(random, ("look", "identify", "compare", "discover", "simulate", "report", "forces", "campaign"))
-    )
+    command = str(pick(random, tuple(OPTIONS)))
     if random.random() < 0.03:
         command = text(random)
     given = [command]
@@ -142,7 +141,7 @@ def arguments(random: np.random.Generator, folder: Path) -> list[str]:
         folder / "own.toml",
         text(random),
     ]
-    if command in ("look", "identify", "compare", "discover", "campaign"):
+    if command in ("look", "identify", "compare", "discover", "backbone", "campaign"):
         given.append(str(files[0] if random.random() < 0.8 else pick(random, tuple(files))))
     elif command == "report":
         given += [

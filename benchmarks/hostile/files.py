@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import json
 import os
 import zipfile
 from collections.abc import Callable
@@ -18,7 +19,7 @@ import sysid_trib as st
 from hostile.pieces import ANGLE, SECRET, TIME, damaged, number, pick, plain, text
 from hostile.tables import options
 
-ENDINGS = (".csv", ".h5", ".nc", ".cdf", ".mat", ".xlsx", ".parquet", ".tdms")
+ENDINGS = (".csv", ".h5", ".nc", ".cdf", ".mat", ".xlsx", ".parquet", ".tdms", ".npy", ".npz", ".json")
 SECRET_FILE, SECRET_RAW = "secret.h5", "secret.raw"
 ENTITIES = (
     '<?xml version="1.0"?><!DOCTYPE x [<!ENTITY a "aaaaaaaaaa">'
@@ -40,6 +41,9 @@ def sound_files(folder: Path) -> dict[str, Path]:
     record = xr.Dataset({"angle": ("time", ANGLE, {"units": "rad"})}, {"time": TIME})
     record.to_netcdf(places[".cdf"], engine="scipy")
     scipy.io.savemat(places[".mat"], {"run": {"time": TIME, "angle": ANGLE}}, do_compression=True)
+    np.save(places[".npy"], np.c_[TIME, ANGLE])
+    np.savez_compressed(places[".npz"], t=TIME, angle=ANGLE)
+    places[".json"].write_text(json.dumps({"run": {"t": TIME.tolist(), "angle": ANGLE.tolist()}}))
     book = openpyxl.Workbook()
     for row in zip(TIME.tolist(), ANGLE.tolist(), strict=True):
         book.active.append(row)

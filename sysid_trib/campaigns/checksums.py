@@ -16,6 +16,8 @@ CHECKSUM = "checksum"
 # Of numbers, texts and small integers; no other kind is read, as it may run code.
 KINDS = "fUi"
 STATUSES = 5
+# Bytes of the names that all records share; more is no name of a force or a method.
+LARGEST_LABELS = 2**24
 
 
 def arrays_of(path: Path) -> dict[str, Any]:
@@ -38,6 +40,8 @@ def arrays_of(path: Path) -> dict[str, Any]:
         if _is_per_record(array) and (
             array.shape[0] != count or (name != "record" and array.chunks[0] != block)
         ):
+            raise ValueError(f"{name} is of another length")
+        if not _is_per_record(array) and array.nbytes > LARGEST_LABELS:
             raise ValueError(f"{name} is of another length")
         if array.chunks[1:] != array.shape[1:]:
             raise ValueError(f"{name} is in other chunks")

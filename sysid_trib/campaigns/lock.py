@@ -1,5 +1,6 @@
 """One campaign at a time writes to a store."""
 
+import errno
 import os
 import sys
 from collections.abc import Iterator
@@ -7,6 +8,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from sysid_trib.errors import RecordError
+
+# What says that another process has locked a file: EDEADLK is of Windows.
+TAKEN = (errno.EACCES, errno.EAGAIN, errno.EDEADLK)
 
 
 @contextmanager
@@ -24,17 +28,18 @@ def sole_writer(path: Path) -> Iterator[None]:
         yield
     finally:
         if held is not None:
-            # Removed while it is held: whoever opened it before finds that it is gone.
-            place.unlink(missing_ok=True)
+            # Removed while it is held: whoever opened it before finds that it is gone. Windows removes no
+            # file that anyone has open.
+            if sys.platform != "win32":
+                place.unlink(missing_ok=True)
             os.close(held)
+            if sys.platform == "win32":
+                with suppress(OSError):
+                    place.unlink()
 
 
 def _held(place: Path, path: Path) -> int | None:
     """The lock, as an open file; None where files cannot be locked."""
-    if sys.platform == "win32":
-        return None
-    import fcntl
-
     while True:
         try:
             file = os.open(place, os.O_RDWR | os.O_CREAT, 0o666)
@@ -42,18 +47,35 @@ def _held(place: Path, path: Path) -> int | None:
             # A place that cannot be written is refused by what writes the store.
             return None
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+            _lock(file)
+        except OSError as error:
             os.close(file)
+            if error.errno not in TAKEN:
+                return None
             raise RecordError(
                 f"{path}: another campaign writes to this store; repeat the command when it has ended, or "
                 "choose another store with -o."
             ) from None
-        except OSError:
-            os.close(file)
-            return None
         with suppress(FileNotFoundError):
             if os.path.samestat(os.fstat(file), place.stat()):
                 return file
         # The campaign that held it has removed it.
         os.close(file)
+
+
+def _lock(file: int) -> None:
+    """Lock an open file at once; an OSError with one of `TAKEN` where another process has locked it."""
+    if sys.platform == "win32":
+        import msvcrt
+
+        msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
+        return
+    import fcntl
+
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise
+    except OSError:
+        # File systems of a network may have locks of records alone.
+        fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -18,7 +18,7 @@ from sysid_trib.discrepancy.discover import discover
 from sysid_trib.errors import SysidTribError, UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.methods import Averaging, Direct
+from sysid_trib.methods import Averaging, Direct, Trajectory
 from sysid_trib.methods.scope import Method, constrained
 from sysid_trib.records.read import read_records
 from sysid_trib.records.runs import one_or_all
@@ -161,7 +161,9 @@ class Task:
                 constraints=self.constraints,
             )
         decay = one_or_all(list(decays))
-        methods = {label: constrained(method, self.constraints) for label, method in self.methods.items()}
+        methods = {
+            label: constrained(method, self.constraints) for label, method in self._applying(decays).items()
+        }
         identified = identifications(decay, self.library, list(methods.values()))
         results = dict(zip(methods, identified, strict=True))
         tree = xr.DataTree.from_dict(results)
@@ -171,6 +173,20 @@ class Task:
             contactless = self.contactless
             tree = map_identifications(tree, lambda result: with_contactless_frequency(result, *contactless))
         return tree
+
+    def _applying(self, decays: Sequence[xr.Dataset]) -> Mapping[str, Method]:
+        """The methods; where there is no envelope to be averaged the fit of the motion, as `identify` has."""
+        averaging = self.methods.get("averaging")
+        if not self.judged or not isinstance(averaging, Averaging):
+            return self.methods
+        if not any(decay.attrs.get("taken_as_it_is") for decay in decays):
+            return self.methods
+        trajectory = Trajectory(
+            reference_frequency=averaging.reference_frequency,
+            shapes=averaging.shapes,
+            random_force=averaging.random_force,
+        )
+        return {"trajectory": trajectory} | {k: m for k, m in self.methods.items() if m is not averaging}
 
 
 def _usual_methods(name: Name) -> Mapping[str, Method]:
@@ -268,9 +284,10 @@ def _numbers(task: Task, tree: xr.DataTree) -> Row:
     """The numbers of a result in the places of the store."""
     row = {name: value for name, value in empty_row(task).items() if name not in RECORD_TEXTS}
     for at, label in enumerate(task.labels):
+        if label not in tree.children or "covariance" not in tree[label]:
+            continue
         # What a record's text withholds is not kept either.
-        withheld = task.judged and breakdown(tree, label)
-        if label in tree.children and "covariance" in tree[label] and not withheld:
+        if not (task.judged and breakdown(tree, label)):
             _fill(row, at, tree[label].to_dataset(), task.symbols, shape_names(task))
     if "comparison" in tree.children and "p_value" in tree["comparison"]:
         compared = tree["comparison"]

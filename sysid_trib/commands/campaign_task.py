@@ -26,10 +26,17 @@ from sysid_trib.validation.compare import every_method
 
 
 def decays_of(
-    given: DecayOptions, reference: float | None, contactless: tuple[float, float] | None, path: str
+    given: DecayOptions,
+    reference: float | None,
+    contactless: tuple[float, float] | None,
+    named: bool,
+    path: str,
 ) -> list[xr.Dataset]:
-    """The decays of a file, read as the options say; frequencies that cannot be theirs are refused."""
-    return read_decays(replace(given, records=[Path(path)]), reference, contactless)[0]
+    """The decays of a file, read as the options say; frequencies that cannot be theirs are refused.
+
+    Where the forces are named, a motion that proves itself no decay is taken as it is.
+    """
+    return read_decays(replace(given, records=[Path(path)]), reference, contactless, as_it_is=named)[0]
 
 
 def task_of(
@@ -70,7 +77,7 @@ def task_of(
         start = discovery_inputs.start_forces(model.library, model.forces, held, swinging)
         offered = discovery_inputs.offered_candidates(model.library, search.candidates, start)
         offered = replace(offered, forces=without_impossible(offered, swinging))
-        read = partial(decays_of, alike, held, None)
+        read = partial(decays_of, alike, held, None, bool(model.forces))
         return Task("discover", start, candidates=offered, read=read, options=options)
     _refuse(name, changed_flags(search))
     library, shapes, constraints, contactless = checks.asked_model(model, constraint, swinging)
@@ -89,7 +96,7 @@ def task_of(
         library,
         {label: methods[label] for label in wanted},
         judged=name == "identify" and not listed,
-        read=partial(decays_of, alike, held, contactless),
+        read=partial(decays_of, alike, held, contactless, bool(model.forces)),
         constraints=constraints,
         contactless=contactless,
     )

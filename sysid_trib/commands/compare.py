@@ -28,7 +28,9 @@ def compare(
         random_force = checks.parse_random_force(model.random_force)
         destination.check(given.records)
         tell("reading")
-        decays, sources = read_decays(given, model.reference_frequency, contactless)
+        decays, sources = read_decays(
+            given, model.reference_frequency, contactless, as_it_is=bool(model.forces)
+        )
         methods = {
             label: with_random_force(method, random_force)
             for label, method in comparison.every_method(model.reference_frequency, shapes).items()

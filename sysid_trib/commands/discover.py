@@ -65,7 +65,7 @@ def discover(
         offered = replace(offered, forces=without_impossible(offered, swinging))
         destination.check(given.records)
         tell("reading")
-        decays, sources = read_decays(given, model.reference_frequency)
+        decays, sources = read_decays(given, model.reference_frequency, as_it_is=bool(forces))
         seen, held = discovery_inputs.held_out(decays, model.holdout)
         tree = discover(seen, start, offered, holdout=held, tell=tell, **options)
         if model.holdout is not None:

@@ -330,7 +330,9 @@ def _holdout(final: Sequence[FreeMotion], predictions: Sequence[Prediction]) -> 
     rms = np.array([prediction.rms for prediction in predictions])
     above = rms**2 - noise**2
     ratio = above / above[0] if above[0] > 0.0 else np.full(len(above), np.nan)
-    score = [float(np.mean(np.concatenate(prediction.scores))) for prediction in predictions]
+    # A part that is shorter than a period has no score.
+    of_periods = [np.concatenate(prediction.scores) for prediction in predictions]
+    score = [float(np.mean(scores)) if len(scores) else np.nan for scores in of_periods]
     excess = "squared residual above the noise, over the start model's"
     return xr.Dataset(
         {

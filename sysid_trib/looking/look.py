@@ -11,8 +11,8 @@ from sysid_trib.decays.signal import unit_of_signal
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.library import load_library
 from sysid_trib.looking.pointers import Pointed, pointed_to
-from sysid_trib.looking.sensor_step import sensor_step
 from sysid_trib.noise.level import sensor_noise
+from sysid_trib.noise.sensor_step import sensor_step
 from sysid_trib.results.per_run import group_names
 from sysid_trib.results.signal_scale import counts_angles
 from sysid_trib.results.variables import Variables, variable

@@ -35,6 +35,9 @@ REST_IN_G = (0.5, 1.2)
 # rad; from this amplitude on a pendulum's frequency shows whether it is one in rad: it rises as it decays, by
 # more than this part of what it should.
 FROM_AMPLITUDE, STEADY = 1.0, 0.25
+# deg; what is not named as an angle and swings farther is none.
+LARGEST_ANGLE = 180.0
+_ARBITRARY = SignalUnit("au", "displacement", "au", 1.0)
 # s; no laboratory has longer periods, or of whole stamps, which often are ms or us, or shorter ones.
 LONGEST_PERIOD, LONGEST_OF_WHOLE, SHORTEST_PERIOD = 1000.0, 60.0, 5e-5
 
@@ -175,6 +178,8 @@ def assumed_unit(
     if radius is not None and quantity in ("", "displacement"):
         return _on_circle(time, values, radius)
     if quantity in ("", "angle"):
+        if not quantity and half > LARGEST_ANGLE:
+            return _ARBITRARY, "unit not stated: coefficients are in its unit, au"
         if half > np.pi:
             return _unit(
                 "deg"
@@ -189,9 +194,7 @@ def assumed_unit(
                 )
         return _unit("rad"), "unit not stated: taken as rad"
     if quantity == "displacement":
-        return SignalUnit(
-            "au", "displacement", "au", 1.0
-        ), "unit not stated: coefficients are in its unit, au"
+        return _ARBITRARY, "unit not stated: coefficients are in its unit, au"
     if quantity == "rate":
         periods = dominant_periods(time, values)
         far = half * (periods[0] if periods else 1.0) / (2.0 * np.pi)
@@ -230,7 +233,7 @@ def _on_circle(time: Array, values: Array, radius: float) -> tuple[SignalUnit, s
                 f"unit not stated: in {text}, since it moves on a circle of radius {radius:.4g} and swings "
                 f"as a pendulum of {radius:.4g} {text} does (its angle: --angle 'atan2(...)')"
             )
-    return SignalUnit("au", "displacement", "au", 1.0), (
+    return _ARBITRARY, (
         f"unit not stated: coefficients are in its unit, au; it moves on a circle of radius {radius:.4g}"
     )
 

@@ -33,6 +33,6 @@ def is_magnitude(values: Array) -> bool:
     good = values[np.isfinite(values)]
     if good.size < 2 or good.min() < 0.0:
         return False
-    parts = np.array_split(good, 4)
+    parts = [part for part in np.array_split(good, 4) if part.size]
     allowed = NEAR_ZERO * max(float(part.max()) for part in parts)
-    return all(part.min() < allowed for part in parts if part.size)
+    return all(part.min() < allowed for part in parts)

@@ -43,7 +43,13 @@ class Clock:
     sentences: tuple[str, ...] = ()
 
 
-def read_clock(stamps: Array, factor: float, source: str, values: Array | None = None) -> Clock:
+def read_clock(
+    stamps: Array,
+    factor: float,
+    source: str,
+    values: Array | None = None,
+    numbered: "np.ndarray[tuple[int], np.dtype[np.int64]] | None" = None,
+) -> Clock:
     """Times from stamps.
 
     Parameters
@@ -56,6 +62,8 @@ def read_clock(stamps: Array, factor: float, source: str, values: Array | None =
         Name of the file, for messages.
     values : (row,) array of float, optional
         The signal, by which rows prove to be even where stamps are repeated or come in packets.
+    numbered : (row,) array of int, optional
+        Numbers of the samples, where some are lost; the rows' own otherwise.
 
     Raises
     ------
@@ -68,7 +76,8 @@ def read_clock(stamps: Array, factor: float, source: str, values: Array | None =
         raise RecordError(f"{source}: a single sample is not a record.")
     sentences: list[str] = []
     back = np.zeros(0, dtype=np.int64)
-    even = None if _is_even(given) else even_rows(given, rows, None if values is None else values[rows])
+    counted = rows if numbered is None else numbered[rows]
+    even = None if _is_even(given) else even_rows(given, counted, None if values is None else values[rows])
     if even is None:
         rows, given, sentences = _without_repeated(rows, given, source)
         given, back = _rising(given, source)

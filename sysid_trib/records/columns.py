@@ -11,12 +11,12 @@ from sysid_trib.decays.equilibrium import Swing
 from sysid_trib.decays.free_decay import swing_within
 from sysid_trib.errors import RecordError, SysidTribError, UsageError, did_you_mean
 from sysid_trib.records.axes import are_axes, in_phase, is_magnitude
-from sysid_trib.records.clock import read_clock
+from sysid_trib.records.clock import MOST_SET_BACK, read_clock
 from sysid_trib.records.headers import counts_rows, is_time, names_quantity, split_header
 from sysid_trib.records.numbers import is_clock_time, is_numeric, numbers, without_sentinels
 from sysid_trib.records.side_by_side import cells, runs_side_by_side, time_of
 from sysid_trib.records.tables import FileTable
-from sysid_trib.records.units import INTEGRATIONS, SignalUnit, signal_unit
+from sysid_trib.records.units import INTEGRATIONS, TIME_UNITS, SignalUnit, signal_unit
 
 # Of columns in one unit, one is the signal if it swings so many times as far as any other.
 DOMINANT = 5.0
@@ -26,6 +26,8 @@ FAR_LARGER = 50.0
 SAME_SIGNAL = 0.9999
 # Columns that are looked at.
 MOST_JUDGED = 40
+# Of the range of times: runs below each other begin as near to each other as this.
+SAME_BEGINNING = 0.01
 LISTED = 12
 FEWEST_NUMBERS = 3
 DERIVATIVE_TOLERANCE = 0.2
@@ -171,13 +173,12 @@ def _time_columns(table: FileTable) -> list[str]:
         for name in names
         if is_time(split_header(name)[0], units[name]) or is_clock_time(table.columns[name])
     ]
-    # `Time_id[0]`, `t run 2`: names that begin so, of columns that rise.
+    # `Time_id[0]`, `t run 2`, `host time (s)`: names that begin or end so, of columns that rise.
     named += [
         name
         for name in names
         if name not in named
-        and re.match(r"(?:time|t|zeit)\b", split_header(name)[0])
-        and not units[name]
+        and _is_like_time(split_header(name)[0], units[name])
         and _rises(table.columns[name])
     ]
     named.sort(key=names.index)
@@ -187,14 +188,22 @@ def _time_columns(table: FileTable) -> list[str]:
     rising = [
         name for name in first if _rises(table.columns[name]) and not counts_rows(split_header(name)[0])
     ]
+    if not rising and _starts_anew(table.columns[names[0]]):
+        return names[:1]
     # A number of the row stands before the time.
     if (
         len(rising) > 1
         and len(names) > 2
-        and np.all(np.diff(np.asarray(table.columns[rising[0]], float)) == 1)
+        and np.median(np.diff(np.asarray(table.columns[rising[0]], float))) == 1
     ):
         return rising[1:2]
     return rising[:1]
+
+
+def _is_like_time(base: str, unit: str) -> bool:
+    if unit:
+        return unit in TIME_UNITS and base.endswith(" time")
+    return re.match(r"(?:time|t|zeit)\b", base) is not None
 
 
 def _is_empty(values: object) -> bool:
@@ -209,6 +218,17 @@ def _rises(values: object) -> bool:
         return False
     steps = np.diff(column[np.isfinite(column.astype(float))].astype(float))
     return bool(steps.size and np.all(steps >= 0) and np.any(steps > 0))
+
+
+def _starts_anew(values: object) -> bool:
+    """Whether a column rises and starts anew where it began, for each of a few runs."""
+    column = np.asarray(values)
+    if column.dtype.kind not in "fiu" or not np.isfinite(column.astype(float)).all():
+        return False
+    steps = np.diff(column.astype(float))
+    back = np.flatnonzero(steps <= 0.0) + 1
+    begins = np.abs(column[back] - column[0]) <= SAME_BEGINNING * np.ptp(column.astype(float))
+    return bool(0 < back.size <= MOST_SET_BACK and begins.all())
 
 
 def _candidate(table: FileTable, name: str, time: str | None, source: str) -> _Candidate | None:

@@ -21,7 +21,7 @@ TIME_NAMES = {
         "tijd",
         "tid",
     ),
-    *("hora", "heure", "ts", "x value", "sekunden"),
+    *("hora", "heure", "ts", "x value", "sekunden", "время", "时间", "時間"),
 }
 # Columns that count rows: no clock has a step of 1 by itself.
 COUNTER_NAMES = {
@@ -41,7 +41,7 @@ COUNTER_NAMES = {
 ANGLE_NAMES = {
     *("angle", "theta", "phi", "θ", "φ", "ϕ", "ϑ", "roll", "angular position", "rotation", "winkel", "ang"),
     *("angular displacement", "auslenkwinkel", "angulo", "roll angle", "swing angle", "angolo", "hoek"),
-    *("vinkel", "kat", "alpha", "beta", "α", "β", "drehwinkel"),
+    *("угол", "角度", "vinkel", "kat", "alpha", "beta", "α", "β", "drehwinkel"),
 }
 RATE_NAMES = {
     *("rate", "angular rate", "angular velocity", "omega", "ω", "gyro", "gyroscope", "theta dot", "thetadot"),
@@ -79,6 +79,10 @@ QUANTITY_NAMES = {
 # Behind a name without a bracket these letters are an index: `theta_d`, `h d`.
 _KNOWN = (TIME_UNITS.keys() | ANGLE_UNITS.keys() | POSITION_UNITS.keys() | {"g", "dps", "%"}) - {"h", "d"}
 
+_NAMING_UNITS = {unit for unit in ANGLE_UNITS.keys() | POSITION_UNITS.keys() if len(unit) > 1} - {
+    *("in", "turn", "turns", "raw", "adc", "count", "counts", "arb")
+}
+
 
 def split_header(name: str) -> tuple[str, str]:
     """Name and unit of a header such as `angle (deg)`, `Time [ms]`, `t / s`, `time_ms` or `Winkel in Grad`.
@@ -92,7 +96,10 @@ def split_header(name: str) -> tuple[str, str]:
         base, unit = bracket[1], plain_unit(bracket[2])
     else:
         base, unit = _without_bracket(text)
-    base = re.split(r"[./](?=\D)|:\s+", base)[-1]
+    *groups, base = re.split(r"[./](?=\D)|:\s+", base)
+    # `angular_velocity.x`
+    if base in ("x", "y", "z") and groups and names_quantity(groups[-1].replace("_", " ")):
+        base = f"{groups[-1]} {base}"
     return re.sub(r"^\d+\s+", "", base.replace("_", " ").strip()), unit
 
 
@@ -104,7 +111,8 @@ def _without_bracket(text: str) -> tuple[str, str]:
         match = re.fullmatch(pattern, text)
         if match is not None and _is_unit(match[2]):
             return match[1], plain_unit(match[2])
-    return text, ""
+    # `Volt`, `deg`: a unit is all the name there is.
+    return text, plain_unit(text) if plain_unit(text) in _NAMING_UNITS else ""
 
 
 def _is_unit(text: str) -> bool:
@@ -126,7 +134,8 @@ def names_quantity(base: str) -> str:
         for quantity, names in QUANTITY_NAMES.items():
             if text in names:
                 return quantity
-    return ""
+    # `p1 x`: a coordinate of anything.
+    return "displacement" if re.search(r"\w [xyz]$", base) else ""
 
 
 def is_time(base: str, unit: str) -> bool:

@@ -73,6 +73,8 @@ def numbers(values: Any, name: str, source: str) -> Array:
         values = values.astype("datetime64[us]")
     if values.dtype.kind == "M":
         return np.asarray((values - values[0]) / np.timedelta64(1, "ns"), dtype=float) * 1e-9
+    if values.dtype.kind == "m":
+        return np.asarray(values / np.timedelta64(1, "ns"), dtype=float) * 1e-9
     if values.dtype.kind not in "fiub":
         values = _of_texts(values, name, source)
     values = values.astype(np.float64)
@@ -133,9 +135,9 @@ def is_number(value: object) -> bool:
 
 
 def is_clock_time(values: Any) -> bool:
-    """Whether a column holds dates or times of the day, `12:00:01.250`."""
+    """Whether a column holds dates, durations or times of the day, `12:00:01.250`."""
     values = np.asarray(values)
-    if values.dtype.kind == "M":
+    if values.dtype.kind in "Mm":
         return True
     first = [value for value in values[:5] if value == value and value is not None]
     return bool(first) and all(

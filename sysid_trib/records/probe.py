@@ -32,6 +32,7 @@ WHOLE, DAMAGED, LINKED, NO_READER = "whole", "damaged", "linked", "no reader"
 PACKAGES: dict[str, tuple[str, ...]] = {
     "read_hdf5": ("h5py",),
     "read_matlab": ("scipy.io",),
+    "read_numpy": ("numpy",),
     "read_excel": ("openpyxl",),
     "read_netcdf": ("xarray", "scipy.io", "h5netcdf", "h5py"),
     "read_parquet": ("pyarrow.parquet",),

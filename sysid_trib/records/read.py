@@ -39,8 +39,8 @@ def read_record(
     Parameters
     ----------
     path : str or path
-        Text or CSV, MATLAB, Excel, netCDF, HDF5, Parquet or TDMS, or one of them as .gz; the content decides,
-        not the name. `-` is standard input.
+        Text, CSV or JSON, MATLAB, NumPy, Excel, netCDF, HDF5, Parquet or TDMS, or one of them as .gz; the
+        content decides, not the name. `-` is standard input.
     time : str or int, optional
         Name of the time column, or its number from 0. If not given, it is recognised by its name or because
         it rises. The columns of MATLAB and HDF5 files are named like `data.Y[0]`.

@@ -1,12 +1,14 @@
 """Times of the rows of a file: by its time column, a sampling rate that is given, or one in its notes."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records.assumed_units import are_whole, check_period, time_factor
 from sysid_trib.records.clock import Clock, read_clock
 from sysid_trib.records.columns import Chosen, no_clock
+from sysid_trib.records.counter import sample_numbers
 from sysid_trib.records.notes import noted_duration, noted_rate
 from sysid_trib.records.numbers import numbers
 from sysid_trib.records.reading import Reading
@@ -53,8 +55,9 @@ def row_times(
         if rate is None:
             raise RecordError(no_clock(table, source))
         said = [] if how.sampling_rate else [f"sampling rate of {rate:g} Hz from its notes"]
-        rows = np.arange(values.size)
-        return Clock(rows / rate, rows, (), (f"{rate:g} Hz",)), "s", said
+        rows, (numbered, gaps) = np.arange(values.size), _numbered(table, columns, values.size)
+        said += [gaps] if gaps else []
+        return Clock((rows if numbered is None else numbered) / rate, rows, (), (f"{rate:g} Hz",)), "s", said
     stamps = numbers(table.columns[columns.time], columns.time, source)
     if stamps.size != values.size:
         raise RecordError(
@@ -75,10 +78,21 @@ def row_times(
             )
         clock = Clock(rows / how.sampling_rate, rows, (), (f"{how.sampling_rate:g} Hz as given",))
         return clock, unit or "s", []
-    clock = read_clock(stamps, factor, source, values)
+    numbered, gaps = _numbered(table, columns, values.size)
+    clock = read_clock(stamps, factor, source, values, numbered)
+    why = "; ".join(text for text in (why, gaps) if text)
     if unit is None:
         check_period(clock.time, values[clock.rows], are_whole(stamps), source)
     return clock, unit or "s", [why] if why else []
+
+
+def _numbered(table: FileTable, columns: Chosen, samples: int) -> tuple[NDArray[np.int64] | None, str]:
+    """Numbers of the samples where a column counts them and some are lost, and a sentence on these."""
+    counter = sample_numbers(table, (columns.time, columns.signal))
+    if counter is None or counter[1].size != samples or counter[1][-1] == samples - 1:
+        return None, ""
+    name, counted = counter
+    return counted, f"{counted[-1] + 1 - samples} samples lost, by column {name}"
 
 
 def stated_rate(table: FileTable) -> float | None:

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from sysid_trib.errors import RecordError, UsageError
+from sysid_trib.records.json_tables import json_columns, json_content
 from sysid_trib.records.numbers import is_missing, is_number
 from sysid_trib.records.probe import check_binary
 from sysid_trib.records.text import check_width, header_names, read_text
@@ -18,6 +19,8 @@ from sysid_trib.records.text import check_width, header_names, read_text
 UNIT_ATTRIBUTES = ("units", "unit")
 # Rows of a summary below the numbers, at most.
 MOST_SUMMED = 20
+# Bytes of an archive in which the name of its first member is.
+NAME_OF_FIRST = 128
 ColumnValues = dict[str, Any]
 
 
@@ -82,9 +85,8 @@ def read_table(path: Path) -> FileTable:
     except Exception as error:
         reason = next(iter(str(error).splitlines()), "") or type(error).__name__
         raise RecordError(f"{path.name}: cannot be read, it seems damaged or cut off ({reason}).") from error
-    table = replace(
-        table, columns={n: column for n, column in table.columns.items() if not _is_nested(column)}
-    )
+    columns = {name: _native(column) for name, column in table.columns.items() if not _is_nested(column)}
+    table = replace(table, columns=columns)
     if not any(np.size(column) for column in table.columns.values()):
         raise RecordError(f"{path.name}: there are no numbers in it.")
     check_width(path, len(table.columns))
@@ -115,6 +117,12 @@ def check_is_file(path: Path) -> None:
         )
 
 
+def _native(column: Any) -> Any:
+    """A column in the machine's own order of bytes: not all that follows knows the other one."""
+    values = np.asarray(column)
+    return values.astype(values.dtype.newbyteorder("="), copy=False)
+
+
 def _is_nested(column: Any) -> bool:
     """Whether the cells of a column are lists, as netCDF and Parquet can have them."""
     values = np.asarray(column)
@@ -138,8 +146,11 @@ def _reader(head: bytes, path: Path) -> Callable[[Path], FileTable]:
         raise RecordError(
             f"{path.name}: this is a workbook of the old format (.xls); save it as .xlsx or CSV."
         )
+    if head.startswith(b"PK") and b".npy" in head[:NAME_OF_FIRST]:
+        return read_numpy
     readers = {
         b"MATLAB 5.0": read_matlab,
+        b"\x93NUMPY": read_numpy,
         b"CDF": read_netcdf,
         b"PK": read_excel,
         b"PAR1": read_parquet,
@@ -154,7 +165,10 @@ def _reader(head: bytes, path: Path) -> Callable[[Path], FileTable]:
 
 
 def _read_text(path: Path) -> FileTable:
-    return _from_frame(*read_text(path))
+    content = json_content(path)
+    if content is None:
+        return _from_frame(*read_text(path))
+    return FileTable(dict(json_columns(content)), {}, tuple(_notes(content)))
 
 
 def _from_frame(frame: pd.DataFrame, names: list[str] | None, notes: Sequence[str] = ()) -> FileTable:
@@ -219,7 +233,9 @@ def _is_number(cell: Any) -> bool:
 
 def read_parquet(path: Path) -> FileTable:
     """The columns of a Parquet file."""
-    frame = pd.read_parquet(path).reset_index(drop=True)
+    frame = pd.read_parquet(path)
+    # Times may be its index.
+    frame = frame.reset_index(drop=isinstance(frame.index, pd.RangeIndex))
     return _from_frame(frame, list(map(str, frame.columns)))
 
 
@@ -245,6 +261,18 @@ def read_matlab(path: Path) -> FileTable:
     return FileTable(dict(_flatten(content)), {}, tuple(_notes(content)))
 
 
+def read_numpy(path: Path) -> FileTable:
+    """The vectors in the array of a .npy, or in the arrays of an .npz; what they pickled is not read."""
+    loaded = np.load(path, allow_pickle=False)
+    arrays = {"data": loaded} if isinstance(loaded, np.ndarray) else dict(loaded)
+    content = {
+        name: {field: array[field] for field in array.dtype.names} if array.dtype.names else array
+        for name, array in arrays.items()
+    }
+    scalars = {name: array.item() for name, array in arrays.items() if array.size == 1}
+    return FileTable(dict(_flatten(content)), {}, tuple(_notes(scalars)))
+
+
 def _notes(value: Any, name: str = "") -> Iterator[str]:
     """Scalars and texts, as `name = value`."""
     if isinstance(value, dict):
@@ -262,7 +290,7 @@ def _flatten(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
     elif isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype == object):
         for index, item in enumerate(value):
             yield from _flatten(item, f"{name}[{index}]")
-    elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
+    elif isinstance(value, np.ndarray) and value.dtype.kind in "fiubmM":
         value = np.squeeze(value)
         if value.ndim == 1:
             yield name, value

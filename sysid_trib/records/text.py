@@ -12,10 +12,12 @@ from sysid_trib.records.labels import DELIMITERS, plain_lines
 from sysid_trib.records.numbers import is_missing, is_number
 from sysid_trib.records.units import TIME_UNITS, plain_unit, signal_unit
 
-FORMATS = "text or CSV, MATLAB, Excel (.xlsx), netCDF, HDF5, Parquet, TDMS"
+FORMATS = "text, CSV or JSON, MATLAB, NumPy, Excel (.xlsx), netCDF, HDF5, Parquet, TDMS"
 WIDEST_TABLE = 4096
 # Rows beside which facts may stand.
 MOST_FACTS = 40
+# Letters of a column's name.
+LONGEST_NAME = 1000
 
 
 def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
@@ -32,7 +34,12 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
         Binary content, or no numbers.
     """
     content = path.read_bytes()
-    wide = content.startswith((b"\xff\xfe", b"\xfe\xff"))
+    wide = ""
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        wide = "utf-16"
+    elif content[:MOST_FACTS].count(b"\0") == MOST_FACTS // 2:
+        # Without its mark: every second byte of plain letters is zero.
+        wide = "utf-16-le" if content[1:2] == b"\0" else "utf-16-be"
     markup = re.match(rb"[\xef\xbb\xbf\s]*<[?!]?(\w+)", content)
     if markup is not None:
         kind = "a web page" if markup[1].lower() in (b"html", b"doctype") else "XML"
@@ -42,7 +49,7 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
             f"{path.name}: binary content, but none of the formats that can be read ({FORMATS})."
         )
     try:
-        text = content.decode("utf-16" if wide else "utf-8-sig")
+        text = content.decode(wide or "utf-8-sig")
     except UnicodeDecodeError:
         text = content.decode("latin-1")
     lines = plain_lines(text)
@@ -156,13 +163,17 @@ def _goes_on(lines: list[str], delimiter: str | None, fields: list[str]) -> bool
 
 
 def _first_row(lines: list[str], delimiter: str | None, start: int, width: int) -> int:
-    """Go back over rows that are numbers by half: bad data, not a header."""
+    """Go back over rows that are numbers by half, or where others are: bad data or facts, not a header."""
+    usual = [at for at, item in enumerate(_fields(lines[start], delimiter)) if is_number(item)]
     while start > 0 and not _is_comment(lines[start - 1]):
         fields = _fields(lines[start - 1], delimiter)
         if len(fields) < width:
             # The last cell may be empty.
             fields = lines[start - 1].split(delimiter)
-        if len(fields) != width or 2 * sum(is_number(item) for item in fields) < width:
+        if len(fields) != width:
+            break
+        numeric = [is_number(item) for item in fields]
+        if 2 * sum(numeric) < width and not (len(usual) > 1 and all(numeric[at] for at in usual)):
             break
         start -= 1
     return start
@@ -187,7 +198,7 @@ def _header(before: list[str], delimiter: str | None, width: int) -> list[str] |
         wider = not header and delimiter is not None and len(fields) > width
         if len(fields) != width and not wider and not (len(fields) == 1 and delimiter == ","):
             break
-        header.append(fields)
+        header.append([field[:LONGEST_NAME] for field in fields])
     return header_names(header[::-1])
 
 
@@ -204,7 +215,7 @@ def header_names(rows: list[list[str]]) -> list[str] | None:
     last, above = rows[-1], rows[-2] if len(rows) > 1 else []
     bracketed = any(last) and all(re.fullmatch(r"[\[(].*[\])]|", item) for item in last)
     named = len(above) == len(last) and not any(map(is_number, above)) and bool(above and above[-1])
-    if named and (bracketed or _are_units(last)):
+    if named and (bracketed or _are_units(last, known=False)):
         units = [item if bracketed or not item else f"({item})" for item in last]
         return [f"{name} {unit}".strip() for unit, name in zip(units, above, strict=True)]
     if _are_units(last):
@@ -212,11 +223,12 @@ def header_names(rows: list[list[str]]) -> list[str] | None:
     return last
 
 
-def _are_units(items: list[str]) -> bool:
-    """Whether a line holds units alone, one of them that of time."""
+def _are_units(items: list[str], known: bool = True) -> bool:
+    """Whether a line holds units alone, one of them that of time; all of them known, or another one."""
     # Sketches call their columns so.
     if {"millis", "micros"} & {item.lower() for item in items}:
         return False
     times = [item for item in items if plain_unit(item) in TIME_UNITS]
     others = [signal_unit(item) for item in items if item and item not in times]
-    return bool(times) and len(items) > 1 and all(unit is not None and unit.known for unit in others)
+    enough = all if known else any
+    return bool(times) and len(items) > 1 and enough(unit is not None and unit.known for unit in others)

@@ -8,7 +8,7 @@ import numpy as np
 STANDARD_GRAVITY = 9.80665
 TIME_UNITS = {
     **dict.fromkeys(
-        ("s", "sec", "secs", "second", "seconds", "sek", "sekunden", "secondes", "segundos"), 1.0
+        ("s", "sec", "secs", "second", "seconds", "sek", "sekunden", "secondes", "segundos", "с", "秒"), 1.0
     ),
     **dict.fromkeys(("ms", "msec", "millis", "millisecond", "milliseconds"), 1e-3),
     **dict.fromkeys(("us", "µs", "usec", "micros", "microsecond", "microseconds"), 1e-6),
@@ -18,7 +18,18 @@ TIME_UNITS = {
     **dict.fromkeys(("d", "day", "days"), 86400.0),
 }
 _TURN = 2.0 * np.pi
-DEGREES_ABROAD = ("degrés", "degres", "degré", "grados", "gradi", "graus", "graden", "grader", "stopnie")
+DEGREES_ABROAD = (
+    "degrés",
+    "degres",
+    "degré",
+    "grados",
+    "gradi",
+    "graus",
+    "graden",
+    "grader",
+    "stopnie",
+    "град",
+)
 # The sign of degrees of Mac Roman and of DOS, where it is read as Latin.
 MISREAD = ("¡", "ø")
 # Spellings by the name that results use.

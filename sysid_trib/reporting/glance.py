@@ -44,7 +44,8 @@ def glance_figures(tree: xr.DataTree, run: int, caption: str) -> Figures:
         made.append(_coefficients(data))
     if data.missing is not None:
         made += [_surface(data), _profiles(data)]
-    panels = [*in_time, *(Panel(figure, wide=False) for figure in made)]
+    # Forces that only dissipate shift no frequency: an empty figure is none.
+    panels = [*in_time, *(Panel(figure, wide=False) for figure in made if figure.renderers)]
     return Figures(caption, panels, [drawn_overview(data)])
 
 

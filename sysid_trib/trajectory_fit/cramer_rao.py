@@ -69,7 +69,7 @@ def cramer_rao_bound(
         ratio = RandomForce(random_force).per_tau(model.reference_frequency) / noise**2
         sensitivity = _white_sensitivities(model, time, start, free, ratio)
     else:
-        sensitivity = _sensitivities(model, time, start, free)
+        sensitivity = sensitivities(model, time, start, free)
     # Parameters differ by orders of magnitude: without scaling the matrix is singular to rounding.
     size = np.linalg.norm(sensitivity, axis=0)
     _, singular, axes = np.linalg.svd(sensitivity / size, full_matrices=False)
@@ -94,7 +94,7 @@ def cramer_rao_bound(
     return bounds
 
 
-def _sensitivities(model: Model, time: Array, start: Array, free: bool) -> Array:
+def sensitivities(model: Model, time: Array, start: Array, free: bool) -> Array:
     """Derivatives of the angle by coefficients, start and reference frequency, (sample, parameter)."""
     names = [*model.coefficients, BY_ANGLE, BY_RATE, *([FREQUENCY] if free else [])]
     columns = trajectory(model, time, *start.tolist(), by=names).derivatives["angle"]

@@ -18,7 +18,7 @@ from sysid_trib.results.per_run import noise_of_run
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.state_space.tracked import FollowedRuns
 from sysid_trib.validation.compared_part import fitted_motions
-from sysid_trib.validation.model_error import with_error_of_model
+from sysid_trib.validation.model_error import with_error_of_model, with_rounding
 from sysid_trib.validation.residuals import pooled, residuals
 from sysid_trib.validation.verdict import is_found, is_random
 
@@ -181,9 +181,9 @@ def _with_model(
     residual: tuple[float, float],
 ) -> xr.Dataset:
     p_value, over_noise = residual
-    if p_value >= RESIDUAL_LEVEL:
-        return result
-    return with_error_of_model(result, method, runs, library, over_noise)
+    if p_value < RESIDUAL_LEVEL:
+        return with_error_of_model(result, method, runs, library, over_noise)
+    return with_rounding(result, runs)
 
 
 def _residual(runs: Sequence[xr.Dataset], result: xr.Dataset) -> tuple[float, float]:

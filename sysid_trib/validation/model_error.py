@@ -1,6 +1,6 @@
 """The error of a model: by how much its coefficients move between parts of a record."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 import xarray as xr
@@ -9,9 +9,14 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.scope import Method
+from sysid_trib.noise.coarse_step import coarse_step, rounded_noise
 from sysid_trib.records.runs import RECORD_PARTS, one_or_all
+from sysid_trib.results.per_run import noise_of_run
+from sysid_trib.results.schema import model_of
 from sysid_trib.results.variables import PER_FORCE_UNIT, variable
 from sysid_trib.simulation.integrate import FEW_STEPS_A_PERIOD
+from sysid_trib.trajectory_fit.cramer_rao import sensitivities
+from sysid_trib.trajectory_fit.initial_conditions import FittedMotion
 from sysid_trib.validation.breakdown import widening
 from sysid_trib.validation.holdout import carried_on, counted_from
 from sysid_trib.validation.residuals import fitted_motion
@@ -167,3 +172,61 @@ def _widened(result: xr.Dataset, of_model: Array, held_out: float) -> xr.Dataset
         changed[f"{name}_standard_error"] = np.hypot(result[f"{name}_standard_error"], error)
     kept = {name: values.assign_attrs(result[name].attrs) for name, values in changed.items()}
     return result.assign(kept | parts)
+
+
+def with_rounding(result: xr.Dataset, runs: Sequence[xr.Dataset]) -> xr.Dataset:
+    """An identification whose errors allow for the coarse step of a sensor, whose rounding is not white.
+
+    Parameters
+    ----------
+    result : Dataset
+        The identification of the whole runs, its model complete.
+    runs : sequence of Dataset
+        `angle(time)`.
+
+    Notes
+    -----
+    Least squares, to first order, of motions of the model that the sensor rounds with its zero anywhere.
+    """
+    stated, squares = _errors(result), []
+    for at, run in enumerate(runs):
+        noise = noise_of_run(result, at)
+        step = coarse_step(run.angle.values, noise)
+        motion = fitted_motion(run, result, at, most_steps=FEW_STEPS_A_PERIOD) if step else None
+        if motion is not None:
+            squares.append(_squares_by_rounding(result, run, motion, rounded_noise(motion.x, step, noise)))
+    if not squares:
+        return result
+    by_rounding = np.sqrt(np.mean(squares, axis=0) / len(runs))
+    factor = np.maximum(1.0, np.divide(by_rounding, stated, out=np.ones_like(stated), where=stated > 0.0))
+    count = result.sizes["force"]
+    changed = {
+        "covariance": result["covariance"] * np.outer(factor[:count], factor[:count]),
+        "standard_error": result.standard_error * factor[:count],
+        "frequency_covariance": result.frequency_covariance * factor[:count] * factor[-1],
+    }
+    for name, by in zip(FREQUENCIES, factor[count:], strict=True):
+        changed[f"{name}_standard_error"] = result[f"{name}_standard_error"] * by
+    return result.assign({name: values.assign_attrs(result[name].attrs) for name, values in changed.items()})
+
+
+def _squares_by_rounding(
+    result: xr.Dataset, run: xr.Dataset, motion: FittedMotion, noises: Iterable[Array]
+) -> Array:
+    """Mean squares by which noises move `_values` in least squares of a motion; 0 where it moves none."""
+    model, free = model_of(result), _errors(result)[:-1] > 0.0
+    squares = np.zeros(len(free) + 1)
+    try:
+        columns = sensitivities(model, run.time.values, np.array([motion.angle, motion.rate]), True)
+    except SysidTribError:
+        return squares
+    count = len(model.coefficients)
+    places = [*np.flatnonzero(np.isin(result.force.values, list(model.coefficients))), len(free) - 1]
+    by, kept = [*range(count), count + 2], free[places]
+    start = np.column_stack([columns[:, count : count + 2], np.ones(len(columns))])
+    design = np.column_stack([columns[:, by][:, kept], start])
+    size = np.linalg.norm(design, axis=0)
+    steps = np.linalg.lstsq(design / size, np.column_stack(list(noises)), rcond=1e-10)[0] / size[:, None]
+    squares[np.array(places)[kept]] = np.mean(steps[: np.count_nonzero(kept)] ** 2, axis=1)
+    squares[-1] = squares[-2]
+    return squares

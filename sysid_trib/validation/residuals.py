@@ -1,15 +1,15 @@
 """Residuals of the simulated motions of identified models: size, phase, departure, and their whiteness."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from numpy.polynomial.legendre import legvander
 from scipy.stats import chi2
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import SimulationError, SysidTribError
+from sysid_trib.noise.coarse_step import SlowPart, coarse_step, rounded_noise
 from sysid_trib.noise.level import swing_frequency
 from sysid_trib.noise.random_force import random_force_of
 from sysid_trib.noise.sensor_noise import sensor_noise_of
@@ -25,9 +25,7 @@ from sysid_trib.validation.spectral_line import NO_LINE, spectral_line
 
 # A model departs from the record where the RMS over half a period is beyond this many noise levels.
 DEPARTED = 2.0
-# Degree of the polynomials in time by which a slow residual changes amplitude and phase.
-SLOW_DEGREE = 7
-# Of their coefficients so many are left to chance at least, whatever number the fit has taken.
+# Of the numbers of a slow residual so many are left to chance at least, whatever the fit has taken.
 LEAST_FREE = 4
 # The sensor's noise is that above so many times the frequency of the swing: a line below is no part of it.
 HIGHEST_HARMONIC = 6.0
@@ -201,8 +199,10 @@ def _of_free_motion(
     departure = _departure(time, residual, noise, width)
     path, fitted = (motion.x, motion.v), _fitted_numbers(result)
     line = spectral_line(time, residual, path)
-    p_value = 0.0 if _in_band(line, result) else _white_noise_p_value(residual / noise, width, path, fitted)
-    return rms, rms / noise, departure, p_value, *line
+    step = 0.0 if int(decay.attrs.get("integrations", 0)) else coarse_step(angle, noise)
+    noises = rounded_noise(motion.x, step, noise) if step else None
+    p_value = _noise_p_value(residual, noise, width, path, fitted, noises)
+    return rms, rms / noise, departure, 0.0 if _in_band(line, result) else p_value, *line
 
 
 def _in_band(line: tuple[float, float], result: xr.Dataset) -> bool:
@@ -241,9 +241,8 @@ def _of_innovations(followed: FollowedRuns, motion: FittedMotion | None, run: in
     normalised, width = innovation / deviation, _half_period(v)
     rms, over_noise = (float(np.sqrt(np.mean(values**2))) for values in (innovation, normalised))
     departure = _departure(time, normalised, 1.0, width)
-    hum = _in_band(line, followed.result)
-    p_value = 0.0 if hum else _white_noise_p_value(normalised, width, (x, v), 0)
-    return rms, over_noise, departure, p_value, *line
+    p_value = _noise_p_value(normalised, 1.0, width, (x, v), 0)
+    return rms, over_noise, departure, 0.0 if _in_band(line, followed.result) else p_value, *line
 
 
 def pooled(of_runs: Sequence[xr.Dataset]) -> xr.Dataset:
@@ -275,26 +274,34 @@ def _departure(time: Array, residual: Array, noise: float, width: int) -> float:
     return float(time[departed[0]]) if len(departed) else float("nan")
 
 
-def _white_noise_p_value(
-    residual: Array, half_period: int, motion: tuple[Array, Array], fitted: int
+def _noise_p_value(
+    residual: Array,
+    noise: float,
+    half_period: int,
+    motion: tuple[Array, Array],
+    fitted: int,
+    noises: Iterable[Array] | None = None,
 ) -> float:
-    """P-value that a residual over its noise is white noise, by two tests (Bonferroni).
+    """P-value that a residual is noise, white or like the draws that are given, by two tests (Bonferroni).
 
     The residual of a missing force is slow: it hides in the RMS of all samples, but not in their means over
     twelfths of a period; and one that changes the amplitude and the phase of the motion (x, v) little by
     little is not in the means of all, but in the few polynomials in time by which these differ.
     """
-    width = max(1, half_period // 6)
-    count = len(residual) // width
-    means = residual[: count * width].reshape(count, width).mean(axis=1)
-    fast = chi2.sf(width * np.sum(means**2), count)
-    polynomials = legvander(np.linspace(-1.0, 1.0, len(residual)), SLOW_DEGREE)
-    size = np.maximum(np.hypot(*motion), 1e-300)
-    columns = np.hstack([polynomials * (part / size)[:, None] for part in motion])
-    products, moments = columns.T @ columns, columns.T @ residual
-    free = max(LEAST_FREE, len(moments) - fitted)
-    slow = chi2.sf(moments @ np.linalg.lstsq(products, moments, rcond=1e-10)[0], free)
-    return float(min(1.0, 2.0 * min(fast, slow)))
+    width, slow = max(1, half_period // 6), SlowPart(*motion)
+
+    def sizes(values: Array) -> Array:
+        """Squares of both parts over those of one sample's noise, (2,)."""
+        means = values[: len(values) // width * width].reshape(-1, width).mean(axis=1) / noise
+        return np.array([width * np.sum(means**2), slow.square(values / noise)])
+
+    scale, degrees = np.ones(2), np.array([len(residual) // width, max(LEAST_FREE, slow.numbers - fitted)])
+    if noises is not None:
+        # The chi square of the same mean and variance.
+        drawn = np.array([sizes(values) for values in noises])
+        scale = drawn.var(axis=0) / (2.0 * drawn.mean(axis=0))
+        degrees = drawn.mean(axis=0) / scale
+    return float(min(1.0, 2.0 * np.min(chi2.sf(sizes(residual) / scale, degrees))))
 
 
 def _half_period(v: Array) -> int:
