@@ -12,7 +12,6 @@ what compiled equations of motion cost when they are compiled and when they are 
 
 import argparse
 import os
-import pickle
 import subprocess
 import sys
 import tempfile
@@ -138,32 +137,12 @@ def start_table() -> Table:
     commands = {
         "sysid-trib --help": ("-m", "sysid_trib", "--help"),
         "import sysid_trib": ("-c", imported),
-        "import heyoka": ("-c", "import heyoka"),
+        "import numba": ("-c", "import numba"),
         "one simulation": ("-c", simulated),
     }
     for name, command in commands.items():
         table.add_row(name, f"{min(spent(*command).processor for _ in range(3)):.2f}")
-    for name, seconds in compiled_times().items():
-        table.add_row(name, f"{seconds:.3f}")
     return table
-
-
-def compiled_times() -> dict[str, float]:
-    """Seconds to compile the six forces, and to read the compiled integrator back from its bytes."""
-    from heyoka import t_event, taylor_adaptive
-
-    from sysid_trib.simulation.engine_heyoka import compiled
-
-    def timed(call):
-        start = time.process_time()
-        made = call()
-        return made, time.process_time() - start
-
-    mine, compiling = timed(lambda: compiled(tuple(st.load_library("contact_forces"))))
-    events = [t_event(event.expression) for event in mine.integrator.t_events]
-    plain = taylor_adaptive(mine.integrator.sys, t_events=events, tol=mine.integrator.tol)
-    _, reading = timed(lambda: pickle.loads(pickle.dumps(plain)))
-    return {"six forces: compiled": compiling, "six forces: integrator read back": reading}
 
 
 def powers(least: int, most: int) -> list[int]:

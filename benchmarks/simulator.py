@@ -1,13 +1,13 @@
 """The simulator against scipy restarted at every switching, on the run of the paper, in the same process.
 
-Then forces with memory, a stop, and a motion that sticks and goes on, beside the package's scipy engine.
-Times are medians of processor time.
+Then its derivatives over the motion alone, driven motions, what is lost over 10,000 periods, forces with
+memory and a motion that sticks and goes on. Times are medians of processor time.
 
 python benchmarks/simulator.py
 """
 
 import sys
-from importlib import import_module
+from dataclasses import replace
 from pathlib import Path
 from time import process_time
 
@@ -15,13 +15,18 @@ import numpy as np
 
 sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "tests")]
 from reference_motion import reference_motion  # noqa: E402
+from scipy_motion import scipy_motion  # noqa: E402
 from stopwatch import median_ms, timed  # noqa: E402
 
 from sysid_trib import ForceLibrary, Model, load_library  # noqa: E402
+from sysid_trib.records.inputs import KnownInput  # noqa: E402
+from sysid_trib.simulation.integrate import BY_ANGLE, BY_RATE  # noqa: E402
 from sysid_trib.simulation.simulate import simulate, trajectory  # noqa: E402
 
 PAPER = {"lambda": -2.3e-5, "zeta": 0.0097, "delta": 0.037, "nu": -0.40, "epsilon": 0.30}
 W = 9.91
+SIX = load_library("contact_forces")
+GRID = np.linspace(0.0, 25.0, 2501)
 # What is added to the paper's forces, and the strength of dry friction.
 MORE = {
     "jenkins": ({"jenkins": 0.01}, PAPER["lambda"]),
@@ -34,36 +39,72 @@ MORE = {
 
 
 def main():
-    print(f"import of heyoka        {1e3 * timed(lambda: import_module('heyoka'), process_time)[1]:8.1f} ms")
-    model = Model(load_library("contact_forces"), PAPER, W)
-    _, first = timed(lambda: trajectory(model, np.linspace(0.0, 25.0, 2501)), process_time)
-    print(f"first call (compiling)  {1e3 * first:8.1f} ms")
-    for count in (2501, 25_001):
-        grid = np.linspace(0.0, 25.0, count)
-        exact = reference_motion(PAPER, W, grid, rtol=3e-14)
-        peer = median_ms(lambda grid=grid: reference_motion(PAPER, W, grid, rtol=1e-9), 7, process_time)
-        peer_error = np.abs(reference_motion(PAPER, W, grid, rtol=1e-9) - exact).max()
-        print(f"{count} samples\n  scipy, rtol 1e-9      {peer:8.2f} ms  error {peer_error:.1e} rad")
-        for function, repeats in ((trajectory, 101), (simulate, 101)):
-            ours = median_ms(lambda f=function, grid=grid: f(model, grid), repeats, process_time)
-            error = np.abs(np.asarray(function(model, grid).angle) - exact).max()
-            name = function.__name__
-            print(f"  {name:<21} {ours:8.2f} ms  error {error:.1e} rad  {peer / ours:5.0f} times faster")
-    grid = np.linspace(0.0, 25.0, 2501)
-    print("2501 samples, further forces")
+    _, loading = timed(lambda: trajectory(Model(SIX, PAPER, W), GRID[:3]), process_time)
+    print(f"first call (loads the engine, or compiles it)  {loading:8.2f} s")
+    for friction in (PAPER["lambda"], 1e-3):
+        of_the_paper(PAPER | {"lambda": friction})
+    driven()
+    conserved()
+    print("further forces")
     for name, (coefficients, friction) in MORE.items():
-        further(name, coefficients, friction, grid)
+        further(name, coefficients, friction)
 
 
-def further(name, coefficients, friction, grid):
-    """One row: the paper's forces and further ones, by heyoka and by scipy."""
+def of_the_paper(coefficients):
+    """The paper's run: time over scipy's, errors, and the derivatives over the motion alone."""
+    model, by = Model(SIX, coefficients, W), (*coefficients, BY_ANGLE, BY_RATE)
+    exact = reference_motion(coefficients, W, GRID, rtol=3e-14)
+    peer = median_ms(lambda: reference_motion(coefficients, W, GRID, rtol=1e-10), 5, process_time)
+    print(f"lambda = {coefficients['lambda']:g}: scipy, rtol 1e-10  {peer:8.2f} ms")
+    for function in (trajectory, simulate):
+        ours = median_ms(lambda f=function: f(model, GRID), 101, process_time)
+        error = np.abs(np.asarray(function(model, GRID).angle) - exact).max()
+        name = function.__name__
+        print(f"  {name:<12} {ours:8.2f} ms  error {error:.1e} rad  {peer / ours:5.0f} times faster")
+    plain = median_ms(lambda: trajectory(model, GRID), 101, process_time)
+    whole = median_ms(lambda: trajectory(model, GRID, by=by), 31, process_time)
+    print(f"  with {len(by)} derivatives {whole:.2f} ms, {whole / plain:.1f} times the motion")
+
+
+def driven():
+    """Motions that an input drives: 2,501 samples with stick and slip, 131,072 of a Duffing oscillator."""
+    push = W**2 * (0.2 * np.sin(0.7 * W * GRID) + 0.05 * np.sin(1.7 * W * GRID))
+    for name, coefficients in (
+        ("stick and slip", {"lambda": 0.15, "zeta": 0.01}),
+        ("without", {"zeta": 0.01}),
+    ):
+        model = replace(Model(SIX, coefficients, W), known_input=KnownInput(GRID, push))
+        stuck = np.mean(trajectory(model, GRID, 0.0).rate == 0.0)
+        ours = median_ms(lambda m=model: trajectory(m, GRID, 0.0), 31, process_time)
+        print(f"driven, {name}: 2,501 samples {ours:.2f} ms, {100 * stuck:.0f} % at rest")
+    time, w = np.arange(131_072) / 610.35, 2.0 * np.pi * 68.0
+    push = 0.1 * w**2 * np.random.default_rng(0).standard_normal(len(time))
+    model = Model(SIX, {"zeta": 0.023, "epsilon": 0.3}, w, known_input=KnownInput(time, push))
+    ours = median_ms(lambda: trajectory(model, time), 3, process_time)
+    print(f"driven Duffing, 131,072 samples: {ours:.0f} ms")
+
+
+def conserved():
+    """What is lost over 10,000 periods without friction, and by dry friction in each half period."""
+    model = Model(SIX, {"alpha": 0.2, "nu": -0.4, "epsilon": 0.3}, W)
+    found = trajectory(model, np.linspace(0.0, 20_000 * np.pi / W, 20_001), 0.3, 1.0)
+    x, v = found.angle, found.rate / W
+    energy = v**2 / 2 + 0.6 * x**2 - 0.4 * np.abs(x) ** 3 / 3 + 0.3 * x**4 / 4
+    print(f"energy over 10,000 periods: {np.abs(energy / energy[0] - 1.0).max():.1e} of it")
+    dry = Model(SIX, {"lambda": 0.003}, W)
+    turned = trajectory(dry, np.concatenate([[0.0], trajectory(dry, GRID).reversals])).angle
+    lost = np.abs(np.abs(turned) - (0.3 - 0.006 * np.arange(len(turned)))).max()
+    print(f"dry friction: 2 lambda a half period to {lost:.1e} rad")
+
+
+def further(name, coefficients, friction):
+    """One row: the paper's forces and further ones, beside scipy."""
     effects = load_library("candidate_effects").select(coefficients)
-    library = ForceLibrary("further forces", (*load_library("contact_forces"), *effects))
+    library = ForceLibrary("further forces", (*SIX, *effects))
     model = Model(library, PAPER | {"lambda": friction} | coefficients, W)
-    motion, peer = timed(lambda: trajectory(model, grid, engine="scipy"), process_time)
-    exact = motion.angle
-    ours = median_ms(lambda: trajectory(model, grid), 31, process_time)
-    error = np.abs(trajectory(model, grid).angle - exact).max()
+    exact, peer = timed(lambda: scipy_motion(model, GRID).y[:, 0], process_time)
+    ours = median_ms(lambda: trajectory(model, GRID), 31, process_time)
+    error = np.abs(trajectory(model, GRID).angle - exact).max()
     print(f"  {name:<28} {ours:8.2f} ms  scipy {1e3 * peer:8.1f} ms  difference {error:.1e} rad")
 
 

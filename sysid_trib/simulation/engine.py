@@ -49,11 +49,12 @@ def series(program, c, h, stuck):
 
     Where it is stuck, x and v stay and the states go on. Derivatives follow where there are any.
     """
-    J, T, size, count, degree = c.J, c.T, program.states, c.T.shape[2], program.degree
+    J, T, size, count, degree = c.J, c.T, program.states, c.T.shape[2], 0
     state_at(program, J, c.v[ROW_STATE], c.v[ROW_CLOCK, 0])
     J[size, 1] = 1.0
-    for k in range(degree):
+    for k in range(program.degree):
         J[size + 1, k] = c.v[ROW_PUSH, k]
+        degree = k if c.v[ROW_PUSH, k] != 0.0 else degree
         for q in range(count):
             T[size + 1, k, q] = c.v[ROW_OF_PUSH, q] * c.v[ROW_PUSH, k]
     at_once(program, J)
@@ -65,7 +66,7 @@ def series(program, c, h, stuck):
     small, power = 0, h
     for k in range(ORDER):
         # At rest what would move it, which only the rates tell, needs all orders.
-        ends = k >= degree and not stuck
+        ends = k > degree and not stuck
         for i in range(size):
             held, rate = stuck and i < 2, program.rates[i]
             J[i, k + 1] = 0.0 if held else J[rate, k] / (k + 1)
