@@ -8,7 +8,7 @@ import sysid_trib as st
 from sysid_trib.records.read import read_records
 from sysid_trib.records.reading import Reading
 from sysid_trib.simulation.simulate import trajectory
-from sysid_trib.trajectory_fit.observation import MEASURED, Observation, acceleration_of, measured_part
+from sysid_trib.trajectory_fit.observation import MEASURED, Observation, measured_part
 
 FORCES = st.load_library().select(["zeta", "delta"])
 TRUE = {"zeta": 6e-3, "delta": 0.03}
@@ -22,7 +22,7 @@ KINDS = {"rate": (5e-3, "rad/s"), "acceleration": (4e-2, "rad/s^2")}
 def clean(quantity):
     model = st.Model(FORCES, TRUE, W)
     motion = trajectory(model, TIME, 0.4, 0.0)
-    return Observation(quantity).shown(model, motion, TIME)
+    return Observation(quantity).shown(motion)
 
 
 def decay_of(path, quantity, seed):
@@ -42,7 +42,7 @@ def excess(result):
 def test_an_acceleration_is_the_derivative_of_the_rate():
     model = st.Model(FORCES, TRUE, W)
     motion = trajectory(model, TIME, 0.4, 0.0)
-    shown = acceleration_of(model, motion, TIME)
+    shown = motion.acceleration
     slope = np.gradient(motion.rate, TIME, edge_order=2)
     assert np.abs(shown - slope)[2:-2].max() < 6e-3 * np.abs(shown).max()
 
@@ -50,10 +50,10 @@ def test_an_acceleration_is_the_derivative_of_the_rate():
 def test_an_accelerometer_on_the_axis_feels_gravity_alone():
     model = st.Model(FORCES, TRUE, W)
     motion = trajectory(model, TIME, 0.4, 0.0)
-    on_axis = Observation("accelerometer", 0.0).shown(model, motion, TIME)
+    on_axis = Observation("accelerometer", 0.0).shown(motion)
     np.testing.assert_allclose(on_axis, 9.80665 * np.sin(motion.position))
-    further = Observation("accelerometer", 0.1).shown(model, motion, TIME)
-    np.testing.assert_allclose(further - on_axis, 0.1 * acceleration_of(model, motion, TIME), atol=1e-12)
+    further = Observation("accelerometer", 0.1).shown(motion)
+    np.testing.assert_allclose(further - on_axis, 0.1 * motion.acceleration, atol=1e-12)
 
 
 @pytest.mark.parametrize("quantity", KINDS)
@@ -112,7 +112,7 @@ def test_an_accelerometer_on_a_pendulum_shows_its_angle_and_forces(tmp_path):
     library = type(both)(both.title, (*both.forces, *library.forces))
     model = st.Model(library, {**TRUE, "gravity": 1.0}, w)
     motion = trajectory(model, TIME, 0.5, 0.0)
-    felt = Observation("accelerometer", distance).shown(model, motion, TIME)
+    felt = Observation("accelerometer", distance).shown(motion)
     felt += 0.1 + 2e-2 * np.random.default_rng(4).standard_normal(TIME.size)
     path = tmp_path / "phone.csv"
     rows = "\n".join(f"{t:.3f},{y:.8g}" for t, y in zip(TIME, felt, strict=True))

@@ -17,7 +17,7 @@ SHOWN = {
     # Not of this package: what was said of it before is right.
     "folder": "this is a directory; name a file in it",
     "other.nc": "there are no numbers in it",
-    "other.json": "no rows of numbers",
+    "other.json": "no column for the angle",
     "cut.json": "no rows of numbers",
 }
 

@@ -28,6 +28,8 @@ FREQUENCY, BY_ANGLE, BY_RATE = "reference frequency", "start angle", "start rate
 STEPS_A_PERIOD, FEW_STEPS_A_PERIOD = 20_000, 500
 
 
+# Bytes of address space that the engine takes when it is loaded.
+ENGINE_ROOM = 300_000_000
 DIVERGED = 1e3  # rad; no pendulum swings there
 
 
@@ -158,6 +160,8 @@ def run(
 @cache
 def _engine() -> tuple[Callable[..., Any], int]:
     """The compiled function, whose import takes its time, and the outcome of a motion without failure."""
+    # The compiler ends the process where memory does; what is not there is missed here instead.
+    np.empty(ENGINE_ROOM, np.uint8)
     from sysid_trib.simulation.compiling import tell_of_compiling
     from sysid_trib.simulation.engine import ENDED, run
 
