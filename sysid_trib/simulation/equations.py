@@ -173,7 +173,7 @@ class Motion:
             origins = {"x": dy[0], "v": dy[1], **{k: dp[self._in_p[i][k]] for k in force.shape}}
             for name, formula in force.start.items():
                 target = dy[self._in_y[i][name]] if name in force.state else dp[self._in_p[i][name]]
-                for origin in formula.names & origins.keys():
+                for origin in sorted(formula.names & origins.keys()):
                     target += float(formula.derivative(names, origin)) * origins[origin]
 
     def _at_start(self, i: int, p: Vector, x: float, v: float) -> dict[str, float]:
