@@ -85,6 +85,13 @@ class RuleEngine(Protocol):
         ...
 
 
+def surfaces(
+    motion: Motion, y: Values, p: Values, tau: Any, functions: Functions, *, frozen: bool = False
+) -> list[Any]:
+    """Value of each switching surface."""
+    return [motion.surface(s, y, p, tau, functions, frozen=frozen) for s in motion.switches]
+
+
 def settle(engine: RuleEngine, y: Vector, p: Vector, tau: float) -> bool:
     """Set the signs, and at a reversal the memory, in `p` for the motion from here; False if it sticks."""
     motion, speed = engine.motion, abs(y.item(1))
@@ -109,7 +116,7 @@ def settle(engine: RuleEngine, y: Vector, p: Vector, tau: float) -> bool:
 def signs_ahead(motion: Motion, y: Values, p: Values, tau: Any, functions: Functions) -> list[Any]:
     """Signs of a motion that goes on: near a surface, those where it will be a little later."""
     fixed = p[: motion.signs_at.start]
-    values = motion.surfaces(y, p, tau, functions)
+    values = surfaces(motion, y, p, tau, functions)
     signs = _by_nearness(values, p[motion.signs_at], [functions["sign"](u) for u in values], functions)
     rates = motion.rates(y, [*fixed, *signs], tau, functions)
     later = [a + LOOKAHEAD * rate for a, rate in zip(y, rates, strict=True)]
@@ -137,7 +144,7 @@ def _branch(motion: Motion, y: Values, p: Values, tau: Any, functions: Functions
         replaced = motion.replaced(y, p, tau, functions)
         memory = [functions["below"](turned, new, old) for new, old in zip(replaced, memory, strict=True)]
     before = [*fixed, *memory, *p[motion.signs_at]]
-    values = motion.surfaces(y, before, tau, functions)
+    values = surfaces(motion, y, before, tau, functions)
     signs = [functions["sign"](u) for u in values]
     later = [y[0] + way * LOOKAHEAD**2 / 2, y[1] + way * LOOKAHEAD, *y[2:]]
     signs = _by_nearness(values, _signs(motion, later, before, tau + LOOKAHEAD, functions), signs, functions)
@@ -150,7 +157,7 @@ def _branch(motion: Motion, y: Values, p: Values, tau: Any, functions: Functions
 
 
 def _signs(motion: Motion, y: Values, p: Values, tau: Any, functions: Functions) -> list[Any]:
-    return [functions["sign"](u) for u in motion.surfaces(y, p, tau, functions)]
+    return [functions["sign"](u) for u in surfaces(motion, y, p, tau, functions)]
 
 
 def _by_nearness(values: Values, near: Values, far: Values, functions: Functions) -> list[Any]:
@@ -218,7 +225,7 @@ class Interpreted:
     def glide(self, progress: Progress, y: Vector, grid: Vector) -> tuple[Vector, Vector, float]:
         """Move from grid[0] until the motion sticks, fails or the grid ends (see `Compiled.glide`)."""
         rows, done, tau = [], 1, float(grid[0])
-        frozen = partial(self.motion.surfaces, frozen=True)
+        frozen = partial(surfaces, self.motion, frozen=True)
         while tau < grid[-1]:
             branch = progress.p.tolist()
             signs = progress.p[self.motion.signs_at].copy()

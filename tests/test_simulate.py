@@ -150,6 +150,10 @@ def test_linear_forces_give_the_closed_solution(alpha, zeta):
     np.testing.assert_allclose(found.angle, expected, rtol=0, atol=1e-10)
 
 
+def test_a_force_that_switches_with_the_angle_alone_has_no_reversals_noted():
+    assert not len(trajectory(six(nu=0.2), TIME).reversals)
+
+
 def test_dry_friction_does_not_change_the_frequency():
     alpha = 0.2
     found = trajectory(six(lam=0.01, alpha=alpha), TIME, 0.5)

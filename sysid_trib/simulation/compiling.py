@@ -4,6 +4,7 @@ import hashlib
 import os
 import sys
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,7 @@ def tell_of_compiling() -> None:
         print("Compiling the simulator, once: some 10 s ...", file=sys.stderr, flush=True)
 
 
+@cache
 def _folder() -> Path:
     """The folder of what is compiled, of this user and of these sources."""
     here = Path(__file__).parent

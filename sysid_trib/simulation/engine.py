@@ -30,6 +30,7 @@ from sysid_trib.simulation.engine_state import (
     UP,
 )
 from sysid_trib.simulation.jets import at_once, at_once_live, derivatives_at_once, derivatives_of_order, order
+from sysid_trib.simulation.program import PUSH_NUMBERS
 from sysid_trib.simulation.roots import first_crossing, of_parameter, rest_of, slope, value
 
 # In tau: as far as a motion is followed at once, and how far it is held where a surface is crossed at rest.
@@ -52,7 +53,7 @@ def series(program, c, h, stuck):
     J, T, size, count, degree = c.J, c.T, program.states, c.T.shape[2], 0
     state_at(program, J, c.v[ROW_STATE], c.v[ROW_CLOCK, 0])
     J[size, 1] = 1.0
-    for k in range(program.degree):
+    for k in range(PUSH_NUMBERS):
         J[size + 1, k] = c.v[ROW_PUSH, k]
         degree = k if c.v[ROW_PUSH, k] != 0.0 else degree
         for q in range(count):
@@ -199,10 +200,19 @@ def is_still(program, c, n):
 
 
 @inner
+def memory_written(program, given, c, done):
+    """Write the memory, with its derivatives."""
+    first, at = program.states + 1, program.inputs - program.memory
+    for m in range(program.memory):
+        given.rows[done, first + m] = c.v[ROW_MEMORY, m]
+        for q in range(c.T.shape[2]):
+            given.tangents[done, first + m, q] = c.T[at + m, 0, q]
+
+
+@inner
 def sampled(program, given, c, done, n, reach):
     """Write what lies up to `reach` in tau since the clock; how much of the grid is done."""
-    size, held, count = program.states, program.memory, c.T.shape[2]
-    at = program.inputs - held
+    size, count = program.states, c.T.shape[2]
     while done < len(given.grid):
         s = (given.grid[done] - c.v[ROW_CLOCK, 0]) - c.v[ROW_CLOCK, 1]
         if s > reach:
@@ -212,10 +222,7 @@ def sampled(program, given, c, done, n, reach):
             given.rows[done, i] = value(c.J[slot], n, s)
             for q in range(count):
                 given.tangents[done, i, q] = of_parameter(c.T, slot, q, n, s)
-        for m in range(held):
-            given.rows[done, size + 1 + m] = c.v[ROW_MEMORY, m]
-            for q in range(count):
-                given.tangents[done, size + 1 + m, q] = c.T[at + m, 0, q]
+        memory_written(program, given, c, done)
         done += 1
     return done
 
@@ -265,7 +272,7 @@ def switched(program, c, which, n, h):
         c.v[ROW_STATE, slot], c.v[ROW_ERROR, slot] = 0.0, 0.0
     c.v[ROW_ZEROS, which] = 1
     put(c.v[ROW_MEMORY], c.v[ROW_REPLACED])
-    c.aside[TRIAL][size + 1, 0] = value(c.v[ROW_PUSH], program.degree - 1, h)
+    c.aside[TRIAL][size + 1, 0] = value(c.v[ROW_PUSH], np.int64(PUSH_NUMBERS - 1), h)
     sticks = not settle(program, c)
     if sticks:
         stop(c)
@@ -309,15 +316,11 @@ def released(program, c, way):
 @inner
 def written(program, given, c, done):
     """Write the end of an interval, with its derivatives."""
-    size, held, at = program.states, program.memory, program.inputs - program.memory
-    for i in range(size):
+    for i in range(program.states):
         given.rows[done, i] = c.v[ROW_STATE, i]
         for q in range(c.T.shape[2]):
             given.tangents[done, i, q] = c.dy[i, q]
-    for m in range(held):
-        given.rows[done, size + 1 + m] = c.v[ROW_MEMORY, m]
-        for q in range(c.T.shape[2]):
-            given.tangents[done, size + 1 + m, q] = c.T[at + m, 0, q]
+    memory_written(program, given, c, done)
 
 
 @inner
@@ -465,7 +468,7 @@ def run(program, given, c, limits):
             if piece > last:
                 state = ENDED
                 break
-        if turned:
+        if turned and program.surfaces[0] == 1:
             reversals = noted(reversals, turns, c.v[ROW_CLOCK, 0])
             turns += 1
         state = SWITCHES if budget < 0 else outcome_of(c, h, furthest, steps, most_steps)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sysid_trib.simulation.program import Instructions
+from sysid_trib.simulation.program import PUSH_NUMBERS, Instructions
 
 ORDER = 18
 # A mark of knots: what lies before it is written.
@@ -91,7 +91,7 @@ class Given(NamedTuple):
 def new_state(program: Instructions, parameters: int) -> EngineState:
     """Room for motions of a program, with so many derivatives."""
     slots, size = len(program.code), program.states
-    width = max(size, program.memory, len(program.signs), program.degree, parameters, 2)
+    width = max(size, program.memory, len(program.signs), PUSH_NUMBERS, parameters, 2)
     return EngineState(
         np.zeros((slots, ORDER + 1)),
         np.zeros((slots, ORDER + 1, parameters)),

@@ -1,4 +1,4 @@
-"""A model's motion as a switching system, the same for every engine.
+"""A model's motion as a switching system, in any kind of number.
 
 In tau = w t: dx/dtau = v, dv/dtau = -x - sum of coefficient * h, and the states of the forces. Two flat
 vectors describe an instant: `y` = (x, v, states) and `p` = (coefficients, shape parameters, 1/w, memory,
@@ -6,7 +6,7 @@ signs). `p` holds all that a run may change without changing the equations; the 
 each switching surface the motion is, so that between two switchings every right side is analytic.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeAlias
@@ -52,12 +52,9 @@ class Motion:
     ----------
     forces : tuple of Force
         The forces, in the order of their coefficients in `p`.
-    push : callable, optional
-        A known acceleration over w^2 by tau, in numbers alone.
     """
 
     forces: tuple[Force, ...]
-    push: Callable[[Any], Any] | None = None
 
     @cached_property
     def variables(self) -> tuple[str, ...]:
@@ -108,16 +105,12 @@ class Motion:
 
     def rates(self, y: Values, p: Values, tau: Any, functions: Functions) -> list[Any]:
         """Derivative of `y` on the branch that the signs in `p` select."""
-        acceleration = self.unforced(y, tau)
+        acceleration = -y[0]
         for i in range(len(self.forces)):
             # In numbers, a force that is off must not act even where it is singular.
             if not (isinstance(p[i], float) and p[i] == 0.0):
                 acceleration = acceleration - p[i] * self.force_value(i, y, p, tau, functions)
         return [y[1], acceleration, *self.state_rates(y, p, tau, functions)]
-
-    def unforced(self, y: Values, tau: Any) -> Any:
-        """Acceleration of the oscillator without forces, by its spring and what is known to push it."""
-        return -y[0] if self.push is None else self.push(tau) - y[0]
 
     def force_value(self, i: int, y: Values, p: Values, tau: Any, functions: Functions) -> Any:
         """What the coefficient of a force multiplies, on the branch that the signs in `p` select."""
@@ -132,16 +125,10 @@ class Motion:
             for formula in force.state.values()
         ]
 
-    def surfaces(
-        self, y: Values, p: Values, tau: Any, functions: Functions, *, frozen: bool = False
-    ) -> list[Any]:
-        """Value of each switching surface; `frozen` takes inner branches by the signs in `p`."""
-        return [self.surface(s, y, p, tau, functions, frozen=frozen) for s in self.switches]
-
     def surface(
         self, switch: Switch, y: Values, p: Values, tau: Any, functions: Functions, *, frozen: bool = True
     ) -> Any:
-        """Value of one switching surface (see `surfaces`)."""
+        """Value of a switching surface; `frozen` takes inner branches by the signs in `p`."""
         signs = self._signs(switch.force, p) if frozen else None
         return switch.surface.evaluate(self._names(switch.force, y, p, tau), functions, signs)
 

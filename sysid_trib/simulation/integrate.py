@@ -19,15 +19,13 @@ from sysid_trib.simulation.engine_state import (
 )
 from sysid_trib.simulation.equations import Motion, Vector
 from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.program import PUSH_DEGREE, Instructions, program_of
+from sysid_trib.simulation.program import Instructions, program_of
 from sysid_trib.simulation.pushes import UNPUSHED, Pushes
 
 # What a derivative can be by, besides symbols of forces and names of shape parameters: names with a space.
 FREQUENCY, BY_ANGLE, BY_RATE = "reference frequency", "start angle", "start rate"
 # Steps a period that a motion may take: of a stiff state thousands, for which a fit does not wait.
 STEPS_A_PERIOD, FEW_STEPS_A_PERIOD = 20_000, 500
-
-
 # Bytes of address space that the engine takes when it is loaded.
 ENGINE_ROOM = 300_000_000
 DIVERGED = 1e3  # rad; no pendulum swings there
@@ -95,19 +93,14 @@ def integrate(
         It diverges, switches without end, takes too many steps, or is not finite.
     """
     motion, program = program_of(model.forces, pushed=bool(np.any(pushes.polynomials)), paced=FREQUENCY in by)
-    y, p = motion.start(model, *at)
-    dy, dp = seeds(motion, model, at, by)
-    state = new_state(program, len(by))
-    begin(program, state, y, dy, np.append(1.0, p[: motion.signs_at.start]), dp)
-    # An input over w^2 is less by 2/w of itself where w is larger.
-    of_push = [-2.0 / model.reference_frequency * (name == FREQUENCY) for name in by]
-    state.v[ROW_OF_PUSH, : len(by)] = of_push
+    state = begun((motion, program), model, at, by)
     state.v[ROW_CLOCK, 0] = grid[0]
-    columns, knots = len(y) + 1 + len(motion.memory), pushes.knots
+    size, knots = program.states, pushes.knots
+    columns = size + 1 + program.memory
     given = Given(
         grid,
         knots,
-        np.pad(pushes.polynomials, ((0, 0), (0, PUSH_DEGREE + 1 - pushes.polynomials.shape[1]))),
+        pushes.polynomials,
         pushes.kicks,
         np.zeros((len(knots), len(by))),
         np.full(len(knots), -1),
@@ -119,19 +112,39 @@ def integrate(
     switchings = 1000 + many + int(periods * (50 + 10 * len(motion.switches)))
     limits = (DIVERGED, switchings, 5000 + many + int(most_steps * periods))
     reversals, turns, stop = run(program, given, state, limits, model.reference_frequency)
-    names, size = (*motion.variables[2:], "", *motion.memory), len(y)
+    names = (*motion.variables[2:], "", *motion.memory)
     hidden = dict(zip(names, given.rows.T[2:], strict=True))
     acceleration, rows = hidden.pop(""), given.rows[:, :size]
     return NormalisedMotion(rows, acceleration, hidden, stop, reversals[:turns].copy(), given.tangents)
 
 
-def begin(program: Instructions, state: EngineState, y: Vector, dy: Vector, p: Vector, dp: Vector) -> None:
-    """Put the start of a motion, and the parameters of a program, where the engine takes them from."""
-    state.v[ROW_STATE, : len(y)], state.dy[:] = y, dy
-    state.v[ROW_MEMORY, : program.memory] = p[len(p) - program.memory :]
-    places = slice(program.states + 2, program.inputs)
-    state.J[places, 0] = state.aside[:, places, 0] = p
-    state.T[places, 0] = dp
+def begun(
+    equations: tuple[Motion, Instructions],
+    model: Model,
+    at: tuple[float, float],
+    by: Sequence[str],
+    *,
+    places: tuple[int, int] | None = None,
+) -> EngineState:
+    """Where the engine begins: the start of a motion, its parameters and their derivatives.
+
+    `places` are the first column of the derivatives by `by` and the number of all columns, where there are
+    more.
+    """
+    motion, program = equations
+    first, count = places or (0, len(by))
+    state = new_state(program, count)
+    y, p = motion.start(model, *at)
+    dy, dp = _seeds(motion, model, at, by)
+    columns, slots = slice(first, first + len(by)), slice(program.states + 2, program.inputs)
+    state.v[ROW_STATE, : len(y)], state.dy[:, columns] = y, dy
+    state.v[ROW_MEMORY, : program.memory] = p[motion.memory_at]
+    state.J[slots, 0] = state.aside[:, slots, 0] = np.append(1.0, p[: motion.signs_at.start])
+    state.T[slots, 0, columns] = dp
+    # An input over w^2 is less by 2/w of itself where w is larger.
+    of_push = [-2.0 / model.reference_frequency * (name == FREQUENCY) for name in by]
+    state.v[ROW_OF_PUSH, columns] = of_push
+    return state
 
 
 def run(
@@ -169,7 +182,7 @@ def _engine() -> tuple[Callable[..., Any], int]:
     return run, ENDED
 
 
-def seeds(motion: Motion, model: Model, at: tuple[float, float], by: Sequence[str]) -> tuple[Vector, Vector]:
+def _seeds(motion: Motion, model: Model, at: tuple[float, float], by: Sequence[str]) -> tuple[Vector, Vector]:
     """Derivatives of the start, (state, parameter), and of the program's parameters."""
     w, names = model.reference_frequency, [f.symbol for f in motion.forces]
     places = {name: 1 + i for i, name in enumerate((*names, *motion.shapes))}

@@ -20,8 +20,8 @@ from sysid_trib.simulation.equations import SMOOTHED, Motion
 # LINEAR is a + c d b with d that does not change: most of an equation of motion.
 ADD, SUB, LINEAR, MUL, SCALE, DIV, NEG, CONST, SIGN, SIN, PARTNER, EXP, LOG, POWER, TANH = range(15)
 Integers = NDArray[np.int64]
-# What pushes is a cubic in tau between knots, or less.
-PUSH_DEGREE = 3
+# What pushes is linear in tau between knots: so many numbers.
+PUSH_NUMBERS = 2
 
 
 class Instructions(NamedTuple):
@@ -37,8 +37,8 @@ class Instructions(NamedTuple):
         Slots that change along a motion, in their order.
     inputs, main : int
         Number of input slots; first slot that only the memory needs.
-    states, memory, degree : int
-        How many there are; numbers of a polynomial that pushes.
+    states, memory : int
+        How many there are.
     rates, surfaces, signs, replaced : array of int
         Slots of the states' rates, of the switching surfaces and their signs, of the memory's next values.
     """
@@ -50,7 +50,6 @@ class Instructions(NamedTuple):
     main: int
     states: int
     memory: int
-    degree: int
     rates: Integers
     surfaces: Integers
     signs: Integers
@@ -96,13 +95,13 @@ class Listing:
 
     def sum(self, a: int, b: int, way: float) -> int:
         """The slot of a + way b."""
-        if self.op[b] == SCALE and b >= self.inputs:
+        if self.op[b] == SCALE:
             return self.add(LINEAR, a, self.b[b], way, self.a[b])
         return self.add(ADD if way > 0.0 else SUB, a, b)
 
     def scaled(self, factor: int, a: int) -> int:
         """The slot of a times a factor that does not change."""
-        if self.op[a] == SCALE and a >= self.inputs and not self.still[a]:
+        if self.op[a] == SCALE and not self.still[a]:
             return self.scaled(self.scaled(factor, self.a[a]), self.b[a])
         return self.add(SCALE, factor, a)
 
@@ -288,7 +287,6 @@ def _tidied(rows: Listing, main: int, states: int, *outputs: list[int]) -> Instr
         int(sum(used[:main])),
         states,
         len(outputs[3]),
-        PUSH_DEGREE + 1,
         *(place[np.array(output, dtype=np.int64)].astype(np.int64) for output in outputs),
     )
 

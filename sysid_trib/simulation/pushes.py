@@ -5,8 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid_trib.errors import SimulationError
+from sysid_trib.records.inputs import KnownInput
 from sysid_trib.simulation.equations import Vector
 from sysid_trib.simulation.model import Model
+from sysid_trib.simulation.program import PUSH_NUMBERS
 
 # Kicks a period of a motion that is pushed at random: their law is then right to a percent.
 KICKS_PER_PERIOD = 40
@@ -20,8 +22,8 @@ class Pushes:
     ----------
     knots : (knot,) array of float
         Increasing, the first at the start.
-    polynomials : (knot, degree + 1) array of float
-        From each knot on, an acceleration over w^2 (rad) in powers of tau since it.
+    polynomials : (knot, 2) array of float
+        From each knot on, an acceleration over w^2 (rad) and its slope by tau.
     kicks : (knot, 2) array of float
         What is added to x and v there, but at the start.
     """
@@ -31,7 +33,7 @@ class Pushes:
     kicks: Vector
 
 
-UNPUSHED = Pushes(np.empty(0), np.zeros((0, 1)), np.zeros((0, 2)))
+UNPUSHED = Pushes(np.empty(0), np.zeros((0, PUSH_NUMBERS)), np.zeros((0, 2)))
 
 
 def pushes_of(model: Model, tau: Vector, random_force: float = 0.0, seed: int = 0) -> Pushes:
@@ -61,14 +63,21 @@ def pushes_of(model: Model, tau: Vector, random_force: float = 0.0, seed: int = 
     if random_force:
         kicks[1:] = _kicks(np.diff(knots), 0.5 * random_force / w**3, seed)
     if known is None:
-        return Pushes(knots, np.zeros((len(knots), 1)), kicks)
+        return Pushes(knots, np.zeros((len(knots), PUSH_NUMBERS)), kicks)
     bends = w * known.elapsed
     instants = np.union1d(knots, bends[(bends > tau[0]) & (bends < tau[-1])])
-    at = known.over_stiffness(instants, w)
-    slopes = np.append(np.diff(at) / np.diff(instants), 0.0)
     all_kicks = np.zeros((len(instants), 2))
     all_kicks[np.searchsorted(instants, knots)] = kicks
-    return Pushes(instants, np.stack([at, slopes], axis=1), all_kicks)
+    return Pushes(instants, polynomials_of(known, instants, w), all_kicks)
+
+
+def polynomials_of(known: KnownInput, knots: Vector, frequency: float) -> Vector:
+    """A known input over w^2 at knots (tau), and its slope from each on, (knot, 2), rad."""
+    rise = np.diff(known.acceleration) / np.diff(known.elapsed) / frequency**3
+    # Before the first sample and from the last on it is held.
+    slopes = np.concatenate([[0.0], rise, [0.0]])
+    last = np.searchsorted(frequency * known.elapsed, knots, side="right")
+    return np.stack([known.over_stiffness(knots, frequency), slopes[last]], axis=1)
 
 
 def _instants(tau: Vector, per_period: int) -> Vector:

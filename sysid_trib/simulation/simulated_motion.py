@@ -61,22 +61,8 @@ def simulated_motion(
     of_w = np.array([float(name == FREQUENCY) for name in by])
     of_x, of_v = path.derivative[:, 0], path.derivative[:, 1]
     of_bend = path.derivative[:, path.y.shape[1]]
-    angle, of_angle = x.copy(), of_x.copy()
-    for sensor in model.sensors:
-        coefficient, shapes = model.coefficients[sensor.symbol], sensor.shape_values(model.shapes)
-        names = {"x": x, "v": v, "t": elapsed, **shapes}
-        angle += coefficient * sensor.value(x, v, elapsed, shapes=model.shapes)
-        if not by:
-            continue
-        for name, of_name in (("x", of_x), ("v", of_v)):
-            if name in sensor.formula.names:
-                of_angle += coefficient * _column(sensor.formula.derivative(names, name), x) * of_name
-        for i, name in enumerate(by):
-            symbol, _, shape = name.partition(".")
-            if name == sensor.symbol:
-                of_angle[:, i] += sensor.value(x, v, elapsed, shapes=model.shapes)
-            elif symbol == sensor.symbol:
-                of_angle[:, i] += coefficient * _column(sensor.formula.derivative(names, shape), x)[:, 0]
+    error, by_motion, by_names = sensor_error(model, elapsed, x, v, by)
+    of_angle = of_x + by_motion[:, :1] * of_x + by_motion[:, 1:] * of_v + by_names
     derivatives = {
         "angle": of_angle,
         "position": of_x,
@@ -84,7 +70,7 @@ def simulated_motion(
         "acceleration": w * (w * of_bend + path.acceleration[:, None] * of_w),
     }
     return SimulatedMotion(
-        angle,
+        x + error,
         x,
         w * v,
         w**2 * path.acceleration,
@@ -95,5 +81,23 @@ def simulated_motion(
     )
 
 
-def _column(values: Vector, like: Vector) -> Vector:
-    return np.broadcast_to(values, like.shape)[:, None]
+def sensor_error(
+    model: Model, elapsed: Vector, x: Vector, v: Vector, by: Sequence[str]
+) -> tuple[Vector, Vector, Vector]:
+    """What the sensor adds to the angle (sample,), and its derivatives by x and v, and by `by`."""
+    error, by_motion = np.zeros_like(x), np.zeros((len(x), 2))
+    by_names = np.zeros((len(x), len(by)))
+    for sensor in model.sensors:
+        coefficient, shapes = model.coefficients[sensor.symbol], sensor.shape_values(model.shapes)
+        names = {"x": x, "v": v, "t": elapsed, **shapes}
+        value = sensor.value(x, v, elapsed, shapes=model.shapes)
+        error += coefficient * value
+        for at, name in enumerate("xv"):
+            by_motion[:, at] += coefficient * sensor.formula.derivative(names, name)
+        for at, name in enumerate(by):
+            symbol, _, shape = name.partition(".")
+            if name == sensor.symbol:
+                by_names[:, at] = value
+            elif symbol == sensor.symbol:
+                by_names[:, at] = coefficient * sensor.formula.derivative(names, shape)
+    return error, by_motion, by_names

@@ -8,10 +8,11 @@ same derivatives, at Gauss's points.
 import numpy as np
 
 from sysid_trib.arrays import Array, Index
-from sysid_trib.simulation.engine_state import INTERVAL_ENDS, ROW_OF_PUSH, Given, new_state
-from sysid_trib.simulation.integrate import DIVERGED, FREQUENCY, begin, run, seeds
+from sysid_trib.simulation.engine_state import INTERVAL_ENDS, Given
+from sysid_trib.simulation.integrate import DIVERGED, FREQUENCY, begun, run
 from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.program import PUSH_DEGREE, program_of
+from sysid_trib.simulation.program import PUSH_NUMBERS, program_of
+from sysid_trib.simulation.pushes import polynomials_of
 from sysid_trib.state_space.steps import Steps
 
 # In tau; longer intervals are followed in parts.
@@ -101,22 +102,9 @@ def _followed(model: Model, tau: Array, length: Array, states: Array, by: tuple[
     impulses[inside, size + len(by) + points[inside]] = np.sqrt(
         GAUSS_WEIGHTS[points[inside]] * length[at[inside]]
     )
-    polynomials = np.zeros((len(knots), PUSH_DEGREE + 1))
-    if known is not None:
-        polynomials[:, 0] = known.over_stiffness(knots, w)
-        rise = np.append(np.diff(known.acceleration) / np.diff(known.elapsed), [0.0, 0.0]) / w**3
-        last = np.searchsorted(w * known.elapsed, knots, side="right") - 1
-        polynomials[:, 1] = np.where(last < 0, 0.0, rise[last])
-    state = new_state(program, columns)
-    y, p = motion.start(model, 0.0, 0.0)
-    dp = np.zeros((1 + motion.signs_at.start, columns))
-    _, dp[:, size : size + len(by)] = seeds(motion, model, (0.0, 0.0), by)
-    # The start of the memory is given, and so are its derivatives.
-    dp[len(dp) - program.memory :] = 0.0
-    dy = np.zeros((program.states, columns))
-    begin(program, state, y, dy, np.append(1.0, p[: motion.signs_at.start]), dp)
-    # An input over w^2 is less by 2/w of itself where w is larger.
-    state.v[ROW_OF_PUSH, size : size + len(by)] = [-2.0 / w * (name == FREQUENCY) for name in by]
+    polynomials = np.zeros((len(knots), PUSH_NUMBERS)) if known is None else polynomials_of(known, knots, w)
+    # Where each interval begins is given, and so are the derivatives there.
+    state = begun((motion, program), model, (0.0, 0.0), by, places=(size, columns))
     rows = np.empty((count, size + 1))
     tangents = np.empty((count, size + 1, columns))
     kicks = np.zeros((len(knots), 2))

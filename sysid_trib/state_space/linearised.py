@@ -1,7 +1,6 @@
 """A record about a path, linear in the states and in every parameter of its model."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -10,10 +9,10 @@ from sysid_trib.arrays import Array
 from sysid_trib.averaging.internal_states import states_along
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import Force
-from sysid_trib.forces.formulas import ANALYTIC, IMAGINARY_STEP
 from sysid_trib.noise.smoothing import smooth
 from sysid_trib.simulation.equations import Motion
 from sysid_trib.simulation.model import Model
+from sysid_trib.simulation.simulated_motion import sensor_error
 from sysid_trib.state_space.expected_steps import expected_steps
 from sysid_trib.state_space.kalman import LinearModel
 
@@ -135,28 +134,8 @@ def _start(model: Model, per_run: Array, size: int) -> Array:
 
 def sensor_on(model: Model, elapsed: Array, path: Array, by: Derivatives) -> tuple[Array, Array, Array]:
     """What the sensor shows on a path but for its zero (sample,), and its derivatives by state and names."""
-    x, v = path[:, 0], path[:, 1]
-    shown, observed = x.copy(), np.zeros_like(path)
+    error, by_motion, by_names = sensor_error(model, elapsed, path[:, 0], path[:, 1], by.names)
+    observed = np.zeros_like(path)
     observed[:, 0] = 1.0
-    by_sensor = np.zeros((len(path), len(by.names)))
-    for sensor in model.sensors:
-        coefficient = model.coefficients[sensor.symbol]
-        shape: dict[str, complex] = {**sensor.shape_values(model.shapes)}
-        value = _values(sensor, x, v, elapsed, shape)
-        shown = shown + coefficient * value.real
-        if sensor.symbol in by.names:
-            by_sensor[:, by.names.index(sensor.symbol)] = value.real
-        by_x = _values(sensor, x + 1j * IMAGINARY_STEP, v, elapsed, shape).imag / IMAGINARY_STEP
-        by_v = _values(sensor, x, v + 1j * IMAGINARY_STEP, elapsed, shape).imag / IMAGINARY_STEP
-        observed[:, :2] += coefficient * np.stack([by_x, by_v], axis=1)
-        for name in shape:
-            if (full := f"{sensor.symbol}.{name}") in by.names:
-                stepped = shape | {name: shape[name] + 1j * IMAGINARY_STEP}
-                slope = _values(sensor, x, v, elapsed, stepped).imag / IMAGINARY_STEP
-                by_sensor[:, by.names.index(full)] = coefficient * slope
-    return shown, observed, by_sensor
-
-
-def _values(sensor: Force, x: Any, v: Any, elapsed: Array, shapes: dict[str, complex]) -> Array:
-    value = sensor.formula.evaluate({"x": x, "v": v, "t": elapsed, **shapes}, ANALYTIC)
-    return np.broadcast_to(np.asarray(value, dtype=complex), x.shape)
+    observed[:, :2] += by_motion
+    return path[:, 0] + error, observed, by_names

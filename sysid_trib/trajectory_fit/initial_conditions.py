@@ -14,6 +14,8 @@ from sysid_trib.simulation.simulate import trajectory
 MAX_ROUNDS = 8
 # A last step of the start, in parts of the swing.
 SETTLED_START = 1e-5
+# After a step as long as this part of the swing the derivatives are taken anew.
+FAR_START = 1e-2
 BY_START = (BY_ANGLE, BY_RATE)
 # A direction that moves the motion by this part of what another does is not told from rounding.
 SINGULAR = 1e-7
@@ -43,7 +45,7 @@ class FittedMotion:
         States and memory of forces as `dahl.z`.
     sensitivity : (sample, 2) array of float, or None
         Derivative of the angle by that (1) and the rate (s) at the first sample, of a motion nearby; None
-        where the last of them is too far off.
+        where none was computed.
     """
 
     angle: float
@@ -112,14 +114,10 @@ def fit_start(
     # A rate in a power of two near w, in which it counts as an angle does, whatever the unit of time.
     units = np.array([1.0, np.exp2(np.round(np.log2(model.reference_frequency)))])
     begin, zero = np.array(start, dtype=float), offset or 0.0
-    motion = trajectory(
-        model, time, *begin, by=BY_START if sensitivity is None else (), most_steps=most_steps
-    )
+    by = BY_START if sensitivity is None else ()
+    motion = trajectory(model, time, *begin, by=by, most_steps=most_steps)
     sensitivity = motion.derivatives.get("angle", sensitivity)
     for _ in range(NEARBY_ROUNDS if near else MAX_ROUNDS):
-        if sensitivity is None:
-            motion = trajectory(model, time, *begin, by=BY_START, most_steps=most_steps)
-            sensitivity = motion.derivatives["angle"]
         columns = sensitivity * units
         columns = columns if offset is None else np.column_stack([columns, np.ones(len(time))])
         # Three columns of many rows: their products tell a step as well, and ten times as fast.
@@ -132,11 +130,11 @@ def fit_start(
         zero += float(steps[2]) if offset is not None else 0.0
         if near and longest < SETTLED_START:
             break
-        motion = trajectory(model, time, *begin, most_steps=most_steps)
+        by = BY_START if longest > FAR_START else ()
+        motion = trajectory(model, time, *begin, by=by, most_steps=most_steps)
+        sensitivity = motion.derivatives.get("angle", sensitivity)
         if longest < SETTLED_START:
             break
-        if longest > 1e-2:
-            sensitivity = None
     v = motion.rate / model.reference_frequency
     return FittedMotion(
         begin.item(0), begin.item(1), zero, motion.angle, v, motion.stop_time, motion.hidden, sensitivity
