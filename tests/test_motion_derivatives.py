@@ -37,8 +37,9 @@ def motion(model, values, known_input=None):
 def furthest_off(model, known_input=None):
     """Largest difference of a derivative, by its parameter, over the largest derivative."""
     library = model.library.select(model.coefficients)
-    values = {**model.coefficients, **library.shape_values(), FREQUENCY: W, BY_ANGLE: 0.3, BY_RATE: 0.4}
-    at = Model(model.library, model.coefficients, W, library.shape_values(), known_input)
+    shapes = {**library.shape_values(), **model.shapes}
+    values = {**model.coefficients, **shapes, FREQUENCY: W, BY_ANGLE: 0.3, BY_RATE: 0.4}
+    at = Model(model.library, model.coefficients, W, shapes, known_input)
     found = trajectory(at, GRID, 0.3, 0.4, by=[*values]).derivatives
     for column, (name, value) in enumerate(values.items()):
         step = 2e-6 * (value if "." in name else 1.0)
@@ -74,6 +75,14 @@ def test_friction_that_never_held_has_the_derivative_of_its_closed_solution():
     np.testing.assert_allclose(
         found, np.stack([1.0 - np.cos(W * time), np.cos(W * time)], axis=1), atol=1e-12
     )
+
+
+@pytest.mark.parametrize("length", [0.03, 0.008, 0.002])
+def test_derivatives_of_a_stiff_state_do_not_grow(length):
+    """A state that fades 50 to 300 times in a period's angle: its own step is that of its derivatives."""
+    model = Model(ODD, {"dahl": 0.007, "viscous": 0.01}, W, {"dahl.s": length})
+    for name, quantity, off in furthest_off(model):
+        assert off < 1e-6, (name, quantity)
 
 
 @pytest.mark.parametrize("shift", [0.0, 1e-13, 9e-10])

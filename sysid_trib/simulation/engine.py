@@ -37,7 +37,7 @@ from sysid_trib.simulation.roots import first_crossing, of_parameter, rest_of, s
 FURTHEST_AT_ONCE, PASSED = 16.0, 1e-9
 # Of the size of the motion: no further from a surface than rounding.
 AT_ZERO = 1e-14
-# What is left of a series after a step, of a state and of a surface.
+# What is left of a series after a step, of a state and of a surface or a derivative.
 STATE_PART, SURFACE_PART = 1e-16, 1e-13
 # Rates of states that are less do not change them.
 UNCHANGED = 1e-14
@@ -80,6 +80,7 @@ def series(program, c, h, stuck):
             ends = ends and abs(J[s, k + 1]) * power <= SURFACE_PART * max(abs(J[s, 0]), abs(J[s, 1]) * h)
         if count > 0:
             derivatives_of_order(program, J, T, k + 1)
+            ends = ends and part_of_derivatives(program, T, k + 1) * power <= SURFACE_PART
         small = small + 1 if ends else 0
         power *= h
         if small == 2:
@@ -111,7 +112,21 @@ def radius(J, s, other, n, part):
 
 
 @inner
-def length(program, J, n):
+def part_of_derivatives(program, T, k):
+    """The largest term of an order of the derivatives, over what that parameter moves at all."""
+    largest = 0.0
+    for q in range(T.shape[2]):
+        moved, term = abs(T[1, 1, q]), 0.0
+        for i in range(program.states):
+            moved = max(moved, abs(T[i, 0, q]))
+            term = max(term, abs(T[i, k, q]))
+        if moved > 0.0:
+            largest = max(largest, term / moved)
+    return largest
+
+
+@inner
+def length(program, J, T, n):
     """A step for which the rest of the series is below rounding."""
     h = radius(J, np.int64(0), np.int64(1), n, STATE_PART)
     for i in range(2, program.states):
@@ -119,6 +134,11 @@ def length(program, J, n):
     for s in program.surfaces:
         if s >= program.states:
             h = min(h, radius(J, s, s, n, SURFACE_PART))
+    for k in range(n - 1, n + 1):
+        # Of a stiff state the derivatives fade, and grow again in steps that are too long for them.
+        last = part_of_derivatives(program, T, k)
+        if last > 0.0:
+            h = min(h, (SURFACE_PART / last) ** (1.0 / k))
     return h
 
 
@@ -445,7 +465,7 @@ def run(program, given, c, limits):
         if stuck:
             h, way = held_step(program, c, n, limit, piece == last and not shooting)
         else:
-            h, which = free_step(program, c, n, min(h, length(program, c.J, n)) if n == ORDER else h)
+            h, which = free_step(program, c, n, min(h, length(program, c.J, c.T, n)) if n == ORDER else h)
         whole = h >= limit and which < 0 and way == 0.0
         if not shooting:
             done = sampled(program, given, c, done, n, np.inf if whole and limit == to_end else h)
