@@ -180,7 +180,7 @@ def test_lugre_without_its_peak_is_dahl():
     for value, expected in zip(at("lugre", (("lugre.r", 0.0),)), at("dahl"), strict=True):
         np.testing.assert_allclose(value, expected, rtol=1e-9, atol=1e-12)
     # With short bristles it is dry friction with a Stribeck peak.
-    shapes = (("lugre.s", 1e-6), ("lugre.r", 0.5), ("lugre.u", 0.05))
+    shapes = (("lugre.s", 2e-5), ("lugre.r", 0.5), ("lugre.u", 0.05))
     peak = 2 / pi * (1 + 0.5 * dawsn(A / 0.05) / (A / 0.05))
     np.testing.assert_allclose(at("lugre", shapes)[0][2:], -peak[2:], rtol=1e-3)
 

@@ -1,4 +1,4 @@
-"""States by linear steps from sample to sample, many columns at once, against collocation."""
+"""States by linear steps from sample to sample, many columns at once, against exact ones."""
 
 import itertools
 import pickle

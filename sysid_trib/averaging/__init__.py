@@ -1,1 +1,1 @@
-"""One cycle: describing functions, collocation, envelope prediction, identifiability."""
+"""One cycle: describing functions, steady cycles, envelope prediction, identifiability."""

@@ -1,19 +1,19 @@
-"""Integrals of a force over a steady cycle x = a cos phi, v = -a sin phi, exact to rounding.
+"""Averages of a force over a steady cycle x = a cos phi, v = -a sin phi, exact to rounding.
 
-A cycle is cut where the force changes branch and integrated between. Memory is iterated over its replacements
-at the reversals until it repeats itself; states are solved as a periodic system.
+A cycle is cut where a force without history changes branch and integrated between; one with history is
+followed (`steady_cycles`).
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from scipy.optimize import elementwise
 
-from sysid_trib.arrays import Array
-from sysid_trib.averaging.collocation import Index, Panels, named_states, solve_states
+from sysid_trib.arrays import Array, Index
+from sysid_trib.averaging.steady_cycles import cycles_at
 from sysid_trib.errors import LibraryError
 from sysid_trib.forces.force import Force
 from sysid_trib.forces.formulas import Formula
@@ -31,8 +31,6 @@ CANCELLATION = 1e-14
 NEGLIGIBLE = 1e-14
 MAX_BISECTIONS = 60
 MAX_PIECES = 20_000
-MAX_CYCLES = 500
-START_PANELS = 4
 
 
 def cycle_averages(
@@ -60,90 +58,40 @@ def cycle_averages(
         The force is not finite, too rough, or has no steady cycle.
     """
     # What symmetry makes zero is zero, so that nobody takes rounding for a signature.
-    means = _Cycles(force, a, time, shape_values).integrals() / (2 * np.pi)
+    if force.memoryless:
+        means = _Cycles(force, a, time, shape_values).integrals() / (2 * np.pi)
+    else:
+        means = _means_of_history(force, a, time, shape_values)
     means[np.abs(means) < NEGLIGIBLE * means[:, 2:]] = 0.0
     return means[:, 0], means[:, 1]
 
 
-def _close(first: Mapping[str, Array], second: Mapping[str, Array], tolerance: float) -> bool:
-    return all(bool(np.allclose(first[k], second[k], rtol=tolerance, atol=1e-15)) for k in first)
+def _means_of_history(force: Force, a: Array, time: Array, shape_values: Mapping[str, float]) -> Array:
+    """Means of h sin phi and h cos phi over steady cycles, and root mean square of h, (amplitude, 3)."""
+    shapes = {f"{force.symbol}.{k}": float(value) for k, value in shape_values.items()}
+    means = np.zeros((len(a), 3))
+    for rows, cycles in cycles_at(force, a, time, shapes):
+        means[rows] = cycles.integrals / (2 * np.pi)
+    means[:, 2] = np.sqrt(means[:, 2])
+    return means
 
 
 @dataclass
 class _Cycles:
-    """Cycles of a force at some amplitudes, whose memory is looked for.
+    """Cycles of a force at some amplitudes.
 
-    Rows are half cycles, the first of each amplitude (v < 0) before all the second ones (v > 0). `held` is
-    the memory in each row.
+    Rows are half cycles, the first of each amplitude (v < 0) before all the second ones (v > 0).
     """
 
     force: Force
     a: Array
     time: Array
     shape_values: Mapping[str, float]
-    held: dict[str, Array] = field(default_factory=dict)
 
     def integrals(self) -> Array:
-        """Integrals of (h sin phi, h cos phi, |h|) over the steady cycle at each amplitude."""
-        states: dict[str, Array] = {}
-        for _ in range(MAX_CYCLES):
-            before, self.held = self.held, self.steady_memory(states)
-            if not self.force.state:
-                sums = self.row_integrals()
-                break
-            sums, states = self.state_integrals()
-            if not self.held or (before and _close(self.held, before, 1e-13)):
-                break
-        else:
-            raise LibraryError(f"Force '{self.force.symbol}': memory and states settle to no steady cycle.")
+        """Integrals of (h sin phi, h cos phi, |h|) over the cycle at each amplitude."""
+        sums = self.row_integrals()
         return sums[: self.a.size] + sums[self.a.size :]
-
-    def steady_memory(self, states: Mapping[str, Array]) -> dict[str, Array]:
-        """Memory in each row, given the states where each row begins (zero if not known yet)."""
-        force, a = self.force, self.a
-        if not force.memory:
-            return {}
-        zero = np.zeros(2 * a.size)
-        here = {"v": zero, "t": np.tile(self.time, 2), "x": np.append(a, -a)}
-        here |= {k: states.get(k, zero) for k in force.state}
-        # The angle x = a before the first half, and x = -a before the second.
-        first, second = ({k: z[half] for k, z in here.items()} for half in np.split(np.arange(zero.size), 2))
-        start = force.start_values({**first, **self.shape_values})
-        held = {k: start[k] * np.ones_like(a) for k in force.memory}
-        for _ in range(MAX_CYCLES):
-            after_first = self.replaced(held, first)
-            after_second = self.replaced(after_first, second)
-            if _close(after_second, held, 1e-15):
-                return {k: np.append(after_first[k], after_second[k]) for k in held}
-            held = after_second
-        raise LibraryError(
-            f"Force '{force.symbol}': its memory settles to no steady cycle, so it has no signature."
-        )
-
-    def replaced(self, held: Mapping[str, Array], end: Mapping[str, Array]) -> dict[str, Array]:
-        """Memory after a reversal."""
-        names = {**end, **held, **self.shape_values}
-        return {k: np.broadcast_to(f.evaluate(names), self.a.shape) for k, f in self.force.memory.items()}
-
-    def state_integrals(self) -> tuple[Array, dict[str, Array]]:
-        """Integrals over each row of the states' steady cycle, and the states where each row begins."""
-        row, low, high = self.pieces()
-        half = np.repeat(row, START_PANELS)
-        edges = np.linspace(low, high, START_PANELS + 1, axis=1)
-        low, high = edges[:, :-1].ravel(), edges[:, 1:].ravel()
-        order = np.lexsort((low, half % self.a.size))
-        half = half[order]
-        solution = solve_states(
-            self.force, Panels(half % self.a.size, half, low[order], high[order]), self.names
-        )
-        half = solution.panels.segment
-        names = self.names(half[:, None], solution.tau) | named_states(self.force, solution.values)
-        terms = _terms(solution.weights * self.force.formula.evaluate(names), solution.tau).sum(axis=1)
-        sums = np.stack([np.bincount(half, term, 2 * self.a.size) for term in terms.T], axis=-1)
-        begins = np.concatenate(([True], half[1:] != half[:-1]))
-        states = np.empty((2 * self.a.size, len(self.force.state)))
-        states[half[begins]] = solution.at_low[begins]
-        return np.asarray(sums), dict(zip(self.force.state, states.T, strict=True))
 
     def names(self, row: Index, phi: Array) -> dict[str, Any]:
         """Variables of the formulas at the angles `phi` of the rows (same shapes, or broadcast)."""
@@ -151,8 +99,7 @@ class _Cycles:
         cosine, sine = np.cos(phi), np.sin(phi)
         # A surface x or v is crossed exactly at the quarter points: no root has to be sought there.
         cosine[np.abs(cosine) < 1e-15], sine[np.abs(sine) < 1e-15] = 0.0, 0.0
-        held = {k: m[row] for k, m in self.held.items()}
-        return {"t": time, **held, "x": a * cosine, "v": -a * sine, **self.shape_values}
+        return {"t": time, "x": a * cosine, "v": -a * sine, **self.shape_values}
 
     def pieces(self) -> tuple[Index, Array, Array]:
         """Rows, cut at the quarter point and where a switching surface is crossed: (row, low, high)."""
@@ -162,9 +109,6 @@ class _Cycles:
         names = self.names(every[:, None], phi)
         cut_row, cut_at = [every, every, every], [halves, halves + QUARTER, halves + np.pi]
         for surface in self.force.surfaces:
-            # Where a state switches is not known before it is solved; its panels close in on it.
-            if surface.names & set(self.force.state):
-                continue
             sides = np.sign(np.broadcast_to(surface.evaluate(names), phi.shape))
             row, before = np.nonzero(sides[:, :-1] * sides[:, 1:] < 0)
             if row.size:

@@ -1,12 +1,10 @@
 """Internal states of history-dependent forces along a given motion, a record's or a model's.
 
-Memory is replaced at the reversals of the motion. States follow by Radau collocation to a given accuracy.
-For many values of the shape parameters, steps from sample to sample serve.
+To rounding by the compiled engine; for many values of the shape parameters by steps from sample to sample.
 """
 
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -15,16 +13,13 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicHermiteSpline, CubicSpline, PPoly
 from scipy.ndimage import uniform_filter1d
 
-from sysid_trib.arrays import Array
-from sysid_trib.averaging.collocation import Index, Panels, solve_states
+from sysid_trib.arrays import Array, Index
 from sysid_trib.averaging.stepped_states import RADAU_STAGES, is_linear, is_stepped, stepped_states
-from sysid_trib.errors import DecayError, LibraryError, SysidTribError
+from sysid_trib.errors import DecayError, SysidTribError
 from sysid_trib.forces.force import Force
-from sysid_trib.forces.formulas import parse
+from sysid_trib.forces.library import force_counted_from
+from sysid_trib.simulation.prescribed import begun_with, history_along
 
-COLLOCATION_NODES = 4
-# Below this the error of the interpolated motion rules.
-STATE_TOLERANCE = 1e-8
 # Part by which a motion is larger, of which a force changes to this order.
 LARGER = 1e-5
 # Values of the shape parameters of a force that are followed at once and kept with their motion.
@@ -124,13 +119,13 @@ def states_along(
     shapes : mapping of str to float, optional
         Shape parameters, `{"dahl.s": 0.02}`; defaults where left out.
     time : (sample,) array of float, s
-        The `t` of formulas.
+        The `t` of formulas, in proportion to tau, or one number.
 
     Returns
     -------
     dict of str to (sample,) array
         To be given to `Force.value` as `hidden`. The motion is interpolated by cubics; memory is replaced at
-        the zeros of v so found. The first sample holds the force's `start`, else zero.
+        its reversals. The first sample holds the force's `start`, else zero.
 
     Raises
     ------
@@ -148,8 +143,8 @@ def states_along(
             f"Force '{force.symbol}' depends on history: give at least four finite samples of tau, x and v, "
             "all of equal length and in order of time."
         )
-    motion = GivenMotion(tau, x, v, np.broadcast_to(np.asarray(time, dtype=float), tau.shape))
-    return _History(motion, force, force.shape_values(shapes)).settled()
+    elapsed = np.broadcast_to(np.asarray(time, dtype=float), tau.shape)
+    return history_along(force_counted_from(force, float(elapsed[0])), tau, x, v, shapes, elapsed)
 
 
 def begun_after(
@@ -161,13 +156,13 @@ def begun_after(
     """
     try:
         hidden = states_along(force, tau, x, v, shapes, time=time)
-        starts = {
-            name: parse(repr(float(values[-1])), frozenset(), frozenset(), force.symbol)
-            for name, values in hidden.items()
-        }
+        return (
+            begun_with(force, {name: float(values[-1]) for name, values in hidden.items()})
+            if hidden
+            else force
+        )
     except SysidTribError:
         return force
-    return replace(force, start=starts) if starts else force
 
 
 def values_along(motion: GivenMotion, force: Force, shapes: Sequence[Mapping[str, float]]) -> Array | None:
@@ -250,29 +245,12 @@ class _History:
         here = {k: value[0] for k, value in motion.at_samples.items()}
         self.start = force.start_values(here | shapes)
 
-    def settled(self) -> dict[str, Array]:
-        """States and memory at the samples, by collocation."""
-        force, count = self.force, self.motion.reversals.size
-        states = {k: np.full(count, float(self.start[k])) for k in force.state}
-        # A memory may take the value of a state, and a state may depend on the memory: each round settles at
-        # least one more half period.
-        for _ in range(count + 2):
-            memory = self.memory(states)
-            if not all(np.all(np.isfinite(m)) for m in memory.values()):
-                raise LibraryError(f"Force '{force.symbol}': its memory is not finite along the motion.")
-            before, (at_samples, states) = states, self.collocated(memory)
-            settled = all(np.allclose(states[k], before[k], rtol=1e-9, atol=1e-12) for k in states)
-            if settled or not (force.state and force.memory):
-                break
-        segment = self.motion.segment(self.motion.tau)
-        return at_samples | {k: m[segment] for k, m in memory.items()}
-
     def memory_at_samples(self, count: int) -> dict[str, Array]:
         """Memory that depends on no state, (sample, column), for `count` values of the shape parameters."""
         if not self.force.memory:
             return {}
         rows, segment = self.motion.reversals.size + 1, self.motion.segment(self.motion.tau)
-        memory = {k: np.reshape(m, (rows, -1)) for k, m in self.memory({}).items()}
+        memory = {k: np.reshape(m, (rows, -1)) for k, m in self.memory().items()}
         return {k: np.broadcast_to(m, (rows, count))[segment] for k, m in memory.items()}
 
     def stepped_value(self, memory: Mapping[str, Array]) -> Array:
@@ -283,12 +261,12 @@ class _History:
         here = self.motion.at_samples | self.shapes | dict(memory) | states
         return np.broadcast_to(self.force.formula.evaluate(here), self.motion.tau.shape)
 
-    def memory(self, states: Mapping[str, Array]) -> dict[str, Array]:
-        """Memory in each segment of the motion, (segment, ...), given the states at the reversals."""
+    def memory(self) -> dict[str, Array]:
+        """Memory in each segment of the motion, (segment, ...)."""
         force, tau = self.force, self.motion.reversals
         if not force.memory:
             return {}
-        given = self.motion.names(tau) | {"v": np.zeros(tau.size)} | dict(states)
+        given = self.motion.names(tau) | {"v": np.zeros(tau.size)}
         rows, columns = 1 + tau.size, np.broadcast_shapes(*map(np.shape, self.shapes.values()))
         given = {k: np.reshape(value, (-1, *[1] * len(columns))) for k, value in given.items()}
         held = {k: np.empty((rows, *columns)) for k in force.memory}
@@ -307,25 +285,3 @@ class _History:
                 for k, formula in after_held.items():
                     held[k][i + 1] = formula.evaluate(here)
         return held
-
-    def collocated(self, memory: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, Array]]:
-        """States at the samples and at the reversals, given the memory of each segment."""
-        motion, force = self.motion, self.force
-        if not force.state:
-            return {}, {}
-        edges = np.unique(np.concatenate((motion.tau, motion.reversals)))
-        segment = motion.segment(0.5 * (edges[:-1] + edges[1:]))
-        panels = Panels(np.zeros(segment.size, dtype=np.intp), segment, edges[:-1], edges[1:])
-
-        def names_at(segment: Index, tau: Array) -> dict[str, Any]:
-            return motion.names(tau) | self.shapes | {k: m[segment] for k, m in memory.items()}
-
-        start = np.array([[float(self.start[k]) for k in force.state]])
-        solution = solve_states(
-            force, panels, names_at, start=start, nodes=COLLOCATION_NODES, tolerance=STATE_TOLERANCE
-        )
-        edges = np.append(solution.panels.low, solution.panels.high[-1])
-        values = np.concatenate((solution.at_low, solution.values[-1:, -1]))
-        sample, reversal = (np.searchsorted(edges, tau) for tau in (motion.tau, motion.reversals))
-        columns = dict(zip(force.state, values.T, strict=True))
-        return {k: z[sample] for k, z in columns.items()}, {k: z[reversal] for k, z in columns.items()}

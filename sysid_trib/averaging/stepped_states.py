@@ -13,7 +13,6 @@ import numpy as np
 from scipy.linalg import get_lapack_funcs, schur
 
 from sysid_trib.arrays import Array
-from sysid_trib.averaging.collocation import MAX_NEWTON
 from sysid_trib.forces.force import Force
 from sysid_trib.forces.formulas import Formula, Names
 
@@ -23,7 +22,7 @@ RADAU_STAGES = (1.0 / 3.0, 1.0)
 RADAU_WEIGHTS = ((5.0 / 12.0, -1.0 / 12.0), (3.0 / 4.0, 1.0 / 4.0))
 # Newton's iteration ends where what is not linear moves the state by less than this part of its size; the
 # steps themselves are not as good.
-NEWTON_TOLERANCE = 1e-6
+NEWTON_TOLERANCE, MAX_NEWTON = 1e-6, 60
 # Steps that differ by no more than this part of themselves differ by rounding.
 SAME_STEP = 1e-9
 # LAPACK's, of banded triangular systems of real and of complex numbers.

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from sysid_trib.arrays import Array
 from sysid_trib.errors import SimulationError
 from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.library import counted_from
 from sysid_trib.likelihood_fit.fitted_model import FittedModel
 from sysid_trib.likelihood_fit.paths import RecordPath
 from sysid_trib.noise.random_force import RandomForce, random_force_variables
@@ -21,7 +22,6 @@ from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.simulation.integrate import FEW_STEPS_A_PERIOD
 from sysid_trib.simulation.model import Model
 from sysid_trib.trajectory_fit.initial_conditions import FittedMotion, fit_start
-from sysid_trib.validation.holdout import counted_from
 
 
 @dataclass(frozen=True)

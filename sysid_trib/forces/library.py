@@ -4,7 +4,7 @@ import os
 import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ TEXT_KEYS = ("name", "family", "meaning", "source")
 TABLE_KEYS = ("state", "memory", "start", "shape")
 FORCE_KEYS = {key.name for key in fields(Force)}
 MAX_BYTES = 1_000_000
+TIME = re.compile(r"\bt\b")
 
 
 def library_folder() -> Path:
@@ -84,6 +85,32 @@ def parse_library(data: Mapping[str, Any], source: str) -> ForceLibrary:
         if symbols.count(symbol) > 1:
             raise LibraryError(f"{source}: the symbol '{symbol}' stands for several forces; rename one.")
     return ForceLibrary(_words(data.get("title", source), f"{source}: 'title'"), forces, source)
+
+
+def counted_from(library: ForceLibrary, seconds: float) -> ForceLibrary:
+    """The forces with `t` of their formulas moved, for a motion that starts so much later."""
+    return replace(library, forces=tuple(force_counted_from(force, seconds) for force in library))
+
+
+def force_counted_from(force: Force, seconds: float) -> Force:
+    """One force with `t` of its formulas moved."""
+    if seconds == 0.0 or not any("t" in f.names for f in (*force.formulas, *force.start.values())):
+        return force
+
+    def shifted(formula: Formula) -> Formula:
+        text = TIME.sub(f"(t + {seconds!r})", formula.text)
+        return parse(text, formula.names | {"t"}, frozenset(force.shape), force.symbol)
+
+    def all_shifted(formulas: Mapping[str, Formula]) -> dict[str, Formula]:
+        return {name: shifted(formula) for name, formula in formulas.items()}
+
+    return replace(
+        force,
+        formula=shifted(force.formula),
+        state=all_shifted(force.state),
+        memory=all_shifted(force.memory),
+        start=all_shifted(force.start),
+    )
 
 
 def _force(entry: Mapping[str, Any], source: str) -> Force:

@@ -20,8 +20,7 @@ import scipy.sparse as sp
 import xarray as xr
 from scipy.interpolate import BSpline
 
-from sysid_trib.arrays import Array, Mask
-from sysid_trib.averaging.collocation import Index
+from sysid_trib.arrays import Array, Index, Mask
 from sysid_trib.averaging.internal_states import GivenMotion, states_along, tangent_along, values_along
 from sysid_trib.errors import SysidTribError
 from sysid_trib.likelihood_fit.fine_motion import NO_FINE_MOTION, FineMotion, fine_motion

@@ -2,16 +2,14 @@
 
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
-from sysid_trib.averaging.collocation import Index, Panels, named_states, solve_states
-from sysid_trib.averaging.internal_states import states_along
 from sysid_trib.averaging.signatures import averages
+from sysid_trib.averaging.steady_cycles import cycles_at
 from sysid_trib.forces.force import Force
 from sysid_trib.physics.error_propagation import amplitude_row
 from sysid_trib.physics.model_estimate import model_estimate
@@ -19,11 +17,7 @@ from sysid_trib.results.variables import with_error
 
 # Points of a cycle on which the peak of a force is sought; every maximum of a power of x or v is one of them.
 POINTS = 1440
-# A force with memory is followed over so many cycles, the last of which counts.
-CYCLES = 6
-POINTS_WITH_MEMORY = 360
-# Of a cycle, to begin with, where states are solved; each has eight nodes.
-PANELS = 24
+POINTS_WITH_HISTORY = 360
 
 
 def weights(result: xr.Dataset, amplitude: ArrayLike, *, time: ArrayLike = 0.0) -> xr.Dataset:
@@ -103,10 +97,7 @@ def peak(force: Force, a: Array, shapes: Mapping[str, float], time: ArrayLike = 
     if force.degree is not None:
         return np.asarray(_unit_peak(force) * a**force.degree)
     at = np.broadcast_to(np.asarray(time, float), a.shape)
-    if force.memory:
-        pairs = zip(a.tolist(), at.tolist(), strict=True)
-        return np.array([_settled_peak(force, amplitude, shapes, instant) for amplitude, instant in pairs])
-    if force.state:
+    if not force.memoryless:
         return _steady_peaks(force, a, shapes, at)
     phi = 2.0 * np.pi * np.arange(POINTS) / POINTS
     x, v = np.multiply.outer(a, np.cos(phi)), -np.multiply.outer(a, np.sin(phi))
@@ -119,30 +110,13 @@ def _unit_peak(force: Force) -> float:
     return float(np.abs(force.value(np.cos(phi), -np.sin(phi))).max())
 
 
-def _settled_peak(force: Force, a: float, shapes: Mapping[str, float], time: float) -> float:
-    tau = 2.0 * np.pi * np.arange(CYCLES * POINTS_WITH_MEMORY + 1) / POINTS_WITH_MEMORY
-    x, v = a * np.cos(tau), -a * np.sin(tau)
-    hidden = states_along(force, tau, x, v, shapes, time=time)
-    last = slice(-POINTS_WITH_MEMORY, None)
-    settled = {name: value[last] for name, value in hidden.items()}
-    h = force.value(x[last], v[last], time, shapes=shapes, hidden=settled)
-    # Half from peak to peak: an offset is what the memory began with.
-    return 0.5 * float(np.ptp(h))
-
-
 def _steady_peaks(force: Force, a: Array, shapes: Mapping[str, float], time: Array) -> Array:
-    """Peaks on the steady cycles of the states, all amplitudes at once."""
-    edges = np.linspace(0.0, 2.0 * np.pi, PANELS + 1)
-    row = np.repeat(np.arange(a.size), PANELS)
-    low, high = np.tile(edges[:-1], a.size), np.tile(edges[1:], a.size)
-    given = {k: np.float64(value) for k, value in force.shape_values(shapes).items()}
-
-    def names(row: Index, phi: Array) -> dict[str, Any]:
-        return {"x": a[row] * np.cos(phi), "v": -a[row] * np.sin(phi), "t": time[row], **given}
-
-    cycles = solve_states(force, Panels(row, row, low, high), names)
-    at = cycles.panels.row[:, None]
-    h = force.formula.evaluate(names(at, cycles.tau) | named_states(force, cycles.values))
+    """Peaks on the steady cycles; of a memory half from peak to peak: an offset is what it began with."""
     peaks = np.zeros(a.size)
-    np.maximum.at(peaks, np.broadcast_to(at, cycles.tau.shape), np.abs(h))
+    for rows, cycles in cycles_at(force, a, time, shapes):
+        for row, (phi, hidden) in zip(rows, cycles.along(POINTS_WITH_HISTORY), strict=True):
+            h = force.value(
+                a[row] * np.cos(phi), -a[row] * np.sin(phi), time[row], shapes=shapes, hidden=hidden
+            )
+            peaks[row] = 0.5 * np.ptp(h) if force.memory else np.abs(h).max()
     return peaks

@@ -18,10 +18,8 @@ from sysid_trib.simulation.engine_state import (
     TRIAL,
 )
 from sysid_trib.simulation.jets import at_once, at_once_live
-from sysid_trib.simulation.roots import NEAR_SURFACE
+from sysid_trib.simulation.roots import LOOKAHEAD, NEAR_SURFACE
 
-# Near a surface its sign is decided by where the motion is so much later (in tau).
-LOOKAHEAD = 1e-5
 # rad: a speed below which a motion may come to rest other than by v = 0; one that is rest; what a motion that
 # is taken as at rest may still have had to go.
 SLOW, AT_REST, CREEP = 1e-5, 1e-12, 1e-11
@@ -89,7 +87,12 @@ def signs_ahead(program, c):
     J, y, tau, later = c.aside[TRIAL], c.v[ROW_STATE], c.v[ROW_CLOCK, 0], c.v[ROW_LATER]
     state_at(program, J, y, tau)
     signs_and_values(program, c, c.v[ROW_FAR])
+    # A reversal is an event of its own, at which the memory is replaced: before it v has its sign.
+    reverses = len(program.signs) > 0 and program.surfaces[0] == 1
+    way = c.v[ROW_FAR, 0]
     by_nearness(c.v[ROW_VALUES], c.v[ROW_SIGNS], c.v[ROW_FAR], c.v[ROW_SIGNS])
+    if reverses:
+        c.v[ROW_SIGNS, 0] = way
     rates_of(program, J, c.v[ROW_SIGNS])
     for i in range(program.states):
         later[i] = y[i] + LOOKAHEAD * J[program.rates[i], 0]
@@ -97,6 +100,8 @@ def signs_ahead(program, c):
     state_at(program, J, later, tau + LOOKAHEAD)
     signs_of(program, J, c.v[ROW_AHEAD])
     by_nearness(c.v[ROW_VALUES], c.v[ROW_AHEAD], c.v[ROW_SIGNS], c.v[ROW_SIGNS])
+    if reverses:
+        c.v[ROW_SIGNS, 0] = way
 
 
 @inner

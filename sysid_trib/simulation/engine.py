@@ -15,6 +15,7 @@ from sysid_trib.simulation.engine_state import (
     ORDER,
     ROW_CLOCK,
     ROW_ERROR,
+    ROW_LARGEST,
     ROW_MEMORY,
     ROW_MEMORY_DOWN,
     ROW_MEMORY_UP,
@@ -80,7 +81,7 @@ def series(program, c, h, stuck):
             ends = ends and abs(J[s, k + 1]) * power <= SURFACE_PART * max(abs(J[s, 0]), abs(J[s, 1]) * h)
         if count > 0:
             derivatives_of_order(program, J, T, k + 1)
-            ends = ends and part_of_derivatives(program, T, k + 1) * power <= SURFACE_PART
+            ends = ends and part_of_derivatives(program, c, k + 1) * power <= SURFACE_PART
         small = small + 1 if ends else 0
         power *= h
         if small == 2:
@@ -112,22 +113,23 @@ def radius(J, s, other, n, part):
 
 
 @inner
-def part_of_derivatives(program, T, k):
-    """The largest term of an order of the derivatives, over what that parameter moves at all."""
+def part_of_derivatives(program, c, k):
+    """The largest term of an order of the derivatives, over what that parameter has moved so far."""
     largest = 0.0
-    for q in range(T.shape[2]):
-        moved, term = abs(T[1, 1, q]), 0.0
+    for q in range(c.T.shape[2]):
+        scale, term = max(c.v[ROW_LARGEST, q], abs(c.T[1, 1, q])), 0.0
         for i in range(program.states):
-            moved = max(moved, abs(T[i, 0, q]))
-            term = max(term, abs(T[i, k, q]))
-        if moved > 0.0:
-            largest = max(largest, term / moved)
+            scale = max(scale, abs(c.T[i, 0, q]))
+            term = max(term, abs(c.T[i, k, q]))
+        if scale > 0.0:
+            largest = max(largest, term / scale)
     return largest
 
 
 @inner
-def length(program, J, T, n):
+def length(program, c, n):
     """A step for which the rest of the series is below rounding."""
+    J = c.J
     h = radius(J, np.int64(0), np.int64(1), n, STATE_PART)
     for i in range(2, program.states):
         h = min(h, radius(J, i, i, n, STATE_PART))
@@ -136,7 +138,7 @@ def length(program, J, T, n):
             h = min(h, radius(J, s, s, n, SURFACE_PART))
     for k in range(n - 1, n + 1):
         # Of a stiff state the derivatives fade, and grow again in steps that are too long for them.
-        last = part_of_derivatives(program, T, k)
+        last = part_of_derivatives(program, c, k)
         if last > 0.0:
             h = min(h, (SURFACE_PART / last) ** (1.0 / k))
     return h
@@ -257,6 +259,8 @@ def advance(program, c, n, h, stuck):
         c.v[ROW_STATE, i] = new
         for q in range(c.T.shape[2]):
             c.dy[i, q] = of_parameter(c.T, i, q, n, h)
+    if program.states > 2:
+        forgotten(program, c)
     if stuck:
         stop(c)
     step = c.v[ROW_CLOCK, 1] + h
@@ -265,6 +269,17 @@ def advance(program, c, n, h, stuck):
     c.v[ROW_CLOCK, 0] = now
     for m in range(len(program.signs)):
         c.v[ROW_ZEROS, m] = 0
+
+
+@inner
+def forgotten(program, c):
+    """What has faded out of the derivatives is zero: what rounding leaves of it would hold up every step."""
+    for q in range(c.dy.shape[1]):
+        for i in range(program.states):
+            c.v[ROW_LARGEST, q] = max(c.v[ROW_LARGEST, q], abs(c.dy[i, q]))
+        for i in range(2, program.states):
+            if abs(c.dy[i, q]) < SURFACE_PART * c.v[ROW_LARGEST, q]:
+                c.dy[i, q] = 0.0
 
 
 @inner
@@ -294,10 +309,14 @@ def switched(program, c, which, n, h):
     put(c.v[ROW_MEMORY], c.v[ROW_REPLACED])
     c.aside[TRIAL][size + 1, 0] = value(c.v[ROW_PUSH], np.int64(PUSH_NUMBERS - 1), h)
     sticks = not settle(program, c)
+    turned = way * c.v[ROW_SIGNS, 0] < 0.0
+    if program.memory > 0 and turned and slot >= size:
+        # Another memory takes it elsewhere.
+        c.v[ROW_ZEROS, which] = 0
     if sticks:
         stop(c)
     if count > 0:
-        after(program, c, moves, way * c.v[ROW_SIGNS, 0] < 0.0, sticks)
+        after(program, c, moves, turned, sticks)
     return sticks
 
 
@@ -352,7 +371,7 @@ def begun_anew(program, given, c, start):
     for i in range(size):
         c.v[ROW_STATE, i], c.v[ROW_ERROR, i] = given.starts[start, i], 0.0
         for q in range(c.T.shape[2]):
-            c.dy[i, q] = 1.0 if q == i else 0.0
+            c.dy[i, q], c.v[ROW_LARGEST, q] = 1.0 if q == i else 0.0, 0.0
     for m in range(held):
         c.v[ROW_MEMORY, m] = given.starts[start, size + m]
         for q in range(c.T.shape[2]):
@@ -465,7 +484,7 @@ def run(program, given, c, limits):
         if stuck:
             h, way = held_step(program, c, n, limit, piece == last and not shooting)
         else:
-            h, which = free_step(program, c, n, min(h, length(program, c.J, c.T, n)) if n == ORDER else h)
+            h, which = free_step(program, c, n, min(h, length(program, c, n)) if n == ORDER else h)
         whole = h >= limit and which < 0 and way == 0.0
         if not shooting:
             done = sampled(program, given, c, done, n, np.inf if whole and limit == to_end else h)

@@ -15,7 +15,7 @@ INTERVAL_ENDS = -2
 # Rows of `v`: the state and what rounding has left of it; what is held between reversals, and the same before
 # it was replaced; sides of the surfaces, and of which order one is known to be zero here; memory and sides of
 # a motion that goes upwards or downwards from rest; tau and what rounding has left of it; what pushes, about
-# tau, and its derivatives over itself; room for surfaces and states.
+# tau, and its derivatives over itself; room for surfaces and states, with the largest derivatives so far.
 (
     ROW_STATE,
     ROW_ERROR,
@@ -28,7 +28,9 @@ INTERVAL_ENDS = -2
     ROW_MEMORY_DOWN,
     ROW_SIGNS_DOWN,
 ) = range(10)
-(ROW_CLOCK, ROW_PUSH, ROW_OF_PUSH, ROW_VALUES, ROW_FAR, ROW_AHEAD, ROW_LATER, ROW_REST) = range(10, 18)
+(ROW_CLOCK, ROW_PUSH, ROW_OF_PUSH, ROW_VALUES, ROW_FAR, ROW_AHEAD, ROW_LATER, ROW_LARGEST, ROW_REST) = range(
+    10, 19
+)
 # Tables of `aside`: slots at an instant that is tried; series at rest, were it to go upwards or downwards.
 TRIAL, UP, DOWN = range(3)
 

@@ -20,8 +20,8 @@ from sysid_trib.simulation.equations import SMOOTHED, Motion
 # LINEAR is a + c d b with d that does not change: most of an equation of motion.
 ADD, SUB, LINEAR, MUL, SCALE, DIV, NEG, CONST, SIGN, SIN, PARTNER, EXP, LOG, POWER, TANH = range(15)
 Integers = NDArray[np.int64]
-# What pushes is linear in tau between knots: so many numbers.
-PUSH_NUMBERS = 2
+# What pushes is a cubic in tau between knots: so many numbers.
+PUSH_NUMBERS = 4
 
 
 class Instructions(NamedTuple):

@@ -8,8 +8,8 @@ from sysid_trib.simulation.compiling import inner
 ZERO_PART = 1e-13
 # So many parts of a step are looked at for a root, none shorter than this.
 MOST_INTERVALS, SHORTEST_INTERVAL = 500, 1e-13
-# Nearer than this to a surface, its sign is decided by where the motion is a little later.
-NEAR_SURFACE = 1e-9
+# Nearer than this to a surface, its sign is decided by where the motion is so much later (in tau).
+NEAR_SURFACE, LOOKAHEAD = 1e-9, 1e-5
 
 
 @inner
@@ -78,10 +78,14 @@ def first_crossing(series, n, h, side, zero, work):
     n -= low
     start = 0.0
     if g[0] < 0.0:
-        # Where it goes is known before it has gone: just before its zero it is no longer on the wrong side.
-        if n == 0 or abs(series[low]) > NEAR_SURFACE or not g[1] > 0.0:
+        # Where it goes is known before it has gone: just before its zero it is no longer on the wrong side,
+        # nor where it grazes the surface and is soon back.
+        if n == 0 or not g[1] > 0.0:
             return 0.0
-        start = min(1.0, -2.0 * g[0] / g[1])
+        start = -2.0 * g[0] / g[1]
+        if (start * h > LOOKAHEAD) if low > 0 else abs(series[0]) > NEAR_SURFACE:
+            return 0.0
+        start = min(1.0, start)
     # First about the beginning: mostly that decides.
     if _keeps_clear(g, n, 0.0, 1.0):
         return h + 1.0

@@ -7,20 +7,16 @@ same derivatives, at Gauss's points.
 
 import numpy as np
 
-from sysid_trib.arrays import Array, Index
-from sysid_trib.simulation.engine_state import INTERVAL_ENDS, Given
-from sysid_trib.simulation.integrate import DIVERGED, FREQUENCY, begun, run
+from sysid_trib.arrays import Array
+from sysid_trib.simulation.integrate import FREQUENCY
 from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.program import PUSH_NUMBERS, program_of
-from sysid_trib.simulation.pushes import polynomials_of
+from sysid_trib.simulation.shooting import ends_of
 from sysid_trib.state_space.steps import Steps
 
 # In tau; longer intervals are followed in parts.
 LONGEST_INTERVAL = 0.5
 GAUSS_POINTS, GAUSS_WEIGHTS = (0.5 * part for part in np.polynomial.legendre.leggauss(3))
 GAUSS_POINTS = GAUSS_POINTS + 0.5
-# In an interval, and in each unit of tau of it.
-SWITCHINGS_ALLOWED, STEPS_ALLOWED = 60, 3000
 
 
 def steps_between(
@@ -92,55 +88,6 @@ def steps_over(model: Model, tau: Array, length: Array, states: Array, by: tuple
 
 def _followed(model: Model, tau: Array, length: Array, states: Array, by: tuple[str, ...]) -> Steps:
     """The same of short intervals, one after the other."""
-    w, known = model.reference_frequency, model.known_input
-    motion, program = program_of(model.forces, pushed=known is not None, paced=FREQUENCY in by)
-    size, count = program.states + program.memory, len(tau)
-    columns = size + len(by) + len(GAUSS_POINTS)
-    at, knots, marks, points = _knots(tau, length, np.empty(0) if known is None else w * known.elapsed)
-    impulses = np.zeros((len(knots), columns))
-    inside = np.flatnonzero(points >= 0)
-    impulses[inside, size + len(by) + points[inside]] = np.sqrt(
-        GAUSS_WEIGHTS[points[inside]] * length[at[inside]]
-    )
-    polynomials = np.zeros((len(knots), PUSH_NUMBERS)) if known is None else polynomials_of(known, knots, w)
-    # Where each interval begins is given, and so are the derivatives there.
-    state = begun((motion, program), model, (0.0, 0.0), by, places=(size, columns))
-    rows = np.empty((count, size + 1))
-    tangents = np.empty((count, size + 1, columns))
-    kicks = np.zeros((len(knots), 2))
-    given = Given(tau, knots, polynomials, kicks, impulses, marks, states.astype(float), rows, tangents)
-    budget = int(SWITCHINGS_ALLOWED * np.sum(1.0 + length)), int(STEPS_ALLOWED * np.sum(1.0 + length))
-    if count:
-        run(program, given, state, (DIVERGED, *budget), w)
-    kept = np.delete(np.arange(size + 1), program.states)
-    table = tangents[:, kept]
-    diffusion = table[:, :, size + len(by) :]
-    return Steps(
-        rows[:, kept],
-        table[:, :, :size].copy(),
-        table[:, :, size : size + len(by)].copy(),
-        diffusion @ diffusion.swapaxes(1, 2),
-    )
-
-
-def _knots(tau: Array, length: Array, bends: Array) -> tuple[Index, Array, Index, Index]:
-    """Of each knot its interval, tau, mark, and which of Gauss's points it is, or -1.
-
-    A knot begins and ends each interval; between are Gauss's points, and where an input bends.
-    """
-    count, many = len(tau), len(GAUSS_POINTS)
-    fractions = np.concatenate([[0.0], GAUSS_POINTS, [1.0]])
-    marks = np.full((count, many + 2), -1)
-    marks[:, 0], marks[:, -1] = np.arange(count), INTERVAL_ENDS
-    points = np.tile([-1, *range(many), -1], (count, 1))
-    at = np.repeat(np.arange(count), many + 2)
-    knots = (tau[:, None] + length[:, None] * fractions).ravel()
-    first, last = np.searchsorted(bends, tau, "right"), np.searchsorted(bends, tau + length, "left")
-    bent = np.maximum(last - first, 0)
-    within = np.arange(bent.sum()) - np.repeat(np.cumsum(bent) - bent, bent)
-    of_bend = np.repeat(np.arange(count), bent)
-    at, none = np.concatenate([at, of_bend]), np.full(len(of_bend), -1)
-    knots = np.concatenate([knots, bends[first[of_bend] + within]])
-    marks, points = np.concatenate([marks.ravel(), none]), np.concatenate([points.ravel(), none])
-    order = np.lexsort((marks == INTERVAL_ENDS, marks < 0, knots, at))
-    return at[order], knots[order], marks[order], points[order]
+    ends = ends_of(model, (tau, length), states, by, (GAUSS_POINTS, np.sqrt(GAUSS_WEIGHTS)))
+    pushed = ends.impulses * np.sqrt(length)[:, None, None]
+    return Steps(ends.end, ends.transition, ends.sensitivity, pushed @ pushed.swapaxes(1, 2))

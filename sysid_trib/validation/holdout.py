@@ -1,11 +1,8 @@
 """Hold-out: how a model predicts a part of a decay that it has not seen, and whether another does better."""
 
-import re
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -14,7 +11,7 @@ from scipy.stats import ttest_1samp
 from sysid_trib.arrays import Array
 from sysid_trib.averaging.internal_states import begun_after
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.forces.library import parse_library
+from sysid_trib.forces.library import counted_from
 from sysid_trib.noise.level import sensor_noise
 from sysid_trib.noise.smoothing import least_squares_spline
 from sysid_trib.results.schema import library_of, model_of
@@ -23,7 +20,6 @@ from sysid_trib.validation.residuals import ModelResidual, residual_of
 
 # The part of a decay's time from which a model is identified where the rest is to be predicted.
 TRAINING = 2.0 / 3.0
-TIME = re.compile(r"\bt\b")
 
 
 @dataclass(frozen=True)
@@ -157,19 +153,3 @@ def _block_losses(residual: Array, block: int) -> Array:
     count = len(residual) // block
     squares = np.mean(residual[: count * block].reshape(count, block) ** 2, axis=1)
     return np.asarray(np.log(np.maximum(squares, 1e-300)))
-
-
-def counted_from(library: ForceLibrary, seconds: float) -> ForceLibrary:
-    """The forces with `t` of their formulas moved, for a motion that starts so much later."""
-    if seconds == 0.0 or not any(force.holds_time for force in library):
-        return library
-    data = tomllib.loads(library.to_toml())
-
-    def shifted(formula: Any) -> Any:
-        if isinstance(formula, dict):
-            return {name: shifted(text) for name, text in formula.items()}
-        return TIME.sub(f"(t + {seconds!r})", str(formula))
-
-    for force in data["force"]:
-        force |= {key: shifted(force[key]) for key in ("formula", "state", "memory", "start") if key in force}
-    return parse_library(data, library.source)

@@ -8,6 +8,7 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.library import counted_from
 from sysid_trib.methods.scope import Method
 from sysid_trib.noise.coarse_step import coarse_step, rounded_noise
 from sysid_trib.records.runs import RECORD_PARTS, one_or_all
@@ -18,7 +19,7 @@ from sysid_trib.simulation.integrate import FEW_STEPS_A_PERIOD
 from sysid_trib.trajectory_fit.cramer_rao import sensitivities
 from sysid_trib.trajectory_fit.initial_conditions import FittedMotion
 from sysid_trib.validation.breakdown import widening
-from sysid_trib.validation.holdout import carried_on, counted_from
+from sysid_trib.validation.holdout import carried_on
 from sysid_trib.validation.residuals import fitted_motion
 
 FREQUENCIES = ("reference_frequency", "asymptotic_frequency")

@@ -1,0 +1,117 @@
+"""Motions of one model from many starts, one after the other in one call, with their derivatives."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sysid_trib.arrays import Array, Index
+from sysid_trib.simulation.engine_state import INTERVAL_ENDS, Given
+from sysid_trib.simulation.integrate import DIVERGED, FREQUENCY, begun, run
+from sysid_trib.simulation.model import Model
+from sysid_trib.simulation.program import PUSH_NUMBERS, program_of
+from sysid_trib.simulation.pushes import polynomials_of
+
+# In an interval, and in each unit of tau of it.
+SWITCHINGS_ALLOWED, STEPS_ALLOWED = 60, 3000
+NO_IMPULSES = np.empty(0), np.empty(0)
+
+
+class Ends(NamedTuple):
+    """Ends of intervals that begin at given states: x, v (rad), internal states, memory.
+
+    Attributes
+    ----------
+    end : (interval, state) array of float
+    transition : (interval, state, start) array of float
+        Derivative by the beginning.
+    sensitivity : (interval, state, parameter) array of float
+        By parameters of the model.
+    impulses : (interval, state, point) array of float
+        By how strong an impulse is within the interval.
+    """
+
+    end: Array
+    transition: Array
+    sensitivity: Array
+    impulses: Array
+
+
+def ends_of(
+    model: Model,
+    spans: tuple[Array, Array],
+    states: Array,
+    by: tuple[str, ...] = (),
+    impulses: tuple[Array, Array] = NO_IMPULSES,
+    *,
+    by_start: int | None = None,
+) -> Ends:
+    """Follow a motion over intervals, each from a state that is given.
+
+    Parameters
+    ----------
+    model : Model
+        Forces with coefficient zero are followed too.
+    spans : two (interval,) arrays of float
+        Beginning and length of each in tau.
+    states : (interval, state) array of float
+        At the beginnings.
+    by : tuple of str
+        Parameters by which the ends are derived, as in `integrate`.
+    impulses : two (point,) arrays of float
+        Where in an interval, in parts of it, an impulse acts, and how strong it is.
+    by_start : int, optional
+        By so many of the first numbers of the beginnings the ends are derived; by all where left out.
+
+    Raises
+    ------
+    SimulationError
+        The motion diverges within an interval, or switches without end.
+    """
+    (tau, length), (places, strengths) = spans, impulses
+    w, known = model.reference_frequency, model.known_input
+    motion, program = program_of(model.forces, pushed=known is not None, paced=FREQUENCY in by)
+    size, count = program.states + program.memory, len(tau)
+    starts = size if by_start is None else by_start
+    first = starts + len(by)
+    columns = first + len(places)
+    bends = np.empty(0) if known is None else w * known.elapsed
+    knots, marks, points = _knots(tau, length, bends, places)
+    of_impulses = np.zeros((len(knots), columns))
+    inside = np.flatnonzero(points >= 0)
+    of_impulses[inside, first + points[inside]] = strengths[points[inside]]
+    polynomials = np.zeros((len(knots), PUSH_NUMBERS)) if known is None else polynomials_of(known, knots, w)
+    # Where each interval begins is given, and so are the derivatives there.
+    state = begun((motion, program), model, (0.0, 0.0), by, places=(starts, columns))
+    rows = np.empty((count, size + 1))
+    tangents = np.empty((count, size + 1, columns))
+    kicks = np.zeros((len(knots), 2))
+    given = Given(tau, knots, polynomials, kicks, of_impulses, marks, states.astype(float), rows, tangents)
+    budget = int(SWITCHINGS_ALLOWED * np.sum(1.0 + length)), int(STEPS_ALLOWED * np.sum(1.0 + length))
+    if count:
+        run(program, given, state, (DIVERGED, *budget), w)
+    kept = np.delete(np.arange(size + 1), program.states)
+    table = tangents[:, kept]
+    return Ends(rows[:, kept], *(part.copy() for part in np.split(table, [starts, first], axis=2)))
+
+
+def _knots(tau: Array, length: Array, bends: Array, places: Array) -> tuple[Array, Index, Index]:
+    """Of each knot tau, its mark, and which of the places in an interval it is, or -1.
+
+    A knot begins and ends each interval; between are the places, and where an input bends.
+    """
+    count, many = len(tau), len(places)
+    fractions = np.concatenate([[0.0], places, [1.0]])
+    marks = np.full((count, many + 2), -1)
+    marks[:, 0], marks[:, -1] = np.arange(count), INTERVAL_ENDS
+    points = np.tile([-1, *range(many), -1], (count, 1))
+    at = np.repeat(np.arange(count), many + 2)
+    knots = (tau[:, None] + length[:, None] * fractions).ravel()
+    first, last = np.searchsorted(bends, tau, "right"), np.searchsorted(bends, tau + length, "left")
+    bent = np.maximum(last - first, 0)
+    within = np.arange(bent.sum()) - np.repeat(np.cumsum(bent) - bent, bent)
+    of_bend = np.repeat(np.arange(count), bent)
+    at, none = np.concatenate([at, of_bend]), np.full(len(of_bend), -1)
+    knots = np.concatenate([knots, bends[first[of_bend] + within]])
+    marks, points = np.concatenate([marks.ravel(), none]), np.concatenate([points.ravel(), none])
+    order = np.lexsort((marks == INTERVAL_ENDS, marks < 0, knots, at))
+    return knots[order], marks[order], points[order]
