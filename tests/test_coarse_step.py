@@ -5,6 +5,7 @@ import pytest
 import xarray as xr
 
 import sysid_trib as st
+from sysid_trib.likelihood_fit.decimation import decimated
 from sysid_trib.noise.coarse_step import coarse_step
 from sysid_trib.validation.answer import identifications
 
@@ -12,10 +13,10 @@ TRUTH = {"zeta": 0.003, "delta": 0.10}
 STEP = 0.01
 
 
-def record(seed: int) -> xr.Dataset:
+def record(seed: int, coefficients: dict[str, float] = TRUTH) -> xr.Dataset:
     """Ninety seconds of a mass on a spring by a sensor of 1 cm, seven steps at first and one at last."""
     random, time = np.random.default_rng(seed), np.arange(0.0, 90.0, 0.02)
-    model = st.Model(st.load_library().select(list(TRUTH)), TRUTH, 4.955)
+    model = st.Model(st.load_library().select(list(coefficients)), coefficients, 4.955)
     exact = random.uniform() + st.simulate(model, time, 0.075).angle.values
     shown = np.round((exact + 2e-4 * random.standard_normal(time.size)) / STEP) * STEP
     return st.free_decay(xr.Dataset({"angle": ("time", shown, {"units": "rad"})}, {"time": time}))
@@ -59,5 +60,19 @@ def test_errors_are_those_of_the_rounding(decay):
 def test_a_step_is_coarse_beside_noise_and_motion(step, noise, swing, coarse):
     signal = swing * np.cos(0.05 * np.arange(2000.0)) + noise * np.random.default_rng(0).standard_normal(2000)
     signal = step * np.round(signal / step) if step else signal
-    found = coarse_step(signal, float(np.hypot(noise, step / np.sqrt(12.0))))
+    found = coarse_step(xr.Dataset({"angle": ("time", signal)}), float(np.hypot(noise, step / np.sqrt(12.0))))
     assert found == pytest.approx(step if coarse else 0.0)
+
+
+def test_a_search_takes_samples_so_far_apart_that_rounding_is_white(decay):
+    fewer = decimated(decay)
+    assert np.median(np.abs(np.diff(fewer.angle.values))) > 0.9 * STEP
+    assert np.isin(fewer.angle.values, decay.angle.values).all()
+    fine = decay.assign(angle=decay.angle + STEP * np.random.default_rng(0).standard_normal(4500))
+    assert decimated(fine).sizes["time"] > 2 * fewer.sizes["time"]
+
+
+def test_rounding_is_no_missing_effect():
+    candidates = st.load_library("candidate_effects").select(["ambient", "angle_friction"])
+    found = st.discover(record(4, {"zeta": 0.004}), st.load_library().select(["zeta"]), candidates)
+    assert found.attrs["verdict"] == "nothing missing"

@@ -24,14 +24,11 @@ from sysid_trib.plots.motion_data import motion_data
 from sysid_trib.printing.comparison import coefficient_table, quality_table
 from sysid_trib.printing.cross_check import consequences, identification_sentences
 from sysid_trib.printing.identification import identification_json, identification_table
-from sysid_trib.printing.model_verdict import (
-    holds,
-    verdict_sentence,
-)
+from sysid_trib.printing.model_verdict import answer_of, holds, separation_sentences, verdict_sentence
 from sysid_trib.printing.next_step import SECOND_RECORD, NextStep, next_step
 from sysid_trib.printing.physics import physics_sentences
 from sysid_trib.results.contactless import with_contactless_frequency
-from sysid_trib.results.significance import determines, significant
+from sysid_trib.results.significance import determines, significant, sufficient_forces
 from sysid_trib.validation.breakdown import breakdown, no_nearer_than_rest, record_noise, widening
 
 FORCES = st.load_library()
@@ -113,6 +110,27 @@ def test_a_record_that_decides_nothing_leads_to_fewer_forces_and_then_to_a_longe
     alone = tree.copy()
     alone["direct"] = xr.DataTree(tree["direct"].to_dataset().sel(force=["zeta"], other_force=["zeta"]))
     assert next_step(alone).records == (SECOND_RECORD,)
+
+
+def test_forces_that_a_record_does_not_separate_are_told_with_the_fewest_that_suffice():
+    tree = explained().copy(deep=True)
+    result = tree[answer_of(tree)].to_dataset()
+    error = 0.5 * np.abs(result.coefficient.values)
+    aligned = error * np.sign(result.coefficient.values)
+    result.standard_error.values[:] = error
+    # Of lambda and zeta the difference alone is known: each may be zero, both may not.
+    result.covariance.values[:] = np.diag(error**2)
+    result.covariance.values[:2, :2] = np.outer(*2 * [aligned[:2] * [1, -1]]) + 1e-4 * np.diag(error[:2] ** 2)
+    tree[answer_of(tree)] = xr.DataTree(result)
+    choices = sufficient_forces(result)
+    assert [list(forces) for forces in choices] == [["lambda"], ["zeta"]]
+    value, uncertainty = choices[0]["lambda"]
+    assert value == pytest.approx(2.0 * result.coefficient.values[0], rel=1e-3)
+    assert uncertainty < 0.1 * error[0]
+    (sentence,) = separation_sentences(tree)
+    assert "does not separate" in sentence
+    assert sentence.endswith("; or zeta.")
+    assert dict(next_step(tree).options) == {"forces": "lambda"}
 
 
 def test_the_next_command_takes_over_what_was_given(tmp_path):

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 import numpy as np
+import xarray as xr
 from numpy.polynomial.legendre import legvander
 
 from sysid_trib.arrays import Array
@@ -14,15 +15,15 @@ ROUNDED_MOTIONS = 40
 SLOW_DEGREE = 7
 
 
-def coarse_step(signal: Array, noise: float) -> float:
-    """Step of a sensor whose rounding shows; 0 where it is as good as white noise.
+def coarse_step(decay: xr.Dataset, noise: float) -> float:
+    """Step of a sensor whose rounding shows; 0 where it is as good as white noise, or was integrated.
 
     Parameters
     ----------
-    signal : (sample,) array of float
-        As it was measured.
-    noise : float
-        Of a sample, in the unit of the signal.
+    decay : Dataset
+        `angle(time)`.
+    noise : float, rad
+        Of a sample.
 
     Notes
     -----
@@ -30,6 +31,9 @@ def coarse_step(signal: Array, noise: float) -> float:
     step (Widrow and Kollar 2008). It shows where it is the larger part of the noise, and most samples are
     within a step of the last.
     """
+    if int(decay.attrs.get("integrations", 0)):
+        return 0.0
+    signal = decay.angle.values.astype(float)
     # Most values of a fine sensor differ from the last by more than what their spacing could be.
     if not np.any(np.diff(signal) == 0.0):
         return 0.0

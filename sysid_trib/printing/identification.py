@@ -29,9 +29,11 @@ from sysid_trib.printing.model_verdict import (
     error_sentences,
     failure_sentences,
     failures,
+    fewer_forces,
     holds,
     kept_results,
     line_sentences,
+    separation_sentences,
     test_sentence,
     verdict_of,
     verdict_sentence,
@@ -83,6 +85,7 @@ def identification_blocks(
         equation = equation_text(results.get(answer_of(tree), next(reversed(results.values()))))
         blocks.append(Block([f"{_answer(tree)}Equation: {equation}."], USUALLY))
     blocks += [
+        Block(separation_sentences(tree), ALWAYS),
         Block(key, Layer.DEFAULT),
         Block([test_sentence(tree), *error_sentences(tree), *details], Layer.EXPLAIN),
         Block(consequences(tree, inertia), Layer.EXPLAIN),
@@ -168,6 +171,10 @@ def identification_json(tree: xr.DataTree, inertia: float | None = None) -> dict
         if refused
         else physics_json(results[answer_of(tree)], amplitudes(tree), inertia, time=times_of_amplitudes(tree))
     )
+    data["sufficient_forces"] = [
+        {symbol: dict(zip(("value", "standard_error"), pair, strict=True)) for symbol, pair in forces.items()}
+        for forces in fewer_forces(tree)
+    ]
     if "runs" in tree:
         data["runs"] = runs_json(tree["runs"].to_dataset())
     return data

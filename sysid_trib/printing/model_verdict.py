@@ -3,12 +3,12 @@
 import numpy as np
 import xarray as xr
 
-from sysid_trib.printing.layout import p_value_text
+from sysid_trib.printing.layout import p_value_text, value_with_error
 from sysid_trib.printing.random_force import NOT_FOLLOWED, not_followed, random_force_test
 from sysid_trib.printing.residual import in_small_units, residual_of
 from sysid_trib.results.per_run import record_groups
 from sysid_trib.results.signal_units import signal_units
-from sysid_trib.results.significance import SIGNIFICANT_ERRORS
+from sysid_trib.results.significance import SIGNIFICANT_ERRORS, significant, sufficient_forces
 from sysid_trib.validation.breakdown import breakdown, record_noise
 from sysid_trib.validation.lack_of_fit import departure_sentence, departures
 from sysid_trib.validation.model_error import error_parts
@@ -23,9 +23,10 @@ APPROXIMATE = "The model is approximate: {}. A force is missing, or one has anot
 NOT_EXPLAINED = "The model does not explain the record: {}. A force is missing, or one has another form."
 OF_A_RATE = " (The integral of a measured rate always leaves more than its noise.)"
 UNDETERMINED = (
-    "The record does not decide: none of the coefficients differs from zero by more than "
+    "The record does not decide: the coefficients, alone or together, do not differ from zero by more than "
     f"{SIGNIFICANT_ERRORS:g} standard errors, so that nothing in it could contradict these forces."
 )
+NOT_SEPARATED = "The record does not separate these forces: each may be zero, but not all. Fewer suffice: {}."
 EFFECTIVE = "These coefficients are effective values of a model that is not complete"
 
 
@@ -133,6 +134,27 @@ def effective_sentences(tree: xr.DataTree) -> list[str]:
         f"{EFFECTIVE}. Their errors allow for that, by how they move between parts of the record: they are "
         f"up to {factor:.3g} times those by the noise (--explain)."
     ]
+
+
+def fewer_forces(tree: xr.DataTree) -> list[dict[str, tuple[float, float]]]:
+    """The fewest forces that suffice, see `sufficient_forces`, where no coefficient is known by itself."""
+    result = kept_results(tree).get(answer_of(tree))
+    if result is None or not holds(tree) or significant(result).any():
+        return []
+    return [forces for forces in sufficient_forces(result) if len(forces) < result.sizes["force"]]
+
+
+def separation_sentences(tree: xr.DataTree) -> list[str]:
+    """Coefficients of the fewest forces that suffice, and which others would do as well."""
+    if not (choices := fewer_forces(tree)):
+        return []
+    result = tree[answer_of(tree)]
+    units = dict(zip(result.force.values.tolist(), result.unit.values.tolist(), strict=True))
+    likeliest = ", ".join(
+        f"{symbol} = {value_with_error(*quantity)}{f' {units[symbol]}' * (units[symbol] != '1')}"
+        for symbol, quantity in choices[0].items()
+    )
+    return [NOT_SEPARATED.format("; or ".join([likeliest, *map(" and ".join, choices[1:])]))]
 
 
 def line_sentences(tree: xr.DataTree) -> list[str]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import xarray as xr
 
-from sysid_trib.printing.model_verdict import verdict_of
+from sysid_trib.printing.model_verdict import fewer_forces, verdict_of
 from sysid_trib.results.discoveries import candidates_of, credible_set
 from sysid_trib.results.per_run import record_groups
 from sysid_trib.results.schema import library_of, shape_values_of
@@ -66,6 +66,8 @@ def _after_identification(tree: xr.DataTree) -> NextStep:
         return _after_nothing(second)
     if not verdict_of(tree).startswith("explained"):
         return _search(tree, "names what is missing")
+    if fewer := fewer_forces(tree):
+        return NextStep("identify", "the fewest forces that suffice", {"forces": ",".join(fewer[0])})
     return NextStep("compare", "every method, and how it predicts a part that is held out")
 
 

@@ -192,7 +192,7 @@ def with_rounding(result: xr.Dataset, runs: Sequence[xr.Dataset]) -> xr.Dataset:
     stated, squares = _errors(result), []
     for at, run in enumerate(runs):
         noise = noise_of_run(result, at)
-        step = coarse_step(run.angle.values, noise)
+        step = coarse_step(run, noise)
         motion = fitted_motion(run, result, at, most_steps=FEW_STEPS_A_PERIOD) if step else None
         if motion is not None:
             squares.append(_squares_by_rounding(result, run, motion, rounded_noise(motion.x, step, noise)))

@@ -199,7 +199,7 @@ def _of_free_motion(
     departure = _departure(time, residual, noise, width)
     path, fitted = (motion.x, motion.v), _fitted_numbers(result)
     line = spectral_line(time, residual, path)
-    step = 0.0 if int(decay.attrs.get("integrations", 0)) else coarse_step(angle, noise)
+    step = coarse_step(decay, noise)
     noises = rounded_noise(motion.x, step, noise) if step else None
     p_value = _noise_p_value(residual, noise, width, path, fitted, noises)
     return rms, rms / noise, departure, 0.0 if _in_band(line, result) else p_value, *line
