@@ -52,6 +52,19 @@ TEXTS = {
         "t (s),theta (deg)\n" + rows(SECONDS, DEGREES).replace("-", "\u2212"),
         SWING,
     ),
+    "blanks for thousands": (
+        "t [s];x [mm]\n"
+        + rows(map(grouped, TIME), (grouped(5000 + 1000 * x).replace(".", " ") for x in SWING), sep=";"),
+        5000 + 1000 * SWING,
+    ),
+    "names in columns of blanks": (
+        "Time (s)   Swing (deg)\n--------   -----------\n" + rows(SECONDS, DEGREES, sep="   "),
+        SWING,
+    ),
+    "dates with thousandths behind a colon": (
+        "stamp,angle (deg)\n" + rows((f"2024-03-01 {t.replace('.', ':')}" for t in CLOCK), DEGREES),
+        SWING,
+    ),
     "units in cells": (
         "time,angle\n" + rows([f"{t} s" for t in SECONDS], [f"{x} deg" for x in DEGREES]),
         SWING,
@@ -166,6 +179,17 @@ def test_runs_side_by_side_with_several_columns_each(tmp_path):
     assert [run.attrs["angle_column"] for run in runs] == ["theta1", "theta2"]
     # The first one shows that the second is in degrees too.
     assert [run.attrs["angle_unit_in_file"] for run in runs] == ["deg", "deg"]
+
+
+@pytest.mark.parametrize(
+    "heads", ["t1 (s),x1 (deg),t2 (ms),x2 (rad)", "time A [s],x A [deg],time B [ms],x B [rad]"]
+)
+def test_runs_side_by_side_in_units_of_their_own(tmp_path, heads):
+    radians, thousandths = (f"{0.5 * x:.6f}" for x in SWING), (f"{1e3 * t:.0f}" for t in TIME)
+    (tmp_path / "a.csv").write_text(f"{heads}\n" + rows(SECONDS, DEGREES, thousandths, radians))
+    first, second = read_records(tmp_path / "a.csv")
+    assert np.allclose(second.angle, 0.5 * first.angle, atol=1e-6)
+    assert np.allclose(second.time, first.time)
 
 
 def test_no_clock_is_said_before_columns_are_judged(tmp_path):

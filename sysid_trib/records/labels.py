@@ -19,6 +19,10 @@ _QUOTED_GROUPS = re.compile(r"\"([+-]?\d{1,3}(?:,\d{3})+(?:\.\d+)?)\"")
 _QUOTED_BOTH = re.compile(r"\"[+-]?\d{1,3}(?:,\d{3})+\.\d+\"")
 _COMMA_GROUPS = re.compile(r"(?<![\d.,])([+-]?\d{1,3}(?:,\d{3})+)(?=\.\d)")
 _OTHER_GROUPS = re.compile(r"(?<=\d)[\u00a0\u2009\u202f'’](?=\d{3}(?!\d))")
+# `1 234,5` between semicolons or tabs.
+_BLANK_GROUPS = re.compile(
+    r"(?:^|(?<=[;\t\"]))([ ]*[+-]?\d{1,3}(?: \d{3})+)(?=[.,;\t\"\r\n]|$)", re.MULTILINE
+)
 # `0.010 s`, `-5.2°`.
 _NUMBER_WITH_UNIT = re.compile(
     r"\s*\"?([+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?)\s*([^\s\d\"][^\s\"]*)?\"?\s*"
@@ -62,6 +66,7 @@ def _without_groups(text: str) -> str:
     if ";" in text or "\t" in text:
         text = _COMMA_GROUPS.sub(lambda match: match[1].replace(",", ""), text)
         text = _POINT_GROUPS.sub(lambda match: match[1].replace(".", ""), text)
+        text = _BLANK_GROUPS.sub(lambda match: match[1].replace(" ", ""), text)
     return text
 
 

@@ -175,7 +175,8 @@ def _seconds(match: "re.Match[str]") -> float:
 
 
 def _of_dates(texts: list[str]) -> Array | None:
-    """Seconds since the first of some dates; None if they are none."""
+    """Seconds since the first of some dates, `2024-03-01 12:00:01:250` too; None if they are none."""
+    texts = [re.sub(r"(:\d\d:\d\d):(?=\d+$)", r"\1.", text) for text in texts]
     for style in ("ISO8601", "mixed"):
         try:
             dates = pd.to_datetime(texts, format=style, utc=True)

@@ -14,6 +14,7 @@ from sysid_trib.errors import RecordError, UsageError, readable
 from sysid_trib.records.as_angle import as_felt, as_position
 from sysid_trib.records.columns import Chosen, choose_columns, has_column
 from sysid_trib.records.expression import is_expression, with_expression
+from sysid_trib.records.headers import split_header
 from sysid_trib.records.numbers import numbers, without_sentinels
 from sysid_trib.records.opened import opened
 from sysid_trib.records.reading import Reading
@@ -120,7 +121,9 @@ def read_records(path: str | os.PathLike[str], how: Reading | None = None) -> li
     records = [_read(table, columns, how, source) for columns in chosen]
     # A run that hardly swings does not show that it is in degrees; another one of the file does.
     if {record.attrs["angle_unit_in_file"] for record in records} == {"rad", "deg"} and how.units is None:
-        records = [_read(table, columns, replace(how, units="deg"), source) for columns in chosen]
+        unstated = [not split_header(columns.signal)[1] for columns in chosen]
+        hows = [replace(how, units="deg") if bare else how for bare in unstated]
+        records = [_read(table, *pair, source) for pair in zip(chosen, hows, strict=True)]
     for number, record in enumerate(records, 1):
         # Two runs of one file are two records.
         record.attrs["record_checksum"] = checksum if len(chosen) == 1 else f"{checksum}-{number}"

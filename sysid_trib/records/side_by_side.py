@@ -46,11 +46,16 @@ def runs_side_by_side(names: list[str], times: list[str], table: FileTable) -> l
 def cells(names: list[str], times: list[str], table: FileTable) -> list[tuple[str, list[str]]]:
     """Times and signals of each run: MATLAB's cells, or `t1 x1 v1 t2 x2 v2`; nothing of other tables.
 
-    Each has as many columns as the others, of the same names but for their numbers.
+    Each has as many columns as the others, of the same names but for their numbers or letters, and units.
     """
     groups = [(time, [name for name in names if time_of(name, times, table) == time]) for time in times]
-    patterns = {tuple(re.sub(r"#?\d+", "", item) for item in (time, *group)) for time, group in groups}
+    patterns = {tuple(_without_number(item) for item in (time, *group)) for time, group in groups}
     fit = all(
         np.size(table.columns[name]) == np.size(table.columns[t]) for t, group in groups for name in group
     )
     return groups if len(groups) > 1 and len(patterns) == 1 and fit and groups[0][1] else []
+
+
+def _without_number(name: str) -> str:
+    """What the columns of all runs are called: `x` for `x1 (mm)`, `angle` for `Angle B [rad]`."""
+    return re.sub(r"#?\d+|(?<=[ _])[a-d]$", "", split_header(name)[0])

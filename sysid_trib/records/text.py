@@ -187,13 +187,10 @@ def _header(before: list[str], delimiter: str | None, width: int) -> list[str] |
         text = line.lstrip("#%/! \t") if _is_comment(line) else line
         separator = "," if delimiter is None and "," in text else delimiter
         fields = _fields(text, separator)
-        if (
-            len(fields) == 1
-            and width > 1
-            and text.strip().count(".") == width - 1
-            and " " not in text.strip()
-        ):
-            fields = text.strip().split(".")
+        if delimiter is None and len(fields) != width:
+            # `Time (s)   Angle (deg)`; `time.angle`
+            apart = (re.split(r"\s{2,}|\t", text.strip()), text.strip().split("."))
+            fields = next((split for split in apart if len(split) == width), fields)
         # A last column of comments may be empty throughout.
         wider = not header and delimiter is not None and len(fields) > width
         if len(fields) != width and not wider and not (len(fields) == 1 and delimiter == ","):
