@@ -6,9 +6,12 @@ import xarray as xr
 
 import sysid_trib as st
 from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.noise.autoregression import fractional_difference
 from sysid_trib.noise.random_force import RandomForce
+from sysid_trib.noise.sensor_noise import colour_variables
 from sysid_trib.state_space.bands import _expected_density
 from sysid_trib.state_space.recent_predictions import widening
+from sysid_trib.state_space.tracked import track
 from sysid_trib.trajectory_fit.initial_conditions import fit_start
 
 W, NOISE = 8.87, 2e-4
@@ -36,6 +39,16 @@ def pushed():
     motion = st.simulate(MODEL, TIME, 0.3, random_force=DENSITY, seed=2)
     decay = measured(motion.angle)
     return motion, decay, identified(decay, DENSITY)
+
+
+def test_noise_of_a_long_memory_has_few_states(pushed):
+    """Each tap was a state: of 1/f noise sampled finely a filter took seconds and gigabytes."""
+    _, decay, result = pushed
+    long = fractional_difference(0.5, 200)
+    followed = track(decay, result.assign(colour_variables([long]))).linear.sensor_filter
+    assert len(followed) < 50
+    turns = np.exp(-2j * np.pi * np.outer([1 / 60, 1 / 20, 0.1, 0.4], np.arange(len(long))))
+    assert np.abs(turns[:, : len(followed)] @ followed) == pytest.approx(np.abs(turns @ long), rel=0.05)
 
 
 def test_without_a_random_force_they_are_what_a_free_motion_leaves():

@@ -8,6 +8,7 @@ import xarray as xr
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, SysidTribError
+from sysid_trib.noise.colour import of_order
 from sysid_trib.noise.random_force import RandomForce, random_force_of
 from sysid_trib.noise.sensor_noise import sensor_noise_of
 from sysid_trib.records.inputs import known_input_of
@@ -21,6 +22,8 @@ MAX_SMOOTHINGS = 12
 PATH_SETTLED = 0.01
 # Where friction holds and frees the body in turn, changes come back: after so many without a smaller one.
 SMOOTHINGS_WITHOUT_GAIN = 3
+# Of noise as 1/f so many taps: each is a state, and further ones change little at the frequency of a swing.
+MOST_TAPS = 49
 # Angle and rate at the first sample, zero of the sensor.
 NO_PARAMETERS = Derivatives((), frequency=False)
 
@@ -154,7 +157,8 @@ def track(decay: xr.Dataset, result: xr.Dataset, run: int = 0, every: int = 1) -
     path = spline_path(model, time, angle)
     per_run = np.array([path[0, 0], frequency * path[0, 1], 0.0])
     linear = linearised_about(model, time, angle, path, per_run, NO_PARAMETERS)
-    linear = replace(linear, sensor_filter=sensor.filter_)
+    colour = sensor.filter_ if len(sensor.filter_) <= MOST_TAPS else of_order(sensor.filter_, MOST_TAPS - 1)
+    linear = replace(linear, sensor_filter=colour)
     return _settled(TrackedRecord(model, time, angle, linear, np.zeros(3), 0.0, noise, per_tau))
 
 
