@@ -1,11 +1,13 @@
 """Known inputs: simulated against scipy, identified beside a random force, refused where none is taken."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 import xarray as xr
 from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
 
 import sysid_trib as st
 from sysid_trib.errors import DecayError, UsageError
@@ -168,6 +170,34 @@ def test_steps_know_the_derivative_by_the_frequency() -> None:
     small = 1e-5
     numeric = (ends(W + small)[0] - ends(W - small)[0]) / (2 * small)
     assert np.max(np.abs(numeric - ends(W)[1])) < 1e-7 * max(1.0, np.max(np.abs(numeric)))
+
+
+@pytest.mark.parametrize("between", ["linear", "held", "cubic"])
+def test_what_is_between_samples_is_what_acts(between: str) -> None:
+    """Against scipy's motion, restarted at each sample; the steps of a filter are of the same motion."""
+    time = np.linspace(0.0, 4.0, 41)
+    known = KnownInput(time, drive(time), between)
+    model = replace(MODEL, coefficients={"zeta": 0.01, "epsilon": 0.4})
+    run = st.simulate(model, time, 0.1, 0.2, known_input=known)
+    spline, y = CubicSpline(time, known.acceleration), [np.array([0.1, 0.2])]
+    for i, (low, high) in enumerate(pairwise(time)):
+        u0, u1 = known.acceleration[i : i + 2]
+
+        def rates(t: float, y: np.ndarray, u0: float = u0, u1: float = u1, low: float = low) -> list[float]:
+            u = {"linear": u0 + (u1 - u0) * (t - low) / 0.1, "held": u0, "cubic": float(spline(t))}[between]
+            return [y[1], u - W**2 * (y[0] + 0.02 * y[1] / W + 0.4 * y[0] ** 3)]
+
+        y.append(solve_ivp(rates, (low, high), y[-1], rtol=1e-11, atol=1e-12, method="DOP853").y[:, -1])
+    np.testing.assert_allclose(run.angle, np.array(y)[:, 0], atol=1e-9)
+    states = np.stack([run.angle, run.rate / W], axis=1)
+    steps = steps_between(replace(model, known_input=known), time, states)
+    np.testing.assert_allclose(steps.end, states[1:], atol=1e-9)
+    assert run.input.attrs["between"] == between
+
+
+def test_another_word_for_what_is_between_samples_is_refused() -> None:
+    with pytest.raises(UsageError, match="linear, held, cubic, not 'smooth'"):
+        KnownInput(times(), drive(times()), "smooth")
 
 
 @pytest.mark.parametrize("units", [None, "V", "N m"])

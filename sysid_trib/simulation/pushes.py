@@ -1,4 +1,4 @@
-"""What moves a model besides its forces: a known input, linear from sample to sample, and random kicks."""
+"""What moves a model besides its forces: a known input, and random kicks."""
 
 from dataclasses import dataclass
 
@@ -22,8 +22,8 @@ class Pushes:
     ----------
     knots : (knot,) array of float
         Increasing, the first at the start.
-    polynomials : (knot, 2) array of float
-        From each knot on, an acceleration over w^2 (rad) and its slope by tau.
+    polynomials : (knot, PUSH_NUMBERS) array of float
+        From each knot on, an acceleration over w^2 (rad), by powers of tau since it.
     kicks : (knot, 2) array of float
         What is added to x and v there, but at the start.
     """
@@ -63,7 +63,7 @@ def pushes_of(model: Model, tau: Vector, random_force: float = 0.0, seed: int = 
     if random_force:
         kicks[1:] = _kicks(np.diff(knots), 0.5 * random_force / w**3, seed)
     if known is None:
-        return Pushes(knots, np.zeros((len(knots), PUSH_NUMBERS)), kicks)
+        return Pushes(knots, polynomials_of(None, knots, w), kicks)
     bends = w * known.elapsed
     instants = np.union1d(knots, bends[(bends > tau[0]) & (bends < tau[-1])])
     all_kicks = np.zeros((len(instants), 2))
@@ -71,13 +71,13 @@ def pushes_of(model: Model, tau: Vector, random_force: float = 0.0, seed: int = 
     return Pushes(instants, polynomials_of(known, instants, w), all_kicks)
 
 
-def polynomials_of(known: KnownInput, knots: Vector, frequency: float) -> Vector:
-    """A known input over w^2 at knots (tau), and its slope from each on, (knot, 2), rad."""
-    rise = np.diff(known.acceleration) / np.diff(known.elapsed) / frequency**3
-    # Before the first sample and from the last on it is held.
-    slopes = np.concatenate([[0.0], rise, [0.0]])
-    last = np.searchsorted(frequency * known.elapsed, knots, side="right")
-    return np.stack([known.over_stiffness(knots, frequency), slopes[last]], axis=1)
+def polynomials_of(known: KnownInput | None, knots: Vector, frequency: float) -> Vector:
+    """A known input over w^2 (rad) from each knot (tau) on, by powers of tau since it, (knot, power)."""
+    polynomials = np.zeros((len(knots), PUSH_NUMBERS))
+    if known is not None:
+        given = known.polynomials(knots, frequency)
+        polynomials[:, : given.shape[1]] = given
+    return polynomials
 
 
 def _instants(tau: Vector, per_period: int) -> Vector:

@@ -8,7 +8,7 @@ from sysid_trib.arrays import Array, Index
 from sysid_trib.simulation.engine_state import INTERVAL_ENDS, Given
 from sysid_trib.simulation.integrate import DIVERGED, FREQUENCY, begun, run
 from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.program import PUSH_NUMBERS, program_of
+from sysid_trib.simulation.program import program_of
 from sysid_trib.simulation.pushes import polynomials_of
 
 # In an interval, and in each unit of tau of it.
@@ -79,7 +79,7 @@ def ends_of(
     of_impulses = np.zeros((len(knots), columns))
     inside = np.flatnonzero(points >= 0)
     of_impulses[inside, first + points[inside]] = strengths[points[inside]]
-    polynomials = np.zeros((len(knots), PUSH_NUMBERS)) if known is None else polynomials_of(known, knots, w)
+    polynomials = polynomials_of(known, knots, w)
     # Where each interval begins is given, and so are the derivatives there.
     state = begun((motion, program), model, (0.0, 0.0), by, places=(starts, columns))
     rows = np.empty((count, size + 1))

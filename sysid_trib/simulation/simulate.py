@@ -25,7 +25,7 @@ def simulate(
     *,
     random_force: float = 0.0,
     seed: int = 0,
-    known_input: ArrayLike | None = None,
+    known_input: ArrayLike | KnownInput | None = None,
 ) -> xr.Dataset:
     """Simulate the motion of a model: free, driven by a known input, pushed at random, or both.
 
@@ -41,8 +41,8 @@ def simulate(
         One-sided density of a white acceleration in the motion.
     seed : int
         Of the random force.
-    known_input : (time,) array of float, rad/s^2, optional
-        An acceleration u(t) in theta'' + w^2 (theta + f) = u, linear between the times.
+    known_input : (time,) array of float, rad/s^2, or KnownInput, optional
+        An acceleration u(t) in theta'' + w^2 (theta + f) = u; an array is linear between the times.
 
     Returns
     -------
@@ -65,8 +65,14 @@ def simulate(
     if not all(model.coefficients.values()):
         model = model.with_coefficients({k: c for k, c in model.coefficients.items() if c != 0.0})
     if known_input is not None:
-        acceleration = np.asarray(known_input, dtype=float)
-        model = replace(model, known_input=KnownInput(time - time[0], acceleration))
+        known = (
+            known_input
+            if isinstance(known_input, KnownInput)
+            else KnownInput(time - time[0], np.asarray(known_input, dtype=float))
+        )
+        if not np.array_equal(known.elapsed, time - time[0]):
+            raise UsageError("A known input is to be sampled at the times of the simulation, from zero on.")
+        model = replace(model, known_input=known)
     motion = _simulated(model, time, (angle, rate), (random_force, seed))
     data: dict[str, Any] = {
         "angle": ("time", motion.angle, {"units": "rad", "long_name": "angle"}),
@@ -76,7 +82,8 @@ def simulate(
     for name, values in motion.hidden.items():
         data[name] = ("time", values, {"units": "1", "long_name": f"{name}, state or memory of a force"})
     if known_input is not None:
-        data[INPUT] = ("time", acceleration, {"units": "rad/s^2", "long_name": "known input"})
+        attrs = {"units": "rad/s^2", "long_name": "known input", "between": known.between}
+        data[INPUT] = ("time", known.acceleration, attrs)
     data["time"] = ("time", time, {"units": "s", "long_name": "time"})
     return xr.Dataset(data)
 
