@@ -127,10 +127,7 @@ def discover(
     deadline = time.monotonic() + time_limit
     whole = as_runs(decay)
     runs = [decimated(run, settings.samples_per_period) for run in whole]
-    if not len(model_forces):
-        raise UsageError("The start model has no force; give at least one, such as a viscous one.")
-    model = forces_to_identify(model_forces, reference_frequency)
-    free, held = _parted(model, fix)
+    model, free, held = _start_forces(model_forces, reference_frequency, fix)
     offered, left_out = _offered(model_forces, candidates)
     if not len(offered):
         raise UsageError("No candidate is left beside the forces of the model; offer another library.")
@@ -316,19 +313,23 @@ def verdict_of(
     return "unknown effect"
 
 
-def _parted(
-    model: ForceLibrary, fix: Mapping[str, float]
-) -> tuple[list[Force], list[tuple[TrialEffect, float]]]:
-    """Forces of a model that are identified, and those that are held, with their coefficients."""
+def _start_forces(
+    asked: ForceLibrary, reference_frequency: float | None, fix: Mapping[str, float]
+) -> tuple[ForceLibrary, list[Force], list[tuple[TrialEffect, float]]]:
+    """The forces of the start model: all, those that are fitted, those held with their coefficients."""
+    if not len(asked):
+        raise UsageError("The start model has no force; give at least one, such as a viscous one.")
+    model = forces_to_identify(asked, reference_frequency)
     Constraints(fixed=fix)
     able = [force.symbol for force in model if force.kind == "force"]
-    if unknown := [symbol for symbol in fix if symbol not in able]:
-        raise UsageError(f"No force '{unknown[0]}' of the model can be held; there are {', '.join(able)}.")
+    for symbol in fix:
+        if symbol not in able:
+            raise UsageError(f"No force '{symbol}' of the model can be held; there are {', '.join(able)}.")
     free = [force for force in model if force.symbol not in fix]
     if not free:
         raise UsageError("Every force of the start model is held; give one that is fitted, a viscous one.")
     held = [(TrialEffect(f, default_shapes(f)), float(fix[f.symbol])) for f in model if f.symbol in fix]
-    return free, held
+    return model, free, held
 
 
 def _offered(model: ForceLibrary, candidates: ForceLibrary) -> tuple[ForceLibrary, list[str]]:
