@@ -57,5 +57,5 @@ def test_the_command_holds_what_the_system_has(pendulum, tmp_path):
     np.savetxt(path, np.stack([pendulum.time, pendulum.angle], axis=1), "%.9g", ",", header="t,angle (rad)")
     asked = ("--system", "pendulum", "--forces", "lambda,zeta", "--max-effects", "0", "--json")
     model = json.loads(run("discover", path, *asked).out)["model"]
-    assert model["coefficients"]["gravity"] == {"value": 1.0, "standard_error": 0.0}
+    assert model["coefficients"]["gravity"] == {"value": 1.0, "standard_error": 0.0, "constraint": "fixed"}
     assert list(model["coefficients"]) == ["lambda", "zeta", "gravity"]
