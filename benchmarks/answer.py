@@ -1,16 +1,21 @@
 """The answer of `identify` on measured records: what it predicts of what it has not seen, beside all others.
 
-python -m benchmarks.answer [--only WORD]
+python -m benchmarks.answer [--only WORD] [--time]
 
 Trained on the first two thirds of a record, or on another run; of the rest only the start and the sensor's
 zero are fitted. Each method with the sensor's noise alone and with a random force, with the same forces and
 the same signs; the answer is the one that the program stands by. Then its coefficients on the whole record,
 with total errors: no dissipative force may be negative by more than two of them. Records are read from
 ../shared/data, or SYSID_TRIB_DATA.
+
+With --time: processor time of identify, which holds two methods against each other, and of discover from
+viscous friction and what the system holds, on whole records of 2 * 10^4 samples at most; and as it would be
+where Direct of the paper's run takes 45 ms, by what it takes here before and after each.
 """
 
 import argparse
 import warnings
+from dataclasses import replace
 from time import process_time
 
 import numpy as np
@@ -20,9 +25,12 @@ from rich.table import Table
 
 import sysid_trib as st
 from benchmarks.measured import BOTH, records_folder
+from benchmarks.stopwatch import median_ms, timed
+from sysid_trib import load_library
 from sysid_trib.errors import SysidTribError
-from sysid_trib.forces.systems import load_system
+from sysid_trib.forces.systems import load_system, without_impossible
 from sysid_trib.methods.scope import with_random_force
+from sysid_trib.simulation.example import paper_twin
 from sysid_trib.validation.answer import better_of, identifications
 from sysid_trib.validation.residuals import fitted_motion
 
@@ -101,11 +109,54 @@ def signs(result: xr.Dataset) -> str:
     return ", ".join(of_forces)
 
 
+def direct_ms() -> float:
+    """Processor time of Direct on the paper's run, ms: how fast the machine is just now."""
+    record, library = paper_twin(seed=0), load_library().select(TANK.split())
+    return median_ms(lambda: st.methods.Direct().identify(record, library), 5, process_time)
+
+
+def spent(decay: xr.Dataset, system: str, forces: str) -> list[str]:
+    """Processor time of `identify` and `discover`, s, and as it would be on the machine of the bar."""
+    swinging = load_system(system) if system else None
+    library, methods = methods_of(system, forces)
+    start = BOTH.select(["zeta", *(swinging.held if swinging else ())])
+    others = tuple(force for force in without_impossible(BOTH, swinging) if force.symbol not in start.symbols)
+
+    def identify() -> None:
+        st.cross_check(decay, *identifications(decay, library, [methods["averaging"], methods["direct"]]))
+
+    def discover() -> None:
+        st.discover(decay, start, replace(BOTH, forces=others), fix=dict(swinging.held) if swinging else {})
+
+    cells = []
+    for call in (identify, discover):
+        before, seconds, after = direct_ms(), timed(call, process_time)[1], direct_ms()
+        cells += [f"{seconds:.1f}", f"{seconds * 90.0 / (before + after):.1f}"]
+    return cells
+
+
+def times_table(only: str) -> Table:
+    """Of each record what `spent` says."""
+    table = Table("record", "samples", "identify (s)", "at 45 ms", "discover (s)", "at 45 ms")
+    for title, file, columns, window, system, forces, _ in RECORDS:
+        if only not in title:
+            continue
+        decay = st.free_decay(st.read_record(records_folder() / file, **columns), window=window)
+        decay = decay.isel(time=slice(None, None, -(-decay.sizes["time"] // 20_000)))
+        cells = spent(decay, system, forces)
+        table.add_row(title, f"{decay.sizes['time']:,}", *cells)
+    return table
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--only", default="", help="records whose title holds this word")
+    parser.add_argument("--time", action="store_true", help="processor time of identify and discover")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
+    if options.time:
+        Console(width=110).print(times_table(options.only))
+        return
     labels = [
         f"{name} {option}" for name in ("averaging", "direct", "trajectory") for option in ("off", "random")
     ]

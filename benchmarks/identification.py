@@ -36,6 +36,7 @@ from helpers import (  # noqa: E402
 )
 from stopwatch import timed  # noqa: E402
 
+import sysid_trib as st  # noqa: E402
 from sysid_trib import ForceLibrary  # noqa: E402
 from sysid_trib.methods import Averaging, Direct, Trajectory  # noqa: E402
 from sysid_trib.trajectory_fit.cramer_rao import cramer_rao_bound  # noqa: E402
@@ -56,9 +57,12 @@ class Study:
     bar: float = np.nan
 
 
-def ours(method) -> Callable:
+def ours(method, *, decided: bool = False) -> Callable:
+    """A method as it is; `decided`: as the commands have it, its noise decided and its errors total."""
+
     def identify(run: Run, angle: np.ndarray):
-        result = method.identify(decay(run.time, angle), run.model.library)
+        asked = decay(run.time, angle), run.model.library
+        result = st.identify(*asked, method) if decided else method.identify(*asked)
         result = result.sel(force=list(run.model.coefficients))
         return result.coefficient.values, result.standard_error.values
 
@@ -89,6 +93,9 @@ STUDIES = [
     Study("Trajectory", PAPER, ours(Trajectory(W)), 400, bar=1.12),
     Study("Trajectory, lambda = 1e-3, stop inside", STOP, ours(Trajectory(W)), 400, bar=1.12),
     Study("Averaging", FITTED, ours(Averaging()), 200),
+    Study("Decided: direct", FITTED, ours(Direct(), decided=True), 200, bar=1.05),
+    Study("Decided: direct, lambda = 1e-3, 14 s", DRY, ours(Direct(W), decided=True), 200, bar=1.05),
+    Study("Decided: averaging", FITTED, ours(Averaging(), decided=True), 200),
     Study("Averaging, lambda = 1e-3, 14 s, w given", DRY, ours(Averaging(reference_frequency=W)), 100),
     Study("Averaging, uncorrected", FITTED, ours(Averaging(correct=False)), 200),
     Study("Averaging, the paper's rule", FITTED, ours(Averaging(frequency="last", correct=False)), 200),

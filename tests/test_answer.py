@@ -12,7 +12,7 @@ from sysid_trib.printing.exported import csv_text, latex_text
 from sysid_trib.printing.identification import identification_json
 from sysid_trib.printing.model_verdict import verdict_sentence
 from sysid_trib.validation.answer import better_of, identifications
-from sysid_trib.validation.model_error import error_parts
+from sysid_trib.validation.model_error import _of_other_runs, error_parts
 
 NOISE = 3e-4
 TIME = np.arange(0.0, 20.0, 0.02)
@@ -51,6 +51,15 @@ def test_where_the_model_is_complete_nothing_is_added():
     assert "random_force_density" not in decided
     np.testing.assert_array_equal(decided.standard_error, alone.standard_error)
     np.testing.assert_array_equal(decided.coefficient, alone.coefficient)
+
+
+def test_of_several_runs_every_other_one_predicts_the_rest(incomplete):
+    (decay, pair), method = incomplete, st.methods.Averaging(random_force="off")
+    missed = list(_of_other_runs(method, [decay, decay], FORCES, pair[0]))
+    assert len(missed) == 2
+    assert missed[0] == pytest.approx(missed[1])
+    assert missed[0] > NOISE
+    assert not list(_of_other_runs(method, [decay], FORCES, pair[0]))
 
 
 def test_a_random_force_is_taken_where_there_is_one():

@@ -417,10 +417,12 @@ def test_a_campaign_searches_as_discover_is_asked_to(tmp_path):
 
 
 def test_a_campaign_gives_discover_all_that_is_asked():
-    groups = (DecayOptions(), ModelOptions(reference_frequency=9.9), ConstraintOptions())
+    groups = (DecayOptions(system="pendulum"), ModelOptions(reference_frequency=9.9), ConstraintOptions())
     asked = SearchOptions(max_effects=1, refit=True, level=0.05, time_limit=60.0)
     given = {"max_effects": 1, "refit": True, "level": 0.05, "time_limit": 60.0, "reference_frequency": 9.9}
-    assert task_of(*groups, asked, ("discover", None)).options == given
+    task = task_of(*groups, asked, ("discover", None))
+    assert task.options == given | {"fix": {"gravity": 1.0}}
+    assert "gravity" in task.library.symbols
 
 
 @pytest.mark.parametrize(

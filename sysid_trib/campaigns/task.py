@@ -29,7 +29,7 @@ from sysid_trib.results.signal_units import signal_units
 from sysid_trib.validation.answer import identifications
 from sysid_trib.validation.breakdown import breakdown
 from sysid_trib.validation.compare import compare, every_method
-from sysid_trib.validation.cross_check import cross_check
+from sysid_trib.validation.cross_check import identified_and_checked
 
 Name: TypeAlias = Literal["identify", "compare", "discover"]
 Row: TypeAlias = dict[str, Any]
@@ -164,11 +164,11 @@ class Task:
         methods = {
             label: constrained(method, self.constraints) for label, method in self._applying(decays).items()
         }
-        identified = identifications(decay, self.library, list(methods.values()))
-        results = dict(zip(methods, identified, strict=True))
-        tree = xr.DataTree.from_dict(results)
+        asked = decay, self.library, list(methods.values())
         if self.judged:
-            tree = cross_check(decay, *results.values(), **self.options)
+            tree = identified_and_checked(*asked, **self.options)
+        else:
+            tree = xr.DataTree.from_dict(dict(zip(methods, identifications(*asked), strict=True)))
         if self.contactless is not None:
             contactless = self.contactless
             tree = map_identifications(tree, lambda result: with_contactless_frequency(result, *contactless))

@@ -73,7 +73,7 @@ def task_of(
         if listed is not None:
             raise UsageError("--methods are of identify and compare; discover has one of its own.")
         checks.check_positive(held, "--reference-frequency")
-        options = discovery_inputs.search_options(search, held)
+        options = discovery_inputs.search_options(search, held, swinging)
         start = discovery_inputs.start_forces(model.library, model.forces, held, swinging)
         offered = discovery_inputs.offered_candidates(model.library, search.candidates, start)
         offered = replace(offered, forces=without_impossible(offered, swinging))

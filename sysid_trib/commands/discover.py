@@ -57,9 +57,9 @@ def discover(
         from sysid_trib.printing.discovery_story import discovery_blocks
 
         checks.check_positive(model.reference_frequency, "--reference-frequency")
-        options = discovery_inputs.search_options(asked, model.reference_frequency)
         forces = EXAMPLE_FORCES if model.forces is None and not given.records else model.forces
         swinging = None if given.system is None else load_system(given.system)
+        options = discovery_inputs.search_options(asked, model.reference_frequency, swinging)
         start = discovery_inputs.start_forces(model.library, forces, model.reference_frequency, swinging)
         offered = discovery_inputs.offered_candidates(model.library, asked.candidates, start)
         offered = replace(offered, forces=without_impossible(offered, swinging))

@@ -44,8 +44,10 @@ def start_forces(
     return offered_forces(library, forces, frequency is not None)
 
 
-def search_options(asked: SearchOptions, frequency: float | None) -> dict[str, Any]:
-    """How to search, as `discover` takes it.
+def search_options(
+    asked: SearchOptions, frequency: float | None, system: "System | None" = None
+) -> dict[str, Any]:
+    """How to search, and what a system always has, as `discover` takes it.
 
     Raises
     ------
@@ -57,6 +59,7 @@ def search_options(asked: SearchOptions, frequency: float | None) -> dict[str, A
     check_positive(asked.time_limit, "--time-limit")
     return {
         "reference_frequency": frequency,
+        "fix": {} if system is None else dict(system.held),
         "max_effects": asked.max_effects,
         "refit": asked.refit,
         "level": asked.level,

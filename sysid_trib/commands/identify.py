@@ -114,14 +114,11 @@ def _cross_checked(
 
     from sysid_trib.printing.translation import second_of
     from sysid_trib.records.runs import one_or_all
-    from sysid_trib.validation.answer import identifications
-    from sysid_trib.validation.cross_check import cross_check
+    from sysid_trib.validation.cross_check import identified_and_checked
     from sysid_trib.validation.homogeneity import run_agreement
 
     decay = one_or_all(decays)
-    tell("identification")
-    results = identifications(decay, offered, methods)
-    tree = cross_check(decay, *results, draws=draws, tell=tell)
+    tree = identified_and_checked(decay, offered, methods, draws=draws, tell=tell)
     if len(decays) > 1:
         tell("each run by itself")
         tree["runs"] = xr.DataTree(run_agreement(decays, second_of(tree)))

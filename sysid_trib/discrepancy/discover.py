@@ -2,9 +2,10 @@
 
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -17,14 +18,21 @@ from sysid_trib.discrepancy.parts import Stability, stability_of
 from sysid_trib.discrepancy.search import Begin, Search, may_gain, search, with_steps
 from sysid_trib.discrepancy.to_xarray import groups_of
 from sysid_trib.errors import UsageError
+from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.to_identify import forces_to_identify
 from sysid_trib.likelihood_fit.decimation import decimated
 from sysid_trib.likelihood_fit.fitted_model import FittedModel
-from sysid_trib.likelihood_fit.paths import RecordPath, path_of_run
 from sysid_trib.likelihood_fit.reference import refitted
 from sysid_trib.likelihood_fit.settings import DEFAULTS, Settings
-from sysid_trib.likelihood_fit.start_model import beside_noises, colour_penalty, fit_start_model, recoloured
+from sysid_trib.likelihood_fit.start_model import (
+    beside_noises,
+    colour_penalty,
+    default_shapes,
+    fit_start_model,
+    recoloured,
+)
+from sysid_trib.likelihood_fit.trials import TrialEffect
 from sysid_trib.records.runs import Decays, as_runs, one_or_all
 from sysid_trib.results.discoveries import misnamed_effects
 from sysid_trib.results.per_run import group_names
@@ -34,6 +42,9 @@ from sysid_trib.screening.screen import screen
 from sysid_trib.validation.holdout import split, up_to_held_out
 from sysid_trib.validation.progress import Tell, silent
 
+# The default: all forces are fitted.
+NOTHING_HELD: Mapping[str, float] = MappingProxyType({})
+
 
 @in_units_of_the_motion
 def discover(
@@ -42,6 +53,7 @@ def discover(
     candidates: ForceLibrary,
     *,
     reference_frequency: float | None = None,
+    fix: Mapping[str, float] = NOTHING_HELD,
     max_effects: int | None = None,
     holdout: Decays = (),
     refit: bool = False,
@@ -63,6 +75,8 @@ def discover(
         What may be missing. Those that the model has are not offered, and named in the result.
     reference_frequency : float, rad/s, optional
         w, held; else it is fitted.
+    fix : mapping of str to float
+        Coefficients of forces of the model that are always there, as a pendulum's `{"gravity": 1.0}`.
     max_effects : int, optional
         Effects added at most, in the place of the settings'.
     holdout : xr.Dataset or sequence of xr.Dataset
@@ -101,7 +115,8 @@ def discover(
     Raises
     ------
     UsageError
-        No forces to start from, or no candidates; a level, a number of effects or a time limit that is none.
+        No forces to start from, or no candidates; a level, a number of effects or a time limit that is none;
+        what is to be held is no force of the model.
     DecayError
         The decay cannot support the start model.
     """
@@ -112,9 +127,7 @@ def discover(
     deadline = time.monotonic() + time_limit
     whole = as_runs(decay)
     runs = [decimated(run, settings.samples_per_period) for run in whole]
-    if not len(model_forces):
-        raise UsageError("The start model has no force; give at least one, such as a viscous one.")
-    model = forces_to_identify(model_forces, reference_frequency)
+    model, free, held = _start_forces(model_forces, reference_frequency, fix)
     offered, left_out = _offered(model_forces, candidates)
     if not len(offered):
         raise UsageError("No candidate is left beside the forces of the model; offer another library.")
@@ -122,7 +135,7 @@ def discover(
     parts = [decimated(part, settings.samples_per_period) for part in unseen]
     seen = runs if unseen else [split(run)[0] for run in runs]
     tell("fit of the start model")
-    start = fit_start_model(seen, model.forces, reference_frequency, settings)
+    start = fit_start_model(seen, free, reference_frequency, settings, held)
     growth = Growth(seen, _foresight(start, runs, parts))
     look = partial(search, candidates=offered.forces, deadline=deadline, tell=tell)
     done = look(start, growth=growth)
@@ -146,7 +159,7 @@ def discover(
         "method": "discover",
         "options": json.dumps(
             {name: getattr(settings, name) for name in asked}
-            | {"refit": refit, "reference_frequency": reference_frequency}
+            | {"refit": refit, "reference_frequency": reference_frequency, "fix": dict(fix)}
         ),
         "settings": json.dumps(asdict(settings)),
         "candidates": offered.to_toml(),
@@ -240,10 +253,10 @@ def _origin(part: xr.Dataset, runs: Sequence[xr.Dataset]) -> float:
 
 
 def _refitted(model: FittedModel, runs: Sequence[xr.Dataset]) -> FittedModel:
-    def whole(run: xr.Dataset, near: RecordPath) -> RecordPath:
-        return path_of_run(run, near.frequency, near.sensor, near.origin)
-
-    return refitted(model, [whole(run, rows.path) for run, rows in zip(runs, model.rows, strict=True)])
+    nears = [rows.path for rows in model.rows]
+    return refitted(
+        model, [near.of_run(run, near.frequency, near.origin) for run, near in zip(runs, nears, strict=True)]
+    )
 
 
 def _closing_effect(done: Search, candidates: Sequence[Force], growth: Growth) -> str:
@@ -298,6 +311,25 @@ def verdict_of(
     if closing or (noisy and not done.outstanding and last.omnibus.p_value >= settings.level):
         return "explained" if done.effects else "nothing missing"
     return "unknown effect"
+
+
+def _start_forces(
+    asked: ForceLibrary, reference_frequency: float | None, fix: Mapping[str, float]
+) -> tuple[ForceLibrary, list[Force], list[tuple[TrialEffect, float]]]:
+    """The forces of the start model: all, those that are fitted, those held with their coefficients."""
+    if not len(asked):
+        raise UsageError("The start model has no force; give at least one, such as a viscous one.")
+    model = forces_to_identify(asked, reference_frequency)
+    Constraints(fixed=fix)
+    able = [force.symbol for force in model if force.kind == "force"]
+    for symbol in fix:
+        if symbol not in able:
+            raise UsageError(f"No force '{symbol}' of the model can be held; there are {', '.join(able)}.")
+    free = [force for force in model if force.symbol not in fix]
+    if not free:
+        raise UsageError("Every force of the start model is held; give one that is fitted, a viscous one.")
+    held = [(TrialEffect(f, default_shapes(f)), float(fix[f.symbol])) for f in model if f.symbol in fix]
+    return model, free, held
 
 
 def _offered(model: ForceLibrary, candidates: ForceLibrary) -> tuple[ForceLibrary, list[str]]:

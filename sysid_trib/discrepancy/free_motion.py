@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import SimulationError
+from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import counted_from
 from sysid_trib.likelihood_fit.fitted_model import FittedModel
@@ -63,9 +64,12 @@ class FreeMotion:
 
 def model_of_fit(model: FittedModel) -> Model:
     """Forces, errors of the sensor, shapes and frequency of a fit whose paths have its frequency."""
-    library = ForceLibrary("model", tuple(trial.force for trial in model.trials))
-    coefficients = dict(zip(library.symbols, model.coefficients.tolist(), strict=True))
-    shapes = {k: value for trial in model.trials for k, value in trial.shapes.items()}
+    held = model.rows[0].path.held
+    trials = [*model.trials, *(trial for trial, _ in held)]
+    library = ForceLibrary("model", tuple(trial.force for trial in trials))
+    values = [*model.coefficients.tolist(), *(coefficient for _, coefficient in held)]
+    coefficients = dict(zip(library.symbols, values, strict=True))
+    shapes = {k: value for trial in trials for k, value in trial.shapes.items()}
     return Model(library, coefficients, model.rows[0].path.frequency, shapes)
 
 
@@ -159,12 +163,21 @@ def model_identification(
         "birge_ratio": (root_mean_square(levels) / expected, "1", "sensor's noise over that of its spectrum"),
         **start_variables([motion.start for motion in motions], [motion.zero for motion in motions]),
     }
-    covariance = total_covariance(model, widening, model_error)
-    estimate = Estimate(model.coefficients, covariance, identified.reference_frequency, levels, extra)
-    method = Direct(frequency, shapes=dict(identified.shapes), random_force="estimated")
+    fixed = {trial.force.symbol: coefficient for trial, coefficient in model.rows[0].path.held}
+    values = np.append(model.coefficients, list(fixed.values()))
+    # What is held has no error; the last row is that of the frequency.
+    covariance = np.zeros((len(values) + 1, len(values) + 1))
+    free = [*range(len(model.trials)), len(values)]
+    covariance[np.ix_(free, free)] = total_covariance(model, widening, model_error)
+    estimate = Estimate(values, covariance, identified.reference_frequency, levels, extra)
+    method = Direct(frequency, shapes=dict(identified.shapes), fix=fixed, random_force="estimated")
     result = identification(
         method, one_or_all(list(runs)), identified.library, estimate, offered=identified.library
     )
+    if fixed:
+        result = result.assign_coords(
+            constraint=("force", Constraints(fixed).kinds(identified.library.symbols))
+        )
     filters = [rows.path.sensor.filter_ for rows in model.rows]
     result = result.assign(random_force_variables(forces) | colour_variables(filters))
     if "shape" in result:

@@ -11,7 +11,7 @@ from sysid_trib.averaging.internal_states import begun_after
 from sysid_trib.discrepancy.free_motion import free_motion, model_of_fit
 from sysid_trib.errors import SysidTribError
 from sysid_trib.likelihood_fit.fitted_model import FittedModel
-from sysid_trib.likelihood_fit.paths import RecordPath, path_of_run
+from sysid_trib.likelihood_fit.paths import RecordPath
 from sysid_trib.likelihood_fit.run_rows import run_rows
 from sysid_trib.noise.smoothing import KNOTS_PER_PERIOD
 from sysid_trib.records.runs import root_mean_square
@@ -73,9 +73,9 @@ def predicted(
     for part, before, origin, run in zip(parts, befores, origins, runs, strict=True):
         near, acting = model.rows[run].path, model
         memoryless = all(trial.force.memoryless for trial in model.trials)
-        path = path_of_run(part, frequency, near.sensor, origin).rescaled(near.frequency)
+        path = near.of_run(part, frequency, origin).rescaled(near.frequency)
         if before is not None and not memoryless:
-            earlier = path_of_run(before, frequency, near.sensor, origin).rescaled(near.frequency)
+            earlier = near.of_run(before, frequency, origin).rescaled(near.frequency)
             acting = _remembering(model, earlier)
         scored, path = _scored(acting, path, run)
         scores.append(scored)

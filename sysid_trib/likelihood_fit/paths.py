@@ -80,6 +80,8 @@ class RecordPath:
         By the forces that gave the path.
     ratio : float
         Of the random force to the sensor's noise, where it was the likeliest so far; 0 if not known.
+    held : tuple of (TrialEffect, float)
+        Forces that are always there, with their coefficients, as a pendulum's gravity: no columns.
     """
 
     time: Array
@@ -93,6 +95,7 @@ class RecordPath:
     settings: Settings
     fine: FineMotion = NO_FINE_MOTION
     ratio: float = 0.0
+    held: tuple[tuple[TrialEffect, float], ...] = ()
 
     @property
     def elapsed(self) -> Array:
@@ -134,26 +137,33 @@ class RecordPath:
         return GivenMotion(*self.points[:3], self.points.time)
 
     @cached_property
-    def linear_part(self) -> Array:
-        """Integrals of x'' + x, (row,)."""
-        return np.asarray(self.points.integrals @ (self.points.acceleration + self.points.x))
+    def _held_force(self) -> Array:
+        """Forces that are always there, (point,), rad."""
+        values = self.force_values([trial for trial, _ in self.held])
+        return values @ np.array([coefficient for _, coefficient in self.held])
+
+    @cached_property
+    def known_part(self) -> Array:
+        """Integrals of x'', of x and of the forces that are always there, (row,)."""
+        return np.asarray(self.points.integrals @ self.points.acceleration) + self.stiffness_column
 
     @cached_property
     def stiffness_column(self) -> Array:
-        """Integrals of x, (row,)."""
-        return np.asarray(self.points.integrals @ self.points.x)
+        """Integrals of x and of the forces that are always there, which a frequency scales, (row,)."""
+        return np.asarray(self.points.integrals @ (self.points.x + self._held_force))
 
     def tangent(
         self, trials: Sequence[TrialEffect], coefficients: Array, stiffness: float
     ) -> tuple[Array, Array]:
         """Stiffness and damping of small deviations of the motion from a model, (point,) each."""
-        forces = [
-            (t.force, float(c)) for t, c in zip(trials, coefficients, strict=True) if t.force.kind == "force"
+        acting = [
+            *((trial, float(c)) for trial, c in zip(trials, coefficients, strict=True)),
+            *((trial, (1.0 + stiffness) * c) for trial, c in self.held),
         ]
-        shapes = {k: value for trial in trials for k, value in trial.shapes.items()}
+        shapes = {k: value for trial, _ in acting for k, value in trial.shapes.items()}
         _, x, v, _, time, _ = self.points
-        of_x, of_v = derivatives_along(forces, shapes, time, x, v)
-        for trial, c in zip(trials, coefficients, strict=True):
+        of_x, of_v = derivatives_along([(trial.force, c) for trial, c in acting], shapes, time, x, v)
+        for trial, c in acting:
             if trial.force.kind == "force" and not trial.force.memoryless and c:
                 past_x, past_v = tangent_along(self.motion, trial.force, trial.shapes)
                 of_x, of_v = of_x + c * past_x, of_v + c * past_v
@@ -263,7 +273,7 @@ class RecordPath:
         """The path through a motion at the samples, (sample,), with what forces along this path give it."""
         dynamic = [at for at, trial in enumerate(trials) if trial.force.kind == "force"]
         force = self.force_values([trials[at] for at in dynamic]) @ coefficients[dynamic]
-        fine = fine_motion(self.points.tau, -force)
+        fine = fine_motion(self.points.tau, -(force + self._held_force))
         spline = _spline(self.form.tau, motion - fine.value(self.form.tau), self.intervals)
         return replace(self, spline=spline, fine=fine)
 
@@ -279,17 +289,11 @@ class RecordPath:
         spline = _spline(form.tau, self.at_samples[0] - fine.value(form.tau), self.intervals)
         return replace(self, frequency=frequency, form=form, spline=spline, fine=fine)
 
-
-def path_of_run(
-    run: xr.Dataset,
-    frequency: float,
-    sensor: NoiseModel,
-    origin: float | None = None,
-    settings: Settings = DEFAULTS,
-) -> RecordPath:
-    """`path_of` of a run with `angle(time)`."""
-    time, angle = run.time.values.astype(float), run.angle.values.astype(float)
-    return path_of(time, angle, frequency, sensor, origin, settings)
+    def of_run(self, run: xr.Dataset, frequency: float, origin: float) -> "RecordPath":
+        """The path of another run of the same sensor and the same held forces."""
+        time, angle = run.time.values.astype(float), run.angle.values.astype(float)
+        path = path_of(time, angle, frequency, self.sensor, origin, self.settings)
+        return replace(path, held=self.held)
 
 
 def path_of(

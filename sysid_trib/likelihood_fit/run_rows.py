@@ -54,7 +54,7 @@ class RunRows:
     @cached_property
     def target(self) -> Array:
         """What the columns are to explain, (row,)."""
-        return -(self.operator @ (self.path.angle - self.path.at_samples[0])) - self.path.linear_part
+        return -(self.operator @ (self.path.angle - self.path.at_samples[0])) - self.path.known_part
 
     def columns(self, trials: Sequence[TrialEffect]) -> Array:
         """Of each trial, (row, trial)."""

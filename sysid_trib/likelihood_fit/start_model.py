@@ -40,6 +40,7 @@ def fit_start_model(
     forces: Sequence[Force],
     frequency: float | None,
     settings: Settings = DEFAULTS,
+    held: Sequence[tuple[TrialEffect, float]] = (),
 ) -> FittedModel:
     """Fit the start model beside both noises of each run.
 
@@ -51,6 +52,8 @@ def fit_start_model(
     frequency : float or None, rad/s
         The reference frequency, held; None has it fitted.
     settings : Settings
+    held : sequence of (TrialEffect, float)
+        Forces that are always there, with their coefficients.
 
     Raises
     ------
@@ -58,7 +61,7 @@ def fit_start_model(
         A force has no values along the motion.
     """
     nominal = frequency or float(np.median([swing_frequency(run) for run in runs]))
-    paths = [_first_path(run, nominal, settings) for run in runs]
+    paths = [replace(_first_path(run, nominal, settings), held=tuple(held)) for run in runs]
     trials = [TrialEffect(force, default_shapes(force)) for force in forces]
     model = fit_model(paths, trials, frequency_free=frequency is None)
     if not (model.is_finite and np.isfinite(model.deviance)):

@@ -5,7 +5,14 @@ from typing import Any
 
 import xarray as xr
 
-from sysid_trib.printing.layout import by_label, number, numbers, quantity_json, records_json
+from sysid_trib.printing.layout import (
+    by_label,
+    coefficient_json,
+    number,
+    numbers,
+    quantity_json,
+    records_json,
+)
 from sysid_trib.printing.residual import noise_of, residual_of
 from sysid_trib.printing.runs import homogeneity_json
 from sysid_trib.printing.stability import stability_json
@@ -108,7 +115,7 @@ def _model_json(result: xr.Dataset) -> dict[str, Any]:
     forces = by_label(result, "force")
     shapes = by_label(result, "shape_parameter") if "shape" in result else {}
     return {
-        "coefficients": {s: quantity_json(force, "coefficient") for s, force in forces.items()},
+        "coefficients": {s: coefficient_json(force) for s, force in forces.items()},
         **numbers(result, names),
         "shapes": {name: quantity_json(shape, "shape") for name, shape in shapes.items()},
     }

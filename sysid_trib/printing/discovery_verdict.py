@@ -5,7 +5,7 @@ import xarray as xr
 
 from sysid_trib.printing.discovery_tables import effect_with_ties
 from sysid_trib.printing.equation import equation_text
-from sysid_trib.printing.layout import coefficient_text, p_value_text, quantity
+from sysid_trib.printing.layout import coefficient_text, constraint_sentences, p_value_text, quantity
 from sysid_trib.printing.residual import (
     force_type_sentences,
     noise_of,
@@ -52,6 +52,7 @@ def verdict_sentences(tree: xr.DataTree, *, details: bool = True) -> list[str]:
         *stability_sentences(tree),
         *heterogeneity_sentences(tree),
         _model(tree),
+        *constraint_sentences([tree["after"].to_dataset()]),
         f"Equation: {equation_text(tree['after'].to_dataset())}.",
     ]
 

@@ -16,10 +16,10 @@ from sysid_trib.printing.equation import equation_text
 from sysid_trib.printing.layers import ALWAYS, USUALLY, Block, Layer
 from sysid_trib.printing.layout import (
     by_label,
+    coefficient_json,
     number,
     numbers,
     quantity,
-    quantity_json,
     records_json,
     text_table,
 )
@@ -209,13 +209,12 @@ def _method_json(result: xr.Dataset) -> dict[str, Any]:
     noise, model = error_parts(result)
     coefficients = {
         symbol: {
-            **quantity_json(force, "coefficient"),
+            **coefficient_json(force),
             "error_of_noise": number(noise[at]),
             "error_of_model": number(model[at]),
             "active": bool(force.active.item()),
             "refers_to": number(force.refers_to.item()),
             "unit": force.unit.item(),
-            **({"constraint": force.constraint.item()} if "constraint" in force.coords else {}),
         }
         for at, (symbol, force) in enumerate(by_label(result, "force").items())
     }

@@ -97,6 +97,12 @@ def quantity_json(result: xr.Dataset, name: str) -> dict[str, Any]:
     return {"value": value, "standard_error": error}
 
 
+def coefficient_json(force: xr.Dataset) -> dict[str, Any]:
+    """The coefficient of a force as JSON holds it, and how it is constrained where any is."""
+    kind = {"constraint": force.constraint.item()} if "constraint" in force.coords else {}
+    return quantity_json(force, "coefficient") | kind
+
+
 # Keys of the JSON where they differ from the attributes.
 JSON_KEYS = {"decimated": "thinned"}
 # Attributes that JSON holds as they are.

@@ -7,7 +7,7 @@ nothing, so that results are the same in every unit.
 """
 
 import inspect
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar, cast
@@ -62,6 +62,7 @@ def in_units_of_the_motion(function: Callable[P, R]) -> Callable[P, R]:
             kept = tuple(force for force in candidates if scalable(force))
             given["candidates"] = replace(candidates, forces=kept)
         inside = {name: scale.inwards(argument) for name, argument in given.items()}
+        inside |= {"fix": scale.fixed(given["fix"])} if "fix" in given else {}
         return cast(R, scale.outwards(function(**inside)))  # type: ignore[call-arg]
 
     return run
@@ -199,13 +200,17 @@ class _SignalScale:
                 f"A tie needs an angle, but a displacement in {self.unit} was measured; leave it out."
             )
         if constraints.fixed:
-            changes["fix"] = {k: v * self._of_parameter(k) for k, v in constraints.fixed.items()}
+            changes["fix"] = self.fixed(constraints.fixed)
         if constraints.bounds:
             both = constraints.bounds.items()
             changes["bounds"] = {
                 k: (low * self._of_parameter(k), high * self._of_parameter(k)) for k, (low, high) in both
             }
         return replace(method, **changes) if changes else method
+
+    def fixed(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Values of parameters by name, those of the scaled motion."""
+        return {name: value * self._of_parameter(name) for name, value in values.items()}
 
     def _of_parameter(self, name: str) -> float:
         power = self._shape_power(name) if "." in name else self._coefficient_power(name)

@@ -1,6 +1,6 @@
 """A record followed by the motion of a model that is given: only its start and the sensor's zero adapt."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -97,7 +97,18 @@ class FollowedRuns:
 
     runs: Mapping[int, xr.Dataset]
     result: xr.Dataset
-    _outcomes: dict[int, TrackedRecord | SysidTribError] = field(default_factory=dict, init=False)
+    _outcomes: dict[int, TrackedRecord | SysidTribError] = field(default_factory=dict)
+    _tests: dict[str, xr.Dataset] = field(default_factory=dict)
+
+    def with_result(self, result: xr.Dataset) -> "FollowedRuns":
+        """The same for a result of the same model whose errors are others."""
+        return replace(self, result=result)
+
+    def tested(self, name: str, test: "Callable[[FollowedRuns], xr.Dataset]") -> xr.Dataset:
+        """What a test of all runs says, made once."""
+        if name not in self._tests:
+            self._tests[name] = test(self)
+        return self._tests[name].copy(deep=True)
 
     def tracked(self, run: int) -> TrackedRecord:
         """A run as `track` follows it.

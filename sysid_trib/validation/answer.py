@@ -104,23 +104,29 @@ def identifications(decay: Decays, library: ForceLibrary, methods: Sequence[Meth
     whatever the model lacks within the cycle moves its coefficients. It is right where it depends on nothing;
     where its test refuses it, the sensor's noise alone predicts better.
     """
+    return [followed.result for followed in decided(decay, library, methods)]
+
+
+def decided(decay: Decays, library: ForceLibrary, methods: Sequence[Method]) -> list[FollowedRuns]:
+    """`identifications`, each with the runs as its motion follows them."""
     runs = as_runs(decay, driven=True)
-    results = [_with(method, "off").identify(decay, library) for method in methods]
+    together = dict(enumerate(runs))
+    results = [FollowedRuns(together, _with(method, "off").identify(decay, library)) for method in methods]
     if any(INPUT in run.variables for run in runs):
         return results
-    residual_tests = [_residual(runs, result) for result in results]
+    residual_tests = [_residual(followed) for followed in results]
     # Decrements neglect forces: the last method of the whole motion decides.
     places = [at for at, method in enumerate(methods) if _is_open(method)]
     open_ones = sorted(places, key=lambda at: _family(methods[at]) in DECIDING)
     if open_ones and residual_tests[open_ones[-1]][0] < SUSPICION_LEVEL:
-        pushed = _pushed(decay, runs, library, methods, open_ones)
-        results = [pushed.get(at, result) for at, result in enumerate(results)]
+        pushed = _pushed(decay, together, library, methods, open_ones)
+        results = [pushed.get(at, followed) for at, followed in enumerate(results)]
         residual_tests = [
             (1.0, 1.0) if at in pushed else residual for at, residual in enumerate(residual_tests)
         ]
     return [
-        _with_model(result, _with(method, "off"), runs, library, residual)
-        for method, result, residual in zip(methods, results, residual_tests, strict=True)
+        followed.with_result(_with_model(followed.result, _with(method, "off"), runs, library, residual))
+        for method, followed, residual in zip(methods, results, residual_tests, strict=True)
     ]
 
 
@@ -128,7 +134,8 @@ def with_model_in_errors(
     result: xr.Dataset, method: Method, runs: Sequence[xr.Dataset], library: ForceLibrary
 ) -> xr.Dataset:
     """The identification with errors that are those of the model too, where the residual is not noise."""
-    return _with_model(result, method, runs, library, _residual(runs, result))
+    residual = _residual(FollowedRuns(dict(enumerate(runs)), result))
+    return _with_model(result, method, runs, library, residual)
 
 
 def with_common_noise(
@@ -186,35 +193,35 @@ def _with_model(
     return with_rounding(result, runs)
 
 
-def _residual(runs: Sequence[xr.Dataset], result: xr.Dataset) -> tuple[float, float]:
+def _residual(followed: FollowedRuns) -> tuple[float, float]:
     """P-value that the residual of a model, with a random force its innovations, is white noise; its size."""
-    (motions,) = fitted_motions(runs, (result,))
-    followed = {"": FollowedRuns(dict(enumerate(runs)), result)}
+    result = followed.result
+    (motions,) = fitted_motions([*followed.runs.values()], (result,))
     pairs = enumerate(motions)
-    of_runs = [residuals(followed, [motion], noise_of_run(result, at), at) for at, motion in pairs]
+    of_runs = [residuals({"": followed}, [motion], noise_of_run(result, at), at) for at, motion in pairs]
     whole = pooled(of_runs)
     return float(whole.residual_p_value.item()), float(whole.residual_over_noise.item())
 
 
 def _pushed(
     decay: Decays,
-    runs: Sequence[xr.Dataset],
+    runs: Mapping[int, xr.Dataset],
     library: ForceLibrary,
     methods: Sequence[Method],
     open_ones: Sequence[int],
-) -> dict[int, xr.Dataset]:
+) -> dict[int, FollowedRuns]:
     """Identifications with a random force or coloured noise, by their place; none where that is refused."""
-    pushed: dict[int, xr.Dataset] = {}
+    pushed: dict[int, FollowedRuns] = {}
     for at in open_ones:
         last = at == open_ones[-1]
         try:
-            pushed[at] = with_random_force(methods[at], "estimated").identify(decay, library)
-            followed = FollowedRuns(dict(enumerate(runs)), pushed[at])
+            result = with_random_force(methods[at], "estimated").identify(decay, library)
+            followed = pushed[at] = FollowedRuns(runs, result)
             if last:
-                accepted = _residual(runs, pushed[at])[0] >= RESIDUAL_LEVEL and is_random(followed)
+                accepted = _residual(followed)[0] >= RESIDUAL_LEVEL and is_random(followed)
                 return pushed if accepted else {}
             # What the quicker methods refuse is not looked for by the slower ones.
-            averaging = _family(methods[at]) == "averaging" and is_found(random_force_of(pushed[at]))
+            averaging = _family(methods[at]) == "averaging" and is_found(random_force_of(result))
             if averaging and not is_random(followed):
                 return {}
         except (SysidTribError, np.linalg.LinAlgError):

@@ -10,13 +10,15 @@ from sysid_trib.arrays import Array
 from sysid_trib.averaging.backbone import backbone_curves, backbone_dataset
 from sysid_trib.decays.half_sines import envelope
 from sysid_trib.errors import DecayError
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.methods.scope import Method
 from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.results.per_run import group_names, noise_of_run
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import variable
 from sysid_trib.state_space.tracked import FollowedRuns
 from sysid_trib.trajectory_fit.initial_conditions import FittedMotion
-from sysid_trib.validation.answer import RESIDUAL_LEVEL, better_of
+from sysid_trib.validation.answer import RESIDUAL_LEVEL, better_of, decided
 from sysid_trib.validation.compared_part import ComparedPart, compared_part, fitted_motions
 from sysid_trib.validation.cross_check_statistics import comparison, ties
 from sysid_trib.validation.homogeneity import verdict_of
@@ -88,7 +90,29 @@ def cross_check(
     on none is drawn after a p-value above 0.1; a smaller one is that of all. The residual of a result with a
     random force is what it predicts wrongly one sample ahead, over its own error.
     """
-    runs, results = as_runs(decay), (first, second)
+    together = dict(enumerate(as_runs(decay)))
+    followed = [FollowedRuns(together, result) for result in (first, second)]
+    return _checked(followed, draws=draws, seed=seed, tell=tell)
+
+
+@in_units_of_the_motion
+def identified_and_checked(
+    decay: Decays,
+    library: ForceLibrary,
+    methods: Sequence[Method],
+    *,
+    draws: int = SIMULATED_RECORDS,
+    seed: int = 0,
+    tell: Tell = silent,
+) -> xr.DataTree:
+    """The `cross_check` of two methods' `identifications`, which shares how these followed the runs."""
+    tell("identification")
+    return _checked(decided(decay, library, methods), draws=draws, seed=seed, tell=tell)
+
+
+def _checked(pair: Sequence[FollowedRuns], *, draws: int, seed: int, tell: Tell) -> xr.DataTree:
+    first, second = results = tuple(followed.result for followed in pair)
+    runs = [*pair[0].runs.values()]
     names = [result.attrs["method"] for result in results]
     if names[0] == names[1]:
         names = [f"{names[0]}_1", f"{names[1]}_2"]
@@ -99,9 +123,7 @@ def cross_check(
     if part.duration is not None:
         compared.attrs["compared_stretch"] = part.duration
     moving = list(zip(*whole.motions, strict=True))
-    followed = {
-        name: FollowedRuns(dict(enumerate(runs)), result) for name, result in zip(names, results, strict=True)
-    }
+    followed = dict(zip(names, pair, strict=True))
     of_runs = [residuals(followed, of_run, noise_of_run(second, at), at) for at, of_run in enumerate(moving)]
     compared = compared.merge(pooled(of_runs))
     verdict = verdict_of(compared.p_value.item())

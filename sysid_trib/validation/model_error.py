@@ -54,8 +54,9 @@ def with_error_of_model(
     Dataset
         `covariance`, `standard_error` and the errors of both frequencies are the total ones;
         `error_of_noise(force)` is what the method states, `error_of_model(force)` the rest. `held_out_rms`
-        (rad): the geometric mean of what the parts leave of the samples that they do not hold, start fitted;
-        nan where one predicts no motion.
+        (rad): the geometric mean of what the parts leave of the samples that they do not hold, 15 and 30 % of
+        a run in one go, and of several runs what every other one leaves of the rest whole, start fitted; nan
+        where one predicts no motion.
 
     Notes
     -----
@@ -72,6 +73,7 @@ def with_error_of_model(
         if part is not None:
             changes.append(_values(part) - whole)
             errors.append(_errors(part))
+    missed += _of_other_runs(method, runs, library, result)
     if not changes:
         excess = np.sqrt(widening(result, residual_over_noise) ** 2 - 1.0)
         return _widened(result, np.diag((excess * stated) ** 2), float("nan"))
@@ -109,8 +111,15 @@ def _part_fit(
     """The identification of a part of the time of each run; None where it cannot be, or has other forces."""
     parts = [run.isel(time=_between(run, low, high)) for run in runs]
     later = float(parts[0].time.values[0] - runs[0].time.values[0])
+    return _identified(method, parts, counted_from(library, later), result)
+
+
+def _identified(
+    method: Method, parts: Sequence[xr.Dataset], library: ForceLibrary, result: xr.Dataset
+) -> xr.Dataset | None:
+    """The identification of some runs; None where it cannot be, or has other forces than the result."""
     try:
-        part = method.identify(one_or_all(parts), counted_from(library, later))
+        part = method.identify(one_or_all(parts), library)
     except (SysidTribError, np.linalg.LinAlgError):
         return None
     same = part.force.values.tolist() == result.force.values.tolist()
@@ -133,14 +142,27 @@ def _held_out(
         if held_out.stop - held_out.start < FEWEST_HELD_OUT:
             continue
         rest, before = run.isel(time=held_out), run.isel(time=slice(0, held_out.start + 1))
-        # What is too stiff predicts nothing, and is not waited for.
-        later = None if part is None else carried_on(part, library, before)
-        motion = None if later is None else fitted_motion(rest, later, most_steps=FEW_STEPS_A_PERIOD)
-        yield (
-            np.nan
-            if motion is None
-            else float(np.sqrt(np.mean((rest.angle - motion.offset - motion.x) ** 2)))
-        )
+        yield _missed(rest, None if part is None else carried_on(part, library, before))
+
+
+def _of_other_runs(
+    method: Method, runs: Sequence[xr.Dataset], library: ForceLibrary, result: xr.Dataset
+) -> Iterator[float]:
+    """RMS (rad) of what the model of every other run leaves of each of the rest; nothing of a single run."""
+    for taken, others in ((runs[::2], runs[1::2]), (runs[1::2], runs[::2])):
+        if taken and others:
+            part = _identified(method, taken, library, result)
+            begun = None if part is None else part.drop_vars(["start_angle", "start_rate"], errors="ignore")
+            yield from (_missed(run, begun) for run in others)
+
+
+def _missed(rest: xr.Dataset, result: xr.Dataset | None) -> float:
+    """RMS (rad) of what a model leaves, start and zero fitted; nan without a motion."""
+    # What is too stiff predicts nothing, and is not waited for.
+    motion = None if result is None else fitted_motion(rest, result, most_steps=FEW_STEPS_A_PERIOD)
+    if motion is None:
+        return float("nan")
+    return float(np.sqrt(np.mean((rest.angle - motion.offset - motion.x) ** 2)))
 
 
 def _values(result: xr.Dataset) -> Array:

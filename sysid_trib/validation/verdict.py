@@ -2,9 +2,6 @@
 
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
-from functools import lru_cache
-from hashlib import sha256
 
 import numpy as np
 import xarray as xr
@@ -69,14 +66,6 @@ def random_force_groups(followed: FollowedRuns) -> dict[str, xr.Dataset]:
     return groups
 
 
-@dataclass(frozen=True)
-class _Asked:
-    """Followed runs that are the same where their numbers are."""
-
-    digest: str
-    followed: FollowedRuns = field(compare=False)
-
-
 def tested_runs(followed: FollowedRuns) -> xr.Dataset:
     """Over `run` what `random_force_dependence` returns; `reason` where the motion does not settle.
 
@@ -85,18 +74,10 @@ def tested_runs(followed: FollowedRuns) -> xr.Dataset:
     followed : FollowedRuns
         All runs of an identification with a random force.
     """
-    numbers = sha256()
-    for data in (*followed.runs.values(), followed.result):
-        for name, values in data.variables.items():
-            if values.dtype.kind == "f":
-                numbers.update(f"{name}".encode() + values.values.tobytes())
-    return _tested(_Asked(numbers.hexdigest(), followed)).copy(deep=True)
+    return followed.tested("random_force", _tested)
 
 
-# What decides on the noise of an identification is asked for again where it is held against another.
-@lru_cache(maxsize=2)
-def _tested(asked: _Asked) -> xr.Dataset:
-    followed = asked.followed
+def _tested(followed: FollowedRuns) -> xr.Dataset:
     tested, reasons = [], []
     for at in followed.runs:
         try:
