@@ -619,7 +619,9 @@ def test_a_named_effect_is_the_most_probable_and_no_probability_is_nought(twin):
 def test_a_discovery_that_decides_nothing_says_so(twin):
     tree = twin[0].copy(deep=True)
     after = tree["after"].to_dataset()
-    tree["after"] = xr.DataTree(after.assign(standard_error=10.0 * abs(after.coefficient)))
+    less = 10.0 * float(abs(after.coefficient / after.standard_error).max())
+    wide = {"standard_error": less * after.standard_error, "covariance": less**2 * after.covariance}
+    tree["after"] = xr.DataTree(after.assign(wide))
     tree.attrs["verdict"] = "nothing missing"
     assert "The record decides nothing" in story(tree)
     assert next_step(tree).command == "identify"
