@@ -1,7 +1,7 @@
 """The simulator against scipy restarted at every switching, on the run of the paper, in the same process.
 
-Then its derivatives over the motion alone, driven motions, what is lost over 10,000 periods, forces with
-memory and a motion that sticks and goes on. Times are medians of processor time.
+Then its derivatives over the motion alone, identifications, driven motions, what is lost over 10,000 periods,
+forces with memory and a motion that sticks and goes on. Times are medians of processor time.
 
 python benchmarks/simulator.py
 """
@@ -14,11 +14,13 @@ from time import process_time
 import numpy as np
 
 sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "tests")]
+from helpers import FIVE, paper_run  # noqa: E402
 from reference_motion import reference_motion  # noqa: E402
 from scipy_motion import scipy_motion  # noqa: E402
 from stopwatch import median_ms, timed  # noqa: E402
 
 from sysid_trib import ForceLibrary, Model, load_library  # noqa: E402
+from sysid_trib.methods import Averaging, Direct, Trajectory  # noqa: E402
 from sysid_trib.records.inputs import KnownInput  # noqa: E402
 from sysid_trib.simulation.integrate import BY_ANGLE, BY_RATE  # noqa: E402
 from sysid_trib.simulation.simulate import simulate, trajectory  # noqa: E402
@@ -43,6 +45,7 @@ def main():
     print(f"first call (loads the engine, or compiles it)  {loading:8.2f} s")
     for friction in (PAPER["lambda"], 1e-3):
         of_the_paper(PAPER | {"lambda": friction})
+    identified()
     driven()
     conserved()
     print("further forces")
@@ -64,6 +67,17 @@ def of_the_paper(coefficients):
     plain = median_ms(lambda: trajectory(model, GRID), 101, process_time)
     whole = median_ms(lambda: trajectory(model, GRID, by=by), 31, process_time)
     print(f"  with {len(by)} derivatives {whole:.2f} ms, {whole / plain:.1f} times the motion")
+
+
+def identified():
+    """Identifications of the paper's run with the sensor's noise alone, over scipy's motion."""
+    peer = median_ms(lambda: reference_motion(PAPER, W, GRID, rtol=1e-10), 5, process_time)
+    decay = paper_run().decay(0)
+    for method in (Direct, Averaging, Trajectory):
+        ours = median_ms(
+            lambda m=method: m(random_force="off").identify(decay, SIX.select(FIVE)), 5, process_time
+        )
+        print(f"  {method.__name__:<12} {ours:8.2f} ms, {ours / peer:.2f} of scipy's motion")
 
 
 def driven():

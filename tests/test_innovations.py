@@ -149,7 +149,6 @@ def test_a_long_record_is_linear_in_its_samples():
         st.innovations(part, result)
         seconds.append(clock.process_time() - start)
     assert seconds[1] < 8.0 * seconds[0]
-    assert seconds[1] < 3.0
 
 
 def test_bands_hold_what_was_measured(pushed):

@@ -81,7 +81,7 @@ def series(program, c, h, stuck):
             ends = ends and abs(J[s, k + 1]) * power <= SURFACE_PART * max(abs(J[s, 0]), abs(J[s, 1]) * h)
         if count > 0:
             derivatives_of_order(program, J, T, k + 1)
-            ends = ends and part_of_derivatives(program, c, k + 1) * power <= SURFACE_PART
+            ends = ends and (size == 2 or part_of_derivatives(program, c, k + 1) * power <= SURFACE_PART)
         small = small + 1 if ends else 0
         power *= h
         if small == 2:
@@ -136,7 +136,7 @@ def length(program, c, n):
     for s in program.surfaces:
         if s >= program.states:
             h = min(h, radius(J, s, s, n, SURFACE_PART))
-    for k in range(n - 1, n + 1):
+    for k in range(n - 1, n + 1 if program.states > 2 else n - 1):
         # Of a stiff state the derivatives fade, and grow again in steps that are too long for them.
         last = part_of_derivatives(program, c, k)
         if last > 0.0:
