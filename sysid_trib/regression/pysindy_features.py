@@ -19,7 +19,7 @@ from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues
 # What pysindy calls its inputs when nobody has named them.
 UNNAMED = ["x0", "x1"]
 # Points of each sample's cell at which forces that jump are averaged.
-POINTS_OF_CELL = 34
+POINTS_OF_CELL, CELLS_AT_ONCE = 34, 10_000
 BINDING: dict[type, tuple[int, str]] = {
     ast.Add: (1, " + "),
     ast.Sub: (1, " - "),
@@ -195,7 +195,7 @@ class ForceFeatures(BaseFeatureLibrary):
         cell, parts = frequency * np.gradient(time), number / POINTS_OF_CELL
         errors = rate_error * ndtri(np.mod(golden_ratio * number + 0.5, 1.0))
 
-        def near(part: float, error: float, samples: Sequence[Array]) -> tuple[Array, Array, Array]:
+        def near(part: Any, error: Any, samples: Sequence[Array]) -> tuple[Array, Array, Array]:
             cell, at, angle, rate, acceleration = samples
             ahead = part * cell
             x, v = ahead * rate, ahead * acceleration
@@ -218,9 +218,9 @@ class ForceFeatures(BaseFeatureLibrary):
                 continue
             at = np.flatnonzero(_switches(force, [(angle, rate, time), *corners], self.shapes))
             # Of these samples alone: few cells switch, and each has many points.
-            switching = [values[at] for values in every]
-            of_cells = (near(part, error, switching) for part, error in zip(parts, errors, strict=True))
-            columns[at, i] = np.mean([force.value(*point, shapes=self.shapes) for point in of_cells], axis=0)
+            for few in np.array_split(at, 1 + len(at) // CELLS_AT_ONCE):
+                points = near(parts[:, None], errors[:, None], [values[few] for values in every])
+                columns[few, i] = force.value(*points, shapes=self.shapes).mean(axis=0)
         return columns
 
     def _columns(self, x: Any) -> AxesArray:
