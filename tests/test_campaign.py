@@ -634,7 +634,8 @@ def test_a_campaign_that_is_killed_goes_on_to_the_same_store(tmp_path):
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
     resumed = numbers(st.campaign(study, TASK, output=tmp_path / "part.zarr", workers=2))
-    xr.testing.assert_identical(resumed, whole)
+    # Of other processes, where arrays lie otherwise in memory: sums may differ by rounding.
+    xr.testing.assert_allclose(resumed, whole, rtol=1e-9, atol=0.0)
     assert not list((tmp_path / "part.zarr").rglob("*.partial"))
 
 
