@@ -57,11 +57,11 @@ def cycle_averages(
     LibraryError
         The force is not finite, too rough, or has no steady cycle.
     """
-    # What symmetry makes zero is zero, so that nobody takes rounding for a signature.
     if force.memoryless:
         means = _Cycles(force, a, time, shape_values).integrals() / (2 * np.pi)
     else:
         means = _means_of_history(force, a, time, shape_values)
+    # What symmetry makes zero is zero, so that nobody takes rounding for a signature.
     means[np.abs(means) < NEGLIGIBLE * means[:, 2:]] = 0.0
     return means[:, 0], means[:, 1]
 

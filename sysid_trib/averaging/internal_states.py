@@ -156,11 +156,7 @@ def begun_after(
     """
     try:
         hidden = states_along(force, tau, x, v, shapes, time=time)
-        return (
-            begun_with(force, {name: float(values[-1]) for name, values in hidden.items()})
-            if hidden
-            else force
-        )
+        return begun_with(force, {name: float(values[-1]) for name, values in hidden.items()})
     except SysidTribError:
         return force
 

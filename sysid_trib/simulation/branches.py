@@ -1,5 +1,7 @@
 """Which way a motion goes on from a switching or from rest (Filippov 1988), compiled."""
 
+import numpy as np
+
 from sysid_trib.simulation.compiling import inner
 from sysid_trib.simulation.engine_state import (
     ROW_AHEAD,
@@ -74,6 +76,12 @@ def by_nearness(values, near, far, out):
 
 
 @inner
+def reverses(program):
+    """Whether v is a surface of the motion: then it is the first of them."""
+    return len(program.surfaces) > 0 and program.surfaces[0] == 1
+
+
+@inner
 def signs_and_values(program, c, out):
     """Signs of the surfaces in c.aside[TRIAL], and their values."""
     signs_of(program, c.aside[TRIAL], out)
@@ -87,12 +95,10 @@ def signs_ahead(program, c):
     J, y, tau, later = c.aside[TRIAL], c.v[ROW_STATE], c.v[ROW_CLOCK, 0], c.v[ROW_LATER]
     state_at(program, J, y, tau)
     signs_and_values(program, c, c.v[ROW_FAR])
-    # A reversal is an event of its own, at which the memory is replaced: before it v has its sign.
-    reverses = len(program.signs) > 0 and program.surfaces[0] == 1
-    way = c.v[ROW_FAR, 0]
+    if reverses(program):
+        # A reversal is an event of its own, at which the memory is replaced: before it v has its sign.
+        c.v[ROW_VALUES, 0] = np.inf
     by_nearness(c.v[ROW_VALUES], c.v[ROW_SIGNS], c.v[ROW_FAR], c.v[ROW_SIGNS])
-    if reverses:
-        c.v[ROW_SIGNS, 0] = way
     rates_of(program, J, c.v[ROW_SIGNS])
     for i in range(program.states):
         later[i] = y[i] + LOOKAHEAD * J[program.rates[i], 0]
@@ -100,8 +106,6 @@ def signs_ahead(program, c):
     state_at(program, J, later, tau + LOOKAHEAD)
     signs_of(program, J, c.v[ROW_AHEAD])
     by_nearness(c.v[ROW_VALUES], c.v[ROW_AHEAD], c.v[ROW_SIGNS], c.v[ROW_SIGNS])
-    if reverses:
-        c.v[ROW_SIGNS, 0] = way
 
 
 @inner

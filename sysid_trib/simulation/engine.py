@@ -7,7 +7,16 @@ where their surfaces, which are series as well, cross zero; derivatives jump the
 
 import numpy as np
 
-from sysid_trib.simulation.branches import branch, parameters_at, put, rates_of, settle, signs_of, state_at
+from sysid_trib.simulation.branches import (
+    branch,
+    parameters_at,
+    put,
+    rates_of,
+    reverses,
+    settle,
+    signs_of,
+    state_at,
+)
 from sysid_trib.simulation.compiling import compiled, inner
 from sysid_trib.simulation.engine_state import (
     DOWN,
@@ -507,7 +516,7 @@ def run(program, given, c, limits):
             if piece > last:
                 state = ENDED
                 break
-        if turned and program.surfaces[0] == 1:
+        if turned and reverses(program):
             reversals = noted(reversals, turns, c.v[ROW_CLOCK, 0])
             turns += 1
         state = SWITCHES if budget < 0 else outcome_of(c, h, furthest, steps, most_steps)

@@ -11,7 +11,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import counted_from
 from sysid_trib.methods.scope import Method
 from sysid_trib.noise.coarse_step import coarse_step, rounded_noise
-from sysid_trib.records.runs import RECORD_PARTS, one_or_all
+from sysid_trib.records.runs import RECORD_PARTS, one_or_all, root_mean_square
 from sysid_trib.results.per_run import noise_of_run
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.variables import PER_FORCE_UNIT, variable
@@ -162,7 +162,7 @@ def _missed(rest: xr.Dataset, result: xr.Dataset | None) -> float:
     motion = None if result is None else fitted_motion(rest, result, most_steps=FEW_STEPS_A_PERIOD)
     if motion is None:
         return float("nan")
-    return float(np.sqrt(np.mean((rest.angle - motion.offset - motion.x) ** 2)))
+    return root_mean_square(rest.angle.values - motion.offset - motion.x)
 
 
 def _values(result: xr.Dataset) -> Array:
