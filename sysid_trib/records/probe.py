@@ -251,7 +251,7 @@ def _read(reader: str, path: str) -> tuple[str, str]:
 
 
 def _read_tree(path: Path) -> None:
-    """Read all numbers of a result by the library in C, and no more: xarray takes seconds for its 400 variables."""
+    """Read all numbers of a result by the library in C, no more: its 400 variables take xarray seconds."""
     import h5py
 
     def read(_: str, item: Any) -> None:

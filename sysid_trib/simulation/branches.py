@@ -19,12 +19,14 @@ from sysid_trib.simulation.engine_state import (
     ROW_VALUES,
     TRIAL,
 )
-from sysid_trib.simulation.jets import at_once, at_once_live
+from sysid_trib.simulation.jets import at_once, at_once_live, order
 from sysid_trib.simulation.roots import LOOKAHEAD, NEAR_SURFACE
 
 # rad: a speed below which a motion may come to rest other than by v = 0; one that is rest; what a motion that
 # is taken as at rest may still have had to go.
 SLOW, AT_REST, CREEP = 1e-5, 1e-12, 1e-11
+# What a motion is held by, besides the number of a surface of which v is a part: nothing, rest.
+FREE, RESTS = -1, 0
 
 
 @inner
@@ -162,3 +164,47 @@ def settle(program, c):
         parameters_at(program, c.aside[TRIAL], c.v[ROW_MEMORY], c.v[ROW_SIGNS])
         signs_ahead(program, c)
     return True
+
+
+@inner
+def grip_of(program, J, slot):
+    """By how much a surface moves with v; J holds the state at order 0."""
+    still = J[1, 1]
+    order(program, J, 1)
+    here = J[slot, 1]
+    J[1, 1] = still + 1.0
+    order(program, J, 1)
+    grip = J[slot, 1] - here
+    J[1, 1] = still
+    order(program, J, 1)
+    return grip
+
+
+@inner
+def held_by(program, c):
+    """The surface near which both sides push towards it, so that a motion stays there, or `FREE`.
+
+    That of v alone is rest, of which `settle` decides.
+    """
+    for m in range(1, len(program.signs)):
+        if abs(c.v[ROW_VALUES, m]) < NEAR_SURFACE:
+            up, grip = _rise_on(program, c, m, 1.0)
+            down, _ = _rise_on(program, c, m, -1.0)
+            if up < 0.0 < down and grip != 0.0:
+                return np.int64(m)
+    return np.int64(FREE)
+
+
+@inner
+def _rise_on(program, c, m, way):
+    """How fast a surface rises on this side of it, and with v."""
+    J, slot = c.aside[TRIAL], program.surfaces[m]
+    state_at(program, J, c.v[ROW_STATE], c.v[ROW_CLOCK, 0])
+    parameters_at(program, J, c.v[ROW_MEMORY], c.v[ROW_SIGNS])
+    J[program.signs[m], 0] = way
+    at_once(program, J)
+    for i in range(program.states):
+        J[i, 1] = J[program.rates[i], 0]
+    J[program.states, 1] = 1.0
+    grip = grip_of(program, J, slot)
+    return J[slot, 1], grip

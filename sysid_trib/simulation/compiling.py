@@ -36,7 +36,7 @@ def compiled(function: Callable[..., Any]) -> Any:
 def tell_of_compiling() -> None:
     """Say on a terminal that the engine is compiled, where it was not kept."""
     if sys.stderr.isatty() and not any(_folder().rglob("*.nbi")):
-        print("Compiling the simulator, once: some 10 s ...", file=sys.stderr, flush=True)
+        print("Compiling the simulator, once: up to a minute ...", file=sys.stderr, flush=True)
 
 
 @cache

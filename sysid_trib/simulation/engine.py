@@ -8,7 +8,11 @@ where their surfaces, which are series as well, cross zero; derivatives jump the
 import numpy as np
 
 from sysid_trib.simulation.branches import (
+    FREE,
+    RESTS,
     branch,
+    grip_of,
+    held_by,
     parameters_at,
     put,
     rates_of,
@@ -24,6 +28,7 @@ from sysid_trib.simulation.engine_state import (
     ORDER,
     ROW_CLOCK,
     ROW_ERROR,
+    ROW_GRIP,
     ROW_LARGEST,
     ROW_MEMORY,
     ROW_MEMORY_DOWN,
@@ -55,12 +60,14 @@ MOVING, ENDED, GROWS, SWITCHES, STEPS, IS_NOT_FINITE = range(6)
 
 
 @inner
-def series(program, c, h, stuck):
+def series(program, c, h, held):
     """Series of all slots from here, to the order that a step of h needs; that order.
 
-    Where it is stuck, x and v stay and the states go on. Derivatives follow where there are any.
+    At rest x and v stay and the states go on; on another surface v keeps it at zero. Derivatives follow where
+    there are any.
     """
     J, T, size, count, degree = c.J, c.T, program.states, c.T.shape[2], 0
+    slot = program.surfaces[held] if held > RESTS else 0
     state_at(program, J, c.v[ROW_STATE], c.v[ROW_CLOCK, 0])
     J[size, 1] = 1.0
     for k in range(PUSH_NUMBERS):
@@ -76,31 +83,40 @@ def series(program, c, h, stuck):
         derivatives_at_once(program, J, T, program.main)
     small, power = 0, h
     for k in range(ORDER):
-        # At rest what would move it, which only the rates tell, needs all orders.
-        ends = k > degree and not stuck
+        # What would move it where it is held, which only the rates tell, needs all orders.
+        ends = k > degree and held == FREE
         for i in range(size):
-            held, rate = stuck and i < 2, program.rates[i]
-            J[i, k + 1] = 0.0 if held else J[rate, k] / (k + 1)
+            stays, rate = held == RESTS and i < 2, program.rates[i]
+            J[i, k + 1] = 0.0 if stays else J[rate, k] / (k + 1)
             for q in range(count):
-                T[i, k + 1, q] = 0.0 if held else T[rate, k, q] / (k + 1)
+                T[i, k + 1, q] = 0.0 if stays else T[rate, k, q] / (k + 1)
             # Where the step is short for another reason, few orders are enough.
             ends = ends and abs(J[i, k + 1]) * power <= 1e-17 * max(abs(J[i, 0]), abs(J[i, 1]) * h)
         order(program, J, k + 1)
+        if held > RESTS:
+            if k == 0:
+                c.v[ROW_GRIP, 0] = grip_of(program, J, slot)
+            J[1, k + 1] -= J[slot, k + 1] / c.v[ROW_GRIP, 0]
+            order(program, J, k + 1)
         for s in program.surfaces:
             ends = ends and abs(J[s, k + 1]) * power <= SURFACE_PART * max(abs(J[s, 0]), abs(J[s, 1]) * h)
         if count > 0:
             derivatives_of_order(program, J, T, k + 1)
+            if held > RESTS:
+                for q in range(count):
+                    T[1, k + 1, q] -= T[slot, k + 1, q] / c.v[ROW_GRIP, 0]
+                derivatives_of_order(program, J, T, k + 1)
             ends = ends and (size == 2 or part_of_derivatives(program, c, k + 1) * power <= SURFACE_PART)
         small = small + 1 if ends else 0
         power *= h
         if small == 2:
             return k + 1
-    if stuck:
-        # What friction holds is not accelerated, whatever the rates with these signs say.
+    if held != FREE:
+        # What friction holds is accelerated as its surface is, whatever the rates with these signs say.
         for k in range(ORDER + 1):
-            J[program.rates[1], k] = 0.0
+            J[program.rates[1], k] = (k + 1) * J[1, k + 1] if k < ORDER else 0.0
             for q in range(count):
-                T[program.rates[1], k, q] = 0.0
+                T[program.rates[1], k, q] = (k + 1) * T[1, k + 1, q] if k < ORDER else 0.0
     return ORDER
 
 
@@ -180,30 +196,62 @@ def free_step(program, c, n, h):
 
 
 @inner
-def held_step(program, c, n, h, ends):
-    """Up to where a body may stay at rest, and which way it is let go there (+1, -1), or 0."""
-    way, acceleration = 0.0, program.rates[1]
-    near = AT_ZERO * abs(c.v[ROW_STATE, 0])
+def held_step(program, c, n, h, held, ends):
+    """Up to where a body may stay where it is held; which way it is let go there (+1, -1), or 0.
+
+    Third is the surface that it meets there, or -1.
+    """
+    way, which, near = 0.0, -1, AT_ZERO * abs(c.v[ROW_STATE, 0])
+    if held == RESTS:
+        h = rest_lasts(program, c, n, h, near)
+        up = branch(program, c, 1.0, c.v[ROW_MEMORY_UP], c.v[ROW_SIGNS_UP])
+        down = branch(program, c, -1.0, c.v[ROW_MEMORY_DOWN], c.v[ROW_SIGNS_DOWN])
+    else:
+        h, which = free_step(program, c, n, h)
+        for at, memory in ((ROW_SIGNS_UP, ROW_MEMORY_UP), (ROW_SIGNS_DOWN, ROW_MEMORY_DOWN)):
+            put(c.v[ROW_SIGNS], c.v[at])
+            put(c.v[ROW_MEMORY], c.v[memory])
+        c.v[ROW_SIGNS_UP, held], c.v[ROW_SIGNS_DOWN, held] = 1.0, -1.0
+    pulls(program, c, c.aside[UP], n, c.v[ROW_MEMORY_UP], c.v[ROW_SIGNS_UP])
+    pulls(program, c, c.aside[DOWN], n, c.v[ROW_MEMORY_DOWN], c.v[ROW_SIGNS_DOWN])
+    pull = program.rates[1]
+    if held != RESTS:
+        # Upwards is where the surface rises.
+        for k in range(n + 1):
+            c.aside[UP][pull, k] *= c.v[ROW_GRIP, 0]
+            c.aside[DOWN][pull, k] *= c.v[ROW_GRIP, 0]
+        up, down = c.aside[UP][pull, 0], c.aside[DOWN][pull, 0]
+    if not ends or not is_still(program, c, n):
+        h = min(h, radius(c.aside[UP], pull, pull, n, STATE_PART))
+        h = min(h, radius(c.aside[DOWN], pull, pull, n, STATE_PART))
+        r = 0.0 if up > 0.0 else first_crossing(c.aside[UP][pull], n, h, -1.0, (near, 0.0), c.work)
+        if r < h:
+            h, way = r, 1.0
+        r = 0.0 if down < 0.0 else first_crossing(c.aside[DOWN][pull], n, h, 1.0, (near, 0.0), c.work)
+        if r < h:
+            h, way = r, -1.0
+    return h, way, which if way == 0.0 else -1
+
+
+@inner
+def rest_lasts(program, c, n, h, near):
+    """Up to where the signs at rest are those of now."""
     for m in range(len(program.signs)):
         # Of a surface that is zero at rest nothing is known but at the start.
         if c.v[ROW_SIGNS_UP, m] != 0.0:
             r = first_crossing(c.J[program.surfaces[m]], n, h, c.v[ROW_SIGNS_UP, m], (near, 0.0), c.work)
             if r < h:
                 h = max(r, PASSED)
-    up = branch(program, c, 1.0, c.v[ROW_MEMORY_UP], c.v[ROW_SIGNS_UP])
-    down = branch(program, c, -1.0, c.v[ROW_MEMORY_DOWN], c.v[ROW_SIGNS_DOWN])
-    along(program, c, c.aside[UP], n, c.v[ROW_MEMORY_UP], c.v[ROW_SIGNS_UP])
-    along(program, c, c.aside[DOWN], n, c.v[ROW_MEMORY_DOWN], c.v[ROW_SIGNS_DOWN])
-    if not ends or not is_still(program, c, n):
-        h = min(h, radius(c.aside[UP], acceleration, acceleration, n, STATE_PART))
-        h = min(h, radius(c.aside[DOWN], acceleration, acceleration, n, STATE_PART))
-        r = 0.0 if up > 0.0 else first_crossing(c.aside[UP][acceleration], n, h, -1.0, (near, 0.0), c.work)
-        if r < h:
-            h, way = r, 1.0
-        r = 0.0 if down < 0.0 else first_crossing(c.aside[DOWN][acceleration], n, h, 1.0, (near, 0.0), c.work)
-        if r < h:
-            h, way = r, -1.0
-    return h, way
+    return h
+
+
+@inner
+def pulls(program, c, other, n, memory, signs):
+    """Series in `other` of what would move a held body to one side of where it is held."""
+    along(program, c, other, n, memory, signs)
+    pull = program.rates[1]
+    for k in range(n + 1):
+        other[pull, k] -= c.J[pull, k]
 
 
 @inner
@@ -259,7 +307,7 @@ def sampled(program, given, c, done, n, reach):
 
 
 @inner
-def advance(program, c, n, h, stuck):
+def advance(program, c, n, h, held):
     """Go a step on: the state, its derivatives and the clock; sums are compensated."""
     for i in range(program.states):
         step = rest_of(c.J[i], n, h) + c.v[ROW_ERROR, i]
@@ -270,7 +318,7 @@ def advance(program, c, n, h, stuck):
             c.dy[i, q] = of_parameter(c.T, i, q, n, h)
     if program.states > 2:
         forgotten(program, c)
-    if stuck:
+    if held == RESTS:
         stop(c)
     step = c.v[ROW_CLOCK, 1] + h
     now = c.v[ROW_CLOCK, 0] + step
@@ -301,7 +349,7 @@ def stop(c):
 
 @inner
 def switched(program, c, which, n, h):
-    """Go on from a surface, with the jump of the derivatives; whether the motion sticks there."""
+    """Go on from a surface, with the jump of the derivatives; by what the motion is held there."""
     size, count, slot = program.states, c.T.shape[2], program.surfaces[which]
     moves, way = np.zeros(count), c.v[ROW_SIGNS, 0]
     if count > 0:
@@ -317,48 +365,81 @@ def switched(program, c, which, n, h):
     c.v[ROW_ZEROS, which] = 1
     put(c.v[ROW_MEMORY], c.v[ROW_REPLACED])
     c.aside[TRIAL][size + 1, 0] = value(c.v[ROW_PUSH], np.int64(PUSH_NUMBERS - 1), h)
-    sticks = not settle(program, c)
+    held = settled(program, c)
     turned = way * c.v[ROW_SIGNS, 0] < 0.0
     if program.memory > 0 and turned and slot >= size:
         # Another memory takes it elsewhere.
         c.v[ROW_ZEROS, which] = 0
-    if sticks:
+    if held == RESTS:
         stop(c)
     if count > 0:
-        after(program, c, moves, turned, sticks)
-    return sticks
+        after(program, c, moves, turned, held)
+    if held > RESTS:
+        onto(program, c, held)
+    return held
 
 
 @inner
-def after(program, c, moves, turned, sticks):
+def settled(program, c):
+    """Set signs, and at a reversal the memory, for the motion from here; by what it is held."""
+    if not settle(program, c):
+        return np.int64(RESTS)
+    held = held_by(program, c)
+    if held > RESTS:
+        c.v[ROW_SIGNS, held] = 0.0
+    return held
+
+
+@inner
+def onto(program, c, held):
+    """Put v, and its derivatives, on the surface by which a motion is held."""
+    J, T, slot, count = c.J, c.T, program.surfaces[held], c.T.shape[2]
+    state_at(program, J, c.v[ROW_STATE], c.v[ROW_CLOCK, 0])
+    parameters_at(program, J, c.v[ROW_MEMORY], c.v[ROW_SIGNS])
+    at_once(program, J)
+    for i in range(program.states + 1):
+        J[i, 1] = 0.0
+    grip = grip_of(program, J, slot)
+    c.v[ROW_STATE, 1] -= J[slot, 0] / grip
+    if count > 0:
+        for i in range(program.states):
+            for q in range(count):
+                T[i, 0, q] = c.dy[i, q]
+        derivatives_at_once(program, J, T, program.main)
+        for q in range(count):
+            c.dy[1, q] -= T[slot, 0, q] / grip
+
+
+@inner
+def after(program, c, moves, turned, held):
     """Derivatives after a switching, whose instant `moves`; of the memory where it was replaced."""
-    J, T, size, held, count = c.J, c.T, program.states, program.memory, c.T.shape[2]
-    at = program.inputs - held
+    J, T, size, kept, count = c.J, c.T, program.states, program.memory, c.T.shape[2]
+    at = program.inputs - kept
     state_at(program, J, c.v[ROW_STATE], c.v[ROW_CLOCK, 0])
     J[size + 1, 0] = c.aside[TRIAL][size + 1, 0]
-    if held > 0 and turned:
+    if kept > 0 and turned:
         parameters_at(program, J, c.v[ROW_REPLACED], c.v[ROW_SIGNS])
         for i in range(size):
             for q in range(count):
                 T[i, 0, q] = c.dy[i, q]
         at_once_live(program, J, len(program.code))
         derivatives_at_once(program, J, T, len(program.code))
-        for m in range(held):
+        for m in range(kept):
             for q in range(count):
                 T[at + m, 0, q] = T[program.replaced[m], 0, q]
     parameters_at(program, J, c.v[ROW_MEMORY], c.v[ROW_SIGNS])
     rates_of(program, J, c.v[ROW_SIGNS])
-    for i in range(2 if sticks else 0, size):
+    for i in range(2 if held == RESTS else 0, size):
         for q in range(count):
             c.dy[i, q] -= J[program.rates[i], 0] * moves[q]
 
 
 @inner
-def released(program, c, way):
-    """Let a body go from rest: it begins without speed and without acceleration."""
+def released(program, c, held, way):
+    """Let a body go from where it is held: from there it begins without speed and without acceleration."""
     put(c.v[ROW_MEMORY_UP] if way > 0.0 else c.v[ROW_MEMORY_DOWN], c.v[ROW_MEMORY])
     put(c.v[ROW_SIGNS_UP] if way > 0.0 else c.v[ROW_SIGNS_DOWN], c.v[ROW_SIGNS])
-    c.v[ROW_ZEROS, 0] = 2
+    c.v[ROW_ZEROS, held] = 2
 
 
 @inner
@@ -388,7 +469,7 @@ def begun_anew(program, given, c, start):
 
 
 @inner
-def at_knot(program, given, c, piece, done, stuck):
+def at_knot(program, given, c, piece, done, held):
     """What happens at a knot: the end of an interval, a start, kicks, impulses to the derivatives.
 
     Returns the knot from which it goes on, how many intervals are done, and whether it begins anew.
@@ -403,7 +484,7 @@ def at_knot(program, given, c, piece, done, stuck):
     if given.marks[piece] >= 0:
         begun_anew(program, given, c, given.marks[piece])
         return piece, done, True
-    if not stuck:
+    if held == FREE:
         for q in range(given.impulses.shape[1]):
             c.dy[1, q] += given.impulses[piece, q]
     c.v[ROW_STATE, 0] += given.kicks[piece, 0]
@@ -420,13 +501,13 @@ def to_knot(given, c, piece):
 
 
 @inner
-def on_branch(program, c, stuck):
+def on_branch(program, c, held):
     """Put memory and signs into the series; at rest the states go on with the signs of rest."""
-    if stuck:
+    if held == RESTS:
         state_at(program, c.aside[TRIAL], c.v[ROW_STATE], c.v[ROW_CLOCK, 0])
         parameters_at(program, c.aside[TRIAL], c.v[ROW_MEMORY], c.v[ROW_SIGNS])
         signs_of(program, c.aside[TRIAL], c.v[ROW_SIGNS_UP])
-    parameters_at(program, c.J, c.v[ROW_MEMORY], c.v[ROW_SIGNS_UP] if stuck else c.v[ROW_SIGNS])
+    parameters_at(program, c.J, c.v[ROW_MEMORY], c.v[ROW_SIGNS_UP] if held == RESTS else c.v[ROW_SIGNS])
 
 
 @inner
@@ -452,12 +533,14 @@ def noted(times, count, tau):
 
 @inner
 def begun(program, c):
-    """Signs of a motion that begins here, or was kicked; whether it sticks, and whether it turned."""
+    """Signs of a motion that begins here, or was kicked; by what it is held, and whether it turned."""
     way = c.v[ROW_SIGNS, 0] if len(program.signs) > 0 else 0.0
-    sticks = not settle(program, c)
-    if sticks:
+    held = settled(program, c)
+    if held == RESTS:
         stop(c)
-    return sticks, not sticks and len(program.signs) > 0 and way * c.v[ROW_SIGNS, 0] < 0.0
+    elif held > RESTS:
+        onto(program, c, held)
+    return held, held != RESTS and len(program.signs) > 0 and way * c.v[ROW_SIGNS, 0] < 0.0
 
 
 @compiled
@@ -469,29 +552,30 @@ def run(program, given, c, limits):
     """
     furthest, budget, most_steps = limits
     last, piece, done, steps, shooting = len(given.knots) - 1, -1, 0, 0, len(given.starts) > 0
-    end = np.inf if shooting else given.grid[-1]
+    end, fresh, held = np.inf if shooting else given.grid[-1], True, np.int64(FREE)
     reversals, turns, rest, state = np.empty(64), np.int64(0), np.nan, MOVING
     if shooting:
-        piece, done, _ = at_knot(program, given, c, 0, done, False)
+        piece, done, _ = at_knot(program, given, c, 0, done, held)
     else:
         while piece < last and given.knots[piece + 1] <= c.v[ROW_CLOCK, 0]:
             piece += 1
-    fresh, stuck = True, False
     while state == MOVING:
         pushed(given, c, piece)
         c.aside[TRIAL][program.states + 1, 0] = c.v[ROW_PUSH, 0]
         turned, begins, fresh = False, fresh, False
         if begins:
-            stuck, turned = begun(program, c)
-            rest = c.v[ROW_CLOCK, 0] if stuck else np.nan
-        on_branch(program, c, stuck)
+            held, turned = begun(program, c)
+            rest = c.v[ROW_CLOCK, 0] if held == RESTS else np.nan
+        on_branch(program, c, held)
         to_end = max(end - c.v[ROW_CLOCK, 0] - c.v[ROW_CLOCK, 1], 0.0)
         limit = min(to_end, to_knot(given, c, piece))
         h, which, way = min(limit, FURTHEST_AT_ONCE), -1, 0.0
-        n = series(program, c, h, stuck)
+        n = series(program, c, h, held)
         steps += 1
-        if stuck:
-            h, way = held_step(program, c, n, limit, piece == last and not shooting)
+        if held != FREE:
+            longest = limit if held == RESTS else min(limit, length(program, c, n))
+            ends = held == RESTS and piece == last and not shooting
+            h, way, which = held_step(program, c, n, longest, held, ends)
         else:
             h, which = free_step(program, c, n, min(h, length(program, c, n)) if n == ORDER else h)
         whole = h >= limit and which < 0 and way == 0.0
@@ -500,19 +584,19 @@ def run(program, given, c, limits):
         if not shooting and done == len(given.grid):
             state = ENDED
             break
-        advance(program, c, n, h, stuck)
+        advance(program, c, n, h, held)
         if which >= 0:
             budget -= 1
             before = c.v[ROW_SIGNS, 0]
-            stuck = switched(program, c, which, n, h)
-            rest = c.v[ROW_CLOCK, 0] if stuck else np.nan
-            turned = not stuck and before * c.v[ROW_SIGNS, 0] < 0.0
+            held = switched(program, c, which, n, h)
+            rest = c.v[ROW_CLOCK, 0] if held == RESTS else np.nan
+            turned = held != RESTS and before * c.v[ROW_SIGNS, 0] < 0.0
         elif way != 0.0:
             budget -= 1
-            released(program, c, way)
-            stuck, rest, turned = False, np.nan, True
+            released(program, c, held, way)
+            turned, held, rest = held == RESTS, np.int64(FREE), np.nan
         elif whole:
-            piece, done, fresh = at_knot(program, given, c, piece + 1, done, stuck)
+            piece, done, fresh = at_knot(program, given, c, piece + 1, done, held)
             if piece > last:
                 state = ENDED
                 break

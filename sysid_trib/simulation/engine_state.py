@@ -15,7 +15,8 @@ INTERVAL_ENDS = -2
 # Rows of `v`: the state and what rounding has left of it; what is held between reversals, and the same before
 # it was replaced; sides of the surfaces, and of which order one is known to be zero here; memory and sides of
 # a motion that goes upwards or downwards from rest; tau and what rounding has left of it; what pushes, about
-# tau, and its derivatives over itself; room for surfaces and states, with the largest derivatives so far.
+# tau, and its derivatives over itself; room for surfaces and states, with the largest derivatives so far; how
+# much the surface that holds it moves with v.
 (
     ROW_STATE,
     ROW_ERROR,
@@ -31,6 +32,7 @@ INTERVAL_ENDS = -2
 (ROW_CLOCK, ROW_PUSH, ROW_OF_PUSH, ROW_VALUES, ROW_FAR, ROW_AHEAD, ROW_LATER, ROW_LARGEST, ROW_REST) = range(
     10, 19
 )
+ROW_GRIP = 19
 # Tables of `aside`: slots at an instant that is tried; series at rest, were it to go upwards or downwards.
 TRIAL, UP, DOWN = range(3)
 
@@ -98,7 +100,7 @@ def new_state(program: Instructions, parameters: int) -> EngineState:
         np.zeros((slots, ORDER + 1)),
         np.zeros((slots, ORDER + 1, parameters)),
         np.zeros((3, slots, ORDER + 1)),
-        np.zeros((ROW_REST + 1, width)),
+        np.zeros((ROW_GRIP + 1, width)),
         np.zeros((size, parameters)),
         np.zeros((5, 64)),
     )

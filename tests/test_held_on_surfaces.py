@@ -1,0 +1,175 @@
+"""Motions that friction holds on a surface other than rest: a belt that runs on."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from sysid_trib.errors import SimulationError
+from sysid_trib.forces.library import parse_library
+from sysid_trib.simulation.integrate import BY_ANGLE, BY_RATE, FREQUENCY, integrate
+from sysid_trib.simulation.model import Model
+
+
+def shape(**defaults):
+    return {
+        k: {"default": d, "low": 1e-4, "high": 1.0, "meaning": "of the test"} for k, d in defaults.items()
+    }
+
+
+LIBRARY = parse_library(
+    {
+        "force": [
+            {
+                "symbol": "mu",
+                "name": "dry friction of a belt",
+                "formula": "sign(v - u)",
+                "shape": shape(u=0.05),
+            },
+            {
+                "symbol": "falls",
+                "name": "friction of a belt that falls with the slip",
+                "formula": "sign(v - u)*exp(-abs(v - u)/s)",
+                "shape": shape(u=0.05, s=0.05),
+            },
+            {
+                "symbol": "shaken",
+                "name": "friction of a base that is shaken",
+                "formula": "sign(v - u*cos(W*t))",
+                "shape": shape(u=0.1, W=0.7),
+            },
+            {"symbol": "dry", "name": "dry friction", "formula": "sign(v)"},
+            {"symbol": "viscous", "name": "viscous", "formula": "v"},
+            {"symbol": "gravity", "name": "gravity", "formula": "sin(x) - x"},
+            {
+                "symbol": "chatters",
+                "name": "a state that switches against itself",
+                "formula": "z",
+                "state": {"z": "v + 0.3 - 5*sign(z)"},
+            },
+        ]
+    },
+    "belts.toml",
+)
+TAU = np.arange(0.0, 60.0, 0.05)
+BELTS = [
+    {"falls": 0.1, "viscous": 0.02, "gravity": 1.0},
+    {"mu": 0.1, "viscous": 0.02},
+    {"shaken": 0.05, "viscous": 0.02},
+]
+
+
+def motion(coefficients, start=(0.3, -0.1), by=(), tau=TAU, **shapes):
+    changed = {name.replace("_", ".", 1): value for name, value in shapes.items()}
+    return integrate(Model(LIBRARY, coefficients, 1.0, changed), tau, start, by=by)
+
+
+def belt_speed(coefficients, tau):
+    return 0.1 * np.cos(0.7 * tau) if "shaken" in coefficients else 0.05
+
+
+def by_scipy(coefficients, start=(0.3, -0.1)):
+    """The motion by scipy, restarted where it meets the belt, is let go, or turns."""
+    c = {**dict.fromkeys(LIBRARY.symbols, 0.0), **coefficients}
+
+    def pull(tau, x, v, way):
+        stretch = v - belt_speed(c if c["shaken"] else {}, tau)
+        belt = c["mu"] + c["shaken"] + c["falls"] * np.exp(-abs(stretch) / 0.05)
+        elastic = -np.sin(x) if c["gravity"] else -x
+        return elastic - c["viscous"] * v - way * belt
+
+    def belt(tau):
+        if c["shaken"]:
+            return 0.1 * np.cos(0.7 * tau), -0.07 * np.sin(0.7 * tau)
+        return 0.05, 0.0
+
+    y, tau, way = np.array(start, dtype=float), 0.0, -1.0
+    rows = np.full((len(TAU), 2), np.nan)
+    while tau < TAU[-1]:
+        held = way == 0.0
+        rates = (
+            (lambda t, y: [belt(t)[0], belt(t)[1]])
+            if held
+            else (lambda t, y, way=way: [y[1], pull(t, y[0], y[1], way)])
+        )
+        meets = [lambda t, y, s=s: pull(t, y[0], belt(t)[0], s) - belt(t)[1] for s in (1.0, -1.0)]
+        ends = [*meets] if held else [lambda t, y: y[1] - belt(t)[0]]
+        for event in ends:
+            event.terminal = True
+        part = solve_ivp(
+            rates, (tau, TAU[-1]), y, "DOP853", rtol=1e-12, atol=1e-13, events=ends, max_step=0.05,
+            dense_output=True,
+        )  # fmt: skip
+        inside = (tau <= TAU) & (part.t[-1] >= TAU)
+        rows[inside] = part.sol(TAU[inside]).T
+        if part.status == 0:
+            break
+        assert part.t[-1] > tau
+        tau, y = part.t[-1], part.y[:, -1].copy()
+        which = next(i for i, times in enumerate(part.t_events) if len(times))
+        if held:
+            way = (1.0, -1.0)[which]
+            y[1] += way * 1e-14
+        else:
+            y[1] = belt(tau)[0]
+            up, down = (pull(tau, y[0], y[1], s) - belt(tau)[1] for s in (1.0, -1.0))
+            way = 0.0 if up < 0.0 < down else 1.0 if up > 0.0 else -1.0
+            y[1] += way * 1e-14
+    return rows
+
+
+@pytest.mark.parametrize("coefficients", BELTS, ids=str)
+def test_a_belt_takes_the_body_along_and_lets_it_go(coefficients):
+    found = motion(coefficients)
+    held = np.abs(found.y[:, 1] - belt_speed(coefficients, TAU)) < 1e-14
+    # Held and free for a while each.
+    assert 0.04 < held.mean() < 0.95
+    assert np.count_nonzero(np.diff(held.astype(int)) == 1) >= 1
+    np.testing.assert_allclose(found.y, by_scipy(coefficients), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("coefficients", [*BELTS, {"mu": 0.1, "viscous": 0.02, "dry": 0.01}], ids=str)
+def test_derivatives_pass_where_it_sticks_and_slips(coefficients):
+    names = [*coefficients, BY_ANGLE, BY_RATE]
+    names += {"falls": ["falls.u", "falls.s"], "shaken": ["shaken.u", "shaken.W"]}.get(
+        next(iter(coefficients)), []
+    )
+    exact = motion(coefficients, by=names).derivative[:, :2]
+
+    def moved(name, by):
+        if name in coefficients:
+            return motion({**coefficients, name: coefficients[name] + by}).y
+        if name in (BY_ANGLE, BY_RATE):
+            return motion(coefficients, (0.3 + by * (name == BY_ANGLE), -0.1 + by * (name == BY_RATE))).y
+        symbol, quantity = name.split(".")
+        default = LIBRARY[symbol].shape[quantity].default
+        return motion(coefficients, **{f"{symbol}_{quantity}": default + by}).y
+
+    for i, name in enumerate(names):
+        step = 1e-6
+        near, far = ((moved(name, k * step) - moved(name, -k * step)) / (2 * k * step) for k in (1, 2))
+        worst = np.abs(exact[..., i] - (4.0 * near - far) / 3.0).max(axis=1)
+        # Next to a switching the differences reach across it.
+        assert np.quantile(worst, 0.97) < 1e-6 * max(1.0, np.abs(exact[..., i]).max()), name
+
+
+def test_a_body_on_a_belt_goes_with_it_up_to_the_limit_of_friction():
+    found = motion({"mu": 0.2}, (0.0, 0.05), tau=np.linspace(0.0, 3.9, 40))
+    np.testing.assert_allclose(found.y[:, 0], 0.05 * np.linspace(0.0, 3.9, 40), rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(found.y[:, 1], 0.05)
+    np.testing.assert_array_equal(found.acceleration, 0.0)
+
+
+def test_a_state_that_switches_against_itself_is_refused():
+    with pytest.raises(SimulationError, match="switches without end"):
+        motion({"chatters": 0.1})
+
+
+def test_the_clock_of_the_frequency_counts_on_a_belt_too():
+    step, names = 1e-6, {"falls": 0.1, "viscous": 0.02}
+
+    def at(w):
+        return integrate(Model(LIBRARY, names, w), TAU * w, (0.3, -0.1 / w)).y
+
+    exact = integrate(Model(LIBRARY, names, 1.0), TAU, (0.3, -0.1), by=(FREQUENCY,)).derivative[:, :2, 0]
+    wrong = np.abs(exact - (at(1.0 + step) - at(1.0 - step)) / (2.0 * step)).max(axis=1)
+    assert np.quantile(wrong, 0.97) < 1e-5 * np.abs(exact).max()
