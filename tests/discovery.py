@@ -16,7 +16,7 @@ from sysid_trib.likelihood_fit.run_rows import RunRows, run_rows
 from sysid_trib.likelihood_fit.settings import DEFAULTS, Settings
 from sysid_trib.likelihood_fit.start_model import fit_start_model
 from sysid_trib.likelihood_fit.trials import TrialEffect
-from sysid_trib.noise.residual_noise import NoiseModel
+from sysid_trib.noise.noise_model import NoiseModel
 from sysid_trib.simulation.simulate import trajectory
 
 CONTACT, EFFECTS = load_library(), load_library("candidate_effects")

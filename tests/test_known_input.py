@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 import sysid_trib as st
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.records.inputs import KnownInput
-from sysid_trib.state_space.intervals import steps_between
+from sysid_trib.state_space.expected_steps import expected_steps
 
 W = 9.9
 TRUTH = {"lambda": 1e-3, "zeta": 0.01, "epsilon": -0.1}
@@ -162,7 +162,7 @@ def test_steps_know_the_derivative_by_the_frequency() -> None:
         smooth = replace(MODEL, reference_frequency=frequency, known_input=known, coefficients={"zeta": 0.01})
         states = np.zeros((len(time), 2))
         states[:, 0], states[:, 1] = 0.1, 0.2 * W / frequency
-        steps = steps_between(smooth, time, states, frequency=True)
+        steps = expected_steps(smooth, time, states, 0.0, frequency=True)
         # The rate, not v = rate / w, is the same at the beginning: v there depends on w too.
         begun = steps.transition[:, :, 1] * (-states[:-1, 1:] / frequency)
         return np.stack([steps.end, steps.sensitivity[:, :, 0] + begun])
@@ -190,7 +190,7 @@ def test_what_is_between_samples_is_what_acts(between: str) -> None:
         y.append(solve_ivp(rates, (low, high), y[-1], rtol=1e-11, atol=1e-12, method="DOP853").y[:, -1])
     np.testing.assert_allclose(run.angle, np.array(y)[:, 0], atol=1e-9)
     states = np.stack([run.angle, run.rate / W], axis=1)
-    steps = steps_between(replace(model, known_input=known), time, states)
+    steps = expected_steps(replace(model, known_input=known), time, states, 0.0)
     np.testing.assert_allclose(steps.end, states[1:], atol=1e-9)
     assert run.input.attrs["between"] == between
 

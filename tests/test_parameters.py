@@ -30,21 +30,6 @@ def test_a_vector_is_packed_and_read_by_names():
     np.testing.assert_array_equal(values[parameters.of_run(1)], own[1])
 
 
-def test_a_force_is_inserted_and_removed_with_its_shapes():
-    before = Parameters(BASE, reference_frequency=W)
-    dahl = EFFECTS["dahl"]
-    after = before.insert(dahl)
-    assert after.common == ("lambda", "zeta", "dahl", "dahl.s")
-    assert after.limits[0][after.index("dahl")] == (0.0 if dahl.passive else -np.inf)
-    values = np.arange(5.0)
-    more = after.take(before, values, {"dahl": 7.0, "dahl.s": 8.0})
-    np.testing.assert_array_equal(more, [0.0, 1.0, 7.0, 8.0, 2.0, 3.0, 4.0])
-    assert after.index("dahl.s") == 3
-    np.testing.assert_array_equal(after.remove(["dahl"]).take(after, more), values)
-    table = after.take(before, np.ones((4, 5)), {"dahl": np.arange(4.0), "dahl.s": np.nan})
-    np.testing.assert_array_equal(table[:, 2], np.arange(4.0))
-
-
 def test_part_of_a_covariance_is_zero_for_what_is_no_parameter():
     parameters = Parameters(BASE, reference_frequency=W)
     part = parameters.covariance_of(np.diag([1.0, 2.0, 3.0, 4.0, 5.0]), ("zeta", FREQUENCY, "lambda"))
@@ -179,9 +164,8 @@ def test_a_motion_that_diverges_leads_back(record):
     ]
     assert here[0] > here[1] > here[2]
     values = np.array([-0.05, *start])
-    slope = problem.white_sensitivity(values, problem.residuals(values))[:, 0] @ problem.white_residual(
-        values
-    )
+    residuals = problem.residuals(values)
+    slope = problem.white_sensitivity(values, residuals)[:, 0] @ problem.white(residuals)
     assert slope < 0.0
     assert np.isfinite(slope)
 

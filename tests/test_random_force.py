@@ -15,7 +15,6 @@ from sysid_trib.noise.random_force import RandomForce, check_random_force, rando
 from sysid_trib.noise.variance_ratio import WhiteRows, variance_ratio
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.state_space.expected_steps import expected_steps
-from sysid_trib.state_space.intervals import steps_between
 from sysid_trib.state_space.kalman import set_signal, statsmodels_model
 from sysid_trib.state_space.likely_ratio import likely_ratio
 from sysid_trib.state_space.linearised import Derivatives, linearised_about
@@ -52,7 +51,7 @@ def test_steps_end_where_the_motion_does(coefficients):
     # The second stops for good within the time.
     model, time = model_with(**coefficients), np.arange(1200) * 0.01
     states = states_of(model, time)
-    steps = steps_between(model, time, states)
+    steps = expected_steps(model, time, states, 0.0)
     # Where two branches of a formula touch, a step is exact to 3e-8.
     assert np.abs(steps.end - states[1:]).max() < 1e-7
     assert np.sort(np.abs(steps.end - states[1:]).max(axis=1))[-10] < 1e-9
@@ -63,7 +62,7 @@ def test_steps_do_not_turn_the_phase(per_period):
     # Of x = 0.3 cos(tau). Per radian a step of order five is wrong by 1e-10 to 3e-9, which long records sum.
     model, tau = model_with(zeta=0.0), np.arange(2000) * 2.0 * np.pi / per_period
     cosine, sine = np.cos(tau), np.sin(tau)
-    error = steps_between(model, tau / W, 0.3 * np.stack([cosine, -sine], axis=1)).end
+    error = expected_steps(model, tau / W, 0.3 * np.stack([cosine, -sine], axis=1), 0.0).end
     error = error - 0.3 * np.stack([cosine, -sine], axis=1)[1:]
     along = [-sine[1:], -cosine[1:]], [cosine[1:], -sine[1:]]
     phase, amplitude = (float(np.sum(error.T * np.array(way)) / (0.3 * tau[-1])) for way in along)
@@ -75,7 +74,7 @@ def test_a_long_gap_is_one_step():
     model = model_with(**{"lambda": 1e-3, "delta": 2e-3})
     time = np.array([0.0, 0.01, 7.3, 7.31])
     states = states_of(model, time)
-    assert np.abs(steps_between(model, time, states).end - states[1:]).max() < 1e-10
+    assert np.abs(expected_steps(model, time, states, 0.0).end - states[1:]).max() < 1e-10
 
 
 @pytest.mark.parametrize("symbol", ["lambda", "wall", "jenkins"])
@@ -85,10 +84,10 @@ def test_derivatives_of_the_steps(symbol):
     states = states_of(model, time - time[0], 0.31)[1:]
     time = time[1:]
     names = ("zeta", symbol)
-    steps = steps_between(model, time, states, names, frequency=True)
+    steps = expected_steps(model, time, states, 0.0, names, frequency=True)
     for j in range(states.shape[1]):
         ends = [
-            steps_between(model, time, states + sign * 1e-6 * np.eye(states.shape[1])[j]).end
+            expected_steps(model, time, states + sign * 1e-6 * np.eye(states.shape[1])[j], 0.0).end
             for sign in (1, -1)
         ]
         difference = (ends[0] - ends[1]) / 2e-6
@@ -100,7 +99,7 @@ def test_derivatives_of_the_steps(symbol):
             coefficients = {s: c + step * (s == name) for s, c in model.coefficients.items()}
             return st.Model(model.library, coefficients, W + step * (name == "w"))
 
-        ends = [steps_between(changed(step), time, states).end for step in (1e-6, -1e-6)]
+        ends = [expected_steps(changed(step), time, states, 0.0).end for step in (1e-6, -1e-6)]
         difference = (ends[0] - ends[1]) / 2e-6
         assert np.sort(np.abs(difference - steps.sensitivity[:, :, k]).max(axis=1))[-3] < 1e-6
 
@@ -109,7 +108,7 @@ def test_diffusion_of_a_damped_oscillator():
     # Of dx = v, dv = -x - 2 z v + white: stationary variance 1/(4 z), and P = S - F S F'.
     damping = 0.1
     model, time = model_with(zeta=damping), np.array([0.0, 0.5, 3.0])
-    steps = steps_between(model, time, np.zeros((3, 2)) + 0.1)
+    steps = expected_steps(model, time, np.zeros((3, 2)) + 0.1, 0.0)
     stationary = np.eye(2) / (4.0 * damping)
     for transition, diffusion in zip(steps.transition, steps.diffusion, strict=True):
         assert diffusion == pytest.approx(stationary - transition @ stationary @ transition.T, abs=1e-6)
@@ -416,7 +415,7 @@ def test_expected_steps_have_the_mean_of_the_friction():
 def test_steps_of_a_speed_that_is_known_are_exact():
     model, time = model_with(**{"lambda": 1e-3, "delta": 2e-3}), np.arange(200) * 0.02
     states = states_of(model, time)
-    exact, far = steps_between(model, time, states), np.abs(states[:, 1]) > 1e-3
+    exact, far = expected_steps(model, time, states, 0.0), np.abs(states[:, 1]) > 1e-3
     for error in (0.0, 1e-5):
         steps = expected_steps(model, time, states, error)
         same = slice(None) if error == 0.0 else far[:-1] & far[1:] & (states[:-1, 1] * states[1:, 1] > 0.0)

@@ -14,8 +14,8 @@ from sysid_trib.commands.checks import parse_random_force
 from sysid_trib.commands.destination import random_force_figures
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.methods.scope import with_random_force
+from sysid_trib.noise.noise_model import NoiseModel
 from sysid_trib.noise.random_force import RandomForce, random_force_of
-from sysid_trib.noise.residual_noise import NoiseModel
 from sysid_trib.printing.comparison_sentences import comparison_sentences, effective_sentence
 from sysid_trib.printing.cross_check import identification_sentences
 from sysid_trib.printing.identification import identification_json

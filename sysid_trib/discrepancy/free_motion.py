@@ -14,8 +14,8 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import counted_from
 from sysid_trib.likelihood_fit.fitted_model import FittedModel
 from sysid_trib.likelihood_fit.paths import RecordPath
+from sysid_trib.noise.noise_model import NoiseModel
 from sysid_trib.noise.random_force import RandomForce, random_force_variables
-from sysid_trib.noise.residual_noise import NoiseModel
 from sysid_trib.noise.sensor_noise import colour_variables
 from sysid_trib.records.runs import one_or_all, root_mean_square
 from sysid_trib.results.per_run import start_variables

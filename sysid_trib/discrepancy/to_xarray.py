@@ -32,7 +32,6 @@ from sysid_trib.screening.screen import Screening
 
 STEP_TEXTS = ("symbol", "name", "family", "kind", "unit", "formula")
 # In an effect's place: nothing, and a random force takes the blame.
-CHANCE = "random force"
 
 
 def groups_of(

@@ -19,7 +19,7 @@ from sysid_trib.likelihood_fit.trials import (
     stepped_shape,
     to_unit,
 )
-from sysid_trib.noise.residual_noise import NoiseModel
+from sysid_trib.noise.noise_model import NoiseModel
 from sysid_trib.records.runs import root_mean_square
 
 # Difference of a shape parameter for its column, in parts of its range.

@@ -26,7 +26,7 @@ from sysid_trib.errors import SysidTribError
 from sysid_trib.likelihood_fit.fine_motion import NO_FINE_MOTION, FineMotion, fine_motion
 from sysid_trib.likelihood_fit.settings import DEFAULTS, Settings
 from sysid_trib.likelihood_fit.trials import SurfaceKey, TrialEffect
-from sysid_trib.noise.residual_noise import NoiseModel
+from sysid_trib.noise.noise_model import NoiseModel
 from sysid_trib.noise.smoothing import knot_intervals, least_squares_spline
 from sysid_trib.noise.spline_design import SplinesAt
 from sysid_trib.regression.linearisation import derivatives_along

@@ -22,7 +22,7 @@ from sysid_trib.likelihood_fit.trials import TrialEffect
 from sysid_trib.noise.autoregression import fractional_difference
 from sysid_trib.noise.colour import MAX_COLOUR, colour_above, colours_beside, most_likely_colour, of_order
 from sysid_trib.noise.level import swing_frequency
-from sysid_trib.noise.residual_noise import NoiseModel
+from sysid_trib.noise.noise_model import NoiseModel
 from sysid_trib.noise.smoothing import KNOTS_PER_PERIOD, smooth
 from sysid_trib.regression.local_rows import covariance_of_local_rows
 from sysid_trib.regression.weak_form import coloured

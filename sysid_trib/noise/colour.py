@@ -13,10 +13,12 @@ from scipy.signal import welch
 
 from sysid_trib.arrays import Array
 from sysid_trib.decays.uniform import is_uniform
-from sysid_trib.noise.residual_noise import NOISE_HARMONICS, NoiseModel
+from sysid_trib.noise.noise_model import NoiseModel
 from sysid_trib.noise.variance_ratio import VarianceRatio
 
 MAX_COLOUR = 3
+# Harmonics of the motion that any force may leave.
+NOISE_HARMONICS = 6
 # Lines of a spectrum that tell a colour at all.
 FEWEST_LINES = 50
 # Half of the width of what is left out about each harmonic, in units of the frequency of the motion; where a

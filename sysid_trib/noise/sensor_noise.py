@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
-from sysid_trib.noise.residual_noise import NoiseModel
+from sysid_trib.noise.noise_model import NoiseModel
 from sysid_trib.results.per_run import noise_of_run
 from sysid_trib.results.variables import Variables, variable
 

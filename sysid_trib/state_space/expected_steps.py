@@ -35,14 +35,22 @@ def expected_steps(
     *,
     frequency: bool = False,
 ) -> Steps:
-    """`steps_between` of a motion whose v is known to a standard error alone.
+    """The motion over each interval between samples, of which v is known to a standard error alone.
 
     Parameters
     ----------
-    model, time, states, names, frequency
-        As of `steps_between`.
+    model : Model
+        Forces with coefficient zero are followed too.
+    time : (sample,) array of float, s
+        Increasing, with steps of any length.
+    states : (sample, state) array of float
+        x, v (rad), internal states and memory at each sample, from which the motion starts anew.
     rate_error : float or (sample,) array of float, rad
-        Standard error of v at each sample.
+        Standard error of v at each sample; 0 where it is known.
+    names : tuple of str
+        Coefficients and shape parameters by which the end is derived.
+    frequency : bool
+        Whether it is derived by the reference frequency too, which comes last.
 
     Returns
     -------

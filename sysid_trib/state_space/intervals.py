@@ -8,7 +8,6 @@ same derivatives, at Gauss's points.
 import numpy as np
 
 from sysid_trib.arrays import Array
-from sysid_trib.simulation.integrate import FREQUENCY
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.shooting import ends_of
 from sysid_trib.state_space.steps import Steps
@@ -17,37 +16,6 @@ from sysid_trib.state_space.steps import Steps
 LONGEST_INTERVAL = 0.5
 GAUSS_POINTS, GAUSS_WEIGHTS = (0.5 * part for part in np.polynomial.legendre.leggauss(3))
 GAUSS_POINTS = GAUSS_POINTS + 0.5
-
-
-def steps_between(
-    model: Model, time: Array, states: Array, names: tuple[str, ...] = (), *, frequency: bool = False
-) -> Steps:
-    """Exact motion over each interval between samples.
-
-    Parameters
-    ----------
-    model : Model
-        Forces with coefficient zero are followed too.
-    time : (sample,) array of float, s
-        Increasing, with steps of any length.
-    states : (sample, state) array of float
-        x, v (rad), internal states and memory at each sample, from which the motion starts anew.
-    names : tuple of str
-        Coefficients and shape parameters by which the end is derived.
-    frequency : bool
-        Whether it is derived by the reference frequency too, which comes last.
-
-    Returns
-    -------
-    Steps
-
-    Raises
-    ------
-    SimulationError
-        The motion diverges between two samples, or switches without end.
-    """
-    w, by = model.reference_frequency, (*names, FREQUENCY) if frequency else names
-    return steps_over(model, w * (time[:-1] - time[0]), w * np.diff(time), states[:-1], by)
 
 
 def steps_over(model: Model, tau: Array, length: Array, states: Array, by: tuple[str, ...] = ()) -> Steps:

@@ -1,6 +1,6 @@
 """The parameters of a trajectory fit: names, blocks, bounds, fixed values and ties, in one vector."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sysid_trib.arrays import Array
 from sysid_trib.forces.constraints import Constraints
-from sysid_trib.forces.force import Force, ForceLibrary
+from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.ties import Tie
 from sysid_trib.simulation.integrate import FREQUENCY
 from sysid_trib.simulation.model import Model
@@ -72,10 +72,6 @@ class Parameters:
         """Angle, rate and offset of each run, (run, 3) array of float."""
         return values[len(self.common) :].reshape(-1, len(PER_RUN))
 
-    def of_common(self, values: Array) -> Array:
-        """The part of a vector, or the columns of a table, that belongs to the common parameters."""
-        return values[..., : len(self.common)]
-
     def coefficients(self, values: Array) -> Array:
         """Coefficient of each force, (force,) array of float."""
         return values[: len(self.library)]
@@ -104,42 +100,10 @@ class Parameters:
         common = [known.get(name, 0.0) for name in self.common]
         return np.array([*common, *np.ravel(per_run)])
 
-    def insert(self, force: Force) -> "Parameters":
-        """The parameters with one force more, all its shapes fitted; passive forces are not negative."""
-        library = replace(self.library, forces=(*self.library.forces, force))
-        shapes = (*self.fit_shapes, *(f"{force.symbol}.{name}" for name in force.shape))
-        constraints = self.constraints
-        if force.passive:
-            bounds = {**constraints.bounds, force.symbol: (0.0, np.inf)}
-            constraints = replace(constraints, bounds=bounds)
-        return replace(self, library=library, fit_shapes=shapes, constraints=constraints)
-
-    def remove(self, symbols: Iterable[str]) -> "Parameters":
-        """The parameters without these forces and their shapes."""
-        gone = set(symbols)
-        forces = tuple(force for force in self.library if force.symbol not in gone)
-        shapes = tuple(name for name in self.fit_shapes if name.partition(".")[0] not in gone)
-        return replace(self, library=replace(self.library, forces=forces), fit_shapes=shapes)
-
     def fix(self, fixed: Mapping[str, float]) -> "Parameters":
         """The parameters with further ones held at these values."""
         constraints = replace(self.constraints, fixed={**self.constraints.fixed, **fixed})
         return replace(self, constraints=constraints)
-
-    def take(self, source: "Parameters", values: Array, new: Mapping[str, ArrayLike] | None = None) -> Array:
-        """Values of other parameters, by name, in the order of these.
-
-        Parameters
-        ----------
-        source : Parameters
-            Whose values they are.
-        values : (..., parameter) array of float
-            A vector, or a table with a column for each parameter.
-        new : mapping of str to array_like, optional
-            Values, or columns, of the parameters that `source` has not.
-        """
-        known = {**(new or {}), **dict(zip(source.names, np.moveaxis(values, -1, 0), strict=True))}
-        return np.stack([np.broadcast_to(known[name], values.shape[:-1]) for name in self.names], axis=-1)
 
     def covariance_of(self, covariance: Array, names: Sequence[str]) -> Array:
         """Part of a covariance for these names; zero for those that are no parameters, as a held frequency.

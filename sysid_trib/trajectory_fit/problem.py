@@ -166,10 +166,6 @@ class FitProblem:
         """Values of each run, (sample, ...), whitened, one after the other."""
         return np.concatenate([record.white(v) for record, v in zip(self.records, values, strict=True)])
 
-    def white_residual(self, values: Array) -> Array:
-        """Whitened residuals of all runs, one after the other, (sample,) array of float."""
-        return self.white(self.residuals(values))
-
     def white_sensitivity(self, values: Array, residuals: Sequence[Array]) -> Array:
         """Derivative of the whitened residuals by each parameter, as if none were tied.
 

@@ -8,8 +8,8 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.noise.noise_model import NoiseModel
 from sysid_trib.noise.random_force import random_force_of_ratio, random_force_variables
-from sysid_trib.noise.residual_noise import NoiseModel
 from sysid_trib.noise.sensor_noise import colour_variables
 from sysid_trib.results.birge import birge_ratio
 from sysid_trib.results.variables import variable

@@ -14,8 +14,8 @@ import scipy.sparse as sp
 
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.noise.colour import Lines, NoisePair, lines_above, most_likely_colour, sensor_colour
+from sysid_trib.noise.noise_model import NoiseModel
 from sysid_trib.noise.random_force import RandomForce, RandomForceOption
-from sysid_trib.noise.residual_noise import NoiseModel
 from sysid_trib.noise.smoothing import smooth
 from sysid_trib.noise.variance_ratio import VarianceRatio, held_ratio, ratio_span, variance_ratio
 from sysid_trib.regression.constraint_map import ConstraintMap
