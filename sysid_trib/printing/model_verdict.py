@@ -176,5 +176,8 @@ def error_sentences(tree: xr.DataTree) -> list[str]:
     if result is None or "error_of_model" not in result:
         return []
     parts = zip(result.force.values.tolist(), *error_parts(result), strict=True)
-    texts = ", ".join(f"{symbol} {noise:.2g} and {model:.2g}" for symbol, noise, model in parts)
+    # What is held, or follows from the frequency, has no parts of its own.
+    texts = ", ".join(
+        f"{symbol} {noise:.2g} and {model:.2g}" for symbol, noise, model in parts if noise > 0.0
+    )
     return [f"Errors of {answer_of(tree)} by the noise and by the model: {texts}."]
