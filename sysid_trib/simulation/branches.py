@@ -170,13 +170,13 @@ def settle(program, c):
 def grip_of(program, J, slot):
     """By how much a surface moves with v; J holds the state at order 0."""
     still = J[1, 1]
-    order(program, J, 1)
+    order(program, J, np.int64(1))
     here = J[slot, 1]
     J[1, 1] = still + 1.0
-    order(program, J, 1)
+    order(program, J, np.int64(1))
     grip = J[slot, 1] - here
     J[1, 1] = still
-    order(program, J, 1)
+    order(program, J, np.int64(1))
     return grip
 
 

@@ -551,11 +551,11 @@ def run(program, given, c, limits):
     changes, and how often; where it comes to rest for good, or nan; how it ended, at the clock.
     """
     furthest, budget, most_steps = limits
-    last, piece, done, steps, shooting = len(given.knots) - 1, -1, 0, 0, len(given.starts) > 0
+    last, piece, done, steps, shooting = len(given.knots) - 1, -1, np.int64(0), 0, len(given.starts) > 0
     end, fresh, held = np.inf if shooting else given.grid[-1], True, np.int64(FREE)
     reversals, turns, rest, state = np.empty(64), np.int64(0), np.nan, MOVING
     if shooting:
-        piece, done, _ = at_knot(program, given, c, 0, done, held)
+        piece, done, _ = at_knot(program, given, c, np.int64(0), done, held)
     else:
         while piece < last and given.knots[piece + 1] <= c.v[ROW_CLOCK, 0]:
             piece += 1
