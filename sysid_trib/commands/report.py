@@ -16,7 +16,7 @@ def report(
     ],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="REPORT.html", help=WHERE_TO_WRITE)],
 ) -> None:
-    """Show a saved result as one self-contained page, with figures that can be zoomed."""
+    """Show a saved result as one self-contained page, with figures and tables."""
     with progress() as tell:
         from sysid_trib.commands.destination import check_output
         from sysid_trib.reporting.page import page, write_page

@@ -113,7 +113,7 @@ def _prediction(ax: Axes, compared: ComparisonData) -> Axes:
         ax.plot(pair[:1], [row], markerfacecolor="white", **mark)
         ax.plot(pair[1:], [row], **mark)
     ax.axvline(1.0, color="0.6", linewidth=0.7, linestyle=":")
-    label = "RMS of record \N{MINUS SIGN} model over noise\nopen: first two thirds; full: held out"
+    label = "RMS over the noise\nopen: fitted; full: held out"
     ax.set(xlabel=label, xscale="log")
     _with_methods(ax, table)
     return ax

@@ -8,13 +8,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-from sysid_trib.plots.style import FULL_WIDTH, INK, ORANGE, axes, grid, unit_label
+from sysid_trib.plots.style import BESIDE_POINT, FULL_WIDTH, INK, ORANGE, axes, grid, unit_label
 
 ACROSS = 2
 # Beyond these runs bars hide the marks.
 MANY_RUNS = 300
 # Runs that stand out are drawn in another colour: standard deviations.
 FAR = 4.0
+# So many of them are named.
+MOST_NAMES_DRAWN = 8
 
 
 def against_conditions(compared: xr.Dataset, name: str, condition: ArrayLike) -> Figure:
@@ -62,6 +64,17 @@ def against_condition(
         value, error = of_quantity.value.values[chosen], of_quantity.standard_error.values[chosen]
         bars = {"yerr": error, "elinewidth": 0.8} if few else {}
         ax.errorbar(at[chosen], value, fmt="o", markersize=3 if few else 1.5, color=color, **bars)
+    if np.count_nonzero(far) <= MOST_NAMES_DRAWN:
+        for run in np.flatnonzero(far):
+            # Towards the middle, where there is room.
+            side = 1 if at[run] < np.mean(ax.get_xlim()) else -1
+            look = BESIDE_POINT | {"fontsize": 6, "ha": "left" if side > 0 else "right"}
+            ax.annotate(
+                str(of_quantity.run.values[run]),
+                (at[run], of_quantity.value.values[run]),
+                (5 * side, 0),
+                **look,
+            )
     if ticks:
         ax.set_xticks(range(len(ticks)), ticks)
     unit = str(of_quantity.unit.item()).removeprefix("1") if "unit" in of_quantity.coords else ""

@@ -69,17 +69,23 @@ def disagreement_map(tree: xr.DataTree, ax: Axes | None = None, *, after: bool =
 
 def _map(tree: xr.DataTree, ax: Axes, after: bool) -> QuadMesh:
     force, error, limit = missing_force(tree, after=after)
-    x, v, values = force.x.values, force.v.values, force.values
-    colours: dict[str, Any] = {"cmap": "RdBu_r", "norm": TwoSlopeNorm(0.0, -limit, limit)}
-    mesh = ax.pcolormesh(x, v, values.T, shading="nearest", rasterized=True, **colours)
-    at_x, at_v = np.nonzero(np.abs(values) > DOT_BEYOND * error.values)
-    label = f"beyond {DOT_BEYOND:g} standard errors"
-    ax.plot(x[at_x], v[at_v], ".", color="black", markersize=2.5, label=label)
+    mesh = draw_cells(ax, force, error, limit)
     ax.legend(**LEGEND)
     units = signal_units(tree)
     x = signal_symbol(units)
     labels = f"{signal_label(units).split()[0]} ${x}$ ({units})", rf"$\dot{{{x}}}/\omega$ ({units})"
     ax.set(xlabel=labels[0], ylabel=labels[1], aspect="equal")
+    return mesh
+
+
+def draw_cells(ax: Axes, force: xr.DataArray, error: xr.DataArray, limit: float) -> QuadMesh:
+    """A force over angle and rate as colours that end at `limit`, with dots where it is beyond the noise."""
+    x, v, values = force.x.values, force.v.values, force.values
+    look: dict[str, Any] = {"cmap": "RdBu_r", "norm": TwoSlopeNorm(0.0, -limit, limit), "rasterized": True}
+    mesh = ax.pcolormesh(x, v, values.T, shading="nearest", **look)
+    at_x, at_v = np.nonzero(np.abs(values) > DOT_BEYOND * error.values)
+    label = f"beyond {DOT_BEYOND:g} standard errors"
+    ax.plot(x[at_x], v[at_v], ".", color="black", markersize=2.5, label=label)
     return mesh
 
 

@@ -20,7 +20,7 @@ from sysid_trib.results.signal_units import signal_label, signal_units, small_un
 from sysid_trib.validation.breakdown import breakdown, run_record_noise
 
 # Points of a curve: as many as a wide screen has, for each the least and the largest of its stretch.
-MOST_POINTS = 6000
+MOST_POINTS = 3000
 # Effects that a legend names.
 MOST_NAMES = 2
 

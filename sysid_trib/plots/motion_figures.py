@@ -12,6 +12,7 @@ from sysid_trib.plots.discovery_data import held_out_sentence
 from sysid_trib.plots.motion_data import MotionData, drawn_samples, motion_data
 from sysid_trib.plots.style import (
     BAR_WIDTH,
+    FULL_WIDTH,
     LEGEND,
     OPEN_MARKS,
     Style,
@@ -23,6 +24,8 @@ from sysid_trib.plots.style import (
 )
 
 RECORD_POINTS: Style = {"label": "record", "marker": ".", "linestyle": "", "color": "0.6", "markersize": 2.5}
+# Of the rows of half periods, and of what models miss of them.
+HALF_PERIOD_HEIGHTS = (1.2, 0.8)
 
 
 def identification(tree: xr.DataTree, run: int = 0) -> Figure:
@@ -61,14 +64,30 @@ def curve(ax: Axes, time: Array, values: Array, style: Style) -> None:
     ax.plot(time[shown], values[shown], **style)
 
 
+def half_period_figure(tree: xr.DataTree, run: int = 0) -> Figure:
+    """Envelope, frequency against amplitude, and what models miss of both."""
+    figure = new_figure(FULL_WIDTH, 4.2)
+    panels = figure.subplots(2, 2, height_ratios=HALF_PERIOD_HEIGHTS).ravel().tolist()
+    _half_period_panels(panels, motion_data(tree, run))
+    letter(panels)
+    return figure
+
+
 def _motion_figure(drawn: MotionData, residuals: Sequence[Sequence[str]]) -> Figure:
     """Record, a panel for each group of models' residuals; envelope and frequency, and what models miss."""
-    figure = new_figure(7.2, 7.6 + 1.2 * len(residuals))
+    figure = new_figure(FULL_WIDTH, 7.6 + 1.2 * len(residuals))
     rows = ["AA", *("BB", "CC")[: len(residuals)], "DE", "FG"]
-    heights = [1.2, *[0.8] * len(residuals), 1.2, 0.8]
+    heights = [1.2, *[0.8] * len(residuals), *HALF_PERIOD_HEIGHTS]
     panels = list(figure.subplot_mosaic(";".join(rows), height_ratios=heights).values())
     draw_in_time(panels[:-4], drawn, residuals)
-    *_, envelopes, frequencies, amplitude_missed, frequency_missed = panels
+    _half_period_panels(panels[-4:], drawn)
+    letter(panels)
+    return figure
+
+
+def _half_period_panels(panels: Sequence[Axes], drawn: MotionData) -> None:
+    """Envelope and frequency, and below each what models miss of it."""
+    envelopes, frequencies, amplitude_missed, frequency_missed = panels
     _envelope(envelopes, drawn)
     _frequency(frequencies, drawn)
     _missed(amplitude_missed, drawn, "instant_time", "amplitude")
@@ -77,8 +96,6 @@ def _motion_figure(drawn: MotionData, residuals: Sequence[Sequence[str]]) -> Fig
         lower.set_xlim(upper.get_xlim())
         upper.set_xlabel("")
         upper.tick_params(labelbottom=False)
-    letter(panels)
-    return figure
 
 
 def draw_in_time(panels: Sequence[Axes], drawn: MotionData, residuals: Sequence[Sequence[str]]) -> None:
@@ -157,6 +174,8 @@ def _record(ax: Axes, drawn: MotionData) -> Axes:
     curve(ax, drawn.time, drawn.angle, RECORD_POINTS)
     for name, style in drawn.lines.items():
         curve(ax, drawn.time, drawn.motion(name), {"linewidth": 0.8, "label": drawn.labels[name], **style})
+    if "holdout_start" in drawn.data:
+        ax.axvspan(drawn.data.holdout_start.item(), drawn.time[-1], color="0.93", zorder=0)
     ax.set(xlabel="time (s)", ylabel=drawn.label, xlim=(drawn.time[0], drawn.time[-1]))
     # Above the panel: inside there is no room that the oscillation leaves free.
     ax.legend(ncols=3, **LEGEND)

@@ -7,12 +7,11 @@ import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatterSciNotation
 
 from sysid_trib.plots.backbone import CURVE_LABELS, draw_curve
-from sysid_trib.plots.discovery_data import DOT_BEYOND
+from sysid_trib.plots.force_map import draw_cells
 from sysid_trib.plots.motion_figures import draw_in_time
 from sysid_trib.plots.overview_data import INTERVAL, OverviewData, overview_data
 from sysid_trib.plots.style import (
@@ -220,12 +219,9 @@ def _surface(ax: Axes, data: OverviewData) -> Axes:
     """Mean force over angle and rate, and dots where it is beyond three standard errors."""
     if data.missing is None:
         return _no_data(ax, TOO_FEW)
-    missing, (factor, unit) = data.missing, data.motion.small_units
-    x, v, force = missing.x.values, missing.v.values, factor * missing.force.values
-    limit = data.colour_limit
-    mesh = ax.pcolormesh(x, v, force.T, cmap="RdBu_r", norm=TwoSlopeNorm(0.0, -limit, limit), rasterized=True)
-    at_x, at_v = np.nonzero(np.abs(force) > DOT_BEYOND * factor * missing.force_standard_error.values)
-    ax.plot(x[at_x], v[at_v], ".", color="black", markersize=2.0)
+    factor, unit = data.motion.small_units
+    force, error = (factor * data.missing[name] for name in _pair("force"))
+    mesh = draw_cells(ax, force, error, data.colour_limit)
     bar = ax.figure.colorbar(mesh, ax=ax, extend="both", pad=0.02)
     bar.set_label(f"force over $I\\omega^2$ ({unit})")
     ax.set(xlabel=data.motion.label, ylabel=f"rate over $\\omega$ ({data.units})")

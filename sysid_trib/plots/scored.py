@@ -123,10 +123,11 @@ def forecast(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
                 ax.plot([value], [row], **{"linestyle": ""} | look)
     _families(ax, data.family.values.tolist())
     style.name_rows(ax, data.candidate.values.tolist())
-    ax.set_xlabel("coefficient of five standard errors\n(in the candidate's unit)")
+    ax.set_xlabel("coefficient of five standard errors\n(in the candidate's unit)", fontsize=8)
     if np.isfinite(sizes).any():
         ax.set_xscale("log")
     ax.tick_params(axis="y", labelsize=6)
+    ax.tick_params(axis="x", labelsize=8)
     ax.grid(axis="x", color="0.9", linewidth=0.5)
     ax.set_axisbelow(True)
     close: dict[str, Any] = {"columnspacing": 0.9, "handletextpad": 0.1}

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import XAxis
+from matplotlib.axis import Axis
 from matplotlib.backend_bases import RendererBase
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -56,6 +56,8 @@ BESIDE_POINT: dict[str, Any] = {"textcoords": "offset points", "va": "center"}
 THRESHOLD: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": "--"}
 # Over so many times the smallest number there is room for powers of ten alone.
 CROWDED = 100.0
+# Over more there is room for fewer numbers between the powers of ten, and over less not enough are round.
+LONG, SHORT = 30.0, 8.0
 # Characters that the line and the space of an entry of a legend take.
 HANDLE = 6
 LEGEND: dict[str, Any] = {
@@ -184,21 +186,19 @@ def legend_marks(styles: Mapping[str, Style]) -> list[Line2D]:
     return [Line2D([], [], label=label, **usual | dict(style)) for label, style in styles.items()]
 
 
-def logarithmic_ticks(axis: XAxis, low: float, high: float) -> None:
+def logarithmic_ticks(axis: Axis, low: float, high: float) -> None:
     """Plain numbers on a logarithmic axis from `low` to `high`, as many as have room."""
     axis.set_major_formatter("{x:g}")
-    digits = "25" if high < CROWDED * low else ""
-    axis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in digits else "")
+    if high > SHORT * low:
+        digits = "" if high > CROWDED * low else "25" if high > LONG * low else "235"
+        axis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in digits else "")
+        return
+    # Powers of ten and their multiples would leave most of the axis without a tick.
+    axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
+    axis.set_minor_locator(NullLocator())
 
 
 def logarithmic_amplitude(ax: Axes, units: str = "rad") -> None:
     """A logarithmic axis of amplitudes, with plain numbers at as many ticks as have room."""
     ax.set(ylabel=f"amplitude ({units})", yscale="log")
-    low, high = ax.get_ylim()
-    ax.yaxis.set_major_formatter("{x:g}")
-    if high > 8.0 * low:
-        ax.yaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "2346" else "")
-    else:
-        # Powers of ten and their multiples would leave all above 1 rad without a tick.
-        ax.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 2.5, 5, 10]))
-        ax.yaxis.set_minor_locator(NullLocator())
+    logarithmic_ticks(ax.yaxis, *ax.get_ylim())

@@ -6,27 +6,22 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import xarray as xr
-from bokeh import plotting
-from bokeh.models import Range1d
 
 from sysid_trib import plots
 from sysid_trib._version import __version__
 from sysid_trib.campaigns.conditions import reported_method
 from sysid_trib.campaigns.new_store import STATUS
 from sysid_trib.campaigns.store import counts_of
-from sysid_trib.plots.conditions import FAR, places
-from sysid_trib.plots.style import INK, ORANGE
+from sysid_trib.plots.conditions import FAR
 from sysid_trib.printing import campaign as words
 from sysid_trib.printing.layout import value_with_error
-from sysid_trib.reporting import drawing
 from sysid_trib.reporting.page import rendered, write_page
-from sysid_trib.reporting.parts import Figures, Page, PageTable, Panel, Section, Thumbnail, as_table
+from sysid_trib.reporting.parts import Figures, Page, PageTable, Section, Thumbnail, as_table
 
 # Rows of the page; the store has all of them.
 MOST_ROWS = 1000
 # Of a discovery, whose identifications are models and no methods.
 BY_MODEL = {"before": "of the start model", "after": "of the final model"}
-FAR_STYLE, NEAR_STYLE = {"color": ORANGE, "marker": "o"}, {"color": INK, "marker": "o"}
 
 
 def write_campaign(
@@ -78,42 +73,11 @@ def write_campaign(
 
 def _against(compared: xr.Dataset, name: str, condition: np.ndarray) -> Figures:
     """Every quantity against one condition."""
-    panels = [
-        Panel(_panel(compared.sel(quantity=quantity), name, condition), wide=False)
-        for quantity in compared.quantity.values.tolist()
-    ]
     caption = (
-        f"Coefficients of all records against {name}, with standard errors; orange: more than {FAR:g} "
-        "standard deviations from what the conditions let expect."
+        f"Coefficients of all records against {name}, with standard errors; orange, by name where they are "
+        f"few: more than {FAR:g} standard deviations from what the conditions let expect."
     )
-    return Figures(caption, panels, [plots.against_conditions(compared, name, condition)])
-
-
-def _panel(of_quantity: xr.Dataset, name: str, condition: np.ndarray) -> plotting.figure:
-    at, ticks = places(condition)
-    unit = str(of_quantity.unit.item()).removeprefix("1")
-    made = drawing.panel(name, f"{of_quantity.quantity.item()}{f' ({unit})' if unit else ''}", height=260)
-    if ticks:
-        # All of them, also those beside which no run stands.
-        made.x_range = Range1d(-0.5, len(ticks) - 0.5)
-        made.xaxis.ticker = list(range(len(ticks)))
-        made.xaxis.major_label_overrides = dict(enumerate(ticks))
-    far = np.abs(of_quantity.z.values) > FAR
-    value, error = of_quantity.value.values, of_quantity.standard_error.values
-    drawn = []
-    for chosen, style in ((~far, NEAR_STYLE), (far, FAR_STYLE)):
-        columns = {
-            "x": at,
-            "y": value,
-            "low": value - error,
-            "high": value + error,
-            "name": of_quantity.run.values,
-        }
-        drawn.append(
-            drawing.marks(made, {key: column[chosen] for key, column in columns.items()}, style, size=5)
-        )
-    drawing.tell(made, drawn, [("record", "@name"), (of_quantity.quantity.item(), "@y{%.5g}")])
-    return made
+    return Figures(caption, [plots.against_conditions(compared, name, condition)])
 
 
 def _records(store: xr.Dataset, compared: xr.Dataset | None, conditions: pd.DataFrame | None) -> Section:

@@ -6,10 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from sysid_trib import plots
 from sysid_trib.plots.discovery_data import held_out_sentence
-from sysid_trib.plots.motion_data import MOST_POINTS, motion_data
+from sysid_trib.plots.motion_data import MOST_POINTS
+from sysid_trib.plots.motion_figures import half_period_figure
+from sysid_trib.plots.overview import drawn_overview
+from sysid_trib.plots.overview_data import overview_data
+from sysid_trib.plots.style import FULL_WIDTH, new_figure
 from sysid_trib.printing.comparison import comparison_tables
 from sysid_trib.printing.comparison_sentences import comparison_sentences
 from sysid_trib.printing.cross_check import amplitudes, consequences, identification_sentences
@@ -19,15 +25,12 @@ from sysid_trib.printing.identification import identification_table
 from sysid_trib.printing.physics import physics_sentences
 from sysid_trib.printing.random_force import random_force_sentences
 from sysid_trib.printing.runs import runs_sentences, runs_table
-from sysid_trib.reporting.compared import prediction_panel, quantity_panels
-from sysid_trib.reporting.glance import glance_figures
-from sysid_trib.reporting.motions import half_period_panels, record_panel, time_panels
 from sysid_trib.reporting.parts import Figures, Section, as_table
-from sysid_trib.reporting.pushed import random_force_figures
-from sysid_trib.reporting.searched import detectability_panel, map_panels, ranking_panels
 from sysid_trib.reporting.tables import coefficient_table, reference_sentence
 from sysid_trib.results.per_run import group_names, record_groups
 
+# Of a single panel, inch.
+PANEL_HEIGHT = 2.4
 CONSEQUENCES = "What follows from the model"
 CAPTIONS = tomllib.loads(Path(__file__).with_name("captions.toml").read_text(encoding="utf-8"))
 
@@ -83,26 +86,30 @@ def _pushed(tree: xr.DataTree) -> list[Figures]:
     """Innovations, random force and predictions of each run whose motion settles."""
     count = len(record_groups(tree))
     names = zip(*(group_names(name, count) for name in ("innovations", "prediction_bands")), strict=True)
-    return [
-        random_force_figures(
-            f"{_of_run(tree, run)}{CAPTIONS['random_force']}",
-            tree[followed].to_dataset(),
-            tree[bands].to_dataset() if bands in tree.children else None,
-        )
-        for run, (followed, bands) in enumerate(names)
-        if followed in tree.children
-    ]
+    made = []
+    for run, (followed, bands) in enumerate(names):
+        if followed in tree.children:
+            data = tree[followed].to_dataset()
+            drawn = [plots.innovations(data), _wide(plots.random_force, data)]
+            drawn += [_wide(plots.prediction_bands, tree[bands].to_dataset())] if bands in tree else []
+            made.append(Figures(f"{_of_run(tree, run)}{CAPTIONS['random_force']}", drawn))
+    return made
+
+
+def _wide(draw: Callable[[xr.Dataset, Axes], Axes], data: xr.Dataset) -> Figure:
+    """A panel as wide as the page."""
+    figure = new_figure(FULL_WIDTH, PANEL_HEIGHT)
+    draw(data, figure.subplots())
+    return figure
 
 
 def _compared(tree: xr.DataTree) -> list[Section]:
     tables = [as_table(title, printed) for title, printed in comparison_tables(tree).items()]
-    records = [record_panel(tree[group].to_dataset()) for group in record_groups(tree)]
-    predicted = Figures(CAPTIONS["held_out"] + _decimated(tree, 0), [*records, prediction_panel(tree)], [])
-    by_method = Figures(CAPTIONS["by_method"], quantity_panels(tree), [plots.comparison(tree)])
+    by_method = Figures(CAPTIONS["by_method"], [plots.comparison(tree)])
     return [
         _at_a_glance(tree),
         Section("Coefficients by method", figures=[by_method], tables=tables[:2]),
-        Section("Prediction of what was held out", figures=[predicted], tables=tables[2:]),
+        Section("Prediction of what was held out", tables=tables[2:]),
     ]
 
 
@@ -112,14 +119,10 @@ def _discovered(tree: xr.DataTree) -> list[Section]:
     figures = {
         "Where model and record disagree": [
             *_motions(tree),
-            Figures(CAPTIONS["force_map"] + held, map_panels(tree), [plots.disagreement(tree)]),
+            Figures(CAPTIONS["force_map"] + held, [plots.disagreement(tree)]),
         ],
-        "What is missing": [
-            Figures(CAPTIONS["scores"] + of_search, ranking_panels(tree), [plots.rankings(tree)])
-        ],
-        "What this record can show": [
-            Figures(CAPTIONS["detectable"] + of_search, [detectability_panel(tree)], [plots.forecasts(tree)])
-        ],
+        "What is missing": [Figures(CAPTIONS["scores"] + of_search, [plots.rankings(tree)])],
+        "What this record can show": [Figures(CAPTIONS["detectable"] + of_search, [plots.forecasts(tree)])],
     }
     models = coefficient_table({name: tree[name].to_dataset() for name in ("before", "after")})
     tables = {"What is missing": [models, as_table(RANKING, ranking_table(tree))]}
@@ -132,37 +135,37 @@ def _discovered(tree: xr.DataTree) -> list[Section]:
 
 
 def _at_a_glance(tree: xr.DataTree) -> Section:
-    """The forces of each run, and what is missing."""
-    runs = range(len(record_groups(tree)))
-    motions = CAPTIONS["glance_motions_printed" if "steps" in tree.children else "glance_motions"]
-    texts = [
-        f"{_of_run(tree, run)}{motions}{CAPTIONS['glance']}{_decimated(tree, run)}{_held_out(tree)}"
-        for run in runs
-    ]
-    return Section("At a glance", figures=[glance_figures(tree, *pair) for pair in enumerate(texts)])
+    """The overview of each run."""
+    held = CAPTIONS["glance_held_out"] if kind_of(tree) == "compare" else _held_out(tree)
+    figures = []
+    for run in range(len(record_groups(tree))):
+        data = overview_data(tree, run)
+        caption = CAPTIONS["glance_backbone"] * (data.backbone is not None) + CAPTIONS["glance"]
+        figures.append(_over_time(tree, run, caption + held, drawn_overview(data)))
+    return Section("At a glance", figures=figures)
 
 
 def _motions(tree: xr.DataTree) -> list[Figures]:
     """The record of each run with the models before and after, each residual to its own scale."""
-    made = []
-    for run in range(len(record_groups(tree))):
-        drawn = motion_data(tree, run)
-        panels = [*time_panels(drawn, together=False), *half_period_panels(drawn)]
-        caption = f"{_of_run(tree, run)}{CAPTIONS['motions_apart']}{_decimated(tree, run)}{_held_out(tree)}"
-        made.append(Figures(caption, panels, [plots.discovery(tree, run)]))
-    return made
+    caption = CAPTIONS["motions_apart"] + _held_out(tree)
+    return [
+        _over_time(tree, run, caption, plots.discovery(tree, run)) for run in range(len(record_groups(tree)))
+    ]
 
 
 def _half_periods(tree: xr.DataTree) -> list[Figures]:
     """Amplitude and frequency of the half periods of each run, of record and models."""
     return [
-        Figures(
-            f"{_of_run(tree, run)}{CAPTIONS['half_periods']}",
-            half_period_panels(motion_data(tree, run)),
-            [plots.identification(tree, run)],
-        )
+        Figures(f"{_of_run(tree, run)}{CAPTIONS['half_periods']}", [half_period_figure(tree, run)])
         for run in range(len(record_groups(tree)))
     ]
+
+
+def _over_time(tree: xr.DataTree, run: int, caption: str, figure: Figure) -> Figures:
+    """A figure of one run, decimated where it is long."""
+    samples = tree[record_groups(tree)[run]].sizes["time"]
+    decimated = CAPTIONS["decimated"].format(points=MOST_POINTS, samples=samples)
+    return Figures(f"{_of_run(tree, run)}{caption}{decimated * (samples > MOST_POINTS)}", [figure])
 
 
 def _held_out(tree: xr.DataTree, *, of_search: bool = False) -> str:
@@ -174,13 +177,6 @@ def _of_run(tree: xr.DataTree, run: int) -> str:
     groups = record_groups(tree)
     source = tree[groups[run]].attrs.get("source", "")
     return f"Run {run + 1}{f' ({source})' if source else ''}. " if len(groups) > 1 else ""
-
-
-def _decimated(tree: xr.DataTree, run: int) -> str:
-    samples = tree[record_groups(tree)[run]].sizes["time"]
-    if samples <= MOST_POINTS:
-        return ""
-    return CAPTIONS["decimated"].format(points=MOST_POINTS, samples=samples)
 
 
 TITLE = "Forces of a free decay"

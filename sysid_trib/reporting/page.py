@@ -1,35 +1,27 @@
 """The page itself: rendered whole, written beside its place and renamed."""
 
-import base64
-import io
 import os
 from pathlib import Path
 
 import xarray as xr
-from bokeh.embed import components
-from bokeh.resources import Resources
-from bokeh.themes import Theme
 from jinja2 import Environment, PackageLoader
-from matplotlib.figure import Figure
 
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
 from sysid_trib.reporting import contents, provenance, reproducing
 from sysid_trib.reporting.parts import Page
+from sysid_trib.reporting.svg import inline_svg
 from sysid_trib.results.files import write_file
-
-PAPER_DPI = 170
 
 
 def report(result: xr.DataTree | xr.Dataset, path: str | os.PathLike[str]) -> None:
-    """Write a result as one self-contained page: text, tables, interactive figures.
+    """Write a result as one self-contained page: text, tables, figures.
 
     Parameters
     ----------
     result : xr.DataTree or xr.Dataset
         Result of `cross_check`, `compare`, `discover` or `identify`.
     path : path-like
-        The page, HTML. It asks the network for nothing. On paper, and without JavaScript, figures that do
-        not move stand in the place of the interactive ones.
+        The page, HTML. It asks the network for nothing, and holds no script.
 
     Raises
     ------
@@ -82,38 +74,16 @@ def _rendered(tree: xr.DataTree) -> str:
 
 def rendered(content: Page) -> str:
     """A page as text, with all that it shows."""
-    panels = {
-        f"{at}-{of}-{nth}": panel.figure
-        for at, section in enumerate(content.sections)
-        for of, figures in enumerate(section.figures)
-        for nth, panel in enumerate(figures.panels)
-    }
-    theme = Theme(filename=str(Path(__file__).with_name("theme.yaml")))
-    script, divs = components(panels, theme=theme) if panels else ("", {})
     environment = Environment(
         loader=PackageLoader("sysid_trib", "reporting"), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
-    return environment.get_template("page.html").render(
-        **vars(content),
-        divs=divs,
-        on_paper=[
-            [[_png(figure) for figure in figures.on_paper] for figures in section.figures]
-            for section in content.sections
-        ],
-        script=script,
-        bokeh=Resources(mode="inline", components=["bokeh"]).render_js() if panels else "",
-    )
+    environment.globals["inline_svg"] = inline_svg
+    return environment.get_template("page.html").render(**vars(content))
 
 
 def _next(tree: xr.DataTree) -> list[str]:
     """The command that follows, where a command made the result."""
     return [f"Next: {tree.attrs['next']}"] if tree.attrs.get("next") else []
-
-
-def _png(figure: Figure) -> str:
-    buffer = io.BytesIO()
-    figure.savefig(buffer, dpi=PAPER_DPI, format="png")
-    return base64.b64encode(buffer.getvalue()).decode()
 
 
 def _named(result: object) -> str:

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from bokeh import plotting
 from matplotlib.figure import Figure
 from rich.table import Table as PrintedTable
 
@@ -28,20 +27,11 @@ class PageTable:
 
 
 @dataclass(frozen=True)
-class Panel:
-    """An interactive figure, as wide as the page or half of it."""
-
-    figure: plotting.figure
-    wide: bool = True
-
-
-@dataclass(frozen=True)
 class Figures:
-    """Interactive figures with a caption, and what stands in their place on paper."""
+    """Figures of one caption, which says what a footnote of theirs would say."""
 
     caption: str
-    panels: Sequence[Panel]
-    on_paper: Sequence[Figure]
+    drawn: Sequence[Figure]
 
 
 @dataclass(frozen=True)
