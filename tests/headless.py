@@ -6,8 +6,6 @@ FLAGS = (
     *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
     *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
 )
-# True once all figures are drawn.
-IDLE = "window.Bokeh && Bokeh.documents.length && Bokeh.documents[0].is_idle"
 
 
 def browser_path() -> str | None:

@@ -18,6 +18,7 @@ from sysid_trib.plots.style import (
     Style,
     axes,
     footnote,
+    legend_marks,
     letter,
     logarithmic_amplitude,
     new_figure,
@@ -68,8 +69,11 @@ def half_period_figure(tree: xr.DataTree, run: int = 0) -> Figure:
     """Envelope, frequency against amplitude, and what models miss of both."""
     figure = new_figure(FULL_WIDTH, 4.2)
     panels = figure.subplots(2, 2, height_ratios=HALF_PERIOD_HEIGHTS).ravel().tolist()
-    _half_period_panels(panels, motion_data(tree, run))
+    drawn = motion_data(tree, run)
+    _half_period_panels(panels, drawn)
     letter(panels)
+    named = {drawn.labels[name]: {"marker": ""} | dict(style) for name, style in drawn.lines.items()}
+    figure.legend(handles=legend_marks(named), ncols=2, loc="outside upper right", frameon=False, fontsize=8)
     return figure
 
 

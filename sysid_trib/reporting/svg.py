@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import matplotlib as mpl
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 SVG, LINK = "{http://www.w3.org/2000/svg}", "{http://www.w3.org/1999/xlink}href"
@@ -38,8 +39,10 @@ def inline_svg(figure: Figure, name: str, caption: str) -> str:
     written = io.BytesIO()
     # Its footnote is in the caption.
     figure.supxlabel("")
+    figure.dpi = IMAGE_DPI
     with mpl.rc_context(SETTINGS | {"svg.hashsalt": name}):
-        figure.savefig(written, format="svg", dpi=IMAGE_DPI, metadata={"Date": None})
+        # By `savefig` a figure is drawn twice.
+        FigureCanvasSVG(figure).print_svg(written, metadata={"Date": None})
     root = ElementTree.fromstring(written.getvalue())
     # It begins with who made it, and with a style of all elements: within a page, of all that the page holds.
     root[:] = root[2:]
@@ -92,8 +95,8 @@ def _join(element: Element) -> None:
     for part in element:
         _join(part)
     parts = [one for part in element for one in (part if part.tag == "g" and not part.attrib else [part])]
-    # A line of which nothing is in sight has no points.
-    parts = [one for one in parts if one.tag != "path" or "d" in one.attrib]
+    # A line of which nothing is in sight has no points; so has a space, but letters refer to it.
+    parts = [one for one in parts if one.tag != "path" or {"d", "id"} & one.attrib.keys()]
     element[:] = [one for _, alike in groupby(parts, _kind) for one in _joined(list(alike))]
 
 

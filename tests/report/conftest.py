@@ -1,6 +1,7 @@
-"""One result of each kind, as the commands save it."""
+"""One result of each kind, and the page of each."""
 
 import pytest
+import xarray as xr
 from command_line import run
 
 import sysid_trib as st
@@ -19,9 +20,18 @@ formula = "sin(x) - x"
 """
 
 
+LIBRARY = st.load_library().select(["lambda", "zeta", "delta", "nu", "epsilon"])
+FEW = LIBRARY.select(["zeta", "delta", "epsilon"])
+METHODS = {
+    "direct": st.methods.Direct(),
+    "averaging": st.methods.Averaging(),
+    "logarithmic decrement": st.methods.LogarithmicDecrement(),
+}
+
+
 @pytest.fixture(scope="session")
 def folder(tmp_path_factory):
-    """Results in files: of the embedded example, of two runs, of a record that lacks a cubic force."""
+    """Records, and results in files: of the embedded example, and of a record whose model lacks a force."""
     there = tmp_path_factory.mktemp("results")
     (there / "candidates.toml").write_text(CANDIDATES, encoding="utf-8")
     short = ("--duration", "8", "--sampling-rate", "50", "--noise", "3e-4")
@@ -32,29 +42,44 @@ def folder(tmp_path_factory):
     ):
         assert run("simulate", "-o", there / f"{name}.csv", *options, *short).status == 0
     offered = ("--forces", "zeta", "--candidates", there / "candidates.toml")
-    for command, result, *options in (
-        ("identify", "cross_check"),
-        ("identify", "runs", there / "small.csv", there / "large.csv", "--omega0", "8.87±0.02"),
-        ("compare", "compare", there / "large.csv"),
-        ("discover", "discover", there / "cubic.csv", *offered),
-    ):
-        ending = run(command, *options, "-o", there / f"{result}.nc")
-        assert (ending.status, ending.err) == (0, "")
-    library = st.load_library().select(["lambda", "zeta", "delta", "nu", "epsilon"])
-    decay = st.free_decay(st.read_record(there / "large.csv"))
-    st.save(st.identify(decay, library, st.methods.Direct()), there / "identify.nc")
+    ending = run("discover", there / "cubic.csv", *offered, "-o", there / "discover.nc")
+    assert (ending.status, ending.err) == (0, "")
+    st.save(st.identify(decays_of(there)[1], LIBRARY, st.methods.Direct()), there / "identify.nc")
+    checked, _ = cross_checked(st.free_decay(st.paper_twin(), window=(0.0, 10.0)))
+    st.save(checked, there / "cross_check.nc")
     return there
+
+
+def decays_of(there):
+    return [st.free_decay(st.read_record(there / f"{name}.csv")) for name in ("small", "large")]
+
+
+def cross_checked(decay):
+    """Both identifications held against each other as `identify` does it, by fewer simulated records."""
+    first, second = (st.identify(decay, FEW, m) for m in (st.methods.Averaging(), st.methods.Direct()))
+    return st.cross_check(decay, first, second, draws=16), second
 
 
 @pytest.fixture(scope="session")
 def results(folder):
     """The results by kind."""
-    return {path.stem: st.load(path) for path in folder.glob("*.nc")}
+    decays = decays_of(folder)
+    runs, second = cross_checked(decays)
+    runs["runs"] = xr.DataTree(st.run_agreement(decays, second))
+    made = {"runs": runs, "compare": st.compare(decays[1], LIBRARY, METHODS)}
+    return made | {path.stem: st.load(path) for path in folder.glob("*.nc")}
+
+
+@pytest.fixture
+def without_figures(monkeypatch):
+    """Pages without figures, which take a second each."""
+    monkeypatch.setattr("sysid_trib.reporting.page.inline_svg", lambda *_: "")
 
 
 @pytest.fixture(scope="session")
 def pages(results):
-    """The page of each, as text; its pictures are small."""
+    """The page of each, as text; that of two runs, the figures of which are those of one, has none."""
+    whole = {kind: page(tree) for kind, tree in results.items() if kind != "runs"}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sysid_trib.reporting.page.PAPER_DPI", 50)
-        return {kind: page(tree) for kind, tree in results.items()}
+        patch.setattr("sysid_trib.reporting.page.inline_svg", lambda *_: "")
+        return whole | {"runs": page(results["runs"])}
