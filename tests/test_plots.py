@@ -66,3 +66,19 @@ def test_a_text_that_is_no_mathematics_is_drawn_as_it_is(text):
     ax.set(xlabel=text, title=f"load ({style.unit_label(text)})")
     ax.set_xticks([0, 1], [text, "b"])
     figure.savefig(io.BytesIO(), format="png")
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.19, 0.27), (0.02, 0.28), (1e-3, 0.4), (0.7, 0.9)])
+def test_an_axis_of_a_backbone_has_numbers_from_end_to_end(low, high):
+    amplitude = np.geomspace(low, high, 20)
+    curve = {"frequency": 9.9 - amplitude**2, "damping_ratio": 0.01 + 0.1 * amplitude}
+    columns = {f"{name}{end}": values for name, values in curve.items() for end in ("", "_low", "_high")}
+    data = xr.Dataset({name: ("amplitude", values) for name, values in columns.items()})
+    data = data.assign_coords(amplitude=("amplitude", amplitude, {"units": "rad"}))
+    data = data.assign({f"period_{name}": ("period", values) for name, values in curve.items()})
+    data = data.assign(period_amplitude=("period", amplitude))
+    figure = plots.backbone(data)
+    figure.canvas.draw()
+    for panel in figure.axes:
+        labels = [text.get_text() for text in (*panel.get_xticklabels(), *panel.get_xticklabels(minor=True))]
+        assert len([label for label in labels if label and low <= float(label) <= high]) >= 3

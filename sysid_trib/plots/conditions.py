@@ -65,21 +65,20 @@ def against_condition(
         bars = {"yerr": error, "elinewidth": 0.8} if few else {}
         ax.errorbar(at[chosen], value, fmt="o", markersize=3 if few else 1.5, color=color, **bars)
     if np.count_nonzero(far) <= MOST_NAMES_DRAWN:
-        for run in np.flatnonzero(far):
-            # Towards the middle, where there is room.
-            side = 1 if at[run] < np.mean(ax.get_xlim()) else -1
-            look = BESIDE_POINT | {"fontsize": 6, "ha": "left" if side > 0 else "right"}
-            ax.annotate(
-                str(of_quantity.run.values[run]),
-                (at[run], of_quantity.value.values[run]),
-                (5 * side, 0),
-                **look,
-            )
+        _name_runs(ax, of_quantity.isel(run=far), at[far])
     if ticks:
         ax.set_xticks(range(len(ticks)), ticks)
     unit = str(of_quantity.unit.item()).removeprefix("1") if "unit" in of_quantity.coords else ""
     ax.set(xlabel=name, ylabel=f"{quantity} ({unit_label(unit)})" if unit else quantity)
     return ax
+
+
+def _name_runs(ax: Axes, named: xr.Dataset, at: np.ndarray) -> None:
+    """The name of each run beside its mark, towards the middle, where there is room."""
+    middle = np.mean(ax.get_xlim())
+    for x, value, name in zip(at, named.value.values, named.run.values, strict=True):
+        side, end = (5, "left") if x < middle else (-5, "right")
+        ax.annotate(str(name), (x, value), (side, 0), ha=end, fontsize=6, **BESIDE_POINT)
 
 
 def places(condition: np.ndarray) -> tuple[np.ndarray, Sequence[str]]:

@@ -57,7 +57,7 @@ THRESHOLD: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": "-
 # Over so many times the smallest number there is room for powers of ten alone.
 CROWDED = 100.0
 # Over more there is room for fewer numbers between the powers of ten, and over less not enough are round.
-LONG, SHORT = 30.0, 8.0
+LONG_AXIS, SHORT_AXIS = 30.0, 8.0
 # Characters that the line and the space of an entry of a legend take.
 HANDLE = 6
 LEGEND: dict[str, Any] = {
@@ -189,8 +189,8 @@ def legend_marks(styles: Mapping[str, Style]) -> list[Line2D]:
 def logarithmic_ticks(axis: Axis, low: float, high: float) -> None:
     """Plain numbers on a logarithmic axis from `low` to `high`, as many as have room."""
     axis.set_major_formatter("{x:g}")
-    if high > SHORT * low:
-        digits = "" if high > CROWDED * low else "25" if high > LONG * low else "235"
+    if high > SHORT_AXIS * low:
+        digits = "" if high > CROWDED * low else "25" if high > LONG_AXIS * low else "235"
         axis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in digits else "")
         return
     # Powers of ten and their multiples would leave most of the axis without a tick.

@@ -30,7 +30,7 @@ from sysid_trib.reporting.tables import coefficient_table, reference_sentence
 from sysid_trib.results.per_run import group_names, record_groups
 
 # Of a single panel, inch.
-PANEL_HEIGHT = 2.4
+LONE_PANEL_HEIGHT = 2.4
 CONSEQUENCES = "What follows from the model"
 CAPTIONS = tomllib.loads(Path(__file__).with_name("captions.toml").read_text(encoding="utf-8"))
 
@@ -98,7 +98,7 @@ def _pushed(tree: xr.DataTree) -> list[Figures]:
 
 def _wide(draw: Callable[[xr.Dataset, Axes], Axes], data: xr.Dataset) -> Figure:
     """A panel as wide as the page."""
-    figure = new_figure(FULL_WIDTH, PANEL_HEIGHT)
+    figure = new_figure(FULL_WIDTH, LONE_PANEL_HEIGHT)
     draw(data, figure.subplots())
     return figure
 

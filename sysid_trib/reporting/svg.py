@@ -18,8 +18,12 @@ SETTINGS: dict[Any, Any] = {"svg.fonttype": "path", "path.simplify_threshold": 0
 # Dots an inch of what is drawn as an image: cells of a map, each of one colour.
 IMAGE_DPI = 200
 # Of a point; a figure as wide as the page has 518 of them.
-DIGITS = 2
-NUMBER = re.compile(r"-?\d+\.\d+")
+COORDINATE_DIGITS = 2
+DECIMAL = re.compile(r"-?\d+\.\d+")
+# Attributes that refer to an element by its id, and their names in HTML; an image is its own address.
+REFERRING = {LINK: "href", "clip-path": "clip-path"}
+ID_REFERENCE = re.compile(r"#([^)]+)")
+NO_KIND = ("", "", "")
 PLACES = ("d", "x", "y", "width", "height")
 # Pixels for an inch of the figure. Where a screen has less room the figure is moved sideways, not shrunk.
 LEAST_PIXELS, MOST_PIXELS = 92, 138
@@ -44,8 +48,9 @@ def inline_svg(figure: Figure, name: str, caption: str) -> str:
         # By `savefig` a figure is drawn twice.
         FigureCanvasSVG(figure).print_svg(written, metadata={"Date": None})
     root = ElementTree.fromstring(written.getvalue())
-    # It begins with who made it, and with a style of all elements: within a page, of all that the page holds.
-    root[:] = root[2:]
+    # Who made it, and a style of all elements, which within a page is one of all that the page holds.
+    left_out = [root.find(f"{SVG}metadata"), root.find(f"{SVG}defs[{SVG}style]")]
+    root[:] = [part for part in root if part not in left_out]
     for element in root.iter():
         element.tag, element.text, element.tail = element.tag.removeprefix(SVG), None, None
         for key in PLACES:
@@ -66,66 +71,64 @@ def inline_svg(figure: Figure, name: str, caption: str) -> str:
 
 def _short(places: str) -> str:
     """Coordinates with the digits that show; of a polygon only the first point needs a letter."""
-    rounded = NUMBER.sub(lambda number: f"{float(number[0]):.{DIGITS}f}".rstrip("0").rstrip("."), places)
+    rounded = DECIMAL.sub(
+        lambda number: f"{float(number[0]):.{COORDINATE_DIGITS}f}".rstrip("0").rstrip("."), places
+    )
     if not {"C", "Q"} & set(rounded):
         rounded = rounded.replace("L", " ")
-    return re.sub(r"\s*([A-Za-z])\s*|\s+", lambda gap: gap[1] or " ", rounded).strip()
+    return re.sub(r"\s*([A-Za-z])\s*|\s+", lambda match: match[1] or " ", rounded).strip()
 
 
 def _rename(root: Element, name: str) -> None:
     """Ids of this figure alone, where anything refers to them."""
-    links = [element for element in root.iter() if LINK in element.attrib]
-    clipped = [element for element in root.iter() if "clip-path" in element.attrib]
-    named = {element.attrib["id"]: "" for element in root.iter() if "id" in element.attrib}
-    used = dict.fromkeys(element.attrib[LINK].removeprefix("#") for element in links)
-    used |= dict.fromkeys(element.attrib["clip-path"][len("url(#") : -1] for element in clipped)
-    new = {old: f"{name}-{at}" for at, old in enumerate(old for old in used if old in named)}
-    for element in root.iter():
-        if old := element.attrib.pop("id", ""):
-            element.attrib |= {"id": new[old]} if old in new else {}
-    for element in links:
-        link = element.attrib.pop(LINK)
-        element.set("href", f"#{new[link[1:]]}" if link.startswith("#") else link)
-    for element in clipped:
-        element.set("clip-path", f"url(#{new[element.attrib['clip-path'][len('url(#') : -1]]})")
+    elements = list(root.iter())
+    used = [ID_REFERENCE.search(element.get(key, "")) for element in elements for key in REFERRING]
+    ids = dict.fromkeys(match[1] for match in used if match)
+    new = {old: f"{name}-{at}" for at, old in enumerate(ids)}
+    for element in elements:
+        if (old := element.attrib.pop("id", "")) in new:
+            element.set("id", new[old])
+        for key, attribute in REFERRING.items():
+            if key in element.attrib:
+                text = element.attrib.pop(key)
+                element.set(attribute, ID_REFERENCE.sub(lambda match: f"#{new[match[1]]}", text))
 
 
 def _join(element: Element) -> None:
     """Groups without a meaning dissolved, marks of a style in one group, lines of a style in one path."""
     for part in element:
         _join(part)
-    parts = [one for part in element for one in (part if part.tag == "g" and not part.attrib else [part])]
+    groups = [part if part.tag == "g" and not part.attrib else [part] for part in element]
     # A line of which nothing is in sight has no points; so has a space, but letters refer to it.
-    parts = [one for one in parts if one.tag != "path" or {"d", "id"} & one.attrib.keys()]
-    element[:] = [one for _, alike in groupby(parts, _kind) for one in _joined(list(alike))]
+    parts = [
+        part for group in groups for part in group if part.tag != "path" or {"d", "id"} & part.attrib.keys()
+    ]
+    element[:] = [part for _, alike in groupby(parts, _kind) for part in _joined(list(alike))]
 
 
 def _kind(element: Element) -> tuple[str, str, str]:
     """What elements have in common that may be joined; empty of those that may not."""
-    kept = element.attrib
-    if (
-        element.tag == "path"
-        and "fill: none" in kept.get("style", "")
-        and not {"id", "transform"} & set(kept)
-    ):
-        # Where lines that are not opaque cross, one path is paler than several.
-        return (
-            ("path", kept["style"], kept.get("clip-path", ""))
-            if "opacity" not in kept["style"]
-            else ("",) * 3
-        )
-    return ("use", kept["style"], "") if element.tag == "use" and "style" in kept else ("",) * 3
+    kept, style = element.attrib, element.get("style", "")
+    if element.tag == "use" and style:
+        return "use", style, ""
+    # Where lines that are not opaque cross, one path is paler than several.
+    lines = element.tag == "path" and "fill: none" in style and "opacity" not in style
+    return (
+        ("path", style, kept.get("clip-path", ""))
+        if lines and not {"id", "transform"} & kept.keys()
+        else NO_KIND
+    )
 
 
 def _joined(alike: list[Element]) -> Iterator[Element]:
     kind, style, _ = _kind(alike[0])
     if kind == "path":
-        alike[0].set("d", "".join(one.attrib["d"] for one in alike))
+        alike[0].set("d", "".join(part.attrib["d"] for part in alike))
         yield alike[0]
     elif kind == "use" and len(alike) > 1:
         group = Element("g", style=style)
-        for one in alike:
-            del one.attrib["style"]
+        for part in alike:
+            del part.attrib["style"]
         group[:] = alike
         yield group
     else:
