@@ -2,12 +2,17 @@
 
 import numpy as np
 import pytest
+import xarray as xr
 from scipy.integrate import solve_ivp
 
+from sysid_trib import free_decay, simulate
+from sysid_trib.decays.half_sines import envelope
 from sysid_trib.errors import SimulationError
 from sysid_trib.forces.library import parse_library
+from sysid_trib.methods import Direct
 from sysid_trib.simulation.integrate import BY_ANGLE, BY_RATE, FREQUENCY, integrate
 from sysid_trib.simulation.model import Model
+from sysid_trib.validation.residuals import residual_of
 
 
 def shape(**defaults):
@@ -173,3 +178,17 @@ def test_the_clock_of_the_frequency_counts_on_a_belt_too():
     exact = integrate(Model(LIBRARY, names, 1.0), TAU, (0.3, -0.1), by=(FREQUENCY,)).derivative[:, :2, 0]
     wrong = np.abs(exact - (at(1.0 + step) - at(1.0 - step)) / (2.0 * step)).max(axis=1)
     assert np.quantile(wrong, 0.97) < 1e-5 * np.abs(exact).max()
+
+
+def test_friction_of_a_belt_is_identified_about_the_place_to_which_it_pulls():
+    """It moves the equilibrium by its coefficient, about which the phase of record and model counts."""
+    names = {"mu": 0.02, "viscous": 0.02}
+    time = np.arange(0.0, 25.0, 0.01)
+    angle = simulate(Model(LIBRARY, names, 8.87), time, 0.3).angle.values
+    angle += 2e-4 * np.random.default_rng(0).standard_normal(len(time))
+    record = free_decay(xr.Dataset({"angle": ("time", angle, {"units": "rad"})}, {"time": time}))
+    found = Direct().identify(record, LIBRARY.select(["mu", "viscous"]))
+    assert np.all(np.abs(found.coefficient.values - [0.02, 0.02]) < 4.0 * found.standard_error.values)
+    left = residual_of(record, found, envelope(record))
+    assert left.rms == pytest.approx(2e-4, rel=0.1)
+    assert left.phase_error < 0.2

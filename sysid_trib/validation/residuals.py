@@ -342,7 +342,8 @@ def _phase_error(time: Array, motion: FittedMotion, envelope: xr.Dataset) -> flo
     turns, sign = envelope.extremum_time.values[inside], envelope.sign.values[inside]
     if not len(turns):
         return float("nan")
-    phase = np.interp(turns, time, np.unwrap(np.arctan2(-motion.v, motion.x)))
+    # About the record's equilibrium, which a force that pushes one way moves.
+    phase = np.interp(turns, time, np.unwrap(np.arctan2(-motion.v, motion.offset + motion.x)))
     lead = phase - np.pi * np.arange(len(turns)) - (0.0 if sign[0] > 0 else np.pi)
     # Whole turns count from where the two are nearest: the start's own are arbitrary.
     middle = 2.0 * np.pi * np.round(np.median(lead) / (2.0 * np.pi))
