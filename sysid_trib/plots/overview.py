@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatterSciNotation
+from matplotlib.ticker import LogFormatterSciNotation, LogLocator
 
 from sysid_trib.plots.backbone import CURVE_LABELS, draw_curve
 from sysid_trib.plots.force_map import draw_cells
@@ -162,6 +162,7 @@ def _power(ax: Axes, data: OverviewData) -> Axes:
     low = max(ax.get_ylim()[0], LEAST_POWER * largest)
     ax.set_ylim(low, 2.0 * largest)
     # Labels between decades would run into each other over many; few decades have no others.
+    ax.yaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
     ax.yaxis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=DECADES_WITH_MINOR_LABELS))
     _legend(ax, 4)
     return ax
