@@ -168,10 +168,8 @@ def settle(program, c):
 
 @inner
 def grip_of(program, J, slot):
-    """By how much a surface moves with v; J holds the state at order 0."""
-    still = J[1, 1]
-    order(program, J, np.int64(1))
-    here = J[slot, 1]
+    """By how much a surface moves with v; J holds the first two orders."""
+    here, still = J[slot, 1], J[1, 1]
     J[1, 1] = still + 1.0
     order(program, J, np.int64(1))
     grip = J[slot, 1] - here
@@ -184,21 +182,20 @@ def grip_of(program, J, slot):
 def held_by(program, c):
     """The surface near which both sides push towards it, so that a motion stays there, or `FREE`.
 
-    That of v alone is rest, of which `settle` decides.
+    That of v alone is rest, of which `settle` decides. Most are crossed, which the first side tells.
     """
     for m in range(1, len(program.signs)):
-        if abs(c.v[ROW_VALUES, m]) < NEAR_SURFACE:
-            up, grip = _rise_on(program, c, m, 1.0)
-            down, _ = _rise_on(program, c, m, -1.0)
-            if up < 0.0 < down and grip != 0.0:
-                return np.int64(m)
+        near = abs(c.v[ROW_VALUES, m]) < NEAR_SURFACE
+        pushes = near and _rise_on(program, c, m, 1.0) < 0.0 and _rise_on(program, c, m, -1.0) > 0.0
+        if pushes and grip_of(program, c.aside[TRIAL], program.surfaces[m]) != 0.0:
+            return np.int64(m)
     return np.int64(FREE)
 
 
 @inner
 def _rise_on(program, c, m, way):
-    """How fast a surface rises on this side of it, and with v."""
-    J, slot = c.aside[TRIAL], program.surfaces[m]
+    """How fast a surface rises on this side of it; the trial holds the first two orders there."""
+    J = c.aside[TRIAL]
     state_at(program, J, c.v[ROW_STATE], c.v[ROW_CLOCK, 0])
     parameters_at(program, J, c.v[ROW_MEMORY], c.v[ROW_SIGNS])
     J[program.signs[m], 0] = way
@@ -206,5 +203,5 @@ def _rise_on(program, c, m, way):
     for i in range(program.states):
         J[i, 1] = J[program.rates[i], 0]
     J[program.states, 1] = 1.0
-    grip = grip_of(program, J, slot)
-    return J[slot, 1], grip
+    order(program, J, np.int64(1))
+    return J[program.surfaces[m], 1]

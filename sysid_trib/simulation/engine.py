@@ -399,6 +399,7 @@ def onto(program, c, held):
     at_once(program, J)
     for i in range(program.states + 1):
         J[i, 1] = 0.0
+    order(program, J, np.int64(1))
     grip = grip_of(program, J, slot)
     c.v[ROW_STATE, 1] -= J[slot, 0] / grip
     if count > 0:
