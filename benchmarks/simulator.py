@@ -87,13 +87,13 @@ def driven():
         ("stick and slip", {"lambda": 0.15, "zeta": 0.01}),
         ("without", {"zeta": 0.01}),
     ):
-        model = replace(Model(SIX, coefficients, W), known_input=KnownInput(GRID, push))
+        model = replace(Model(SIX, coefficients, W), inputs={"input": KnownInput(GRID, push)})
         stuck = np.mean(trajectory(model, GRID, 0.0).rate == 0.0)
         ours = median_ms(lambda m=model: trajectory(m, GRID, 0.0), 31, process_time)
         print(f"driven, {name}: 2,501 samples {ours:.2f} ms, {100 * stuck:.0f} % at rest")
     time, w = np.arange(131_072) / 610.35, 2.0 * np.pi * 68.0
     push = 0.1 * w**2 * np.random.default_rng(0).standard_normal(len(time))
-    model = Model(SIX, {"zeta": 0.023, "epsilon": 0.3}, w, known_input=KnownInput(time, push))
+    model = Model(SIX, {"zeta": 0.023, "epsilon": 0.3}, w, inputs={"input": KnownInput(time, push)})
     ours = median_ms(lambda: trajectory(model, time), 3, process_time)
     print(f"driven Duffing, 131,072 samples: {ours:.0f} ms")
 

@@ -159,7 +159,9 @@ def test_steps_know_the_derivative_by_the_frequency() -> None:
     known = KnownInput(time, drive(time))
 
     def ends(frequency: float) -> np.ndarray:
-        smooth = replace(MODEL, reference_frequency=frequency, known_input=known, coefficients={"zeta": 0.01})
+        smooth = replace(
+            MODEL, reference_frequency=frequency, inputs={"input": known}, coefficients={"zeta": 0.01}
+        )
         states = np.zeros((len(time), 2))
         states[:, 0], states[:, 1] = 0.1, 0.2 * W / frequency
         steps = expected_steps(smooth, time, states, 0.0, frequency=True)
@@ -179,9 +181,9 @@ def test_what_is_between_samples_is_what_acts(between: str) -> None:
     known = KnownInput(time, drive(time), between)
     model = replace(MODEL, coefficients={"zeta": 0.01, "epsilon": 0.4})
     run = st.simulate(model, time, 0.1, 0.2, known_input=known)
-    spline, y = CubicSpline(time, known.acceleration), [np.array([0.1, 0.2])]
+    spline, y = CubicSpline(time, known.values), [np.array([0.1, 0.2])]
     for i, (low, high) in enumerate(pairwise(time)):
-        u0, u1 = known.acceleration[i : i + 2]
+        u0, u1 = known.values[i : i + 2]
 
         def rates(t: float, y: np.ndarray, u0: float = u0, u1: float = u1, low: float = low) -> list[float]:
             u = {"linear": u0 + (u1 - u0) * (t - low) / 0.1, "held": u0, "cubic": float(spline(t))}[between]
@@ -190,14 +192,14 @@ def test_what_is_between_samples_is_what_acts(between: str) -> None:
         y.append(solve_ivp(rates, (low, high), y[-1], rtol=1e-11, atol=1e-12, method="DOP853").y[:, -1])
     np.testing.assert_allclose(run.angle, np.array(y)[:, 0], atol=1e-9)
     states = np.stack([run.angle, run.rate / W], axis=1)
-    steps = expected_steps(replace(model, known_input=known), time, states, 0.0)
+    steps = expected_steps(replace(model, inputs={"input": known}), time, states, 0.0)
     np.testing.assert_allclose(steps.end, states[1:], atol=1e-9)
     assert run.input.attrs["between"] == between
 
 
 def test_another_word_for_what_is_between_samples_is_refused() -> None:
-    with pytest.raises(UsageError, match="linear, held, cubic, not 'smooth'"):
-        KnownInput(times(), drive(times()), "smooth")
+    with pytest.raises(UsageError, match="linear, held, cubic, smooth, not 'steps'"):
+        KnownInput(times(), drive(times()), "steps")
 
 
 @pytest.mark.parametrize("units", [None, "V", "N m"])
@@ -215,7 +217,7 @@ def test_an_input_with_a_hole_is_refused() -> None:
         st.identify(record, LIBRARY, METHODS["direct"])
     with pytest.raises(UsageError, match="finite"):
         st.simulate(MODEL, times(), known_input=np.full(len(times()), np.nan))
-    with pytest.raises(UsageError, match="one acceleration for each sample"):
+    with pytest.raises(UsageError, match="one number for each sample"):
         st.simulate(MODEL, times(), known_input=[1.0, 2.0])
 
 

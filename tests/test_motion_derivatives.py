@@ -27,25 +27,25 @@ CASES = {
 MOST = 0.97
 
 
-def motion(model, values, known_input=None):
+def motion(model, values, inputs=()):
     coefficients = {name: values[name] for name in model.coefficients}
     shapes = {name: values[name] for name in model.library.shape_values() if name in values}
-    moved = Model(model.library, coefficients, values[FREQUENCY], shapes, known_input)
+    moved = Model(model.library, coefficients, values[FREQUENCY], shapes, dict(inputs))
     return trajectory(moved, GRID, values[BY_ANGLE], values[BY_RATE])
 
 
-def furthest_off(model, known_input=None):
+def furthest_off(model, inputs=()):
     """Largest difference of a derivative, by its parameter, over the largest derivative."""
     library = model.library.select(model.coefficients)
     shapes = {**library.shape_values(), **model.shapes}
     values = {**model.coefficients, **shapes, FREQUENCY: W, BY_ANGLE: 0.3, BY_RATE: 0.4}
-    at = Model(model.library, model.coefficients, W, shapes, known_input)
+    at = Model(model.library, model.coefficients, W, shapes, dict(inputs))
     found = trajectory(at, GRID, 0.3, 0.4, by=[*values]).derivatives
     for column, (name, value) in enumerate(values.items()):
         step = 2e-6 * (value if "." in name else 1.0)
 
         def ahead(steps, name=name, value=value, step=step):
-            return motion(at, {**values, name: value + steps * step}, known_input)
+            return motion(at, {**values, name: value + steps * step}, inputs)
 
         near, far = (ahead(1), ahead(-1)), (ahead(2), ahead(-2))
         for quantity in ("angle", "rate", "acceleration"):
@@ -64,7 +64,7 @@ def test_derivatives_agree_with_differences(case):
 def test_derivatives_of_a_driven_motion_agree_with_differences():
     push = 0.1 * W**2 * np.sin(7.0 * GRID)
     model = Model(SIX, {"lambda": 0.01, "zeta": 0.02, "nu": 0.3}, W)
-    for name, quantity, off in furthest_off(model, KnownInput(GRID, push)):
+    for name, quantity, off in furthest_off(model, {"input": KnownInput(GRID, push)}):
         assert off < 1e-7, (name, quantity)
 
 

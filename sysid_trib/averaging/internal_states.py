@@ -15,7 +15,7 @@ from scipy.ndimage import uniform_filter1d
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.averaging.stepped_states import RADAU_STAGES, is_linear, is_stepped, stepped_states
-from sysid_trib.errors import DecayError, SysidTribError
+from sysid_trib.errors import DecayError, LibraryError, SysidTribError
 from sysid_trib.forces.force import Force
 from sysid_trib.forces.library import force_counted_from
 from sysid_trib.simulation.prescribed import begun_with, history_along
@@ -132,10 +132,15 @@ def states_along(
     DecayError
         Fewer than four samples, unequal lengths, not finite, or tau not increasing.
     LibraryError
-        The states or memory are not finite along this motion.
+        The states or memory are not finite along this motion, or hold an input.
     """
     if force.memoryless:
         return {}
+    if any(channel.name in f.names for channel in force.channels for f in force.formulas[1:]):
+        raise LibraryError(
+            f"Force '{force.symbol}': its states hold an input, which only methods.Trajectory follows, from "
+            "a start= that is given; take that method."
+        )
     tau, x, v = (np.asarray(a, dtype=float) for a in (tau, x, v))
     good = tau.ndim == 1 and tau.shape == x.shape == v.shape and tau.size >= 4
     if not (good and np.all(np.isfinite([tau, x, v])) and np.all(np.diff(tau) > 0)):

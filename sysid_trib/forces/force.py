@@ -4,7 +4,7 @@ import itertools
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,6 +35,41 @@ class Shape:
     low: float
     high: float
     meaning: str = ""
+
+
+# What an input may be beside any quantity of its own, and the power of 1/w with which formulas see it then,
+# as they see theta' over w.
+INPUT_KINDS = {"": 0, "displacement": 0, "rate": 1, "acceleration": 2}
+# Derivatives of an input that formulas may hold: `u` and `du`.
+ORDERS = (0, 1)
+
+
+class Channel(NamedTuple):
+    """What a formula sees of an input u(t): `u`, or `du`, its derivative by tau = w t.
+
+    Attributes
+    ----------
+    input : str
+        Its name.
+    order : int
+        Of the derivative.
+    kind : str
+        One of `INPUT_KINDS`; other than "" it is in the unit of the signal, or that over s or s^2.
+    """
+
+    input: str
+    order: int = 0
+    kind: str = ""
+
+    @property
+    def name(self) -> str:
+        """As formulas write it."""
+        return "d" * self.order + self.input
+
+    @property
+    def power(self) -> int:
+        """Power of 1/w with which the derivative by time is seen."""
+        return INPUT_KINDS[self.kind] + self.order
 
 
 @dataclass(frozen=True)
@@ -68,6 +103,8 @@ class Force:
         Whether it can only store or lose energy, so that its coefficient is not negative.
     coefficient : float, optional
         Its coefficient where physics knows it, as 1 of gravity: with another one it is another force.
+    channels : tuple of Channel
+        What its formulas hold of inputs.
     """
 
     symbol: str
@@ -83,6 +120,7 @@ class Force:
     shape: Mapping[str, Shape] = field(default_factory=dict)
     passive: bool = False
     coefficient: float | None = None
+    channels: tuple[Channel, ...] = ()
 
     def __hash__(self) -> int:
         return hash((self.symbol, self.formula))
@@ -107,6 +145,11 @@ class Force:
     def holds_time(self) -> bool:
         """Whether any of its formulas holds `t`."""
         return any("t" in f.names for f in self.formulas)
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the inputs that its formulas hold."""
+        return tuple(dict.fromkeys(channel.input for channel in self.channels))
 
     def shape_values(self, shapes: ShapeValues | None = None) -> dict[str, float]:
         """Value of each shape parameter: from `shapes` (`{"dahl.s": 0.02}`), else the default."""
@@ -138,13 +181,14 @@ class Force:
         shapes : mapping of str to float, optional
             Shape parameters, `{"dahl.s": 0.02}`; defaults where left out.
         hidden : mapping of str to array of float, optional
-            States and memory; zero where left out.
+            States, memory, and inputs as formulas name them; zero where left out.
 
         Returns
         -------
         array of float, rad
         """
-        given = {"x": x, "v": v, "t": t, **dict.fromkeys((*self.state, *self.memory), 0.0), **(hidden or {})}
+        absent = (*self.state, *self.memory, *(channel.name for channel in self.channels))
+        given = {"x": x, "v": v, "t": t, **dict.fromkeys(absent, 0.0), **(hidden or {})}
         arrays = {k: np.asarray(a, dtype=float) for k, a in given.items()}
         with np.errstate(all="ignore"):
             h = self.formula.evaluate({**arrays, **self.shape_values(shapes)})
@@ -187,30 +231,33 @@ class Force:
 
         A force with states or memory depends on history, which has no time reversal: `mixed`.
         """
-        if not self.memoryless or self.kind == "sensor":
+        if not self.memoryless or self.channels or self.kind == "sensor":
             return "sensor" if self.kind == "sensor" else "mixed"
         here, there = self._at(self.test_points), self._at(self.test_points | {"v": -self.test_points["v"]})
         return "conservative" if _same(there, here) else "dissipative" if _same(there, -here) else "mixed"
 
     @cached_property
     def degree(self) -> float | None:
-        """Degree q of homogeneity in (x, v) together, None if there is none or if it depends on history."""
-        return None if not self.memoryless or self.shape or self.holds_time else self._degree_in("x", "v")
+        """Degree q of homogeneity in (x, v) together; None without one, of history, time and inputs."""
+        other = self.shape or self.holds_time or self.channels
+        return None if not self.memoryless or other else self._degree_in({"x": 1.0, "v": 1.0})
 
     @cached_property
     def speed_degree(self) -> float | None:
         """Degree of homogeneity in v alone (0 without v), None if there is none or if it has states.
 
-        A degree that depends on a shape parameter, as that of abs(v)**p, is none.
+        A degree that depends on a shape parameter, as that of abs(v)**p, is none. Inputs that are seen over w
+        count as v, over w^2 as its square.
         """
         ends = [{k: getattr(s, end) for k, s in self.shape.items()} for end in ("default", "low", "high")]
-        degrees = {self._degree_in("v", shapes=shapes) for shapes in ends}
+        over_w = {channel.name: float(channel.power) for channel in self.channels if channel.power}
+        degrees = {self._degree_in({"v": 1.0} | over_w, shapes) for shapes in ends}
         return None if self.state or len(degrees) > 1 else degrees.pop()
 
     @cached_property
     def units(self) -> str:
         """Unit of the coefficient: `1` (dimensionless, angles in rad), or a power of s where t enters."""
-        degree = self._degree_in("t") if self.memoryless else None
+        degree = self._degree_in({"t": 1.0}) if self.memoryless else None
         return "1" if not degree else "s-1" if degree == 1 else f"s{-degree:g}"
 
     @cached_property
@@ -235,26 +282,34 @@ class Force:
         sizes = random.permuted(np.concatenate((large, small), axis=1), axis=1)
         points = dict(zip("xv", sides * sizes, strict=True))
         points |= {k: random.uniform(-0.5, 0.5, 64) for k in (*self.state, *self.memory)}
-        return points | {"t": random.uniform(0.5, 20.0, 64)} | self.shape_values()
+        points |= {"t": random.uniform(0.5, 20.0, 64)} | self.shape_values()
+        return points | {
+            c.name: random.choice((-1.0, 1.0), 64) * random.uniform(0.05, 1.2, 64) for c in self.channels
+        }
 
     def _at(self, names: Mapping[str, Any]) -> NDArray[np.float64]:
         with np.errstate(all="ignore"):
             return np.broadcast_to(self.formula.evaluate(names), (64,))
 
-    def _degree_in(self, *variables: str, shapes: ShapeValues | None = None) -> float | None:
+    def _degree_in(self, powers: Mapping[str, float], shapes: ShapeValues | None = None) -> float | None:
+        """Degree as variables grow with these powers of one factor."""
         points = self.test_points | dict(shapes or {})
         here = self._at(points)
         # Over many scales: tanh(v/s) is as good as sign(v) on one of them.
-        scaled = {c: self._at(points | {k: c * points[k] for k in variables}) for c in (2.0, 4.0, 1e-3, 1e-6)}
+        scaled = {
+            c: self._at(points | {k: c**power * points[k] for k, power in powers.items()})
+            for c in (2.0, 4.0, 1e-3, 1e-6)
+        }
         used = np.abs(here) > 1e-12
         if not used.any() or not np.all(np.isfinite(list(scaled.values()))):
             return None
         ratio = np.abs(scaled[2.0][used] / here[used])
         # Rounded to a tidy number so that a degree of 2 is 2 and not 1.9999999999.
         degree = round(float(np.median(np.log2(np.maximum(ratio, 1e-300)))), 9) + 0.0
-        powers = {c: c**degree * here for c in scaled}
+        expected = {c: c**degree * here for c in scaled}
         exact = all(
-            np.allclose(scaled[c], powers[c], rtol=1e-9, atol=1e-12 * np.abs(powers[c]).max()) for c in scaled
+            np.allclose(scaled[c], expected[c], rtol=1e-9, atol=1e-12 * np.abs(expected[c]).max())
+            for c in scaled
         )
         return degree if exact else None
 
@@ -296,6 +351,16 @@ class ForceLibrary:
         """Symbols in the library's order."""
         return tuple(force.symbol for force in self.forces)
 
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """What its forces hold of inputs, each once."""
+        return tuple(dict.fromkeys(channel for force in self.forces for channel in force.channels))
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the inputs that its forces hold."""
+        return tuple(dict.fromkeys(channel.input for channel in self.channels))
+
     def shape_values(self, shapes: ShapeValues | None = None) -> dict[str, float]:
         """Value of each shape parameter by name, `dahl.s`: from `shapes`, else the default."""
         return {f"{f.symbol}.{k}": value for f in self for k, value in f.shape_values(shapes).items()}
@@ -311,7 +376,9 @@ class ForceLibrary:
     def to_toml(self) -> str:
         """The library as text in the format it is read from."""
         blocks = "".join(f"\n[[force]]\n{written.toml(force)}" for force in self.forces)
-        return f"title = {written.toml_value(self.title)}\n{blocks}"
+        kinds = {channel.input: channel.kind for channel in self.channels}
+        inputs = f"inputs = {written.toml_value(kinds)}\n" if kinds else ""
+        return f"title = {written.toml_value(self.title)}\n{inputs}{blocks}"
 
 
 def _same(first: Any, second: Any) -> bool:

@@ -12,12 +12,14 @@ from typing import Any
 import numpy as np
 
 from sysid_trib.errors import LibraryError, UsageError
-from sysid_trib.forces.force import Force, ForceLibrary, Shape
+from sysid_trib.forces.force import INPUT_KINDS, ORDERS, Channel, Force, ForceLibrary, Shape
 from sysid_trib.forces.formulas import LARGEST_CONSTANT, RESERVED_NAMES, Formula, parse
 
 TEXT_KEYS = ("name", "family", "meaning", "source")
 TABLE_KEYS = ("state", "memory", "start", "shape")
-FORCE_KEYS = {key.name for key in fields(Force)}
+FORCE_KEYS = {key.name for key in fields(Force)} - {"channels"}
+# The input that a library need not name.
+USUAL_INPUT = "u"
 MAX_BYTES = 1_000_000
 TIME = re.compile(r"\bt\b")
 
@@ -79,7 +81,8 @@ def parse_library(data: Mapping[str, Any], source: str) -> ForceLibrary:
     entries = data.get("force")
     if not isinstance(entries, list) or not entries or not all(isinstance(e, dict) for e in entries):
         raise LibraryError(f"{source}: no forces; write at least one [[force]] with symbol and formula.")
-    forces = tuple(_force(entry, source) for entry in entries)
+    channels = _channels(data.get("inputs", []), source)
+    forces = tuple(_force(entry, channels, source) for entry in entries)
     symbols = [force.symbol for force in forces]
     for symbol in symbols:
         if symbols.count(symbol) > 1:
@@ -113,7 +116,28 @@ def force_counted_from(force: Force, seconds: float) -> Force:
     )
 
 
-def _force(entry: Mapping[str, Any], source: str) -> Force:
+def _channels(inputs: object, source: str) -> dict[str, Channel]:
+    """What formulas may hold of inputs, by its name in them."""
+    kinds = dict.fromkeys(inputs, "") if isinstance(inputs, list) else inputs
+    if not isinstance(kinds, dict) or not all(
+        isinstance(kind, str) for pair in kinds.items() for kind in pair
+    ):
+        raise LibraryError(f'{source}: inputs are names, ["u", "b"], or a table {{ u = "acceleration" }}.')
+    if strange := [kind for kind in kinds.values() if kind not in INPUT_KINDS]:
+        known = ", ".join(kind for kind in INPUT_KINDS if kind)
+        raise LibraryError(
+            f"{source}: an input is one of {known}, or any other quantity, '', not '{strange[0]}'."
+        )
+    every = [Channel(name, n, kind) for name, kind in ({USUAL_INPUT: ""} | kinds).items() for n in ORDERS]
+    for channel in every:
+        names = [other.name for other in every]
+        fits = re.fullmatch(r"[A-Za-z]\w{0,39}", channel.input, re.ASCII)
+        if not fits or channel.name in RESERVED_NAMES or names.count(channel.name) > 1:
+            raise LibraryError(f"{source}: '{channel.input}' cannot name an input; rename it.")
+    return {channel.name: channel for channel in every}
+
+
+def _force(entry: Mapping[str, Any], channels: Mapping[str, Channel], source: str) -> Force:
     symbol = entry.get("symbol")
     if not isinstance(symbol, str) or not re.fullmatch(r"[A-Za-z]\w{0,39}", symbol, re.ASCII):
         raise LibraryError(f"{source}: symbol {symbol!r} must be a short word of letters, digits and _.")
@@ -140,7 +164,8 @@ def _force(entry: Mapping[str, Any], source: str) -> Force:
         raise LibraryError(f"{where}: a sensor has no states or memory; declare it as a force or drop them.")
     shape = {k: _shape(v, f"{where}, shape '{k}'") for k, v in tables["shape"].items()}
     exponents = frozenset(shape)
-    allowed = frozenset("xvt") | exponents | frozenset(tables["state"]) | frozenset(tables["memory"])
+    internal = exponents | frozenset(tables["state"]) | frozenset(tables["memory"])
+    allowed = frozenset("xvt") | internal | frozenset(channels)
 
     def formula(text: object, names: frozenset[str] = allowed) -> Formula:
         return parse(text, names, exponents, where)
@@ -156,6 +181,8 @@ def _force(entry: Mapping[str, Any], source: str) -> Force:
         coefficient=None if known is None else float(known),
         **(words | {"name": words["name"] or symbol}),
     )
+    held = {name for f in force.formulas for name in f.names} - internal
+    force = replace(force, channels=tuple(channel for name, channel in channels.items() if name in held))
     _check_finite(force, where)
     return force
 

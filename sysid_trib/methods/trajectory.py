@@ -19,7 +19,7 @@ from sysid_trib.noise.autoregression import autoregression, whitened
 from sysid_trib.noise.level import sensor_noise
 from sysid_trib.noise.random_force import RandomForceOption, check_random_force, is_fitted
 from sysid_trib.noise.sensor_noise import sensor_noise_of
-from sysid_trib.records.inputs import KnownInput, known_input_of
+from sysid_trib.records.inputs import KnownInput, inputs_of
 from sysid_trib.records.runs import Decays, as_runs, root_mean_square
 from sysid_trib.results.birge import birge_ratio
 from sysid_trib.results.schema import model_of
@@ -153,9 +153,7 @@ def _record(decay: xr.Dataset) -> WhitenedRecord:
     """What was measured of a run, in its own quantity: a rate is not integrated."""
     observation, time, values = measured_part(decay)
     swing = None if observation.quantity == "angle" else float(np.max(np.abs(decay.angle.values)))
-    return WhitenedRecord(
-        time, values, observation=observation, swing=swing, known_input=known_input_of(decay)
-    )
+    return WhitenedRecord(time, values, observation=observation, swing=swing, inputs=inputs_of(decay))
 
 
 def _parameters(method: Trajectory, library: ForceLibrary, runs: int) -> Parameters:
@@ -227,7 +225,7 @@ def _with_random_force(
     """The fit of the innovations; a parameter that a bound stops is held there."""
     parameters = problem.parameters
     records = [(record.time, record.angle) for record in problem.records]
-    inputs = [record.known_input for record in problem.records]
+    inputs = [record.inputs for record in problem.records]
     white = np.ones(1)
     filters = [white if quick is None else sensor_noise_of(quick, at).filter_ for at in range(len(records))]
     while True:
@@ -246,7 +244,7 @@ def _likelier_of(
     values: Array,
     method: Trajectory,
     filters: Sequence[Array],
-    inputs: Sequence[KnownInput | None],
+    inputs: Sequence[Mapping[str, KnownInput]],
 ) -> RandomMotionFit:
     """The fit in noise of these colours or in white noise, whose innovations are likelier.
 

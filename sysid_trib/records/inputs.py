@@ -1,35 +1,44 @@
-"""A known input: an acceleration that was measured beside the motion, a polynomial from sample to sample."""
+"""Known inputs: what was measured beside the motion and drives it, a polynomial from sample to sample."""
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import xarray as xr
-from numpy.polynomial.polynomial import polyval
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import PPoly, make_interp_spline
 
 from sysid_trib.arrays import Array
 from sysid_trib.decays.signal import checked_signal, unit_of_signal
-from sysid_trib.errors import UsageError
+from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.forces.force import Channel, ForceLibrary
 
-# Variable of a record.
+# The input that pushes by itself, an acceleration; every other one acts by the forces that hold its name.
 INPUT = "input"
-BETWEEN_SAMPLES = ("linear", "held", "cubic")
+PUSH = Channel(INPUT, 0, "acceleration")
+# Units of inputs that are of the signal's unit, where that is rad.
+UNITS_OF_KINDS = {"displacement": "rad", "rate": "rad/s", "acceleration": "rad/s^2"}
+# attrs["role"] of a variable of a record that is an input.
+ROLE = "input"
+# Splines by their degree: `smooth` leaves out less than a hundredth of a signal of three samples a period.
+SPLINE_DEGREES = {"cubic": 3, "smooth": 7}
+BETWEEN_SAMPLES = ("linear", "held", *SPLINE_DEGREES)
 
 
 @dataclass(frozen=True, eq=False)
 class KnownInput:
-    """u(t) in theta'' + w^2 (theta + f) = u(t).
+    """An input u(t) in its own unit.
 
     Parameters
     ----------
     elapsed : (sample,) array of float, s
         Time since the first sample of the record, increasing.
-    acceleration : (sample,) array of float, rad/s^2
+    values : (sample,) array of float
         At the samples; held beyond the last.
     between : str
-        `linear`, `held` (as what a converter puts out), or `cubic` (a spline, as of a smooth signal).
+        `linear`, `held` (as what a converter puts out), or a spline: `cubic`, or `smooth` (of degree 7, as of
+        a signal that was measured without aliasing).
 
     Raises
     ------
@@ -38,80 +47,158 @@ class KnownInput:
     """
 
     elapsed: Array
-    acceleration: Array
+    values: Array
     between: str = "linear"
 
     def __post_init__(self) -> None:
-        shapes = np.shape(self.elapsed), np.shape(self.acceleration)
+        shapes = np.shape(self.elapsed), np.shape(self.values)
         if shapes[0] != shapes[1] or len(shapes[0]) != 1:
             raise UsageError(
-                f"A known input has one acceleration for each sample; {shapes[1]} came for {shapes[0]}."
+                f"A known input has one number for each sample; {shapes[1]} came for {shapes[0]}."
             )
-        if not np.all(np.isfinite(self.acceleration)):
-            raise UsageError("A known input must be finite numbers, rad/s^2; cut the record where it is not.")
+        if not np.all(np.isfinite(self.values)):
+            raise UsageError("A known input must be finite numbers; cut the record where it is not.")
         if self.between not in BETWEEN_SAMPLES:
             words = ", ".join(BETWEEN_SAMPLES)
             raise UsageError(f"Between samples an input is one of {words}, not '{self.between}'.")
 
     @cached_property
-    def pieces(self) -> Array:
-        """Polynomial from each sample on, by powers of the time since it, (power, step)."""
-        if self.between == "cubic":
-            return np.asarray(CubicSpline(self.elapsed, self.acceleration).c[::-1])
-        held, slope = self.acceleration[:-1], np.diff(self.acceleration) / np.diff(self.elapsed)
-        return np.array([held] if self.between == "held" else [held, slope])
+    def _polynomials(self) -> tuple[PPoly, ...]:
+        """The input and its derivative by time, held before the first sample and from the last on."""
+        degree = SPLINE_DEGREES.get(self.between, 0)
+        if degree and len(self.elapsed) > degree:
+            spline = make_interp_spline(self.elapsed, self.values, degree)
+            knots, powers = np.unique(spline.t), PPoly.from_spline(spline).c[:, degree:-degree]
+        else:
+            knots, held = self.elapsed, self.values[:-1]
+            slope = np.diff(self.values) / np.diff(self.elapsed)
+            powers = np.array([held] if self.between == "held" else [slope, held])
+        still = np.zeros((len(powers), 1))
+        ends = still.copy(), still.copy()
+        ends[0][-1], ends[1][-1] = self.values[0], self.values[-1]
+        whole = np.hstack([ends[0], powers, ends[1]])
+        value = PPoly(whole, np.concatenate([[knots[0] - 1.0], knots, [knots[-1] + 1.0]]))
+        return value, value.derivative()
 
-    def over_stiffness(self, tau: ArrayLike, frequency: float) -> Array:
-        """u/w^2 (rad) at tau = w t of a reference frequency (rad/s); at a jump the mean of both sides."""
-        at = np.clip(np.asarray(tau) / frequency, self.elapsed[0], self.elapsed[-1])
-        sides = [np.searchsorted(self.elapsed, at, side) - 1 for side in ("left", "right")]
-        steps = [np.clip(side, 0, len(self.elapsed) - 2) for side in sides]
-        values = [polyval(at - self.elapsed[i], self.pieces[:, i], tensor=False) for i in steps]
-        return np.asarray(0.5 * (values[0] + values[1]) / frequency**2)
+    @property
+    def bends(self) -> Array:
+        """Times at which another polynomial begins, (knot,), s."""
+        return np.asarray(self._polynomials[0].x[1:-1])
 
-    def polynomials(self, knots: Array, frequency: float) -> Array:
-        """u/w^2 (rad) from each knot (tau) on, by powers of tau since it, (knot, power)."""
-        last = np.searchsorted(frequency * self.elapsed, knots, side="right") - 1
-        within = (last >= 0) & (last < len(self.elapsed) - 1)
-        step = np.clip(last, 0, len(self.elapsed) - 2)
-        since, powers = knots / frequency - self.elapsed[step], self.pieces[:, step].copy()
+    def of(self, elapsed: ArrayLike, order: int = 0) -> Array:
+        """The input, or a derivative by time, at times since the first sample; at a jump the mean of both."""
+        polynomial = self._polynomials[order]
+        inside = np.clip(np.asarray(elapsed, dtype=float), polynomial.x[0], polynomial.x[-1])
+        values = polynomial(inside)
+        if self.between == "held" or (self.between == "linear" and order):
+            values = 0.5 * (values + polynomial(np.nextafter(inside, -np.inf)))
+        return np.asarray(values)
+
+    def polynomials(self, knots: Array, frequency: float, order: int = 0) -> Array:
+        """The same from each knot (tau = w t) on, by powers of tau since it, (knot, power)."""
+        polynomial = self._polynomials[order]
+        # Rounding must not take a knot for the polynomial that ends there.
+        here = knots / frequency
+        step = np.searchsorted(polynomial.x * (1.0 + 4e-16), here * (1.0 + 8e-16), side="right") - 1
+        step = np.clip(step, 0, polynomial.c.shape[1] - 1)
+        since, powers = here - polynomial.x[step], polynomial.c[::-1, step].copy()
         for low in range(len(powers) - 1):
             for power in range(len(powers) - 2, low - 1, -1):
                 powers[power] += since * powers[power + 1]
-        # Before the first sample and from the last on it is held.
-        powers[:, ~within] = 0.0
-        powers[0, ~within] = self.acceleration[np.where(last[~within] < 0, 0, -1)]
-        return np.asarray(powers.T / frequency ** (2.0 + np.arange(len(powers))))
+        return np.asarray(powers.T / frequency ** np.arange(len(powers)))
 
 
-def known_input_of(record: xr.Dataset) -> KnownInput | None:
-    """The known input of a record, `input(time)`; None where it has none.
+def values_of_inputs(
+    inputs: Mapping[str, KnownInput], channels: Iterable[Channel], elapsed: ArrayLike, frequency: float
+) -> dict[str, Array]:
+    """What formulas call `u` and `du` at times since the first sample; zero of an input that is not there.
+
+    Parameters
+    ----------
+    inputs : mapping of str to KnownInput
+    channels : iterable of Channel
+        What is wanted.
+    elapsed : array of float, s
+    frequency : float, rad/s
+        Reference frequency.
+    """
+    nothing = np.zeros(np.shape(elapsed))
+    return {
+        c.name: inputs[c.input].of(elapsed, c.order) / frequency**c.power if c.input in inputs else nothing
+        for c in channels
+    }
+
+
+def inputs_of(record: xr.Dataset) -> dict[str, KnownInput]:
+    """The inputs of a record by their names: `input(time)`, and variables with attrs["role"] = "input".
 
     Parameters
     ----------
     record : Dataset
-        `angle(time)`, and `input(time)` in its unit over s^2; its attribute `between` says what is between
-        samples (see `KnownInput`).
+        `angle(time)`, and inputs over `time`, or over a time of their own; attrs of each: `units`, `between`
+        (see `KnownInput`). `input(time)` is an acceleration in the signal's unit over s^2, and pushes.
 
     Raises
     ------
     UsageError
-        The input says no unit, or another one: a torque or a voltage is no acceleration.
+        `input` says no unit, or another one: a torque or a voltage is no acceleration.
     DecayError
-        It is not a finite number at each time.
+        One is not a finite number at each time, or does not reach over the record.
     """
-    if INPUT not in record.variables:
-        return None
-    checked_signal(record, INPUT)
-    units, wanted = record[INPUT].attrs.get("units"), f"{unit_of_signal(record)}/s^2"
-    if units != wanted:
+    names = [str(n) for n in record.variables if n == INPUT or record[n].attrs.get("role") == ROLE]
+    return {name: _input(record, name) for name in names}
+
+
+def _input(record: xr.Dataset, name: str) -> KnownInput:
+    checked_signal(record, name)
+    given, unit = record[name], unit_of_signal(record)
+    units = given.attrs.get("units")
+    if name == INPUT and units != f"{unit}/s^2":
         said = "says no unit" if units is None else f"is in {units}"
         raise UsageError(
-            f"input(time) {said}; give the acceleration in {wanted}, input.attrs['units'] = '{wanted}'."
+            f"input(time) {said}; give the acceleration in {unit}/s^2, input.attrs['units'] = '{unit}/s^2'."
         )
-    time = record.time.values.astype(float)
-    between = str(record[INPUT].attrs.get("between", "linear"))
-    return KnownInput(time - time[0], record[INPUT].values.astype(float), between)
+    start = float(record.time.values[0])
+    time = given[str(given.dims[0])].values.astype(float)
+    if time[0] > start or time[-1] < float(record.time.values[-1]):
+        raise DecayError(
+            f"The input {name} reaches from {time[0]:g} to {time[-1]:g} s, the record from {start:g} to "
+            f"{float(record.time.values[-1]):g} s; cut the record (--window), or give all of the input."
+        )
+    return KnownInput(time - start, given.values.astype(float), str(given.attrs.get("between", "linear")))
+
+
+def refuse_unused(inputs: Iterable[str], library: ForceLibrary) -> None:
+    """Refuse an input that no force holds.
+
+    Raises
+    ------
+    UsageError
+        It would have no effect.
+    """
+    for name in inputs:
+        if name != INPUT and name not in library.inputs:
+            held = f"they hold {', '.join(library.inputs)}" if library.inputs else "they hold none"
+            raise UsageError(
+                f"No force holds the input {name} ({held}); offer one that does (libraries/inputs.toml), or "
+                "leave the input out."
+            )
+
+
+def refuse_missing(inputs: Iterable[str], library: ForceLibrary) -> None:
+    """Refuse a force whose input a record lacks.
+
+    Raises
+    ------
+    UsageError
+        It could not act.
+    """
+    for force in library:
+        if missing := [name for name in force.inputs if name not in inputs]:
+            raise UsageError(
+                f"Force '{force.symbol}' holds the input {missing[0]}, which this record lacks; name its "
+                f"column (--input {missing[0]}=COLUMN; input= in Python), or leave the force out."
+            )
 
 
 def refuse_inputs(record: xr.Dataset) -> None:
@@ -122,8 +209,10 @@ def refuse_inputs(record: xr.Dataset) -> None:
     UsageError
         The record has one, other than zero.
     """
-    if INPUT in record.variables and np.any(record[INPUT].values):
+    names = [name for name, given in inputs_of(record).items() if np.any(given.values)]
+    if names:
         raise UsageError(
-            "This record has a known input, which Direct and Trajectory identify it with, and simulate, "
-            "innovations and prediction_bands take; leave it out where it is zero, drop_vars('input')."
+            f"This record has a known input ({', '.join(names)}), which Direct and Trajectory identify it "
+            "with, and simulate, predict, innovations and prediction_bands take; leave it out where it is "
+            f"zero, drop_vars('{names[0]}')."
         )

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -84,11 +85,17 @@ def partial_derivatives(run: RunRegression) -> tuple[Array, Array]:
         problem.elapsed,
         path.x,
         path.v,
+        problem.given(run.frequency),
     )
 
 
 def derivatives_along(
-    forces: Iterable[tuple[Force, float]], shapes: Mapping[str, float], time: Array, x: Array, v: Array
+    forces: Iterable[tuple[Force, float]],
+    shapes: Mapping[str, float],
+    time: Array,
+    x: Array,
+    v: Array,
+    given: Mapping[str, Array] | None = None,
 ) -> tuple[Array, Array]:
     """Stiffness 1 + sum c dh/dx and damping sum c dh/dv along a motion.
 
@@ -100,6 +107,8 @@ def derivatives_along(
     time : (sample,) array of float, s
         Since the first sample.
     x, v : (sample,) array of float, rad
+    given : mapping of str to (sample,) array of float, optional
+        What formulas hold of inputs.
 
     Returns
     -------
@@ -116,7 +125,7 @@ def derivatives_along(
     for force, coefficient in forces:
         if force.kind == "sensor" or not force.memoryless or coefficient == 0.0:
             continue
-        names = {"x": x, "v": v, "t": time} | force.shape_values(shapes)
+        names = {"x": x, "v": v, "t": time} | dict(given or {}) | force.shape_values(shapes)
         for i, name in enumerate("xv"):
             if name not in force.formula.names:
                 continue
@@ -125,41 +134,30 @@ def derivatives_along(
             # Where a power is singular the motion is for an instant.
             slope = np.where(np.isfinite(slope), slope, 0.0)
             if force.formula.surfaces:
-                slope = _with_jump(force, shapes, (x, v, time), i, slope, coefficient)
+                slope = _with_jump(force, names, name, slope, coefficient)
             derivatives[i] = derivatives[i] + coefficient * slope
     return derivatives[0], derivatives[1]
 
 
-def _with_jump(
-    force: Force,
-    shapes: Mapping[str, float],
-    motion: tuple[Array, Array, Array],
-    of: int,
-    slope: Array,
-    coefficient: float,
-) -> Array:
-    """Slope of a force by x (0) or v (1) along a motion x, v, t, with what jumps at zero as a bump.
+def _with_jump(force: Force, names: dict[str, Any], of: str, slope: Array, coefficient: float) -> Array:
+    """Slope of a force by x or v along a motion, with what jumps at zero as a bump.
 
     What is left of the rise within `STEEP` of the amplitude by the tangents at its ends is the jump.
     """
-    x, v, time = motion
+    x, v = names["x"], names["v"]
     # A root of squares takes a seventh of the time of numpy's hypot.
-    amplitude, along = np.sqrt(x * x + v * v) + 1e-12, motion[of]
+    amplitude, along = np.sqrt(x * x + v * v) + 1e-12, names[of]
     steep = STEEP * amplitude
     rises, slopes = [], []
     for side in (-1.0, 1.0):
-        point = [x, v, time]
-        point[of] = side * steep
-        names = dict(zip("xvt", point, strict=True)) | force.shape_values(shapes)
         with np.errstate(all="ignore"):
-            tangent = np.broadcast_to(force.formula.derivative(names, "xv"[of]), x.shape)
-        rises.append(side * force.value(*point, shapes=shapes))
+            value, tangent = force.formula.with_derivative(names | {of: side * steep}, of)
+        value, tangent = np.broadcast_to(value, x.shape), np.broadcast_to(tangent, x.shape)
+        rises.append(side * value)
         slopes.append(np.where(np.isfinite(tangent), tangent, 0.0))
     rise = rises[0] + rises[1]
     jump = rise - steep * (slopes[0] + slopes[1])
     jump = np.where(jump * rise > 0.0, jump, 0.0)
-    if not jump.any():
-        return slope
     if not jump.any():
         return slope
     at_end = np.where(along < 0.0, slopes[0], slopes[1])

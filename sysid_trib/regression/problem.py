@@ -1,7 +1,7 @@
 """What the weak form of a record holds, and the estimate of its forces under way."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -15,7 +15,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.noise.colour import NoisePair
 from sysid_trib.noise.level import nominal_frequency, sensor_noise, swing_frequency
 from sysid_trib.noise.smoothing import smooth
-from sysid_trib.records.inputs import KnownInput, known_input_of
+from sysid_trib.records.inputs import INPUT, KnownInput, inputs_of, values_of_inputs
 from sysid_trib.regression.constraint_map import ConstraintMap
 from sysid_trib.regression.weak_form import WeakForm, build_weak_form
 from sysid_trib.simulation.model import rescaling_factors
@@ -41,8 +41,8 @@ class WeakFormProblem:
         Whether the reference frequency is fitted.
     noise : float, rad
         Standard deviation of a sample.
-    known_input : KnownInput or None
-        Of the record.
+    inputs : mapping of str to KnownInput
+        Of the record, by their names.
     """
 
     time: Array
@@ -53,7 +53,7 @@ class WeakFormProblem:
     nominal_frequency: float
     frequency_free: bool
     noise: float
-    known_input: KnownInput | None = None
+    inputs: Mapping[str, KnownInput] = field(default_factory=dict)
 
     @property
     def elapsed(self) -> Array:
@@ -65,13 +65,18 @@ class WeakFormProblem:
         # Here, since importing pysindy takes as long as twenty identifications.
         from sysid_trib.regression.pysindy_features import ForceFeatures
 
-        return ForceFeatures(self.library, reference_frequency=frequency, shapes=self.shapes)
+        features = ForceFeatures(self.library, reference_frequency=frequency, shapes=self.shapes)
+        return features.driven_by(self.inputs)
 
     @cached_property
     def pushes(self) -> Array | float:
-        """The known input over nominal^2 at the samples, (sample,), rad; zero without any."""
-        known = self.known_input
-        return 0.0 if known is None else known.over_stiffness(self.form.tau, self.nominal_frequency)
+        """What pushes by itself over nominal^2 at the samples, (sample,), rad; zero without any."""
+        known = self.inputs.get(INPUT)
+        return 0.0 if known is None else known.of(self.elapsed) / self.nominal_frequency**2
+
+    def given(self, frequency: float) -> dict[str, Array]:
+        """What formulas hold of the inputs at the samples, by name, (sample,) each."""
+        return values_of_inputs(self.inputs, self.library.channels, self.elapsed, frequency)
 
     @cached_property
     def of_sensor(self) -> Mask:
@@ -274,7 +279,7 @@ def _first_run(
     form = build_weak_form(nominal * (time - time[0]))
     x, v, _, _ = smooth(form.tau, angle)
     problem = WeakFormProblem(
-        time, angle, form, library, dict(shapes), nominal, free, sensor_noise(decay), known_input_of(decay)
+        time, angle, form, library, dict(shapes), nominal, free, sensor_noise(decay), inputs_of(decay)
     )
     reference = ReferenceTrajectory(x, v, problem.averaged_columns(nominal, x, v), exact=False)
     start = float(x[0]), float(v[0] * nominal)

@@ -15,6 +15,7 @@ from sysid_trib.arrays import Array, Mask
 from sysid_trib.averaging.internal_states import states_along
 from sysid_trib.errors import DecayError, LibraryError
 from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues
+from sysid_trib.records.inputs import KnownInput, values_of_inputs
 
 # What pysindy calls its inputs when nobody has named them.
 UNNAMED = ["x0", "x1"]
@@ -65,6 +66,12 @@ class ForceFeatures(BaseFeatureLibrary):
         self.sampling_time = sampling_time
         self.reference_frequency = reference_frequency
         self.shapes = shapes
+        self._inputs: Mapping[str, KnownInput] = {}
+
+    def driven_by(self, inputs: Mapping[str, KnownInput]) -> "ForceFeatures":
+        """The same with inputs that `evaluate` and `cell_averages` know over time."""
+        self._inputs = inputs
+        return self
 
     @x_sequence_or_item
     def fit(self, x_full: Sequence[Any], y: object = None) -> "ForceFeatures":
@@ -152,7 +159,16 @@ class ForceFeatures(BaseFeatureLibrary):
         else:
             tau = time * float(self.reference_frequency or 0.0)
             hidden = states_along(force, tau, angle, rate, self.shapes, time=time)
-        return force.value(angle, rate, time, shapes=self.shapes, hidden=hidden)
+        return force.value(angle, rate, time, shapes=self.shapes, hidden=hidden | self._given(force, time))
+
+    def _given(self, force: Force, time: Array) -> dict[str, Array]:
+        """What the formulas of a force hold of inputs at these times."""
+        if not force.channels:
+            return {}
+        return values_of_inputs(self._inputs, force.channels, time, float(self.reference_frequency or 1.0))
+
+    def _memoryless(self, force: Force, point: tuple[Array, Array, Array]) -> Array:
+        return force.value(*point, shapes=self.shapes, hidden=self._given(force, point[2]))
 
     def cell_averages(
         self,
@@ -190,7 +206,7 @@ class ForceFeatures(BaseFeatureLibrary):
         """
         columns = np.empty((len(time), len(self._forces)))
         frequency = float(self.reference_frequency or 0.0)
-        timed = any(force.holds_time for force in self._forces)
+        timed = any(force.holds_time or force.channels for force in self._forces)
         number = np.arange(POINTS_OF_CELL) - 0.5 * (POINTS_OF_CELL - 1)
         cell, parts = frequency * np.gradient(time), number / POINTS_OF_CELL
         errors = rate_error * ndtri(np.mod(golden_ratio * number + 0.5, 1.0))
@@ -212,15 +228,16 @@ class ForceFeatures(BaseFeatureLibrary):
             if not force.memoryless:
                 columns[:, i] = self._value(force, time, angle, rate, internal)
                 continue
-            low, high = (force.value(*point, shapes=self.shapes) for point in (before, after))
+            low, high = (self._memoryless(force, point) for point in (before, after))
             columns[:, i] = 0.5 * (low + high)
             if not force.surfaces:
                 continue
-            at = np.flatnonzero(_switches(force, [(angle, rate, time), *corners], self.shapes))
+            around = [(point, self._given(force, point[2])) for point in ((angle, rate, time), *corners)]
+            at = np.flatnonzero(_switches(force, around, self.shapes))
             # Of these samples alone: few cells switch, and each has many points.
             for few in np.array_split(at, 1 + len(at) // CELLS_AT_ONCE):
                 points = near(parts[:, None], errors[:, None], [values[few] for values in every])
-                columns[few, i] = force.value(*points, shapes=self.shapes).mean(axis=0)
+                columns[few, i] = self._memoryless(force, points).mean(axis=0)
         return columns
 
     def _columns(self, x: Any) -> AxesArray:
@@ -233,11 +250,16 @@ class ForceFeatures(BaseFeatureLibrary):
         return AxesArray(columns.astype(dtype, copy=False), {"ax_time": 0, "ax_coord": 1})
 
 
-def _switches(force: Force, points: Sequence[tuple[Array, Array, Array]], shapes: ShapeValues | None) -> Mask:
-    """Which samples have points (x, v, t) on both sides of a switching surface, (sample,) array of bool."""
-    switches = np.zeros(len(points[0][0]), bool)
+def _switches(
+    force: Force,
+    points: Sequence[tuple[tuple[Array, Array, Array], dict[str, Array]]],
+    shapes: ShapeValues | None,
+) -> Mask:
+    """Which samples have points (x, v, t), and inputs, on both sides of a switching surface, (sample,)."""
+    switches = np.zeros(len(points[0][0][0]), bool)
+    shape = force.shape_values(shapes)
     for surface in force.surfaces:
-        names = [dict(zip("xvt", point, strict=True)) | force.shape_values(shapes) for point in points]
+        names = [dict(zip("xvt", point, strict=True)) | given | shape for point, given in points]
         first, *others = (surface.evaluate(at) > 0.0 for at in names)
         for other in others:
             switches |= first != other

@@ -20,6 +20,7 @@ from sysid_trib.simulation.engine_state import (
     TRIAL,
 )
 from sysid_trib.simulation.jets import at_once, at_once_live, order
+from sysid_trib.simulation.program import PUSH_NUMBERS
 from sysid_trib.simulation.roots import LOOKAHEAD, NEAR_SURFACE
 
 # rad: a speed below which a motion may come to rest other than by v = 0; one that is rest; what a motion that
@@ -37,11 +38,14 @@ def put(source, target):
 
 
 @inner
-def state_at(program, J, y, tau):
-    """Put a state at an instant into the first orders."""
+def state_at(program, c, J, y, ahead):
+    """Put a state so much after the clock into the first order, and what is given over time into two."""
     for i in range(program.states):
         J[i, 0] = y[i]
-    J[program.states, 0] = tau
+    J[program.states, 0] = c.v[ROW_CLOCK, 0] + ahead
+    for m in range(program.channels):
+        here, slope = c.drive[m, PUSH_NUMBERS], c.drive[m, PUSH_NUMBERS + 1]
+        J[program.states + 1 + m, 0], J[program.states + 1 + m, 1] = here + ahead * slope, slope
 
 
 @inner
@@ -94,8 +98,8 @@ def signs_and_values(program, c, out):
 @inner
 def signs_ahead(program, c):
     """Signs of a motion that goes on from here: near a surface, those where it will be a little later."""
-    J, y, tau, later = c.aside[TRIAL], c.v[ROW_STATE], c.v[ROW_CLOCK, 0], c.v[ROW_LATER]
-    state_at(program, J, y, tau)
+    J, y, later = c.aside[TRIAL], c.v[ROW_STATE], c.v[ROW_LATER]
+    state_at(program, c, J, y, 0.0)
     signs_and_values(program, c, c.v[ROW_FAR])
     if reverses(program):
         # A reversal is an event of its own, at which the memory is replaced: before it v has its sign.
@@ -105,7 +109,7 @@ def signs_ahead(program, c):
     for i in range(program.states):
         later[i] = y[i] + LOOKAHEAD * J[program.rates[i], 0]
     later[0] += 0.5 * LOOKAHEAD**2 * J[program.rates[1], 0]
-    state_at(program, J, later, tau + LOOKAHEAD)
+    state_at(program, c, J, later, LOOKAHEAD)
     signs_of(program, J, c.v[ROW_AHEAD])
     by_nearness(c.v[ROW_VALUES], c.v[ROW_AHEAD], c.v[ROW_SIGNS], c.v[ROW_SIGNS])
 
@@ -113,10 +117,10 @@ def signs_ahead(program, c):
 @inner
 def branch(program, c, way, memory, signs):
     """Acceleration at rest of a motion about to go `way` (+1, -1); memory and signs of that branch."""
-    J, y, tau, later, ahead = c.aside[TRIAL], c.v[ROW_REST], c.v[ROW_CLOCK, 0], c.v[ROW_LATER], c.v[ROW_AHEAD]
+    J, y, later, ahead = c.aside[TRIAL], c.v[ROW_REST], c.v[ROW_LATER], c.v[ROW_AHEAD]
     put(c.v[ROW_STATE], y)
     y[1] = 0.0
-    state_at(program, J, y, tau)
+    state_at(program, c, J, y, 0.0)
     parameters_at(program, J, c.v[ROW_MEMORY], c.v[ROW_SIGNS])
     put(c.v[ROW_MEMORY], memory)
     if program.memory > 0 and way * c.v[ROW_SIGNS, 0] < 0.0:
@@ -129,17 +133,17 @@ def branch(program, c, way, memory, signs):
         later[i] = y[i]
     later[0] += way * 0.5 * LOOKAHEAD**2
     later[1] += way * LOOKAHEAD
-    state_at(program, J, later, tau + LOOKAHEAD)
+    state_at(program, c, J, later, LOOKAHEAD)
     signs_of(program, J, ahead)
     by_nearness(c.v[ROW_VALUES], ahead, c.v[ROW_FAR], signs)
     if program.states > 2:
         rates_of(program, J, signs)
         for i in range(2, program.states):
             later[i] += 0.5 * LOOKAHEAD * J[program.rates[i], 0]
-        state_at(program, J, later, tau + LOOKAHEAD)
+        state_at(program, c, J, later, LOOKAHEAD)
         signs_of(program, J, ahead)
         by_nearness(c.v[ROW_VALUES], ahead, signs, signs)
-    state_at(program, J, y, tau)
+    state_at(program, c, J, y, 0.0)
     rates_of(program, J, signs)
     return J[program.rates[1], 0]
 
@@ -196,7 +200,7 @@ def held_by(program, c):
 def _rise_on(program, c, m, way):
     """How fast a surface rises on this side of it; the trial holds the first two orders there."""
     J = c.aside[TRIAL]
-    state_at(program, J, c.v[ROW_STATE], c.v[ROW_CLOCK, 0])
+    state_at(program, c, J, c.v[ROW_STATE], 0.0)
     parameters_at(program, J, c.v[ROW_MEMORY], c.v[ROW_SIGNS])
     J[program.signs[m], 0] = way
     at_once(program, J)

@@ -24,6 +24,7 @@ from sysid_trib.simulation.branches import (
 from sysid_trib.simulation.compiling import compiled, inner
 from sysid_trib.simulation.engine_state import (
     DOWN,
+    INPUT_JUMPS,
     INTERVAL_ENDS,
     ORDER,
     ROW_CLOCK,
@@ -33,8 +34,6 @@ from sysid_trib.simulation.engine_state import (
     ROW_MEMORY,
     ROW_MEMORY_DOWN,
     ROW_MEMORY_UP,
-    ROW_OF_PUSH,
-    ROW_PUSH,
     ROW_REPLACED,
     ROW_SIGNS,
     ROW_SIGNS_DOWN,
@@ -68,13 +67,14 @@ def series(program, c, h, held):
     """
     J, T, size, count, degree = c.J, c.T, program.states, c.T.shape[2], 0
     slot = program.surfaces[held] if held > RESTS else 0
-    state_at(program, J, c.v[ROW_STATE], c.v[ROW_CLOCK, 0])
+    state_at(program, c, J, c.v[ROW_STATE], 0.0)
     J[size, 1] = 1.0
-    for k in range(PUSH_NUMBERS):
-        J[size + 1, k] = c.v[ROW_PUSH, k]
-        degree = k if c.v[ROW_PUSH, k] != 0.0 else degree
-        for q in range(count):
-            T[size + 1, k, q] = c.v[ROW_OF_PUSH, q] * c.v[ROW_PUSH, k]
+    for m in range(program.channels):
+        for k in range(PUSH_NUMBERS):
+            J[size + 1 + m, k] = c.drive[m, k]
+            degree = max(degree, k) if c.drive[m, k] != 0.0 else degree
+            for q in range(count):
+                T[size + 1 + m, k, q] = c.of_drive[m, q] * c.drive[m, k]
     at_once(program, J)
     if count > 0:
         for i in range(size):
@@ -170,16 +170,26 @@ def length(program, c, n):
 
 
 @inner
-def pushed(given, c, piece):
-    """What pushes, about here."""
-    degree = given.pushes.shape[1] - 1
-    for k in range(degree + 1):
-        c.v[ROW_PUSH, k] = given.pushes[piece, k] if piece >= 0 else 0.0
-    if piece >= 0:
-        since = c.v[ROW_CLOCK, 0] - given.knots[piece]
-        for j in range(degree):
-            for k in range(degree - 1, j - 1, -1):
-                c.v[ROW_PUSH, k] += since * c.v[ROW_PUSH, k + 1]
+def driven(given, c, piece):
+    """What is given over time, about here."""
+    degree = given.drives.shape[2] - 1
+    for m in range(len(c.drive)):
+        for k in range(degree + 1):
+            c.drive[m, k] = given.drives[piece, m, k] if piece >= 0 else 0.0
+        if piece >= 0:
+            since = c.v[ROW_CLOCK, 0] - given.knots[piece]
+            for j in range(degree):
+                for k in range(degree - 1, j - 1, -1):
+                    c.drive[m, k] += since * c.drive[m, k + 1]
+    look_ahead(c, 0.0)
+
+
+@inner
+def look_ahead(c, h):
+    """Value and slope of what is given over time, so much after where its polynomials count from."""
+    for m in range(len(c.drive)):
+        c.drive[m, PUSH_NUMBERS] = value(c.drive[m], np.int64(PUSH_NUMBERS - 1), h)
+        c.drive[m, PUSH_NUMBERS + 1] = slope(c.drive[m], np.int64(PUSH_NUMBERS - 1), h)
 
 
 @inner
@@ -257,7 +267,7 @@ def pulls(program, c, other, n, memory, signs):
 @inner
 def along(program, c, other, n, memory, signs):
     """Series in `other` of all slots along the states in J, with another memory and other signs."""
-    for i in range(program.states + 2):
+    for i in range(program.states + 1 + program.channels):
         for k in range(n + 1):
             other[i, k] = c.J[i, k]
     parameters_at(program, other, memory, signs)
@@ -364,7 +374,7 @@ def switched(program, c, which, n, h):
         c.v[ROW_STATE, slot], c.v[ROW_ERROR, slot] = 0.0, 0.0
     c.v[ROW_ZEROS, which] = 1
     put(c.v[ROW_MEMORY], c.v[ROW_REPLACED])
-    c.aside[TRIAL][size + 1, 0] = value(c.v[ROW_PUSH], np.int64(PUSH_NUMBERS - 1), h)
+    look_ahead(c, h)
     held = settled(program, c)
     turned = way * c.v[ROW_SIGNS, 0] < 0.0
     if program.memory > 0 and turned and slot >= size:
@@ -394,7 +404,7 @@ def settled(program, c):
 def onto(program, c, held):
     """Put v, and its derivatives, on the surface by which a motion is held."""
     J, T, slot, count = c.J, c.T, program.surfaces[held], c.T.shape[2]
-    state_at(program, J, c.v[ROW_STATE], c.v[ROW_CLOCK, 0])
+    state_at(program, c, J, c.v[ROW_STATE], 0.0)
     parameters_at(program, J, c.v[ROW_MEMORY], c.v[ROW_SIGNS])
     at_once(program, J)
     for i in range(program.states + 1):
@@ -416,8 +426,7 @@ def after(program, c, moves, turned, held):
     """Derivatives after a switching, whose instant `moves`; of the memory where it was replaced."""
     J, T, size, kept, count = c.J, c.T, program.states, program.memory, c.T.shape[2]
     at = program.inputs - kept
-    state_at(program, J, c.v[ROW_STATE], c.v[ROW_CLOCK, 0])
-    J[size + 1, 0] = c.aside[TRIAL][size + 1, 0]
+    state_at(program, c, J, c.v[ROW_STATE], 0.0)
     if kept > 0 and turned:
         parameters_at(program, J, c.v[ROW_REPLACED], c.v[ROW_SIGNS])
         for i in range(size):
@@ -490,7 +499,8 @@ def at_knot(program, given, c, piece, done, held):
             c.dy[1, q] += given.impulses[piece, q]
     c.v[ROW_STATE, 0] += given.kicks[piece, 0]
     c.v[ROW_STATE, 1] += given.kicks[piece, 1]
-    return piece, done, given.kicks[piece, 0] != 0.0 or given.kicks[piece, 1] != 0.0
+    kicked = given.kicks[piece, 0] != 0.0 or given.kicks[piece, 1] != 0.0
+    return piece, done, kicked or given.marks[piece] == INPUT_JUMPS
 
 
 @inner
@@ -505,7 +515,7 @@ def to_knot(given, c, piece):
 def on_branch(program, c, held):
     """Put memory and signs into the series; at rest the states go on with the signs of rest."""
     if held == RESTS:
-        state_at(program, c.aside[TRIAL], c.v[ROW_STATE], c.v[ROW_CLOCK, 0])
+        state_at(program, c, c.aside[TRIAL], c.v[ROW_STATE], 0.0)
         parameters_at(program, c.aside[TRIAL], c.v[ROW_MEMORY], c.v[ROW_SIGNS])
         signs_of(program, c.aside[TRIAL], c.v[ROW_SIGNS_UP])
     parameters_at(program, c.J, c.v[ROW_MEMORY], c.v[ROW_SIGNS_UP] if held == RESTS else c.v[ROW_SIGNS])
@@ -561,8 +571,7 @@ def run(program, given, c, limits):
         while piece < last and given.knots[piece + 1] <= c.v[ROW_CLOCK, 0]:
             piece += 1
     while state == MOVING:
-        pushed(given, c, piece)
-        c.aside[TRIAL][program.states + 1, 0] = c.v[ROW_PUSH, 0]
+        driven(given, c, piece)
         turned, begins, fresh = False, fresh, False
         if begins:
             held, turned = begun(program, c)

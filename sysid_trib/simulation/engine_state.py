@@ -10,13 +10,12 @@ import numpy as np
 from sysid_trib.simulation.program import PUSH_NUMBERS, Instructions
 
 ORDER = 18
-# A mark of knots: what lies before it is written.
-INTERVAL_ENDS = -2
+# Marks of knots: what lies before it is written; what is given over time jumps there.
+INTERVAL_ENDS, INPUT_JUMPS = -2, -3
 # Rows of `v`: the state and what rounding has left of it; what is held between reversals, and the same before
 # it was replaced; sides of the surfaces, and of which order one is known to be zero here; memory and sides of
-# a motion that goes upwards or downwards from rest; tau and what rounding has left of it; what pushes, about
-# tau, and its derivatives over itself; room for surfaces and states, with the largest derivatives so far; how
-# much the surface that holds it moves with v.
+# a motion that goes upwards or downwards from rest; tau and what rounding has left of it; room for surfaces
+# and states, with the largest derivatives so far; how much the surface that holds it moves with v.
 (
     ROW_STATE,
     ROW_ERROR,
@@ -29,10 +28,7 @@ INTERVAL_ENDS = -2
     ROW_MEMORY_DOWN,
     ROW_SIGNS_DOWN,
 ) = range(10)
-(ROW_CLOCK, ROW_PUSH, ROW_OF_PUSH, ROW_VALUES, ROW_FAR, ROW_AHEAD, ROW_LATER, ROW_LARGEST, ROW_REST) = range(
-    10, 19
-)
-ROW_GRIP = 19
+(ROW_CLOCK, ROW_VALUES, ROW_FAR, ROW_AHEAD, ROW_LATER, ROW_LARGEST, ROW_REST, ROW_GRIP) = range(10, 18)
 # Tables of `aside`: slots at an instant that is tried; series at rest, were it to go upwards or downwards.
 TRIAL, UP, DOWN = range(3)
 
@@ -48,6 +44,11 @@ class EngineState(NamedTuple):
     v : (row, number) array of float
     dy : (state, parameter) array of float
         Derivatives of the state.
+    drive : (channel, PUSH_NUMBERS + 2) array of float
+        What is given over time: by powers of tau since the clock, then its value and slope at the instant
+        that is looked at.
+    of_drive : (channel, parameter) array of float
+        Its derivatives over itself.
     work : (5, 64) array of float
         Room for roots.
     """
@@ -57,6 +58,8 @@ class EngineState(NamedTuple):
     aside: Any
     v: Any
     dy: Any
+    drive: Any
+    of_drive: Any
     work: Any
 
 
@@ -67,12 +70,12 @@ class Given(NamedTuple):
     ----------
     grid : (grid,) array of float
         tau, increasing; the motion starts at the first.
-    knots, pushes, kicks : (knot,), (knot, degree + 1) and (knot, 2) array of float
-        From each knot on, a polynomial in tau since it that pushes; what is added to x and v there.
+    knots, drives, kicks : (knot,), (knot, channel, degree + 1) and (knot, 2) array of float
+        From each knot on, polynomials in tau since it; what is added to x and v there.
     impulses : (knot, parameter) array of float
         What is added there to the derivatives of v.
     marks : (knot,) array of int
-        The start that is taken there, or `INTERVAL_ENDS`; -1 elsewhere.
+        The start that is taken there, `INTERVAL_ENDS` or `INPUT_JUMPS`; -1 elsewhere.
     starts : (interval, state + memory) array of float
         Where intervals begin that are followed one after the other; none for one motion on the grid.
     rows : (grid, state + 1 + memory) array of float
@@ -83,7 +86,7 @@ class Given(NamedTuple):
 
     grid: Any
     knots: Any
-    pushes: Any
+    drives: Any
     kicks: Any
     impulses: Any
     marks: Any
@@ -95,12 +98,14 @@ class Given(NamedTuple):
 def new_state(program: Instructions, parameters: int) -> EngineState:
     """Room for motions of a program, with so many derivatives."""
     slots, size = len(program.code), program.states
-    width = max(size, program.memory, len(program.signs), PUSH_NUMBERS, parameters, 2)
+    width = max(size, program.memory, len(program.signs), parameters, 2)
     return EngineState(
         np.zeros((slots, ORDER + 1)),
         np.zeros((slots, ORDER + 1, parameters)),
         np.zeros((3, slots, ORDER + 1)),
         np.zeros((ROW_GRIP + 1, width)),
         np.zeros((size, parameters)),
+        np.zeros((program.channels, PUSH_NUMBERS + 2)),
+        np.zeros((program.channels, parameters)),
         np.zeros((5, 64)),
     )

@@ -3,7 +3,8 @@
 In tau = w t: dx/dtau = v, dv/dtau = -x - sum of coefficient * h, and the states of the forces. Two flat
 vectors describe an instant: `y` = (x, v, states) and `p` = (coefficients, shape parameters, 1/w, memory,
 signs). `p` holds all that a run may change without changing the equations; the signs say on which side of
-each switching surface the motion is, so that between two switchings every right side is analytic.
+each switching surface the motion is, so that between two switchings every right side is analytic. What
+formulas hold of inputs stands in `y` behind the states.
 """
 
 from collections.abc import Sequence
@@ -14,7 +15,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid_trib.forces.force import Force
+from sysid_trib.forces.force import Channel, Force
 from sysid_trib.forces.formulas import Formula, Functions, parse
 from sysid_trib.simulation.model import Model
 
@@ -62,6 +63,11 @@ class Motion:
         return ("x", "v", *(f"{f.symbol}.{k}" for f in self.forces for k in f.state))
 
     @cached_property
+    def channels(self) -> tuple[Channel, ...]:
+        """What the forces hold of inputs."""
+        return tuple(dict.fromkeys(channel for force in self.forces for channel in force.channels))
+
+    @cached_property
     def shapes(self) -> tuple[str, ...]:
         """Shape parameters, as `dahl.s`."""
         return tuple(f"{f.symbol}.{k}" for f in self.forces for k in f.shape)
@@ -77,7 +83,8 @@ class Motion:
         switches: dict[str, Switch] = {}
         for i, force in enumerate(self.forces):
             for surface in force.surfaces:
-                key = surface.text if surface.names <= set("xvt") else f"{force.symbol}: {surface.text}"
+                common = {"x", "v", "t", *(channel.name for channel in force.channels)}
+                key = surface.text if surface.names <= common else f"{force.symbol}: {surface.text}"
                 switches.setdefault(key, Switch(key, surface, i))
         v = switches.pop("v", Switch("v", RATE, 0))
         reverses = any("v" in surface.names for f in self.forces for surface in f.surfaces)
@@ -171,6 +178,7 @@ class Motion:
         if self._uses_time[i]:
             names["t"] = tau * p[self.memory_at.start - 1]
         names |= {name: y[j] for name, j in self._in_y[i].items()}
+        names |= {channel.name: y[j] for channel, j in self._channels_in_y[i].items()}
         return names | {name: p[j] for name, j in self._in_p[i].items()}
 
     def _signs(self, i: int, p: Values) -> dict[str, Any]:
@@ -183,6 +191,11 @@ class Motion:
     @cached_property
     def _in_y(self) -> tuple[dict[str, int], ...]:
         return tuple({k: self.variables.index(f"{f.symbol}.{k}") for k in f.state} for f in self.forces)
+
+    @cached_property
+    def _channels_in_y(self) -> tuple[dict[Channel, int], ...]:
+        places = {channel: len(self.variables) + at for at, channel in enumerate(self.channels)}
+        return tuple({channel: places[channel] for channel in force.channels} for force in self.forces)
 
     @cached_property
     def _in_p(self) -> tuple[dict[str, int], ...]:

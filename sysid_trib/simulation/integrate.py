@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from sysid_trib.errors import SimulationError
+from sysid_trib.records.inputs import PUSH
 from sysid_trib.simulation.engine_state import (
+    INPUT_JUMPS,
     ROW_CLOCK,
     ROW_MEMORY,
-    ROW_OF_PUSH,
     ROW_STATE,
     EngineState,
     Given,
@@ -20,7 +21,7 @@ from sysid_trib.simulation.engine_state import (
 from sysid_trib.simulation.equations import Motion, Vector
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.program import Instructions, program_of
-from sysid_trib.simulation.pushes import UNPUSHED, Pushes
+from sysid_trib.simulation.pushes import UNPUSHED, Pushes, jumps_of
 
 # What a derivative can be by, besides symbols of forces and names of shape parameters: names with a space.
 FREQUENCY, BY_ANGLE, BY_RATE = "reference frequency", "start angle", "start rate"
@@ -92,7 +93,7 @@ def integrate(
     SimulationError
         It diverges, switches without end, takes too many steps, or is not finite.
     """
-    motion, program = program_of(model.forces, pushed=bool(np.any(pushes.polynomials)), paced=FREQUENCY in by)
+    motion, program = program_of(model.forces, pushed=pushes.pushed, paced=FREQUENCY in by)
     state = begun((motion, program), model, at, by)
     state.v[ROW_CLOCK, 0] = grid[0]
     size, knots = program.states, pushes.knots
@@ -103,7 +104,7 @@ def integrate(
         pushes.polynomials,
         pushes.kicks,
         np.zeros((len(knots), len(by))),
-        np.full(len(knots), -1),
+        np.where(jumps_of(pushes), INPUT_JUMPS, -1) if len(knots) else np.empty(0, int),
         np.empty((0, 0)),
         np.empty((len(grid), columns)),
         np.empty((len(grid), columns, len(by))),
@@ -136,14 +137,17 @@ def begun(
     state = new_state(program, count)
     y, p = motion.start(model, *at)
     dy, dp = _seeds(motion, model, at, by)
-    columns, slots = slice(first, first + len(by)), slice(program.states + 2, program.inputs)
+    columns = slice(first, first + len(by))
+    slots = slice(program.states + 1 + program.channels, program.inputs)
     state.v[ROW_STATE, : len(y)], state.dy[:, columns] = y, dy
     state.v[ROW_MEMORY, : program.memory] = p[motion.memory_at]
     state.J[slots, 0] = state.aside[:, slots, 0] = np.append(1.0, p[: motion.signs_at.start])
     state.T[slots, 0, columns] = dp
-    # An input over w^2 is less by 2/w of itself where w is larger.
-    of_push = [-2.0 / model.reference_frequency * (name == FREQUENCY) for name in by]
-    state.v[ROW_OF_PUSH, columns] = of_push
+    # What is seen over w^p is less by p/w of itself where w is larger.
+    pushes = (PUSH,) * (program.channels - len(motion.channels))
+    powers = np.array([channel.power for channel in (*pushes, *motion.channels)])
+    of_frequency = np.array([name == FREQUENCY for name in by])
+    state.of_drive[:, columns] = np.outer(-powers / model.reference_frequency, of_frequency)
     return state
 
 

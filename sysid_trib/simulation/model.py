@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid_trib.errors import LibraryError, UsageError
-from sysid_trib.forces.force import Force, ForceLibrary
-from sysid_trib.records.inputs import KnownInput
+from sysid_trib.forces.force import Channel, Force, ForceLibrary
+from sysid_trib.records.inputs import INPUT, PUSH, KnownInput
 
 
 @dataclass(frozen=True)
@@ -25,8 +25,9 @@ class Model:
         w.
     shapes : mapping of str to float
         `{"dahl.s": 0.02}`; defaults of the library where left out.
-    known_input : KnownInput, optional
-        An acceleration (rad/s^2) on the right side of the equation, known over time.
+    inputs : mapping of str to KnownInput
+        What drives the motion, by the names that forces hold; `input` is an acceleration (rad/s^2) on the
+        right side of the equation. An input that is not given is zero.
 
     Raises
     ------
@@ -40,7 +41,7 @@ class Model:
     coefficients: Mapping[str, float]
     reference_frequency: float
     shapes: Mapping[str, float] = field(default_factory=dict)
-    known_input: KnownInput | None = None
+    inputs: Mapping[str, KnownInput] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for symbol, value in self.coefficients.items():
@@ -60,6 +61,12 @@ class Model:
     def sensors(self) -> tuple[Force, ...]:
         """Terms that change what is measured, not the motion."""
         return tuple(f for f in self.library if f.symbol in self.coefficients and f.kind == "sensor")
+
+    @property
+    def driven(self) -> tuple[Channel, ...]:
+        """What the equation of motion holds of inputs: first one that pushes by itself, if there is one."""
+        pushes = (PUSH,) if INPUT in self.inputs else ()
+        return (*pushes, *dict.fromkeys(channel for force in self.forces for channel in force.channels))
 
     def with_coefficients(self, coefficients: Mapping[str, float]) -> "Model":
         """The same model with other coefficients."""

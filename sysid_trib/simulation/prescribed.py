@@ -42,7 +42,7 @@ def leading(tau: Array, x: Array, v: Array) -> Pushes:
     cube = (v[:-1] + v[1:] - 2.0 * rise / h) / h**2
     # x'' + x of each cubic.
     push = np.stack([x[:-1] + 2.0 * square, v[:-1] + 6.0 * cube, square, cube], axis=1)
-    return Pushes(tau[:-1] - tau[0], push, np.zeros((len(h), 2)))
+    return Pushes(tau[:-1] - tau[0], push[:, None], np.zeros((len(h), 2)), pushed=True)
 
 
 def history_along(

@@ -1,7 +1,7 @@
 """The equations of a motion as a straight-line program, one row an operation, that the engine runs.
 
 A formula becomes rows by being evaluated once on `Slot`s, which note what is done to them. Slots are
-numbered: the states `y`, tau, what pushes, the parameters `p` up to the memory, then a row each.
+numbered: the states `y`, tau, what is given over time, the parameters `p` up to the memory, then a row each.
 """
 
 import math
@@ -20,8 +20,8 @@ from sysid_trib.simulation.equations import SMOOTHED, Motion
 # LINEAR is a + c d b with d that does not change: most of an equation of motion.
 ADD, SUB, LINEAR, MUL, SCALE, DIV, NEG, CONST, SIGN, SIN, PARTNER, EXP, LOG, POWER, TANH = range(15)
 Integers = NDArray[np.int64]
-# What pushes is a cubic in tau between knots: so many numbers.
-PUSH_NUMBERS = 4
+# What is given over time is a polynomial in tau between knots, of so many numbers at most.
+PUSH_NUMBERS = 8
 
 
 class Instructions(NamedTuple):
@@ -37,8 +37,8 @@ class Instructions(NamedTuple):
         Slots that change along a motion, in their order.
     inputs, main : int
         Number of input slots; first slot that only the memory needs.
-    states, memory : int
-        How many there are.
+    states, channels, memory : int
+        How many there are; channels are what is given over time.
     rates, surfaces, signs, replaced : array of int
         Slots of the states' rates, of the switching surfaces and their signs, of the memory's next values.
     """
@@ -49,6 +49,7 @@ class Instructions(NamedTuple):
     inputs: int
     main: int
     states: int
+    channels: int
     memory: int
     rates: Integers
     surfaces: Integers
@@ -61,15 +62,15 @@ class Listing:
 
     Parameters
     ----------
-    states, parameters : int
-        Number of entries of `y`, and of `p` up to the signs.
+    changing, parameters : int
+        Number of inputs that change along a motion, and of those that stay.
     """
 
-    def __init__(self, states: int, parameters: int) -> None:
-        self.inputs = states + 2 + parameters
+    def __init__(self, changing: int, parameters: int) -> None:
+        self.inputs = changing + parameters
         self.op, self.a, self.b, self.d = ([0] * self.inputs for _ in range(4))
         self.c = [0.0] * self.inputs
-        self.still = [False] * (states + 2) + [True] * parameters
+        self.still = [False] * changing + [True] * parameters
         self._known: dict[tuple[int, int, int, float, int], int] = {}
 
     def add(self, op: int, a: int = 0, b: int = 0, c: float = 0.0, d: int = 0) -> int:
@@ -240,13 +241,15 @@ def program_of(
 
     Its parameters are `p` of `Motion` up to the signs, and one more in front of them: where `paced`, what all
     rates are multiplied by, 1 but for its derivative, which is that by the frequency at given times. Where
-    `pushed`, an acceleration is added that the engine is given.
+    `pushed`, an acceleration is added that the engine is given: the first channel, before the forces' own.
     """
     motion = Motion(forces)
     states, fixed = len(motion.variables), motion.signs_at.start
-    rows = Listing(states, 1 + fixed)
+    channels = int(pushed) + len(motion.channels)
+    rows = Listing(states + 1 + channels, 1 + fixed)
     slots = [Slot(rows, i) for i in range(rows.inputs)]
-    y, (tau, push, pace), p = slots[:states], slots[states : states + 3], slots[states + 3 :]
+    tau, given, (pace, *p) = slots[states], slots[states + 1 : -1 - fixed], slots[-1 - fixed :]
+    y = [*slots[:states], *given[int(pushed) :]]
     signs: list[Any] = [0.0] * len(motion.switches)
     surfaces: list[int] = []
     for i, switch in enumerate(motion.switches):
@@ -256,14 +259,15 @@ def program_of(
         signs[i] = Slot(rows, rows.add(SIGN, surfaces[-1]))
     rates = motion.rates(y, [*p, *signs], tau, FUNCTIONS)
     if pushed:
-        rates[1] = rates[1] + push
+        rates[1] = rates[1] + given[0]
     ends = [rows.slot(pace * rate if paced else rate) for rate in rates]
     main = len(rows.op)
     replaced = [rows.slot(value) for value in motion.replaced(y, p, tau, _live(rows))]
-    return motion, _tidied(rows, main, states, ends, surfaces, [s.index for s in signs], replaced)
+    counts = states, channels
+    return motion, _tidied(rows, main, counts, ends, surfaces, [s.index for s in signs], replaced)
 
 
-def _tidied(rows: Listing, main: int, states: int, *outputs: list[int]) -> Instructions:
+def _tidied(rows: Listing, main: int, counts: tuple[int, int], *outputs: list[int]) -> Instructions:
     """The program without rows that nothing needs."""
     used = [i < rows.inputs or any(i in output for output in outputs) for i in range(len(rows.op))]
     for i in range(len(rows.op) - 1, rows.inputs - 1, -1):
@@ -285,7 +289,7 @@ def _tidied(rows: Listing, main: int, states: int, *outputs: list[int]) -> Instr
         np.array(changing, dtype=np.int64),
         rows.inputs,
         int(sum(used[:main])),
-        states,
+        *counts,
         len(outputs[3]),
         *(place[np.array(output, dtype=np.int64)].astype(np.int64) for output in outputs),
     )

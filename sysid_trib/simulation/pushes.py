@@ -1,11 +1,12 @@
-"""What moves a model besides its forces: a known input, and random kicks."""
+"""What is given to a model over time: known inputs, and random kicks."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sysid_trib.arrays import Mask
 from sysid_trib.errors import SimulationError
-from sysid_trib.records.inputs import KnownInput
+from sysid_trib.records.inputs import INPUT
 from sysid_trib.simulation.equations import Vector
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.program import PUSH_NUMBERS
@@ -16,28 +17,38 @@ KICKS_PER_PERIOD = 40
 
 @dataclass(frozen=True)
 class Pushes:
-    """What moves a model besides its forces, in tau.
+    """What is given to a model over time, in tau.
 
     Attributes
     ----------
     knots : (knot,) array of float
         Increasing, the first at the start.
-    polynomials : (knot, PUSH_NUMBERS) array of float
-        From each knot on, an acceleration over w^2 (rad), by powers of tau since it.
+    polynomials : (knot, channel, power) array of float
+        From each knot on, what is given, by powers of tau since it.
     kicks : (knot, 2) array of float
         What is added to x and v there, but at the start.
+    pushed : bool
+        Whether the first channel is an acceleration over w^2 (rad) that pushes.
     """
 
     knots: Vector
     polynomials: Vector
     kicks: Vector
+    pushed: bool = False
+
+    @property
+    def acts(self) -> bool:
+        """Whether anything is given."""
+        return bool(np.any(self.polynomials) or np.any(self.kicks))
 
 
-UNPUSHED = Pushes(np.empty(0), np.zeros((0, PUSH_NUMBERS)), np.zeros((0, 2)))
+UNPUSHED = Pushes(np.empty(0), np.zeros((0, 0, 1)), np.zeros((0, 2)))
+# Of what is given before and behind a knot: a larger difference is a jump.
+JUMP_PART = 1e-9
 
 
 def pushes_of(model: Model, tau: Vector, random_force: float = 0.0, seed: int = 0) -> Pushes:
-    """What pushes a model: its known input, exact between its samples, and a random force.
+    """What is given to a model: its inputs, exact between their samples, and a random force.
 
     Parameters
     ----------
@@ -53,31 +64,56 @@ def pushes_of(model: Model, tau: Vector, random_force: float = 0.0, seed: int = 
     Over an interval h of tau a white acceleration adds to (x, v) a Gaussian vector of covariance
     per_tau [[h^3/3, h^2/2], [h^2/2, h]] to lowest order in h; per_tau = density/(2 w^3).
     """
-    known, w = model.known_input, model.reference_frequency
-    if known is None and not random_force:
-        return UNPUSHED
+    known, w = (
+        [model.inputs[c.input] for c in model.driven if c.input in model.inputs],
+        model.reference_frequency,
+    )
+    if not known and not random_force:
+        # Inputs that are not given are zero.
+        return replace(UNPUSHED, polynomials=np.zeros((0, len(model.driven), 1)))
     if len(tau) < 2:
         raise SimulationError("A motion that is pushed wants two or more times that increase.")
     knots = _instants(tau, KICKS_PER_PERIOD) if random_force else tau[[0, -1]]
     kicks = np.zeros((len(knots), 2))
     if random_force:
         kicks[1:] = _kicks(np.diff(knots), 0.5 * random_force / w**3, seed)
-    if known is None:
-        return Pushes(knots, polynomials_of(None, knots, w), kicks)
-    bends = w * known.elapsed
+    bends = w * bends_of(model)
     instants = np.union1d(knots, bends[(bends > tau[0]) & (bends < tau[-1])])
     all_kicks = np.zeros((len(instants), 2))
     all_kicks[np.searchsorted(instants, knots)] = kicks
-    return Pushes(instants, polynomials_of(known, instants, w), all_kicks)
+    return Pushes(instants, polynomials_of(model, instants), all_kicks, INPUT in model.inputs)
 
 
-def polynomials_of(known: KnownInput | None, knots: Vector, frequency: float) -> Vector:
-    """A known input over w^2 (rad) from each knot (tau) on, by powers of tau since it, (knot, power)."""
-    polynomials = np.zeros((len(knots), PUSH_NUMBERS))
-    if known is not None:
-        given = known.polynomials(knots, frequency)
-        polynomials[:, : given.shape[1]] = given
-    return polynomials
+def bends_of(model: Model) -> Vector:
+    """Times at which what is given begins another polynomial, (knot,), s."""
+    known = {
+        name: model.inputs[name].bends
+        for name in {channel.input for channel in model.driven} & {*model.inputs}
+    }
+    return np.unique(np.concatenate([*known.values(), []]))
+
+
+def polynomials_of(model: Model, knots: Vector) -> Vector:
+    """What is given from each knot (tau) on, by powers of tau since it, (knot, channel, power)."""
+    w, channels = model.reference_frequency, model.driven
+    polynomials = np.zeros((len(knots), len(channels), PUSH_NUMBERS))
+    for at, channel in enumerate(channels):
+        if channel.input in model.inputs:
+            given = model.inputs[channel.input].polynomials(knots, w, channel.order)
+            polynomials[:, at, : given.shape[1]] = given / w**channel.power
+    powers = np.flatnonzero(polynomials.any(axis=(0, 1)))
+    return polynomials[:, :, : powers.max(initial=0) + 1]
+
+
+def jumps_of(pushes: Pushes) -> Mask:
+    """At which knots what forces hold of inputs jumps, (knot,)."""
+    powers = np.arange(pushes.polynomials.shape[2])
+    steps = np.diff(pushes.knots, append=np.inf)[:-1, None, None] ** powers
+    before = np.sum(pushes.polynomials[:-1] * steps, axis=2)
+    rises = np.abs(pushes.polynomials[1:, :, 0] - before) > JUMP_PART * np.abs(
+        pushes.polynomials[..., 0]
+    ).max(axis=0, initial=0.0)
+    return np.append(False, rises[:, int(pushes.pushed) :].any(axis=1))[: len(pushes.knots)]
 
 
 def _instants(tau: Vector, per_period: int) -> Vector:

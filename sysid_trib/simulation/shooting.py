@@ -5,11 +5,12 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid_trib.arrays import Array, Index
+from sysid_trib.records.inputs import INPUT
 from sysid_trib.simulation.engine_state import INTERVAL_ENDS, Given
 from sysid_trib.simulation.integrate import DIVERGED, FREQUENCY, begun, run
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.program import program_of
-from sysid_trib.simulation.pushes import polynomials_of
+from sysid_trib.simulation.pushes import bends_of, polynomials_of
 
 # In an interval, and in each unit of tau of it.
 SWITCHINGS_ALLOWED, STEPS_ALLOWED = 60, 3000
@@ -68,18 +69,17 @@ def ends_of(
         The motion diverges within an interval, or switches without end.
     """
     (tau, length), (places, strengths) = spans, impulses
-    w, known = model.reference_frequency, model.known_input
-    motion, program = program_of(model.forces, pushed=known is not None, paced=FREQUENCY in by)
+    w = model.reference_frequency
+    motion, program = program_of(model.forces, pushed=INPUT in model.inputs, paced=FREQUENCY in by)
     size, count = program.states + program.memory, len(tau)
     starts = size if by_start is None else by_start
     first = starts + len(by)
     columns = first + len(places)
-    bends = np.empty(0) if known is None else w * known.elapsed
-    knots, marks, points = _knots(tau, length, bends, places)
+    knots, marks, points = _knots(tau, length, w * bends_of(model), places)
     of_impulses = np.zeros((len(knots), columns))
     inside = np.flatnonzero(points >= 0)
     of_impulses[inside, first + points[inside]] = strengths[points[inside]]
-    polynomials = polynomials_of(known, knots, w)
+    polynomials = polynomials_of(model, knots)
     # Where each interval begins is given, and so are the derivatives there.
     state = begun((motion, program), model, (0.0, 0.0), by, places=(starts, columns))
     rows = np.empty((count, size + 1))

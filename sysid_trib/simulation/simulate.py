@@ -1,6 +1,6 @@
 """Exact motion of a model: switchings, sticking and memory at their true times."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from sysid_trib.errors import SimulationError, UsageError
-from sysid_trib.records.inputs import INPUT, KnownInput
+from sysid_trib.records.inputs import INPUT, ROLE, UNITS_OF_KINDS, KnownInput, refuse_unused
 from sysid_trib.simulation.equations import Vector
 from sysid_trib.simulation.integrate import STEPS_A_PERIOD, integrate
 from sysid_trib.simulation.model import Model
@@ -26,8 +26,9 @@ def simulate(
     random_force: float = 0.0,
     seed: int = 0,
     known_input: ArrayLike | KnownInput | None = None,
+    inputs: Mapping[str, ArrayLike | KnownInput] | None = None,
 ) -> xr.Dataset:
-    """Simulate the motion of a model: free, driven by a known input, pushed at random, or both.
+    """Simulate the motion of a model: free, driven by known inputs, pushed at random, or both.
 
     Parameters
     ----------
@@ -42,37 +43,36 @@ def simulate(
     seed : int
         Of the random force.
     known_input : (time,) array of float, rad/s^2, or KnownInput, optional
-        An acceleration u(t) in theta'' + w^2 (theta + f) = u; an array is linear between the times.
+        An acceleration a(t) in theta'' + w^2 (theta + f) = a; an array is linear between the times.
+    inputs : mapping of str to (time,) array of float or KnownInput, optional
+        Inputs by the names that forces hold, `{"u": ...}`, each in its own unit.
 
     Returns
     -------
     Dataset
         `angle(time)` in rad as measured (with the sensor terms of the model), the true `rate(time)` in rad/s,
         `stop_time` in s (NaN if the motion does not stop, or is pushed), states and memory of forces
-        (`dahl.z(time)`), and the known `input(time)` in rad/s^2, with which `methods.Direct` and
-        `methods.Trajectory` identify it.
+        (`dahl.z(time)`), and the inputs, `input(time)` in rad/s^2 and those of forces by their names, with
+        which `methods.Direct` and `methods.Trajectory` identify it.
 
     Raises
     ------
     SimulationError
         The motion diverges or switches without end, or the times do not increase.
     UsageError
-        The density is negative or not finite, or an input that is not one finite number for each time.
+        The density is negative or not finite, an input that is not one finite number for each time, or one
+        that no force holds.
     """
     time = np.asarray(time, dtype=float)
     if not (np.isfinite(random_force) and random_force >= 0.0):
         raise UsageError(f"random_force={random_force} is no density; give (rad/s^2)^2/Hz, zero or more.")
     if not all(model.coefficients.values()):
         model = model.with_coefficients({k: c for k, c in model.coefficients.items() if c != 0.0})
-    if known_input is not None:
-        known = (
-            known_input
-            if isinstance(known_input, KnownInput)
-            else KnownInput(time - time[0], np.asarray(known_input, dtype=float))
-        )
-        if not np.array_equal(known.elapsed, time - time[0]):
-            raise UsageError("A known input is to be sampled at the times of the simulation, from zero on.")
-        model = replace(model, known_input=known)
+    given = dict(inputs or {}) | ({} if known_input is None else {INPUT: known_input})
+    known = {name: _known(values, time) for name, values in given.items()}
+    if known:
+        model = replace(model, inputs=known)
+        refuse_unused(known, model.library)
     motion = _simulated(model, time, (angle, rate), (random_force, seed))
     data: dict[str, Any] = {
         "angle": ("time", motion.angle, {"units": "rad", "long_name": "angle"}),
@@ -81,11 +81,24 @@ def simulate(
     }
     for name, values in motion.hidden.items():
         data[name] = ("time", values, {"units": "1", "long_name": f"{name}, state or memory of a force"})
-    if known_input is not None:
-        attrs = {"units": "rad/s^2", "long_name": "known input", "between": known.between}
-        data[INPUT] = ("time", known.acceleration, attrs)
+    kinds = {channel.input: channel.kind for channel in model.driven}
+    for name, drive in known.items():
+        units = {"units": UNITS_OF_KINDS[kinds[name]]} if kinds[name] else {}
+        attrs = {**units, "long_name": f"input {name}", "between": drive.between, "role": ROLE}
+        data[name] = ("time", drive.values, attrs)
     data["time"] = ("time", time, {"units": "s", "long_name": "time"})
     return xr.Dataset(data)
+
+
+def _known(values: ArrayLike | KnownInput, time: Vector) -> KnownInput:
+    known = (
+        values
+        if isinstance(values, KnownInput)
+        else KnownInput(time - time[0], np.asarray(values, dtype=float))
+    )
+    if not np.array_equal(known.elapsed, time - time[0]):
+        raise UsageError("A known input is to be sampled at the times of the simulation, from zero on.")
+    return known
 
 
 def trajectory(
@@ -139,4 +152,4 @@ def _simulated(
     w, elapsed = model.reference_frequency, time - float(time[0])
     pushes = pushes_of(model, w * elapsed, *random)
     path = integrate(model, w * elapsed, (angle, rate / w), by=by, pushes=pushes, most_steps=most_steps)
-    return simulated_motion(model, elapsed, float(time[0]), path, by, pushed=len(pushes.knots) > 0)
+    return simulated_motion(model, elapsed, float(time[0]), path, by, pushed=pushes.acts)

@@ -11,7 +11,7 @@ from sysid_trib.errors import DecayError, SysidTribError
 from sysid_trib.noise.colour import of_order
 from sysid_trib.noise.random_force import RandomForce, random_force_of
 from sysid_trib.noise.sensor_noise import sensor_noise_of
-from sysid_trib.records.inputs import known_input_of
+from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results.schema import model_of
 from sysid_trib.simulation.model import Model
 from sysid_trib.state_space.kalman import LinearModel
@@ -157,7 +157,7 @@ def track(decay: xr.Dataset, result: xr.Dataset, run: int = 0, every: int = 1) -
     The iterated extended Kalman smoother (Bell 1994): linear about a path, the next path is the smoothed
     motion. Without a random force that is least squares on the start, by multiple shooting.
     """
-    model = replace(model_of(result), known_input=known_input_of(decay))
+    model = replace(model_of(result), inputs=inputs_of(decay))
     decay = decay.isel(time=slice(None, None, every))
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
     frequency = model.reference_frequency

@@ -1,6 +1,6 @@
 """Records and parameters of a trajectory fit: residuals of the motion, and their sensitivities."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -42,7 +42,7 @@ class WhitenedRecord:
         What was measured; `angle` and `weight` are in its unit.
     swing : float, rad, optional
         Largest angle, where that was not measured.
-    known_input : KnownInput, optional
+    inputs : mapping of str to KnownInput
         What drives the motion.
     """
 
@@ -52,7 +52,7 @@ class WhitenedRecord:
     weight: float = 1.0
     observation: Observation = field(default_factory=Observation)
     swing: float | None = None
-    known_input: KnownInput | None = None
+    inputs: Mapping[str, KnownInput] = field(default_factory=dict)
 
     @property
     def size(self) -> float:
@@ -112,7 +112,7 @@ class WhitenedRecord:
     def _motion(
         self, model: Model, per_run: Array, count: int | None = None, by: Sequence[str] = ()
     ) -> SimulatedMotion | None:
-        acting, (angle, rate, _) = replace(model, known_input=self.known_input), per_run.tolist()
+        acting, (angle, rate, _) = replace(model, inputs=self.inputs), per_run.tolist()
         try:
             return trajectory(acting, self.time[:count], angle, rate, by=by)
         except SimulationError:

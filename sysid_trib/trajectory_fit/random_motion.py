@@ -12,7 +12,7 @@ Where friction holds the body or nearly so, the linear model jumps with the path
 back and forth between branches. Then path and parameters go only a part of the step (relaxation).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -71,7 +71,7 @@ def fit_random_motion(
     values: Array,
     random_force: RandomForceOption | Sequence[float] = "estimated",
     filters: Sequence[Array] | None = None,
-    inputs: Sequence[KnownInput | None] | None = None,
+    inputs: Sequence[Mapping[str, KnownInput]] | None = None,
 ) -> RandomMotionFit:
     """Fit a motion that is pushed at random.
 
@@ -87,7 +87,7 @@ def fit_random_motion(
         One-sided density; estimated in each run with `estimated`.
     filters : sequence of (tap,) arrays of float, optional
         Each whitens the sensor's noise of a run; white where left out.
-    inputs : sequence of KnownInput or None, optional
+    inputs : sequence of mapping of str to KnownInput, optional
         What drives each run; none where left out.
 
     Returns
@@ -167,10 +167,10 @@ def _linear_models(
     values: Array,
     paths: Sequence[tuple[Array, Array]],
     by: Derivatives,
-    inputs: Sequence[KnownInput | None] | None,
+    inputs: Sequence[Mapping[str, KnownInput]] | None,
 ) -> list[LinearModel]:
     model, per_run = parameters.model(values), parameters.per_run(values)
-    models = [replace(model, known_input=known) for known in inputs or [None] * len(records)]
+    models = [replace(model, inputs=known) for known in inputs or [{}] * len(records)]
     return [
         linearised_about(of_run, *record, path, at_start, replace(by, rate_error=rate_error))
         for of_run, record, (path, rate_error), at_start in zip(models, records, paths, per_run, strict=True)

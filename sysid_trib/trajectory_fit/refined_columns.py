@@ -185,7 +185,7 @@ def motion_of_run(
     problem, acting = run.problem, active & ~run.problem.of_sensor
     pairs = zip(problem.library.symbols, run.coefficients.tolist(), acting, strict=True)
     kept = {s: c for s, c, keep in pairs if keep}
-    model = Model(problem.library, kept, run.frequency, problem.shapes, problem.known_input)
+    model = Model(problem.library, kept, run.frequency, problem.shapes, problem.inputs)
     angle = run.measured + run.offset
     return fit_start(
         model, problem.time, angle, run.start, offset=run.offset, sensitivity=sensitivity, near=near
