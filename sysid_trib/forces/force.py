@@ -260,6 +260,16 @@ class Force:
         degree = self._degree_in({"t": 1.0}) if self.memoryless else None
         return "1" if not degree else "s-1" if degree == 1 else f"s{-degree:g}"
 
+    def units_with(self, inputs: Mapping[str, str]) -> str:
+        """Unit of the coefficient beside inputs in units of their own, by their names: `1/V`."""
+        text = self.units
+        raw = dict.fromkeys(c.input for c in self.channels if not c.kind and inputs.get(c.input))
+        for name in raw:
+            of_input = {channel.name: 1.0 for channel in self.channels if channel.input == name}
+            if degree := self._degree_in(of_input):
+                text += f"/{inputs[name]}" if degree == 1 else f"/{inputs[name]}^{degree:g}"
+        return text
+
     @cached_property
     def latex(self) -> str:
         """The formula in LaTeX, with theta and theta' = dtheta/d(w t)."""

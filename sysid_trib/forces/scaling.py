@@ -61,7 +61,8 @@ def signal_degree(force: Force) -> SignalDegree | None:
         `sin(x) - x` has none: it knows a radian. `tanh(v/s)` is of degree 0, with s of power 1. A degree that
         depends on a shape parameter, as that of abs(v)**p, is none.
     """
-    scaled = _powers(force, {"x": 1.0, "v": 1.0}, SHAPE_POWERS, HIDDEN_POWERS, 0.0)
+    of_signal = {channel.name: 1.0 for channel in force.channels if channel.kind}
+    scaled = _powers(force, {"x": 1.0, "v": 1.0} | of_signal, SHAPE_POWERS, HIDDEN_POWERS, 0.0)
     return None if scaled is None else SignalDegree(*scaled)
 
 
@@ -75,7 +76,8 @@ def reference_powers(force: Force) -> ReferencePowers | None:
         -w^2 c f(x, v) with v = x'/w: of `v` the coefficient goes as 1/w, of `sin(x) - x` as 1/w^2. A natural
         frequency in units of w goes as 1/w, a relaxation time as w. None of abs(v)**p, as of `signal_degree`.
     """
-    scaled = _powers(force, {"v": -1.0}, REFERENCE_POWERS, REFERENCE_POWERS, OF_RATES)
+    over_w = {channel.name: -float(channel.power) for channel in force.channels if channel.power}
+    scaled = _powers(force, {"v": -1.0} | over_w, REFERENCE_POWERS, REFERENCE_POWERS, OF_RATES)
     if scaled is None:
         return None
     degree, shapes = scaled

@@ -1,5 +1,7 @@
 """Which forces of a library a method identifies."""
 
+from collections.abc import Mapping
+
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import ForceLibrary
 
@@ -35,6 +37,21 @@ def forces_to_identify(
     if all(force.kind == "sensor" for force in library):
         raise DecayError("No force is left to identify beside the frequency; offer at least one (--forces).")
     return library
+
+
+def is_free_to_move(library: ForceLibrary, fixed: Mapping[str, float]) -> bool:
+    """Whether a motion may be anywhere: the only force that holds `x` takes the restoring one away.
+
+    Parameters
+    ----------
+    library : ForceLibrary
+    fixed : mapping of str to float
+        Coefficients that are held.
+    """
+    restoring = library.role("-x")
+    others = (force for force in library if force is not restoring)
+    held = restoring is not None and fixed.get(restoring.symbol) == 1.0
+    return held and not any("x" in formula.names for force in others for formula in force.formulas)
 
 
 def refuse_sensors(library: ForceLibrary) -> None:

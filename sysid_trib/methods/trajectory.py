@@ -12,14 +12,14 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.forces.to_identify import forces_to_identify
+from sysid_trib.forces.to_identify import forces_to_identify, is_free_to_move
 from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.scope import MethodScope
 from sysid_trib.noise.autoregression import autoregression, whitened
 from sysid_trib.noise.level import sensor_noise
 from sysid_trib.noise.random_force import RandomForceOption, check_random_force, is_fitted
 from sysid_trib.noise.sensor_noise import sensor_noise_of
-from sysid_trib.records.inputs import KnownInput, inputs_of
+from sysid_trib.records.inputs import KnownInput, inputs_for
 from sysid_trib.records.runs import Decays, as_runs, root_mean_square
 from sysid_trib.results.birge import birge_ratio
 from sysid_trib.results.schema import model_of
@@ -131,7 +131,7 @@ class Trajectory:
         runs = as_runs(decay, driven=True)
         offered = forces_to_identify(library, self.reference_frequency, sensors=True)
         parameters = _parameters(self, offered, len(runs))
-        problem = FitProblem(parameters, tuple(map(_record, runs)))
+        problem = FitProblem(parameters, tuple(_record(run, offered) for run in runs))
         # In its own quantity the record is fitted by the free motion alone.
         pushed_too = is_fitted(self._random_force) and not any(MEASURED in run for run in runs)
         quick = _quick(self, problem, runs) if self.start is None or pushed_too else None
@@ -149,11 +149,13 @@ class Trajectory:
         return _identification(self, problem, runs, library, fit)
 
 
-def _record(decay: xr.Dataset) -> WhitenedRecord:
+def _record(decay: xr.Dataset, library: ForceLibrary) -> WhitenedRecord:
     """What was measured of a run, in its own quantity: a rate is not integrated."""
     observation, time, values = measured_part(decay)
     swing = None if observation.quantity == "angle" else float(np.max(np.abs(decay.angle.values)))
-    return WhitenedRecord(time, values, observation=observation, swing=swing, inputs=inputs_of(decay))
+    return WhitenedRecord(
+        time, values, observation=observation, swing=swing, inputs=inputs_for(decay, library)
+    )
 
 
 def _parameters(method: Trajectory, library: ForceLibrary, runs: int) -> Parameters:
@@ -168,7 +170,11 @@ def _parameters(method: Trajectory, library: ForceLibrary, runs: int) -> Paramet
         if name in shapes and name not in fit_shapes:
             raise UsageError(f"Shape parameter {name} is held, a bound has no effect; name it in fit_shapes.")
     held = {**method.shapes, **{name: value for name, value in method.fix.items() if name in shapes}}
-    return Parameters(library, method.reference_frequency, fit_shapes, held, runs, constraints)
+    parameters = Parameters(library, method.reference_frequency, fit_shapes, held, runs, constraints)
+    if not is_free_to_move(library, method.fix):
+        return parameters
+    # Nothing tells the sensor's zero from where the motion begins.
+    return parameters.fix({name: 0.0 for name in parameters.names if name.startswith(PER_RUN[-1])})
 
 
 def _units(runs: Sequence[xr.Dataset]) -> str:
@@ -187,14 +193,17 @@ def _quick(method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset]) 
     None where it fails and a start model is given.
     """
     parameters = problem.parameters
-    free = [s for s in parameters.library.symbols if s not in method.fix and s not in method.tie]
+    # What is held acts on the first guess too; of what is tied only the motion itself knows.
+    guessed = parameters.library.select(s for s in parameters.library.symbols if s not in method.tie)
+    held = {s: value for s, value in method.fix.items() if s in guessed.symbols}
     direct = Direct(
         reference_frequency=method.reference_frequency,
         shapes=parameters.shapes,
         random_force=method._random_force,
+        fix=held,
     )
     try:
-        return direct.identify(runs, parameters.library.select(free) if free else parameters.library)
+        return direct.identify(runs, guessed if len(guessed) else parameters.library)
     except DecayError:
         if method.start is None:
             raise
@@ -204,13 +213,14 @@ def _quick(method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset]) 
 def _first_values(method: Trajectory, problem: FitProblem, quick: xr.Dataset | None) -> Array:
     """First guess of all parameters: from the start model, or from direct identification."""
     parameters = problem.parameters
-    if method.start is not None:
-        start = method.start
-        w = start.reference_frequency
-        per_run = np.array([(*first_guess(r.time, r.angle, w), 0.0) for r in problem.records])
-    else:
+    start = method.start
+    if start is None:
         assert quick is not None
         start = model_of(quick)
+    w = start.reference_frequency
+    if quick is None or method.start is not None or is_free_to_move(parameters.library, method.fix):
+        per_run = np.array([(*first_guess(r.time, r.angle, w), 0.0) for r in problem.records])
+    else:
         per_run = np.stack([np.ravel(quick[name]) for name in PER_RUN], axis=1)
         # The zero of what was integrated is none of the sensor's.
         per_run[:, -1] *= [record.observation.quantity == "angle" for record in problem.records]

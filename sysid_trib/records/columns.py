@@ -115,7 +115,7 @@ def choose_columns(
     given_time = None if time is None else find_column(table, time, source)
     if angle is not None:
         name = find_column(table, angle, source)
-        return [Chosen(given_time or time_of(name, [t for t in times if t != name], table), name)]
+        return [Chosen(given_time or time_of_column(name, table), name)]
     if given_time is not None:
         times = [given_time]
     names = [
@@ -380,6 +380,11 @@ def no_clock(table: FileTable, source: str) -> str:
             f"{source}: its columns are over {over[0]}, not over time: it is a response; a record is needed."
         )
     return f"{source}: there is no time column; give the sampling rate (--sampling-rate HZ)."
+
+
+def time_of_column(column: str, table: FileTable) -> str | None:
+    """The time column that belongs to a column; None if there is none."""
+    return time_of(column, [time for time in _time_columns(table) if time != column], table)
 
 
 def has_column(table: FileTable, wanted: str | int | None) -> bool:

@@ -1,6 +1,6 @@
 """Known inputs: what was measured beside the motion and drives it, a polynomial from sample to sample."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -17,8 +17,8 @@ from sysid_trib.forces.force import Channel, ForceLibrary
 # The input that pushes by itself, an acceleration; every other one acts by the forces that hold its name.
 INPUT = "input"
 PUSH = Channel(INPUT, 0, "acceleration")
-# Units of inputs that are of the signal's unit, where that is rad.
-UNITS_OF_KINDS = {"displacement": "rad", "rate": "rad/s", "acceleration": "rad/s^2"}
+# What follows the signal's unit in that of an input of a kind.
+PER_KIND = {"displacement": "", "rate": "/s", "acceleration": "/s^2"}
 # attrs["role"] of a variable of a record that is an input.
 ROLE = "input"
 # Splines by their degree: `smooth` leaves out less than a hundredth of a signal of three samples a period.
@@ -108,6 +108,23 @@ class KnownInput:
         return np.asarray(powers.T / frequency ** np.arange(len(powers)))
 
 
+def named_inputs(given: str | Sequence[str] | Mapping[str, str | int] | None) -> dict[str, str | int]:
+    """Columns of inputs by the names that forces hold: a single one is `u`, of several each `NAME=COLUMN`.
+
+    Raises
+    ------
+    UsageError
+        Several columns without names.
+    """
+    if given is None or isinstance(given, Mapping):
+        return dict(given or {})
+    texts = [given] if isinstance(given, str) else list(given)
+    pairs = [text.partition("=")[::2] if "=" in text else ("u", text) for text in texts]
+    if len({name for name, _ in pairs}) < len(pairs):
+        raise UsageError("Several inputs have each a name of its own: u=COLUMN,b=COLUMN.")
+    return {name.strip(): column.strip() for name, column in pairs}
+
+
 def values_of_inputs(
     inputs: Mapping[str, KnownInput], channels: Iterable[Channel], elapsed: ArrayLike, frequency: float
 ) -> dict[str, Array]:
@@ -150,8 +167,9 @@ def inputs_of(record: xr.Dataset) -> dict[str, KnownInput]:
 
 
 def _input(record: xr.Dataset, name: str) -> KnownInput:
-    checked_signal(record, name)
     given, unit = record[name], unit_of_signal(record)
+    if given.dims == ("time",):
+        checked_signal(record, name)
     units = given.attrs.get("units")
     if name == INPUT and units != f"{unit}/s^2":
         said = "says no unit" if units is None else f"is in {units}"
@@ -168,6 +186,36 @@ def _input(record: xr.Dataset, name: str) -> KnownInput:
     return KnownInput(time - start, given.values.astype(float), str(given.attrs.get("between", "linear")))
 
 
+def inputs_for(record: xr.Dataset, library: ForceLibrary) -> dict[str, KnownInput]:
+    """The inputs of a record for the forces of a library.
+
+    Raises
+    ------
+    UsageError
+        A force holds an input that the record lacks, the record has one that no force holds, or one is not of
+        the kind that the library says.
+    DecayError
+        See `inputs_of`.
+    """
+    inputs = inputs_of(record)
+    refuse_unused(inputs, library)
+    for force in library:
+        if missing := [name for name in force.inputs if name not in inputs]:
+            raise UsageError(
+                f"Force '{force.symbol}' holds the input {missing[0]}, which this record lacks; name its "
+                f"column (--input {missing[0]}=COLUMN; input= in Python), or leave the force out."
+            )
+    for channel in library.channels:
+        units = record[channel.input].attrs.get("units")
+        wanted = unit_of_signal(record) + PER_KIND.get(channel.kind, "")
+        if channel.kind and units not in (None, wanted):
+            raise UsageError(
+                f"The input {channel.input} is in {units}, and these forces take it as {channel.kind} in "
+                f"{wanted}; convert it, or offer forces that take another quantity."
+            )
+    return inputs
+
+
 def refuse_unused(inputs: Iterable[str], library: ForceLibrary) -> None:
     """Refuse an input that no force holds.
 
@@ -182,22 +230,6 @@ def refuse_unused(inputs: Iterable[str], library: ForceLibrary) -> None:
             raise UsageError(
                 f"No force holds the input {name} ({held}); offer one that does (libraries/inputs.toml), or "
                 "leave the input out."
-            )
-
-
-def refuse_missing(inputs: Iterable[str], library: ForceLibrary) -> None:
-    """Refuse a force whose input a record lacks.
-
-    Raises
-    ------
-    UsageError
-        It could not act.
-    """
-    for force in library:
-        if missing := [name for name in force.inputs if name not in inputs]:
-            raise UsageError(
-                f"Force '{force.symbol}' holds the input {missing[0]}, which this record lacks; name its "
-                f"column (--input {missing[0]}=COLUMN; input= in Python), or leave the force out."
             )
 
 

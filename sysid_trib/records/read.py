@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,8 @@ from sysid_trib.records.as_angle import as_felt, as_position
 from sysid_trib.records.columns import Chosen, choose_columns, has_column
 from sysid_trib.records.expression import is_expression, with_expression
 from sysid_trib.records.headers import split_header
+from sysid_trib.records.input_columns import input_columns, with_inputs
+from sysid_trib.records.inputs import named_inputs
 from sysid_trib.records.numbers import numbers, without_sentinels
 from sysid_trib.records.opened import opened
 from sysid_trib.records.reading import Reading
@@ -34,6 +37,8 @@ def read_record(
     sampling_rate: float | None = None,
     time_units: str | None = None,
     length: float | None = None,
+    input: str | Sequence[str] | Mapping[str, str | int] | None = None,
+    between: str = "smooth",
 ) -> xr.Dataset:
     """Read an oscillation from a file.
 
@@ -59,6 +64,12 @@ def read_record(
         Where the file does not say it; if not given either, s.
     length : float, m, optional
         Of a pendulum: turns a displacement in a unit of length into an angle.
+    input : str, sequence of str, or mapping of str to str, optional
+        Columns of what drives the motion: `"V1"` is the input `u` of formulas, `{"u": "V1", "b": "V2"}` are
+        several by their names; `"base.mat:y"` is a column of another file, with its own clock.
+    between : {"smooth", "linear", "held", "cubic"}
+        What inputs are between their samples: smooth, as of a signal that was measured without aliasing;
+        held, as a converter puts it out.
 
     Returns
     -------
@@ -75,7 +86,17 @@ def read_record(
     RecordError
         A file without such a record: malformed, not finite, times out of order.
     """
-    how = Reading(time, angle, signal, units, sampling_rate, time_units, length)
+    how = Reading(
+        time,
+        angle,
+        signal,
+        units,
+        sampling_rate,
+        time_units,
+        length,
+        inputs=named_inputs(input),
+        between=between,
+    )
     records = read_records(path, how)
     if len(records) > 1:
         names = ", ".join(str(record.attrs["angle_column"]) for record in records)
@@ -117,7 +138,9 @@ def read_records(path: str | os.PathLike[str], how: Reading | None = None) -> li
         table = with_expression(table, str(how.angle), how.units, source)
     signal = "acceleration" if how.signal == ACCELEROMETER else how.signal
     rate = how.sampling_rate or stated_rate(table)
-    chosen = choose_columns(table, source, time=how.time, angle=how.angle, signal=signal, rate=rate)
+    driving = input_columns(how.inputs, table, source)
+    offered = replace(table, columns={k: v for k, v in table.columns.items() if k not in driving})
+    chosen = choose_columns(offered, source, time=how.time, angle=how.angle, signal=signal, rate=rate)
     records = [_read(table, columns, how, source) for columns in chosen]
     # A run that hardly swings does not show that it is in degrees; another one of the file does.
     if {record.attrs["angle_unit_in_file"] for record in records} == {"rad", "deg"} and how.units is None:
@@ -165,5 +188,7 @@ def _read(table: FileTable, columns: Chosen, how: Reading, source: str) -> xr.Da
     if clock.breaks:
         attrs["breaks"] = list(clock.breaks)
     if how.signal == ACCELEROMETER:
-        return as_felt(time, values, attrs, float(how.distance or 0.0), source)
-    return as_position(time, values, unit, attrs, how.length)
+        record = as_felt(time, values, attrs, float(how.distance or 0.0), source)
+    else:
+        record = as_position(time, values, unit, attrs, how.length)
+    return with_inputs(record, table, clock.rows[kept], how, source)

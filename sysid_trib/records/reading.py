@@ -1,9 +1,11 @@
 """How a file is to be read: what its user says of it."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from numbers import Real
 
 from sysid_trib.errors import UsageError
+from sysid_trib.records.inputs import BETWEEN_SAMPLES
 from sysid_trib.records.units import (
     ACCELEROMETER,
     OFFERED_TIME_UNITS,
@@ -12,6 +14,9 @@ from sysid_trib.records.units import (
     TIME_UNITS,
     signal_unit,
 )
+
+# Variables of a record that no input may be.
+TAKEN = ("time", "angle", "rate", "acceleration", "input", "x", "v", "t")
 
 
 @dataclass(frozen=True)
@@ -36,6 +41,10 @@ class Reading:
         Of an accelerometer from the axis of the pendulum that it is on.
     usual : str, optional
         What is usually measured of such a system: the signal's quantity where nothing says it.
+    inputs : mapping of str to (str or int)
+        Columns of inputs by the names that forces hold, `{"u": "V1"}`; of another file `base.mat:y`.
+    between : {"smooth", "linear", "held", "cubic"}
+        What inputs are between their samples (see `KnownInput`).
     """
 
     time: str | int | None = None
@@ -47,10 +56,17 @@ class Reading:
     length: float | None = None
     distance: float | None = None
     usual: str | None = None
+    inputs: Mapping[str, str | int] = field(default_factory=dict)
+    between: str = "smooth"
 
     def __post_init__(self) -> None:
         if self.signal is not None and self.signal not in SIGNALS:
             raise UsageError(f"signal {self.signal!r} is unknown: give {', '.join(SIGNALS)}.")
+        if self.between not in BETWEEN_SAMPLES:
+            raise UsageError(f"between {self.between!r} is unknown: give {', '.join(BETWEEN_SAMPLES)}.")
+        for name in self.inputs:
+            if not name.isidentifier() or name in TAKEN:
+                raise UsageError(f"{name!r} cannot name an input; write u=COLUMN, as forces hold it.")
         if self.time_units is not None and self.time_units not in TIME_UNITS:
             raise UsageError(f"time units {self.time_units!r} are unknown: give {OFFERED_TIME_UNITS}.")
         if self.units is not None and signal_unit(self.units) is None:

@@ -15,7 +15,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.noise.colour import NoisePair
 from sysid_trib.noise.level import nominal_frequency, sensor_noise, swing_frequency
 from sysid_trib.noise.smoothing import smooth
-from sysid_trib.records.inputs import INPUT, KnownInput, inputs_of, values_of_inputs
+from sysid_trib.records.inputs import INPUT, KnownInput, inputs_for, values_of_inputs
 from sysid_trib.regression.constraint_map import ConstraintMap
 from sysid_trib.regression.weak_form import WeakForm, build_weak_form
 from sysid_trib.simulation.model import rescaling_factors
@@ -251,8 +251,10 @@ def begin(
         The records are too short, or some of the forces are the same on them.
     """
     # A scale of time: near the motion's frequency, and the same for all runs.
-    median = float(np.median([np.pi / swing_frequency(decay) for decay in decays]))
-    nominal = reference_frequency or nominal_frequency(np.pi / median)
+    nominal = reference_frequency
+    if nominal is None:
+        median = float(np.median([np.pi / swing_frequency(decay) for decay in decays]))
+        nominal = nominal_frequency(np.pi / median)
     free = reference_frequency is None
     # What is held acts from the first estimate on: a stiffness is no part of the frequency then.
     held = constraints.impose(np.zeros(len(library)))
@@ -279,7 +281,15 @@ def _first_run(
     form = build_weak_form(nominal * (time - time[0]))
     x, v, _, _ = smooth(form.tau, angle)
     problem = WeakFormProblem(
-        time, angle, form, library, dict(shapes), nominal, free, sensor_noise(decay), inputs_of(decay)
+        time,
+        angle,
+        form,
+        library,
+        dict(shapes),
+        nominal,
+        free,
+        sensor_noise(decay),
+        inputs_for(decay, library),
     )
     reference = ReferenceTrajectory(x, v, problem.averaged_columns(nominal, x, v), exact=False)
     start = float(x[0]), float(v[0] * nominal)

@@ -110,20 +110,24 @@ def identification(
         numbers = np.squeeze(np.asarray(values, dtype=float))
         variables[name] = variable(("run",) * numbers.ndim, numbers, long_name, units)
     symbols = list(library.symbols)
-    coords = {"force": symbols, "other_force": symbols} | force_labels(library.forces)
+    coords: dict[str, Any] = {"force": symbols, "other_force": symbols}
+    inputs = {
+        str(k): str(v.attrs.get("units", "")) for k, v in as_runs(decay, driven=True)[0].variables.items()
+    }
+    coords |= force_labels(library.forces, inputs)
     # All at once: xarray takes a quarter of a millisecond for each on its own.
     return xr.Dataset(variables, coords, provenance(method, decay, offered))
 
 
-def force_labels(forces: Sequence[Force]) -> dict[str, Variable]:
-    """What describes each force: coordinates over `force`."""
+def force_labels(forces: Sequence[Force], inputs: Mapping[str, str] | None = None) -> dict[str, Variable]:
+    """What describes each force: coordinates over `force`; of inputs their units by name."""
     # The degree in the rate says how a coefficient changes with its reference: a sensor's does not.
     degrees = ((f.degree, None if f.kind == "sensor" else f.speed_degree) for f in forces)
     degree, speed_degree = zip(*([np.nan if q is None else q for q in pair] for pair in degrees), strict=True)
     return {
         "name": variable("force", [f.name for f in forces], "name"),
         "formula": variable("force", [f.formula.text for f in forces], "formula"),
-        "unit": variable("force", [f.units for f in forces], "unit of the coefficient"),
+        "unit": variable("force", [f.units_with(inputs or {}) for f in forces], "unit of the coefficient"),
         "parity": variable("force", [f.parity for f in forces], "under a change of sign of angle and rate"),
         "degree": variable("force", list(degree), "degree in angle and rate together, nan if none", "1"),
         "speed_degree": variable("force", list(speed_degree), "degree in the rate, nan if none", "1"),

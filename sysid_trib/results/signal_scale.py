@@ -80,11 +80,15 @@ def scalable(force: Force) -> bool:
 
 @dataclass(frozen=True)
 class _SignalScale:
-    """Unit of a record, and how much of it is counted as one; degrees of the forces by symbol."""
+    """Unit of a record, and how much of it is counted as one; degrees of the forces by symbol.
+
+    `inputs` are those in the unit of the signal; others stay as they are.
+    """
 
     unit: str
     size: float
     degrees: dict[str, SignalDegree] = field(default_factory=dict)
+    inputs: frozenset[str] = frozenset()
 
     def inwards(self, given: Any) -> Any:
         """What is computed with."""
@@ -127,6 +131,8 @@ class _SignalScale:
         for name, variable in data.variables.items():
             units = unit_of_signal(data) if name == "angle" else str(variable.attrs.get("units", ""))
             power = _power(str(name), units, old)
+            if variable.attrs.get("role") == "input" and name != "input":
+                power, units = int(name in self.inputs), units or old
             if power:
                 attrs = dict(variable.attrs) | {"units": units.replace(old, new)}
                 changed[name] = (variable.dims, variable.values * factor**power, attrs)
@@ -167,10 +173,12 @@ class _SignalScale:
     def _unit(self, symbol: str, unit: str, inside: bool) -> str:
         """Unit of a coefficient: a power of the signal's, and of s where it drifts."""
         power = self._coefficient_power(symbol)
-        time = next((part for part in unit.split() if part.startswith("s-") or part == "s"), "")
+        own, slash, of_inputs = unit.partition("/")
+        time = next((part for part in own.split() if part.startswith("s-") or part == "s"), "")
         if inside or not power:
-            return time or "1"
-        return f"{self.unit}{'' if power == 1 else f'^{power:g}'}{f' {time}' if time else ''}"
+            return (time or "1") + slash + of_inputs
+        signal = f"{self.unit}{'' if power == 1 else f'^{power:g}'}{f' {time}' if time else ''}"
+        return signal + slash + of_inputs
 
     def _shapes(self, data: xr.Dataset, factor: float) -> xr.Dataset:
         if "shape" not in data or "shape_parameter" not in data["shape"].dims:
@@ -234,12 +242,13 @@ def _scale_of(given: dict[str, Any]) -> _SignalScale | None:
         if usual or not all(map(scalable, _forces(wanted))) or any(getattr(a, "tie", ()) for a in wanted):
             return None
     degrees = {force.symbol: degree for force in _forces(arguments) if (degree := signal_degree(force))}
+    inputs = frozenset(c.input for force in _forces(arguments) for c in force.channels if c.kind)
     if known:
-        return _SignalScale(str(known[0].attrs[UNIT_ATTR]), float(known[0].attrs[SIZE_ATTR]), degrees)
+        return _SignalScale(str(known[0].attrs[UNIT_ATTR]), float(known[0].attrs[SIZE_ATTR]), degrees, inputs)
     # What does not move, or is no number, is refused where it is used.
     size = 2.0 ** np.ceil(np.log2(largest / USUAL_SIZE)) if 0.0 < largest < np.inf else 1.0
     unit = unit_of_signal((displacements or decays)[0])
-    return _SignalScale(unit, float(size), degrees)
+    return _SignalScale(unit, float(size), degrees, inputs)
 
 
 def _datasets(given: Any) -> Iterator[xr.Dataset]:

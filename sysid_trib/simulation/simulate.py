@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from sysid_trib.errors import SimulationError, UsageError
-from sysid_trib.records.inputs import INPUT, ROLE, UNITS_OF_KINDS, KnownInput, refuse_unused
+from sysid_trib.records.inputs import INPUT, PER_KIND, ROLE, KnownInput, refuse_unused
 from sysid_trib.simulation.equations import Vector
 from sysid_trib.simulation.integrate import STEPS_A_PERIOD, integrate
 from sysid_trib.simulation.model import Model
@@ -83,7 +83,7 @@ def simulate(
         data[name] = ("time", values, {"units": "1", "long_name": f"{name}, state or memory of a force"})
     kinds = {channel.input: channel.kind for channel in model.driven}
     for name, drive in known.items():
-        units = {"units": UNITS_OF_KINDS[kinds[name]]} if kinds[name] else {}
+        units = {"units": f"rad{PER_KIND[kinds[name]]}"} if kinds[name] else {}
         attrs = {**units, "long_name": f"input {name}", "between": drive.between, "role": ROLE}
         data[name] = ("time", drive.values, attrs)
     data["time"] = ("time", time, {"units": "s", "long_name": "time"})

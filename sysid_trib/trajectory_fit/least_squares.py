@@ -15,6 +15,8 @@ from sysid_trib.trajectory_fit.problem import FitProblem
 WINDOWS = (0.06, 0.12, 0.22, 0.4, 0.65)
 # A start whose motion is this near to the record (RMS, of the record's) needs no growing window.
 FOLLOWED = 0.1
+# One this near has not slipped out of phase.
+NEAR = 0.5
 MAX_EVALUATIONS = 60
 # Steps, in units of the solution, below which a fit is done.
 CONVERGED = 1e-12
@@ -42,13 +44,27 @@ class Fit:
 
 
 def grown(problem: FitProblem, values: Array, *, tolerance: float = CONVERGED) -> Array:
-    """Extend the fit over the records window by window, unless the start follows them already."""
-    pairs = zip(problem.residuals(values), problem.records, strict=True)
-    if all(rms(residual) < FOLLOWED * rms(record.angle) for residual, record in pairs):
+    """Extend the fit over the records window by window, unless a motion follows them sooner.
+
+    A window may hold too little to tell forces apart: from a motion that is near the record the whole is tried
+    first.
+    """
+    away = _missed(problem, values)
+    if away < FOLLOWED:
         return values
+    if away < NEAR:
+        tried = fitted(problem, values, tolerance=tolerance).values
+        if _missed(problem, tried) < FOLLOWED:
+            return tried
     for part in WINDOWS:
         values = fitted(problem.first(part), values, tolerance=tolerance).values
     return values
+
+
+def _missed(problem: FitProblem, values: Array) -> float:
+    """RMS of the residual over that of the record, the largest of all runs."""
+    pairs = zip(problem.residuals(values), problem.records, strict=True)
+    return max(rms(residual) / rms(record.angle) for residual, record in pairs)
 
 
 def fitted(

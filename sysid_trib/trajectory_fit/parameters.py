@@ -143,10 +143,10 @@ class Parameters:
         free : (free,) array of float
             Values of the free parameters.
         """
-        values = np.empty(len(self))
+        values = np.zeros(len(self))
         values[self.free] = free
         for name, value in self.constraints.fixed.items():
-            if name in self.common:
+            if name in self.names:
                 values[self.index(name)] = value
         for name, tie in self._ties.items():
             values[self.index(name)] = tie.value(self._known(values))

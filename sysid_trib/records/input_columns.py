@@ -1,0 +1,121 @@
+"""Inputs of a record from columns of its file, or of another one with a clock of its own."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from sysid_trib.arrays import Array
+from sysid_trib.errors import RecordError, UsageError
+from sysid_trib.records.columns import Chosen, find_column, time_of_column
+from sysid_trib.records.headers import split_header
+from sysid_trib.records.inputs import ROLE
+from sysid_trib.records.numbers import numbers
+from sysid_trib.records.opened import opened
+from sysid_trib.records.reading import Reading
+from sysid_trib.records.row_times import row_times
+from sysid_trib.records.tables import FileTable, read_table
+from sysid_trib.records.units import signal_unit
+
+# An input that varies by less than this part of its size is constant.
+CONSTANT = 1e-12
+
+
+def input_columns(inputs: Mapping[str, str | int], table: FileTable, source: str) -> list[str]:
+    """The columns of a table that are inputs, and so no signal."""
+    return [find_column(table, wanted, source) for _, wanted, other in _sources(inputs) if other is None]
+
+
+def with_inputs(
+    record: xr.Dataset, table: FileTable, rows: NDArray[np.int64], how: Reading, source: str
+) -> xr.Dataset:
+    """A record with its inputs, each by its name.
+
+    Parameters
+    ----------
+    record : Dataset
+        `angle(time)`.
+    table : FileTable
+        That it is from.
+    rows : (time,) array of int
+        Of the table, one for each time.
+    how : Reading
+        `inputs` are columns by name or number, of another file as `base.mat:y`; `between` is what is between
+        their samples.
+    source : str
+        Of whom sentences speak.
+
+    Returns
+    -------
+    Dataset
+        Angles in rad; other inputs in the unit of their column. An input of another file has a time of its
+        own, `NAME_time`.
+
+    Raises
+    ------
+    UsageError
+        There is no such column or file.
+    RecordError
+        The input is constant, or not a number at each time.
+    """
+    if not how.inputs:
+        return record
+    record = record.copy()
+    for name, wanted, other in _sources(how.inputs):
+        if other is None:
+            column = find_column(table, wanted, source)
+            time, values, unit = (
+                None,
+                numbers(table.columns[column], column, source)[rows],
+                _unit(table, column),
+            )
+        else:
+            time, values, unit = _of_file(other, wanted, how)
+        if not np.all(np.isfinite(values)):
+            raise RecordError(
+                f"{source}: the input {name} is not a number at each time; cut the record (--window), or fill "
+                "it in."
+            )
+        if np.ptp(values) <= CONSTANT * np.max(np.abs(values), initial=0.0):
+            raise RecordError(
+                f"{source}: the input {name} is {values[0]:g} throughout and drives nothing; name another "
+                "column, or leave it out."
+            )
+        known = signal_unit(unit)
+        if known is not None and known.position == "rad":
+            per = known.text[len(known.text.partition("/")[0]) :]
+            values, unit = values * known.factor, f"rad{per}"
+        attrs: dict[str, Any] = {"role": ROLE, "between": how.between, "long_name": f"input {name}"}
+        dim = "time" if time is None else f"{name}_time"
+        record[name] = (dim, values, attrs | ({"units": unit} if unit else {}))
+        if time is not None:
+            record = record.assign_coords({dim: (dim, time, {"units": "s"})})
+    return record
+
+
+def _sources(inputs: Mapping[str, str | int]) -> Iterator[tuple[str, str | int, Path | None]]:
+    """Name, column, and the other file where it is of one."""
+    for name, wanted in inputs.items():
+        file, colon, column = str(wanted).rpartition(":")
+        yield (name, column, Path(file)) if colon and file else (name, wanted, None)
+
+
+def _of_file(path: Path, wanted: str | int, how: Reading) -> tuple[Array, Array, str]:
+    """Times, values and unit of a column of another file."""
+    if not path.is_file():
+        raise UsageError(f"The input's file {path} does not exist; give FILE:COLUMN.")
+    with opened(path) as file:
+        table = read_table(file)
+    column = find_column(table, wanted, path.name)
+    values = numbers(table.columns[column], column, path.name)
+    columns = Chosen(time_of_column(column, table), column)
+    clock, _, _ = row_times(table, columns, replace(how, time=None), values, path.name)
+    return clock.time, values[clock.rows], _unit(table, column)
+
+
+def _unit(table: FileTable, column: str) -> str:
+    return table.units.get(column) or split_header(column)[1]
