@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import ForceLibrary, ShapeValues
 from sysid_trib.forces.ties import Tie, parse_tie
 
+T = TypeVar("T")
 PARAMETER = re.compile(r"[A-Za-z]\w*(\.[A-Za-z_]\w*)?", re.ASCII)
 
 
@@ -56,6 +58,15 @@ class Constraints:
 
     def __bool__(self) -> bool:
         return bool(self.fixed or self.bounds or self.ties)
+
+    def of_each_run(self, symbols: Iterable[str], runs: int) -> "Constraints":
+        """The same for forces whose coefficient is each run's own (see `ForceLibrary.with_own`)."""
+        names = {symbol: [f"{symbol}_{run}" for run in range(1, runs + 1)] for symbol in symbols}
+
+        def copied(table: Mapping[str, T]) -> dict[str, T]:
+            return {name: value for key, value in table.items() for name in names.get(key, [key])}
+
+        return Constraints(copied(self.fixed), copied(self.bounds), copied(self.ties))
 
     @classmethod
     def from_texts(

@@ -105,6 +105,8 @@ class Force:
         Its coefficient where physics knows it, as 1 of gravity: with another one it is another force.
     channels : tuple of Channel
         What its formulas hold of inputs.
+    run : int, optional
+        Of several runs, from 1, the only one in which it acts: its coefficient is that run's own.
     """
 
     symbol: str
@@ -121,6 +123,7 @@ class Force:
     passive: bool = False
     coefficient: float | None = None
     channels: tuple[Channel, ...] = ()
+    run: int | None = None
 
     def __hash__(self) -> int:
         return hash((self.symbol, self.formula))
@@ -378,6 +381,24 @@ class ForceLibrary:
     def select(self, symbols: Iterable[str]) -> "ForceLibrary":
         """The library of these forces alone, in the order given; UsageError for an unknown one."""
         return replace(self, forces=tuple(self[symbol] for symbol in dict.fromkeys(symbols)))
+
+    def in_run(self, run: int) -> "ForceLibrary":
+        """The forces that act in a run, by its number from 1."""
+        return replace(self, forces=tuple(force for force in self if force.run in (None, run)))
+
+    def with_own(self, symbols: Iterable[str], runs: int) -> "ForceLibrary":
+        """The library with a force of its own for each run in the place of each of these: `lambda_1`, ..."""
+        own = {self[symbol].symbol for symbol in symbols}
+        copies = [
+            [
+                replace(force, symbol=f"{force.symbol}_{run}", name=f"{force.name}, run {run}", run=run)
+                for run in range(1, runs + 1)
+            ]
+            if force.symbol in own
+            else [force]
+            for force in self
+        ]
+        return replace(self, forces=tuple(itertools.chain.from_iterable(copies)))
 
     def role(self, formula: str) -> Force | None:
         """The force of this formula if the library has one."""

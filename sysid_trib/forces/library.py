@@ -155,6 +155,9 @@ def _force(entry: Mapping[str, Any], channels: Mapping[str, Channel], source: st
     known = entry.get("coefficient")
     if "coefficient" in entry and not _is_coefficient(known):
         raise LibraryError(f"{where}: coefficient must be a number other than 0, not {known!r}.")
+    run = entry.get("run")
+    if "run" in entry and (not isinstance(run, int) or isinstance(run, bool) or run < 1):
+        raise LibraryError(f"{where}: run must be the number of a run, from 1, not {run!r}.")
     tables = {k: entry.get(k, {}) for k in TABLE_KEYS}
     for key, table in tables.items():
         if not isinstance(table, dict):
@@ -179,6 +182,7 @@ def _force(entry: Mapping[str, Any], channels: Mapping[str, Channel], source: st
         shape=shape,
         passive=passive,
         coefficient=None if known is None else float(known),
+        run=run,
         **(words | {"name": words["name"] or symbol}),
     )
     held = {name for f in force.formulas for name in f.names} - internal

@@ -80,6 +80,8 @@ class Direct:
         sensor's noise is white then. `auto` leaves it to `identify`. The
         columns are then those of the smoothed motion, since the free motion does not follow the record (see
         `regress_pushed`). The strong form, and the weak form that is not refined, have none.
+    own : tuple of str
+        Forces whose coefficient is each run's own, `("lambda",)`: `lambda_1`, `lambda_2`, ... in the result.
 
     Notes
     -----
@@ -107,6 +109,7 @@ class Direct:
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     tie: Mapping[str, str] = field(default_factory=dict)
     random_force: RandomForceOption = "auto"
+    own: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_random_force(self.random_force)
@@ -152,12 +155,14 @@ class Direct:
         UsageError
             A constraint is not linear in the coefficients, or does not fit to the library.
         """
+        runs_given = as_runs(decay, driven=self.form == "weak")
+        library = library.with_own(self.own, len(runs_given))
         offered = forces_to_identify(library, self.reference_frequency, sensors=self.form == "weak")
-        asked = Constraints(self.fix, self.bounds, self.tie)
-        shapes = {**self.shapes, **{k: v for k, v in self.fix.items() if k not in offered.symbols}}
+        asked = Constraints(self.fix, self.bounds, self.tie).of_each_run(self.own, len(runs_given))
+        shapes = {**self.shapes, **{k: v for k, v in asked.fixed.items() if k not in offered.symbols}}
         constraints = constraint_map(asked, offered, shapes)
         runs = begin(
-            as_runs(decay, driven=self.form == "weak"),
+            runs_given,
             offered,
             constraints,
             reference_frequency=self.reference_frequency,

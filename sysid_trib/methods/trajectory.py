@@ -68,6 +68,8 @@ class Trajectory:
         `estimated` finds a white random acceleration in each run beside the sensor's noise; a number is its
         one-sided density, held; `auto` leaves it to `identify`. The fit is then that of the innovations (see
         `random_motion`).
+    own : tuple of str
+        Forces whose coefficient is each run's own, `("lambda",)`: `lambda_1`, `lambda_2`, ... in the result.
 
     Notes
     -----
@@ -93,6 +95,7 @@ class Trajectory:
     fix: Mapping[str, float] = field(default_factory=dict)
     tie: Mapping[str, str] = field(default_factory=dict)
     random_force: RandomForceOption = "auto"
+    own: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_random_force(self.random_force)
@@ -129,6 +132,7 @@ class Trajectory:
             A shape or constraint is not one of these forces.
         """
         runs = as_runs(decay, driven=True)
+        library = library.with_own(self.own, len(runs))
         offered = forces_to_identify(library, self.reference_frequency, sensors=True)
         parameters = _parameters(self, offered, len(runs))
         problem = FitProblem(parameters, tuple(_record(run, offered) for run in runs))
@@ -143,7 +147,7 @@ class Trajectory:
         for _ in range(NOISE_ROUNDS if self.noise == "coloured" or len(runs) > 1 else 0):
             problem = _weighted(problem, fit.values, coloured=self.noise == "coloured")
             fit = fitted(problem, fit.values)
-        while stopped := stopped_by_bounds(problem.parameters, fit, self.bounds):
+        while stopped := stopped_by_bounds(problem.parameters, fit, problem.parameters.constraints.bounds):
             problem = replace(problem, parameters=problem.parameters.fix(stopped))
             fit = fitted(problem, fit.values)
         return _identification(self, problem, runs, library, fit)
@@ -159,19 +163,19 @@ def _record(decay: xr.Dataset, library: ForceLibrary) -> WhitenedRecord:
 
 
 def _parameters(method: Trajectory, library: ForceLibrary, runs: int) -> Parameters:
-    constraints = Constraints(method.fix, method.bounds, method.tie)
+    constraints = Constraints(method.fix, method.bounds, method.tie).of_each_run(method.own, runs)
     constraints.check(library)
     shapes = library.shape_values()
-    fit_shapes = tuple(dict.fromkeys((*method.fit_shapes, *(k for k in method.tie if k in shapes))))
+    fit_shapes = tuple(dict.fromkeys((*method.fit_shapes, *(k for k in constraints.ties if k in shapes))))
     for name in fit_shapes:
         if name not in shapes:
             raise UsageError(f"There is no shape parameter '{name}' among the forces to identify.")
-    for name in method.bounds:
+    for name in constraints.bounds:
         if name in shapes and name not in fit_shapes:
             raise UsageError(f"Shape parameter {name} is held, a bound has no effect; name it in fit_shapes.")
-    held = {**method.shapes, **{name: value for name, value in method.fix.items() if name in shapes}}
+    held = {**method.shapes, **{name: value for name, value in constraints.fixed.items() if name in shapes}}
     parameters = Parameters(library, method.reference_frequency, fit_shapes, held, runs, constraints)
-    if not is_free_to_move(library, method.fix):
+    if not is_free_to_move(library, constraints.fixed):
         return parameters
     # Nothing tells the sensor's zero from where the motion begins.
     return parameters.fix({name: 0.0 for name in parameters.names if name.startswith(PER_RUN[-1])})
@@ -194,8 +198,10 @@ def _quick(method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset]) 
     """
     parameters = problem.parameters
     # What is held acts on the first guess too; of what is tied only the motion itself knows.
-    guessed = parameters.library.select(s for s in parameters.library.symbols if s not in method.tie)
-    held = {s: value for s, value in method.fix.items() if s in guessed.symbols}
+    guessed = parameters.library.select(
+        s for s in parameters.library.symbols if s not in parameters.constraints.ties
+    )
+    held = {s: value for s, value in parameters.constraints.fixed.items() if s in guessed.symbols}
     direct = Direct(
         reference_frequency=method.reference_frequency,
         shapes=parameters.shapes,
@@ -218,7 +224,11 @@ def _first_values(method: Trajectory, problem: FitProblem, quick: xr.Dataset | N
         assert quick is not None
         start = model_of(quick)
     w = start.reference_frequency
-    if quick is None or method.start is not None or is_free_to_move(parameters.library, method.fix):
+    if (
+        quick is None
+        or method.start is not None
+        or is_free_to_move(parameters.library, parameters.constraints.fixed)
+    ):
         per_run = np.array([(*first_guess(r.time, r.angle, w), 0.0) for r in problem.records])
     else:
         per_run = np.stack([np.ravel(quick[name]) for name in PER_RUN], axis=1)
@@ -241,7 +251,7 @@ def _with_random_force(
     while True:
         pushed = _likelier_of(parameters, records, values, method, filters, inputs)
         fit = Fit(pushed.values, pushed.residual, pushed.sensitivity)
-        stopped = stopped_by_bounds(parameters, fit, method.bounds)
+        stopped = stopped_by_bounds(parameters, fit, parameters.constraints.bounds)
         if not stopped:
             return pushed
         parameters = parameters.fix(stopped)
@@ -315,9 +325,9 @@ def _identification(
         ratio = birge_ratio(chi_square, degrees_of_freedom)
         extra["birge_ratio"] = (ratio, "1", "Birge ratio by the sensor's noise")
     result = estimate.identification(method, runs, library, extra)
-    constraints = Constraints(method.fix, method.bounds, method.tie)
+    constraints = Constraints(method.fix, method.bounds, method.tie).of_each_run(method.own, len(runs))
     if constraints:
-        at_bound = parameters.constraints.fixed.keys() - method.fix.keys()
+        at_bound = parameters.constraints.fixed.keys() & constraints.bounds.keys()
         kinds = constraints.kinds(parameters.library.symbols, at_bound)
         result = result.assign_coords(constraint=("force", kinds))
     if MEASURED in runs[0]:

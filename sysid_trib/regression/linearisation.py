@@ -80,7 +80,7 @@ def partial_derivatives(run: RunRegression) -> tuple[Array, Array]:
     """Stiffness 1 + sum c dh/dx and damping sum c dh/dv along the reference trajectory, (sample,) each."""
     problem, path = run.problem, run.reference
     return derivatives_along(
-        zip(problem.library, run.coefficients.tolist(), strict=True),
+        zip(problem.library, run.acting.tolist(), strict=True),
         problem.shapes,
         problem.elapsed,
         path.x,

@@ -43,6 +43,8 @@ class WeakFormProblem:
         Standard deviation of a sample.
     inputs : mapping of str to KnownInput
         Of the record, by their names.
+    run : int
+        Number of the record, from 1.
     """
 
     time: Array
@@ -54,6 +56,7 @@ class WeakFormProblem:
     frequency_free: bool
     noise: float
     inputs: Mapping[str, KnownInput] = field(default_factory=dict)
+    run: int = 1
 
     @property
     def elapsed(self) -> Array:
@@ -77,6 +80,11 @@ class WeakFormProblem:
     def given(self, frequency: float) -> dict[str, Array]:
         """What formulas hold of the inputs at the samples, by name, (sample,) each."""
         return values_of_inputs(self.inputs, self.library.channels, self.elapsed, frequency)
+
+    @cached_property
+    def acts(self) -> Mask:
+        """Which forces drive the motion of this run: no terms of the sensor, none of another run's own."""
+        return np.array([force.kind == "force" and force.run in (None, self.run) for force in self.library])
 
     @cached_property
     def of_sensor(self) -> Mask:
@@ -112,7 +120,9 @@ class WeakFormProblem:
         forces = self.features(frequency).cell_averages(
             self.elapsed, x, v, acceleration, rate_error=rate_error, internal=hidden
         )
-        return self.with_sensor_terms(forces, x, v)
+        columns = self.with_sensor_terms(forces, x, v)
+        columns[:, ~(self.acts | self.of_sensor)] = 0.0
+        return columns
 
     def with_sensor_terms(self, forces: Array, x: Array, v: Array) -> Array:
         """Columns of the forces with h(x, v, t) of each term of the sensor among them, (sample, force)."""
@@ -207,8 +217,8 @@ class RunRegression:
 
     @property
     def acting(self) -> Array:
-        """The coefficients (force,), zero for terms of the sensor: what drives the motion."""
-        return np.where(self.problem.of_sensor, 0.0, self.coefficients)
+        """The coefficients (force,), zero for terms of the sensor: what drives the motion of this run."""
+        return np.where(self.problem.acts, self.coefficients, 0.0)
 
     @property
     def measured(self) -> Array:
@@ -258,7 +268,7 @@ def begin(
     free = reference_frequency is None
     # What is held acts from the first estimate on: a stiffness is no part of the frequency then.
     held = constraints.impose(np.zeros(len(library)))
-    first = [_first_run(decay, library, shapes, nominal, free) for decay in decays]
+    first = [_first_run(decay, library, shapes, nominal, free, run) for run, decay in enumerate(decays, 1)]
     runs = tuple(replace(run, coefficients=held) for run in first)
     rows = sum(run.problem.form.rows for run in runs)
     if rows < len(library) + 3 + len(runs):
@@ -275,7 +285,12 @@ def begin(
 
 
 def _first_run(
-    decay: xr.Dataset, library: ForceLibrary, shapes: Mapping[str, float], nominal: float, free: bool
+    decay: xr.Dataset,
+    library: ForceLibrary,
+    shapes: Mapping[str, float],
+    nominal: float,
+    free: bool,
+    run: int,
 ) -> RunRegression:
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
     form = build_weak_form(nominal * (time - time[0]))
@@ -290,6 +305,7 @@ def _first_run(
         free,
         sensor_noise(decay),
         inputs_for(decay, library),
+        run,
     )
     reference = ReferenceTrajectory(x, v, problem.averaged_columns(nominal, x, v), exact=False)
     start = float(x[0]), float(v[0] * nominal)

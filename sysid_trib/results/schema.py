@@ -197,12 +197,14 @@ def library_of(result: xr.Dataset, whole: bool = False) -> ForceLibrary:
     return library if whole else library.select(result.force.values.tolist())
 
 
-def model_of(result: xr.Dataset) -> Model:
+def model_of(result: xr.Dataset, run: int = 0) -> Model:
     """The identified model: active forces that refer to the reference frequency.
 
     Parameters
     ----------
     result : an identification.
+    run : int
+        Of several, from 0, where forces have coefficients of each run's own.
 
     Returns
     -------
@@ -213,14 +215,17 @@ def model_of(result: xr.Dataset) -> Model:
     coefficients = dict(
         zip(result.force.values[kept].tolist(), result.coefficient.values[kept].tolist(), strict=True)
     )
-    return Model(library_of(result), coefficients, frequency, shape_values_of(result))
+    acting = library_of(result).in_run(run + 1)
+    coefficients = {symbol: c for symbol, c in coefficients.items() if symbol in acting.symbols}
+    return Model(acting, coefficients, frequency, shape_values_of(result, acting))
 
 
-def shape_values_of(result: xr.Dataset) -> dict[str, float]:
-    """Shape parameters of an identification by name, such as `dahl.s`."""
+def shape_values_of(result: xr.Dataset, library: ForceLibrary | None = None) -> dict[str, float]:
+    """Shape parameters of an identification by name, such as `dahl.s`; those of a library alone if given."""
     if "shape" not in result:
         return {}
-    return dict(zip(result.shape_parameter.values.tolist(), result["shape"].values.tolist(), strict=True))
+    values = dict(zip(result.shape_parameter.values.tolist(), result["shape"].values.tolist(), strict=True))
+    return values if library is None else {k: v for k, v in values.items() if k in library.shape_values()}
 
 
 def map_identifications(tree: xr.DataTree, change: Callable[[xr.Dataset], xr.Dataset]) -> xr.DataTree:

@@ -63,7 +63,8 @@ def in_units_of_the_motion(function: Callable[P, R]) -> Callable[P, R]:
             given["candidates"] = replace(candidates, forces=kept)
         inside = {name: scale.inwards(argument) for name, argument in given.items()}
         inside |= {"fix": scale.fixed(given["fix"])} if "fix" in given else {}
-        return cast(R, scale.outwards(function(**inside)))  # type: ignore[call-arg]
+        made = function(**inside)  # type: ignore[call-arg]
+        return cast(R, scale.knowing(made).outwards(made))
 
     return run
 
@@ -89,6 +90,10 @@ class _SignalScale:
     size: float
     degrees: dict[str, SignalDegree] = field(default_factory=dict)
     inputs: frozenset[str] = frozenset()
+
+    def knowing(self, made: Any) -> "_SignalScale":
+        """With the forces of what was made: each run's own have names of their own."""
+        return replace(self, degrees=_degrees([made]) | self.degrees)
 
     def inwards(self, given: Any) -> Any:
         """What is computed with."""
@@ -241,7 +246,7 @@ def _scale_of(given: dict[str, Any]) -> _SignalScale | None:
         wanted = [argument for name, argument in given.items() if name != "candidates"]
         if usual or not all(map(scalable, _forces(wanted))) or any(getattr(a, "tie", ()) for a in wanted):
             return None
-    degrees = {force.symbol: degree for force in _forces(arguments) if (degree := signal_degree(force))}
+    degrees = _degrees(arguments)
     inputs = frozenset(c.input for force in _forces(arguments) for c in force.channels if c.kind)
     if known:
         return _SignalScale(str(known[0].attrs[UNIT_ATTR]), float(known[0].attrs[SIZE_ATTR]), degrees, inputs)
@@ -249,6 +254,11 @@ def _scale_of(given: dict[str, Any]) -> _SignalScale | None:
     size = 2.0 ** np.ceil(np.log2(largest / USUAL_SIZE)) if 0.0 < largest < np.inf else 1.0
     unit = unit_of_signal((displacements or decays)[0])
     return _SignalScale(unit, float(size), degrees, inputs)
+
+
+def _degrees(given: Any) -> dict[str, SignalDegree]:
+    """Degree of each force that is given and has one, by symbol."""
+    return {force.symbol: degree for force in _forces(given) if (degree := signal_degree(force))}
 
 
 def _datasets(given: Any) -> Iterator[xr.Dataset]:

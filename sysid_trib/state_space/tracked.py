@@ -157,7 +157,7 @@ def track(decay: xr.Dataset, result: xr.Dataset, run: int = 0, every: int = 1) -
     The iterated extended Kalman smoother (Bell 1994): linear about a path, the next path is the smoothed
     motion. Without a random force that is least squares on the start, by multiple shooting.
     """
-    model = replace(model_of(result), inputs=inputs_of(decay))
+    model = replace(model_of(result, run), inputs=inputs_of(decay))
     decay = decay.isel(time=slice(None, None, every))
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
     frequency = model.reference_frequency

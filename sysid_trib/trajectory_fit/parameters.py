@@ -76,14 +76,22 @@ class Parameters:
         """Coefficient of each force, (force,) array of float."""
         return values[: len(self.library)]
 
-    def model(self, values: Array) -> Model:
-        """The model of these values."""
+    def acting(self, run: int) -> list[int]:
+        """Places of the common parameters that act in a run: not the coefficients that are another's own."""
+        symbols = {f.symbol for f in self.library if f.run not in (None, run + 1)}
+        return [i for i, name in enumerate(self.common) if name.partition(".")[0] not in symbols]
+
+    def model(self, values: Array, run: int = 0) -> Model:
+        """The model of these values, in a run."""
         value = dict(zip(self.common, values.tolist(), strict=False))
         # A step of the optimiser below zero: only the square of the frequency counts.
         frequency = abs(value[FREQUENCY]) if self.reference_frequency is None else self.reference_frequency
-        coefficients = {symbol: value[symbol] for symbol in self.library.symbols}
-        shapes = {name: value[name] for name in self.fit_shapes}
-        return Model(self.library, coefficients, frequency, {**self.shapes, **shapes})
+        library = self.library.in_run(run + 1)
+        coefficients = {symbol: value[symbol] for symbol in library.symbols}
+        shapes = {**self.shapes, **{name: value[name] for name in self.fit_shapes}}
+        if len(library) < len(self.library):
+            shapes = {name: shape for name, shape in shapes.items() if name in library.shape_values()}
+        return Model(library, coefficients, frequency, shapes)
 
     def pack(self, values: Mapping[str, float], per_run: ArrayLike) -> Array:
         """One vector.

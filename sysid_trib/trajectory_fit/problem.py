@@ -159,8 +159,9 @@ class FitProblem:
 
     def residuals(self, values: Array) -> list[Array]:
         """Motion minus record of each run, (sample,) array of float each, rad."""
-        model, per_run = self.parameters.model(values), self.parameters.per_run(values)
-        return [record.residual(model, start) for record, start in zip(self.records, per_run, strict=True)]
+        parameters, per_run = self.parameters, self.parameters.per_run(values)
+        pairs = enumerate(zip(self.records, per_run, strict=True))
+        return [record.residual(parameters.model(values, run), start) for run, (record, start) in pairs]
 
     def white(self, values: Sequence[Array]) -> Array:
         """Values of each run, (sample, ...), whitened, one after the other."""
@@ -187,11 +188,13 @@ class FitProblem:
         parameters, record = self.parameters, self.records[run]
         table = np.zeros((len(here), len(values)))
         *starts, offset = range(len(values))[parameters.of_run(run)]
-        moving = [i for i, name in enumerate(parameters.common) if name not in parameters.constraints.fixed]
+        moving = [
+            i for i in parameters.acting(run) if parameters.common[i] not in parameters.constraints.fixed
+        ]
         names = [*(parameters.common[i] for i in moving), BY_ANGLE, BY_RATE]
         start = parameters.per_run(values)[run]
         places = [*moving, *starts]
-        columns = record.sensitivity(parameters.model(values), start, names)
+        columns = record.sensitivity(parameters.model(values, run), start, names)
         if columns is not None:
             table[:, places], table[:, offset] = columns, 1.0
             return table
@@ -199,6 +202,6 @@ class FitProblem:
             stepped = values.copy()
             stepped[i] += PENALTY_STEP * max(abs(values[i]), PENALTY_STEP)
             start = parameters.per_run(stepped)[run]
-            residual = record.residual(parameters.model(stepped), start)
+            residual = record.residual(parameters.model(stepped, run), start)
             table[:, i] = (residual - here) / (stepped[i] - values[i])
         return table

@@ -182,7 +182,7 @@ def motion_of_run(
     run: RunRegression, active: Mask, sensitivity: Array | None, *, near: bool = False
 ) -> FittedMotion:
     """Motion of a run's present model, its start fitted to the record or, with `near`, next to it."""
-    problem, acting = run.problem, active & ~run.problem.of_sensor
+    problem, acting = run.problem, active & run.problem.acts
     pairs = zip(problem.library.symbols, run.coefficients.tolist(), acting, strict=True)
     kept = {s: c for s, c, keep in pairs if keep}
     model = Model(problem.library, kept, run.frequency, problem.shapes, problem.inputs)

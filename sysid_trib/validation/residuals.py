@@ -1,7 +1,7 @@
 """Residuals of the simulated motions of identified models: size, phase, departure, and their whiteness."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -13,6 +13,7 @@ from sysid_trib.noise.coarse_step import SlowPart, coarse_step, rounded_noise
 from sysid_trib.noise.level import swing_frequency
 from sysid_trib.noise.random_force import random_force_of
 from sysid_trib.noise.sensor_noise import sensor_noise_of
+from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.runs import root_mean_square
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.variables import variable
@@ -140,7 +141,8 @@ def fitted_motion(
         start = first_guess(time, angle, frequency)
     try:
         sensitivity = None if nearby is None else nearby.sensitivity
-        return fit_start(model_of(result), time, angle, start, sensitivity=sensitivity, most_steps=most_steps)
+        model = replace(model_of(result, run), inputs=inputs_of(decay))
+        return fit_start(model, time, angle, start, sensitivity=sensitivity, most_steps=most_steps)
     except SimulationError:
         return None
 
