@@ -46,8 +46,8 @@ class Fit:
 def grown(problem: FitProblem, values: Array, *, tolerance: float = CONVERGED) -> Array:
     """Extend the fit over the records window by window, unless a motion follows them sooner.
 
-    A window may hold too little to tell forces apart: from a motion that is near the record the whole is tried
-    first.
+    A window may hold too little to tell forces apart: from a motion that is near the record the whole is
+    tried first.
     """
     away = _missed(problem, values)
     if away < FOLLOWED:

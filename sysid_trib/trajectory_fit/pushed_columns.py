@@ -106,7 +106,9 @@ def regress_pushed(
         ]
         runs, sensitivities = tuple(run for run, _ in anchored), [near for _, near in anchored]
         # Beside a density that is given, as in records that are simulated, the sensor's noise is white.
-        colour = turn == COLOUR_ROUND and isinstance(option, str)
+        # What a driven model lacks is no noise of the sensor, whatever its colour.
+        driven = any(run.problem.inputs for run in runs)
+        colour = turn == COLOUR_ROUND and isinstance(option, str) and not driven
         weighed = [with_noises(run, active, constraints, option, colour=colour) for run in runs]
         runs = tuple(each_run.run for each_run in weighed)
         rows = stack_rows(runs, [each_run.rows for each_run in weighed])

@@ -9,13 +9,14 @@ from scipy.stats import chi2
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import SimulationError, SysidTribError
+from sysid_trib.forces.to_identify import is_free_to_move
 from sysid_trib.noise.coarse_step import SlowPart, coarse_step, rounded_noise
 from sysid_trib.noise.level import swing_frequency
 from sysid_trib.noise.random_force import random_force_of
 from sysid_trib.noise.sensor_noise import sensor_noise_of
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.runs import root_mean_square
-from sysid_trib.results.schema import model_of
+from sysid_trib.results.schema import library_of, model_of
 from sysid_trib.results.variables import variable
 from sysid_trib.simulation.integrate import STEPS_A_PERIOD
 from sysid_trib.simulation.simulate import trajectory
@@ -135,14 +136,17 @@ def fitted_motion(
     """
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
     frequency = result.reference_frequency.item()
-    if "start_angle" in result:
+    if "start_angle" in result and not is_free_to_move(library_of(result), model_of(result).coefficients):
         start = (float(np.ravel(result.start_angle)[run]), float(np.ravel(result.start_rate)[run]))
     else:
         start = first_guess(time, angle, frequency)
     try:
         sensitivity = None if nearby is None else nearby.sensitivity
         model = replace(model_of(result, run), inputs=inputs_of(decay))
-        return fit_start(model, time, angle, start, sensitivity=sensitivity, most_steps=most_steps)
+        zero = None if is_free_to_move(model.library, model.coefficients) else 0.0
+        return fit_start(
+            model, time, angle, start, offset=zero, sensitivity=sensitivity, most_steps=most_steps
+        )
     except SimulationError:
         return None
 

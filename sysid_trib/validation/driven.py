@@ -1,0 +1,188 @@
+"""Identification of records with inputs: by the rows and by the motion, held against each other."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.arrays import Array
+from sysid_trib.errors import DecayError
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.methods.direct import Direct
+from sysid_trib.methods.trajectory import Trajectory
+from sysid_trib.noise.random_force import RandomForceOption
+from sysid_trib.noise.whiteness import white_p_value
+from sysid_trib.records.inputs import inputs_of
+from sysid_trib.records.runs import Decays, as_runs, one_or_all, root_mean_square
+from sysid_trib.results.common_reference import comparison_values, stated_covariance
+from sysid_trib.results.per_run import group_names, noise_of_run
+from sysid_trib.results.schema import library_of, shape_values_of
+from sysid_trib.results.signal_scale import in_units_of_the_motion
+from sysid_trib.results.variables import variable
+from sysid_trib.simulation.model import Model
+from sysid_trib.validation.progress import Tell, silent
+from sysid_trib.validation.residuals import fitted_motion
+from sysid_trib.validation.verdict import APPROXIMATE_PART
+
+# A model that leaves more of the record than this has not followed it.
+LARGEST_LEFT = 0.5
+WHITE_LEVEL = 1e-3
+# A residual of so many times the noise is more than noise.
+MORE_THAN_NOISE = 1.5
+
+
+def is_driven(runs: Sequence[xr.Dataset]) -> bool:
+    """Whether a record has an input."""
+    return any(inputs_of(run) for run in runs)
+
+
+@in_units_of_the_motion
+def identified_driven(
+    decay: Decays, library: ForceLibrary, direct: Direct, trajectory: Trajectory, *, tell: Tell = silent
+) -> xr.DataTree:
+    """Identify the forces of driven records by Direct and, from there, by Trajectory.
+
+    Parameters
+    ----------
+    decay : Dataset or sequence of Dataset
+        `angle(time)` with inputs; of one or several runs.
+    library : ForceLibrary
+        The forces offered.
+    direct, trajectory : Direct and Trajectory
+        With `random_force="auto"` Direct is fitted without a random force and, where its motion leaves more
+        than noise, with one, which stands for what the model lacks; the one whose motion follows the record
+        better is taken.
+    tell : Tell
+
+    Returns
+    -------
+    DataTree
+        Groups `record` (`record_1`, ... of several) with `simulated_angle(model, time)`; `direct` and
+        `trajectory`; `comparison`: over `quantity` difference, standard error and z of both, over `model`
+        `residual_rms`, `residual_over_noise`, `residual_over_motion`, `residual_p_value` that the residual is
+        white; attrs `answer`, the method that leaves less, and `verdict_on_record`. A method whose motion does
+        not follow the record is left out.
+
+    Raises
+    ------
+    DecayError
+        Neither follows the record.
+    """
+    runs = as_runs(decay, driven=True)
+    tell("direct")
+    found = [_residuals(runs, replace(direct, random_force=_first(direct)).identify(decay, library))]
+    if direct.random_force == "auto" and _over_noise(found[0]) > MORE_THAN_NOISE:
+        found.append(_residuals(runs, replace(direct, random_force="estimated").identify(decay, library)))
+    best = min(found, key=_size)
+    pairs = {"direct": best}
+    tell("trajectory")
+    begun = replace(trajectory, random_force=_first(trajectory))
+    if _over_motion(runs, best) < LARGEST_LEFT and not trajectory.start:
+        begun = replace(begun, start=_whole_model(best[0]))
+    try:
+        pairs["trajectory"] = _residuals(runs, begun.identify(one_or_all(runs), library))
+    except DecayError:
+        if _over_motion(runs, best) >= LARGEST_LEFT:
+            raise
+    kept = {name: pair for name, pair in pairs.items() if _over_motion(runs, pair) < LARGEST_LEFT}
+    if not kept:
+        raise DecayError(
+            "No motion of these forces follows the record; offer other forces (--forces), or a shorter part "
+            "of it (--window)."
+        )
+    return _tree(runs, kept)
+
+
+def _whole_model(result: xr.Dataset) -> Model:
+    """The model of a result with the coefficients of all runs, from which a fit can start."""
+    coefficients = dict(zip(result.force.values.tolist(), result.coefficient.values.tolist(), strict=True))
+    return Model(library_of(result), coefficients, result.reference_frequency.item(), shape_values_of(result))
+
+
+def _first(method: Direct | Trajectory) -> RandomForceOption:
+    return "off" if method.random_force == "auto" else method.random_force
+
+
+Followed = tuple[xr.Dataset, list[Array]]
+
+
+def _residuals(runs: Sequence[xr.Dataset], result: xr.Dataset) -> Followed:
+    """A result, and what its free motion leaves of each run, (sample,); nan without a motion."""
+    left = []
+    for at, run in enumerate(runs):
+        motion = fitted_motion(run, result, at)
+        nothing = np.full(run.sizes["time"], np.nan)
+        left.append(nothing if motion is None else run.angle.values - motion.x - motion.offset)
+    return result, left
+
+
+def _size(pair: Followed) -> float:
+    sizes = [float(np.sqrt(np.mean(residual**2))) for residual in pair[1]]
+    return root_mean_square(sizes) if np.all(np.isfinite(sizes)) else np.inf
+
+
+def _over_noise(pair: Followed) -> float:
+    ratios = [
+        float(np.sqrt(np.mean(residual**2))) / noise_of_run(pair[0], at)
+        for at, residual in enumerate(pair[1])
+    ]
+    return root_mean_square(ratios) if np.all(np.isfinite(ratios)) else np.inf
+
+
+def _over_motion(runs: Sequence[xr.Dataset], pair: Followed) -> float:
+    return _size(pair) / root_mean_square([float(run.angle.std()) for run in runs])
+
+
+def _tree(runs: Sequence[xr.Dataset], kept: dict[str, Followed]) -> xr.DataTree:
+    names = list(kept)
+    answer = min(names, key=lambda name: _size(kept[name]))
+    white = {name: min(1.0, len(runs) * min(map(white_p_value, kept[name][1]))) for name in names}
+    unexplained = _over_motion(runs, kept[answer])
+    verdict = "approximate" if unexplained <= APPROXIMATE_PART else "not explained"
+    compared = xr.Dataset(
+        {
+            "residual_rms": variable("model", [_size(kept[n]) for n in names], "RMS residual", "rad"),
+            "residual_over_noise": variable(
+                "model", [_over_noise(kept[n]) for n in names], "over the noise", "1"
+            ),
+            "residual_over_motion": variable(
+                "model", [_over_motion(runs, kept[n]) for n in names], "over the RMS of the record", "1"
+            ),
+            "residual_p_value": variable("model", [white[n] for n in names], "p-value of white noise", "1"),
+        },
+        {"model": names},
+    )
+    if len(names) == 2:
+        compared = compared.merge(_difference(*(kept[name][0] for name in names)))
+    compared.attrs = {
+        "first": names[0],
+        "second": names[-1],
+        "answer": answer,
+        "driven": "yes",
+        "verdict_on_record": "explained" if white[answer] >= WHITE_LEVEL else verdict,
+    }
+    groups = {name: kept[name][0] for name in names} | {"comparison": compared}
+    for at, group in enumerate(group_names("record", len(runs))):
+        simulated = np.stack([runs[at].angle.values - kept[name][1][at] for name in names])
+        angle = variable(("model", "time"), simulated, "angle of the model", "rad")
+        groups[group] = runs[at].assign_coords(model=names).assign(simulated_angle=angle)
+    return xr.DataTree.from_dict(groups)
+
+
+def _difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
+    """Differences of coefficients and the asymptotic frequency, at the second's reference frequency."""
+    symbols = [s for s in first.force.values.tolist() if s in second.force.values]
+    frequency = second.reference_frequency.item()
+    difference = np.subtract(*(comparison_values(result, symbols, frequency) for result in (first, second)))
+    # The same record: the larger error of both, which their difference has at most where neither is wrong.
+    errors = np.maximum(*(np.sqrt(np.diag(stated_covariance(result, symbols))) for result in (first, second)))
+    z = np.divide(difference, errors, out=np.zeros_like(difference), where=errors > 0.0)
+    return xr.Dataset(
+        {
+            "difference": variable("quantity", difference, "first minus second"),
+            "standard_error": variable("quantity", errors, "the larger error of both"),
+            "z": variable("quantity", z, "difference over error", "1"),
+        },
+        {"quantity": [*symbols, "asymptotic_frequency"]},
+    )
