@@ -54,7 +54,7 @@ RECORDS = (
 )
 
 
-def methods_of(system: str, forces: str) -> tuple[st.ForceLibrary, dict[str, st.methods.MethodScope]]:
+def methods_of(system: str, forces: str) -> tuple[st.forces.ForceLibrary, dict[str, st.methods.MethodScope]]:
     """The forces, and the methods with what the system holds and the signs that it fixes."""
     swinging = load_system(system) if system else None
     library = BOTH.select(forces.split() or swinging.symbols)
@@ -75,7 +75,7 @@ def rest_of(result: xr.Dataset, decay: xr.Dataset) -> float:
     )
 
 
-def tried(method, decay: xr.Dataset, library: st.ForceLibrary) -> xr.Dataset | None:
+def tried(method, decay: xr.Dataset, library: st.forces.ForceLibrary) -> xr.Dataset | None:
     """An identification, or none where it fails."""
     try:
         return method.identify(decay, library)
@@ -83,7 +83,7 @@ def tried(method, decay: xr.Dataset, library: st.ForceLibrary) -> xr.Dataset | N
         return None
 
 
-def row(train: xr.Dataset, unseen: xr.Dataset, library: st.ForceLibrary, methods: dict) -> list[str]:
+def row(train: xr.Dataset, unseen: xr.Dataset, library: st.forces.ForceLibrary, methods: dict) -> list[str]:
     """The answer's prediction, that of each method and noise, and what the answer takes."""
     began = process_time()
     pair = identifications(train, library, [methods["averaging"], methods["direct"]])

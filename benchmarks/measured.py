@@ -26,9 +26,10 @@ sys.path.insert(0, str(Path(__file__).parent))
 import peers
 from stopwatch import timed
 
-from sysid_trib import Model, free_decay, load_library, model_of, read_record
+from sysid_trib import Model, free_decay, load_library, read_record
 from sysid_trib.errors import SysidTribError
 from sysid_trib.methods import Averaging, Direct, Trajectory
+from sysid_trib.physics import model_of
 from sysid_trib.trajectory_fit.initial_conditions import first_guess, fit_start
 
 SIX = load_library()

@@ -25,10 +25,11 @@ from rich.table import Table
 from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import minimize
 
-from sysid_trib import methods, model_of, simulate
+from sysid_trib import methods, simulate
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.to_identify import forces_to_identify
 from sysid_trib.noise.variance_ratio import WhiteRows
+from sysid_trib.physics import model_of
 from sysid_trib.regression.constraint_map import constraint_map
 from sysid_trib.regression.linearisation import deviation_matrix, linearised
 from sysid_trib.regression.problem import begin

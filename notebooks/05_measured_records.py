@@ -218,7 +218,7 @@ if "ship" in files:
     ship = identified(decays["ship"], "lambda delta epsilon")
     display(st.plots.identification(ship))
     largest = float(np.abs(decays["ship"].angle).max())
-    share = st.weights(ship["direct"].to_dataset(), largest).decay_share.sel(force="delta").item()
+    share = st.physics.weights(ship["direct"].to_dataset(), largest).decay_share.sel(force="delta").item()
     held_against("ship", f"share of drag in the decay at {largest:.2f} rad", "most", f"{100 * share:.1f} %")
     value, error = value_of(ship, "lambda")
     held_against("ship", "dry friction", "0", f"{value:.6f} ± {error:.6f}")
@@ -255,7 +255,7 @@ def with_random_force(decay: xr.Dataset, name: str) -> xr.Dataset:
 
 
 pushed = {name: with_random_force(decay, name) for name, decay in decays.items()}
-ahead = {name: st.innovations(decay, pushed[name]) for name, decay in decays.items()}
+ahead = {name: st.validation.innovations(decay, pushed[name]) for name, decay in decays.items()}
 for name, result in pushed.items():
     display(tables.coefficients({name: result}))
 if pushed:
@@ -299,7 +299,7 @@ def foreseen(decay: xr.Dataset, name: str) -> xr.Dataset:
     model = with_random_force(seen, name)
     longest = 4.0 * np.pi / model.reference_frequency.item()
     origins = np.arange(unseen.time[0].item(), unseen.time[-1].item() - longest, longest)
-    return st.prediction_bands(decay, model, np.arange(1, 17) / 8.0, origins=list(origins))
+    return st.validation.prediction_bands(decay, model, np.arange(1, 17) / 8.0, origins=list(origins))
 
 
 for name, decay in decays.items():

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from helpers import FIVE, SIX, W, library_of_formulas, names, paper_run, values
 
-from sysid_trib import ForceLibrary
 from sysid_trib.errors import UsageError
+from sysid_trib.forces import ForceLibrary
 from sysid_trib.methods import Direct
 
 RUN = paper_run()

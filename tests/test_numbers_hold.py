@@ -42,7 +42,7 @@ def test_errors_are_those_of_the_bound_however_many_samples_a_period(per_period,
         {"time": time},
     )
     result = st.identify(decay, model.library, Direct(random_force=random_force))
-    bound = st.cramer_rao_bound(model, time, 0.35, 0.0, noise, free=True).standard_error
+    bound = st.validation.cramer_rao_bound(model, time, 0.35, 0.0, noise, free=True).standard_error
     # By the noise that these few samples happen to have.
     ratio = (result.standard_error / bound).values * noise / (result.birge_ratio * result.noise).item()
     # With a random force that the record leaves open errors are larger; never are they smaller.
@@ -210,7 +210,7 @@ def test_weights_of_a_force_that_depends_on_time_are_those_of_each_time(tmp_path
 
 
 def test_a_swing_of_many_periods_with_gravity_held():
-    library = st.ForceLibrary(
+    library = st.forces.ForceLibrary(
         "pendulum", (SIX["lambda"], SIX["zeta"], st.load_library("candidate_effects")["gravity"]), "test"
     )
     true = {"zeta": 5e-5, "gravity": 1.0}

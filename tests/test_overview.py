@@ -73,11 +73,11 @@ def test_shares_and_power_are_those_of_the_result(tree):
     data, direct = overview_data(tree), tree["direct"].to_dataset()
     a = float(data.weighed.amplitude[-1])
     assert a == pytest.approx(float(tree["envelope"].amplitude.max()))
-    expected = st.weights(direct, a)
+    expected = st.physics.weights(direct, a)
     np.testing.assert_allclose(data.weighed.decay_share.isel(amplitude=-1), expected.decay_share)
     at = data.power.isel(time=0)
     halves = tree["envelope"]
-    energy = st.dissipated_energy(direct, np.interp(at.time, halves.instant_time, halves.amplitude))
+    energy = st.physics.dissipated_energy(direct, np.interp(at.time, halves.instant_time, halves.amplitude))
     np.testing.assert_allclose(at.power, energy.energy * direct.reference_frequency / (2.0 * np.pi))
 
 

@@ -6,7 +6,9 @@ import xarray as xr
 from helpers import FIVE, W, paper_run
 from known_results import PAPER, known
 
-from sysid_trib import Model, envelope, free_decay, load_library, plots, predict_envelope, simulate, weights
+from sysid_trib import Model, free_decay, load_library, plots, simulate
+from sysid_trib.physics import predict_envelope, weights
+from sysid_trib.records import envelope
 
 LIBRARY = load_library()
 TIME = np.arange(0.0, 40.0, 0.05)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from sysid_trib import load_library, plots, signature
+from sysid_trib import load_library, plots
+from sysid_trib.forces import signature
 from sysid_trib.plots import style
 from sysid_trib.plots.motion_data import MOST_POINTS
 

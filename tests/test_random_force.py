@@ -310,9 +310,9 @@ def test_a_fit_settles_where_friction_holds_the_body_for_half_the_record():
 def test_the_bound_with_a_random_force_continues_that_without(free):
     truth = {"lambda": 1e-3, "zeta": 1e-4, "epsilon": -0.1}
     model, time = model_with(**truth), np.arange(600) * 0.02
-    plain = st.cramer_rao_bound(model, time, 0.3, 0.0, 2e-4, free=free)
+    plain = st.validation.cramer_rao_bound(model, time, 0.3, 0.0, 2e-4, free=free)
     errors = [
-        st.cramer_rao_bound(model, time, 0.3, 0.0, 2e-4, free=free, random_force=density)
+        st.validation.cramer_rao_bound(model, time, 0.3, 0.0, 2e-4, free=free, random_force=density)
         for density in (1e-16, 1e-6, 1e-4)
     ]
     names = ["standard_error", *([] if not free else ["reference_frequency_standard_error"])]
