@@ -58,11 +58,9 @@ def methods_of(system: str, forces: str) -> tuple[st.forces.ForceLibrary, dict[s
     """The forces, and the methods with what the system holds and the signs that it fixes."""
     swinging = load_system(system) if system else None
     library = BOTH.select(forces.split() or swinging.symbols)
-    options = (
-        {} if swinging is None else {"fix": dict(swinging.held), "bounds": swinging.bounds(library.symbols)}
-    )
+    constraints = {} if swinging is None else {**swinging.bounds(library.symbols), **swinging.held}
     kinds = (st.methods.Averaging, st.methods.Direct, st.methods.Trajectory)
-    return library, {kind.__name__.lower(): kind(**options) for kind in kinds}
+    return library, {kind.__name__.lower(): kind(constraints=constraints) for kind in kinds}
 
 
 def rest_of(result: xr.Dataset, decay: xr.Dataset) -> float:
@@ -126,7 +124,9 @@ def spent(decay: xr.Dataset, system: str, forces: str) -> list[str]:
         st.cross_check(decay, *identifications(decay, library, [methods["averaging"], methods["direct"]]))
 
     def discover() -> None:
-        st.discover(decay, start, replace(BOTH, forces=others), fix=dict(swinging.held) if swinging else {})
+        st.discover(
+            decay, start, replace(BOTH, forces=others), constraints=dict(swinging.held) if swinging else {}
+        )
 
     cells = []
     for call in (identify, discover):

@@ -139,7 +139,7 @@ def physical(forces: str) -> Trajectory:
     shapes = {f"{f.symbol}.{k}": s.default for f in BOTH.select(forces.split()) for k, s in f.shape.items()}
     shapes = {name: GUESSES.get(name, value) for name, value in shapes.items()}
     bounds = HELD if "gravity" in forces else {}
-    return Trajectory(fit_shapes=tuple(shapes), shapes=shapes, bounds=bounds)
+    return Trajectory(fit_shapes=tuple(shapes), shapes=shapes, constraints=bounds)
 
 
 def pysindy(peer: Callable, forces: str, w: float, decay: xr.Dataset) -> tuple[Model, int]:

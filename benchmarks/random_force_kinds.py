@@ -161,7 +161,7 @@ KINDS: dict[str, Callable[[DenseRows], Array]] = {
 def dense_rows(decay: xr.Dataset, forces: str) -> DenseRows:
     """Rows of a record as `Direct` has them beside a random force."""
     library = forces_to_identify(BOTH.select(forces.split()), None, sensors=True)
-    constraints, every = constraint_map(Constraints({}, {}, {}), library, {}), np.ones(len(library), bool)
+    constraints, every = constraint_map(Constraints(), library, {}), np.ones(len(library), bool)
     runs = begin([decay], library, constraints, reference_frequency=None, shapes={})
     rows = weak_regression(runs, [linearised(run) for run in runs])
     runs = solve(rows, runs[0], every, constraints).applied_to(runs)

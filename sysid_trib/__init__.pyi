@@ -24,10 +24,10 @@ from .results.files import load as load, save as save
 from .simulation.model import Model as Model
 from .simulation.simulate import simulate as simulate
 from .trajectory_fit.cramer_rao import cramer_rao_bound as cramer_rao_bound
-from .validation.answer import identify as identify
 from .validation.compare import compare as compare
 from .validation.cross_check import cross_check as cross_check
 from .validation.homogeneity import difference as difference
+from .validation.identify import identify as identify
 
 __version__: str
 

@@ -421,7 +421,7 @@ def test_a_campaign_gives_discover_all_that_is_asked():
     asked = SearchOptions(max_effects=1, refit=True, level=0.05, time_limit=60.0)
     given = {"max_effects": 1, "refit": True, "level": 0.05, "time_limit": 60.0, "reference_frequency": 9.9}
     task = task_of(*groups, asked, ("discover", None))
-    assert task.options == given | {"fix": {"gravity": 1.0}}
+    assert task.options == given | {"constraints": {"gravity": 1.0}}
     assert "gravity" in task.library.symbols
 
 

@@ -339,7 +339,7 @@ def test_a_density_by_hand_is_held(tmp_path):
     model, time = model_with(zeta=1e-4, delta=2e-3), np.arange(400) * 2.0 * np.pi / W / 20
     angle = st.simulate(model, time, angle=0.3, random_force=1e-5, seed=4).angle
     decay = xr.Dataset({"angle": angle + 2e-4 * np.random.default_rng(5).standard_normal(len(time))})
-    method = st.methods.Trajectory(random_force=1e-5, bounds={"zeta": (0.0, np.inf)})
+    method = st.methods.Trajectory(random_force=1e-5, constraints={"zeta": (0.0, np.inf)})
     result = st.identify(decay, model.library, method)
     assert random_force_of(result).density == pytest.approx(1e-5, rel=1e-9)
     st.save(result, tmp_path / "result.nc")

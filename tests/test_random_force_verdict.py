@@ -103,7 +103,7 @@ def test_a_size_that_follows_the_amplitude_is_seen():
 
 def test_a_coefficient_that_was_held_wrong_is_no_random_force():
     decay = measured(MODEL.with_coefficients({"zeta": 5e-3}))
-    method = st.methods.Trajectory(random_force="estimated", fix={"epsilon": -0.05}, start=MODEL)
+    method = st.methods.Trajectory(random_force="estimated", constraints={"epsilon": -0.05}, start=MODEL)
     tested = st.validation.random_force_dependence(decay, st.identify(decay, FORCES, method))
     assert tested.dependence_p_value.sel(aspect="force", on="angle") < 1e-6
 

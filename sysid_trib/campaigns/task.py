@@ -16,8 +16,10 @@ from sysid_trib.campaigns.study import Study
 from sysid_trib.decays.free_decay import free_decays
 from sysid_trib.discrepancy.discover import discover
 from sysid_trib.errors import SysidTribError, UsageError
-from sysid_trib.forces.constraints import Constraints
+from sysid_trib.forces.constraints import Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.library import load_library
+from sysid_trib.forces.usual import further_forces
 from sysid_trib.methods import Averaging, Direct, Trajectory
 from sysid_trib.methods.scope import Method, constrained
 from sysid_trib.records.read import read_records
@@ -95,13 +97,14 @@ class Task:
         By label. Without it `identify` takes averaging and direct with a random force that is estimated, and
         `compare` every method.
     candidates : ForceLibrary, optional
-        What may be missing, of `discover`.
+        What may be missing, of `discover`; by default what the command offers.
     judged : bool, optional
         Whether the two methods of `identify` are held against each other, which gives a verdict and takes
         longer than they do; by default where no methods are given.
     read : callable
         Gives the free decays of a file: runs of one experiment.
-    constraints : Constraints
+    constraints : mapping of str to float, (float, float) or str
+        What is held, bounded or tied, as `identify` takes it.
     contactless : (float, float), rad/s, optional
     options : mapping
         As the functions take them: further arguments of `cross_check` or `discover`.
@@ -109,7 +112,7 @@ class Task:
     Raises
     ------
     UsageError
-        An unknown task, not a library, no candidates, or not two methods to hold against each other.
+        An unknown task, not a library, or not two methods to hold against each other.
     """
 
     name: Name
@@ -118,7 +121,7 @@ class Task:
     candidates: ForceLibrary | None = None
     judged: bool | None = None
     read: Read = decays_of_file
-    constraints: Constraints = field(default_factory=Constraints)
+    constraints: ConstraintTable = field(default_factory=dict)
     contactless: tuple[float, float] | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
 
@@ -128,7 +131,7 @@ class Task:
         if not isinstance(self.library, ForceLibrary):
             raise UsageError(f"A task wants a ForceLibrary, not {self.library!r}: load_library(...).")
         if self.name == "discover" and self.candidates is None:
-            raise UsageError("discover wants candidates: load_library('candidate_effects').")
+            object.__setattr__(self, "candidates", further_forces(load_library(), self.library))
         judged = not self.methods if self.judged is None else self.judged
         object.__setattr__(self, "judged", judged and self.name == "identify")
         if not self.methods:
@@ -162,7 +165,8 @@ class Task:
             )
         decay = one_or_all(list(decays))
         methods = {
-            label: constrained(method, self.constraints) for label, method in self._applying(decays).items()
+            label: constrained(method, Constraints(self.constraints))
+            for label, method in self._applying(decays).items()
         }
         asked = decay, self.library, list(methods.values())
         if self.judged:

@@ -20,7 +20,7 @@ from sysid_trib.commands.options import (
 )
 from sysid_trib.commands.record_inputs import read_decays
 from sysid_trib.errors import UsageError
-from sysid_trib.forces.systems import load_system, without_impossible
+from sysid_trib.forces.systems import load_system
 from sysid_trib.methods.scope import with_random_force
 from sysid_trib.validation.compare import every_method
 
@@ -75,8 +75,7 @@ def task_of(
         checks.check_positive(held, "--reference-frequency")
         options = discovery_inputs.search_options(search, held, swinging)
         start = discovery_inputs.start_forces(model.library, model.forces, held, swinging)
-        offered = discovery_inputs.offered_candidates(model.library, search.candidates, start)
-        offered = replace(offered, forces=without_impossible(offered, swinging))
+        offered = discovery_inputs.offered_candidates(model.library, search.candidates, start, swinging)
         read = partial(decays_of, alike, held, None, bool(model.forces))
         return Task("discover", start, candidates=offered, read=read, options=options)
     _refuse(name, changed_flags(search))
@@ -97,7 +96,7 @@ def task_of(
         {label: methods[label] for label in wanted},
         judged=name == "identify" and not listed,
         read=partial(decays_of, alike, held, contactless, bool(model.forces)),
-        constraints=constraints,
+        constraints=constraints.table,
         contactless=contactless,
     )
 

@@ -91,8 +91,7 @@ def asked_model(
     if system is not None:
         open_to_it = set(offered.symbols) - set(constraints.names)
         there = {symbol: value for symbol, value in system.held.items() if symbol in open_to_it}
-        bounds = {**system.bounds(open_to_it), **constraints.bounds}
-        constraints = replace(constraints, fixed={**there, **constraints.fixed}, bounds=bounds)
+        constraints = Constraints({**system.bounds(open_to_it), **there, **constraints.table})
     constraints.check(forces_to_identify(offered, model.reference_frequency, sensors=True))
     return offered, shapes, constraints, contactless
 

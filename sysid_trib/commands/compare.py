@@ -36,7 +36,7 @@ def compare(
             for label, method in comparison.every_method(model.reference_frequency, shapes).items()
         }
         tree = comparison.compare(
-            decays, offered, methods, contactless=contactless, constraints=constraints, tell=tell
+            decays, offered, methods, contactless=contactless, constraints=constraints.table, tell=tell
         )
         keep_next(tree, given, model, constraint)
     destination.deliver(

@@ -1,6 +1,6 @@
 """`sysid-trib discover`."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -52,7 +52,7 @@ def discover(
         from sysid_trib.commands.record_inputs import read_decays
         from sysid_trib.commands.terminal import record_sentences
         from sysid_trib.discrepancy.discover import discover
-        from sysid_trib.forces.systems import load_system, without_impossible
+        from sysid_trib.forces.systems import load_system
         from sysid_trib.printing.discovery_json import discovery_json
         from sysid_trib.printing.discovery_story import discovery_blocks
 
@@ -61,8 +61,7 @@ def discover(
         swinging = None if given.system is None else load_system(given.system)
         options = discovery_inputs.search_options(asked, model.reference_frequency, swinging)
         start = discovery_inputs.start_forces(model.library, forces, model.reference_frequency, swinging)
-        offered = discovery_inputs.offered_candidates(model.library, asked.candidates, start)
-        offered = replace(offered, forces=without_impossible(offered, swinging))
+        offered = discovery_inputs.offered_candidates(model.library, asked.candidates, start, swinging)
         destination.check(given.records)
         tell("reading")
         decays, sources = read_decays(given, model.reference_frequency, as_it_is=bool(forces))

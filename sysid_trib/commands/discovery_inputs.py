@@ -10,14 +10,14 @@ from sysid_trib.commands.checks import check_positive, offered_forces, parse_win
 from sysid_trib.commands.options import SearchOptions
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.library import load_library
+from sysid_trib.forces.systems import without_impossible
+from sysid_trib.forces.usual import further_forces, viscous_model
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from sysid_trib.forces.force import ForceLibrary
     from sysid_trib.forces.systems import System
-
-EFFECTS = "candidate_effects"
 
 
 def start_forces(
@@ -31,14 +31,7 @@ def start_forces(
         None are asked for, and the library has no viscous friction.
     """
     if forces is None:
-        whole = load_library(library)
-        viscous = whole.role("2*v") or whole.role("v")
-        if viscous is None:
-            raise UsageError(
-                f"Library '{whole.title}' has no viscous friction to start from; name the forces of the "
-                f"start model (--forces {','.join(whole.symbols[:2])})."
-            )
-        forces = viscous.symbol
+        forces = ",".join(viscous_model(load_library(library)).symbols)
     if system is not None:
         forces = system.with_held(forces)
     return offered_forces(library, forces, frequency is not None)
@@ -59,7 +52,7 @@ def search_options(
     check_positive(asked.time_limit, "--time-limit")
     return {
         "reference_frequency": frequency,
-        "fix": {} if system is None else dict(system.held),
+        "constraints": {} if system is None else dict(system.held),
         "max_effects": asked.max_effects,
         "refit": asked.refit,
         "level": asked.level,
@@ -67,23 +60,20 @@ def search_options(
     }
 
 
-def offered_candidates(library: str, candidates: str | None, start: "ForceLibrary") -> "ForceLibrary":
+def offered_candidates(
+    library: str, candidates: str | None, start: "ForceLibrary", system: "System | None" = None
+) -> "ForceLibrary":
     """What may be missing: the library asked for, or the other forces of the model's and the usual effects.
+
+    What a system cannot have is not among them.
 
     Raises
     ------
     UsageError
         A candidate has the symbol of another force of the model: a name would then say nothing.
     """
-    if candidates is not None:
-        offered = load_library(candidates)
-    else:
-        whole, effects = load_library(library), load_library(EFFECTS)
-        others = [force for force in whole if force.symbol not in start.symbols]
-        taken = [force.symbol for force in (*start, *others)]
-        # One's own force of a symbol goes before the usual effect of the same.
-        others += [force for force in effects if force.symbol not in taken]
-        offered = replace(effects, forces=tuple(others))
+    asked = further_forces(load_library(library), start) if candidates is None else load_library(candidates)
+    offered = replace(asked, forces=without_impossible(asked, system))
     for force in offered:
         if force.symbol in start.symbols and force.formula.text != start[force.symbol].formula.text:
             raise UsageError(

@@ -121,7 +121,7 @@ def _compare(tree: xr.DataTree) -> list[str]:
 
 
 def _discover(tree: xr.DataTree) -> list[str]:
-    options = {k: v for k, v in json.loads(tree.attrs["options"]).items() if v is not None}
+    options = {k: v for k, v in json.loads(tree.attrs["options"]).items() if v not in (None, {})}
     return [
         _library(tree.attrs),
         'candidates = st.load_library("candidates.toml")  # the text below, as a file',
