@@ -237,10 +237,9 @@ def test_look_reads_what_the_backbone_points_to(forces, start, options, tmp_path
 
 
 def test_what_a_system_always_has_is_there_beside_other_forces():
-    pendulum = load_system("pendulum")
     model = ModelOptions(forces="lambda,zeta")
-    offered, _, constraints, _ = asked_model(model, ConstraintOptions(), pendulum)
-    assert offered.symbols == ("lambda", "zeta", "gravity")
-    assert constraints.fixed == {"gravity": 1.0}
-    start = start_forces("contact_forces", "lambda,zeta", None, pendulum)
+    asked = asked_model(model, ConstraintOptions(), "pendulum")
+    assert asked.library.symbols == ("lambda", "zeta", "gravity")
+    assert asked.constraints.fixed == {"gravity": 1.0}
+    start = start_forces("contact_forces", "lambda,zeta", None, load_system("pendulum"))
     assert start.symbols == ("lambda", "zeta", "gravity")

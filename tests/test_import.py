@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import sysid_trib as st
 from sysid_trib import _MOVED as MOVED
-from sysid_trib.commands.threads import one_thread
+from sysid_trib.commands.terminal import one_thread
 
 PACKAGE = Path(st.__file__).parent
 # What changes the process for all that runs in it.

@@ -2,19 +2,18 @@
 
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from sysid_trib.commands.destination import Destination, figures_of_runs
-from sysid_trib.commands.naming import named
 from sysid_trib.commands.next_command import keep_next
 from sysid_trib.commands.options import (
     DEFAULT_LIBRARY,
+    MODEL,
     DecayOptions,
     SearchOptions,
     option,
     with_options,
 )
-from sysid_trib.commands.threads import one_thread
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -26,6 +25,8 @@ EXAMPLE_FORCES = "lambda,zeta,delta"
 @dataclass(frozen=True)
 class StartOptions:
     """From which model a search starts, and what of a record it does not see."""
+
+    title: ClassVar[str] = MODEL
 
     library: str = option("NAME|FILE", "Force library.", DEFAULT_LIBRARY)
     forces: str | None = option(
@@ -45,12 +46,11 @@ def discover(
     *, given: DecayOptions, model: StartOptions, asked: SearchOptions, destination: Destination
 ) -> None:
     """Find what a model lacks to explain a decay, name it, add it, and say how far the gap shrinks."""
-    from sysid_trib.commands.terminal import progress
+    from sysid_trib.commands.terminal import record_sentences, working
 
-    with progress() as tell, one_thread(), named(given.records):
+    with working(given.records) as tell:
         from sysid_trib.commands import checks, discovery_inputs
         from sysid_trib.commands.record_inputs import read_decays
-        from sysid_trib.commands.terminal import record_sentences
         from sysid_trib.discrepancy.discover import discover
         from sysid_trib.forces.systems import load_system
         from sysid_trib.printing.discovery_json import discovery_json

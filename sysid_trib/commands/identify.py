@@ -1,18 +1,26 @@
 """`sysid-trib identify`."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from sysid_trib.commands.destination import Destination, figures_of_runs, random_force_figures
-from sysid_trib.commands.naming import named
 from sysid_trib.commands.next_command import keep_next
-from sysid_trib.commands.options import ConstraintOptions, DecayOptions, ModelOptions, option, with_options
-from sysid_trib.commands.threads import one_thread
+from sysid_trib.commands.options import (
+    MODEL,
+    ConstraintOptions,
+    DecayOptions,
+    ModelOptions,
+    option,
+    with_options,
+)
 from sysid_trib.errors import UsageError
 
 
 @dataclass(frozen=True)
 class ScaleOptions:
     """What gives coefficients SI units."""
+
+    title: ClassVar[str] = MODEL
 
     inertia: float | None = option("KG*M^2", "Moment of inertia: coefficients in SI units too.")
     mass: float | None = option(
@@ -40,14 +48,13 @@ def identify(
     destination: Destination,
 ) -> None:
     """Identify the forces of a decay in two ways, and cross-check them."""
-    from sysid_trib.commands.terminal import progress
+    from sysid_trib.commands.terminal import working
 
-    with progress() as tell, one_thread(), named(given.records):
+    with working(given.records) as tell:
         from sysid_trib.commands import checks
         from sysid_trib.commands.record_inputs import read_decays
         from sysid_trib.commands.terminal import record_sentences
         from sysid_trib.decays.signal import unit_of_signal
-        from sysid_trib.forces.systems import load_system
         from sysid_trib.methods.scope import with_random_force
         from sysid_trib.physics.translation import check_length_unit
         from sysid_trib.printing.identification import identification_blocks, identification_json
@@ -57,22 +64,22 @@ def identify(
         from sysid_trib.validation.identify import identify, usual_methods
 
         scale.check()
-        swinging = None if given.system is None else load_system(given.system)
-        offered, shapes, constraints, contactless = checks.asked_model(model, constraint, swinging)
-        random_force = checks.parse_random_force(model.random_force)
+        asked = checks.asked_model(model, constraint, given.system)
         destination.check(given.records)
         tell("reading")
         decays, sources = read_decays(
-            given, model.reference_frequency, contactless, as_it_is=bool(model.forces)
+            given, asked.reference_frequency, asked.contactless, as_it_is=bool(model.forces)
         )
         if scale.mass is not None:
             check_length_unit(unit_of_signal(decays[0]))
-        methods = [
-            with_random_force(method, random_force)
-            for method in usual_methods(decays, offered, model.reference_frequency, shapes)
-        ]
+        usual = usual_methods(decays, asked.library, asked.reference_frequency, asked.shapes)
         tree = identify(
-            decays, offered, methods, constraints=constraints.table, contactless=contactless, tell=tell
+            decays,
+            asked.library,
+            [with_random_force(method, asked.random_force) for method in usual],
+            constraints=asked.constraints.table,
+            contactless=asked.contactless,
+            tell=tell,
         )
         keep_next(tree, given, model, constraint)
     destination.deliver(
