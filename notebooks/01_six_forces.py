@@ -105,7 +105,7 @@ figure, panels = plt.subplots(3, 1, figsize=(7, 6.5), sharex=True, layout="const
 decays = {"lambda": 0.03, "zeta": 0.05, "delta": 0.9}
 for panel, (symbol, value) in zip(panels, decays.items(), strict=True):
     _, motion, averaged = moved({symbol: value})
-    st.plots.averaged_decay(motion, averaged, panel)
+    st.plots.motions(motion, {"averaged envelope": averaged}, panel)
     panel.set_title(rf"{library[symbol].name}, $\{symbol}$ = {value}", loc="left", fontsize=9)
     panel.label_outer()
 

@@ -127,7 +127,7 @@ TRUTH = {"brake": 0.03, "friction": 3e-4, "spring": -0.1}
 model = st.Model(disc, TRUTH, FREQUENCY, {"brake.s": 0.25})
 decay = st.free_decay(record_of(model))
 predicted = st.physics.predict_envelope(model, decay.time.values, amplitude=0.6)
-display(st.plots.averaged_decay(decay, predicted).figure)
+display(st.plots.motions(decay, {"averaged envelope": predicted}).figure)
 
 # %% [markdown]
 # ## Identified
@@ -170,7 +170,7 @@ for label, tree in checks.items():
     checked = tree["comparison"].ds
     residuals = ", ".join(f"{ratio:.3g}" for ratio in checked.residual_over_noise.values)
     print(f"{label}: explained: {checked.attrs['explained']}; RMS residuals {residuals} times the noise")
-display(st.plots.identification(checks["s as found"]))
+display(st.plots.overview(checks["s as found"]))
 
 # %% [markdown]
 # ## Forces with the same signature
@@ -291,7 +291,7 @@ value, error = step["coefficient"].item(), step["standard_error"].item()
 print(f"{seen.attrs['verdict']}: {step['symbol'].item()} = {value:.4f} ± {error:.1g}; in truth {TILT}")
 gaps = (held.rms / held.residual_noise).values.round(2)
 print("Gap on the held-out third, over the noise, before and after:", gaps)
-display(st.plots.rankings(seen))
+display(st.plots.ranking(seen))
 
 # %% [markdown]
 # ## What a bad library gives

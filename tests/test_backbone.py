@@ -206,7 +206,7 @@ def test_a_record_of_few_half_periods_is_drawn_without_a_backbone(tmp_path):
     )
     drawn = run("identify", tmp_path / "a.csv", "--forces", "zeta", "--plot", tmp_path / "figures")
     assert (drawn.status, drawn.err) == (0, "")
-    assert {path.stem for path in (tmp_path / "figures").iterdir()} == {"identification", "overview"}
+    assert {path.stem for path in (tmp_path / "figures").iterdir()} == {"half_periods", "overview"}
 
 
 LOOKED = {

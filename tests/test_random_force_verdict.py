@@ -288,12 +288,11 @@ def test_the_command_line_refuses_what_is_no_density(text):
 
 def test_figures_show_the_numbers(checked):
     followed, bands = (checked[name].to_dataset() for name in ("innovations", "prediction_bands"))
-    over_time, over_lag = plots.innovations(followed).axes
+    over_time, over_lag, force = plots.innovations(followed).axes
     assert over_time.lines[0].get_ydata() == pytest.approx(1e3 * followed.innovation.values)
     assert (over_time.get_xlabel(), over_time.get_ylabel()) == ("time (s)", "innovation (mrad)")
     assert over_lag.get_xlabel() == "lag (samples)"
     assert over_lag.lines[0].get_ydata() == pytest.approx(followed.autocorrelation.values)
-    force = plots.random_force(followed)
     assert set(force.lines[0].get_ydata()) <= set(followed.random_force.values)
     assert force.get_ylabel() == "random force (rad/s²)"
     predicted = plots.prediction_bands(bands)

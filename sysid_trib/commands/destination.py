@@ -177,15 +177,14 @@ def random_force_figures(tree: "xr.DataTree", plots: Any) -> "list[tuple[str, Ca
 
     count = len(record_groups(tree))
     kinds = (
-        ("innovations", "innovations", plots.innovations),
-        ("random_force", "innovations", lambda data: plots.random_force(data).figure),
-        ("prediction_bands", "prediction_bands", lambda data: plots.prediction_bands(data).figure),
+        ("innovations", plots.innovations),
+        ("prediction_bands", lambda data: plots.prediction_bands(data).figure),
     )
     return [
-        (name, partial(draw, tree[group].to_dataset()))
-        for label, kind, draw in kinds
-        for name, group in zip(group_names(label, count), group_names(kind, count), strict=True)
-        if group in tree.children
+        (name, partial(draw, tree[name].to_dataset()))
+        for kind, draw in kinds
+        for name in group_names(kind, count)
+        if name in tree.children
     ]
 
 

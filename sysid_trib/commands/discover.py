@@ -79,10 +79,10 @@ def discover(
 
 
 def _figures(tree: "xr.DataTree", plots: Any) -> list[Any]:
-    whole = {"disagreement": plots.disagreement, "ranking": plots.rankings, "forecast": plots.forecasts}
+    whole = {"disagreement": plots.disagreement, "ranking": plots.ranking, "forecast": plots.forecast}
     return [
         *figures_of_runs(tree, "overview", plots.overview),
         *figures_of_runs(tree, "story", plots.story),
-        *figures_of_runs(tree, "discovery", plots.discovery),
+        *figures_of_runs(tree, "half_periods", plots.half_periods),
         *((name, partial(draw, tree)) for name, draw in whole.items()),
     ]

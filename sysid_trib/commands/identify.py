@@ -100,7 +100,7 @@ def identify(
             # A run with few half periods has none.
             *(figure for figure in figures_of_runs(tree, "backbone", plots.backbone) if figure[0] in tree),
             *figures_of_runs(tree, "overview", plots.overview),
-            *figures_of_runs(tree, "identification", plots.identification),
+            *figures_of_runs(tree, "half_periods", plots.half_periods),
             *random_force_figures(tree, plots),
         ],
     )
