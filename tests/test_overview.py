@@ -13,7 +13,7 @@ from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation.residual_force import model_force, residual_force
 
 FORCES = st.load_library()
-PANELS = 10
+PANELS = 11
 
 
 @pytest.fixture(scope="module")
