@@ -159,7 +159,5 @@ def _power(result: xr.Dataset, halves: xr.Dataset) -> xr.Dataset:
     elapsed = np.interp(at, time, halves.elapsed.values)
     energy = dissipated_energy(result, np.interp(at, time, amplitude), time=elapsed)
     frequency = result.reference_frequency.item() / (2.0 * np.pi)
-    power = energy[["energy", "energy_standard_error"]].rename(
-        energy="power", energy_standard_error="power_standard_error"
-    )
+    power = energy[["energy"]].rename(energy="power")
     return (frequency * power).assign_coords(time=("amplitude", at)).swap_dims(amplitude="time")

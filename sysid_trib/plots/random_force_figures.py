@@ -7,7 +7,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from scipy.stats import norm
 
-from sysid_trib.arrays import Array, Index
 from sysid_trib.plots.motion_data import drawn_samples
 from sysid_trib.plots.style import (
     BAR_WIDTH,
@@ -77,7 +76,8 @@ def _random_force(ax: Axes, data: xr.Dataset) -> None:
     """The smoothed random force over time, with its band."""
     time, force = data.time.values, data.random_force.values
     error = BAND_WIDTH * data.random_force_standard_error.values
-    first = span_starts(force)
+    # First samples of the spans of equal force, which draw them all, and the last sample.
+    first = np.append(np.flatnonzero(np.diff(force, prepend=np.nan) != 0.0), len(force) - 1)
     band = ax.fill_between(
         time[first],
         (force - error)[first],
@@ -91,11 +91,6 @@ def _random_force(ax: Axes, data: xr.Dataset) -> None:
     ax.set(xlabel="time (s)", ylabel=f"random force ({signal_units(data)}/s²)", xlim=(time[0], time[-1]))
     span = f"mean over {float(data.averaging_time):.2g} s"
     ax.legend([line, band], [span, f"{100.0 * BAND_LEVEL:g} % band"], ncols=2, **LEGEND)
-
-
-def span_starts(force: Array) -> Index:
-    """First samples of the spans of equal force, which draw them all, and the last sample."""
-    return np.append(np.flatnonzero(np.diff(force, prepend=np.nan) != 0.0), len(force) - 1)
 
 
 def _in_time(ax: Axes, data: xr.Dataset) -> None:
