@@ -85,9 +85,9 @@ def ranking_data(tree: xr.DataTree, selection_step: int) -> xr.Dataset:
     xr.Dataset
         Columns of `ranking` at the step for the candidates shown, the highest score first, with
         `size(candidate)`, which is |z|, and `kind(candidate)`, a key of `CANDIDATE_MARKS`; `threshold`, the
-        |z| beyond which a candidate is named. Attributes: `title`, when the step was; `logarithmic`, whether scores ask for a logarithmic
-        axis; `low`, the least that the axis shows (not zero, nor the threshold, where all scores are far
-        beyond it), and `high`, the largest |z| or the threshold.
+        |z| beyond which a candidate is named. Attributes: `title`, when the step was; `logarithmic`, whether
+        scores ask for a logarithmic axis; `low`, the least that the axis shows (not zero, nor the threshold,
+        where all scores are far beyond it), and `high`, the largest |z| or the threshold.
     """
     scores = tree["ranking"].to_dataset().isel(selection_step=selection_step)
     named, competing = _named(tree, selection_step)
