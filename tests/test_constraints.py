@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from sysid_trib import load_library
+from sysid_trib import Model, compare, free_decay, identify, load_library, simulate
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.ties import parse_tie
@@ -148,3 +148,17 @@ def test_results_of_before_have_their_method():
     options = {"fix": {"lambda": 0.0}, "bounds": {"zeta": [0.0, None]}, "tie": {}}
     result = xr.Dataset(attrs={"method": "direct", "options": json.dumps(options)})
     assert method_of(result) == Direct(constraints={"lambda": 0.0, "zeta": [0.0, None]})
+
+
+def test_constraints_on_a_displacement_are_in_its_unit():
+    library = FORCES.select(["lambda", "zeta"])
+    motion = simulate(Model(library, {"lambda": 1e-3, "zeta": 0.01}, 9.0), np.arange(0.0, 15.0, 0.02), 0.3)
+    shown = 50.0 * motion.angle.values + 5e-3 * np.random.default_rng(0).standard_normal(motion.time.size)
+    record = xr.Dataset({"angle": ("time", shown, {"units": "mm"})}, {"time": motion.time.values})
+    decay, asked = free_decay(record), {"lambda": 0.04, "zeta": (0, None)}
+    method = Direct(random_force="off")
+    alone = identify(decay, library, method, constraints=asked)
+    assert alone.coefficient.sel(force="lambda").item() == pytest.approx(0.04, rel=1e-12)
+    assert json.loads(alone.attrs["options"])["constraints"]["zeta"] == [0.0, None]
+    compared = compare(decay, library, [method], constraints=asked)["direct"]
+    np.testing.assert_allclose(compared.coefficient, alone.coefficient, rtol=1e-9)

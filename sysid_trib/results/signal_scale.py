@@ -17,7 +17,7 @@ import xarray as xr
 
 from sysid_trib.decays.signal import ANGLE_UNIT, checked_signal, unit_of_signal
 from sysid_trib.errors import UsageError
-from sysid_trib.forces.constraints import Constraints, ConstraintTable
+from sysid_trib.forces.constraints import Constraint, Constraints, ConstraintTable
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import library_of_text
 from sysid_trib.forces.scaling import SignalDegree, signal_degree
@@ -219,9 +219,13 @@ class _SignalScale:
             raise UsageError(
                 f"A tie needs an angle, but a displacement in {self.unit} was measured; leave it out."
             )
-        held = {name: value * self._of_parameter(name) for name, value in asked.fixed.items()}
-        both = {name: np.array(ends) * self._of_parameter(name) for name, ends in asked.bounds.items()}
-        return held | {name: tuple(ends.tolist()) for name, ends in both.items()}
+        scaled: dict[str, Constraint] = {
+            name: value * self._of_parameter(name) for name, value in asked.fixed.items()
+        }
+        for name, ends in asked.bounds.items():
+            low, high = (end * self._of_parameter(name) if np.isfinite(end) else None for end in ends)
+            scaled[name] = (low, high)
+        return scaled
 
     def _of_parameter(self, name: str) -> float:
         power = self._shape_power(name) if "." in name else self._coefficient_power(name)
