@@ -325,7 +325,7 @@ def test_what_could_not_be_followed_is_not_described(checked):
 
 def test_the_command_draws_what_there_is(checked):
     names = [name for name, _ in random_force_figures(checked, plots)]
-    assert names == ["innovations", "random_force", "prediction_bands"]
+    assert names == ["innovations", "prediction_bands"]
     without = checked.filter(lambda node: node.name not in ("innovations", "prediction_bands"))
     assert random_force_figures(without, plots) == []
 
