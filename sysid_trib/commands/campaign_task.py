@@ -8,8 +8,9 @@ from pathlib import Path
 import xarray as xr
 
 from sysid_trib.campaigns.task import TASKS, Task
-from sysid_trib.commands import checks, discovery_inputs
+from sysid_trib.commands.checks import asked_model
 from sysid_trib.commands.discover import StartOptions
+from sysid_trib.commands.discovery_inputs import asked_search
 from sysid_trib.commands.options import (
     ConstraintOptions,
     DecayOptions,
@@ -20,7 +21,6 @@ from sysid_trib.commands.options import (
 )
 from sysid_trib.commands.record_inputs import read_decays
 from sysid_trib.errors import UsageError
-from sysid_trib.forces.systems import load_system
 from sysid_trib.methods.scope import with_random_force
 from sysid_trib.validation.compare import every_method
 
@@ -71,15 +71,11 @@ def task_of(
         _refuse(name, [flag for flag in others if flag not in known])
         if listed is not None:
             raise UsageError("--methods are of identify and compare; discover has one of its own.")
-        swinging = None if given.system is None else load_system(given.system)
-        checks.check_positive(held, "--reference-frequency")
-        options = discovery_inputs.search_options(search, held, swinging)
-        start = discovery_inputs.start_forces(model.library, model.forces, held, swinging)
-        offered = discovery_inputs.offered_candidates(model.library, search.candidates, start, swinging)
+        start, offered, options = asked_search(model, model.forces, search, given.system)
         read = partial(decays_of, alike, held, None, bool(model.forces))
         return Task("discover", start, candidates=offered, read=read, options=options)
     _refuse(name, changed_flags(search))
-    of_model = checks.asked_model(model, constraint, given.system)
+    of_model = asked_model(model, constraint, given.system)
     methods = {
         label: with_random_force(method, of_model.random_force)
         for label, method in every_method(held, of_model.shapes).items()

@@ -49,19 +49,14 @@ def discover(
     from sysid_trib.commands.terminal import record_sentences, working
 
     with working(given.records) as tell:
-        from sysid_trib.commands import checks, discovery_inputs
+        from sysid_trib.commands import discovery_inputs
         from sysid_trib.commands.record_inputs import read_decays
         from sysid_trib.discrepancy.discover import discover
-        from sysid_trib.forces.systems import load_system
         from sysid_trib.printing.discovery_json import discovery_json
         from sysid_trib.printing.discovery_story import discovery_blocks
 
-        checks.check_positive(model.reference_frequency, "--reference-frequency")
         forces = EXAMPLE_FORCES if model.forces is None and not given.records else model.forces
-        swinging = None if given.system is None else load_system(given.system)
-        options = discovery_inputs.search_options(asked, model.reference_frequency, swinging)
-        start = discovery_inputs.start_forces(model.library, forces, model.reference_frequency, swinging)
-        offered = discovery_inputs.offered_candidates(model.library, asked.candidates, start, swinging)
+        start, offered, options = discovery_inputs.asked_search(model, forces, asked, given.system)
         destination.check(given.records)
         tell("reading")
         decays, sources = read_decays(given, model.reference_frequency, as_it_is=bool(forces))
