@@ -18,7 +18,7 @@ TRUTH, TIED, EFFECT_P_VALUE = "true_coefficient", "tied", "effect_p_value"
 
 
 @dataclass(frozen=True)
-class Variable:
+class StoredVariable:
     """A variable of a store.
 
     Attributes
@@ -44,8 +44,8 @@ class Variable:
         return "" if self.length else np.full([sizes[dim] for dim in self.dims], np.nan)
 
 
-def _of_method(long_name: str, units: str, error: str = "", *dims: str) -> Variable:
-    return Variable(long_name, units, ("method", *dims), error=error)
+def _of_method(long_name: str, units: str, error: str = "", *dims: str) -> StoredVariable:
+    return StoredVariable(long_name, units, ("method", *dims), error=error)
 
 
 VARIABLES = {
@@ -59,21 +59,21 @@ VARIABLES = {
         "density of the random force", "(rad/s^2)^2/Hz", "random_force_standard_error"
     ),
     "noise": _of_method("noise of a sample", ""),
-    TRUTH: Variable("coefficient that the record was simulated with", FORCE_UNIT, ("force",)),
-    EFFECT_P_VALUE: Variable("corrected p-value of an effect that a discovery named", "1", ("force",)),
-    TIED: Variable("effects that those named cannot be separated from", length=400),
-    "outline": Variable(
+    TRUTH: StoredVariable("coefficient that the record was simulated with", FORCE_UNIT, ("force",)),
+    EFFECT_P_VALUE: StoredVariable("corrected p-value of an effect that a discovery named", "1", ("force",)),
+    TIED: StoredVariable("effects that those named cannot be separated from", length=400),
+    "outline": StoredVariable(
         "lowest and highest value of the record in each part of its time",
         "see signal_units",
         ("edge", "part"),
     ),
-    "p_value": Variable("p-value of the agreement of both methods", "1"),
-    "seconds": Variable("time that the record took", "s"),
-    "verdict": Variable("verdict on the record", length=100),
-    "named": Variable("effects that a discovery named", length=200),
-    "message": Variable("why a record has no numbers", length=400),
-    "signal_units": Variable("unit of the record's signal", length=40),
-    "record_checksum": Variable("SHA-256 of the record's file", length=64),
+    "p_value": StoredVariable("p-value of the agreement of both methods", "1"),
+    "seconds": StoredVariable("time that the record took", "s"),
+    "verdict": StoredVariable("verdict on the record", length=100),
+    "named": StoredVariable("effects that a discovery named", length=200),
+    "message": StoredVariable("why a record has no numbers", length=400),
+    "signal_units": StoredVariable("unit of the record's signal", length=40),
+    "record_checksum": StoredVariable("SHA-256 of the record's file", length=64),
 }
 VARIABLES |= {
     known.error: replace(known, long_name=f"standard error of the {known.long_name}", error="")

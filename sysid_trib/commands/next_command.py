@@ -62,7 +62,7 @@ def _options_of(command: str) -> set[str]:
     """Names of the options of a command, those of its groups among them."""
     from sysid_trib.commands.app import app
 
-    callbacks = [each.callback for each in app.registered_commands]
+    callbacks = [info.callback for info in app.registered_commands]
     taken = next(callback for callback in callbacks if callback and callback.__name__ == command)
     hints: Mapping[str, Any] = get_type_hints(taken.__wrapped__)  # type: ignore[attr-defined]
     groups = [kind for kind in hints.values() if is_dataclass(kind)]

@@ -17,7 +17,7 @@ from sysid_trib.commands.options import (
 
 
 @dataclass(frozen=True)
-class SimulatedModel:
+class SimulationOptions:
     """The model that moves."""
 
     title: ClassVar[str] = MODEL
@@ -30,7 +30,7 @@ class SimulatedModel:
 
 
 @dataclass(frozen=True)
-class SimulatedMotion:
+class MotionOptions:
     """How it starts, how long it is recorded, and what disturbs it."""
 
     title: ClassVar[str] = "Record"
@@ -47,8 +47,8 @@ class SimulatedMotion:
 @with_options
 def simulate(
     *,
-    asked: SimulatedModel,
-    motion: SimulatedMotion,
+    asked: SimulationOptions,
+    motion: MotionOptions,
     output: Annotated[
         Path,
         typer.Option("-o", "--output", metavar="RECORD.csv|.nc", help=WHERE_TO_WRITE, rich_help_panel=OUTPUT),

@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.commands.checks import MOST, check_between
-from sysid_trib.commands.simulate import SimulatedMotion
+from sysid_trib.commands.simulate import MotionOptions
 from sysid_trib.errors import UsageError
 from sysid_trib.noise.random_force import DENSITY_UNITS
 from sysid_trib.results.files import save, write_file
@@ -20,14 +20,14 @@ MAX_PERIODS = 1_000_000
 MAX_NOISE = 1e3
 
 
-def simulated_record(model: Model, motion: SimulatedMotion) -> xr.Dataset:
+def simulated_record(model: Model, motion: MotionOptions) -> xr.Dataset:
     """Simulate a record.
 
     Parameters
     ----------
     model : Model
         The model.
-    motion : SimulatedMotion
+    motion : MotionOptions
         Options: how it starts, how long it is recorded, and what disturbs it.
 
     Returns

@@ -71,6 +71,8 @@ class Direct(Constrained):
     constraints : mapping of str to float, (float, float) or str
         `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`: coefficients and shape parameters that are
         held, lowest and highest value of coefficients, and coefficients as linear formulas of others.
+    fix, bounds, tie : mapping, deprecated
+        Parts of `constraints`.
     random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
         `estimated` finds a white random acceleration in each run beside the sensor's noise, by the restricted
         likelihood of the rows, and the colour of that noise; a number is its one-sided density, held, and the
