@@ -68,11 +68,6 @@ class Direct(Constrained):
         variables, Young 2011), which removes the bias of smoothed columns.
     shapes : mapping of str to float
         Values of shape parameters, which are held.
-    constraints : mapping of str to float, (float, float) or str
-        `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`: coefficients and shape parameters that are
-        held, lowest and highest value of coefficients, and coefficients as linear formulas of others.
-    fix, bounds, tie : mapping, deprecated
-        Parts of `constraints`.
     random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
         `estimated` finds a white random acceleration in each run beside the sensor's noise, by the restricted
         likelihood of the rows, and the colour of that noise; a number is its one-sided density, held, and the
@@ -81,6 +76,11 @@ class Direct(Constrained):
         `regress_pushed`). The strong form, and the weak form that is not refined, have none.
     own : tuple of str
         Forces whose coefficient is each run's own, `("lambda",)`: `lambda_1`, `lambda_2`, ... in the result.
+    constraints : mapping of str to float, (float, float) or str
+        `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`: coefficients and shape parameters that are
+        held, lowest and highest value of coefficients, and coefficients as linear formulas of others.
+    fix, bounds, tie : mapping, deprecated
+        Parts of `constraints`.
 
     Notes
     -----

@@ -58,17 +58,17 @@ class Trajectory(Constrained):
         Model from which the fit starts; the direct identification where left out.
     shapes : mapping of str to float
         Values of shape parameters, held or first guesses.
-    constraints : mapping of str to float, (float, float) or str
-        `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`: parameters that are held, lowest and highest
-        value of coefficients and of shape parameters that are fitted, and parameters as formulas of others.
-    fix, bounds, tie : mapping, deprecated
-        Parts of `constraints`.
     random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
         `estimated` finds a white random acceleration in each run beside the sensor's noise; a number is its
         one-sided density, held; `auto` leaves it to `identify`. The fit is then that of the innovations (see
         `random_motion`).
     own : tuple of str
         Forces whose coefficient is each run's own, `("lambda",)`: `lambda_1`, `lambda_2`, ... in the result.
+    constraints : mapping of str to float, (float, float) or str
+        `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`: parameters that are held, lowest and highest
+        value of coefficients and of shape parameters that are fitted, and parameters as formulas of others.
+    fix, bounds, tie : mapping, deprecated
+        Parts of `constraints`.
 
     Notes
     -----
