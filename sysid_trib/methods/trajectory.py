@@ -220,12 +220,8 @@ def _first_values(method: Trajectory, problem: FitProblem, quick: xr.Dataset | N
     if start is None:
         assert quick is not None
         start = model_of(quick)
-    w = start.reference_frequency
-    if (
-        quick is None
-        or method.start is not None
-        or is_free_to_move(parameters.library, parameters.constraints.fixed)
-    ):
+    w, free = start.reference_frequency, is_free_to_move(parameters.library, parameters.constraints.fixed)
+    if quick is None or method.start is not None or free:
         per_run = np.array([(*first_guess(r.time, r.angle, w), 0.0) for r in problem.records])
     else:
         per_run = np.stack([np.ravel(quick[name]) for name in PER_RUN], axis=1)
