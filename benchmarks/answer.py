@@ -54,15 +54,13 @@ RECORDS = (
 )
 
 
-def methods_of(system: str, forces: str) -> tuple[st.ForceLibrary, dict[str, st.methods.MethodScope]]:
+def methods_of(system: str, forces: str) -> tuple[st.forces.ForceLibrary, dict[str, st.methods.MethodScope]]:
     """The forces, and the methods with what the system holds and the signs that it fixes."""
     swinging = load_system(system) if system else None
     library = BOTH.select(forces.split() or swinging.symbols)
-    options = (
-        {} if swinging is None else {"fix": dict(swinging.held), "bounds": swinging.bounds(library.symbols)}
-    )
+    constraints = {} if swinging is None else {**swinging.bounds(library.symbols), **swinging.held}
     kinds = (st.methods.Averaging, st.methods.Direct, st.methods.Trajectory)
-    return library, {kind.__name__.lower(): kind(**options) for kind in kinds}
+    return library, {kind.__name__.lower(): kind(constraints=constraints) for kind in kinds}
 
 
 def rest_of(result: xr.Dataset, decay: xr.Dataset) -> float:
@@ -75,7 +73,7 @@ def rest_of(result: xr.Dataset, decay: xr.Dataset) -> float:
     )
 
 
-def tried(method, decay: xr.Dataset, library: st.ForceLibrary) -> xr.Dataset | None:
+def tried(method, decay: xr.Dataset, library: st.forces.ForceLibrary) -> xr.Dataset | None:
     """An identification, or none where it fails."""
     try:
         return method.identify(decay, library)
@@ -83,7 +81,7 @@ def tried(method, decay: xr.Dataset, library: st.ForceLibrary) -> xr.Dataset | N
         return None
 
 
-def row(train: xr.Dataset, unseen: xr.Dataset, library: st.ForceLibrary, methods: dict) -> list[str]:
+def row(train: xr.Dataset, unseen: xr.Dataset, library: st.forces.ForceLibrary, methods: dict) -> list[str]:
     """The answer's prediction, that of each method and noise, and what the answer takes."""
     began = process_time()
     pair = identifications(train, library, [methods["averaging"], methods["direct"]])
@@ -126,7 +124,9 @@ def spent(decay: xr.Dataset, system: str, forces: str) -> list[str]:
         st.cross_check(decay, *identifications(decay, library, [methods["averaging"], methods["direct"]]))
 
     def discover() -> None:
-        st.discover(decay, start, replace(BOTH, forces=others), fix=dict(swinging.held) if swinging else {})
+        st.discover(
+            decay, start, replace(BOTH, forces=others), constraints=dict(swinging.held) if swinging else {}
+        )
 
     cells = []
     for call in (identify, discover):

@@ -91,7 +91,7 @@ def coverage(curves: BackboneCurves, truth: xr.Dataset) -> dict[str, tuple[bool,
 
 def truth_of(clean: xr.Dataset) -> xr.Dataset:
     """The single periods of a motion without noise, by amplitude."""
-    rows = period_rows(st.envelope(st.free_decay(clean)))
+    rows = period_rows(st.records.envelope(st.free_decay(clean)))
     names = ("log_amplitude", *CURVES)
     return xr.Dataset({name: ("period", getattr(rows, name)) for name in names}).sortby("log_amplitude")
 

@@ -57,10 +57,10 @@ SETTLED_RECORDS = 500
 REFUSED_RECORDS = 100_000
 
 
-def task(*labels: str) -> st.Task:
+def task(*labels: str) -> st.campaigns.Task:
     """Identification by some methods, none held against another."""
     library = st.load_library("contact_forces").select(FORCES)
-    return st.Task("identify", library, {label: METHODS[label] for label in labels}, judged=False)
+    return st.campaigns.Task("identify", library, {label: METHODS[label] for label in labels}, judged=False)
 
 
 def study(folder: Path, records: int) -> Path:
@@ -72,8 +72,8 @@ def study(folder: Path, records: int) -> Path:
 
 def speed(folder: Path, records: int) -> Table:
     """Seconds in this process, by one worker and by two."""
-    drawn, all_methods = st.load_study(study(folder, records)), task(*METHODS)
-    few = st.load_study(study(folder, 20))
+    drawn, all_methods = st.campaigns.load_study(study(folder, records)), task(*METHODS)
+    few = st.campaigns.load_study(study(folder, 20))
     # Compiled motions and imports are not the campaign's.
     st.campaign(few, all_methods, output=folder / "few.zarr", workers=0)
     spent = {}
@@ -101,7 +101,7 @@ def memory(folder: Path, records: int) -> Table:
                 continue
         seen.append((done or 0.0, known))
 
-    drawn = st.load_study(study(folder, records))
+    drawn = st.campaigns.load_study(study(folder, records))
     st.campaign(drawn, task("direct"), output=folder / "memory.zarr", workers=2, tell=tell)
     settled = next(known for done, known in seen if done * records >= SETTLED_RECORDS)
     last = seen[-2][1]
@@ -116,7 +116,9 @@ def memory(folder: Path, records: int) -> Table:
 def kills(folder: Path) -> Table:
     """Killed at random moments and gone on with: equal to one that never was."""
     place, random = study(folder, KILLED_RECORDS), np.random.default_rng(3)
-    whole = st.campaign(st.load_study(place), task("direct"), output=folder / "whole.zarr", workers=0)
+    whole = st.campaign(
+        st.campaigns.load_study(place), task("direct"), output=folder / "whole.zarr", workers=0
+    )
     part, done, readable, killed = folder / "part.zarr", [], 0, 0
     for _ in range(KILLS):
         command = [sys.executable, __file__, "--go-on", str(place), str(part)]
@@ -132,10 +134,10 @@ def kills(folder: Path) -> Table:
             killed += 1
         process.wait()
         if part.exists():
-            store = st.open_store(part).load()
+            store = st.campaigns.open_store(part).load()
             readable += 1
             done.append(counts_of(store)["done"])
-    resumed = st.campaign(st.load_study(place), task("direct"), output=part, workers=2)
+    resumed = st.campaign(st.campaigns.load_study(place), task("direct"), output=part, workers=2)
     same = resumed.drop_vars("seconds").load().identical(whole.drop_vars("seconds").load())
     stays = len(list(part.rglob("*.partial")))
     table = Table("kills", "store read after", "records done at each", "same store", "stays behind")
@@ -163,7 +165,7 @@ def worker_kills(folder: Path, records: int, every: float) -> Table:
 
     threading.Thread(target=kill, daemon=True).start()
     start = time.perf_counter()
-    drawn = st.load_study(study(folder, records))
+    drawn = st.campaigns.load_study(study(folder, records))
     store = st.campaign(drawn, task("direct"), output=folder / "workers.zarr", workers=2)
     ended.set()
     table = Table("records", "workers killed", "done", "lost", "s")
@@ -191,7 +193,9 @@ def scheduler_load(folder: Path, tasks: int) -> Table:
         each = (time.process_time() - start) / tasks
     names = [f"{at}.csv" for at in range(REFUSED_RECORDS)]
     library = st.load_library("contact_forces").select(FORCES)
-    nothing = st.Task("identify", library, {"direct": METHODS["direct"]}, judged=False, read=_refuse)
+    nothing = st.campaigns.Task(
+        "identify", library, {"direct": METHODS["direct"]}, judged=False, read=_refuse
+    )
     start = time.process_time()
     st.campaign(names, nothing, output=folder / "refused.zarr", workers=2)
     here = time.process_time() - start
@@ -221,7 +225,7 @@ def main() -> None:
     options = parser.parse_args()
     if options.go_on:
         place, part = options.go_on
-        st.campaign(st.load_study(place), task("direct"), output=part, workers=2)
+        st.campaign(st.campaigns.load_study(place), task("direct"), output=part, workers=2)
         return
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

@@ -77,7 +77,7 @@ def main() -> None:
         result = st.identify(
             decay, BOTH.select([*record.models.split(), *asked.also.split()]), METHODS[asked.method]
         )
-        ahead = st.innovations(decay, result)
+        ahead = st.validation.innovations(decay, result)
         if asked.across and record.file == FILM:
             normalised = (ahead.innovation / ahead.innovation_standard_deviation).values
             print(across(decay, normalised, sensor_noise_of(result).filter_))

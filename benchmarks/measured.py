@@ -26,9 +26,10 @@ sys.path.insert(0, str(Path(__file__).parent))
 import peers
 from stopwatch import timed
 
-from sysid_trib import Model, free_decay, load_library, model_of, read_record
+from sysid_trib import Model, free_decay, load_library, read_record
 from sysid_trib.errors import SysidTribError
 from sysid_trib.methods import Averaging, Direct, Trajectory
+from sysid_trib.physics import model_of
 from sysid_trib.trajectory_fit.initial_conditions import first_guess, fit_start
 
 SIX = load_library()
@@ -138,7 +139,7 @@ def physical(forces: str) -> Trajectory:
     shapes = {f"{f.symbol}.{k}": s.default for f in BOTH.select(forces.split()) for k, s in f.shape.items()}
     shapes = {name: GUESSES.get(name, value) for name, value in shapes.items()}
     bounds = HELD if "gravity" in forces else {}
-    return Trajectory(fit_shapes=tuple(shapes), shapes=shapes, bounds=bounds)
+    return Trajectory(fit_shapes=tuple(shapes), shapes=shapes, constraints=bounds)
 
 
 def pysindy(peer: Callable, forces: str, w: float, decay: xr.Dataset) -> tuple[Model, int]:

@@ -37,7 +37,7 @@ SENSORS = ("odd curve", "even curve", "steps")
 KINDS = (*FORCES, *SENSORS)
 
 
-def library(extra: str) -> st.ForceLibrary:
+def library(extra: str) -> st.forces.ForceLibrary:
     """The five forces and the one that is hidden."""
     from sysid_trib.forces.library import parse_library
 
@@ -93,7 +93,7 @@ def drawn(kind: str, random: np.random.Generator) -> list[xr.Dataset]:
 def ratios(runs: list[xr.Dataset], method) -> tuple[np.ndarray, np.ndarray]:
     """Differences over the stated total errors, and over those by the noise."""
     first, second = (st.identify(run, library(""), method) for run in runs)
-    gap = st.difference(first, second)
+    gap = st.validation.difference(first, second)
     total = gap.z.values
     noises = [np.asarray(r.get("error_of_noise", r.standard_error)) for r in (first, second)]
     return total, gap.difference.values / np.hypot(*noises)

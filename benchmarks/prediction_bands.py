@@ -51,7 +51,7 @@ def simulated(wander: float, seeds: Iterable[int]) -> list[xr.Dataset]:
     return [xr.Dataset({"angle": ("time", a)}, {"time": time}) for a in motions + np.array(noise)]
 
 
-def errors_ahead(decay: xr.Dataset, library: st.ForceLibrary, method) -> dict[int, np.ndarray]:
+def errors_ahead(decay: xr.Dataset, library: st.forces.ForceLibrary, method) -> dict[int, np.ndarray]:
     """Errors over the stated ones of the predictions of each horizon, of one record."""
     time = decay.time.values.astype(float)
     first = first_held_out(time)
@@ -61,13 +61,13 @@ def errors_ahead(decay: xr.Dataset, library: st.ForceLibrary, method) -> dict[in
     for ahead in HORIZONS:
         origins = np.arange(time[first], time[-1] - ahead * period, ahead * period)
         if len(origins):
-            bands = st.prediction_bands(decay, result, [ahead], origins=list(origins))
+            bands = st.validation.prediction_bands(decay, result, [ahead], origins=list(origins))
             z = ((bands.measured - bands.predicted) / bands.predicted_standard_error).values.ravel()
             errors[ahead] = z[np.isfinite(z)]
     return errors
 
 
-def dependence(decay: xr.Dataset, library: st.ForceLibrary, method) -> float:
+def dependence(decay: xr.Dataset, library: st.forces.ForceLibrary, method) -> float:
     """p-value of a random force that depends on nothing, in what the model was identified from.
 
     nan where the most likely density is zero.
@@ -76,10 +76,10 @@ def dependence(decay: xr.Dataset, library: st.ForceLibrary, method) -> float:
     result = st.identify(part, library, method)
     if not random_force_of(result):
         return float("nan")
-    return st.random_force_dependence(part, result).p_value.item()
+    return st.validation.random_force_dependence(part, result).p_value.item()
 
 
-def row_of(title: str, decays: Iterable[xr.Dataset], library: st.ForceLibrary, method) -> list[str]:
+def row_of(title: str, decays: Iterable[xr.Dataset], library: st.forces.ForceLibrary, method) -> list[str]:
     """A kind of records in the table."""
     known, failed = [], 0
     for decay in decays:

@@ -25,10 +25,11 @@ from rich.table import Table
 from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import minimize
 
-from sysid_trib import methods, model_of, simulate
+from sysid_trib import methods, simulate
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.to_identify import forces_to_identify
 from sysid_trib.noise.variance_ratio import WhiteRows
+from sysid_trib.physics import model_of
 from sysid_trib.regression.constraint_map import constraint_map
 from sysid_trib.regression.linearisation import deviation_matrix, linearised
 from sysid_trib.regression.problem import begin
@@ -160,7 +161,7 @@ KINDS: dict[str, Callable[[DenseRows], Array]] = {
 def dense_rows(decay: xr.Dataset, forces: str) -> DenseRows:
     """Rows of a record as `Direct` has them beside a random force."""
     library = forces_to_identify(BOTH.select(forces.split()), None, sensors=True)
-    constraints, every = constraint_map(Constraints({}, {}, {}), library, {}), np.ones(len(library), bool)
+    constraints, every = constraint_map(Constraints(), library, {}), np.ones(len(library), bool)
     runs = begin([decay], library, constraints, reference_frequency=None, shapes={})
     rows = weak_regression(runs, [linearised(run) for run in runs])
     runs = solve(rows, runs[0], every, constraints).applied_to(runs)

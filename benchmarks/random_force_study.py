@@ -121,7 +121,7 @@ class Case:
     def bound(self) -> np.ndarray:
         """Cramér-Rao bounds of coefficients and reference frequency."""
         time = self.time[self.time <= self.stop]
-        bound = st.cramer_rao_bound(
+        bound = st.validation.cramer_rao_bound(
             self.model, time, self.start, 0.0, NOISE, free=True, random_force=self.density
         )
         return np.append(bound.standard_error.values, bound.reference_frequency_standard_error)

@@ -70,7 +70,11 @@ def undisturbed(method: Method, noise: str, seeds: range) -> str:
 def p_value(decay: xr.Dataset, method: Method) -> float:
     """Of a random force that depends on nothing; nan where no random force was found."""
     result = st.identify(decay, OFFERED, method)
-    return st.random_force_dependence(decay, result).p_value.item() if random_force_of(result) else np.nan
+    return (
+        st.validation.random_force_dependence(decay, result).p_value.item()
+        if random_force_of(result)
+        else np.nan
+    )
 
 
 def pushed(method: Method, noise: str, wander: float, seeds: range) -> str:
@@ -116,20 +120,20 @@ def left_out(method: Method, noise: str, seeds: range) -> str:
     )
 
 
-def with_effect(force: st.Force, random: np.random.Generator, noise: float) -> st.Model | None:
+def with_effect(force: st.forces.Force, random: np.random.Generator, noise: float) -> st.Model | None:
     """The model with an effect of 60 to 200 standard errors; None where no such motion exists."""
     if force.symbol == ZERO.symbol:
         return None
-    library = st.ForceLibrary("with one that is left out", (*OFFERED, force))
+    library = st.forces.ForceLibrary("with one that is left out", (*OFFERED, force))
     # The bound takes the sensor's zero as known; a constant force is the same as one that is fitted.
-    whole = st.ForceLibrary("with a free zero", (*library, ZERO))
+    whole = st.forces.ForceLibrary("with a free zero", (*library, ZERO))
     shapes = library.shape_values()
     coefficient = 1e-4
     try:
         # The error hardly depends on the coefficient, but where the force makes switchings.
         for _ in range(3):
             model = st.Model(whole, TRUTH | {force.symbol: coefficient, ZERO.symbol: 0.0}, W, shapes)
-            bound = st.cramer_rao_bound(model, TIME, ANGLE, 0.0, noise, free=True)
+            bound = st.validation.cramer_rao_bound(model, TIME, ANGLE, 0.0, noise, free=True)
             coefficient = 60.0 * bound.standard_error.sel(force=force.symbol).item()
     except SysidTribError:
         return None

@@ -28,7 +28,7 @@ PAINTED = "new Promise((done) => requestAnimationFrame(() => requestAnimationFra
 
 def example() -> xr.DataTree:
     """The embedded example, identified in two ways."""
-    decay = st.free_decay(st.paper_twin())
+    decay = st.free_decay(st.records.paper_twin())
     library = st.load_library().select(["lambda", "zeta", "delta", "nu", "epsilon"])
     both = (st.identify(decay, library, method) for method in (st.methods.Averaging(), st.methods.Direct()))
     return st.cross_check(decay, *both)

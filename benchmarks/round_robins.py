@@ -43,7 +43,7 @@ def of_values(spread: float, count: int) -> list[str]:
         errors, load = np.exp(random.uniform(-0.5, 0.5, runs)), random.uniform(0.0, 4.0, runs)
         true = 3.0 + SLOPE * load + spread * random.standard_normal(runs)
         runs_of = _dataset(true + errors * random.standard_normal(runs), errors)
-        fit = st.between_runs(runs_of, {"load": load}).squeeze()
+        fit = st.campaigns.between_runs(runs_of, {"load": load}).squeeze()
         hold["between_run"].append(fit.between_run_lower <= spread <= fit.between_run_upper)
         slope = fit.sel(term="load")
         reach = student.ppf(0.975, runs - 2) * slope.effect_standard_error
@@ -52,7 +52,7 @@ def of_values(spread: float, count: int) -> list[str]:
         hold["shrunken"].append(float(off.mean()))
         between = np.hypot(0.5, spread)
         values = between * random.standard_normal(LABORATORIES)[laboratory] + random.standard_normal(runs)
-        iso = st.between_runs(
+        iso = st.campaigns.between_runs(
             _dataset(values, np.full(runs, 0.1)), {"place": laboratory}, laboratories="place"
         ).squeeze()
         for name, truth in zip(names[3:], (1.0, between, np.hypot(1.0, between)), strict=True):
@@ -84,7 +84,7 @@ def of_records(count: int) -> list[str]:
             angle = st.simulate(st.Model(library, own, W), time, 0.3).angle
             noisy = angle + NOISE * random.standard_normal(len(time))
             results.append(st.identify(xr.Dataset({"angle": noisy}), library, direct))
-        fit = st.between_runs(results, {"load": LOADS})
+        fit = st.campaigns.between_runs(results, {"load": LOADS})
         friction, viscous = fit.sel(quantity="lambda"), fit.sel(quantity="zeta")
         reach = student.ppf(0.975, RIGS - 2) * viscous.effect_standard_error.sel(term="load")
         counted += [

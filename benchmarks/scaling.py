@@ -93,7 +93,7 @@ def campaign(place: str, output: str, workers: int) -> None:
     """What `records_table` and `workers_table` measure."""
     from campaign import task
 
-    st.campaign(st.load_study(place), task("direct"), output=output, workers=workers)
+    st.campaign(st.campaigns.load_study(place), task("direct"), output=output, workers=workers)
 
 
 def records_table(folder: Path, most: int) -> Table:

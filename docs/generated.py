@@ -49,20 +49,6 @@ OUTPUT = re.compile(
 )
 # Amplitudes (rad) between which signatures are compared.
 LOW, HIGH = 0.02, 0.5
-# Module (or package) of a public name, and the part of the reference in which it stands.
-TOPICS = (
-    ("Records and decays", ("records", "decays", "simulation.example")),
-    (
-        "Forces and their signatures",
-        ("forces", "averaging.signatures", "averaging.identifiability", "regression"),
-    ),
-    ("Models and their motion", ("simulation", "averaging", "trajectory_fit")),
-    ("Identification", ("validation",)),
-    ("What is missing", ("discrepancy",)),
-    ("Views for python-control", ("physics.linear_systems",)),
-    ("What follows from an identification", ("physics",)),
-    ("Results", ("",)),
-)
 
 
 def expand(text: str) -> str:
@@ -189,7 +175,7 @@ def _everything() -> ForceLibrary:
 
 @lru_cache
 def _tie_classes() -> list[tuple[str, ...]]:
-    return st.indistinguishable(_everything(), LOW, HIGH)
+    return st.forces.indistinguishable(_everything(), LOW, HIGH)
 
 
 def ties() -> str:
@@ -215,21 +201,9 @@ def _listed(symbols: Iterable[str]) -> str:
 
 
 def api(module: str) -> str:
-    """The reference of a module's public names from their docstrings; of the package itself by topic."""
+    """The reference of a module's public names from their docstrings."""
     public = import_module(module)
-    names = [n for n in public.__all__ if not inspect.ismodule(getattr(public, n))]
-    if module != "sysid_trib":
-        return _directives(module, names)
-    lines = []
-    for topic, _ in TOPICS:
-        here = [n for n in names if _topic(getattr(public, n)) == topic]
-        lines += [f"## {topic}", "", _directives(module, here)]
-    return "\n".join(lines)
-
-
-def _topic(thing: object) -> str:
-    home = thing.__module__.removeprefix("sysid_trib.")
-    return next(topic for topic, homes in TOPICS if any(home.startswith(h) for h in homes))
+    return _directives(module, [n for n in public.__all__ if not inspect.ismodule(getattr(public, n))])
 
 
 def _directives(module: str, names: list[str]) -> str:

@@ -49,7 +49,8 @@ pd.DataFrame(
 # %% [markdown]
 # ## Table 1
 #
-# `st.signature` averages any formula over a cycle. Beside it stand the expressions that the paper prints.
+# `st.forces.signature` averages any formula over a cycle. Beside it stand the expressions that the paper
+# prints.
 # The viscous formula is `2*v`, so that its coefficient is the damping ratio: its averages are twice those
 # printed for $\theta'$.
 
@@ -66,7 +67,7 @@ TABLE_1 = {  # <h sin>, <h cos>
 }
 rows = []
 for force in library:
-    found = st.signature(force, a)
+    found = st.forces.signature(force, a)
     sine, cosine = TABLE_1[force.symbol]
     off = max(np.abs(found.sine - sine).max().item(), np.abs(found.cosine - cosine).max().item())
     rows.append((force.symbol, found.sine[-1].item(), sine[-1], found.cosine[-1].item(), cosine[-1], off))
@@ -87,7 +88,8 @@ table.style.set_caption(f"Averages at a = {a[-1]} rad; largest difference from {
 #
 # *Constant friction with $\lambda = 0.03$, viscous force with $\zeta = 0.05$, quadratic dissipative force
 # with $\delta = 0.9$, each alone, from $\theta(0) = 1$, $\dot\theta(0) = 0$.* Time is counted with
-# $\omega_0$ = 1 rad/s. `st.simulate` solves Eq. 1 exactly, `st.predict_envelope` the averaged equations.
+# $\omega_0$ = 1 rad/s. `st.simulate` solves Eq. 1 exactly, `st.physics.predict_envelope` the averaged
+# equations.
 
 # %%
 time = np.arange(0.0, 30.0 if QUICK else 60.0, 0.05)
@@ -96,19 +98,20 @@ time = np.arange(0.0, 30.0 if QUICK else 60.0, 0.05)
 def moved(coefficients):
     """A model with w0 = 1 rad/s, its exact motion from 1 rad at rest, and its averaged motion."""
     model = st.Model(library, coefficients, reference_frequency=1.0)
-    return model, st.simulate(model, time, angle=1.0), st.predict_envelope(model, time, amplitude=1.0)
+    return model, st.simulate(model, time, angle=1.0), st.physics.predict_envelope(model, time, amplitude=1.0)
 
 
 figure, panels = plt.subplots(3, 1, figsize=(7, 6.5), sharex=True, layout="constrained")
 decays = {"lambda": 0.03, "zeta": 0.05, "delta": 0.9}
 for panel, (symbol, value) in zip(panels, decays.items(), strict=True):
     _, motion, averaged = moved({symbol: value})
-    st.plots.averaged_decay(motion, averaged, panel)
+    st.plots.motions(motion, {"averaged envelope": averaged}, panel)
     panel.set_title(rf"{library[symbol].name}, $\{symbol}$ = {value}", loc="left", fontsize=9)
     panel.label_outer()
 
 # %% [markdown]
-# How good are the envelopes? Half-sines are fitted to the exact motion (`st.envelope`, as in notebook 02),
+# How good are the envelopes? Half-sines are fitted to the exact motion (`st.records.envelope`, as in notebook
+# 02),
 # and the amplitude of each is held against the averaged one at its time. Even the quadratic force, which
 # takes more than half of the amplitude in the first half period, is followed closely. Worst off is solid
 # friction just before the end: it stops the motion in steps of half a period, $2\lambda$ each, not along a
@@ -118,7 +121,7 @@ for panel, (symbol, value) in zip(panels, decays.items(), strict=True):
 rows = []
 for symbol, value in decays.items():
     _, motion, averaged = moved({symbol: value})
-    found = st.envelope(motion)
+    found = st.records.envelope(motion)
     predicted = averaged.amplitude.interp(time=found.extremum_time).values
     error = found.extremum.values - predicted
     worst = np.argmax(np.abs(error))
@@ -144,12 +147,12 @@ print(f"exact motion     {longer.stop_time.item():.2f} s, at {longer.angle[-1].i
 
 
 def shifted(symbol, values, others):
-    """Half periods of the exact motions (`st.envelope`) and the averaged predictions, by label."""
+    """Half periods of the exact motions (`st.records.envelope`) and the averaged predictions, by label."""
     measured, predicted = {}, {}
     for value in values:
         _, motion, averaged = moved(others | {symbol: value})
         label = rf"$\{symbol}$ = {value}"
-        measured[label], predicted[label] = st.envelope(motion), averaged
+        measured[label], predicted[label] = st.records.envelope(motion), averaged
     return measured, predicted
 
 

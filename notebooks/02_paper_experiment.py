@@ -28,7 +28,7 @@ dissipative, elastic = ["lambda", "zeta", "delta"], ["nu", "epsilon"]
 PAPER = {"lambda": -0.000023, "zeta": 0.0097, "delta": 0.037, "nu": -0.40, "epsilon": 0.30}
 W_INF, W_0 = 9.91, 8.87  # rad/s, with and without the contact
 
-example = st.paper_twin()
+example = st.records.paper_twin()
 decay = st.free_decay(example)
 print(example.attrs["source"], example.attrs["synthetic"], decay.attrs["free_decay"], sep="\n")
 
@@ -40,7 +40,7 @@ print(example.attrs["source"], example.attrs["synthetic"], decay.attrs["free_dec
 # 2\pi/(t_{i+1} - t_{i-1})$ (the paper's Fig. 6). The paper has 78 half periods and 76 instants.
 
 # %%
-found = st.envelope(decay)
+found = st.records.envelope(decay)
 halves, instants = found.sizes["half_period"], found.sizes["instant"]
 print(f"{halves} whole half periods, {instants} instants; noise {found.white_noise.item():.2g} rad a sample")
 print(f"amplitude from {found.amplitude[0].item():.3f} to {found.amplitude[-1].item():.3f} rad")
@@ -57,8 +57,8 @@ st.plots.half_sines(decay.sel(time=slice(0.0, 1.35)), found).figure
 # %%
 a = found.amplitude.values
 w_last = found.frequency.values[-1]
-L = np.stack([st.signature(library[k], a).sine for k in dissipative], axis=1)
-M = np.stack([st.signature(library[k], a).cosine / a for k in elastic], axis=1)
+L = np.stack([st.forces.signature(library[k], a).sine for k in dissipative], axis=1)
+M = np.stack([st.forces.signature(library[k], a).cosine / a for k in elastic], axis=1)
 by_hand = np.concatenate(
     [
         np.linalg.lstsq(w_last * L, found.amplitude_rate.values)[0],
@@ -143,7 +143,7 @@ tree["comparison"].to_dataset()[["difference", "standard_error", "z"]].to_datafr
 # $\epsilon$.* Both from the same start, with the identified coefficients.
 
 # %%
-five = st.model_of(direct)
+five = st.physics.model_of(direct)
 three = five.with_coefficients({k: five.coefficients[k] for k in dissipative})
 begin = direct.start_angle.item(), direct.start_rate.item()
 time = decay.time.values
@@ -156,7 +156,8 @@ panels[1].get_legend().remove()
 
 # %%
 phases = {
-    label: st.predict_envelope(model, time, 0.3).phase for label, model in (("three", three), ("five", five))
+    label: st.physics.predict_envelope(model, time, 0.3).phase
+    for label, model in (("three", three), ("five", five))
 }
 apart = (phases["three"] - phases["five"]).values
 for name, angle in (("a quarter period", np.pi / 2), ("half a period", np.pi)):
@@ -174,7 +175,7 @@ for label, motion in motions.items():
 # a^2/8$ for the frequency, with bands of one standard error.
 
 # %%
-weighed = st.weights(direct, np.linspace(0.002, 0.3, 150))
+weighed = st.physics.weights(direct, np.linspace(0.002, 0.3, 150))
 figure, panels = plt.subplots(1, 2, figsize=(9, 3.2), layout="constrained")
 st.plots.weights(weighed.sel(force=dissipative), "peak_force", panels[0])
 st.plots.weights(weighed.sel(force=elastic), "frequency_shift", panels[1])
@@ -182,7 +183,7 @@ for panel, number in zip(panels, (8, 9), strict=True):
     panel.set_title(f"Fig. {number}", loc="left", fontsize=9)
 
 # %%
-pair = st.weights(direct, [0.02, 0.3])
+pair = st.physics.weights(direct, [0.02, 0.3])
 pair[["decay_share", "frequency_share"]].to_dataframe().unstack().style.format("{:.1%}")
 
 # %% [markdown]
@@ -209,8 +210,10 @@ print(f"by the printed rule ({1e5 * value:.1f} ± {1e5 * error:.1f})e-5, that is
 # which a line of the averaged equations has.
 
 # %%
-models = {label: st.model_of(results[label]) for label in ("averaging, printed rule", "direct")}
-lines = {label: st.predict_envelope(model, np.linspace(0, 40, 400), 0.3) for label, model in models.items()}
+models = {label: st.physics.model_of(results[label]) for label in ("averaging, printed rule", "direct")}
+lines = {
+    label: st.physics.predict_envelope(model, np.linspace(0, 40, 400), 0.3) for label, model in models.items()
+}
 st.plots.frequency_shift({"record": found}, lines).figure
 
 # %% [markdown]
@@ -222,21 +225,21 @@ st.plots.frequency_shift({"record": found}, lines).figure
 
 # %%
 rounding = 12**-0.5
-inertia = st.inertia_with_mass(1.24e-6, 0.90e-3, 10.0e-3, inertia_standard_error=0.01e-6 * rounding)
-by_motion = st.contact_stiffness(
+inertia = st.physics.inertia_with_mass(1.24e-6, 0.90e-3, 10.0e-3, inertia_standard_error=0.01e-6 * rounding)
+by_motion = st.physics.contact_stiffness(
     direct,
     W_0,
     inertia.inertia.item(),
     omega0_standard_error=0.01 * rounding,
     inertia_standard_error=inertia.inertia_standard_error.item(),
 )
-by_size = st.sphere_stiffness(
+by_size = st.physics.sphere_stiffness(
     0.53e6,
     0.20e-3,
     shear_modulus_standard_error=0.01e6 * rounding,
     contact_radius_standard_error=0.01e-3 * rounding,
 )
-with_alpha = st.with_contactless_frequency(direct, W_0, 0.01 * rounding).sel(force="alpha")
+with_alpha = st.physics.with_contactless_frequency(direct, W_0, 0.01 * rounding).sel(force="alpha")
 print(f"I     = {1e6 * inertia.inertia.item():.3f} kg mm^2")
 print(f"alpha = {with_alpha.coefficient.item():.4f} ± {with_alpha.standard_error.item():.4f}")
 for label, k in (("K_c from the motion", by_motion), ("K_c of the sphere", by_size)):
@@ -281,7 +284,7 @@ note(
     f"{crossing:.2f}, below pi (times pi {crossing * np.pi:.2f})",
 )
 
-crossover = st.crossovers(direct)
+crossover = st.physics.crossovers(direct)
 crossover = crossover.where((crossover["first"] == "zeta") & (crossover["second"] == "delta"), drop=True)
 peak, averaged = (crossover.amplitude.sel(rule=rule).item() for rule in ("peak force", "averaged"))
 rule = 2 * PAPER["zeta"] / PAPER["delta"]
@@ -295,12 +298,12 @@ note("zeta and delta weigh the same at (rad)", f"about 0.5 (2 zeta/delta = {rule
 
 # %%
 model = st.Model(library, {"alpha": 0.25, "zeta": 0.05}, reference_frequency=1.0)
-ringing = st.envelope(st.simulate(model, np.arange(0, 60, 0.02), angle=1.0)).frequency.mean().item()
+ringing = st.records.envelope(st.simulate(model, np.arange(0, 60, 0.02), angle=1.0)).frequency.mean().item()
 computed = f"root of the sum {np.sqrt(1.25 - 0.05**2):.6f}; simulated {ringing:.6f}"
 note("w/w0 for alpha = 0.25, zeta = 0.05", f"product of roots {np.sqrt(1.25 * (1 - 0.05**2)):.6f}", computed)
 
 model = st.Model(library, {"epsilon": 0.05, "zeta": 1e-3}, W_INF)
-first = st.envelope(st.simulate(model, np.arange(0, 3, 1e-3), angle=0.3)).isel(instant=0)
+first = st.records.envelope(st.simulate(model, np.arange(0, 3, 1e-3), angle=0.3)).isel(instant=0)
 shift = 3 * 0.05 * first.amplitude.item() ** 2 / 8
 computed = f"times w0: {W_INF * shift:.4f}; simulated {first.frequency.item() - W_INF:.4f}"
 note("shift by epsilon = 0.05 at w0 = 9.91 rad/s (rad/s)", f"3 epsilon a^2/8 = {shift:.5f}", computed)
@@ -312,7 +315,7 @@ note("shift by epsilon = 0.05 at w0 = 9.91 rad/s (rad/s)", f"3 epsilon a^2/8 = {
 # %%
 model = st.Model(library, {"lambda": 1e-3, "zeta": PAPER["zeta"]}, W_INF)
 start = 1e-3 / (2 * PAPER["zeta"])
-rest = st.predict_envelope(model, [0.0, 1.0], start).arrest_time.item()
+rest = st.physics.predict_envelope(model, [0.0, 1.0], start).arrest_time.item()
 exact = st.simulate(model, np.arange(0, 20, 0.01), start).stop_time.item()
 rule = np.pi / (4 * PAPER["zeta"] * W_INF)
 computed = f"{rest:.2f} averaged, {exact:.2f} exact (lambda = 0.001)"
@@ -339,9 +342,13 @@ with tempfile.TemporaryDirectory() as folder:
     path = Path(folder) / "pair.toml"
     path.write_text(SAME_SIGNATURE)
     pair = st.load_library(path)
-drag, printed = (st.signature(force, 1.0).sine.item() for force in pair)
+drag, printed = (st.forces.signature(force, 1.0).sine.item() for force in pair)
 note("mean of h sin phi at a = 1", f"-a^2 cos^2 sgn(sin): {printed:.4f}", f"-a^2 sin^2 sgn(sin): {drag:.4f}")
-print("no averaging method separates", st.indistinguishable(pair, 0.02, 0.3), f"- ratio {drag / printed:.3f}")
+print(
+    "no averaging method separates",
+    st.forces.indistinguishable(pair, 0.02, 0.3),
+    f"- ratio {drag / printed:.3f}",
+)
 
 # %%
 mixed = st.simulate(st.Model(pair, {"drag": 0.04, "printed": 0.02}, W_INF), np.arange(2500) / 100, angle=0.3)
@@ -361,4 +368,4 @@ pd.DataFrame(care, columns=["", "as printed", "computed here"]).style.hide()
 # %% [markdown]
 # Every coefficient above refers to the fitted frequency with contact; the paper scales by $\omega_0$ in its
 # theory and by $\omega_\infty$ in its experiment. An identification says which (`reference_frequency`), and
-# `st.with_contactless_frequency` adds $\alpha$.
+# `st.physics.with_contactless_frequency` adds $\alpha$.

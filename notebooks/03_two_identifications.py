@@ -3,9 +3,9 @@
 #
 # Averaging looks at amplitude and frequency of half periods; the direct method at the equation of motion
 # itself. How precise are they against noise, sampling rate and angle steps? No unbiased method can have
-# smaller standard errors than the Cramér-Rao bound, which `st.cramer_rao_bound` computes from the motion
-# alone, before any record is taken. All records here are simulated: the five forces of Le Bot et al. (2019,
-# Sec. 3) and their frequency, from 0.3 rad at rest, 25 s.
+# smaller standard errors than the Cramér-Rao bound, which `st.validation.cramer_rao_bound` computes from the
+# motion alone, before any record is taken. All records here are simulated: the five forces of Le Bot et al.
+# (2019, Sec. 3) and their frequency, from 0.3 rad at rest, 25 s.
 
 # %%
 import os
@@ -48,7 +48,7 @@ def record(noise, rate, step, seed):
 def floor(noise, rate, step):
     """Cramér-Rao bound of each force; angle steps count as the white noise step/sqrt(12)."""
     time = np.arange(round(25 * rate)) / rate
-    return st.cramer_rao_bound(truth, time, 0.3, 0.0, np.hypot(noise, step / 12**0.5), free=True)
+    return st.validation.cramer_rao_bound(truth, time, 0.3, 0.0, np.hypot(noise, step / 12**0.5), free=True)
 
 
 one = record(1e-4, 100, 0.0, seed=0)
@@ -120,7 +120,7 @@ def over_bound(found):
 # %%
 noises = [3e-5, 1e-3] if QUICK else [1e-5, 3e-5, 1e-4, 3e-4, 1e-3, 3e-3]
 by_noise = study(noises, "noise of a sample", "rad", [(noise, 100, 0.0) for noise in noises])
-st.plots.precisions(by_noise)
+st.plots.precision(by_noise)
 
 # %%
 over_bound(by_noise)
@@ -137,7 +137,7 @@ by_noise.within.mean("force").transpose("level", "method").to_pandas().style.for
 # %%
 rates = [50, 200] if QUICK else [25, 50, 100, 200, 400]
 by_rate = study(rates, "sampling rate", "Hz", [(1e-4, rate, 0.0) for rate in rates])
-st.plots.precisions(by_rate)
+st.plots.precision(by_rate)
 
 # %%
 over_bound(by_rate)
@@ -158,7 +158,7 @@ print(f"bound of zeta times the root of the rate: {bound * np.sqrt(rates)}")
 # %%
 steps = [3e-4, 3e-3] if QUICK else [1e-4, 3e-4, 1e-3, 3e-3, 1e-2]
 by_step = study(steps, "angle step", "rad", [(1e-4, 100, step) for step in steps])
-st.plots.precisions(by_step)
+st.plots.precision(by_step)
 
 # %%
 over_bound(by_step)
@@ -175,7 +175,10 @@ by_step.within.mean("force").transpose("level", "method").to_pandas().style.form
 # %%
 time = np.arange(2500) / 100
 angles = [0.1, 0.2, 0.3, 0.45, 0.6, 0.9]
-bounds = [st.cramer_rao_bound(truth, time, angle, 0.0, 5e-4, free=True).standard_error for angle in angles]
+bounds = [
+    st.validation.cramer_rao_bound(truth, time, angle, 0.0, 5e-4, free=True).standard_error
+    for angle in angles
+]
 plan = pd.DataFrame([bound.values / np.abs(list(PAPER.values())) for bound in bounds], angles, list(PAPER))
 print(f"epsilon is known to 1 % from {plan.index[plan.epsilon < 0.01][0]} rad on")
 plan.rename_axis("from angle (rad)").style.format("{:.2%}")

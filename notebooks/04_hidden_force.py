@@ -75,7 +75,7 @@ best = nothing["ranking"].z.isel(selection_step=-1).to_series().abs().sort_value
 p_value = nothing["omnibus"].p_value[-1].item()
 print(f"Verdict: {nothing.attrs['verdict']}; p-value of the omnibus test: {p_value:.2g}")
 print("Highest scores:", ", ".join(f"{symbol} |z| = {z:.2f}" for symbol, z in best.head(3).items()))
-display(st.plots.forecasts(nothing))
+display(st.plots.forecast(nothing))
 
 # %% [markdown]
 # ## A sealed record
@@ -128,7 +128,7 @@ found = st.discover(record, known, candidates)
 # *before*; with what was found it is the model *after*.
 
 # %%
-display(st.plots.discovery(found))
+display(st.plots.story(found))
 display(st.plots.disagreement(found))
 
 # %% [markdown]
@@ -138,7 +138,7 @@ display(st.plots.disagreement(found))
 # compete with the named one: they are in its 95 % credible set.
 
 # %%
-display(st.plots.rankings(found))
+display(st.plots.ranking(found))
 
 # %%
 print(f"Verdict: {found.attrs['verdict']}")
@@ -193,7 +193,7 @@ differences = xr.concat(
 )
 
 # %%
-display(st.plots.distinction(differences).figure)
+display(differences.to_pandas().round(1))
 
 # %% [markdown]
 # So the second release is made from 1.2 rad, and both runs are searched together: they share forces and
@@ -242,7 +242,7 @@ omnibus = unknown["omnibus"].ds.isel(selection_step=-1)
 strongest = omnibus.z.to_series().sort_values(key=np.abs, ascending=False).head(5)
 print(f"p-value of the omnibus test: {omnibus.p_value.item():.2g}")
 display(strongest.to_frame("z of the trial force (amplitude r, phase phi)").round(1))
-display(st.plots.discovery(unknown))
+display(st.plots.story(unknown))
 
 # %% [markdown]
 # Offered as one more candidate, the cogging is named:

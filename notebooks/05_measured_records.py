@@ -137,7 +137,7 @@ if "pendulum" in files:
 # %%
 if "pendulum" in decays:
     cubic = identified(decays["pendulum"], "lambda zeta delta epsilon")
-    display(st.plots.identification(cubic))
+    display(st.plots.overview(cubic))
 
 # %% [markdown]
 # the methods find the same coefficients of a model that is wrong, and the check says so: at such angles x^3
@@ -167,9 +167,9 @@ if "pendulum" in files:
     longer = st.free_decay(record, window=(zero, end))
     seen, unseen = parted(longer, 13.0 if whole else 9.0)
     pendulum = searched(seen, "zeta", effects=3, holdout=unseen)
-    display(st.plots.discovery(pendulum))
+    display(st.plots.story(pendulum))
     display(st.plots.disagreement(pendulum))
-    display(st.plots.rankings(pendulum))
+    display(st.plots.ranking(pendulum))
 
 # %% [markdown]
 # ## A bob on a string, filmed
@@ -183,7 +183,7 @@ if "string" in files:
     decays["string"] = st.free_decay(record, window=(None, 40.0 if QUICK else None))
     print(decays["string"].attrs["free_decay"])
     string = identified(decays["string"], "zeta delta epsilon")
-    display(st.plots.identification(string))
+    display(st.plots.overview(string))
     for symbol, what, said in (
         ("epsilon", "gravity as a cubic force", f"{-1 / 6:.4f}"),
         ("delta", "air drag", "> 0"),
@@ -200,8 +200,8 @@ if "string" in decays:
 # %%
 if "string" in decays:
     filmed = searched(decays["string"], "zeta", effects=2)
-    display(st.plots.discovery(filmed))
-    display(st.plots.rankings(filmed))
+    display(st.plots.story(filmed))
+    display(st.plots.ranking(filmed))
 
 # %% [markdown]
 # ## A ship model that rolls
@@ -216,9 +216,9 @@ if "ship" in files:
     decays["ship"] = decay.isel(time=slice(None, None, 4)) if QUICK else decay
     print(decays["ship"].attrs["free_decay"])
     ship = identified(decays["ship"], "lambda delta epsilon")
-    display(st.plots.identification(ship))
+    display(st.plots.overview(ship))
     largest = float(np.abs(decays["ship"].angle).max())
-    share = st.weights(ship["direct"].to_dataset(), largest).decay_share.sel(force="delta").item()
+    share = st.physics.weights(ship["direct"].to_dataset(), largest).decay_share.sel(force="delta").item()
     held_against("ship", f"share of drag in the decay at {largest:.2f} rad", "most", f"{100 * share:.1f} %")
     value, error = value_of(ship, "lambda")
     held_against("ship", "dry friction", "0", f"{value:.6f} ± {error:.6f}")
@@ -231,8 +231,8 @@ if "ship" in decays:
 # %%
 if "ship" in decays:
     rolling = searched(decays["ship"], "delta", effects=3)
-    display(st.plots.discovery(rolling))
-    display(st.plots.rankings(rolling))
+    display(st.plots.story(rolling))
+    display(st.plots.ranking(rolling))
 
 # %% [markdown]
 # ## A random force beside the sensor's noise
@@ -255,7 +255,7 @@ def with_random_force(decay: xr.Dataset, name: str) -> xr.Dataset:
 
 
 pushed = {name: with_random_force(decay, name) for name, decay in decays.items()}
-ahead = {name: st.innovations(decay, pushed[name]) for name, decay in decays.items()}
+ahead = {name: st.validation.innovations(decay, pushed[name]) for name, decay in decays.items()}
 for name, result in pushed.items():
     display(tables.coefficients({name: result}))
 if pushed:
@@ -266,23 +266,16 @@ if pushed:
 # band over time, and without autocorrelation. A model that lacks a force that acts slowly can have white
 # innovations too, since the random force follows the record; the last column of the table tells them apart.
 # Here it is small three times: none of these models is all there is in its record.
+#
+# When was the motion pushed? The last panel has the smoothed random force, as a mean over the span in which
+# the sensor lets it be seen, with its band. A force that comes with the swing, or shrinks with its amplitude,
+# is not random: that of the ship is largest in the first seconds.
 
 # %%
 for name, data in ahead.items():
     figure = st.plots.innovations(data)
     figure.suptitle(name)
     display(figure)
-
-# %% [markdown]
-# When was the motion pushed? The smoothed random force, as a mean over the span in which the sensor lets it
-# be seen, with its band. A force that comes with the swing, or shrinks with its amplitude, is not random:
-# that of the ship is largest in the first seconds.
-
-# %%
-for name, data in ahead.items():
-    axes = st.plots.random_force(data)
-    axes.set_title(name, loc="left")
-    display(axes.figure)
 
 # %% [markdown]
 # How far can the motion be foreseen? A model of the first two thirds predicts the last third, from each
@@ -299,7 +292,7 @@ def foreseen(decay: xr.Dataset, name: str) -> xr.Dataset:
     model = with_random_force(seen, name)
     longest = 4.0 * np.pi / model.reference_frequency.item()
     origins = np.arange(unseen.time[0].item(), unseen.time[-1].item() - longest, longest)
-    return st.prediction_bands(decay, model, np.arange(1, 17) / 8.0, origins=list(origins))
+    return st.validation.prediction_bands(decay, model, np.arange(1, 17) / 8.0, origins=list(origins))
 
 
 for name, decay in decays.items():

@@ -53,7 +53,7 @@ formula = "x**3"
 """
 
 
-def library_of(text: str, name: str = "mine.toml") -> st.ForceLibrary:
+def library_of(text: str, name: str = "mine.toml") -> st.forces.ForceLibrary:
     """The library that a text declares."""
     path = Path(FOLDER.name) / name
     path.write_text(text, encoding="utf-8")
@@ -91,8 +91,10 @@ print(command_line("forces", "mine.toml").stdout)
 
 # %%
 amplitude = np.linspace(0.01, 1.0, 100)
-found = {f"brake, s = {s:g} rad": st.signature(brake, amplitude, {"brake.s": s}) for s in (0.1, 0.2, 0.4)}
-found["spring"] = st.signature(disc["spring"], amplitude)
+found = {
+    f"brake, s = {s:g} rad": st.forces.signature(brake, amplitude, {"brake.s": s}) for s in (0.1, 0.2, 0.4)
+}
+found["spring"] = st.forces.signature(disc["spring"], amplitude)
 k = amplitude / 0.2
 by_hand = -amplitude / k**2 * (1.0 - 1.0 / np.sqrt(1.0 + k**2))
 print(
@@ -124,8 +126,8 @@ def record_of(model: st.Model, angle: float = 0.6, seed: int = 0) -> xr.Dataset:
 TRUTH = {"brake": 0.03, "friction": 3e-4, "spring": -0.1}
 model = st.Model(disc, TRUTH, FREQUENCY, {"brake.s": 0.25})
 decay = st.free_decay(record_of(model))
-predicted = st.predict_envelope(model, decay.time.values, amplitude=0.6)
-display(st.plots.averaged_decay(decay, predicted).figure)
+predicted = st.physics.predict_envelope(model, decay.time.values, amplitude=0.6)
+display(st.plots.motions(decay, {"averaged envelope": predicted}).figure)
 
 # %% [markdown]
 # ## Identified
@@ -168,7 +170,7 @@ for label, tree in checks.items():
     checked = tree["comparison"].ds
     residuals = ", ".join(f"{ratio:.3g}" for ratio in checked.residual_over_noise.values)
     print(f"{label}: explained: {checked.attrs['explained']}; RMS residuals {residuals} times the noise")
-display(st.plots.identification(checks["s as found"]))
+display(st.plots.overview(checks["s as found"]))
 
 # %% [markdown]
 # ## Forces with the same signature
@@ -190,7 +192,7 @@ symbol = "viscous"
 formula = "2*v"
 """
 three = library_of(SAME_SIGNATURE)
-print("Averaging cannot separate:", st.indistinguishable(three, 0.05, 0.6))
+print("Averaging cannot separate:", st.forces.indistinguishable(three, 0.05, 0.6))
 truth = {"viscous": 0.006, "speed_cubed": 0.02}
 both = record_of(st.Model(three, truth, FREQUENCY), seed=1)
 try:
@@ -289,7 +291,7 @@ value, error = step["coefficient"].item(), step["standard_error"].item()
 print(f"{seen.attrs['verdict']}: {step['symbol'].item()} = {value:.4f} ± {error:.1g}; in truth {TILT}")
 gaps = (held.rms / held.residual_noise).values.round(2)
 print("Gap on the held-out third, over the noise, before and after:", gaps)
-display(st.plots.rankings(seen))
+display(st.plots.ranking(seen))
 
 # %% [markdown]
 # ## What a bad library gives

@@ -64,7 +64,7 @@ def random_forces(
     rows = {}
     for label, result in results.items():
         size = np.sqrt(result.random_force_density.item()) / result.reference_frequency.item() ** 2
-        tested, data = st.random_force_dependence(decays[label], result), ahead[label]
+        tested, data = st.validation.random_force_dependence(decays[label], result), ahead[label]
         rows[label] = {
             "sensor's noise (mrad)": f"{1e3 * result.noise.item():.3g}",
             "random force over w² (1/√Hz)": f"{size:.2g}",

@@ -7,9 +7,10 @@ import numpy as np
 import xarray as xr
 from helpers import FIVE, NOISE, Array, W, decay
 
-from sysid_trib import ForceLibrary, Model, load_library
+from sysid_trib import Model, load_library
 from sysid_trib.discrepancy.evidence import credible, probabilities
 from sysid_trib.discrepancy.search import Search, search, with_steps
+from sysid_trib.forces import ForceLibrary
 from sysid_trib.likelihood_fit.fitted_model import FittedModel
 from sysid_trib.likelihood_fit.paths import path_of
 from sysid_trib.likelihood_fit.run_rows import RunRows, run_rows

@@ -8,7 +8,8 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import binom, chi2
 
-from sysid_trib import ForceLibrary, Model, load_library
+from sysid_trib import Model, load_library
+from sysid_trib.forces import ForceLibrary
 from sysid_trib.forces.library import parse_library
 from sysid_trib.simulation.simulate import trajectory
 

@@ -7,7 +7,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from sysid_trib import ForceLibrary, load_library
+from sysid_trib import load_library
+from sysid_trib.forces import ForceLibrary
 from sysid_trib.results.schema import Estimate, identification
 
 # Le Bot et al. 2019, Sec. 3.

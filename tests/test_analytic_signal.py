@@ -5,9 +5,10 @@ import pytest
 from helpers import FIVE, NOISE, Run, W, decay, over_seeds, paper_run, rms, rms_range, values
 from hypothesis import given, settings, strategies as st
 
-from sysid_trib import Model, envelope, load_library
+from sysid_trib import Model, load_library
 from sysid_trib.errors import UsageError
 from sysid_trib.methods import Averaging
+from sysid_trib.records import envelope
 
 FORCES = load_library()
 ZETA = 0.0097

@@ -89,8 +89,8 @@ def test_two_releases_agree_within_the_total_errors():
     library = FORCES.__class__(FORCES.title, (*FORCES.forces, whole["stribeck"]), FORCES.source)
     runs = [record(library, TRUTH | {"stribeck": 2e-3}, seed, angle) for seed, angle in ((1, 0.5), (2, 0.3))]
     first, second = (st.identify(run, FORCES, METHODS[1]) for run in runs)
-    by_noise = st.difference(*(METHODS[1].identify(run, FORCES) for run in runs)).z
-    total = st.difference(first, second).z
+    by_noise = st.validation.difference(*(METHODS[1].identify(run, FORCES) for run in runs)).z
+    total = st.validation.difference(first, second).z
     assert np.abs(by_noise).max() > 4.0
     assert np.abs(total).max() < 3.0
 

@@ -177,7 +177,7 @@ def test_constraints_are_linear_maps_of_the_columns():
     record = paper_run(SIX).decay(0)
     plain = Averaging(reference_frequency=W).identify(record, FORCES)
     value = plain.coefficient.sel(force="zeta").item()
-    found = Averaging(reference_frequency=W, fix={"zeta": value}).identify(record, FORCES)
+    found = Averaging(reference_frequency=W, constraints={"zeta": value}).identify(record, FORCES)
     assert found.coefficient.sel(force="zeta").item() == value
     assert found.standard_error.sel(force="zeta").item() == 0.0
     others = found.force != "zeta"
@@ -188,7 +188,7 @@ def test_constraints_are_linear_maps_of_the_columns():
 
 def test_a_tie_agrees_with_a_library_of_the_tied_forces():
     record = paper_run(SIX).decay(0)
-    found = Averaging(tie={"nu": "-2.356*delta"}).identify(record, FORCES)
+    found = Averaging(constraints={"nu": "-2.356*delta"}).identify(record, FORCES)
     value, error = (found[k].sel(force=["delta", "nu"]).values for k in ("coefficient", "standard_error"))
     assert value[1] == pytest.approx(-2.356 * value[0], rel=1e-12)
     assert error[1] == pytest.approx(2.356 * error[0])
@@ -204,7 +204,7 @@ def test_a_tie_agrees_with_a_library_of_the_tied_forces():
 
 def test_a_bound_that_stops_a_coefficient_holds_it():
     record = paper_run(SIX).decay(0)
-    found = Averaging(reference_frequency=W, bounds={"zeta": (0.01, np.inf)}).identify(record, FORCES)
+    found = Averaging(reference_frequency=W, constraints={"zeta": (0.01, np.inf)}).identify(record, FORCES)
     zeta = found.sel(force="zeta")
     assert (zeta.coefficient.item(), zeta.standard_error.item()) == (0.01, 0.0)
     assert zeta.constraint.item() == "at its bound"

@@ -206,7 +206,7 @@ def test_a_record_of_few_half_periods_is_drawn_without_a_backbone(tmp_path):
     )
     drawn = run("identify", tmp_path / "a.csv", "--forces", "zeta", "--plot", tmp_path / "figures")
     assert (drawn.status, drawn.err) == (0, "")
-    assert {path.stem for path in (tmp_path / "figures").iterdir()} == {"identification", "overview"}
+    assert {path.stem for path in (tmp_path / "figures").iterdir()} == {"half_periods", "overview"}
 
 
 LOOKED = {
@@ -237,10 +237,9 @@ def test_look_reads_what_the_backbone_points_to(forces, start, options, tmp_path
 
 
 def test_what_a_system_always_has_is_there_beside_other_forces():
-    pendulum = load_system("pendulum")
     model = ModelOptions(forces="lambda,zeta")
-    offered, _, constraints, _ = asked_model(model, ConstraintOptions(), pendulum)
-    assert offered.symbols == ("lambda", "zeta", "gravity")
-    assert constraints.fixed == {"gravity": 1.0}
-    start = start_forces("contact_forces", "lambda,zeta", None, pendulum)
+    asked = asked_model(model, ConstraintOptions(), "pendulum")
+    assert asked.library.symbols == ("lambda", "zeta", "gravity")
+    assert asked.constraints.fixed == {"gravity": 1.0}
+    start = start_forces("contact_forces", "lambda,zeta", None, load_system("pendulum"))
     assert start.symbols == ("lambda", "zeta", "gravity")

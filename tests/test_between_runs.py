@@ -26,7 +26,7 @@ def test_the_spread_is_that_of_paule_and_mandel():
     random = np.random.default_rng(1)
     values, errors = random.normal(3.0, 1.0, 12), random.uniform(0.2, 0.6, 12)
     known = combine_effects(values, errors**2, method_re="iterated")
-    told = st.between_runs(runs_of(values, errors))
+    told = st.campaigns.between_runs(runs_of(values, errors))
     np.testing.assert_allclose(told.between_run.item() ** 2, known.tau2, rtol=1e-4)
     np.testing.assert_allclose(told.effect.item(), known.mean_effect_re, rtol=1e-6)
     assert told.between_run_lower < told.between_run < told.between_run_upper
@@ -90,7 +90,7 @@ def test_what_goes_with_a_condition_is_named_and_nothing_else():
         ]
     )
     names = ("lambda", "zeta", "delta", "nu")
-    told = st.between_runs(
+    told = st.campaigns.between_runs(
         runs_of(columns, np.full((12, 4), 0.05), names), {"load": load, "material": material}
     )
     assert told.verdict.values.tolist() == ["varies with load", "varies with material", "common", "scatters"]
@@ -106,8 +106,8 @@ def test_a_unit_changes_nothing():
     random = np.random.default_rng(6)
     values, errors = random.normal(3.0, 1.0, 9), random.uniform(0.2, 0.6, 9)
     load, unit = {"load": np.arange(9.0)}, 1e-9
-    first = st.between_runs(runs_of(values, errors), load)
-    second = st.between_runs(runs_of(unit * values, unit * errors), load)
+    first = st.campaigns.between_runs(runs_of(values, errors), load)
+    second = st.campaigns.between_runs(runs_of(unit * values, unit * errors), load)
     for name in ("between_run", "between_run_upper", "shrunken", "effect_standard_error"):
         np.testing.assert_allclose(second[name], unit * first[name], rtol=1e-6)
 
@@ -115,22 +115,22 @@ def test_a_unit_changes_nothing():
 def test_identifications_are_compared_at_one_frequency_and_a_worn_run_scatters():
     library = st.load_library("contact_forces").select(FIVE)
     identified = [st.identify(paper_run().decay(seed), library, st.methods.Direct()) for seed in range(4)]
-    told = st.between_runs(identified)
+    told = st.campaigns.between_runs(identified)
     assert set(told.verdict.values.tolist()) == {"common"}
     assert told.unit.values.tolist() == ["1"] * 5 + ["rad/s"]
     assert told.sizes == {"run": 4, "quantity": 6, "term": 1, "condition": 0}
     worn = identified[3].copy(deep=True)
     worn["coefficient"] += xr.where(worn.force == "lambda", 20.0 * worn.standard_error, 0.0)
-    verdicts = st.between_runs([*identified[:3], worn]).verdict.to_series()
+    verdicts = st.campaigns.between_runs([*identified[:3], worn]).verdict.to_series()
     assert (verdicts["lambda"], verdicts["zeta"]) == ("scatters", "common")
 
 
 def test_a_run_without_a_value_is_left_out_of_its_quantity():
     values, errors = np.array([1.0, 1.1, np.nan, 0.9]), np.full(4, 0.1)
-    told = st.between_runs(runs_of(values, errors))
+    told = st.campaigns.between_runs(runs_of(values, errors))
     assert np.isnan(told.shrunken.values[2, 0])
     assert told.verdict.item() == "common"
-    few = st.between_runs(runs_of([1.0, np.nan], [0.1, 0.1]))
+    few = st.campaigns.between_runs(runs_of([1.0, np.nan], [0.1, 0.1]))
     assert few.verdict.item() == "too few runs"
 
 
@@ -149,7 +149,7 @@ def test_a_run_without_a_value_is_left_out_of_its_quantity():
 def test_conditions_that_say_nothing_are_refused(conditions, laboratories, sentence):
     runs = runs_of([1.0, 1.1, 0.9, 1.0], np.full(4, 0.1))
     with pytest.raises(UsageError, match=sentence):
-        st.between_runs(runs, conditions, laboratories=laboratories)
+        st.campaigns.between_runs(runs, conditions, laboratories=laboratories)
 
 
 def test_conditions_that_go_with_others_are_found_and_the_rest_is_kept():
@@ -174,11 +174,11 @@ def test_conditions_that_go_with_others_are_found_and_the_rest_is_kept():
 
 def test_what_is_no_set_of_runs_is_refused():
     with pytest.raises(UsageError, match="Two runs at least"):
-        st.between_runs(runs_of([1.0], [0.1]))
+        st.campaigns.between_runs(runs_of([1.0], [0.1]))
     with pytest.raises(UsageError, match="wants identifications"):
-        st.between_runs([xr.Dataset()])
+        st.campaigns.between_runs([xr.Dataset()])
     with pytest.raises(UsageError, match="no free coefficient in common"):
-        st.between_runs([])
+        st.campaigns.between_runs([])
 
 
 def test_a_far_run_is_judged_by_all_others_even_among_few():

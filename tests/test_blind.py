@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from reference_motion import reference_motion
 
-from sysid_trib import ForceLibrary, Model, load_library, simulate
+from sysid_trib import Model, load_library, simulate
+from sysid_trib.forces import ForceLibrary
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
 from blind.draws import shapes

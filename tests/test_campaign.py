@@ -34,7 +34,7 @@ pytest.importorskip("zarr", reason="campaigns need the extra of this name")
 LIBRARY_OF_ALL = st.load_library("contact_forces")
 LIBRARY = LIBRARY_OF_ALL.select(["lambda", "zeta"])
 METHODS = {"direct": st.methods.Direct()}
-TASK = st.Task("identify", LIBRARY, METHODS)
+TASK = st.campaigns.Task("identify", LIBRARY, METHODS)
 STUDY = """
 title = "friction by friction"
 records = {records}
@@ -58,7 +58,7 @@ correlation = 0.3
 def study(tmp_path):
     place = tmp_path / "study.toml"
     place.write_text(STUDY.format(records=6))
-    return st.load_study(place)
+    return st.campaigns.load_study(place)
 
 
 def numbers(store):
@@ -93,7 +93,7 @@ def test_what_was_done_is_not_done_again_and_the_rest_is(study, tmp_path, monkey
 
     with pytest.raises(StoppedError):
         st.campaign(study, TASK, output=tmp_path / "part.zarr", workers=0, tell=stop)
-    half = st.open_store(tmp_path / "part.zarr")
+    half = st.campaigns.open_store(tmp_path / "part.zarr")
     assert counts_of(half) == {"waiting": 3, "done": 3, "refused": 0, "failed": 0, "lost": 0}
     drawn = []
     kind, decay = type(study), type(study).decay
@@ -143,7 +143,7 @@ def test_a_full_disk_ends_a_campaign_in_a_sentence_and_it_goes_on_when_there_is_
         disk_with_room(patch, 10**9 - left[0] - of_records // 2)
         with pytest.raises(RecordError, match=r"No space left on device.*repeat the command"):
             store_of("part.zarr")
-    part = st.open_store(tmp_path / "part.zarr").load()
+    part = st.campaigns.open_store(tmp_path / "part.zarr").load()
     done = np.flatnonzero(part.status.values == 1)
     assert 0 < len(done) < 6
     xr.testing.assert_identical(part.isel(record=done).drop_vars("seconds"), whole.isel(record=done))
@@ -189,7 +189,7 @@ def test_a_fault_of_the_package_ends_one_record_alone(tmp_path):
     def read(path):
         raise ZeroDivisionError(path)
 
-    task = st.Task("identify", LIBRARY, METHODS, read=read)
+    task = st.campaigns.Task("identify", LIBRARY, METHODS, read=read)
     store = st.campaign(["a.csv"], task, output=tmp_path / "out.zarr", workers=0)
     assert counts_of(store)["failed"] == 1
     assert store.message.values[0] == "ZeroDivisionError: a.csv"
@@ -197,7 +197,7 @@ def test_a_fault_of_the_package_ends_one_record_alone(tmp_path):
 
 def test_a_store_of_another_campaign_is_refused(study, tmp_path):
     st.campaign(study, TASK, output=tmp_path / "a.zarr", workers=0)
-    others = [(study, st.Task("identify", LIBRARY, {"direct": st.methods.Direct(refine=False)}))]
+    others = [(study, st.campaigns.Task("identify", LIBRARY, {"direct": st.methods.Direct(refine=False)}))]
     others.append((["a.csv"], TASK))
     for records, task in others:
         with pytest.raises(UsageError, match="another campaign"):
@@ -206,7 +206,7 @@ def test_a_store_of_another_campaign_is_refused(study, tmp_path):
     with pytest.raises(RecordError, match="no store of a campaign"):
         st.campaign(study, TASK, output=tmp_path / "file.zarr", workers=0)
     with pytest.raises(RecordError, match="no store of a campaign"):
-        st.open_store(tmp_path)
+        st.campaigns.open_store(tmp_path)
 
 
 def files_of(study, folder, numbers):
@@ -226,7 +226,7 @@ def test_what_was_done_stays_when_records_come_to_it(study, tmp_path):
         read.append(Path(path).name)
         return [st.free_decay(st.read_record(path))]
 
-    task, output = st.Task("identify", LIBRARY, METHODS, read=counted), tmp_path / "out.zarr"
+    task, output = st.campaigns.Task("identify", LIBRARY, METHODS, read=counted), tmp_path / "out.zarr"
     st.campaign(files_of(study, folder, [1, 4]), task, output=output, workers=0)
     grown = numbers(st.campaign(files_of(study, folder, [0, 3, 5]), task, output=output, workers=0))
     assert read == ["1.csv", "4.csv", "0.csv", "3.csv", "5.csv"]
@@ -250,17 +250,17 @@ def test_the_command_goes_on_with_more_files(study, tmp_path):
     options = ("--task", "identify", "--methods", "direct", "--workers", "0", "-o", tmp_path / "out.zarr")
     files_of(study, tmp_path, [1, 2])
     assert run("campaign", tmp_path / "[12].csv", *options).status == 0
-    took = st.open_store(tmp_path / "out.zarr").seconds.values
+    took = st.campaigns.open_store(tmp_path / "out.zarr").seconds.values
     files_of(study, tmp_path, [0])
     ending = run("campaign", tmp_path / "*.csv", *options)
     assert (ending.status, ending.err) == (0, "")
-    np.testing.assert_array_equal(st.open_store(tmp_path / "out.zarr").seconds.values[1:], took)
+    np.testing.assert_array_equal(st.campaigns.open_store(tmp_path / "out.zarr").seconds.values[1:], took)
 
 
 def test_a_study_of_more_records_goes_on(study, tmp_path):
     output = tmp_path / "out.zarr"
     st.campaign(dataclasses.replace(study, records=4), TASK, output=output, workers=0)
-    took = st.open_store(output).seconds.values
+    took = st.campaigns.open_store(output).seconds.values
     grown = st.campaign(study, TASK, output=output, workers=0)
     np.testing.assert_array_equal(grown.seconds.values[:4], took)
     xr.testing.assert_identical(
@@ -312,7 +312,7 @@ def test_a_malformed_study_is_refused(tmp_path, old, new, sentence):
     place = tmp_path / "study.toml"
     place.write_text(STUDY.replace(old, new).format(records=2))
     with pytest.raises((RecordError, UsageError), match=sentence):
-        st.load_study(place)
+        st.campaigns.load_study(place)
 
 
 def test_conditions_are_found_by_file_name_or_by_order(tmp_path):
@@ -408,10 +408,10 @@ def test_a_campaign_searches_as_discover_is_asked_to(tmp_path):
     asked = ("campaign", file, "--task", "discover", "--candidates", tmp_path / "drag.toml", "--workers", "0")
     stores = [tmp_path / f"{at}.zarr" for at in range(3)]
     assert run(*asked, "-o", stores[0]).status == 0
-    assert st.open_store(stores[0]).named.item() == "drag"
+    assert st.campaigns.open_store(stores[0]).named.item() == "drag"
     ending = run(*asked, "--max-effects", "0", "-o", stores[1])
     assert "1 unknown effect." in ending.out
-    assert st.open_store(stores[1]).named.item() == ""
+    assert st.campaigns.open_store(stores[1]).named.item() == ""
     ending = run(*asked, "--time-limit", "1e-6", "-o", stores[2])
     assert "(its search ended before it had converged)" in ending.out
 
@@ -421,7 +421,7 @@ def test_a_campaign_gives_discover_all_that_is_asked():
     asked = SearchOptions(max_effects=1, refit=True, level=0.05, time_limit=60.0)
     given = {"max_effects": 1, "refit": True, "level": 0.05, "time_limit": 60.0, "reference_frequency": 9.9}
     task = task_of(*groups, asked, ("discover", None))
-    assert task.options == given | {"fix": {"gravity": 1.0}}
+    assert task.options == given | {"constraints": {"gravity": 1.0}}
     assert "gravity" in task.library.symbols
 
 
@@ -464,7 +464,7 @@ def test_a_discovery_keeps_what_its_names_cannot_be_separated_from(tmp_path):
     files += [write_csv(tmp_path / "plain.csv", angle=linear(zeta=0.01) + noise)]
     candidates = st.load_library("candidate_effects").select(["gravity", "bias"])
     candidates = dataclasses.replace(candidates, forces=(*LIBRARY_OF_ALL.select(["epsilon"]), *candidates))
-    task = st.Task("discover", LIBRARY_OF_ALL.select(["zeta"]), candidates=candidates)
+    task = st.campaigns.Task("discover", LIBRARY_OF_ALL.select(["zeta"]), candidates=candidates)
     store = st.campaign(list(map(str, files)), task, output=tmp_path / "found.zarr", workers=0).load()
     named = store.named.item(0)
     assert named in ("epsilon", "gravity")
@@ -543,7 +543,7 @@ def test_of_a_comparison_the_method_is_reported_that_predicts_most_records_best(
         "unrefined": st.methods.Direct(refine=False),
     }
     files = [write_csv(tmp_path / f"{at}.csv", angle=linear(zeta=0.01 + 0.001 * at)) for at in range(2)]
-    task = st.Task("compare", LIBRARY, methods)
+    task = st.campaigns.Task("compare", LIBRARY, methods)
     store = st.campaign(files, task, output=tmp_path / "out.zarr", workers=0).load()
     said = [verdict.removeprefix("predicts best: ") for verdict in store.verdict.values.tolist()]
     assert set(said) <= set(methods)
@@ -613,8 +613,8 @@ import sys
 import sysid_trib as st
 if __name__ == "__main__":
     library = st.load_library("contact_forces").select(["lambda", "zeta"])
-    task = st.Task("identify", library, {"direct": st.methods.Direct()})
-    st.campaign(st.load_study(sys.argv[1]), task, output=sys.argv[2], workers=2)
+    task = st.campaigns.Task("identify", library, {"direct": st.methods.Direct()})
+    st.campaign(st.campaigns.load_study(sys.argv[1]), task, output=sys.argv[2], workers=2)
 """
 
 
@@ -622,7 +622,7 @@ if __name__ == "__main__":
 def test_a_campaign_that_is_killed_goes_on_to_the_same_store(tmp_path):
     place = tmp_path / "study.toml"
     place.write_text(STUDY.format(records=150))
-    study = st.load_study(place)
+    study = st.campaigns.load_study(place)
     whole = numbers(st.campaign(study, TASK, output=tmp_path / "whole.zarr", workers=0))
     script = tmp_path / "script.py"
     script.write_text(SCRIPT)

@@ -11,9 +11,10 @@ from scipy.integrate import solve_ivp
 from scipy.special import beta, dawsn, iv, j1, modstruve
 from scipy_motion import scipy_motion
 
-from sysid_trib import Model, indistinguishable, load_library
+from sysid_trib import Model, load_library
 from sysid_trib.averaging.identifiability import exactly_dependent, without_signature
 from sysid_trib.averaging.signatures import averages
+from sysid_trib.forces import indistinguishable
 from sysid_trib.forces.scaling import reference_powers
 from sysid_trib.methods import Averaging
 from sysid_trib.simulation.simulate import simulate, trajectory

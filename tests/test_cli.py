@@ -125,9 +125,9 @@ def test_result_file_comes_back_equal(tree, tmp_path):
 
 def test_figure(twin):
     written = sorted(path.name for path in (twin[0] / "new" / "figures").iterdir())
-    figures = ("backbone", "identification", "overview")
+    figures = ("backbone", "half_periods", "overview")
     assert written == [f"{name}.{kind}" for name in figures for kind in ("pdf", "png")]
-    assert (twin[0] / "new/figures/identification.png").read_bytes().startswith(b"\x89PNG")
+    assert (twin[0] / "new/figures/half_periods.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_table_of_the_example_on_an_ascii_terminal():

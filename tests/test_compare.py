@@ -337,11 +337,20 @@ def test_a_record_that_no_method_can_use():
         compare(paper_run(FIVE).decay(0), FORCES.select(["alpha"]), [Direct()])
 
 
+def _panel(tree, symbol):
+    """The panel of a quantity in the figure of methods."""
+    return next(ax for ax in plots.comparison(tree).axes if ax.get_xlabel().startswith(f"${symbol}$"))
+
+
+def _rows(tree):
+    """The methods of the figure, as its first panel names them."""
+    return [text.get_text() for text in plots.comparison(tree).axes[0].get_yticklabels()]
+
+
 def test_figure_shows_the_table():
     tree, found = paper()[0], table()
-    axes = plots.coefficients(tree, "zeta")
-    labels = [text.get_text() for text in axes.get_yticklabels()]
-    assert labels == found.method.values.tolist()
+    axes = _panel(tree, r"\zeta")
+    assert _rows(tree) == found.method.values.tolist()
     shown = {round(float(c.lines[0].get_ydata()[0])): c.lines[0].get_xdata()[0] for c in axes.containers}
     zeta = found.coefficient.sel(force="zeta").values
     for row, value in shown.items():
@@ -354,7 +363,7 @@ def test_figure_shows_the_table():
 
 def test_figure_shows_the_prediction():
     tree, found = paper()[0], table()
-    axes = plots.prediction(tree)
+    axes = plots.comparison(tree).axes[-1]
     assert axes.get_xscale() == "log"
     lines = [line for line in axes.lines if line.get_linestyle() == "-"]
     for row, line in enumerate(lines):
@@ -496,15 +505,14 @@ def test_runs_are_saved_told_and_drawn(tmp_path):
     assert "The noise is that of each run: 0.097 and 0.31 mrad a sample" in told
     assert len(plots.comparison(tree).axes) == len(FIVE) + 2
     # Digits of a frequency stand in full; an offset would run into the label.
-    axis = plots.coefficients(tree, "asymptotic_frequency").xaxis
+    axis = _panel(tree, r"\omega_\infty").xaxis
     assert axis.get_major_formatter().get_useOffset() is False
 
 
 def test_a_method_that_does_not_apply_has_a_remark_and_no_other_row():
     methods = [LogarithmicDecrement(), Direct()]
     tree = compare(two_runs(), FORCES.select(FIVE), methods)
-    for axes in (plots.coefficients(tree, "zeta"), plots.prediction(tree)):
-        assert [text.get_text() for text in axes.get_yticklabels()] == ["direct"]
+    assert _rows(tree) == ["direct"]
     tables = coefficient_table(tree), difference_table(tree), quality_table(tree)
     assert [each.row_count for each in tables] == [1, 1, 2]
 

@@ -1,12 +1,16 @@
 """Constraints: fixed, bounded and tied parameters, read, checked and resolved."""
 
+import json
+
 import numpy as np
 import pytest
+import xarray as xr
 
-from sysid_trib import load_library
+from sysid_trib import Model, compare, free_decay, identify, load_library, simulate
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.ties import parse_tie
+from sysid_trib.methods import Direct, method_of
 
 FORCES = load_library()
 EFFECTS = load_library("candidate_effects")
@@ -101,7 +105,7 @@ def test_a_formula_without_a_value_is_nan():
 
 
 def test_linear_map_follows_chains_of_ties():
-    asked = Constraints({"lambda": 0.5}, {}, {"nu": "2*delta + lambda", "delta": "3*zeta - 1"})
+    asked = Constraints({"lambda": 0.5, "nu": "2*delta + lambda", "delta": "3*zeta - 1"})
     library = FORCES.select(["lambda", "zeta", "nu", "delta"])
     free, matrix, constant = asked.linear_map(library)
     assert free == ("zeta",)
@@ -111,20 +115,50 @@ def test_linear_map_follows_chains_of_ties():
 
 def test_linear_map_holds_shapes_and_refuses_what_is_not_linear():
     library = EFFECTS.select(["dahl", "cubic_damping"])
-    free, matrix, _ = Constraints(ties={"cubic_damping": "dahl.s*dahl"}).linear_map(library, {"dahl.s": 0.25})
+    free, matrix, _ = Constraints({"cubic_damping": "dahl.s*dahl"}).linear_map(library, {"dahl.s": 0.25})
     assert free == ("dahl",)
     np.testing.assert_allclose(matrix[:, 0], [1.0, 0.25])
     with pytest.raises(UsageError, match="not linear"):
-        Constraints(ties={"dahl": "cubic_damping**2"}).linear_map(library)
+        Constraints({"dahl": "cubic_damping**2"}).linear_map(library)
     with pytest.raises(UsageError, match=r"dahl\.s is tied"):
-        Constraints(ties={"dahl.s": "cubic_damping"}).linear_map(library)
+        Constraints({"dahl.s": "cubic_damping"}).linear_map(library)
 
 
 def test_a_result_says_how_each_coefficient_is_constrained():
-    asked = Constraints({"lambda": 0.0}, {"zeta": (0.0, np.inf)}, {"nu": "2*delta"})
+    asked = Constraints({"lambda": 0.0, "zeta": (0, None), "nu": "2*delta"})
     assert asked.kinds(("lambda", "zeta", "delta", "nu"), ["zeta"]) == [
         "fixed",
         "at its bound",
         "",
         "nu=2*delta",
     ]
+
+
+def test_old_arguments_are_parts_of_the_one_with_a_warning():
+    old = {"fix": {"lambda": 0.0}, "bounds": {"zeta": (0.0, None)}, "tie": {"nu": "2*delta"}}
+    with pytest.warns(DeprecationWarning, match="one argument now") as caught:
+        method = Direct(**old)
+    assert caught[0].filename == __file__
+    assert method == Direct(constraints={"lambda": 0.0, "zeta": (0.0, None), "nu": "2*delta"})
+    with pytest.raises(UsageError, match="both tied and fixed"):
+        Direct(fix={"nu": 1.0}, tie={"nu": "delta"})
+
+
+def test_results_of_before_have_their_method():
+    options = {"fix": {"lambda": 0.0}, "bounds": {"zeta": [0.0, None]}, "tie": {}}
+    result = xr.Dataset(attrs={"method": "direct", "options": json.dumps(options)})
+    assert method_of(result) == Direct(constraints={"lambda": 0.0, "zeta": [0.0, None]})
+
+
+def test_constraints_on_a_displacement_are_in_its_unit():
+    library = FORCES.select(["lambda", "zeta"])
+    motion = simulate(Model(library, {"lambda": 1e-3, "zeta": 0.01}, 9.0), np.arange(0.0, 15.0, 0.02), 0.3)
+    shown = 50.0 * motion.angle.values + 5e-3 * np.random.default_rng(0).standard_normal(motion.time.size)
+    record = xr.Dataset({"angle": ("time", shown, {"units": "mm"})}, {"time": motion.time.values})
+    decay, asked = free_decay(record), {"lambda": 0.04, "zeta": (0, None)}
+    method = Direct(random_force="off")
+    alone = identify(decay, library, method, constraints=asked)
+    assert alone.coefficient.sel(force="lambda").item() == pytest.approx(0.04, rel=1e-12)
+    assert json.loads(alone.attrs["options"])["constraints"]["zeta"] == [0.0, None]
+    compared = compare(decay, library, [method], constraints=asked)["direct"]
+    np.testing.assert_allclose(compared.coefficient, alone.coefficient, rtol=1e-9)

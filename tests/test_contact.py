@@ -138,7 +138,7 @@ def test_a_pendulum_has_its_gravity(tmp_path):
     assert "gravity is fixed (1)" in ending.out
     forces = (*st.load_library(), *st.load_library("candidate_effects"))
     chosen = tuple(force for force in forces if force.symbol in ("zeta", "gravity"))
-    library = st.ForceLibrary("pendulum", chosen)
+    library = st.forces.ForceLibrary("pendulum", chosen)
     freed = st.identify(st.free_decay(st.read_record(path)), library, st.methods.Direct())
     assert freed.standard_error.sel(force="gravity") > 0.0
 
@@ -342,7 +342,7 @@ def test_crossovers_of_forces_that_are_no_power_laws_scale_with_the_motion():
     def crossing(factor, unit):
         method = st.methods.Direct(shapes={"slow.s": 0.05 * factor})
         result = method.identify(st.free_decay(as_record(time, factor * values, unit)), library)
-        amplitude = st.crossovers(result).amplitude
+        amplitude = st.physics.crossovers(result).amplitude
         assert amplitude.attrs["units"] == unit
         return amplitude.values
 

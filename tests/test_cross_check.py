@@ -13,8 +13,8 @@ from sysid_trib import Model, load_library
 from sysid_trib.errors import UsageError
 from sysid_trib.methods import Averaging, Direct, Trajectory, method_of
 from sysid_trib.results.files import load, save
-from sysid_trib.validation.answer import identify
 from sysid_trib.validation.cross_check import cross_check
+from sysid_trib.validation.identify import identify
 
 FORCES = load_library()
 GROUPS = {"record", "envelope", "averaging", "direct", "comparison", "backbone", "lack_of_fit"}
@@ -156,9 +156,9 @@ def test_what_is_no_library_or_method_is_told(library, method):
 
 def test_methods_with_options_that_are_no_text_are_held_against_each_other():
     record, start = paper_run(FIVE).decay(0), Model(FORCES, FIVE, W)
-    first = identify(record, FORCES, Trajectory(start=start, bounds={"zeta": (0.0, 1.0)}))
+    first = identify(record, FORCES, Trajectory(start=start, constraints={"zeta": (0.0, 1.0)}))
     second = identify(record, FORCES, Direct(optimizer=STLSQ(threshold=1e-9, alpha=0.0)))
-    assert method_of(first) == Trajectory(bounds={"zeta": [0.0, 1.0]}, fit_shapes=[], random_force="off")
+    assert method_of(first) == Trajectory(constraints={"zeta": [0.0, 1.0]}, fit_shapes=[], random_force="off")
     assert method_of(second) == Direct(random_force="off")
     compared = cross_check(record, first, second, draws=12)["comparison"]
     assert compared.attrs["verdict"] == "agree"

@@ -148,7 +148,7 @@ def test_an_estimated_covariance_is_hotellings_and_a_stated_one_chi_square():
 def test_the_residual_beside_a_random_force_is_the_innovation(record, pair):
     compared = st.cross_check(record, *pair, draws=8)["comparison"]
     free, known = (compared.isel(model=at) for at in range(2))
-    innovations = st.innovations(record, pair[1])
+    innovations = st.validation.innovations(record, pair[1])
     assert known.residual_rms == innovations.innovation_rms
     assert known.residual_over_noise == pytest.approx(1.0, abs=0.1)
     assert known.residual_p_value > 1e-3
@@ -201,20 +201,20 @@ def test_what_depends_on_time_or_is_short_is_compared_whole():
 def test_runs_of_one_experiment_agree_in_forces_and_in_the_random_force():
     runs = [pushed(seed, angle) for seed, angle in ((2, 0.3), (3, 0.25))]
     together = st.identify(runs, FORCES, AUTO)
-    found = st.run_agreement(runs, together)
+    found = st.validation.run_agreement(runs, together)
     assert (found.attrs["verdict"], found.attrs["density_verdict"]) == ("agree", "agree")
     assert found.random_force_density.dims == ("run",)
     assert "random force" in runs_sentences(found)[-1]
     assert runs_json(found)["random_force"]["verdict"] == "agree"
     # By errors that do not know the random force they disagree.
-    unknowing = st.run_agreement(runs, WHITE.identify(runs, FORCES))
+    unknowing = st.validation.run_agreement(runs, WHITE.identify(runs, FORCES))
     assert "density_verdict" not in unknowing.attrs
     assert unknowing.attrs["verdict"] == "disagree"
 
 
 def test_a_random_force_that_grew_is_said():
     runs = [pushed(2), pushed(3, density=9.0 * DENSITY)]
-    found = st.run_agreement(runs, st.identify(runs, FORCES, AUTO))
+    found = st.validation.run_agreement(runs, st.identify(runs, FORCES, AUTO))
     assert found.attrs["density_verdict"] == "disagree"
     assert runs_sentences(found)[-1].startswith("The size of the random force differs")
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from helpers import FIVE, SIX, W, library_of_formulas, names, paper_run, values
 
-from sysid_trib import ForceLibrary
 from sysid_trib.errors import UsageError
+from sysid_trib.forces import ForceLibrary
 from sysid_trib.methods import Direct
 
 RUN = paper_run()
@@ -16,7 +16,7 @@ PAIR = SIX["nu"] / SIX["delta"]
 @pytest.mark.parametrize("frequency", [W, None], ids=["given", "fitted"])
 def test_a_force_fixed_at_zero_is_a_force_left_out(frequency):
     record = RUN.decay(2)
-    fixed = Direct(frequency, fix={"lambda": 0.0}).identify(record, LIBRARY)
+    fixed = Direct(frequency, constraints={"lambda": 0.0}).identify(record, LIBRARY)
     rest = [s for s in fixed.force.values.tolist() if s != "lambda"]
     without = Direct(frequency).identify(record, LIBRARY.select(rest))
     np.testing.assert_allclose(values(fixed, rest), values(without, rest), rtol=1e-6)
@@ -31,7 +31,7 @@ def test_a_force_fixed_at_zero_is_a_force_left_out(frequency):
 def test_a_fixed_value_comes_back_exactly_and_others_are_as_if_it_were_known(frequency):
     """A force that is known is the same as one whose columns are moved to the other side."""
     record, truth = RUN.decay(2), FIVE["epsilon"]
-    fixed = Direct(frequency, fix={"epsilon": truth}).identify(record, LIBRARY)
+    fixed = Direct(frequency, constraints={"epsilon": truth}).identify(record, LIBRARY)
     assert fixed.coefficient.sel(force="epsilon").item() == truth
     assert fixed.standard_error.sel(force="epsilon").item() == 0.0
     free = Direct(frequency).identify(record, LIBRARY)
@@ -51,7 +51,7 @@ def test_a_fixed_value_comes_back_exactly_and_others_are_as_if_it_were_known(fre
 @pytest.mark.parametrize("frequency", [W, None], ids=["given", "fitted"])
 def test_a_tie_is_a_library_with_both_forces_in_one(frequency):
     record = RUN.decay(3)
-    tied = Direct(frequency, tie={"nu": f"{PAIR!r}*delta"}).identify(record, LIBRARY)
+    tied = Direct(frequency, constraints={"nu": f"{PAIR!r}*delta"}).identify(record, LIBRARY)
     delta, nu = values(tied, ["delta", "nu"])
     assert nu == pytest.approx(PAIR * delta, rel=1e-12)
     error, given = tied.standard_error.sel(force=["nu", "delta"]).values
@@ -73,7 +73,7 @@ def test_a_tie_is_a_library_with_both_forces_in_one(frequency):
 def test_a_bound_that_is_not_reached_changes_nothing():
     record = RUN.decay(1)
     free = Direct(W).identify(record, LIBRARY)
-    bounded = Direct(W, bounds={"zeta": (0.0, 1.0)}).identify(record, LIBRARY)
+    bounded = Direct(W, constraints={"zeta": (0.0, 1.0)}).identify(record, LIBRARY)
     np.testing.assert_array_equal(bounded.coefficient, free.coefficient)
     np.testing.assert_array_equal(bounded.standard_error, free.standard_error)
     assert set(bounded.constraint.values) == {""}
@@ -82,8 +82,8 @@ def test_a_bound_that_is_not_reached_changes_nothing():
 @pytest.mark.parametrize("frequency", [W, None], ids=["given", "fitted"])
 def test_a_coefficient_at_its_bound_is_held_there(frequency):
     record, low = RUN.decay(1), 1.05 * SIX["zeta"]
-    bounded = Direct(frequency, bounds={"zeta": (low, np.inf)}).identify(record, LIBRARY)
-    fixed = Direct(frequency, fix={"zeta": low}).identify(record, LIBRARY)
+    bounded = Direct(frequency, constraints={"zeta": (low, np.inf)}).identify(record, LIBRARY)
+    fixed = Direct(frequency, constraints={"zeta": low}).identify(record, LIBRARY)
     assert bounded.coefficient.sel(force="zeta").item() == low
     assert bounded.standard_error.sel(force="zeta").item() == 0.0
     assert bounded.constraint.sel(force="zeta").item() == "at its bound"
@@ -93,10 +93,10 @@ def test_a_coefficient_at_its_bound_is_held_there(frequency):
 
 def test_constraints_hold_for_several_runs_and_in_strong_form():
     runs = [RUN.decay(1), RUN.decay(2)]
-    constraints = {"fix": {"lambda": 0.0}, "tie": {"nu": f"{PAIR!r}*delta"}}
+    constraints = {"lambda": 0.0, "nu": f"{PAIR!r}*delta"}
     for found in (
-        Direct(**constraints).identify(runs, LIBRARY),
-        Direct(W, form="strong", **constraints).identify(runs[0], LIBRARY),
+        Direct(constraints=constraints).identify(runs, LIBRARY),
+        Direct(W, form="strong", constraints=constraints).identify(runs[0], LIBRARY),
     ):
         dry, delta, nu = values(found, ["lambda", "delta", "nu"])
         assert dry == 0.0
@@ -104,16 +104,16 @@ def test_constraints_hold_for_several_runs_and_in_strong_form():
 
 
 def test_selection_is_among_the_free_coefficients():
-    method = Direct(W, significance=0.01, fix={"lambda": SIX["lambda"]}, tie={"nu": f"{PAIR!r}*delta"})
+    method = Direct(W, significance=0.01, constraints={"lambda": SIX["lambda"], "nu": f"{PAIR!r}*delta"})
     found = method.identify(RUN.decay(4), LIBRARY)
     assert names(found.force.values, found.active.values) == {"lambda", "zeta", "delta", "nu", "epsilon"}
-    alone = Direct(W, significance=0.01, tie={"zeta": "100*alpha"}).identify(RUN.decay(4), LIBRARY)
+    alone = Direct(W, significance=0.01, constraints={"zeta": "100*alpha"}).identify(RUN.decay(4), LIBRARY)
     assert alone.active.sel(force="zeta").item() == alone.active.sel(force="alpha").item()
 
 
 def test_forces_that_are_the_same_may_be_told_apart_by_a_fixed_value():
     library = library_of_formulas(zeta="2*v", viscous="v", delta="v*abs(v)", nu="x*abs(x)", epsilon="x**3")
-    found = Direct(fix={"viscous": 0.005}).identify(RUN.decay(0), library)
+    found = Direct(constraints={"viscous": 0.005}).identify(RUN.decay(0), library)
     alone = Direct().identify(RUN.decay(0), library.select(["zeta", "delta", "nu", "epsilon"]))
     assert found.coefficient.sel(force="zeta").item() == pytest.approx(
         alone.coefficient.sel(force="zeta").item() - 0.0025, rel=1e-4
@@ -123,23 +123,23 @@ def test_forces_that_are_the_same_may_be_told_apart_by_a_fixed_value():
 @pytest.mark.parametrize(
     ("constraints", "sentence"),
     [
-        ({"tie": {"nu": "delta**2"}}, "not linear in the coefficients"),
-        ({"fix": {"gamma": 1.0}}, "No parameter 'gamma'"),
-        ({"fix": dict.fromkeys(SIX, 0.0)}, "leave at least one free"),
+        ({"nu": "delta**2"}, "not linear in the coefficients"),
+        ({"gamma": 1.0}, "No parameter 'gamma'"),
+        (dict.fromkeys(SIX, 0.0), "leave at least one free"),
     ],
 )
 def test_what_it_cannot_do_is_refused(constraints, sentence):
     with pytest.raises(UsageError, match=sentence):
-        Direct(W, **constraints).identify(RUN.decay(0), LIBRARY)
+        Direct(W, constraints=constraints).identify(RUN.decay(0), LIBRARY)
 
 
 def test_shapes_are_held_and_may_be_fixed():
     from test_direct import run_with
 
     run, method = run_with("stribeck")
-    fixed = Direct(W, fix={"stribeck.s": 0.05}).identify(run.decay(0), run.model.library)
+    fixed = Direct(W, constraints={"stribeck.s": 0.05}).identify(run.decay(0), run.model.library)
     given = method.identify(run.decay(0), run.model.library)
     np.testing.assert_array_equal(fixed.coefficient, given.coefficient)
     assert fixed.shape.sel(shape_parameter="stribeck.s").item() == 0.05
     with pytest.raises(UsageError, match=r"stribeck.s is bounded"):
-        Direct(W, bounds={"stribeck.s": (0.0, 1.0)}).identify(run.decay(0), run.model.library)
+        Direct(W, constraints={"stribeck.s": (0.0, 1.0)}).identify(run.decay(0), run.model.library)

@@ -29,8 +29,8 @@ from sysid_trib.simulation.simulate import trajectory
 VISCOUS = {"zeta": "2*v"}
 OFFERED = {"drag": "v*abs(v)", "cubic": "x**3", "rubber": "x*abs(x)", "wild": "sqrt(2.25 - x**2)*x"}
 OF_DISCOVERY = [
-    *(plots.story, plots.discovery, plots.overview),
-    *(plots.disagreement, plots.rankings, plots.forecasts),
+    *(plots.story, plots.half_periods, plots.overview),
+    *(plots.disagreement, plots.ranking, plots.forecast),
 ]
 TIME = np.arange(0.0, 8.0, 0.02)
 CHILDREN = {
@@ -255,7 +255,7 @@ def test_figures_of_a_model_fitted_to_the_whole_record_hold_nothing_out(twin):
     tree = twin[0].copy()
     tree.attrs["options"] = json.dumps(json.loads(tree.attrs["options"]) | {"refit": True})
     assert plots.story(tree).get_supxlabel() == ""
-    assert "Held out of the search, and of these numbers" in plots.rankings(tree).get_supxlabel()
+    assert "Held out of the search, and of these numbers" in plots.ranking(tree).get_supxlabel()
 
 
 def test_the_story_of_a_record_that_lacks_nothing_names_nothing(folder, tmp_path):
@@ -271,8 +271,8 @@ def test_of_many_tied_names_the_first_are_told():
 
 def test_figure_of_the_gap_shows_the_records(twin):
     tree = twin[0]
-    panels = plots.discovery(tree).axes
-    assert len(panels) == 7
+    panels = plots.story(tree).axes
+    assert len(panels) == 4
     record = tree["record"].to_dataset()
     drawn = {line.get_label(): line.get_ydata() for line in panels[0].lines}
     np.testing.assert_array_equal(drawn["record"], record.angle.values)
@@ -282,11 +282,12 @@ def test_figure_of_the_gap_shows_the_records(twin):
         np.testing.assert_array_equal(drawn[label], moved)
         np.testing.assert_allclose(panel.lines[0].get_ydata(), 1e3 * (record.angle.values - moved))
         assert "(mrad)" in panel.get_ylabel()
+    assert len(plots.half_periods(tree).axes) == 4
 
 
 def test_disagreement_map_is_blank_without_samples_and_centred(twin):
     found = twin[0]["discrepancy"].to_dataset()
-    mesh = plots.disagreement_map(twin[0]).collections[0]
+    mesh = plots.disagreement(twin[0]).axes[0].collections[0]
     shown = mesh.get_array()
     blank = np.ma.getmaskarray(shown).T
     assert np.all(blank[found.samples.values == 0])
@@ -304,11 +305,11 @@ def test_errors_of_the_disagreement_map_are_those_of_the_noise(twin, folder, tmp
         assert 0.7 < np.sqrt(np.nanmean(z**2)) < 1.4
     before = twin[0]["discrepancy"].to_dataset()
     beyond = (abs(before.force) > 3.0 * before.standard_error).where(before.samples >= 5, False)
-    dots = plots.disagreement_map(twin[0]).lines[0]
+    dots = plots.disagreement(twin[0]).axes[0].lines[0]
     assert len(dots.get_xdata()) == beyond.sum() > 0
 
 
-@pytest.mark.parametrize("draw", [plots.disagreement, plots.forecasts, plots.overview])
+@pytest.mark.parametrize("draw", [plots.disagreement, plots.forecast, plots.overview])
 @pytest.mark.parametrize("width", [3.46, 7.2])
 def test_a_figure_of_a_column_is_whole(twin, draw, width):
     figure = draw(twin[0], width=width)
@@ -324,8 +325,11 @@ def test_a_figure_of_a_column_is_whole(twin, draw, width):
 
 def test_ranking_shows_the_scores_with_their_threshold(twin):
     tree = twin[0]
-    for scan in range(tree["ranking"].sizes["selection_step"]):
-        ax = plots.ranking(tree, selection_step=scan)
+    panels = plots.ranking(tree).axes
+    # A move may exchange effects: each was chosen for good at a step of its own.
+    chosen = sorted(set(tree["steps"].selection_step.values.astype(int).tolist()))
+    assert len(panels) in (len(chosen), len(chosen) + 1)
+    for scan, ax in zip([*chosen, -1], panels, strict=False):
         labels = [text.get_text() for text in ax.get_yticklabels()]
         points = [line for line in ax.lines if line.get_linestyle() == "None"]
         z = tree["ranking"].z.isel(selection_step=scan).sel(candidate=labels).values
@@ -342,15 +346,12 @@ def test_ranking_shows_the_scores_with_their_threshold(twin):
             assert np.ptp(np.abs(z)) > 0.5 * (high - low)
         assert labels[:3] == strongest(tree["ranking"].to_dataset().isel(selection_step=[scan]), 3)
         assert np.nanmax(np.abs(tree["ranking"].z.isel(selection_step=scan))) == np.max(np.abs(z))
-    # A move may exchange effects: each was chosen for good at a step of its own.
-    for at in tree["steps"].selection_step.values.astype(int):
-        lines = plots.ranking(tree, selection_step=at).lines
-        assert [line for line in lines if line.get_marker() == "D"]
+        assert scan == -1 or [line for line in ax.lines if line.get_marker() == "D"]
 
 
 def test_forecast_shows_the_detectable_strengths(twin):
     tree = twin[0]
-    ax = plots.forecast(tree)
+    ax = plots.forecast(tree).axes[0]
     labels = [text.get_text() for text in ax.get_yticklabels()]
     assert sorted(labels) == sorted(tree["detectability"].candidate.values.tolist())
     full = {
@@ -540,7 +541,7 @@ def test_without_a_step_there_is_a_tree_too(folder):
     model = library_of_formulas(**VISCOUS, d="v*abs(v)", n="x*abs(x)", e="x**3")
     tree = discover(decay, model, library_of_formulas(fifth="x**5"), max_effects=0)
     assert discovery_json(tree)["steps"] == []
-    assert plots.rankings(tree).axes
+    assert plots.ranking(tree).axes
     assert isinstance(model, ForceLibrary)
 
 

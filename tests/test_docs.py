@@ -29,7 +29,10 @@ BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 PAGES = [
     path for path in sorted(DOCS.glob("*.md")) if re.search(r"^```(py|sh)", path.read_text(), re.MULTILINE)
 ]
-MODULES = (st, st.methods, st.plots)
+MODULES = (
+    st,
+    *(st.campaigns, st.control, st.forces, st.methods, st.physics, st.plots, st.records, st.validation),
+)
 # No docstring; a summary without a full stop, or longer than a line; parameters that do not exist.
 ALWAYS = {"GL08", "SS03", "SS06", "PR02"}
 # Parameters not documented, in another order, of another form; something returned that is not described.

@@ -35,7 +35,7 @@ def test_the_equation_is_the_model():
     inside = re.search(r"x'' = -w\^2 \((.*)\), v = x'/w, w = ([\d.]+) rad/s", equation_text(result))
     x, v = np.array([0.1, -0.2, 0.3]), np.array([0.3, 0.1, -0.2])
     total = eval(inside[1], {"x": x, "v": v, "sign": np.sign, "abs": np.abs})
-    expected = x + model_force(st.model_of(result), np.array([0.0, 1.0, 2.0]), x, v, np.zeros(3))
+    expected = x + model_force(st.physics.model_of(result), np.array([0.0, 1.0, 2.0]), x, v, np.zeros(3))
     np.testing.assert_allclose(total, expected, atol=1e-3)
     assert float(inside[2]) == pytest.approx(W, abs=1e-2)
 

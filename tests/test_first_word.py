@@ -19,7 +19,7 @@ def test_nothing_heavy_is_imported_before_the_first_word(tmp_path):
 import sys
 from contextlib import contextmanager
 from sysid_trib.commands.app import app
-from sysid_trib.commands import {", ".join(COMMANDS)}
+from sysid_trib.commands import terminal
 class Reached(Exception): pass
 @contextmanager
 def progress():
@@ -28,9 +28,7 @@ def progress():
     yield
 arguments = {{"report": ["a.nc", "-o", "b.html"], "simulate": ["-o", "a.csv"]}}
 for name in {COMMANDS!r}:
-    module = sys.modules[f"sysid_trib.commands.{{name}}"]
-    module.progress = progress
-    sys.modules["sysid_trib.commands.terminal"].progress = progress
+    terminal.progress = progress
     try:
         app([name, *arguments.get(name, [])], standalone_mode=False)
     except Reached as reached:

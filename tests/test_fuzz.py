@@ -185,7 +185,7 @@ def test_systems_that_are_none(tmp_path, entry):
 def test_a_force_beside_a_state_that_stays_at_zero_has_a_signature(tmp_path):
     library = f'{FORCE}formula = "-1 + z"\nstate = {{ z = "0" }}\n'
     force = next(iter(st.load_library(written(tmp_path / "a.toml", library))))
-    assert st.signature(force, 0.3).sine.item() == pytest.approx(0.0, abs=1e-12)
+    assert st.forces.signature(force, 0.3).sine.item() == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.parametrize("surface", ["1", "p"])
@@ -304,7 +304,7 @@ def test_data_that_are_no_record(change):
     library = st.load_library().select(["zeta"])
     for asked in (
         st.free_decay,
-        st.envelope,
+        st.records.envelope,
         lambda record: st.identify(record, library, st.methods.Direct()),
     ):
         with pytest.raises((UsageError, DecayError)):

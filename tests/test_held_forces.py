@@ -22,7 +22,7 @@ def pendulum():
 @pytest.fixture(scope="module")
 def found(pendulum):
     start, offered = library("zeta", "gravity"), library("lambda", "delta")
-    return discover(pendulum, start, offered, fix={"gravity": 1.0}, refit=True)
+    return discover(pendulum, start, offered, constraints={"gravity": 1.0}, refit=True)
 
 
 def test_a_held_force_stays_and_the_rest_is_found(found):
@@ -38,7 +38,7 @@ def test_a_held_force_stays_and_the_rest_is_found(found):
 
 
 def test_its_frequency_is_as_well_known_as_by_direct_identification(pendulum, found):
-    direct = identify(pendulum, library(*FORCES), methods.Direct(fix={"gravity": 1.0}))
+    direct = identify(pendulum, library(*FORCES), methods.Direct(constraints={"gravity": 1.0}))
     after = found["after"].to_dataset()
     error = float(after.reference_frequency_standard_error)
     assert error == pytest.approx(float(direct.reference_frequency_standard_error), rel=0.1)
@@ -47,9 +47,9 @@ def test_its_frequency_is_as_well_known_as_by_direct_identification(pendulum, fo
 
 def test_what_is_no_force_of_the_model_is_not_held(pendulum):
     with pytest.raises(UsageError, match="No force 'gravity' of the model can be held"):
-        discover(pendulum, library("zeta"), library("lambda"), fix={"gravity": 1.0})
+        discover(pendulum, library("zeta"), library("lambda"), constraints={"gravity": 1.0})
     with pytest.raises(UsageError, match="Every force of the start model is held"):
-        discover(pendulum, library("zeta"), library("lambda"), fix={"zeta": 0.01})
+        discover(pendulum, library("zeta"), library("lambda"), constraints={"zeta": 0.01})
 
 
 def test_the_command_holds_what_the_system_has(pendulum, tmp_path):

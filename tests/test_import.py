@@ -3,12 +3,15 @@
 import ast
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
+import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import sysid_trib as st
-from sysid_trib.commands.threads import one_thread
+from sysid_trib import _MOVED as MOVED
+from sysid_trib.commands.terminal import one_thread
 
 PACKAGE = Path(st.__file__).parent
 # What changes the process for all that runs in it.
@@ -68,3 +71,24 @@ def test_commands_compute_in_one_thread_and_leave_the_others_as_they_were():
         with one_thread():
             assert set(threads()) == {1}
         assert threads() == before
+
+
+def test_sixteen_names_carry_a_newcomer():
+    assert len(st.__all__) <= 16
+    assert all(getattr(st, name) is not None for name in dir(st))
+
+
+@pytest.mark.parametrize("name", [name for names in MOVED.values() for name in names])
+def test_a_name_that_moved_still_works_and_says_where_it_is(name):
+    with pytest.warns(DeprecationWarning, match=rf"is now sysid_trib\.\w+\.{name}") as caught:
+        old = getattr(st, name)
+    assert caught[0].filename == __file__
+    namespace = next(space for space, names in MOVED.items() if name in names)
+    assert old is getattr(import_module(f"sysid_trib.{namespace}"), name)
+
+
+@pytest.mark.parametrize("package", sorted(PACKAGE.glob("*/__init__.pyi")), ids=lambda stub: stub.parent.name)
+def test_no_module_hides_a_public_name(package):
+    """A module that is imported becomes an attribute of its package, also in the place of a function."""
+    modules = {path.stem for path in package.parent.glob("*.py")}
+    assert modules.isdisjoint(import_module(f"sysid_trib.{package.parent.name}").__all__)

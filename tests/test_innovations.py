@@ -54,8 +54,8 @@ def test_noise_of_a_long_memory_has_few_states(pushed):
 def test_without_a_random_force_they_are_what_a_free_motion_leaves():
     decay = measured(st.simulate(MODEL, TIME, 0.3).angle)
     result = identified(decay, "off")
-    found = st.innovations(decay, result)
-    motion = fit_start(st.model_of(result), TIME, decay.angle.values, (0.3, 0.0))
+    found = st.validation.innovations(decay, result)
+    motion = fit_start(st.physics.model_of(result), TIME, decay.angle.values, (0.3, 0.0))
     residual = decay.angle.values - motion.x - motion.offset
     assert found.innovation.values == pytest.approx(residual, abs=1e-2 * NOISE)
     assert found.smoothed_rate.values == pytest.approx(W * motion.v, abs=1e-4 * W)
@@ -66,7 +66,7 @@ def test_without_a_random_force_they_are_what_a_free_motion_leaves():
 
 def test_innovations_of_the_right_model_are_white_and_of_the_stated_size(pushed):
     motion, decay, result = pushed
-    found = st.innovations(decay, result)
+    found = st.validation.innovations(decay, result)
     assert found.ljung_box_p_value > 0.01
     assert np.abs(found.autocorrelation).max() < 4.0 / np.sqrt(len(TIME))
     normalised = found.innovation / found.innovation_standard_deviation
@@ -80,7 +80,7 @@ def test_innovations_of_the_right_model_are_white_and_of_the_stated_size(pushed)
 
 def test_the_random_force_has_the_variance_that_is_left_to_it(pushed):
     _, decay, result = pushed
-    found = st.innovations(decay, result)
+    found = st.validation.innovations(decay, result)
     # Of a Gaussian force its estimate has the prior variance but for that of its error.
     known = (found.random_force**2 + found.random_force_standard_error**2).mean().item()
     assert known == pytest.approx(0.5 * DENSITY / found.averaging_time.item(), rel=0.35)
@@ -97,7 +97,7 @@ def test_a_push_is_seen_when_it_was_and_as_large_as_it_was(push, pushed):
     result.coefficient.values[:] = [MODEL.coefficients[s] for s in result.force.values]
     result["reference_frequency"] = result["reference_frequency"] * 0.0 + W
     result = result.assign(refers_to=result.refers_to * 0.0 + W)
-    found = st.innovations(decay, result)
+    found = st.validation.innovations(decay, result)
     largest = int(np.abs(found.random_force.values).argmax())
     assert abs(largest - at) * step < 2.0 * found.averaging_time.item()
     # The smoother spreads it over a few of its spans.
@@ -111,14 +111,14 @@ def test_a_wrong_model_shows_in_the_innovations():
     damped = MODEL.with_coefficients({"delta": 2e-2})
     decay = measured(st.simulate(damped, TIME, 0.3).angle)
     result = identified(decay, "off", FORCES.select(["lambda"]))
-    assert st.innovations(decay, result).ljung_box_p_value < 1e-6
+    assert st.validation.innovations(decay, result).ljung_box_p_value < 1e-6
 
 
 def test_any_method_and_each_of_several_runs():
     decays = [measured(st.simulate(MODEL, TIME, a).angle, seed) for seed, a in enumerate((0.3, 0.2))]
     result = st.identify(decays, FORCES, st.methods.Direct())
     for run, decay in enumerate(decays):
-        found = st.innovations(decay, result, run)
+        found = st.validation.innovations(decay, result, run)
         assert found.innovation_rms == pytest.approx(NOISE, rel=0.15)
         assert dict(found.sizes) == {"time": len(TIME), "lag": 20}
 
@@ -126,7 +126,7 @@ def test_any_method_and_each_of_several_runs():
 def test_a_gap_is_a_long_step(pushed):
     _, decay, result = pushed
     gap = decay.isel(time=[*range(300), *range(420, 700)])
-    found = st.innovations(gap, result)
+    found = st.validation.innovations(gap, result)
     assert found.innovation_standard_deviation.values[300] > 2.0 * NOISE
     assert found.ljung_box_p_value > 0.001
 
@@ -146,7 +146,7 @@ def test_a_long_record_is_linear_in_its_samples():
         result["random_force_density"] = DENSITY
         result["random_force_standard_error"] = result["random_force_p_value"] = 0.0
         start = clock.process_time()
-        st.innovations(part, result)
+        st.validation.innovations(part, result)
         seconds.append(clock.process_time() - start)
     assert seconds[1] < 8.0 * seconds[0]
 
@@ -154,7 +154,7 @@ def test_a_long_record_is_linear_in_its_samples():
 def test_bands_hold_what_was_measured(pushed):
     _, decay, result = pushed
     ahead = np.array([0.5, 1.0, 3.0])
-    bands = st.prediction_bands(decay, result, ahead, origins=np.arange(2.0, 9.5, 0.4))
+    bands = st.validation.prediction_bands(decay, result, ahead, origins=np.arange(2.0, 9.5, 0.4))
     assert bands.predicted.dims == ("origin", "horizon")
     score = (bands.measured - bands.predicted) / bands.predicted_standard_error
     assert 0.6 < np.sqrt((score**2).mean()) < 1.4
@@ -169,7 +169,7 @@ def test_the_band_holds_what_another_coefficient_predicts_of_the_same_record(sym
     """With another curve of the sensor, or another force, the same samples are those of another motion."""
     _, decay, _ = pushed
     curve = st.load_library("candidate_effects")["sensor_curve"]
-    forces = st.ForceLibrary("with the sensor's curve", (*FORCES, curve))
+    forces = st.forces.ForceLibrary("with the sensor's curve", (*FORCES, curve))
     result = st.identify(decay, forces, st.methods.Direct(random_force=DENSITY))
     zero = xr.zeros_like(result.covariance)
     known = result.assign(
@@ -182,7 +182,7 @@ def test_the_band_holds_what_another_coefficient_predicts_of_the_same_record(sym
     variance.loc[{"force": symbol, "other_force": symbol}] = error**2
     other = known.assign(coefficient=known.coefficient + error * (known.force == symbol))
     here, there, wide = (
-        st.prediction_bands(decay, r, [1.0, 3.0], origins=origins)
+        st.validation.prediction_bands(decay, r, [1.0, 3.0], origins=origins)
         for r in (known, other, known.assign(covariance=variance))
     )
     added = wide.predicted_standard_error**2 - here.predicted_standard_error**2
@@ -196,13 +196,15 @@ def test_a_prediction_uses_no_sample_after_its_origin(pushed):
     other = decay.copy(deep=True)
     other.angle[400:] += 3.0 * NOISE
     origins = [float(TIME[390])]
-    first, second = (st.prediction_bands(d, result, [1.0], origins=origins) for d in (decay, other))
+    first, second = (
+        st.validation.prediction_bands(d, result, [1.0], origins=origins) for d in (decay, other)
+    )
     assert abs((first.predicted - second.predicted).item()) < 0.02 * NOISE
 
 
 def test_beyond_the_record_nothing_is_measured(pushed):
     _, decay, result = pushed
-    bands = st.prediction_bands(decay, result, [1.0, 10.0], origins=[float(TIME[-50])])
+    bands = st.validation.prediction_bands(decay, result, [1.0, 10.0], origins=[float(TIME[-50])])
     assert np.isfinite(bands.measured.values[0, 0])
     assert np.isnan(bands.measured.values[0, 1])
     assert bands.time_ahead.values[0, 1] > TIME[-1]
@@ -211,11 +213,11 @@ def test_beyond_the_record_nothing_is_measured(pushed):
 def test_requests_that_no_record_supports(pushed):
     _, decay, result = pushed
     with pytest.raises(UsageError, match="positive"):
-        st.prediction_bands(decay, result, [0.0])
+        st.validation.prediction_bands(decay, result, [0.0])
     with pytest.raises(DecayError, match="fewer periods"):
-        st.prediction_bands(decay, result, [500.0])
+        st.validation.prediction_bands(decay, result, [500.0])
     with pytest.raises(DecayError, match="start between"):
-        st.prediction_bands(decay, result, [1.0], origins=[0.0])
+        st.validation.prediction_bands(decay, result, [1.0], origins=[0.0])
 
 
 def test_a_model_that_lacks_nothing_seldom_has_wider_bands():
@@ -239,7 +241,7 @@ def test_bands_of_a_model_that_lacks_a_force_are_widened_to_hold(pushed):
     decay, result = pushed[1], pushed[2]
     wrong = result.assign(coefficient=result.coefficient * xr.where(result.force == "delta", 3.0, 1.0))
     origins = np.arange(2.0, 9.5, 0.71)
-    bands = st.prediction_bands(decay, wrong, [1.0], origins=origins)
+    bands = st.validation.prediction_bands(decay, wrong, [1.0], origins=origins)
     # The first ones had no predictions before them by which to be widened.
     known = bands.isel(origin=slice(4, None), horizon=0)
     scores = np.abs((known.measured - known.predicted) / known.predicted_standard_error)

@@ -134,8 +134,8 @@ def test_random_force_beside_a_known_input() -> None:
 def test_innovations_and_bands_know_the_input() -> None:
     record = driven_record(3, 1e-4, periods=20)
     result = st.identify(record, LIBRARY, METHODS["direct beside a random force"])
-    assert float(st.innovations(record, result).ljung_box_p_value) > 1e-3
-    bands = st.prediction_bands(record, result)
+    assert float(st.validation.innovations(record, result).ljung_box_p_value) > 1e-3
+    bands = st.validation.prediction_bands(record, result)
     z = (bands.measured - bands.predicted) / bands.predicted_standard_error
     assert np.nanmax(np.abs(z)) < 4.0
 

@@ -25,7 +25,7 @@ from discovery import (
 from helpers import FIVE, NOISE, W, decay, rms, rms_range
 from kicked_motion import kicked_motion, smooth_forces
 
-from sysid_trib import cramer_rao_bound, simulate
+from sysid_trib import simulate
 from sysid_trib.discrepancy.fits import Fits
 from sysid_trib.discrepancy.homogeneity_test import homogeneity
 from sysid_trib.forces.library import parse_library
@@ -38,6 +38,7 @@ from sysid_trib.likelihood_fit.run_rows import nuisances
 from sysid_trib.likelihood_fit.trials import TrialEffect, from_unit, to_unit, trials_of
 from sysid_trib.noise.random_force import RandomForce
 from sysid_trib.regression.weak_form import cholesky_factor, whiten
+from sysid_trib.validation import cramer_rao_bound
 
 FRICTION = FIVE | {"lambda": 2e-4}
 # A spline alone would round the jumps of strong dry friction and have its reversals late.

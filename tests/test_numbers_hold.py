@@ -24,7 +24,7 @@ def test_a_strong_held_elastic_force_beside_a_random_force(start, held):
     library = SIX.select(["lambda", "zeta", *held])
     true = {"lambda": 2e-3, "zeta": 0.01, **held}
     decay = noisy(st.Model(library, true, 6.0), np.arange(0.0, 30.0, 0.02), start, 1e-3)
-    result = st.identify(decay, library, Direct(random_force="estimated", fix=held))
+    result = st.identify(decay, library, Direct(random_force="estimated", constraints=held))
     free = result.sel(force=["lambda", "zeta"])
     assert np.all(np.abs(free.coefficient - [2e-3, 0.01]) < 3.5 * free.standard_error)
     assert abs(result.reference_frequency - 6.0) < 3.5 * result.reference_frequency_standard_error
@@ -42,7 +42,7 @@ def test_errors_are_those_of_the_bound_however_many_samples_a_period(per_period,
         {"time": time},
     )
     result = st.identify(decay, model.library, Direct(random_force=random_force))
-    bound = st.cramer_rao_bound(model, time, 0.35, 0.0, noise, free=True).standard_error
+    bound = st.validation.cramer_rao_bound(model, time, 0.35, 0.0, noise, free=True).standard_error
     # By the noise that these few samples happen to have.
     ratio = (result.standard_error / bound).values * noise / (result.birge_ratio * result.noise).item()
     # With a random force that the record leaves open errors are larger; never are they smaller.
@@ -210,12 +210,12 @@ def test_weights_of_a_force_that_depends_on_time_are_those_of_each_time(tmp_path
 
 
 def test_a_swing_of_many_periods_with_gravity_held():
-    library = st.ForceLibrary(
+    library = st.forces.ForceLibrary(
         "pendulum", (SIX["lambda"], SIX["zeta"], st.load_library("candidate_effects")["gravity"]), "test"
     )
     true = {"zeta": 5e-5, "gravity": 1.0}
     decay = noisy(st.Model(library, true, 9.3), np.arange(0.0, 100.0, 0.05), 1.5, 1e-4)
-    method = Direct(random_force="off", fix={"gravity": 1.0})
+    method = Direct(random_force="off", constraints={"gravity": 1.0})
     result = method.identify(decay, library)
     free = result.sel(force=["lambda", "zeta"])
     assert np.all(np.abs(free.coefficient - [0.0, 5e-5]) < 3.5 * free.standard_error)

@@ -7,13 +7,13 @@ from helpers import FIVE, NOISE, W, decay, library_of_formulas, overlaps, paper_
 from matplotlib.collections import QuadMesh
 
 import sysid_trib as st
-from sysid_trib.plots.overview import COEFFICIENT_RANGE
+from sysid_trib.plots.at_a_glance import COEFFICIENT_RANGE
 from sysid_trib.plots.overview_data import overview_data
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation.residual_force import model_force, residual_force
 
 FORCES = st.load_library()
-PANELS = 10
+PANELS = 11
 
 
 @pytest.fixture(scope="module")
@@ -73,11 +73,11 @@ def test_shares_and_power_are_those_of_the_result(tree):
     data, direct = overview_data(tree), tree["direct"].to_dataset()
     a = float(data.weighed.amplitude[-1])
     assert a == pytest.approx(float(tree["envelope"].amplitude.max()))
-    expected = st.weights(direct, a)
+    expected = st.physics.weights(direct, a)
     np.testing.assert_allclose(data.weighed.decay_share.isel(amplitude=-1), expected.decay_share)
     at = data.power.isel(time=0)
     halves = tree["envelope"]
-    energy = st.dissipated_energy(direct, np.interp(at.time, halves.instant_time, halves.amplitude))
+    energy = st.physics.dissipated_energy(direct, np.interp(at.time, halves.instant_time, halves.amplitude))
     np.testing.assert_allclose(at.power, energy.energy * direct.reference_frequency / (2.0 * np.pi))
 
 
@@ -128,10 +128,8 @@ def test_a_broken_model_never_sets_a_scale(tree):
     broken = tree.copy(deep=True)
     broken["record"].simulated_angle.values[0] = 50.0 * np.sin(broken["record"].time.values)
     # The first two of an overview are the backbone.
-    for draw, first in ((st.plots.overview, 2), (st.plots.identification, 0)):
-        figure = draw(broken)
-        for panel in figure.axes[first : first + 2]:
-            assert max(map(abs, panel.get_ylim())) < 10.0
+    for panel in st.plots.overview(broken).axes[2:4]:
+        assert max(map(abs, panel.get_ylim())) < 10.0
     broken["record"].simulated_angle.values[1] = np.nan
     figure = st.plots.overview(broken)
     assert any(text.get_text() == "all methods failed" for panel in figure.axes for text in panel.texts)

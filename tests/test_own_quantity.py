@@ -121,7 +121,7 @@ def test_an_accelerometer_on_a_pendulum_shows_its_angle_and_forces(tmp_path):
     decay = st.free_decay(record)
     exact = np.interp(decay.time, TIME, motion.position)
     assert np.abs(decay.angle - exact).max() < 0.03
-    result = st.methods.Trajectory(fix={"gravity": 1.0}).identify(decay, library)
+    result = st.methods.Trajectory(constraints={"gravity": 1.0}).identify(decay, library)
     z = (result.coefficient.values[:2] - [*TRUE.values()]) / result.standard_error.values[:2]
     assert np.abs(z).max() < 4.0
     assert abs(result.reference_frequency.item() - w) < 4.0 * result.reference_frequency_standard_error.item()

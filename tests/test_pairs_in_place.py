@@ -5,9 +5,10 @@ import pytest
 from discovery import CONTACT, EFFECTS, EVERY, exact, library, model_of, start_model, with_effect
 from helpers import decay
 
-from sysid_trib import ForceLibrary, discover
+from sysid_trib import discover
 from sysid_trib.discrepancy import pairs
 from sysid_trib.discrepancy.fits import Fits
+from sysid_trib.forces import ForceLibrary
 from sysid_trib.likelihood_fit.settings import Settings
 from sysid_trib.results.discoveries import credible_set
 from sysid_trib.screening.screen import screen

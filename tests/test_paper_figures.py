@@ -6,7 +6,9 @@ import xarray as xr
 from helpers import FIVE, W, paper_run
 from known_results import PAPER, known
 
-from sysid_trib import Model, envelope, free_decay, load_library, plots, predict_envelope, simulate, weights
+from sysid_trib import Model, free_decay, load_library, plots, simulate
+from sysid_trib.physics import predict_envelope, weights
+from sysid_trib.records import envelope
 
 LIBRARY = load_library()
 TIME = np.arange(0.0, 40.0, 0.05)
@@ -23,7 +25,7 @@ def labelled(axes):
 
 def test_a_decay_stands_inside_its_averaged_envelope():
     motion, averaged = moved({"zeta": 0.05})
-    axes = plots.averaged_decay(motion, averaged)
+    axes = plots.motions(motion, {"averaged envelope": averaged})
     curve, upper, lower = axes.lines
     np.testing.assert_array_equal(curve.get_ydata(), motion.angle)
     np.testing.assert_array_equal(upper.get_ydata(), averaged.amplitude)
@@ -122,12 +124,11 @@ def study():
 
 def test_errors_of_a_study_stand_above_the_bound():
     found = study()
-    axes = plots.precision(found, "zeta")
-    lines = labelled(axes)
+    figure = plots.precision(found)
+    lines = labelled(figure.axes[1])
     np.testing.assert_array_equal(lines["averaging"].get_ydata(), found.error[1].sel(force="zeta"))
     np.testing.assert_array_equal(lines["Cramér-Rao bound"].get_ydata(), found.bound.sel(force="zeta"))
-    assert axes.get_xlabel() == "noise (rad)"
-    figure = plots.precisions(found)
+    assert figure.axes[1].get_xlabel() == "noise (rad)"
     assert [panel.get_title(loc="left") for panel in figure.axes] == [
         r"$\lambda$",
         r"$\zeta$",
@@ -140,7 +141,7 @@ def test_errors_of_a_study_stand_above_the_bound():
 
 def test_close_levels_are_labelled_themselves():
     found = study().assign_coords(level=("level", [25.0, 100.0, 400.0], {"long_name": "rate", "units": "Hz"}))
-    labels = [text.get_text() for text in plots.precision(found, "nu").get_xticklabels()]
+    labels = [text.get_text() for text in plots.precision(found).axes[2].get_xticklabels()]
     assert labels == ["25", "100", "400"]
 
 

@@ -9,16 +9,17 @@ from helpers import paper_run, rms_range
 from known_results import PAPER, W, correlated, known
 from scipy.integrate import quad
 
-from sysid_trib import Model, load_library, with_contactless_frequency
+from sysid_trib import Model, load_library
+from sysid_trib.control import damp
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.library import parse_library
 from sysid_trib.methods import Direct
+from sysid_trib.physics import with_contactless_frequency
 from sysid_trib.physics.contact import contact_stiffness, sphere_stiffness
 from sysid_trib.physics.crossing import crossovers
 from sysid_trib.physics.energy import arrest_time, dissipated_energy
 from sysid_trib.physics.fingerprint import SLIP_RATIO, slip_fingerprint
 from sysid_trib.physics.force_weights import weights
-from sysid_trib.physics.linear_systems import damp
 from sysid_trib.physics.model_estimate import model_estimate
 from sysid_trib.physics.sliding import sliding_coefficients
 from sysid_trib.physics.units import inertia_with_mass, physical_units

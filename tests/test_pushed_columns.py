@@ -169,7 +169,7 @@ def _dense(linear, ratio):
 def test_innovations_of_coloured_noise_are_white():
     decay, library, _ = record(TRUTH, 30, wander=5.0, filter_=(1.0, -0.8), seed=4)
     result = st.identify(decay, library, Direct(random_force="estimated"))
-    innovations = st.innovations(decay, result)
+    innovations = st.validation.innovations(decay, result)
     assert innovations.ljung_box_p_value.item() > 0.01
     # Of 480 samples: three errors.
     assert innovations.innovation_rms.item() == pytest.approx(NOISE, rel=0.1)
@@ -238,7 +238,7 @@ def test_at_few_samples_no_error_is_smaller_than_the_bound():
     decay, library, density = record(truth, 20, wander=1.0)
     result = st.identify(decay, library, Direct(random_force=density))
     model = st.Model(library, truth, W)
-    bound = st.cramer_rao_bound(
+    bound = st.validation.cramer_rao_bound(
         model, decay.time.values, 0.3, 0.0, NOISE, free=True, random_force=density
     ).standard_error
     # A tenth for the noise that the record shows; with some cells averaged and others not, nu had 0.77.

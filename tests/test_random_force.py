@@ -310,9 +310,9 @@ def test_a_fit_settles_where_friction_holds_the_body_for_half_the_record():
 def test_the_bound_with_a_random_force_continues_that_without(free):
     truth = {"lambda": 1e-3, "zeta": 1e-4, "epsilon": -0.1}
     model, time = model_with(**truth), np.arange(600) * 0.02
-    plain = st.cramer_rao_bound(model, time, 0.3, 0.0, 2e-4, free=free)
+    plain = st.validation.cramer_rao_bound(model, time, 0.3, 0.0, 2e-4, free=free)
     errors = [
-        st.cramer_rao_bound(model, time, 0.3, 0.0, 2e-4, free=free, random_force=density)
+        st.validation.cramer_rao_bound(model, time, 0.3, 0.0, 2e-4, free=free, random_force=density)
         for density in (1e-16, 1e-6, 1e-4)
     ]
     names = ["standard_error", *([] if not free else ["reference_frequency_standard_error"])]
@@ -339,7 +339,7 @@ def test_a_density_by_hand_is_held(tmp_path):
     model, time = model_with(zeta=1e-4, delta=2e-3), np.arange(400) * 2.0 * np.pi / W / 20
     angle = st.simulate(model, time, angle=0.3, random_force=1e-5, seed=4).angle
     decay = xr.Dataset({"angle": angle + 2e-4 * np.random.default_rng(5).standard_normal(len(time))})
-    method = st.methods.Trajectory(random_force=1e-5, bounds={"zeta": (0.0, np.inf)})
+    method = st.methods.Trajectory(random_force=1e-5, constraints={"zeta": (0.0, np.inf)})
     result = st.identify(decay, model.library, method)
     assert random_force_of(result).density == pytest.approx(1e-5, rel=1e-9)
     st.save(result, tmp_path / "result.nc")

@@ -58,7 +58,7 @@ def test_a_random_force_alone_depends_on_nothing():
     values = []
     for seed in range(5):
         decay = measured(MODEL, density_of(5.0), seed)
-        values.append(st.random_force_dependence(decay, identified(decay)))
+        values.append(st.validation.random_force_dependence(decay, identified(decay)))
     tested = xr.concat(values, "seed")
     assert (tested.p_value > 0.01).all()
     assert 0.2 < tested.dependence_p_value.mean() < 0.8
@@ -77,10 +77,10 @@ def test_a_random_force_alone_depends_on_nothing():
 def test_a_force_that_is_left_out_shows_on_what_it_depends(symbol, coefficient, on):
     whole = {f.symbol: f for name in ("contact_forces", "candidate_effects") for f in st.load_library(name)}
     kept = FORCES.select(["zeta", "delta"])
-    library = st.ForceLibrary("whole", (*kept, whole[symbol]))
+    library = st.forces.ForceLibrary("whole", (*kept, whole[symbol]))
     decay = measured(st.Model(library, {"zeta": 5e-3, "delta": 2e-3, symbol: coefficient}, W))
     result = identified(decay, kept)
-    tested = st.random_force_dependence(decay, result)
+    tested = st.validation.random_force_dependence(decay, result)
     assert tested.p_value < 1e-6
     assert tested.dependence_p_value.sel(aspect="force", on=on) < 1e-4
 
@@ -96,36 +96,36 @@ def test_a_size_that_follows_the_amplitude_is_seen():
     decay = xr.Dataset(
         {"angle": ("time", angle + NOISE * np.random.default_rng(1).standard_normal(1500))}, {"time": time}
     )
-    tested = st.random_force_dependence(decay, identified(decay, FORCES.select(["zeta"])))
+    tested = st.validation.random_force_dependence(decay, identified(decay, FORCES.select(["zeta"])))
     assert tested.dependence_p_value.sel(aspect="size", on="amplitude") < 1e-4
     assert tested.p_value < 1e-3
 
 
 def test_a_coefficient_that_was_held_wrong_is_no_random_force():
     decay = measured(MODEL.with_coefficients({"zeta": 5e-3}))
-    method = st.methods.Trajectory(random_force="estimated", fix={"epsilon": -0.05}, start=MODEL)
-    tested = st.random_force_dependence(decay, st.identify(decay, FORCES, method))
+    method = st.methods.Trajectory(random_force="estimated", constraints={"epsilon": -0.05}, start=MODEL)
+    tested = st.validation.random_force_dependence(decay, st.identify(decay, FORCES, method))
     assert tested.dependence_p_value.sel(aspect="force", on="angle") < 1e-6
 
 
 def test_a_density_by_hand_that_the_record_contradicts(pushed):
     decay, result = pushed
-    assert st.random_force_dependence(decay, result).density_p_value > 0.5
+    assert st.validation.random_force_dependence(decay, result).density_p_value > 0.5
     wrong = identified(decay, random_force=30.0 * density_of(5.0))
-    tested = st.random_force_dependence(decay, wrong)
+    tested = st.validation.random_force_dependence(decay, wrong)
     assert tested.density_p_value < 1e-4
     assert 0.3 < tested.likely_density / density_of(5.0) < 3.0
 
 
 def test_the_same_record_has_the_same_p_value(pushed):
     decay, result = pushed
-    first, second = (st.random_force_dependence(decay, result) for _ in range(2))
+    first, second = (st.validation.random_force_dependence(decay, result) for _ in range(2))
     assert first.identical(second)
 
 
 def test_without_a_random_force_there_is_nothing_to_test(pushed):
     with pytest.raises(UsageError, match="estimated"):
-        st.random_force_dependence(pushed[0], identified(pushed[0], random_force="off"))
+        st.validation.random_force_dependence(pushed[0], identified(pushed[0], random_force="off"))
 
 
 def test_a_run_is_followed_once_and_as_from_the_beginning(pushed):
@@ -188,7 +188,7 @@ def test_a_long_record_takes_seconds():
     result["random_force_density"] = 1e-7
     result["random_force_standard_error"] = result["random_force_p_value"] = 0.0
     start = clock.process_time()
-    tested = st.random_force_dependence(decay, result)
+    tested = st.validation.random_force_dependence(decay, result)
     assert clock.process_time() - start < 10.0
     assert tested.attrs["every"] == 5
 
@@ -288,12 +288,11 @@ def test_the_command_line_refuses_what_is_no_density(text):
 
 def test_figures_show_the_numbers(checked):
     followed, bands = (checked[name].to_dataset() for name in ("innovations", "prediction_bands"))
-    over_time, over_lag = plots.innovations(followed).axes
+    over_time, over_lag, force = plots.innovations(followed).axes
     assert over_time.lines[0].get_ydata() == pytest.approx(1e3 * followed.innovation.values)
     assert (over_time.get_xlabel(), over_time.get_ylabel()) == ("time (s)", "innovation (mrad)")
     assert over_lag.get_xlabel() == "lag (samples)"
     assert over_lag.lines[0].get_ydata() == pytest.approx(followed.autocorrelation.values)
-    force = plots.random_force(followed)
     assert set(force.lines[0].get_ydata()) <= set(followed.random_force.values)
     assert force.get_ylabel() == "random force (rad/s²)"
     predicted = plots.prediction_bands(bands)
@@ -326,14 +325,14 @@ def test_what_could_not_be_followed_is_not_described(checked):
 
 def test_the_command_draws_what_there_is(checked):
     names = [name for name, _ in random_force_figures(checked, plots)]
-    assert names == ["innovations", "random_force", "prediction_bands"]
+    assert names == ["innovations", "prediction_bands"]
     without = checked.filter(lambda node: node.name not in ("innovations", "prediction_bands"))
     assert random_force_figures(without, plots) == []
 
 
 def test_noise_that_is_larger_than_the_sensors_hides_no_force():
     whole = {f.symbol: f for f in st.load_library("candidate_effects")}
-    library = st.ForceLibrary("whole", (*FORCES, whole["structural_damping"]))
+    library = st.forces.ForceLibrary("whole", (*FORCES, whole["structural_damping"]))
     time = np.arange(1200) * 2.0 * np.pi / W / 60
     truth = {"zeta": 5e-3, "delta": 2e-3, "epsilon": -0.1, "structural_damping": 0.09}
     decay = measured(st.Model(library, truth, W), time=time)
@@ -369,7 +368,7 @@ def direct_verdict(decay):
 def test_the_verdict_in_coloured_noise(wander, symbol, coefficient, verdict):
     time = np.arange(1200) * 2.0 * np.pi / W / 60
     further = [] if symbol is None else [st.load_library("candidate_effects")[symbol]]
-    library = st.ForceLibrary("whole", (*FORCES, *further))
+    library = st.forces.ForceLibrary("whole", (*FORCES, *further))
     model = st.Model(library, TRUTH | {force.symbol: coefficient for force in further}, W)
     density = RandomForce.density_of(2.0 * (wander * NOISE) ** 2 / (W * time[-1]), W)
     assert direct_verdict(coloured(model, 2, density, time)) == verdict

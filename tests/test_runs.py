@@ -10,9 +10,10 @@ from command_line import run as command
 from helpers import FIVE, SIX, Run, W, paper_run, rms, rms_range, values
 from scipy.stats import kstest
 
-from sysid_trib import difference, identify, load, run_agreement, save
+from sysid_trib import identify, load, save
 from sysid_trib.errors import UsageError
 from sysid_trib.methods import Averaging, Direct, Trajectory
+from sysid_trib.validation import difference, run_agreement
 
 LONG = paper_run(FIVE)
 SHORT = replace(paper_run(FIVE, duration=15.0, sampling_rate=50.0), start=0.6)

@@ -16,8 +16,8 @@ from helpers import (
     values,
 )
 
-from sysid_trib import ForceLibrary
 from sysid_trib.errors import UsageError
+from sysid_trib.forces import ForceLibrary
 from sysid_trib.methods import Direct
 from sysid_trib.regression.constraint_map import ConstraintMap
 from sysid_trib.regression.optimizers import SignificanceSelection

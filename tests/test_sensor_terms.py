@@ -73,7 +73,7 @@ def test_a_curve_that_is_left_out_is_taken_for_a_force():
 
 def test_sensor_terms_can_be_fixed_tied_and_dropped():
     decay, library = record(2), LIBRARY.select(TRUTH | TERMS)
-    held = Direct(fix=TERMS).identify(decay, library)
+    held = Direct(constraints=TERMS).identify(decay, library)
     assert held.coefficient.sel(force=list(TERMS)).values.tolist() == list(TERMS.values())
     assert np.all(np.abs(errors(held, TRUTH)) < 4.0)
     chosen = Direct(significance=0.01).identify(decay, LIBRARY.select([*TRUTH, *TERMS, "sensor_drift"]))

@@ -64,7 +64,7 @@ def test_a_campaign_takes_it_by_the_fit_of_the_motion(tmp_path, name):
     decays = free_decays(
         xr.Dataset({"angle": ("time", swing(time, zeta, start))}, {"time": time}), as_it_is=True
     )
-    task = st.Task(
+    task = st.campaigns.Task(
         "identify", st.load_library().select(["zeta"]), read=lambda path: decays, options={"draws": 0}
     )
     (row,) = rows_of(task, ["r.csv"])
@@ -111,7 +111,9 @@ def test_a_motion_that_stops_before_the_record_swings_is_said_to_have_nothing_in
     late += 1e-4 * np.random.default_rng(0).standard_normal(time.size)
     early = np.where(time < 20.0, 0.2 * np.sin(0.7 * time + 0.3), 1e-9)
     record, motion = (
-        st.envelope(xr.Dataset({"angle": ("time", angle)}, {"time": time})).assign_attrs(first_time=0.0)
+        st.records.envelope(xr.Dataset({"angle": ("time", angle)}, {"time": time})).assign_attrs(
+            first_time=0.0
+        )
         for angle in (late, early)
     )
     with pytest.raises(DecayError, match="in common"):

@@ -14,7 +14,7 @@ from sysid_trib.campaigns.store import as_dataset
 from sysid_trib.errors import RecordError
 
 pytest.importorskip("zarr", reason="campaigns need the extra of this name")
-TASK = st.Task("identify", st.load_library().select(["zeta"]), {"direct": st.methods.Direct()})
+TASK = st.campaigns.Task("identify", st.load_library().select(["zeta"]), {"direct": st.methods.Direct()})
 TIME = np.arange(0.0, 12.0, 0.02)
 OPTIONS = ("--forces", "zeta", "--methods", "direct", "--workers", "0")
 
@@ -78,7 +78,11 @@ def test_what_is_damaged_in_a_store_is_noticed(made, tmp_path, damage):
     place = tmp_path / "a.zarr"
     shutil.copytree(base, place)
     DAMAGES[damage](place)
-    for ask in (lambda: do(records[:2], place), lambda: do(records, place), lambda: st.open_store(place)):
+    for ask in (
+        lambda: do(records[:2], place),
+        lambda: do(records, place),
+        lambda: st.campaigns.open_store(place),
+    ):
         with pytest.raises(RecordError, match=r"a\.zarr: a part of the store is damaged"):
             ask()
 
@@ -89,7 +93,7 @@ def test_a_record_that_is_done_anew_has_its_checksum_anew(made, tmp_path):
     before = do(records, place).coefficient.values
     write_csv(tmp_path / "r1.csv", TIME, linear(TIME, 0.05))
     do(records, place)
-    after = st.open_store(place).coefficient.values
+    after = st.campaigns.open_store(place).coefficient.values
     assert before[0] == after[0]
     assert before[1] != after[1]
     assert "checksum" not in as_dataset(place)
@@ -115,7 +119,7 @@ def test_a_link_to_a_store_stays_one(made, tmp_path):
     assert do(records, tmp_path / "a.zarr").sizes["record"] == 3
     assert (tmp_path / "a.zarr").is_symlink()
     assert sorted(os.listdir(tmp_path)) == ["a.zarr", "disk"]
-    assert st.open_store(tmp_path / "disk" / "a.zarr").sizes["record"] == 3
+    assert st.campaigns.open_store(tmp_path / "disk" / "a.zarr").sizes["record"] == 3
 
 
 @pytest.mark.parametrize("which", ["record", "conditions", "library"])

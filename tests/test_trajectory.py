@@ -112,7 +112,7 @@ def test_a_shape_parameter_is_fitted():
 
 def test_bounds_are_kept():
     record = paper_run(FIVE).decay(0)
-    found = Trajectory(bounds={"lambda": (0.0, np.inf)}).identify(record, FORCES)
+    found = Trajectory(constraints={"lambda": (0.0, np.inf)}).identify(record, FORCES)
     assert 0.0 <= found.coefficient.sel(force="lambda").item() < 1e-6
 
 
@@ -123,7 +123,7 @@ def test_what_cannot_be_asked_is_refused():
     with pytest.raises(UsageError, match="shape"):
         Trajectory(fit_shapes=("lambda.s",)).identify(record, FORCES)
     with pytest.raises(UsageError, match="gamma"):
-        Trajectory(bounds={"gamma": (0.0, 1.0)}).identify(record, FORCES)
+        Trajectory(constraints={"gamma": (0.0, 1.0)}).identify(record, FORCES)
     with pytest.raises(DecayError, match="follows"):
         Trajectory(reference_frequency=5.0).identify(record, FORCES.select(["zeta"]))
 

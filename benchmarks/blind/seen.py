@@ -9,7 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from sysid_trib import ForceLibrary, free_decay, load_library
+from sysid_trib import free_decay, load_library
+from sysid_trib.forces import ForceLibrary
 from sysid_trib.forces.force import Force
 from sysid_trib.forces.library import library_of_text
 from sysid_trib.likelihood_fit.decimation import decimated

@@ -37,7 +37,7 @@ def sound_files(folder: Path) -> dict[str, Path]:
     with h5py.File(places[".h5"], "w") as file:
         file["time"], file["angle"] = TIME, ANGLE
         file["angle"].attrs["units"] = "rad"
-    st.save(st.free_decay(st.paper_twin().isel(time=slice(0, 400))).drop_attrs(), places[".nc"])
+    st.save(st.free_decay(st.records.paper_twin().isel(time=slice(0, 400))).drop_attrs(), places[".nc"])
     record = xr.Dataset({"angle": ("time", ANGLE, {"units": "rad"})}, {"time": TIME})
     record.to_netcdf(places[".cdf"], engine="scipy")
     scipy.io.savemat(places[".mat"], {"run": {"time": TIME, "angle": ANGLE}}, do_compression=True)

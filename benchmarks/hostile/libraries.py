@@ -140,7 +140,7 @@ def library_case(random: np.random.Generator, folder: Path) -> Callable[[], obje
         forces = st.load_library(place)
         for one in forces:
             if one.kind == "force":
-                st.signature(one, 0.3)
+                st.forces.signature(one, 0.3)
         assert forces.to_toml()
         if moves:
             model = st.Model(forces, dict.fromkeys(forces.symbols, 1e-3), 9.0)
@@ -155,4 +155,4 @@ def toml_case(random: np.random.Generator, folder: Path) -> Callable[[], object]
         place = _written(system(random), folder / "a.toml", random)
         return lambda: load_system(str(place))
     place = _written(study(random), folder / "a.toml", random)
-    return lambda: st.load_study(place).decay(0)
+    return lambda: st.campaigns.load_study(place).decay(0)

@@ -79,11 +79,11 @@ def case(random: np.random.Generator, folder: Path) -> Callable[[], object]:
         if kind == 0:
             return st.identify(data, forces, method)
         if kind == 1:
-            return st.envelope(data)
+            return st.records.envelope(data)
         with np.errstate(all="ignore"):
             decay = st.free_decay(data, **given)
         if kind == 2:
-            return st.envelope(decay)
+            return st.records.envelope(decay)
         return st.identify(decay, forces, method)
 
     return action

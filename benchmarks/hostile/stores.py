@@ -12,7 +12,7 @@ import sysid_trib as st
 from hostile.pieces import ANGLE, TIME, damaged, number, pick, text
 from sysid_trib.campaigns.conditions import read_conditions
 
-TASK = st.Task("identify", st.load_library().select(["zeta"]), {"direct": st.methods.Direct()})
+TASK = st.campaigns.Task("identify", st.load_library().select(["zeta"]), {"direct": st.methods.Direct()})
 KEYS = ("chunks", "compressor", "dtype", "fill_value", "filters", "order", "shape", "zarr_format")
 VALUES = (
     0,
@@ -81,5 +81,5 @@ def case(random: np.random.Generator, folder: Path) -> Callable[[], object]:
             _edit(place, random)
     # Nothing is identified anew where a store is only gone on with.
     if random.random() < 0.7:
-        return lambda: st.open_store(place).load()
+        return lambda: st.campaigns.open_store(place).load()
     return lambda: st.campaign(records[:-1], TASK, output=place, workers=0)

@@ -1,5 +1,6 @@
-"""A new Zarr store of a campaign: its coordinates, and arrays that are filled later."""
+"""A new Zarr store of a campaign, empty or with the rows of the one whose place it takes."""
 
+import os
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,45 +9,25 @@ from typing import Any
 import numpy as np
 
 from sysid_trib.campaigns.checksums import CHECKSUM
-from sysid_trib.campaigns.growth import copy_rows, unfinished
-from sysid_trib.campaigns.outline import EDGES
 from sysid_trib.campaigns.records import CampaignRecords
-from sysid_trib.campaigns.task import (
-    EFFECT_P_VALUE,
-    LONGEST_TEXT,
-    RECORD_TEXTS,
-    SCALARS,
-    TIED,
-    Task,
-    empty_row,
-    error_of,
-    shape_names,
-)
+from sysid_trib.campaigns.task import Task, empty_row, shape_names
+from sysid_trib.campaigns.variables import EDGES, TRUTH, VARIABLES
 from sysid_trib.results.schema import force_labels
 
 STATUS = ("waiting", "done", "refused", "failed", "lost")
 FINGERPRINT, TASK_FINGERPRINT = "fingerprint", "task_fingerprint"
-DIMS = {
-    "coefficient": ("method", "force"),
-    "shape": ("method", "shape_parameter"),
-    "outline": ("edge", "part"),
-}
-FORCE_UNIT = "see the coordinate unit"
-UNITS = {"coefficient": FORCE_UNIT, "shape": "see the library", "random_force_density": "(rad/s^2)^2/Hz"}
-UNITS["outline"] = "see signal_units"
-UNITS |= dict.fromkeys(("reference_frequency", "asymptotic_frequency"), "rad/s")
 
 
 def made_beside(path: Path, task: Task, records: CampaignRecords, block: int, known: Any = None) -> Path:
     """A new store beside its place, with the rows of the store `known` and no others."""
     import zarr
 
-    temporary = unfinished(path)
+    temporary = _unfinished(path)
     try:
         group = zarr.open_group(temporary, mode="w", zarr_format=2)
         _fill(group, task, records, block)
         if known is not None:
-            copy_rows(known, group, records.names, block)
+            _copy_rows(known, group, records.names, block)
     except OSError:
         shutil.rmtree(temporary, ignore_errors=True)
         raise
@@ -72,18 +53,16 @@ def _fill(group: Any, task: Task, records: CampaignRecords, block: int) -> None:
             _array(group, name, (dim,), values.shape, values.dtype, len(values))[:] = values
     row = empty_row(task)
     if records.simulated:
-        row["true_coefficient"] = np.full(len(task.symbols), np.nan)
+        row[TRUTH] = np.full(len(task.symbols), np.nan)
     for name, empty in row.items():
         if not np.size(empty):
             continue
-        dims = _dims(name)
-        kind = f"<U{LONGEST_TEXT[name]}" if name in LONGEST_TEXT else float
-        array = _array(
-            group, name, ("record", *dims), (len(records), *np.shape(empty)), np.dtype(kind), block
-        )
-        array.attrs["long_name"], units = _described(name)
-        if units:
-            array.attrs["units"] = units
+        known, shape = VARIABLES[name], (len(records), *np.shape(empty))
+        kind = np.dtype(f"<U{known.length}" if known.length else float)
+        array = _array(group, name, ("record", *known.dims), shape, kind, block)
+        array.attrs["long_name"] = known.long_name
+        if known.units:
+            array.attrs["units"] = known.units
     status = _array(group, "status", ("record",), (len(records),), np.dtype("int8"), block)
     checksum = _array(group, CHECKSUM, ("record",), (len(records),), np.dtype("int64"), block)
     checksum.attrs["long_name"] = "CRC-32 of the record's row"
@@ -102,34 +81,52 @@ def _array(
     return array
 
 
-def _dims(name: str) -> tuple[str, ...]:
-    """Dimensions of a variable beside the record."""
-    if name in ("true_coefficient", EFFECT_P_VALUE):
-        return ("force",)
-    for known, dims in DIMS.items():
-        if name in (known, error_of(known)):
-            return dims
-    per_method = {key for scalar in SCALARS for key in (scalar, error_of(scalar))}
-    return ("method",) if name in per_method else ()
+def _copy_rows(old: Any, new: Any, names: Sequence[str], block: int) -> None:
+    """Fill the rows of a new store that an old one has, a block at a time.
+
+    Parameters
+    ----------
+    old, new : zarr.Group
+    names : sequence of str
+        Of the records of the new one, those of the old one among them.
+    block : int
+        Records in a chunk of the new one.
+    """
+    place = {name: at for at, name in enumerate(np.asarray(old["record"][:]).astype(str).tolist())}
+    known = np.array([place.get(name, -1) for name in names])
+    for name, array in old.arrays():
+        if array.attrs["_ARRAY_DIMENSIONS"][0] != "record" or name == "record":
+            continue
+        for first in range(0, len(known), block):
+            at = known[first : first + block]
+            rows = np.flatnonzero(at >= 0)
+            if len(rows):
+                values = new[name][first : first + block]
+                values[rows] = array.oindex[at[rows]]
+                new[name][first : first + block] = values
 
 
-def _described(name: str) -> tuple[str, str]:
-    """Long name and unit of a variable."""
-    texts = {
-        "coefficient": "coefficient",
-        "shape": "shape parameter",
-        "true_coefficient": "coefficient that the record was simulated with",
-        "p_value": "p-value of the agreement of both methods",
-        EFFECT_P_VALUE: "corrected p-value of an effect that a discovery named",
-        TIED: "effects that those named cannot be separated from",
-        "seconds": "time that the record took",
-        "outline": "lowest and highest value of the record in each part of its time",
-        **SCALARS,
-        **RECORD_TEXTS,
-    }
-    if name in texts:
-        units = {"p_value": "1", EFFECT_P_VALUE: "1", "seconds": "s", "true_coefficient": FORCE_UNIT}
-        default = units.get(name, "")
-        return texts[name], UNITS.get(name, default)
-    value = next(value for value in texts if error_of(value) == name)
-    return f"standard error of the {texts[value]}", UNITS.get(value, "")
+def exchange(path: Path, grown: Path) -> None:
+    """Put a grown store in the place of another; a kill between the two steps is mended by `recover`."""
+    os.rename(path, _replaced(path))
+    os.rename(grown, path)
+    shutil.rmtree(_replaced(path), ignore_errors=True)
+
+
+def recover(path: Path) -> None:
+    """Put a store back that was taken away and not replaced; remove what a kill has left beside it."""
+    shutil.rmtree(_unfinished(path), ignore_errors=True)
+    if _replaced(path).exists():
+        if path.exists():
+            shutil.rmtree(_replaced(path), ignore_errors=True)
+        else:
+            os.rename(_replaced(path), path)
+
+
+def _unfinished(path: Path) -> Path:
+    """Where a store is made that is to come in this place."""
+    return path.with_name(f".{path.name}.partial")
+
+
+def _replaced(path: Path) -> Path:
+    return path.with_name(f".{path.name}.replaced")

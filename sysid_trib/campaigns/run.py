@@ -14,7 +14,8 @@ import numpy as np
 
 from sysid_trib.arrays import Index
 from sysid_trib.campaigns.store import lost_row
-from sysid_trib.campaigns.task import Row, Task, rows_of
+from sysid_trib.campaigns.task import Task, rows_of
+from sysid_trib.campaigns.variables import Row
 from sysid_trib.errors import UsageError
 
 # Blocks that wait at each worker: enough that none idles, and few enough to hold in memory.

@@ -24,18 +24,23 @@ from sysid_trib.campaigns.checksums import (
     row_checksums,
 )
 from sysid_trib.campaigns.chunks import UNFINISHED, read_chunk, write_chunk
-from sysid_trib.campaigns.growth import exchange, recover
-from sysid_trib.campaigns.new_store import FINGERPRINT, STATUS, TASK_FINGERPRINT, made_beside
+from sysid_trib.campaigns.new_store import (
+    FINGERPRINT,
+    STATUS,
+    TASK_FINGERPRINT,
+    exchange,
+    made_beside,
+    recover,
+)
 from sysid_trib.campaigns.records import CampaignRecords
 from sysid_trib.campaigns.task import (
     FAILED,
-    LONGEST_TEXT,
     REFUSED,
-    Row,
     Task,
     checksum_of,
     empty_row,
 )
+from sysid_trib.campaigns.variables import VARIABLES, Row
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
 
 WAITING, LOST = 0, 4
@@ -160,7 +165,7 @@ def counts_of(store: xr.Dataset) -> dict[str, int]:
 
 def lost_row(task: Task, reason: str) -> Row:
     """The row of a record whose worker died."""
-    return empty_row(task) | {"status": LOST, "message": reason[: LONGEST_TEXT["message"]]}
+    return empty_row(task) | {"status": LOST, "message": reason[: VARIABLES["message"].length]}
 
 
 def open_store(path: str | os.PathLike[str]) -> xr.Dataset:

@@ -10,14 +10,25 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 import xarray as xr
 
-from sysid_trib.arrays import Array
-from sysid_trib.campaigns.outline import EDGES, OUTLINE_PARTS, outline_of
 from sysid_trib.campaigns.study import Study
+from sysid_trib.campaigns.variables import (
+    EDGES,
+    EFFECT_P_VALUE,
+    OUTLINE_PARTS,
+    TIED,
+    TRUTH,
+    VARIABLES,
+    Row,
+    filled,
+    outline_of,
+)
 from sysid_trib.decays.free_decay import free_decays
 from sysid_trib.discrepancy.discover import discover
 from sysid_trib.errors import SysidTribError, UsageError
-from sysid_trib.forces.constraints import Constraints
+from sysid_trib.forces.constraints import Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.library import load_library
+from sysid_trib.forces.usual import further_forces
 from sysid_trib.methods import Averaging, Direct, Trajectory
 from sysid_trib.methods.scope import Method, constrained
 from sysid_trib.records.read import read_records
@@ -32,49 +43,18 @@ from sysid_trib.validation.compare import compare, every_method
 from sysid_trib.validation.cross_check import identified_and_checked
 
 Name: TypeAlias = Literal["identify", "compare", "discover"]
-Row: TypeAlias = dict[str, Any]
 Read: TypeAlias = Callable[[str], Sequence[xr.Dataset]]
 
 TASKS = get_args(Name)
 # Groups of a discovery that are identifications: the start model and the final one.
 MODELS = ("before", "after")
 IDENTIFIED, REFUSED, FAILED = 1, 2, 3
-# Of a method; each but the noise has a standard error.
-SCALARS = {
-    "reference_frequency": "reference frequency",
-    "asymptotic_frequency": "asymptotic frequency",
-    "random_force_density": "density of the random force",
-    "noise": "noise of a sample",
-}
-ERROR_OF = {
-    "coefficient": "standard_error",
-    "random_force_density": "random_force_standard_error",
-    "noise": "",
-}
 # What a comparison says of a record, before the name of a method.
 PREDICTS_BEST = "predicts best: "
 # Of a discovery, behind its verdict.
 ENDED_EARLY = " (its search ended before it had converged)"
-# Of a discovery, in the store beside `named`: what no other task has.
-TIED, EFFECT_P_VALUE = "tied", "effect_p_value"
-# Characters that a text of the store holds; a million records of 400 in every text would be 6 GB.
-LONGEST_TEXT = {
-    "verdict": 100,
-    "named": 200,
-    TIED: 400,
-    "message": 400,
-    "signal_units": 40,
-    "record_checksum": 64,
-}
 # Competing effects that a store has by name, the most probable of each effect.
 MOST_TIED = 10
-RECORD_TEXTS = {
-    "verdict": "verdict on the record",
-    "named": "effects that a discovery named",
-    "message": "why a record has no numbers",
-    "signal_units": "unit of the record's signal",
-    "record_checksum": "SHA-256 of the record's file",
-}
 
 
 def decays_of_file(path: str) -> list[xr.Dataset]:
@@ -95,13 +75,14 @@ class Task:
         By label. Without it `identify` takes averaging and direct with a random force that is estimated, and
         `compare` every method.
     candidates : ForceLibrary, optional
-        What may be missing, of `discover`.
+        What may be missing, of `discover`; by default what the command offers.
     judged : bool, optional
         Whether the two methods of `identify` are held against each other, which gives a verdict and takes
         longer than they do; by default where no methods are given.
     read : callable
         Gives the free decays of a file: runs of one experiment.
-    constraints : Constraints
+    constraints : mapping of str to float, (float, float) or str
+        What is held, bounded or tied, as `identify` takes it.
     contactless : (float, float), rad/s, optional
     options : mapping
         As the functions take them: further arguments of `cross_check` or `discover`.
@@ -109,7 +90,7 @@ class Task:
     Raises
     ------
     UsageError
-        An unknown task, not a library, no candidates, or not two methods to hold against each other.
+        An unknown task, not a library, or not two methods to hold against each other.
     """
 
     name: Name
@@ -118,7 +99,7 @@ class Task:
     candidates: ForceLibrary | None = None
     judged: bool | None = None
     read: Read = decays_of_file
-    constraints: Constraints = field(default_factory=Constraints)
+    constraints: ConstraintTable = field(default_factory=dict)
     contactless: tuple[float, float] | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
 
@@ -128,7 +109,7 @@ class Task:
         if not isinstance(self.library, ForceLibrary):
             raise UsageError(f"A task wants a ForceLibrary, not {self.library!r}: load_library(...).")
         if self.name == "discover" and self.candidates is None:
-            raise UsageError("discover wants candidates: load_library('candidate_effects').")
+            object.__setattr__(self, "candidates", further_forces(load_library(), self.library))
         judged = not self.methods if self.judged is None else self.judged
         object.__setattr__(self, "judged", judged and self.name == "identify")
         if not self.methods:
@@ -162,7 +143,8 @@ class Task:
             )
         decay = one_or_all(list(decays))
         methods = {
-            label: constrained(method, self.constraints) for label, method in self._applying(decays).items()
+            label: constrained(method, Constraints(self.constraints))
+            for label, method in self._applying(decays).items()
         }
         asked = decay, self.library, list(methods.values())
         if self.judged:
@@ -197,21 +179,10 @@ def _usual_methods(name: Name) -> Mapping[str, Method]:
 
 def empty_row(task: Task) -> Row:
     """A row of which nothing is known: nan, and empty texts."""
-    methods, forces, shapes = len(task.labels), len(task.symbols), len(shape_names(task))
-    row: Row = {}
-    for name, size in {"coefficient": (methods, forces), "shape": (methods, shapes)}.items():
-        row |= {name: np.full(size, np.nan), error_of(name): np.full(size, np.nan)}
-    for name in SCALARS:
-        row |= {key: np.full(methods, np.nan) for key in (name, error_of(name)) if key}
-    if task.name == "discover":
-        row |= {TIED: "", EFFECT_P_VALUE: np.full(forces, np.nan)}
-    row["outline"] = np.full((len(EDGES), OUTLINE_PARTS), np.nan)
-    return row | {"p_value": np.nan, "seconds": np.nan, **dict.fromkeys(RECORD_TEXTS, "")}
-
-
-def error_of(name: str) -> str:
-    """Name of the standard error of a variable; empty where it has none."""
-    return ERROR_OF.get(name, f"{name}_standard_error")
+    sizes = {"method": len(task.labels), "edge": len(EDGES), "part": OUTLINE_PARTS}
+    sizes |= {"force": len(task.symbols), "shape_parameter": len(shape_names(task))}
+    without = {TRUTH} if task.name == "discover" else {TRUTH, TIED, EFFECT_P_VALUE}
+    return {name: known.empty(sizes) for name, known in VARIABLES.items() if name not in without}
 
 
 def shape_names(task: Task) -> list[str]:
@@ -249,7 +220,9 @@ def _row_of(task: Task, record: Any) -> Row:
     except Exception as error:
         # One bad record ends no campaign; what it was is kept with it.
         row |= {"status": FAILED, "message": f"{type(error).__name__}: {error}"}
-    texts = {name: row[name][:longest] for name, longest in LONGEST_TEXT.items() if name in row}
+    texts = {
+        name: row[name][: known.length] for name, known in VARIABLES.items() if known.length and name in row
+    }
     return row | texts | {"seconds": perf_counter() - start}
 
 
@@ -277,18 +250,19 @@ def _decays(task: Task, record: Any) -> Sequence[xr.Dataset]:
 def _truth(study: Study, at: int, symbols: Sequence[str]) -> Row:
     """What a simulated record was drawn with."""
     truth = study.coefficients_of(at)
-    return {"true_coefficient": np.array([truth.get(symbol, np.nan) for symbol in symbols])}
+    return {TRUTH: np.array([truth.get(symbol, np.nan) for symbol in symbols])}
 
 
 def _numbers(task: Task, tree: xr.DataTree) -> Row:
     """The numbers of a result in the places of the store."""
-    row = {name: value for name, value in empty_row(task).items() if name not in RECORD_TEXTS}
+    row = {name: value for name, value in empty_row(task).items() if "method" in VARIABLES[name].dims}
+    labels = {"force": task.symbols, "shape_parameter": shape_names(task)}
     for at, label in enumerate(task.labels):
         if label not in tree.children or "covariance" not in tree[label]:
             continue
         # What a record's text withholds is not kept either.
         if not (task.judged and breakdown(tree, label)):
-            _fill(row, at, tree[label].to_dataset(), task.symbols, shape_names(task))
+            filled(row, at, tree[label].to_dataset(), labels)
     if "comparison" in tree.children and "p_value" in tree["comparison"]:
         compared = tree["comparison"]
         row |= {"p_value": float(compared.p_value), "verdict": str(compared.attrs.get("verdict_on_record"))}
@@ -311,23 +285,3 @@ def _named(tree: xr.DataTree, symbols: Sequence[str]) -> Row:
         TIED: "; ".join(tied),
         EFFECT_P_VALUE: np.array([p_values.get(symbol, np.nan) for symbol in symbols]),
     }
-
-
-def _fill(row: Row, at: int, result: xr.Dataset, symbols: Sequence[str], shapes: Sequence[str]) -> None:
-    places: tuple[tuple[str, str, Sequence[str]], ...] = (
-        ("coefficient", "force", symbols),
-        ("shape", "shape_parameter", shapes),
-    )
-    for name, dim, labels in places:
-        if name in result and labels:
-            for key in (name, error_of(name)):
-                row[key][at] = _placed(result[key], dim, labels)
-    for name in SCALARS:
-        for key in (name, error_of(name)):
-            if key and key in result:
-                row[key][at] = float(np.mean(result[key].values))
-
-
-def _placed(values: xr.DataArray, dim: str, labels: Sequence[str]) -> Array:
-    """Values at labels, nan where there are none."""
-    return np.asarray(values.reindex({dim: list(labels)}).values, dtype=float)

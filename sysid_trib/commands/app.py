@@ -7,10 +7,9 @@ from sysid_trib.commands.backbone import backbone
 from sysid_trib.commands.campaign import campaign
 from sysid_trib.commands.compare import compare
 from sysid_trib.commands.discover import discover
-from sysid_trib.commands.forces import forces
+from sysid_trib.commands.help import GroupedCommand
 from sysid_trib.commands.identify import identify
-from sysid_trib.commands.look import look
-from sysid_trib.commands.report import report
+from sysid_trib.commands.shown import forces, look, report
 from sysid_trib.commands.simulate import simulate
 
 app = typer.Typer(
@@ -37,4 +36,4 @@ def _options(
 
 
 for command in (look, backbone, identify, discover, compare, campaign, simulate, report, forces):
-    app.command()(command)
+    app.command(cls=GroupedCommand)(command)

@@ -4,9 +4,10 @@ import json
 from dataclasses import dataclass
 from glob import glob, has_magic
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from sysid_trib.commands.options import (
+    OUTPUT,
     ConstraintOptions,
     DecayOptions,
     ModelOptions,
@@ -14,7 +15,6 @@ from sysid_trib.commands.options import (
     option,
     with_options,
 )
-from sysid_trib.commands.threads import one_thread
 from sysid_trib.errors import RecordError, UsageError
 
 if TYPE_CHECKING:
@@ -26,6 +26,8 @@ PAGE_ENDING, STORE_ENDING = ".html", ".zarr"
 @dataclass(frozen=True)
 class CampaignOptions:
     """What is done with all records, on how many processes, and what they are held against."""
+
+    title: ClassVar[str] = "Campaign"
 
     task: str = option("identify|compare|discover", "What is done with each record.", "identify")
     methods: str | None = option(
@@ -39,6 +41,14 @@ class CampaignOptions:
     workers: int = option("N", "Processes on this machine; 0: this one.", 2, least=0)
     scheduler: str | None = option("ADDRESS", "Scheduler of dask, such as tcp://host:8786.")
     memory: str = option("SIZE", "Most of each process, such as 2GB.", "auto")
+
+
+@dataclass(frozen=True)
+class CampaignStore:
+    """Where the results of all records go."""
+
+    title: ClassVar[str] = OUTPUT
+
     output: Path | None = option(
         "STORE",
         "Zarr store of the results; its page is beside it (.html), in the place of one that is there.",
@@ -55,11 +65,12 @@ def campaign(
     constraint: ConstraintOptions,
     search: SearchOptions,
     asked: CampaignOptions,
+    into: CampaignStore,
 ) -> None:
     """Do one task with many records, on several processes, into a store that can be gone on with."""
-    from sysid_trib.commands.terminal import command_line, progress
+    from sysid_trib.commands.terminal import command_line, working
 
-    with progress() as tell, one_thread():
+    with working() as tell:
         from sysid_trib.campaigns.campaign import campaign, check_extra
         from sysid_trib.campaigns.records import CampaignRecords
         from sysid_trib.campaigns.store import counts_of
@@ -68,7 +79,7 @@ def campaign(
         check_extra()
         records = _records(given.records, asked.study, asked.conditions)
         reads = [*([] if asked.study else records), asked.study, asked.conditions]
-        output = _checked_output(asked, [*reads, model.library, search.candidates, given.system])
+        output = _checked_output(into.output, [*reads, model.library, search.candidates, given.system])
         table = _conditions(asked, CampaignRecords(records).names)
         store = campaign(
             records,
@@ -85,22 +96,22 @@ def campaign(
         from sysid_trib.reporting.campaign import write_campaign
 
         write_campaign(store, compared, table, page, command_line())
-    _print(store, counts, compared, (output, page), asked.as_json)
+    _print(store, counts, compared, (output, page), into.as_json)
     if not counts["done"]:
         raise RecordError(f"{output}: no record has a result; why each has none is in {page}.")
 
 
-def _checked_output(asked: CampaignOptions, reads: list[str | Path | None]) -> Path:
+def _checked_output(output: Path | None, reads: list[str | Path | None]) -> Path:
     """The store; a place that cannot be written, or is read, is refused before the work is done."""
-    if asked.output is None:
+    if output is None:
         raise UsageError("A campaign wants a store: -o RESULTS.zarr.")
-    if asked.output.suffix != STORE_ENDING:
-        raise UsageError(f"{asked.output}: the ending must be {STORE_ENDING}.")
+    if output.suffix != STORE_ENDING:
+        raise UsageError(f"{output}: the ending must be {STORE_ENDING}.")
     from sysid_trib.commands.destination import check_output
 
     files = [Path(name) for name in reads if name is not None]
-    check_output(asked.output.with_suffix(PAGE_ENDING), PAGE_ENDING, reads=files)
-    return asked.output
+    check_output(output.with_suffix(PAGE_ENDING), PAGE_ENDING, reads=files)
+    return output
 
 
 def _records(patterns: list[Path], study: Path | None, conditions: Path | None) -> Any:

@@ -8,8 +8,9 @@ from pathlib import Path
 import xarray as xr
 
 from sysid_trib.campaigns.task import TASKS, Task
-from sysid_trib.commands import checks, discovery_inputs
+from sysid_trib.commands.checks import asked_model
 from sysid_trib.commands.discover import StartOptions
+from sysid_trib.commands.discovery_inputs import asked_search
 from sysid_trib.commands.options import (
     ConstraintOptions,
     DecayOptions,
@@ -20,7 +21,6 @@ from sysid_trib.commands.options import (
 )
 from sysid_trib.commands.record_inputs import read_decays
 from sysid_trib.errors import UsageError
-from sysid_trib.forces.systems import load_system, without_impossible
 from sysid_trib.methods.scope import with_random_force
 from sysid_trib.validation.compare import every_method
 
@@ -63,7 +63,6 @@ def task_of(
     name, listed = asked
     if name not in TASKS:
         raise UsageError(f"--task '{name}' is unknown: give {', '.join(TASKS)}.")
-    swinging = None if given.system is None else load_system(given.system)
     # How a file is read does not depend on which others there are.
     alike, held = replace(given, records=[]), model.reference_frequency
     if name == "discover":
@@ -72,18 +71,14 @@ def task_of(
         _refuse(name, [flag for flag in others if flag not in known])
         if listed is not None:
             raise UsageError("--methods are of identify and compare; discover has one of its own.")
-        checks.check_positive(held, "--reference-frequency")
-        options = discovery_inputs.search_options(search, held, swinging)
-        start = discovery_inputs.start_forces(model.library, model.forces, held, swinging)
-        offered = discovery_inputs.offered_candidates(model.library, search.candidates, start)
-        offered = replace(offered, forces=without_impossible(offered, swinging))
+        start, offered, options = asked_search(model, model.forces, search, given.system)
         read = partial(decays_of, alike, held, None, bool(model.forces))
         return Task("discover", start, candidates=offered, read=read, options=options)
     _refuse(name, changed_flags(search))
-    library, shapes, constraints, contactless = checks.asked_model(model, constraint, swinging)
-    random_force = checks.parse_random_force(model.random_force)
+    of_model = asked_model(model, constraint, given.system)
     methods = {
-        label: with_random_force(method, random_force) for label, method in every_method(held, shapes).items()
+        label: with_random_force(method, of_model.random_force)
+        for label, method in every_method(held, of_model.shapes).items()
     }
     wanted = [label.strip() for label in listed.split(",")] if listed else list(methods)
     if name == "identify" and not listed:
@@ -93,12 +88,12 @@ def task_of(
         raise UsageError(f"--methods '{misspelt[0]}' is unknown; there are {', '.join(methods)}.")
     return Task(
         name,  # type: ignore[arg-type]
-        library,
+        of_model.library,
         {label: methods[label] for label in wanted},
         judged=name == "identify" and not listed,
-        read=partial(decays_of, alike, held, contactless, bool(model.forces)),
-        constraints=constraints,
-        contactless=contactless,
+        read=partial(decays_of, alike, held, of_model.contactless, bool(model.forces)),
+        constraints=of_model.constraints.table,
+        contactless=of_model.contactless,
     )
 
 

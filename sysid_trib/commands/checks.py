@@ -1,7 +1,7 @@
 """What the command line reads: libraries, values with errors, settings of a model."""
 
 import re
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from sysid_trib.commands.options import ConstraintOptions, ModelOptions
@@ -11,7 +11,6 @@ from sysid_trib.forces.library import load_library
 if TYPE_CHECKING:
     from sysid_trib.forces.constraints import Constraints
     from sysid_trib.forces.force import ForceLibrary
-    from sysid_trib.forces.systems import System
     from sysid_trib.noise.random_force import RandomForceOption
 
 # No oscillator is outside of this range in rad/s, Hz or s; far beyond it arithmetic overflows.
@@ -59,14 +58,13 @@ def check_between(value: float, option: str, low: float, high: float, units: str
         raise UsageError(f"{option} '{value:g}' must be a number from {low:g} to {high:g}{units}.")
 
 
-def asked_model(
-    model: ModelOptions, given: ConstraintOptions, system: "System | None" = None
-) -> "tuple[ForceLibrary, dict[str, float], Constraints, tuple[float, float] | None]":
+@dataclass(frozen=True)
+class AskedModel:
     """What is to be identified, as the options have it.
 
-    Returns
-    -------
-    offered : ForceLibrary
+    Attributes
+    ----------
+    library : ForceLibrary
         The forces.
     shapes : dict of str to float
         Shape parameters that are held.
@@ -74,27 +72,44 @@ def asked_model(
         Checked against the forces.
     contactless : (float, float) or None, rad/s
         Frequency without contact and its error.
+    reference_frequency : float or None, rad/s
+        That is held.
+    random_force : str or float
+        As the methods take it.
     """
+
+    library: "ForceLibrary"
+    shapes: dict[str, float]
+    constraints: "Constraints"
+    contactless: tuple[float, float] | None
+    reference_frequency: float | None
+    random_force: "RandomForceOption"
+
+
+def asked_model(model: ModelOptions, given: ConstraintOptions, system: str | None = None) -> AskedModel:
+    """What is to be identified, with what a system (name or file) always has."""
     from sysid_trib.forces.constraints import Constraints
+    from sysid_trib.forces.systems import load_system
     from sysid_trib.forces.to_identify import forces_to_identify
 
-    contactless = parse_value_with_error(model.omega0, "--omega0")
-    check_positive(model.reference_frequency, "--reference-frequency")
-    if contactless and model.reference_frequency:
+    swinging = None if system is None else load_system(system)
+    contactless, held = parse_value_with_error(model.omega0, "--omega0"), model.reference_frequency
+    check_positive(held, "--reference-frequency")
+    if contactless and held:
         raise UsageError("--omega0 and --reference-frequency each give alpha a meaning: choose one.")
     forces = model.forces
-    if system is not None:
-        forces = ",".join(system.symbols) if forces is None else system.with_held(forces)
-    offered = offered_forces(model.library, forces, bool(contactless or model.reference_frequency))
+    if swinging is not None:
+        forces = ",".join(swinging.symbols) if forces is None else swinging.with_held(forces)
+    offered = offered_forces(model.library, forces, bool(contactless or held))
     shapes = held_shapes(given.set_, offered)
     constraints = Constraints.from_texts(given.fix, given.bound, given.tie)
-    if system is not None:
+    if swinging is not None:
         open_to_it = set(offered.symbols) - set(constraints.names)
-        there = {symbol: value for symbol, value in system.held.items() if symbol in open_to_it}
-        bounds = {**system.bounds(open_to_it), **constraints.bounds}
-        constraints = replace(constraints, fixed={**there, **constraints.fixed}, bounds=bounds)
-    constraints.check(forces_to_identify(offered, model.reference_frequency, sensors=True))
-    return offered, shapes, constraints, contactless
+        there = {symbol: value for symbol, value in swinging.held.items() if symbol in open_to_it}
+        constraints = Constraints({**swinging.bounds(open_to_it), **there, **constraints.table})
+    constraints.check(forces_to_identify(offered, held, sensors=True))
+    random_force = parse_random_force(model.random_force)
+    return AskedModel(offered, shapes, constraints, contactless, held, random_force)
 
 
 def parse_window(text: str, option: str) -> tuple[float | None, float | None]:

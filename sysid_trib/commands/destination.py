@@ -2,13 +2,13 @@
 
 import json
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from sysid_trib.commands.options import WHERE_TO_WRITE, option
+from sysid_trib.commands.options import OUTPUT, WHERE_TO_WRITE, option
 from sysid_trib.commands.terminal import command_line, print_blocks, print_written, progress
 from sysid_trib.errors import RecordError, UsageError, printable
 from sysid_trib.printing.layers import Block, Layer
@@ -23,31 +23,16 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Destination:
-    """Where a result goes: the options that commands share.
+class Shown:
+    """What standard output shows, and where figures go."""
 
-    Attributes
-    ----------
-    output : Path or None
-        Result file.
-    csv, latex : Path or None
-        Table of the coefficients; the same with the equation.
-    plot : Path or None
-        Folder of the figures.
-    as_json, explain, quiet : bool
-        What standard output shows.
-    """
+    title: ClassVar[str] = OUTPUT
 
-    output: Path | None = option("FILE", WHERE_TO_WRITE, flags=("-o", "--output"))
     as_json: bool = option(None, "Print the result as JSON, and nothing else.", False, flags=("--json",))
-    csv: Path | None = option("FILE", "Where to write coefficients and frequencies as a table (CSV).")
-    latex: Path | None = option("FILE", "Where to write the table and the equation for LaTeX.")
     plot: Path | None = option("DIR", "Folder for the figures (PDF and PNG).")
-    explain: bool = option(None, "Print all that was tested, and what follows.", False, flags=("--explain",))
-    quiet: bool = option(None, "Print the verdict and the table alone.", False, flags=("--quiet",))
 
     def check(self, records: Sequence[Path]) -> None:
-        """Refuse, before the work is done, options that exclude each other and places that cannot be written.
+        """Refuse, before the work is done, places that cannot be written.
 
         Parameters
         ----------
@@ -57,16 +42,82 @@ class Destination:
         Raises
         ------
         UsageError
-            Both layers of text, or a file of another ending.
+            A file of another ending.
         RecordError
             A place that cannot be written.
         """
-        if self.explain and self.quiet:
-            raise UsageError("--explain prints more and --quiet prints less: choose one.")
+        check_folder(self.plot)
+
+    def draw(self, figures: "Figures", tell: "Tell") -> None:
+        """Write the figures, if they are asked for.
+
+        Parameters
+        ----------
+        figures : callable
+            Takes the room of the figures, and gives the name of each figure and what draws it.
+        tell : Tell
+            Called with the name of each.
+        """
+        if self.plot is None:
+            return
+        tell("figures")
+        from sysid_trib import plots
+        from sysid_trib.results.files import write_figure
+
+        drawn = list(figures(plots))
+        for at, (name, draw) in enumerate(drawn):
+            tell(f"figure {name}", at / len(drawn))
+            write_figure(draw(), self.plot / name)
+
+
+@dataclass(frozen=True)
+class Files(Shown):
+    """Where else the numbers go."""
+
+    output: Path | None = option("FILE", WHERE_TO_WRITE, flags=("-o", "--output"))
+    csv: Path | None = option("FILE", "Where to write the numbers as a table (CSV).")
+
+    @property
+    def places(self) -> "list[Path | None]":
+        """What is written, where it is asked for."""
+        return [self.output, self.csv, self.plot]
+
+    def check(self, records: Sequence[Path]) -> None:
+        """Refuse, before the work is done, places that cannot be written."""
         check_output(self.output, ".nc", reads=records)
         check_output(self.csv, ".csv", reads=records, flag="--csv")
+        super().check(records)
+
+    def save(self, tree: "xr.DataTree", texts: "Mapping[Path | None, Callable[[xr.DataTree], str]]") -> None:
+        """Write the result and its tables, where they are asked for."""
+        from sysid_trib.results import files
+
+        if self.output is not None:
+            files.save(tree, self.output)
+        for place, text_of in texts.items():
+            if place is not None:
+                files.write_file(place, text_of(tree).encode())
+
+
+@dataclass(frozen=True)
+class Destination(Files):
+    """Where the result of an identification or a search goes, and how much is printed of it."""
+
+    latex: Path | None = option("FILE", "Where to write the table and the equation for LaTeX.")
+    explain: bool = option(None, "Print all that was tested, and what follows.", False, flags=("--explain",))
+    quiet: bool = option(None, "Print the verdict and the table alone.", False, flags=("--quiet",))
+
+    @property
+    def places(self) -> "list[Path | None]":
+        """What is written, where it is asked for."""
+        return [self.output, self.csv, self.latex, self.plot]
+
+    def check(self, records: Sequence[Path]) -> None:
+        """Refuse besides options that exclude each other."""
+        if self.explain and self.quiet:
+            raise UsageError("--explain prints more and --quiet prints less: choose one.")
         check_output(self.latex, ".tex", reads=records, flag="--latex")
-        check_folder(self.plot)
+        super().check(records)
 
     def deliver(
         self,
@@ -86,11 +137,15 @@ class Destination:
         data : callable
             What is printed as JSON.
         figures : callable
-            Takes the room of the figures, and gives the name of each figure and what draws it.
+            See `draw`.
         """
         tree.attrs["command"] = command_line()
         with progress() as tell:
-            self._write(tree, figures, tell)
+            from sysid_trib.printing.exported import csv_text, latex_text
+
+            tell("files")
+            self.save(tree, {self.csv: csv_text, self.latex: latex_text})
+            self.draw(figures, tell)
             tell("what is to be said")
             said = [] if self.as_json else blocks()
         following = tree.attrs.get("next", "")
@@ -103,34 +158,7 @@ class Destination:
             print("More: --explain.")
         if following:
             print(f"Next: {printable(following)}")
-        print_written(self.output, self.csv, self.latex, self.plot)
-
-    def _write(self, tree: "xr.DataTree", figures: "Figures", tell: "Tell") -> None:
-        """Write the files and figures that are asked for."""
-        from sysid_trib.results import files
-
-        if self.output is not None:
-            tell(f"{self.output}")
-            files.save(tree, self.output)
-        self._export(tree)
-        if self.plot is None:
-            return
-        tell("figures")
-        from sysid_trib import plots
-
-        drawn = list(figures(plots))
-        for at, (name, draw) in enumerate(drawn):
-            tell(f"figure {name}", at / len(drawn))
-            files.write_figure(draw(), self.plot / name)
-
-    def _export(self, tree: "xr.DataTree") -> None:
-        """Write the tables that are asked for."""
-        from sysid_trib.printing.exported import csv_text, latex_text
-        from sysid_trib.results.files import write_file
-
-        for place, text_of in ((self.csv, csv_text), (self.latex, latex_text)):
-            if place is not None:
-                write_file(place, text_of(tree).encode())
+        print_written(*self.places)
 
 
 def figures_of_runs(
@@ -149,15 +177,14 @@ def random_force_figures(tree: "xr.DataTree", plots: Any) -> "list[tuple[str, Ca
 
     count = len(record_groups(tree))
     kinds = (
-        ("innovations", "innovations", plots.innovations),
-        ("random_force", "innovations", lambda data: plots.random_force(data).figure),
-        ("prediction_bands", "prediction_bands", lambda data: plots.prediction_bands(data).figure),
+        ("innovations", plots.innovations),
+        ("prediction_bands", lambda data: plots.prediction_bands(data).figure),
     )
     return [
-        (name, partial(draw, tree[group].to_dataset()))
-        for label, kind, draw in kinds
-        for name, group in zip(group_names(label, count), group_names(kind, count), strict=True)
-        if group in tree.children
+        (name, partial(draw, tree[name].to_dataset()))
+        for kind, draw in kinds
+        for name in group_names(kind, count)
+        if name in tree.children
     ]
 
 

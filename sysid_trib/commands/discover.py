@@ -1,20 +1,19 @@
 """`sysid-trib discover`."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from sysid_trib.commands.destination import Destination, figures_of_runs
-from sysid_trib.commands.naming import named
 from sysid_trib.commands.next_command import keep_next
 from sysid_trib.commands.options import (
     DEFAULT_LIBRARY,
+    MODEL,
     DecayOptions,
     SearchOptions,
     option,
     with_options,
 )
-from sysid_trib.commands.threads import one_thread
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -26,6 +25,8 @@ EXAMPLE_FORCES = "lambda,zeta,delta"
 @dataclass(frozen=True)
 class StartOptions:
     """From which model a search starts, and what of a record it does not see."""
+
+    title: ClassVar[str] = MODEL
 
     library: str = option("NAME|FILE", "Force library.", DEFAULT_LIBRARY)
     forces: str | None = option(
@@ -45,24 +46,17 @@ def discover(
     *, given: DecayOptions, model: StartOptions, asked: SearchOptions, destination: Destination
 ) -> None:
     """Find what a model lacks to explain a decay, name it, add it, and say how far the gap shrinks."""
-    from sysid_trib.commands.terminal import progress
+    from sysid_trib.commands.terminal import record_sentences, working
 
-    with progress() as tell, one_thread(), named(given.records):
-        from sysid_trib.commands import checks, discovery_inputs
+    with working(given.records) as tell:
+        from sysid_trib.commands import discovery_inputs
         from sysid_trib.commands.record_inputs import read_decays
-        from sysid_trib.commands.terminal import record_sentences
         from sysid_trib.discrepancy.discover import discover
-        from sysid_trib.forces.systems import load_system, without_impossible
         from sysid_trib.printing.discovery_json import discovery_json
         from sysid_trib.printing.discovery_story import discovery_blocks
 
-        checks.check_positive(model.reference_frequency, "--reference-frequency")
         forces = EXAMPLE_FORCES if model.forces is None and not given.records else model.forces
-        swinging = None if given.system is None else load_system(given.system)
-        options = discovery_inputs.search_options(asked, model.reference_frequency, swinging)
-        start = discovery_inputs.start_forces(model.library, forces, model.reference_frequency, swinging)
-        offered = discovery_inputs.offered_candidates(model.library, asked.candidates, start)
-        offered = replace(offered, forces=without_impossible(offered, swinging))
+        start, offered, options = discovery_inputs.asked_search(model, forces, asked, given.system)
         destination.check(given.records)
         tell("reading")
         decays, sources = read_decays(given, model.reference_frequency, as_it_is=bool(forces))
@@ -80,10 +74,10 @@ def discover(
 
 
 def _figures(tree: "xr.DataTree", plots: Any) -> list[Any]:
-    whole = {"disagreement": plots.disagreement, "ranking": plots.rankings, "forecast": plots.forecasts}
+    whole = {"disagreement": plots.disagreement, "ranking": plots.ranking, "forecast": plots.forecast}
     return [
         *figures_of_runs(tree, "overview", plots.overview),
         *figures_of_runs(tree, "story", plots.story),
-        *figures_of_runs(tree, "discovery", plots.discovery),
+        *figures_of_runs(tree, "half_periods", plots.half_periods),
         *((name, partial(draw, tree)) for name, draw in whole.items()),
     ]

@@ -7,17 +7,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid_trib.commands.checks import check_positive, offered_forces, parse_window
-from sysid_trib.commands.options import SearchOptions
+from sysid_trib.commands.options import ModelOptions, SearchOptions
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.library import load_library
+from sysid_trib.forces.systems import load_system, without_impossible
+from sysid_trib.forces.usual import further_forces, viscous_model
 
 if TYPE_CHECKING:
     import xarray as xr
 
+    from sysid_trib.commands.discover import StartOptions
     from sysid_trib.forces.force import ForceLibrary
     from sysid_trib.forces.systems import System
-
-EFFECTS = "candidate_effects"
 
 
 def start_forces(
@@ -31,59 +32,64 @@ def start_forces(
         None are asked for, and the library has no viscous friction.
     """
     if forces is None:
-        whole = load_library(library)
-        viscous = whole.role("2*v") or whole.role("v")
-        if viscous is None:
-            raise UsageError(
-                f"Library '{whole.title}' has no viscous friction to start from; name the forces of the "
-                f"start model (--forces {','.join(whole.symbols[:2])})."
-            )
-        forces = viscous.symbol
+        forces = ",".join(viscous_model(load_library(library)).symbols)
     if system is not None:
         forces = system.with_held(forces)
     return offered_forces(library, forces, frequency is not None)
 
 
-def search_options(
-    asked: SearchOptions, frequency: float | None, system: "System | None" = None
-) -> dict[str, Any]:
-    """How to search, and what a system always has, as `discover` takes it.
+def asked_search(
+    model: "StartOptions | ModelOptions", forces: str | None, asked: SearchOptions, system: str | None
+) -> "tuple[ForceLibrary, ForceLibrary, dict[str, Any]]":
+    """The start model, what it may lack, and how to search, as `discover` takes them.
+
+    Parameters
+    ----------
+    model : dataclass
+        Options of the start model.
+    forces : str, optional
+        Its forces.
+    asked : SearchOptions
+        How to search.
+    system : str, optional
+        Name or file of the system: what it always has is held, what it cannot have is not offered.
 
     Raises
     ------
     UsageError
-        A level that is none, or a time limit that leaves no time.
+        A level that is none, or a time limit that leaves no time; see also `start_forces`.
     """
+    held, swinging = model.reference_frequency, None if system is None else load_system(system)
+    check_positive(held, "--reference-frequency")
     if not 0.0 < asked.level < 1.0:
         raise UsageError(f"--level '{asked.level:g}' must lie between 0 and 1, such as 0.01.")
     check_positive(asked.time_limit, "--time-limit")
-    return {
-        "reference_frequency": frequency,
-        "fix": {} if system is None else dict(system.held),
+    start = start_forces(model.library, forces, held, swinging)
+    options = {
+        "reference_frequency": held,
+        "constraints": {} if swinging is None else dict(swinging.held),
         "max_effects": asked.max_effects,
         "refit": asked.refit,
         "level": asked.level,
         "time_limit": asked.time_limit or float("inf"),
     }
+    return start, offered_candidates(model.library, asked.candidates, start, swinging), options
 
 
-def offered_candidates(library: str, candidates: str | None, start: "ForceLibrary") -> "ForceLibrary":
+def offered_candidates(
+    library: str, candidates: str | None, start: "ForceLibrary", system: "System | None" = None
+) -> "ForceLibrary":
     """What may be missing: the library asked for, or the other forces of the model's and the usual effects.
+
+    What a system cannot have is not among them.
 
     Raises
     ------
     UsageError
         A candidate has the symbol of another force of the model: a name would then say nothing.
     """
-    if candidates is not None:
-        offered = load_library(candidates)
-    else:
-        whole, effects = load_library(library), load_library(EFFECTS)
-        others = [force for force in whole if force.symbol not in start.symbols]
-        taken = [force.symbol for force in (*start, *others)]
-        # One's own force of a symbol goes before the usual effect of the same.
-        others += [force for force in effects if force.symbol not in taken]
-        offered = replace(effects, forces=tuple(others))
+    asked = further_forces(load_library(library), start) if candidates is None else load_library(candidates)
+    offered = replace(asked, forces=without_impossible(asked, system))
     for force in offered:
         if force.symbol in start.symbols and force.formula.text != start[force.symbol].formula.text:
             raise UsageError(

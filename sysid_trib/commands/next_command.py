@@ -1,9 +1,8 @@
 """The command that follows from a result, as it can be copied."""
 
 import shlex
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import Field, fields, is_dataclass
-from importlib import import_module
 from typing import TYPE_CHECKING, Any, get_type_hints
 
 from sysid_trib.commands.options import default_of, flag_of
@@ -61,7 +60,10 @@ def _as_word(file: str) -> str:
 
 def _options_of(command: str) -> set[str]:
     """Names of the options of a command, those of its groups among them."""
-    taken: Callable[..., None] = getattr(import_module(f"sysid_trib.commands.{command}"), command)
+    from sysid_trib.commands.app import app
+
+    callbacks = [info.callback for info in app.registered_commands]
+    taken = next(callback for callback in callbacks if callback and callback.__name__ == command)
     hints: Mapping[str, Any] = get_type_hints(taken.__wrapped__)  # type: ignore[attr-defined]
     groups = [kind for kind in hints.values() if is_dataclass(kind)]
     return {*hints, *(part.name for group in groups for part in fields(group))}

@@ -6,12 +6,14 @@ from copy import copy
 from dataclasses import Field, dataclass, field, fields, is_dataclass
 from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any, ClassVar, get_type_hints
 
 import typer
 
 DEFAULT_LIBRARY = "contact_forces"
 WHERE_TO_WRITE = "Where to write; replaces what is there."
+# Titles of groups of options that several dataclasses have.
+MODEL, OUTPUT = "Model", "Output"
 DEFAULT_RANDOM_FORCE = "auto"
 
 
@@ -45,6 +47,8 @@ def option(
 @dataclass(frozen=True)
 class DecayOptions:
     """Which records are read, how, and what of them is the decay."""
+
+    title: ClassVar[str] = "Records"
 
     records: list[Path] = field(
         default_factory=list,
@@ -90,6 +94,8 @@ class DecayOptions:
 class ModelOptions:
     """Which forces are identified."""
 
+    title: ClassVar[str] = MODEL
+
     library: str = option("NAME|FILE", "Force library.", DEFAULT_LIBRARY)
     forces: str | None = option("A,B,...", "Symbols of the forces to identify, and of sensor terms.")
     omega0: str | None = option("VALUE[±ERROR]", "Frequency without contact (rad/s): adds alpha.")
@@ -106,6 +112,8 @@ class ModelOptions:
 class ConstraintOptions:
     """What is held, bounded or tied."""
 
+    title: ClassVar[str] = "Constraints"
+
     set_: list[str] = option("SYMBOL.SHAPE=VALUE", "A shape parameter to hold; repeat.", [], flags=("--set",))
     fix: list[str] = option("NAME=VALUE", "A coefficient or shape to hold: lambda=0; repeat.", [])
     bound: list[str] = option("NAME=LOW:HIGH", "Bounds of one; either may be empty: zeta=0:.", [])
@@ -115,6 +123,8 @@ class ConstraintOptions:
 @dataclass(frozen=True)
 class SearchOptions:
     """How `discover` searches, of one record or of each of many."""
+
+    title: ClassVar[str] = "Search"
 
     candidates: str | None = option(
         "NAME|FILE",
@@ -175,12 +185,11 @@ def with_options(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def _options(group: Any) -> list[inspect.Parameter]:
-    """The fields of a group as arguments of a function."""
-    keyword = inspect.Parameter.KEYWORD_ONLY
-    return [
-        inspect.Parameter(
-            part.name, keyword, default=default(), annotation=Annotated[part.type, part.metadata["typer"]]
-        )
-        for part in fields(group)
-        if callable(default := part.default_factory)
-    ]
+    """The fields of a group as arguments of a function, under the group's title in its help."""
+    keyword, parameters = inspect.Parameter.KEYWORD_ONLY, []
+    for part in fields(group):
+        given = copy(part.metadata["typer"])
+        given.rich_help_panel = group.title
+        made = {"default": default_of(part), "annotation": Annotated[part.type, given]}
+        parameters.append(inspect.Parameter(part.name, keyword, **made))
+    return parameters

@@ -1,19 +1,31 @@
 """The records of a command: files, or the embedded example, and the decays in them."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from sysid_trib.commands.checks import parse_number, parse_window
-from sysid_trib.commands.frequencies import check_frequencies
 from sysid_trib.commands.options import DecayOptions
 from sysid_trib.commands.written_files import what_else
-from sysid_trib.errors import RecordError, SysidTribError, UsageError
+from sysid_trib.errors import DecayError, RecordError, SysidTribError, UsageError
 
 if TYPE_CHECKING:
     import xarray as xr
 
 # Options that say how a record is to be read.
 READING = ("time", "angle", "signal", "units", "sampling_rate", "time_units", "length", "distance")
+OMEGA0, REFERENCE = "--omega0", "--reference-frequency"
+# A frequency within this part of the record's own in Hz is meant in Hz.
+HERTZ_TOLERANCE = 0.3
+# Hz and rad/s differ by more; a contact of 24 times the stiffness of the oscillator does not.
+MOST_RATIO = 5.0
+# What is left to do without the option.
+INSTEAD = {
+    OMEGA0: "correct it, or leave it out: (w_inf / omega0)^2 - 1 gives alpha from the w_inf of the result",
+    REFERENCE: "correct it, or leave it out: w is then fitted",
+}
 
 
 def read_decays(
@@ -60,7 +72,7 @@ def read_decays(
         sentences += [sentence + (several if len(those) > 1 else "")] * len(chosen)
     if len({str(decay.angle.attrs.get("units")) for decay in decays}) > 1:
         raise UsageError("The records are in different units; runs of one experiment are in one (--units).")
-    check_frequencies(decays, reference_frequency, contactless)
+    _check_frequencies(decays, reference_frequency, contactless)
     return decays, sentences
 
 
@@ -127,3 +139,32 @@ def _chosen(decays: "list[xr.Dataset]", number: int | None, record: Path | None)
             f"--decay {number}: {record or 'the example'} holds {count}; give 1 to {len(decays)}."
         )
     return [decays[number - 1]]
+
+
+def _check_frequencies(
+    decays: "Sequence[xr.Dataset]", reference: float | None, contactless: tuple[float, float] | None = None
+) -> None:
+    """Refuse a frequency that is the record's own in Hz, or more than a factor of five off."""
+    asked = {REFERENCE: reference, OMEGA0: contactless[0] if contactless else None}
+    for flag, frequency in asked.items():
+        if frequency is not None:
+            for decay in decays:
+                _check_frequency(frequency, flag, decay)
+
+
+def _check_frequency(frequency: float, flag: str, decay: "xr.Dataset") -> None:
+    from sysid_trib.noise.level import swing_frequency
+
+    try:
+        swing = swing_frequency(decay)
+    except DecayError:
+        # Of too few half periods the methods have their own word to say.
+        return
+    in_hertz = swing / (2.0 * np.pi)
+    beginning = f"{flag} '{frequency:g}': the record swings at {swing:.4g} rad/s, "
+    if abs(frequency / in_hertz - 1.0) < HERTZ_TOLERANCE:
+        raise UsageError(f"{beginning}which is {in_hertz:.4g} Hz; give it in rad/s.")
+    if frequency > MOST_RATIO * swing:
+        raise UsageError(f"{beginning}less than a fifth of that; {INSTEAD[flag]}.")
+    if frequency < swing / MOST_RATIO:
+        raise UsageError(f"{beginning}more than five times that; {INSTEAD[flag]}.")

@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.commands.checks import MOST, check_between
+from sysid_trib.commands.simulate import MotionOptions
 from sysid_trib.errors import UsageError
 from sysid_trib.noise.random_force import DENSITY_UNITS
 from sysid_trib.results.files import save, write_file
@@ -19,34 +20,15 @@ MAX_PERIODS = 1_000_000
 MAX_NOISE = 1e3
 
 
-def simulated_record(
-    model: Model,
-    duration: float,
-    sampling_rate: float,
-    start: tuple[float, float],
-    *,
-    noise: float = 0.0,
-    random_force: float = 0.0,
-    seed: int = 0,
-) -> xr.Dataset:
+def simulated_record(model: Model, motion: MotionOptions) -> xr.Dataset:
     """Simulate a record.
 
     Parameters
     ----------
     model : Model
         The model.
-    duration : float, s
-        Length of the record.
-    sampling_rate : float, Hz
-        Samples a second.
-    start : (float, float), rad and rad/s
-        Angle and angular rate at the first sample.
-    noise : float, rad
-        Standard deviation of white noise.
-    random_force : float, (rad/s^2)^2/Hz
-        One-sided density of a white acceleration in the motion.
-    seed : int
-        Seed of the noise and of the random force.
+    motion : MotionOptions
+        Options: how it starts, how long it is recorded, and what disturbs it.
 
     Returns
     -------
@@ -58,6 +40,7 @@ def simulated_record(
     UsageError
         Numbers from which no record can be made.
     """
+    duration, sampling_rate, noise = motion.duration, motion.sampling_rate, motion.noise
     samples = round(duration * sampling_rate) if np.isfinite(duration * sampling_rate) else 0
     if not 2 <= samples <= MAX_SAMPLES or duration <= 0:
         raise UsageError(
@@ -69,17 +52,18 @@ def simulated_record(
             f"{duration:g} s at {model.reference_frequency:g} rad/s are more than {MAX_PERIODS:,} periods; "
             "shorten --duration, or lower --reference-frequency."
         )
-    check_between(start[0], "--angle0", -DIVERGED, DIVERGED, " rad")
-    check_between(start[1], "--rate0", -MOST, MOST, " rad/s")
+    check_between(motion.angle0, "--angle0", -DIVERGED, DIVERGED, " rad")
+    check_between(motion.rate0, "--rate0", -MOST, MOST, " rad/s")
     check_between(noise, "--noise", 0.0, MAX_NOISE, " rad")
-    check_between(random_force, "--random-force", 0.0, MOST, f" {DENSITY_UNITS}")
-    if seed < 0:
-        raise UsageError(f"--seed '{seed}' must be a whole number, 0 or more.")
+    check_between(motion.random_force, "--random-force", 0.0, MOST, f" {DENSITY_UNITS}")
+    if motion.seed < 0:
+        raise UsageError(f"--seed '{motion.seed}' must be a whole number, 0 or more.")
     time = np.arange(samples) / sampling_rate
-    record = simulate(model, time, *start, random_force=random_force, seed=seed)
+    density, seed = motion.random_force, motion.seed
+    record = simulate(model, time, motion.angle0, motion.rate0, random_force=density, seed=seed)
     record["angle"] = record.angle + noise * np.random.default_rng(seed).standard_normal(samples)
     record.angle.attrs = {"units": "rad", "long_name": "angle"}
-    pushed = f", random force {random_force:g} (rad/s^2)^2/Hz" if random_force else ""
+    pushed = f", random force {density:g} (rad/s^2)^2/Hz" if density else ""
     source = f"simulated by sysid_trib, noise {noise:g} rad{pushed}, seed {seed}"
     return record.assign_attrs(source=source, synthetic="yes")
 

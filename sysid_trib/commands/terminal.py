@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from sysid_trib.errors import printable, readable
+from sysid_trib.errors import DecayError, printable, readable
 from sysid_trib.validation.progress import silent
 
 if TYPE_CHECKING:
@@ -73,6 +73,19 @@ def print_written(*places: "Path | None") -> None:
 
 
 @contextmanager
+def working(records: "Sequence[Path]" = ()) -> "Iterator[Tell]":
+    """How a command works: it says what is under way, computes in one thread, and names what is refused.
+
+    Parameters
+    ----------
+    records : sequence of Path
+        Files; none for the embedded example.
+    """
+    with progress() as tell, one_thread(), named(records):
+        yield tell
+
+
+@contextmanager
 def progress() -> "Iterator[Tell]":
     """What is under way, on stderr, gone when all is done; nothing where no terminal is.
 
@@ -100,6 +113,40 @@ def progress() -> "Iterator[Tell]":
             shown.update(task, description=activity, left=remaining.sentence(done, monotonic()))
 
         yield tell
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Linear algebra in one thread, and after it in as many as before.
+
+    Tables are tall and narrow: threads of BLAS wait for each other longer than they compute, a third of the
+    time of a long record.
+    """
+    # Only libraries that are loaded can be told: that of numpy, and one of scipy's own.
+    import scipy.linalg  # noqa: F401
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(1, user_api="blas"):
+        yield
+
+
+@contextmanager
+def named(records: "Sequence[Path]") -> "Iterator[None]":
+    """Name the files in what they are refused for: a method knows numbers alone.
+
+    Parameters
+    ----------
+    records : sequence of Path
+        None for the embedded example.
+    """
+    try:
+        yield
+    except DecayError as error:
+        said, names = str(error), [record.name for record in records]
+        if not names or any(name in said for name in names):
+            raise
+        more = f" and {len(names) - 1} more" if len(names) > 1 else ""
+        raise DecayError(f"{names[0]}{more}: {said}") from None
 
 
 class TimeLeft:

@@ -3,9 +3,8 @@
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -18,9 +17,11 @@ from sysid_trib.discrepancy.parts import Stability, stability_of
 from sysid_trib.discrepancy.search import Begin, Search, may_gain, search, with_steps
 from sysid_trib.discrepancy.to_xarray import groups_of
 from sysid_trib.errors import UsageError
-from sysid_trib.forces.constraints import Constraints
+from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable, without_old_arguments
 from sysid_trib.forces.force import Force, ForceLibrary
+from sysid_trib.forces.library import load_library
 from sysid_trib.forces.to_identify import forces_to_identify
+from sysid_trib.forces.usual import further_forces, viscous_model
 from sysid_trib.likelihood_fit.decimation import decimated
 from sysid_trib.likelihood_fit.fitted_model import FittedModel
 from sysid_trib.likelihood_fit.reference import refitted
@@ -42,18 +43,14 @@ from sysid_trib.screening.screen import screen
 from sysid_trib.validation.holdout import split, up_to_held_out
 from sysid_trib.validation.progress import Tell, silent
 
-# The default: all forces are fitted.
-NOTHING_HELD: Mapping[str, float] = MappingProxyType({})
 
-
-@in_units_of_the_motion
 def discover(
     decay: Decays,
-    model_forces: ForceLibrary,
-    candidates: ForceLibrary,
+    model_forces: ForceLibrary | None = None,
+    candidates: ForceLibrary | None = None,
     *,
     reference_frequency: float | None = None,
-    fix: Mapping[str, float] = NOTHING_HELD,
+    constraints: ConstraintTable = NO_CONSTRAINTS,
     max_effects: int | None = None,
     holdout: Decays = (),
     refit: bool = False,
@@ -62,6 +59,7 @@ def discover(
     time_limit: float = np.inf,
     settings: Settings = DEFAULTS,
     tell: Tell = silent,
+    fix: Mapping[str, float] | None = None,
 ) -> xr.DataTree:
     """Find, name and add what a model lacks to explain a decay, or runs of one experiment.
 
@@ -69,14 +67,16 @@ def discover(
     ----------
     decay : xr.Dataset or sequence of xr.Dataset
         `angle(time)` as `free_decay` returns it, or a list of runs.
-    model_forces : ForceLibrary
-        The forces of the model to start from.
-    candidates : ForceLibrary
-        What may be missing. Those that the model has are not offered, and named in the result.
+    model_forces : ForceLibrary, optional
+        The forces of the model to start from; by default viscous friction alone.
+    candidates : ForceLibrary, optional
+        What may be missing; by default the other forces of `contact_forces`, and `candidate_effects`. Those
+        that the model has are not offered, and named in the result.
     reference_frequency : float, rad/s, optional
         w, held; else it is fitted.
-    fix : mapping of str to float
-        Coefficients of forces of the model that are always there, as a pendulum's `{"gravity": 1.0}`.
+    constraints : mapping of str to float
+        Coefficients of forces of the model that are always there, as a pendulum's `{"gravity": 1.0}`. A
+        search bounds and ties none.
     max_effects : int, optional
         Effects added at most, in the place of the settings'.
     holdout : xr.Dataset or sequence of xr.Dataset
@@ -95,6 +95,8 @@ def discover(
         What else decides.
     tell : Tell
         Called with a few words as the work goes on.
+    fix : mapping of str to float, deprecated
+        Now `constraints`.
 
     Returns
     -------
@@ -122,12 +124,40 @@ def discover(
     """
     if not time_limit > 0.0:
         raise UsageError(f"A time limit of {time_limit:g} s leaves no time to search; give a positive one.")
+    constraints = {**constraints, **without_old_arguments("discover", fix, stacklevel=3)}
     asked: dict[str, Any] = {"max_effects": max_effects, "level": level, "seed": seed}
     settings = replace(settings, **{k: value for k, value in asked.items() if value is not None})
-    deadline = time.monotonic() + time_limit
+    model_forces = viscous_model(load_library()) if model_forces is None else model_forces
+    candidates = further_forces(load_library(), model_forces) if candidates is None else candidates
+    how = _Search(reference_frequency, refit, time_limit, settings, tell)
+    return _discovery(decay, model_forces, candidates, constraints, holdout, how)
+
+
+@dataclass(frozen=True)
+class _Search:
+    """How is searched: the arguments of `discover` that are no forces and no records."""
+
+    reference_frequency: float | None
+    refit: bool
+    time_limit: float
+    settings: Settings
+    tell: Tell
+
+
+@in_units_of_the_motion
+def _discovery(
+    decay: Decays,
+    model_forces: ForceLibrary,
+    candidates: ForceLibrary,
+    constraints: ConstraintTable,
+    holdout: Decays,
+    how: _Search,
+) -> xr.DataTree:
+    reference_frequency, settings, tell = how.reference_frequency, how.settings, how.tell
+    deadline = time.monotonic() + how.time_limit
     whole = as_runs(decay)
     runs = [decimated(run, settings.samples_per_period) for run in whole]
-    model, free, held = _start_forces(model_forces, reference_frequency, fix)
+    model, free, held = _start_forces(model_forces, reference_frequency, Constraints(constraints))
     offered, left_out = _offered(model_forces, candidates)
     if not len(offered):
         raise UsageError("No candidate is left beside the forces of the model; offer another library.")
@@ -144,7 +174,7 @@ def discover(
     done, predictions = _best_by_holdout(done, look, growth, tell)
     stability = stability_of(done, predictions, _noise_p_value(done, growth))
     closing = _closing_effect(done, offered.forces, growth)
-    if refit and not unseen:
+    if how.refit and not unseen:
         tell("fit to the whole runs")
         done = replace(done, models=[_refitted(model, runs) for model in done.models])
         seen = runs
@@ -158,8 +188,12 @@ def discover(
         **provenance(None, one_or_all(runs), model),
         "method": "discover",
         "options": json.dumps(
-            {name: getattr(settings, name) for name in asked}
-            | {"refit": refit, "reference_frequency": reference_frequency, "fix": dict(fix)}
+            {name: getattr(settings, name) for name in ("max_effects", "level", "seed")}
+            | {
+                "refit": how.refit,
+                "reference_frequency": reference_frequency,
+                "constraints": dict(constraints),
+            }
         ),
         "settings": json.dumps(asdict(settings)),
         "candidates": offered.to_toml(),
@@ -168,7 +202,7 @@ def discover(
         "not_improving": _not_improving(done),
         "noise_p_value": stability.noise_p_value,
         "converged": str(done.converged),
-        "out_of_time": f"{time_limit:g} s" if done.out_of_time else "",
+        "out_of_time": f"{how.time_limit:g} s" if done.out_of_time else "",
         "max_effects": settings.max_effects,
         "left_out": left_out,
         "failed_fits": list(done.failed),
@@ -314,13 +348,15 @@ def verdict_of(
 
 
 def _start_forces(
-    asked: ForceLibrary, reference_frequency: float | None, fix: Mapping[str, float]
+    asked: ForceLibrary, reference_frequency: float | None, constraints: Constraints
 ) -> tuple[ForceLibrary, list[Force], list[tuple[TrialEffect, float]]]:
     """The forces of the start model: all, those that are fitted, those held with their coefficients."""
     if not len(asked):
         raise UsageError("The start model has no force; give at least one, such as a viscous one.")
     model = forces_to_identify(asked, reference_frequency)
-    Constraints(fixed=fix)
+    fix = constraints.fixed
+    if other := [name for name in constraints.names if name not in fix]:
+        raise UsageError(f"discover holds coefficients alone; leave out what bounds or ties {other[0]}.")
     able = [force.symbol for force in model if force.kind == "force"]
     for symbol in fix:
         if symbol not in able:

@@ -170,7 +170,7 @@ def model_identification(
     free = [*range(len(model.trials)), len(values)]
     covariance[np.ix_(free, free)] = total_covariance(model, widening, model_error)
     estimate = Estimate(values, covariance, identified.reference_frequency, levels, extra)
-    method = Direct(frequency, shapes=dict(identified.shapes), fix=fixed, random_force="estimated")
+    method = Direct(frequency, shapes=dict(identified.shapes), constraints=fixed, random_force="estimated")
     result = identification(
         method, one_or_all(list(runs)), identified.library, estimate, offered=identified.library
     )

@@ -1,9 +1,12 @@
 """What a user asks of parameters: values held fixed, bounds, and ties of one parameter to others."""
 
 import re
+import warnings
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
-from typing import TypeVar
+from dataclasses import InitVar, dataclass, field
+from functools import cached_property
+from types import MappingProxyType
+from typing import TypeAlias
 
 import numpy as np
 
@@ -12,61 +15,106 @@ from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import ForceLibrary, ShapeValues
 from sysid_trib.forces.ties import Tie, parse_tie
 
-T = TypeVar("T")
 PARAMETER = re.compile(r"[A-Za-z]\w*(\.[A-Za-z_]\w*)?", re.ASCII)
+Bounds: TypeAlias = tuple[float | None, float | None]
+# A number holds a parameter, a pair bounds it, a formula ties it to others.
+Constraint: TypeAlias = float | Bounds | str
+ConstraintTable: TypeAlias = Mapping[str, Constraint]
+NO_CONSTRAINTS: ConstraintTable = MappingProxyType({})
 
 
 @dataclass(frozen=True)
 class Constraints:
-    """Constraints on coefficients (`lambda`) and shape parameters (`dahl.s`).
+    """Constraints on coefficients (`lambda`) and shape parameters (`dahl.s`), in one table.
 
     Parameters
     ----------
-    fixed : mapping of str to float
-        Value of each parameter that is held.
-    bounds : mapping of str to (float, float)
-        Lowest and highest value of a parameter; infinite where it has none.
-    ties : mapping of str to str
-        Formula of a parameter in terms of others, `{"nu": "-2.356*delta"}`.
+    table : mapping of str to float, (float, float) or str
+        `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`: a value that is held, the lowest and highest
+        value (None where it has none), or a formula in terms of other parameters.
 
     Raises
     ------
     UsageError
-        A parameter is constrained twice, is tied to itself, or a value is not a number or out of its bounds.
+        A value is none of these, no finite number, or bounds do not rise.
     """
 
-    fixed: Mapping[str, float] = field(default_factory=dict)
-    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    ties: Mapping[str, str] = field(default_factory=dict)
+    table: ConstraintTable = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name, value in self.fixed.items():
             if not np.isfinite(value):
                 raise UsageError(f"Parameter {name} cannot be fixed at {value}; give a finite number.")
-            low, high = self.bounds.get(name, (-np.inf, np.inf))
+        for name, (low, high) in self.bounds.items():
+            if not low < high:
+                raise UsageError(f"The bounds {low:g}:{high:g} of {name} must rise from the low to the high.")
+        for name, given in self.table.items():
+            if name not in self.names:
+                raise UsageError(
+                    f"{name} cannot be constrained by {given!r}; give a number to hold it, a pair "
+                    "(low, high) to bound it, or a formula of others."
+                )
+
+    def __bool__(self) -> bool:
+        return bool(self.table)
+
+    @cached_property
+    def fixed(self) -> dict[str, float]:
+        """Value of each parameter that is held."""
+        numbers = (int, float, np.number)
+        return {name: float(value) for name, value in self.table.items() if isinstance(value, numbers)}
+
+    @cached_property
+    def bounds(self) -> dict[str, tuple[float, float]]:
+        """Lowest and highest value of each parameter that is bounded; infinite where it has none."""
+        return {
+            name: (-np.inf if value[0] is None else value[0], np.inf if value[1] is None else value[1])
+            for name, value in self.table.items()
+            if isinstance(value, tuple | list) and len(value) == 2
+        }
+
+    @cached_property
+    def ties(self) -> dict[str, str]:
+        """Formula of each parameter that is tied to others."""
+        return {name: value for name, value in self.table.items() if isinstance(value, str)}
+
+    def holding(self, values: Mapping[str, float]) -> "Constraints":
+        """The same with further parameters held, whatever they were."""
+        return Constraints({**self.table, **values})
+
+    @classmethod
+    def merged(
+        cls,
+        fixed: Mapping[str, float] | None = None,
+        bounds: Mapping[str, Bounds] | None = None,
+        ties: Mapping[str, str] | None = None,
+    ) -> "Constraints":
+        """The table of three, one of each kind; a parameter that is held within its bounds is held.
+
+        Raises
+        ------
+        UsageError
+            A parameter is held out of its bounds, or tied and constrained besides.
+        """
+        fixed, bounds, ties = dict(fixed or {}), dict(bounds or {}), dict(ties or {})
+        limits = cls(bounds).bounds
+        for name, value in cls(fixed).fixed.items():
+            low, high = limits.get(name, (-np.inf, np.inf))
             if not low <= value <= high:
                 raise UsageError(
                     f"Parameter {name} is fixed at {value:g}, outside of its bounds {low:g}:{high:g}."
                 )
-        for name, (low, high) in self.bounds.items():
-            if not low < high:
-                raise UsageError(f"The bounds {low:g}:{high:g} of {name} must rise from the low to the high.")
-        for name in self.ties:
-            if name in self.fixed or name in self.bounds:
-                other = "fixed" if name in self.fixed else "bounded"
+        for name in ties:
+            if name in fixed or name in bounds:
+                other = "fixed" if name in fixed else "bounded"
                 raise UsageError(f"Parameter {name} is both tied and {other}; choose one.")
-
-    def __bool__(self) -> bool:
-        return bool(self.fixed or self.bounds or self.ties)
+        return cls({**bounds, **fixed, **ties})
 
     def of_each_run(self, symbols: Iterable[str], runs: int) -> "Constraints":
         """The same for forces whose coefficient is each run's own (see `ForceLibrary.with_own`)."""
         names = {symbol: [f"{symbol}_{run}" for run in range(1, runs + 1)] for symbol in symbols}
-
-        def copied(table: Mapping[str, T]) -> dict[str, T]:
-            return {name: value for key, value in table.items() for name in names.get(key, [key])}
-
-        return Constraints(copied(self.fixed), copied(self.bounds), copied(self.ties))
+        copied = {name: given for key, given in self.table.items() for name in names.get(key, [key])}
+        return Constraints(copied)
 
     @classmethod
     def from_texts(
@@ -94,12 +142,12 @@ class Constraints:
         """
         fixed = {k: _number(v, f"--fix '{k}={v}'") for k, v in _pairs(fix, "--fix", "lambda=0").items()}
         bounds = {k: _range(v, f"--bound '{k}={v}'") for k, v in _pairs(bound, "--bound", "zeta=0:1").items()}
-        return cls(fixed, bounds, _pairs(tie, "--tie", '"nu=-2.356*delta"'))
+        return cls.merged(fixed, bounds, _pairs(tie, "--tie", '"nu=-2.356*delta"'))
 
     @property
     def names(self) -> tuple[str, ...]:
         """Parameters that are constrained."""
-        return tuple(dict.fromkeys((*self.fixed, *self.bounds, *self.ties)))
+        return (*self.fixed, *self.bounds, *self.ties)
 
     def kinds(self, symbols: Iterable[str], at_bound: Iterable[str] = ()) -> list[str]:
         """How each coefficient is constrained, for the coordinate `constraint(force)` of a result.
@@ -199,6 +247,50 @@ class Constraints:
             rows[name][-1] += constant
         table = np.stack([rows[s] for s in symbols])
         return free, table[:, :-1], table[:, -1]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Constrained:
+    """What methods have in common whose parameters can be held, bounded or tied.
+
+    Parameters
+    ----------
+    constraints : mapping of str to float, (float, float) or str
+        See `Constraints`.
+    fix, bounds, tie : mapping, deprecated
+        Parts of `constraints`.
+    """
+
+    constraints: ConstraintTable = field(default_factory=dict)
+    fix: InitVar[Mapping[str, float] | None] = None
+    bounds: InitVar[Mapping[str, Bounds] | None] = None
+    tie: InitVar[Mapping[str, str] | None] = None
+
+    def __post_init__(
+        self,
+        fix: Mapping[str, float] | None,
+        bounds: Mapping[str, Bounds] | None,
+        tie: Mapping[str, str] | None,
+    ) -> None:
+        old = without_old_arguments(type(self).__name__, fix, bounds, tie, stacklevel=5)
+        object.__setattr__(self, "constraints", {**self.constraints, **old})
+
+
+def without_old_arguments(
+    where: str,
+    fix: Mapping[str, float] | None,
+    bounds: Mapping[str, Bounds] | None = None,
+    tie: Mapping[str, str] | None = None,
+    *,
+    stacklevel: int,
+) -> ConstraintTable:
+    """The table of what was given as `fix`, `bounds` and `tie`, with a warning where any was."""
+    if fix is None and bounds is None and tie is None:
+        return {}
+    table = Constraints.merged(fix, bounds, tie).table
+    message = f"{where}: fix, bounds and tie are one argument now, constraints={dict(table)}."
+    warnings.warn(message, DeprecationWarning, stacklevel=stacklevel)
+    return table
 
 
 def parameters_of(library: ForceLibrary) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ import xarray as xr
 
 from sysid_trib.decays.windowed_modes import windowed_modes
 from sysid_trib.errors import UsageError
+from sysid_trib.forces.constraints import Constraints
 from sysid_trib.methods.averaging import Averaging
 from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.energy_decay import EnergyDecay
@@ -75,5 +76,9 @@ def method_of(result: xr.Dataset) -> Any:
     if name not in kinds:
         raise UsageError(f"'{name}' is no method of this package; run it yourself on the record.")
     options = json.loads(result.attrs["options"])
+    # As results before 0.2 have them.
+    old = [options.pop(name, None) for name in ("fix", "bounds", "tie")]
+    if any(old):
+        options["constraints"] = Constraints.merged(*old).table
     # An optimiser or a start model is not kept in a result: the method goes without it.
     return kinds[name](**{k: v for k, v in options.items() if not (isinstance(v, dict) and NOT_KEPT in v)})

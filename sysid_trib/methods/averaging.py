@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import scipy.sparse as sp
@@ -12,7 +12,7 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.decays.half_sines import envelope
 from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.forces.constraints import Constraints
+from sysid_trib.forces.constraints import Constrained, Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.to_identify import forces_to_identify
 from sysid_trib.methods.auxiliary import AuxiliaryFit, AuxiliaryModel
@@ -40,7 +40,7 @@ SCOPE = MethodScope(
 
 
 @dataclass(frozen=True)
-class Averaging:
+class Averaging(Constrained):
     """Least squares of da/dt and w(a) on the forces' signatures (Le Bot et al. 2019, Sec. 2.3).
 
     Parameters
@@ -59,16 +59,15 @@ class Averaging:
         Values of shape parameters, which are held.
     curve : {"half-sines", "analytic-signal"}
         What gives the extrema (see `envelope`).
-    fix : mapping of str to float
-        Coefficients and shape parameters that are held, `{"lambda": 0.0}`.
-    bounds : mapping of str to (float, float)
-        Lowest and highest value of coefficients; one that would pass its bound is held there.
-    tie : mapping of str to str
-        Coefficients as linear formulas of others, `{"nu": "-2.356*delta"}`.
     random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
         `estimated` finds a white random acceleration in each run beside the sensor's noise, by the restricted
         likelihood of the equations; a number is its one-sided density, held. `auto` leaves it to `identify`.
         Not for the paper's rule.
+    constraints : mapping of str to float, (float, float) or str
+        `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`: coefficients and shape parameters that are
+        held, lowest and highest value of coefficients, and coefficients as linear formulas of others.
+    fix, bounds, tie : mapping, deprecated
+        Parts of `constraints`.
 
     Notes
     -----
@@ -82,12 +81,10 @@ class Averaging:
     weighted: bool = True
     shapes: Mapping[str, float] = field(default_factory=dict)
     curve: Literal["half-sines", "analytic-signal"] = "half-sines"
-    fix: Mapping[str, float] = field(default_factory=dict)
-    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    tie: Mapping[str, str] = field(default_factory=dict)
     random_force: RandomForceOption = "auto"
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, *old: Any) -> None:
+        super().__post_init__(*old)
         if self.frequency not in ("fit", "last"):
             raise UsageError(f"frequency='{self.frequency}' is neither 'fit' nor 'last'.")
         check_random_force(self.random_force)
@@ -110,8 +107,8 @@ class Averaging:
         runs = as_runs(decay)
         if not self.scope.several_runs and len(runs) > 1:
             raise UsageError("frequency='last' is a rule for one record; take 'fit' for several runs.")
-        constraints = Constraints(self.fix, self.bounds, self.tie)
-        shapes = {**self.shapes, **{k: v for k, v in self.fix.items() if k not in asked.symbols}}
+        wanted = constraints = Constraints(self.constraints)
+        shapes = {**self.shapes, **{k: v for k, v in wanted.fixed.items() if k not in asked.symbols}}
         method = replace(self, shapes=shapes)
         # The paper's rule has no errors that would know a random force.
         force = self.random_force if self.frequency == "fit" else "off"
@@ -125,19 +122,18 @@ class Averaging:
             )
             estimate = indirect_estimate(auxiliary, runs, correct=self.correct, random_force=force)
             value = dict(zip(asked.symbols, estimate.values.tolist(), strict=False))
-            passed = {k: float(np.clip(value[k], low, high)) for k, (low, high) in self.bounds.items()}
+            passed = {k: float(np.clip(value[k], low, high)) for k, (low, high) in wanted.bounds.items()}
             passed = {k: bound for k, bound in passed.items() if bound != value[k]}
             if not passed:
                 break
             # The furthest first: held there, it often frees the others.
             error = dict(zip(asked.symbols, np.sqrt(np.diag(estimate.covariance)).tolist(), strict=False))
             furthest = max(passed, key=lambda k: abs(value[k] - passed[k]) / max(error[k], 1e-300))
-            held = {furthest: passed[furthest]}
-            constraints = replace(constraints, fixed={**constraints.fixed, **held})
+            constraints = constraints.holding({furthest: passed[furthest]})
         result = as_identification(method, decay, asked, estimate, library)
         if constraints:
-            at_bound = constraints.fixed.keys() - self.fix.keys()
-            kinds = Constraints(self.fix, self.bounds, self.tie).kinds(asked.symbols, at_bound)
+            at_bound = constraints.fixed.keys() - wanted.fixed.keys()
+            kinds = wanted.kinds(asked.symbols, at_bound)
             result = result.assign_coords(constraint=("force", kinds))
         return result
 

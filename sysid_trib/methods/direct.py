@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.forces.constraints import Constraints
+from sysid_trib.forces.constraints import Constrained, Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.to_identify import forces_to_identify
 from sysid_trib.methods.scope import MethodScope
@@ -45,7 +45,7 @@ FEWEST_RADIANS = 120.0
 
 
 @dataclass(frozen=True)
-class Direct:
+class Direct(Constrained):
     """Regression of Eq. 1 on its force columns (Le Bot et al. 2019, Eq. 1), solved by a pysindy optimiser.
 
     The columns are those of `ForceFeatures`, a feature library of pysindy, and they are solved by
@@ -68,12 +68,6 @@ class Direct:
         variables, Young 2011), which removes the bias of smoothed columns.
     shapes : mapping of str to float
         Values of shape parameters, which are held.
-    fix : mapping of str to float
-        Coefficients and shape parameters that are held, `{"lambda": 0.0}`.
-    bounds : mapping of str to (float, float)
-        Lowest and highest value of coefficients, `{"zeta": (0.0, inf)}`.
-    tie : mapping of str to str
-        Coefficients as linear formulas of others, `{"nu": "-2.356*delta"}`.
     random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
         `estimated` finds a white random acceleration in each run beside the sensor's noise, by the restricted
         likelihood of the rows, and the colour of that noise; a number is its one-sided density, held, and the
@@ -82,6 +76,11 @@ class Direct:
         `regress_pushed`). The strong form, and the weak form that is not refined, have none.
     own : tuple of str
         Forces whose coefficient is each run's own, `("lambda",)`: `lambda_1`, `lambda_2`, ... in the result.
+    constraints : mapping of str to float, (float, float) or str
+        `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`: coefficients and shape parameters that are
+        held, lowest and highest value of coefficients, and coefficients as linear formulas of others.
+    fix, bounds, tie : mapping, deprecated
+        Parts of `constraints`.
 
     Notes
     -----
@@ -105,13 +104,11 @@ class Direct:
     form: Literal["weak", "strong"] = "weak"
     refine: bool = True
     shapes: Mapping[str, float] = field(default_factory=dict)
-    fix: Mapping[str, float] = field(default_factory=dict)
-    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    tie: Mapping[str, str] = field(default_factory=dict)
     random_force: RandomForceOption = "auto"
     own: tuple[str, ...] = ()
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, *old: Any) -> None:
+        super().__post_init__(*old)
         check_random_force(self.random_force)
         if not isinstance(self.random_force, str) and not self._takes_random_force:
             raise UsageError(
@@ -158,7 +155,7 @@ class Direct:
         runs_given = as_runs(decay, driven=self.form == "weak")
         library = library.with_own(self.own, len(runs_given))
         offered = forces_to_identify(library, self.reference_frequency, sensors=self.form == "weak")
-        asked = Constraints(self.fix, self.bounds, self.tie).of_each_run(self.own, len(runs_given))
+        asked = Constraints(self.constraints).of_each_run(self.own, len(runs_given))
         shapes = {**self.shapes, **{k: v for k, v in asked.fixed.items() if k not in offered.symbols}}
         constraints = constraint_map(asked, offered, shapes)
         runs = begin(

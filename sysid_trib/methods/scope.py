@@ -10,7 +10,7 @@ import xarray as xr
 from sysid_trib.averaging.identifiability import exactly_dependent, indistinguishable
 from sysid_trib.averaging.signatures import averages
 from sysid_trib.errors import SysidTribError, UsageError
-from sysid_trib.forces.constraints import Constraints
+from sysid_trib.forces.constraints import Constrained, Constraints
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.noise.random_force import RandomForceOption, check_random_force
 
@@ -83,12 +83,11 @@ def constrained(method: Method, constraints: Constraints) -> Method:
     UsageError
         The method takes no such constraint.
     """
-    asked = {"fix": constraints.fixed, "bounds": constraints.bounds, "tie": constraints.ties}
-    given = {option: dict(value) for option, value in asked.items() if value}
-    known: set[str] = {option.name for option in fields(method)} if is_dataclass(method) else set()
-    if not given.keys() <= known:
+    if not constraints:
+        return method
+    if not isinstance(method, Constrained):
         raise UsageError(f"{scope_of(method).sentence_label} takes no fixed, bounded or tied coefficients.")
-    return replace(method, **given) if given else method  # type: ignore[type-var]
+    return replace(method, constraints={**method.constraints, **constraints.table})
 
 
 def with_random_force(method: Method, random_force: RandomForceOption) -> Method:

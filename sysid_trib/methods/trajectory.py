@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.forces.constraints import Constraints
+from sysid_trib.forces.constraints import Constrained, Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.to_identify import forces_to_identify, is_free_to_move
 from sysid_trib.methods.direct import Direct
@@ -44,7 +44,7 @@ WHITE_LEVEL, BLOCKS = 1e-3, 24
 
 
 @dataclass(frozen=True)
-class Trajectory:
+class Trajectory(Constrained):
     """Least squares of the measured angle on the motion of the model: maximum likelihood in white noise.
 
     Parameters
@@ -57,22 +57,21 @@ class Trajectory:
         Bayesian information criterion.
     fit_shapes : tuple of str
         Shape parameters to fit (`("dahl.s",)`), between the library's limits; the others are held.
-    bounds : mapping of str to (float, float)
-        Lowest and highest value of coefficients and of shape parameters that are fitted.
     start : Model, optional
         Model from which the fit starts; the direct identification where left out.
     shapes : mapping of str to float
         Values of shape parameters, held or first guesses.
-    fix : mapping of str to float
-        Coefficients and shape parameters that are held, `{"lambda": 0.0}`.
-    tie : mapping of str to str
-        Coefficients and shape parameters as formulas of others, `{"nu": "-2.356*delta"}`.
     random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
         `estimated` finds a white random acceleration in each run beside the sensor's noise; a number is its
         one-sided density, held; `auto` leaves it to `identify`. The fit is then that of the innovations (see
         `random_motion`).
     own : tuple of str
         Forces whose coefficient is each run's own, `("lambda",)`: `lambda_1`, `lambda_2`, ... in the result.
+    constraints : mapping of str to float, (float, float) or str
+        `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`: parameters that are held, lowest and highest
+        value of coefficients and of shape parameters that are fitted, and parameters as formulas of others.
+    fix, bounds, tie : mapping, deprecated
+        Parts of `constraints`.
 
     Notes
     -----
@@ -92,15 +91,13 @@ class Trajectory:
     reference_frequency: float | None = None
     noise: Literal["white", "coloured"] = "white"
     fit_shapes: tuple[str, ...] = ()
-    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     start: Model | None = None
     shapes: Mapping[str, float] = field(default_factory=dict)
-    fix: Mapping[str, float] = field(default_factory=dict)
-    tie: Mapping[str, str] = field(default_factory=dict)
     random_force: RandomForceOption = "auto"
     own: tuple[str, ...] = ()
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, *old: Any) -> None:
+        super().__post_init__(*old)
         check_random_force(self.random_force)
         if not isinstance(self.random_force, str) and self.noise == "coloured":
             raise UsageError("A random_force has noise='white', of which it finds the colour; take that.")
@@ -166,7 +163,7 @@ def _record(decay: xr.Dataset, library: ForceLibrary) -> WhitenedRecord:
 
 
 def _parameters(method: Trajectory, library: ForceLibrary, runs: int) -> Parameters:
-    constraints = Constraints(method.fix, method.bounds, method.tie).of_each_run(method.own, runs)
+    constraints = Constraints(method.constraints).of_each_run(method.own, runs)
     constraints.check(library)
     shapes = library.shape_values()
     fit_shapes = tuple(dict.fromkeys((*method.fit_shapes, *(k for k in constraints.ties if k in shapes))))
@@ -209,7 +206,7 @@ def _quick(method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset]) 
         reference_frequency=method.reference_frequency,
         shapes=parameters.shapes,
         random_force=method._random_force,
-        fix=held,
+        constraints=held,
     )
     try:
         return direct.identify(runs, guessed if len(guessed) else parameters.library)
@@ -226,12 +223,8 @@ def _first_values(method: Trajectory, problem: FitProblem, quick: xr.Dataset | N
     if start is None:
         assert quick is not None
         start = model_of(quick)
-    w = start.reference_frequency
-    if (
-        quick is None
-        or method.start is not None
-        or is_free_to_move(parameters.library, parameters.constraints.fixed)
-    ):
+    w, free = start.reference_frequency, is_free_to_move(parameters.library, parameters.constraints.fixed)
+    if quick is None or method.start is not None or free:
         per_run = np.array([(*first_guess(r.time, r.angle, w), 0.0) for r in problem.records])
     else:
         per_run = np.stack([np.ravel(quick[name]) for name in PER_RUN], axis=1)
@@ -333,7 +326,7 @@ def _identification(
         ratio = birge_ratio(chi_square, degrees_of_freedom)
         extra["birge_ratio"] = (ratio, "1", "Birge ratio by the sensor's noise")
     result = estimate.identification(method, runs, library, extra)
-    constraints = Constraints(method.fix, method.bounds, method.tie).of_each_run(method.own, len(runs))
+    constraints = Constraints(method.constraints).of_each_run(method.own, len(runs))
     if constraints:
         at_bound = parameters.constraints.fixed.keys() & constraints.bounds.keys()
         kinds = constraints.kinds(parameters.library.symbols, at_bound)

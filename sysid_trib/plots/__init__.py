@@ -1,8 +1,30 @@
-"""Figures from results only: one function a panel, each taking an optional `ax`.
+"""Figures from results only: one function a figure or panel; a panel takes an optional `ax`."""
 
-The functions are listed in `__init__.pyi`; each is imported when it is first used.
-"""
+import warnings
+from typing import Any
 
-import lazy_loader
+from sysid_trib._lazy import public_names
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+# Figures that are part of another now.
+_MERGED = {
+    "against_conditions": "against_condition",
+    "averaged_decay": "motions",
+    "disagreement_map": "disagreement",
+    "discovery": "story",
+    "forecasts": "forecast",
+    "identification": "overview",
+    "precisions": "precision",
+    "random_force": "innovations",
+    "rankings": "ranking",
+    "residual_surface": "overview",
+}
+
+_public, __dir__, __all__ = public_names(__name__, __file__)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MERGED:
+        return _public(name)
+    message = f"sysid_trib.plots.{name} is part of sysid_trib.plots.{_MERGED[name]} now."
+    warnings.warn(message, DeprecationWarning, stacklevel=2)
+    return _public(_MERGED[name])

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sysid_trib.plots.comparison_data import ASYMPTOTIC, PREDICTION, ComparisonData, comparison_data
-from sysid_trib.plots.style import axes, grid, legend_marks, letter, name_rows, unit_label
+from sysid_trib.plots.style import grid, legend_marks, letter, name_rows, unit_label
 from sysid_trib.results.schema import library_of
 
 # Height of a panel (inch): without methods, and of a method.
@@ -45,37 +45,7 @@ def comparison(tree: xr.DataTree) -> Figure:
     return figure
 
 
-def coefficients(tree: xr.DataTree, quantity: str, ax: Axes | None = None) -> Axes:
-    """One coefficient, or the `asymptotic_frequency`, by method with its standard error.
-
-    The band is that of the method that predicts best; an arrow stands for a value beyond the edge.
-
-    Parameters
-    ----------
-    tree : xr.DataTree
-        Result of `compare`.
-    quantity : str
-        Symbol of a force, or `asymptotic_frequency`.
-    ax : matplotlib.axes.Axes, optional
-        Axes to draw on.
-    """
-    return _coefficients(axes(ax), comparison_data(tree), quantity, _symbol(tree, quantity))
-
-
-def prediction(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
-    """RMS of record minus model over the noise: of the part identified from (open), and held out (full).
-
-    Parameters
-    ----------
-    tree : xr.DataTree
-        Result of `compare`.
-    ax : matplotlib.axes.Axes, optional
-        Axes to draw on.
-    """
-    return _prediction(axes(ax), comparison_data(tree))
-
-
-def _coefficients(ax: Axes, compared: ComparisonData, quantity: str, symbol: str) -> Axes:
+def _coefficients(ax: Axes, compared: ComparisonData, quantity: str, symbol: str) -> None:
     data = compared.quantity(quantity)
     if np.isfinite(data.band_low):
         ax.axvspan(data.band_low, data.band_high, color="0.88", zorder=0)
@@ -94,7 +64,6 @@ def _coefficients(ax: Axes, compared: ComparisonData, quantity: str, symbol: str
     _with_methods(ax, data)
     # Labels of a coefficient that is well known are long: larger ones run into each other.
     ax.tick_params(axis="x", labelsize=6)
-    return ax
 
 
 def _thin_ticks(ax: Axes, low: float, high: float) -> None:
@@ -104,7 +73,7 @@ def _thin_ticks(ax: Axes, low: float, high: float) -> None:
         ax.set_xticks(ticks[::2])
 
 
-def _prediction(ax: Axes, compared: ComparisonData) -> Axes:
+def _prediction(ax: Axes, compared: ComparisonData) -> None:
     table = compared.table
     for row, style in enumerate(compared.marks.values()):
         pair = [float(table[name].values[row]) for name in PREDICTION]
@@ -116,7 +85,6 @@ def _prediction(ax: Axes, compared: ComparisonData) -> Axes:
     label = "RMS over the noise\nopen: fitted; full: held out"
     ax.set(xlabel=label, xscale="log")
     _with_methods(ax, table)
-    return ax
 
 
 def _with_methods(ax: Axes, table: xr.Dataset) -> None:

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-from sysid_trib.plots.style import BESIDE_POINT, FULL_WIDTH, INK, ORANGE, axes, grid, unit_label
+from sysid_trib.plots.style import BESIDE_POINT, FULL_WIDTH, INK, ORANGE, grid, unit_label
 
 ACROSS = 2
 # Beyond these runs bars hide the marks.
@@ -19,13 +19,13 @@ FAR = 4.0
 MOST_NAMES_DRAWN = 8
 
 
-def against_conditions(compared: xr.Dataset, name: str, condition: ArrayLike) -> Figure:
-    """Each quantity of `between_runs` against a condition, one panel each.
+def against_condition(compared: xr.Dataset, name: str, condition: ArrayLike) -> Figure:
+    """Each quantity of all runs against a condition, with standard errors; outliers in another colour.
 
     Parameters
     ----------
     compared : Dataset
-        See `between_runs`.
+        Of `between_runs`.
     name : str
         Of the condition.
     condition : (run,) array_like
@@ -34,29 +34,13 @@ def against_conditions(compared: xr.Dataset, name: str, condition: ArrayLike) ->
     quantities = compared.quantity.values.tolist()
     figure, panels = grid(len(quantities), ACROSS, FULL_WIDTH, 2.2)
     for quantity, panel in zip(quantities, panels, strict=True):
-        against_condition(compared, quantity, name, condition, panel)
+        _of_quantity(panel, compared, quantity, name, condition)
     return figure
 
 
-def against_condition(
-    compared: xr.Dataset, quantity: str, name: str, condition: ArrayLike, ax: Axes | None = None
-) -> Axes:
-    """One quantity of all runs against a condition, with standard errors; outliers in another colour.
-
-    Parameters
-    ----------
-    compared : Dataset
-        See `between_runs`.
-    quantity : str
-        Symbol of a force, or the asymptotic frequency.
-    name : str
-        Of the condition.
-    condition : (run,) array_like
-        Its value in each run.
-    ax : matplotlib.axes.Axes, optional
-        Axes to draw on.
-    """
-    ax, of_quantity = axes(ax), compared.sel(quantity=quantity)
+def _of_quantity(ax: Axes, compared: xr.Dataset, quantity: str, name: str, condition: ArrayLike) -> None:
+    """One quantity of all runs, with standard errors; outliers in another colour."""
+    of_quantity = compared.sel(quantity=quantity)
     at, ticks = places(np.asarray(condition))
     far = np.abs(of_quantity.z.values) > FAR
     few = len(at) <= MANY_RUNS
@@ -70,7 +54,6 @@ def against_condition(
         ax.set_xticks(range(len(ticks)), ticks)
     unit = str(of_quantity.unit.item()).removeprefix("1") if "unit" in of_quantity.coords else ""
     ax.set(xlabel=name, ylabel=f"{quantity} ({unit_label(unit)})" if unit else quantity)
-    return ax
 
 
 def _name_runs(ax: Axes, named: xr.Dataset, at: np.ndarray) -> None:

@@ -7,7 +7,7 @@ import xarray as xr
 
 from sysid_trib.plots.style import CANDIDATE_MARKS
 from sysid_trib.printing.discovery_tables import strongest
-from sysid_trib.results.discoveries import added_effects, credible_set, shapes_of
+from sysid_trib.results.discoveries import added_effects, credible_set
 from sysid_trib.results.signal_units import signal_units, small_units
 
 LAST_THIRD = "the last third"
@@ -84,11 +84,10 @@ def ranking_data(tree: xr.DataTree, selection_step: int) -> xr.Dataset:
     -------
     xr.Dataset
         Columns of `ranking` at the step for the candidates shown, the highest score first, with
-        `size(candidate)`, which is |z|, `kind(candidate)`, a key of `CANDIDATE_MARKS`, and
-        `shapes(candidate)`, the shape parameters as text; `threshold`, the |z| beyond which a candidate is
-        named. Attributes: `title`, when the step was; `logarithmic`, whether scores ask for a logarithmic
-        axis; `low`, the least that the axis shows (not zero, nor the threshold, where all scores are far
-        beyond it), and `high`, the largest |z| or the threshold.
+        `size(candidate)`, which is |z|, and `kind(candidate)`, a key of `CANDIDATE_MARKS`; `threshold`, the
+        |z| beyond which a candidate is named. Attributes: `title`, when the step was; `logarithmic`, whether
+        scores ask for a logarithmic axis; `low`, the least that the axis shows (not zero, nor the threshold,
+        where all scores are far beyond it), and `high`, the largest |z| or the threshold.
     """
     scores = tree["ranking"].to_dataset().isel(selection_step=selection_step)
     named, competing = _named(tree, selection_step)
@@ -99,11 +98,7 @@ def ranking_data(tree: xr.DataTree, selection_step: int) -> xr.Dataset:
     kind = [kinds[0] if s in named else kinds[1] if s in competing else kinds[2] for s in chosen]
     shown = scores.sel(candidate=chosen)
     size, threshold = np.abs(shown.z.values), scores.threshold.item()
-    shapes = [
-        ", ".join(f"{symbol}.{name} = {value:.4g}" for name, value in shapes_of(scores, symbol).items())
-        for symbol in chosen
-    ]
-    columns = {"size": size, "kind": np.array(kind, dtype=str), "shapes": np.array(shapes, dtype=str)}
+    columns = {"size": size, "kind": np.array(kind, dtype=str)}
     shown = shown.assign({name: ("candidate", column) for name, column in columns.items()})
     title, high, low = _title(tree, selection_step), max([threshold, *size]), 0.0
     logarithmic = bool(high > LOGARITHMIC_BEYOND * threshold)
@@ -155,13 +150,13 @@ def detectability_data(tree: xr.DataTree) -> xr.Dataset:
     xr.Dataset
         `start(candidate)` and `final(candidate)`: detectable coefficient beside each model, nan where the
         record cannot test it; `in_final(candidate)`: whether it is still a candidate;
-        `identified(candidate)`: absolute coefficient of an effect that was added, else nan; `name`,
-        `family`, `formula`.
+        `identified(candidate)`: absolute coefficient of an effect that was added, else nan;
+        `family`.
     """
     first, last = (tree[name].to_dataset() for name in ("detectability", "detectability_after"))
     families = list(dict.fromkeys(first.family.values.tolist()))
     order = np.argsort([families.index(f) for f in first.family.values.tolist()], kind="stable")
-    shown = first[["name", "family", "formula"]].isel(candidate=order)
+    shown = first[["family"]].isel(candidate=order)
     identified = xr.full_like(shown.candidate, np.nan, dtype=float)
     for at, symbol in enumerate(added_effects(tree)):
         identified.loc[symbol] = abs(tree["steps"].coefficient.values[at])

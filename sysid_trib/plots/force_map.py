@@ -10,7 +10,7 @@ from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 
 from sysid_trib.plots.discovery_data import DOT_BEYOND, held_out_sentence, missing_force
-from sysid_trib.plots.style import FULL_WIDTH, LEGEND, TWO_COLUMNS, axes, footnote, letter, new_figure
+from sysid_trib.plots.style import FULL_WIDTH, LEGEND, TWO_COLUMNS, footnote, letter, new_figure
 from sysid_trib.results.signal_units import signal_label, signal_symbol, signal_units, small_units
 
 # Of a map beside another, inch.
@@ -43,28 +43,12 @@ def disagreement(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
         for panel in (first, second):
             panel.get_legend().remove()
         figure.legend(handles, labels, loc="outside upper right", frameon=False, fontsize=LEGEND["fontsize"])
-    _add_colours(figure, mesh, [first, second], signal_units(tree))
+    units = signal_units(tree)
+    x, unit = signal_symbol(units), small_units(units)[1]
+    bar = figure.colorbar(mesh, ax=[first, second], extend="both", shrink=0.9)
+    bar.set_label(f"missing $f$ ({unit}),\n" + rf"$\ddot{{{x}}} + \omega^2 {x} = -\omega^2 f$")
     footnote(figure, held_out_sentence(tree))
     return figure
-
-
-def disagreement_map(tree: xr.DataTree, ax: Axes | None = None, *, after: bool = False) -> Axes:
-    """Mean force over angle and rate that a model lacks, f in theta'' + w^2 theta = -w^2 f (mrad).
-
-    Dots mark cells beyond three standard errors of the noise.
-
-    Parameters
-    ----------
-    tree : xr.DataTree
-        Result of `discover`.
-    ax : matplotlib.axes.Axes, optional
-        Axes to draw on.
-    after : bool
-        Of the final model, in the colours of the start model.
-    """
-    ax = axes(ax)
-    _add_colours(ax.figure, _map(tree, ax, after), ax, signal_units(tree))
-    return ax
 
 
 def _map(tree: xr.DataTree, ax: Axes, after: bool) -> QuadMesh:
@@ -87,9 +71,3 @@ def draw_cells(ax: Axes, force: xr.DataArray, error: xr.DataArray, limit: float)
     label = f"beyond {DOT_BEYOND:g} standard errors"
     ax.plot(x[at_x], v[at_v], ".", color="black", markersize=2.5, label=label)
     return mesh
-
-
-def _add_colours(figure: Any, mesh: QuadMesh, panels: Any, units: str) -> None:
-    x, unit = signal_symbol(units), small_units(units)[1]
-    bar = figure.colorbar(mesh, ax=panels, extend="both", shrink=0.9)
-    bar.set_label(f"missing $f$ ({unit}),\n" + rf"$\ddot{{{x}}} + \omega^2 {x} = -\omega^2 f$")

@@ -10,7 +10,7 @@ import xarray as xr
 from sysid_trib.errors import SysidTribError
 from sysid_trib.physics.energy import dissipated_energy
 from sysid_trib.physics.force_weights import weights
-from sysid_trib.plots.backbone import curves_of
+from sysid_trib.plots.curves import curves_of
 from sysid_trib.plots.discovery_data import COLOUR_PERCENT, DOT_BEYOND, held_out_sentence
 from sysid_trib.plots.motion_data import MotionData, motion_data
 from sysid_trib.plots.style import MODEL_LINES
@@ -159,7 +159,5 @@ def _power(result: xr.Dataset, halves: xr.Dataset) -> xr.Dataset:
     elapsed = np.interp(at, time, halves.elapsed.values)
     energy = dissipated_energy(result, np.interp(at, time, amplitude), time=elapsed)
     frequency = result.reference_frequency.item() / (2.0 * np.pi)
-    power = energy[["energy", "energy_standard_error"]].rename(
-        energy="power", energy_standard_error="power_standard_error"
-    )
+    power = energy[["energy"]].rename(energy="power")
     return (frequency * power).assign_coords(time=("amplitude", at)).swap_dims(amplitude="time")

@@ -1,4 +1,4 @@
-"""Figures of Le Bot et al. 2019 from results: envelopes, frequency shifts, half-sines, motions, weights."""
+"""Figures of Le Bot et al. 2019: motions, envelopes, frequency shifts, half-sines, signatures, weights."""
 
 from collections.abc import Mapping
 from itertools import cycle
@@ -7,38 +7,21 @@ from typing import Any, Literal
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from sysid_trib.plots.motion_figures import RECORD_POINTS, curve
-from sysid_trib.plots.style import BAR_WIDTH, LEGEND, SERIES, axes, in_latex, line, mark
+from sysid_trib.plots.motion_panels import RECORD_POINTS, curve
+from sysid_trib.plots.style import BAR_WIDTH, LEGEND, SERIES, axes, in_latex, letter, line, mark, new_figure
 from sysid_trib.results.signal_units import signal_label, signal_symbol, signal_units
 
 # Room in a legend above the panel.
 CLOSE_LEGEND: dict[str, Any] = {"columnspacing": 1.2, "handletextpad": 0.5}
+SIGNATURE_LABELS = {
+    "sine": r"$\langle h\,\sin\varphi\rangle$ (rad)",
+    "cosine": r"$\langle h\,\cos\varphi\rangle$ (rad)",
+}
 # Points of a half-sine.
 ARC_POINTS = 40
-
-
-def averaged_decay(motion: xr.Dataset, predicted: xr.Dataset, ax: Axes | None = None) -> Axes:
-    """A motion and its averaged envelope (the paper's Fig. 2).
-
-    Parameters
-    ----------
-    motion : xr.Dataset
-        `angle(time)` in rad, of `simulate` or a decay.
-    predicted : xr.Dataset
-        `amplitude(time)` in rad, of `predict_envelope`.
-    ax : matplotlib.axes.Axes, optional
-        Axes to draw on.
-    """
-    ax = axes(ax)
-    look = {"color": "0.4", "linewidth": 0.8, "label": "motion"}
-    curve(ax, motion.time.values, motion.angle.values, look)
-    for sign, label in ((1.0, "averaged envelope"), (-1.0, "")):
-        ax.plot(predicted.time.values, sign * predicted.amplitude.values, label=label, **line(SERIES[0]))
-    ax.set(xlabel="time (s)", ylabel=_signal(motion), xlim=_ends(motion))
-    ax.legend(ncols=2, **LEGEND, **CLOSE_LEGEND)
-    return ax
 
 
 def frequency_shift(
@@ -106,14 +89,14 @@ def half_sines(decay: xr.Dataset, half_periods: xr.Dataset, ax: Axes | None = No
 
 
 def motions(record: xr.Dataset, models: Mapping[str, xr.Dataset], ax: Axes | None = None) -> Axes:
-    """A record and the motions of models (Fig. 7).
+    """A record, and the motions or the averaged envelopes of models (Figs. 2 and 7).
 
     Parameters
     ----------
     record : xr.Dataset
         `angle(time)` in rad.
     models : mapping of str to xr.Dataset
-        By label, `angle(time)` of `simulate`.
+        By label, `angle(time)` of `simulate`, or `amplitude(time)` of `predict_envelope`.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on.
     """
@@ -121,10 +104,37 @@ def motions(record: xr.Dataset, models: Mapping[str, xr.Dataset], ax: Axes | Non
     curve(ax, record.time.values, record.angle.values, RECORD_POINTS)
     for (label, motion), series in zip(models.items(), cycle(SERIES)):
         look = line(series) | {"label": label, "linewidth": 0.9}
-        curve(ax, motion.time.values, motion.angle.values, look)
+        if "angle" in motion:
+            curve(ax, motion.time.values, motion.angle.values, look)
+            continue
+        for sign in (1.0, -1.0):
+            curve(ax, motion.time.values, sign * motion.amplitude.values, look)
+            look |= {"label": ""}
     ax.set(xlabel="time (s)", ylabel=_signal(record), xlim=_ends(record))
     ax.legend(ncols=4, **LEGEND, **CLOSE_LEGEND)
     return ax
+
+
+def signatures(averages: Mapping[str, xr.Dataset]) -> Figure:
+    """Both averages of forces against amplitude: the first drives the envelope, the second the frequency.
+
+    Parameters
+    ----------
+    averages : mapping of str to xr.Dataset
+        By label, `signature` over a row of amplitudes.
+    """
+    figure = new_figure(7.2, 3.0)
+    panels = figure.subplots(1, 2, sharex=True)
+    for panel, (quantity, axis_label) in zip(panels, SIGNATURE_LABELS.items(), strict=True):
+        panel.axhline(0.0, color="0.8", linewidth=0.6, zorder=0)
+        for (label, force), series in zip(averages.items(), cycle(SERIES)):
+            panel.plot(force.amplitude.values, force[quantity].values, label=label, **line(series))
+        panel.set(xlabel="amplitude $a$ (rad)", ylabel=axis_label)
+    letter(panels)
+    panels[0].set_xlim(0.0, None)
+    lines, labels = panels[0].get_legend_handles_labels()
+    figure.legend(lines, labels, ncols=4, loc="outside upper right", frameon=False, fontsize=8)
+    return figure
 
 
 def weights(

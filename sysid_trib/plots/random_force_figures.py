@@ -7,7 +7,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from scipy.stats import norm
 
-from sysid_trib.arrays import Array, Index
 from sysid_trib.plots.motion_data import drawn_samples
 from sysid_trib.plots.style import (
     BAR_WIDTH,
@@ -29,7 +28,7 @@ BAND_COLOR = "0.85"
 
 
 def innovations(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
-    """Innovations over time with their 95 % band, and their autocorrelation with that of white noise.
+    """Innovations over time, their autocorrelation, and the smoothed random force, with 95 % bands.
 
     Parameters
     ----------
@@ -38,42 +37,13 @@ def innovations(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     width : float, inch
         Of the figure; a column of a journal has 88 mm (3.46).
     """
-    figure = new_figure(width, 4.4)
-    over_time, over_lag = figure.subplots(2, 1, height_ratios=[1.3, 1.0])
-    _in_time(over_time, data)
-    _autocorrelation(over_lag, data)
-    letter([over_time, over_lag])
+    figure = new_figure(width, 6.2)
+    panels = figure.subplots(3, 1, height_ratios=[1.3, 1.0, 1.2])
+    _in_time(panels[0], data)
+    _autocorrelation(panels[1], data)
+    _random_force(panels[2], data)
+    letter(panels)
     return figure
-
-
-def random_force(data: xr.Dataset, ax: Axes | None = None) -> Axes:
-    """The smoothed random force over time, with its 95 % band.
-
-    Parameters
-    ----------
-    data : xr.Dataset
-        Result of `innovations`.
-    ax : matplotlib.axes.Axes, optional
-        Axes to draw on.
-    """
-    ax = axes(ax)
-    time, force = data.time.values, data.random_force.values
-    error = BAND_WIDTH * data.random_force_standard_error.values
-    first = span_starts(force)
-    band = ax.fill_between(
-        time[first],
-        (force - error)[first],
-        (force + error)[first],
-        step="post",
-        color=BAND_COLOR,
-        linewidth=0,
-    )
-    (line,) = ax.step(time[first], force[first], where="post", color=BLUE, linewidth=0.8)
-    ax.axhline(0.0, color=INK, linewidth=BAR_WIDTH, zorder=1)
-    ax.set(xlabel="time (s)", ylabel=f"random force ({signal_units(data)}/s²)", xlim=(time[0], time[-1]))
-    span = f"mean over {float(data.averaging_time):.2g} s"
-    ax.legend([line, band], [span, f"{100.0 * BAND_LEVEL:g} % band"], ncols=2, **LEGEND)
-    return ax
 
 
 def prediction_bands(data: xr.Dataset, ax: Axes | None = None) -> Axes:
@@ -102,9 +72,25 @@ def prediction_bands(data: xr.Dataset, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def span_starts(force: Array) -> Index:
-    """First samples of the spans of equal force, which draw them all, and the last sample."""
-    return np.append(np.flatnonzero(np.diff(force, prepend=np.nan) != 0.0), len(force) - 1)
+def _random_force(ax: Axes, data: xr.Dataset) -> None:
+    """The smoothed random force over time, with its band."""
+    time, force = data.time.values, data.random_force.values
+    error = BAND_WIDTH * data.random_force_standard_error.values
+    # First samples of the spans of equal force, which draw them all, and the last sample.
+    first = np.append(np.flatnonzero(np.diff(force, prepend=np.nan) != 0.0), len(force) - 1)
+    band = ax.fill_between(
+        time[first],
+        (force - error)[first],
+        (force + error)[first],
+        step="post",
+        color=BAND_COLOR,
+        linewidth=0,
+    )
+    (line,) = ax.step(time[first], force[first], where="post", color=BLUE, linewidth=0.8)
+    ax.axhline(0.0, color=INK, linewidth=BAR_WIDTH, zorder=1)
+    ax.set(xlabel="time (s)", ylabel=f"random force ({signal_units(data)}/s²)", xlim=(time[0], time[-1]))
+    span = f"mean over {float(data.averaging_time):.2g} s"
+    ax.legend([line, band], [span, f"{100.0 * BAND_LEVEL:g} % band"], ncols=2, **LEGEND)
 
 
 def _in_time(ax: Axes, data: xr.Dataset) -> None:

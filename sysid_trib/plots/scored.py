@@ -8,13 +8,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sysid_trib.plots import style
-from sysid_trib.plots.discovery_data import detectability_data, held_out_sentence, ranking_data, rankings_data
+from sysid_trib.plots.discovery_data import detectability_data, held_out_sentence, rankings_data
 
 # Height of a panel of rankings, and of detectable coefficients: without rows, and of a row, inch.
 RANKING_HEIGHT, DETECTABLE_HEIGHT, DETECTABLE_ROW = 3.35, 0.95, 0.155
 
 
-def rankings(tree: xr.DataTree) -> Figure:
+def ranking(tree: xr.DataTree) -> Figure:
     """The ranking before each step and at the end, side by side.
 
     Parameters
@@ -34,24 +34,7 @@ def rankings(tree: xr.DataTree) -> Figure:
     return figure
 
 
-def ranking(tree: xr.DataTree, ax: Axes | None = None, selection_step: int = 0) -> Axes:
-    """|z| of the best candidates at one selection step, with the threshold.
-
-    The effect that was named and the effects that compete with it are marked.
-
-    Parameters
-    ----------
-    tree : xr.DataTree
-        Result of `discover`.
-    ax : matplotlib.axes.Axes, optional
-        Axes to draw on.
-    selection_step : int
-        0 before the first step, 1 before the second, ..., -1 at the end.
-    """
-    return _ranking(style.axes(ax), ranking_data(tree, selection_step))
-
-
-def _ranking(ax: Axes, data: xr.Dataset) -> Axes:
+def _ranking(ax: Axes, data: xr.Dataset) -> None:
     sizes, kinds = data["size"].values.tolist(), data.kind.values.tolist()
     for row, (size, kind) in enumerate(zip(sizes, kinds, strict=True)):
         look = style.CANDIDATE_MARKS[kind]
@@ -76,11 +59,12 @@ def _ranking(ax: Axes, data: xr.Dataset) -> Axes:
         ax.set_axisbelow(True)
     ax.set_xlabel(f"score |z| (threshold {threshold:.3g})", fontsize=8)
     ax.tick_params(labelsize=7, which="both")
-    return ax
 
 
-def forecasts(tree: xr.DataTree, *, width: float = style.FULL_WIDTH) -> Figure:
-    """Detectable coefficients of each candidate, as high as there are candidates.
+def forecast(tree: xr.DataTree, *, width: float = style.FULL_WIDTH) -> Figure:
+    """Smallest coefficient of each candidate that the record would show, and effects that were identified.
+
+    As high as there are candidates.
 
     Parameters
     ----------
@@ -91,23 +75,12 @@ def forecasts(tree: xr.DataTree, *, width: float = style.FULL_WIDTH) -> Figure:
     """
     rows = tree["detectability"].sizes["candidate"]
     figure = style.new_figure(width, DETECTABLE_HEIGHT + DETECTABLE_ROW * rows)
-    forecast(tree, figure.subplots())
+    _detectable(figure.subplots(), detectability_data(tree))
     style.footnote(figure, held_out_sentence(tree, of_search=True))
     return figure
 
 
-def forecast(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
-    """Smallest coefficient of each candidate that the record would show, and effects that were identified.
-
-    Parameters
-    ----------
-    tree : xr.DataTree
-        Result of `discover`.
-    ax : matplotlib.axes.Axes, optional
-        Axes to draw on.
-    """
-    ax = style.axes(ax)
-    data = detectability_data(tree)
+def _detectable(ax: Axes, data: xr.Dataset) -> None:
     sizes = data[["start", "final", "identified"]].to_dataarray().values
     # In the right half a text stands left of its mark.
     half = np.sqrt(np.nanmin(sizes) * np.nanmax(sizes)) if np.isfinite(sizes).any() else np.inf
@@ -132,7 +105,6 @@ def forecast(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
     ax.set_axisbelow(True)
     close: dict[str, Any] = {"columnspacing": 0.9, "handletextpad": 0.1}
     ax.legend(handles=style.legend_marks(style.DETECTABLE_MARKS), ncols=3, **(style.LEGEND | close))
-    return ax
 
 
 def _families(ax: Axes, families: list[str]) -> None:

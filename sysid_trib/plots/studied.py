@@ -9,20 +9,21 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullFormatter, NullLocator
 from numpy.typing import NDArray
 
-from sysid_trib.plots.style import SERIES, axes, grid, in_latex, line, mark
+from sysid_trib.plots.style import SERIES, grid, in_latex, line, mark
 
 STUDY_COLUMNS = 3
 # Levels below this many times the smallest have no two decades to label.
 FEW_DECADES = 100.0
 
 
-def precisions(study: xr.Dataset) -> Figure:
-    """Error of each force by level, one panel a force.
+def precision(study: xr.Dataset) -> Figure:
+    """Error of each force by level for each method, and the Cramér-Rao bound, below which no one gets.
 
     Parameters
     ----------
     study : xr.Dataset
-        See `precision`.
+        `error(method, level, force)`, RMS over records or the like, `bound(level, force)`, and the
+        coordinate `level` with its `long_name` and `units`.
     """
     forces = study.force.values.tolist()
     figure, panels = grid(len(forces), STUDY_COLUMNS, 8.0, 2.4, sharing="x")
@@ -38,25 +39,7 @@ def precisions(study: xr.Dataset) -> Figure:
     return figure
 
 
-def precision(study: xr.Dataset, force: str, ax: Axes | None = None) -> Axes:
-    """Error of one force by level for each method, and the Cramér-Rao bound, below which no one gets.
-
-    Parameters
-    ----------
-    study : xr.Dataset
-        `error(method, level, force)`, RMS over records or the like, `bound(level, force)`, and the
-        coordinate `level` with its `long_name` and `units`.
-    force : str
-        Symbol of the force.
-    ax : matplotlib.axes.Axes, optional
-        Axes to draw on.
-    """
-    ax = _errors(study, force, axes(ax))
-    ax.legend(frameon=False, fontsize=7)
-    return ax
-
-
-def _errors(study: xr.Dataset, force: str, ax: Axes) -> Axes:
+def _errors(study: xr.Dataset, force: str, ax: Axes) -> None:
     of_force = study.sel(force=force)
     level, bound = of_force.level.values, of_force.bound.transpose("level").values
     for method, series in zip(of_force.method.values.tolist(), cycle(SERIES), strict=False):
@@ -71,7 +54,6 @@ def _errors(study: xr.Dataset, force: str, ax: Axes) -> Axes:
     label = "{long_name} ({units})".format_map(of_force.level.attrs)
     ax.set(xlabel=label, ylabel="error")
     ax.set_title(in_latex(force), loc="left", fontsize=9)
-    return ax
 
 
 def _ticks(ax: Axes, level: NDArray[np.float64]) -> None:

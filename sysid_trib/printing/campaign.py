@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from sysid_trib.campaigns.task import EFFECT_P_VALUE, TIED
+from sysid_trib.campaigns.variables import EFFECT_P_VALUE, TIED
 from sysid_trib.printing.layout import number, p_value_text, text_table, value_with_error
 
 if TYPE_CHECKING:

@@ -1,1 +1,5 @@
 """Files of every kind become angle(time); several runs."""
+
+from sysid_trib._lazy import public_names
+
+__getattr__, __dir__, __all__ = public_names(__name__, __file__)

@@ -77,7 +77,7 @@ def _against(compared: xr.Dataset, name: str, condition: np.ndarray) -> Figures:
         f"Coefficients of all records against {name}, with standard errors; orange, by name where they are "
         f"few: more than {FAR:g} standard deviations from what the conditions let expect."
     )
-    return Figures(caption, [plots.against_conditions(compared, name, condition)])
+    return Figures(caption, [plots.against_condition(compared, name, condition)])
 
 
 def _records(store: xr.Dataset, compared: xr.Dataset | None, conditions: pd.DataFrame | None) -> Section:

@@ -10,10 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sysid_trib import plots
+from sysid_trib.plots.at_a_glance import drawn_overview
 from sysid_trib.plots.discovery_data import held_out_sentence
 from sysid_trib.plots.motion_data import MOST_POINTS
-from sysid_trib.plots.motion_figures import half_period_figure
-from sysid_trib.plots.overview import drawn_overview
 from sysid_trib.plots.overview_data import overview_data
 from sysid_trib.plots.style import FULL_WIDTH, new_figure
 from sysid_trib.printing.comparison import comparison_tables
@@ -90,7 +89,7 @@ def _pushed(tree: xr.DataTree) -> list[Figures]:
     for run, (followed, bands) in enumerate(names):
         if followed in tree.children:
             data = tree[followed].to_dataset()
-            drawn = [plots.innovations(data), _wide(plots.random_force, data)]
+            drawn = [plots.innovations(data)]
             drawn += [_wide(plots.prediction_bands, tree[bands].to_dataset())] if bands in tree else []
             made.append(Figures(f"{_of_run(tree, run)}{CAPTIONS['random_force']}", drawn))
     return made
@@ -121,8 +120,8 @@ def _discovered(tree: xr.DataTree) -> list[Section]:
             *_motions(tree),
             Figures(CAPTIONS["force_map"] + held, [plots.disagreement(tree)]),
         ],
-        "What is missing": [Figures(CAPTIONS["scores"] + of_search, [plots.rankings(tree)])],
-        "What this record can show": [Figures(CAPTIONS["detectable"] + of_search, [plots.forecasts(tree)])],
+        "What is missing": [Figures(CAPTIONS["scores"] + of_search, [plots.ranking(tree)])],
+        "What this record can show": [Figures(CAPTIONS["detectable"] + of_search, [plots.forecast(tree)])],
     }
     models = coefficient_table({name: tree[name].to_dataset() for name in ("before", "after")})
     tables = {"What is missing": [models, as_table(RANKING, ranking_table(tree))]}
@@ -146,17 +145,19 @@ def _at_a_glance(tree: xr.DataTree) -> Section:
 
 
 def _motions(tree: xr.DataTree) -> list[Figures]:
-    """The record of each run with the models before and after, each residual to its own scale."""
-    caption = CAPTIONS["motions_apart"] + _held_out(tree)
-    return [
-        _over_time(tree, run, caption, plots.discovery(tree, run)) for run in range(len(record_groups(tree)))
+    """The record of each run with the residuals of the models before and after, and the half periods."""
+    held = _held_out(tree)
+    over_time = [
+        _over_time(tree, run, CAPTIONS["motions_apart"] + held, plots.story(tree, run))
+        for run in range(len(record_groups(tree)))
     ]
+    return [*over_time, *_half_periods(tree)]
 
 
 def _half_periods(tree: xr.DataTree) -> list[Figures]:
     """Amplitude and frequency of the half periods of each run, of record and models."""
     return [
-        Figures(f"{_of_run(tree, run)}{CAPTIONS['half_periods']}", [half_period_figure(tree, run)])
+        Figures(f"{_of_run(tree, run)}{CAPTIONS['half_periods']}", [plots.half_periods(tree, run)])
         for run in range(len(record_groups(tree)))
     ]
 

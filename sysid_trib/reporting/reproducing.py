@@ -40,7 +40,7 @@ def _one_decay(data: xr.Dataset) -> str:
     if not attrs.get("record_checksum"):
         synthetic = attrs.get("source") == paper_twin().attrs["source"]
         # A record made in Python is known to its maker alone.
-        read = "st.paper_twin()" if synthetic else "record"
+        read = "st.records.paper_twin()" if synthetic else "record"
     else:
         read = f"st.read_record({_given(_reading(attrs), attrs['source'])})"
     if "free_decay" not in attrs:
@@ -95,13 +95,13 @@ def _cross_check(tree: xr.DataTree) -> list[str]:
         f"tree = st.cross_check(decay, first, second, {_given(options)})",
     ]
     if "runs" in tree.children:
-        lines.append("runs = st.run_agreement(decay, second)")
+        lines.append("runs = st.validation.run_agreement(decay, second)")
     return [*lines, *_alpha(second, "second")]
 
 
 def _alpha(result: xr.Dataset, name: str) -> list[str]:
     numbers = _contactless(result)
-    return [f"{name} = st.with_contactless_frequency({name}, {numbers})"] if numbers else []
+    return [f"{name} = st.physics.with_contactless_frequency({name}, {numbers})"] if numbers else []
 
 
 def _contactless(result: xr.Dataset) -> str:
@@ -121,7 +121,7 @@ def _compare(tree: xr.DataTree) -> list[str]:
 
 
 def _discover(tree: xr.DataTree) -> list[str]:
-    options = {k: v for k, v in json.loads(tree.attrs["options"]).items() if v is not None}
+    options = {k: v for k, v in json.loads(tree.attrs["options"]).items() if v not in (None, {})}
     return [
         _library(tree.attrs),
         'candidates = st.load_library("candidates.toml")  # the text below, as a file',

@@ -151,7 +151,7 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
     if place.is_dir():
         raise RecordError(
             f"{place.name}: a folder, no result in netCDF; the store of a campaign has its page beside it "
-            f"({place.stem}.html), and st.open_store reads it."
+            f"({place.stem}.html), and st.campaigns.open_store reads it."
         )
     check_is_file(place)
     try:

@@ -7,7 +7,7 @@ nothing, so that results are the same in every unit.
 """
 
 import inspect
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar, cast
@@ -17,7 +17,7 @@ import xarray as xr
 
 from sysid_trib.decays.signal import ANGLE_UNIT, checked_signal, unit_of_signal
 from sysid_trib.errors import UsageError
-from sysid_trib.forces.constraints import Constraints
+from sysid_trib.forces.constraints import Constraint, Constraints, ConstraintTable
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import library_of_text
 from sysid_trib.forces.scaling import SignalDegree, signal_degree
@@ -62,7 +62,8 @@ def in_units_of_the_motion(function: Callable[P, R]) -> Callable[P, R]:
             kept = tuple(force for force in candidates if scalable(force))
             given["candidates"] = replace(candidates, forces=kept)
         inside = {name: scale.inwards(argument) for name, argument in given.items()}
-        inside |= {"fix": scale.fixed(given["fix"])} if "fix" in given else {}
+        if given.get("constraints"):
+            inside["constraints"] = scale.constraints(given["constraints"])
         made = function(**inside)  # type: ignore[call-arg]
         return cast(R, scale.knowing(made).outwards(made))
 
@@ -207,23 +208,24 @@ class _SignalScale:
             changes["shapes"] = {k: v * self.size ** -self._shape_power(k) for k, v in method.shapes.items()}
         if "random_force" in names and not isinstance(method.random_force, str):
             changes["random_force"] = method.random_force / self.size**2
-        constraints = Constraints(*(getattr(method, name, {}) for name in ("fix", "bounds", "tie")))
-        if constraints.ties:
+        if "constraints" in names and method.constraints:
+            changes["constraints"] = self.constraints(method.constraints)
+        return replace(method, **changes) if changes else method
+
+    def constraints(self, table: ConstraintTable) -> ConstraintTable:
+        """Constraints on the parameters of the scaled motion."""
+        asked = Constraints(table)
+        if asked.ties:
             raise UsageError(
                 f"A tie needs an angle, but a displacement in {self.unit} was measured; leave it out."
             )
-        if constraints.fixed:
-            changes["fix"] = self.fixed(constraints.fixed)
-        if constraints.bounds:
-            both = constraints.bounds.items()
-            changes["bounds"] = {
-                k: (low * self._of_parameter(k), high * self._of_parameter(k)) for k, (low, high) in both
-            }
-        return replace(method, **changes) if changes else method
-
-    def fixed(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Values of parameters by name, those of the scaled motion."""
-        return {name: value * self._of_parameter(name) for name, value in values.items()}
+        scaled: dict[str, Constraint] = {
+            name: value * self._of_parameter(name) for name, value in asked.fixed.items()
+        }
+        for name, ends in asked.bounds.items():
+            low, high = (end * self._of_parameter(name) if np.isfinite(end) else None for end in ends)
+            scaled[name] = (low, high)
+        return scaled
 
     def _of_parameter(self, name: str) -> float:
         power = self._shape_power(name) if "." in name else self._coefficient_power(name)
@@ -244,7 +246,7 @@ def _scale_of(given: dict[str, Any]) -> _SignalScale | None:
     if not known and not displacements:
         usual = USUAL_ANGLES[0] <= largest <= USUAL_ANGLES[1] or not largest
         wanted = [argument for name, argument in given.items() if name != "candidates"]
-        if usual or not all(map(scalable, _forces(wanted))) or any(getattr(a, "tie", ()) for a in wanted):
+        if usual or not all(map(scalable, _forces(wanted))) or _has_ties(wanted):
             return None
     degrees = _degrees(arguments)
     inputs = frozenset(c.input for force in _forces(arguments) for c in force.channels if c.kind)
@@ -259,6 +261,13 @@ def _scale_of(given: dict[str, Any]) -> _SignalScale | None:
 def _degrees(given: Any) -> dict[str, SignalDegree]:
     """Degree of each force that is given and has one, by symbol."""
     return {force.symbol: degree for force in _forces(given) if (degree := signal_degree(force))}
+
+
+def _has_ties(given: Sequence[Any]) -> bool:
+    """Whether a table of constraints, or the methods, tie parameters to others."""
+    tables = [getattr(argument, "constraints", {}) for argument in given]
+    tables += [argument for argument in given if isinstance(argument, dict)]
+    return any(isinstance(value, str) for table in tables for value in table.values())
 
 
 def _datasets(given: Any) -> Iterator[xr.Dataset]:

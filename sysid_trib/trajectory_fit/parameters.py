@@ -110,8 +110,7 @@ class Parameters:
 
     def fix(self, fixed: Mapping[str, float]) -> "Parameters":
         """The parameters with further ones held at these values."""
-        constraints = replace(self.constraints, fixed={**self.constraints.fixed, **fixed})
-        return replace(self, constraints=constraints)
+        return replace(self, constraints=self.constraints.holding(fixed))
 
     def covariance_of(self, covariance: Array, names: Sequence[str]) -> Array:
         """Part of a covariance for these names; zero for those that are no parameters, as a held frequency.

@@ -1,1 +1,5 @@
 """Is it true: cross-check, homogeneity of runs, hold-out, comparison of methods."""
+
+from sysid_trib._lazy import public_names
+
+__getattr__, __dir__, __all__ = public_names(__name__, __file__)

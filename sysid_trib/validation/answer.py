@@ -33,38 +33,6 @@ CLEARLY_BETTER = 1.1
 DECIDING = ("direct", "trajectory")
 
 
-def identify(decay: Decays, library: ForceLibrary, method: Method) -> xr.Dataset:
-    """Identify the forces of a library from a decay, or from runs of one experiment, by one method.
-
-    Parameters
-    ----------
-    decay : `angle(time)` in rad, as `free_decay` returns it; or a list of runs, which share their forces and
-        reference frequency, but have a start, a sensor's zero and a noise of their own.
-    library : the forces offered.
-    method : e.g. `methods.Direct()`. Whether it has a random force is decided where its `random_force` is
-        `auto`, the default (see `identifications`).
-
-    Returns
-    -------
-    Dataset with `coefficient(force)` (dimensionless unless its `unit` says otherwise),
-    `standard_error(force)`, `covariance(force, other_force)`, `active(force)`, `refers_to(force)` (rad/s),
-    scalars `reference_frequency`, `asymptotic_frequency` (rad/s), `noise` (rad, RMS over the runs);
-    provenance in its attrs. Where the model leaves more than noise also `error_of_noise(force)`,
-    `error_of_model(force)`, `held_out_rms`. Whether runs agree: `run_agreement`.
-
-    Raises
-    ------
-    DecayError
-        The decay cannot support the request.
-    UsageError
-        Not a library, or not a method.
-    """
-    if not isinstance(library, ForceLibrary):
-        raise UsageError(f"identify wants a ForceLibrary, not {library!r}: load_library('contact_forces').")
-    check_method(method, "identify")
-    return identifications(decay, library, [method])[0]
-
-
 def check_method(method: Any, function: str) -> None:
     """Refuse what is no method.
 

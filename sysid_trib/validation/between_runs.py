@@ -81,7 +81,7 @@ def between_runs(
     >>> coords = {"quantity": ["lambda"]}
     >>> dims = ("run", "quantity")
     >>> runs = xr.Dataset({"value": (dims, value), "standard_error": (dims, error)}, coords)
-    >>> st.between_runs(runs, {"load": [1, 1, 2, 2, 3, 3]}).verdict.item()
+    >>> st.campaigns.between_runs(runs, {"load": [1, 1, 2, 2, 3, 3]}).verdict.item()
     'varies with load'
     """
     estimates = results if isinstance(results, xr.Dataset) else _estimates(results)

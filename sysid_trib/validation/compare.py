@@ -8,8 +8,9 @@ import xarray as xr
 
 from sysid_trib.decays.half_sines import envelope
 from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.forces.constraints import Constraints
+from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.library import load_library
 from sysid_trib.methods import METHODS
 from sysid_trib.methods.scope import Method, scope_of
 from sysid_trib.records.runs import Decays, as_runs
@@ -55,14 +56,13 @@ def every_method(
     return methods
 
 
-@in_units_of_the_motion
 def compare(
     decay: Decays,
-    library: ForceLibrary,
-    methods: Methods,
+    library: ForceLibrary | None = None,
+    methods: Methods | None = None,
     *,
     contactless: tuple[float, float] | None = None,
-    constraints: Constraints | None = None,
+    constraints: ConstraintTable = NO_CONSTRAINTS,
     tell: Tell = silent,
 ) -> xr.DataTree:
     """Identify a decay by several methods, side by side, each tested on a part it has not seen.
@@ -71,14 +71,16 @@ def compare(
     ----------
     decay : Dataset, or sequence of Dataset
         `angle(time)` in rad, as `free_decay` returns it; or a list of runs, as `identify` takes them.
-    library : ForceLibrary
-        The forces offered to every method.
-    methods : sequence of methods, or Mapping of str to method
-        Labelled by their scope and options; or by label, as `every_method()` has them.
+    library : ForceLibrary, optional
+        The forces offered to every method; by default those of `contact_forces`.
+    methods : sequence of methods, or Mapping of str to method, optional
+        Labelled by their scope and options; or by label. By default every method of the field with its
+        variants.
     contactless : (float, float), rad/s
         Frequency without contact and its standard error, which adds alpha.
-    constraints : Constraints
-        Given to every method; one that takes none keeps its row without numbers.
+    constraints : mapping of str to float, (float, float) or str
+        What is held, bounded or tied, `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`, by every
+        method; one that takes none keeps its row without numbers.
     tell : callable
         Called with a method's label before it starts.
 
@@ -115,9 +117,22 @@ def compare(
     Of several runs the last third of each is held out. RMS are over the runs, whatever their lengths; over
     the noise, each run's RMS is over its own. Methods that take one record at a time have no numbers.
     """
+    library = load_library() if library is None else library
     if not isinstance(library, ForceLibrary):
         raise UsageError(f"compare wants a ForceLibrary, not {library!r}: load_library('contact_forces').")
-    named = _by_label(methods)
+    named = _by_label(every_method() if methods is None else methods)
+    return _compared(decay, library, named, contactless, constraints, tell)
+
+
+@in_units_of_the_motion
+def _compared(
+    decay: Decays,
+    library: ForceLibrary,
+    named: Mapping[str, Method],
+    contactless: tuple[float, float] | None,
+    constraints: ConstraintTable,
+    tell: Tell,
+) -> xr.DataTree:
     runs = [RunInParts(run, *split(run), envelope(run)) for run in as_runs(decay)]
     groups = dict(zip(group_names("record", len(runs)), [run.record for run in runs], strict=True))
     groups |= dict(zip(group_names("envelope", len(runs)), [run.envelope for run in runs], strict=True))
@@ -127,7 +142,7 @@ def compare(
     trials = []
     for at, (label, method) in enumerate(named.items()):
         tell(label, at / len(named))
-        trials.append(try_method(label, method, runs, library, contactless, constraints or Constraints()))
+        trials.append(try_method(label, method, runs, library, contactless, Constraints(constraints)))
     results = {trial.label: trial.result for trial in trials if trial.result is not None}
     if not results:
         subject = "this record" if len(runs) == 1 else "these runs together"

@@ -45,7 +45,7 @@ def folder(tmp_path_factory):
     ending = run("discover", there / "cubic.csv", *offered, "-o", there / "discover.nc")
     assert (ending.status, ending.err) == (0, "")
     st.save(st.identify(decays_of(there)[1], LIBRARY, st.methods.Direct()), there / "identify.nc")
-    checked, _ = cross_checked(st.free_decay(st.paper_twin(), window=(0.0, 10.0)))
+    checked, _ = cross_checked(st.free_decay(st.records.paper_twin(), window=(0.0, 10.0)))
     st.save(checked, there / "cross_check.nc")
     return there
 
@@ -65,7 +65,7 @@ def results(folder):
     """The results by kind."""
     decays = decays_of(folder)
     runs, second = cross_checked(decays)
-    runs["runs"] = xr.DataTree(st.run_agreement(decays, second))
+    runs["runs"] = xr.DataTree(st.validation.run_agreement(decays, second))
     made = {"runs": runs, "compare": st.compare(decays[1], LIBRARY, METHODS)}
     return made | {path.stem: st.load(path) for path in folder.glob("*.nc")}
 

@@ -24,7 +24,7 @@ KINDS = ("identify", "cross_check", "runs", "compare", "discover")
 
 
 # Figures of each page.
-DRAWN = {"identify": 0, "cross_check": 2, "compare": 2, "discover": 5}
+DRAWN = {"identify": 0, "cross_check": 2, "compare": 2, "discover": 6}
 HEADINGS = {
     "identify": ["Coefficients"],
     "cross_check": ["At a glance", "Coefficients", "Amplitude and frequency"],

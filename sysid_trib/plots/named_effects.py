@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from sysid_trib.plots import style
 from sysid_trib.plots.discovery_data import held_out_sentence
 from sysid_trib.plots.motion_data import motion_data
-from sysid_trib.plots.motion_figures import draw_in_time
+from sysid_trib.plots.motion_panels import draw_in_time
 from sysid_trib.printing.layout import quantity
 from sysid_trib.printing.residual import noise_of, residual_of
 from sysid_trib.results.discoveries import (
@@ -38,7 +38,7 @@ def story(tree: xr.DataTree, run: int = 0) -> Figure:
     figure = style.new_figure(8.0, sum(heights))
     panels = figure.subplots(4, 1, height_ratios=heights)
     drawn = motion_data(tree, run)
-    draw_in_time(panels[:3], drawn, [["before"], ["after"]])
+    draw_in_time(panels[:3], drawn, ["before", "after"])
     for panel in panels[1:3]:
         panel.set_ylabel(f"gap ({drawn.small_units[1]})")
     figure.align_ylabels(panels[:3])

@@ -10,9 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatterSciNotation, LogLocator
 
-from sysid_trib.plots.backbone import CURVE_LABELS, draw_curve
+from sysid_trib.plots.curves import CURVE_LABELS, draw_curve
 from sysid_trib.plots.force_map import draw_cells
-from sysid_trib.plots.motion_figures import draw_in_time
+from sysid_trib.plots.motion_panels import draw_in_time
 from sysid_trib.plots.overview_data import INTERVAL, OverviewData, overview_data
 from sysid_trib.plots.style import (
     BLUE,
@@ -22,7 +22,6 @@ from sysid_trib.plots.style import (
     ORANGE,
     SERIES,
     TWO_COLUMNS,
-    axes,
     columns_of_legend,
     footnote,
     in_latex,
@@ -33,7 +32,9 @@ from sysid_trib.plots.style import (
 )
 from sysid_trib.printing.layout import value_with_error
 
-ROW_HEIGHT, FONT_SIZE = 1.75, 7.5
+ROW_HEIGHT, RESIDUAL_HEIGHT, FONT_SIZE = 1.75, 1.2, 7.5
+# Panels of the residuals of one model or two, in the figure's mosaic.
+RESIDUAL_PANELS = "BK"
 # A coefficient is drawn from so far below zero to so far above it, in units of its value; its numbers stand
 # beside, where the axis goes on.
 COEFFICIENT_RANGE, END_OF_NUMBERS = (-0.5, 2.0), 5.0
@@ -57,9 +58,9 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
     """A result at a glance, one figure for `cross_check`, `compare` and `discover`.
 
     Frequency and damping ratio against amplitude, the record's with their 95 % bands and the models', where
-    there is a backbone. Record and model; the residual; each force's share of the decay and of the frequency
-    shift against amplitude; its power over time; coefficients with 95 % intervals; and the force that is
-    still missing, over angle and rate, with its uncertainty.
+    there is a backbone. Record and models; the residual of each; each force's share of the decay and of the
+    frequency shift against amplitude; its power over time; coefficients with 95 % intervals; and the force
+    that is still missing, over angle and rate, with its uncertainty.
 
     Parameters
     ----------
@@ -75,14 +76,17 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
 
 def drawn_overview(data: OverviewData, width: float = FULL_WIDTH) -> Figure:
     """The same of an overview's numbers."""
-    wide = width >= TWO_COLUMNS
-    rows = ["AA", "BB", "CD", "EF", "GH"] if wide else list("ABCDEFGH")
+    wide, rows = width >= TWO_COLUMNS, []
     if data.backbone is not None:
-        rows = [*(["IJ"] if wide else "IJ"), *rows]
+        rows += ["IJ"] if wide else ["I", "J"]
+    residuals = RESIDUAL_PANELS[: max(1, len(data.models))]
+    rows += [letters * 2 if wide else letters for letters in ("A", *residuals)]
+    rows += ["CD", "EF", "GH"] if wide else list("CDEFGH")
+    heights = [RESIDUAL_HEIGHT if row[0] in RESIDUAL_PANELS else ROW_HEIGHT for row in rows]
     with mpl.rc_context({"font.size": FONT_SIZE, "axes.titlesize": FONT_SIZE + 0.5}):
-        figure = new_figure(width, ROW_HEIGHT * len(rows))
-        panels = figure.subplot_mosaic(";".join(rows))
-        draw_in_time([panels["A"], panels["B"]], data.motion, [list(data.models)])
+        figure = new_figure(width, sum(heights))
+        panels = figure.subplot_mosaic(";".join(rows), height_ratios=heights)
+        draw_in_time([panels["A"], *(panels[name] for name in residuals)], data.motion, data.models or ("",))
         _legend(panels["A"], 3, LEGEND_ROOM * (2 if wide else 1))
         if data.backbone is not None:
             for panel, name in zip("IJ", CURVE_LABELS, strict=True):
@@ -101,35 +105,20 @@ def drawn_overview(data: OverviewData, width: float = FULL_WIDTH) -> Figure:
     return figure
 
 
-def residual_surface(tree: xr.DataTree, ax: Axes | None = None, run: int = 0) -> Axes:
-    """The force that a model lacks over angle and rate; dots mark cells beyond three standard errors.
-
-    Parameters
-    ----------
-    tree : xr.DataTree
-        Result of `cross_check`, `compare` or `discover`.
-    ax : matplotlib.axes.Axes, optional
-        Axes to draw on.
-    run : int
-        Which of several runs, from 0.
-    """
-    return _surface(axes(ax), overview_data(tree, run))
-
-
-def _no_data(ax: Axes, text: str) -> Axes:
+def _no_data(ax: Axes, text: str) -> None:
     ax.text(0.5, 0.5, text, ha="center", va="center", color="0.4", transform=ax.transAxes)
     ax.set(xticks=[], yticks=[])
-    return ax
 
 
 def _series(forces: list[str]) -> dict[str, Any]:
     return dict(zip(forces, cycle(SERIES)))
 
 
-def _shares(ax: Axes, data: OverviewData, quantity: str, label: str) -> Axes:
+def _shares(ax: Axes, data: OverviewData, quantity: str, label: str) -> None:
     """Share of each force with a band of one standard error, against amplitude."""
     if data.weighed is None or not np.isfinite(data.weighed[quantity].values).any():
-        return _no_data(ax, "no force acts here")
+        _no_data(ax, "no force acts here")
+        return
     amplitude = data.weighed.amplitude.values
     for symbol, series in _series(data.weighed.force.values.tolist()).items():
         part, error = (100.0 * data.weighed[name].sel(force=symbol).values for name in _pair(quantity))
@@ -143,13 +132,13 @@ def _shares(ax: Axes, data: OverviewData, quantity: str, label: str) -> Axes:
     # Errors of shares may exceed all that a share can be.
     ax.set_ylim(max(low, -110.0), min(high, 110.0))
     _legend(ax, 6)
-    return ax
 
 
-def _power(ax: Axes, data: OverviewData) -> Axes:
+def _power(ax: Axes, data: OverviewData) -> None:
     """What each force takes, by a logarithm; a force that gives is drawn thin."""
     if data.power is None:
-        return _no_data(ax, "no force acts here")
+        _no_data(ax, "no force acts here")
+        return
     time, largest = data.power.time.values, float(np.abs(data.power.power).max())
     for symbol, series in _series(data.power.force.values.tolist()).items():
         power = data.power.power.sel(force=symbol).values
@@ -165,7 +154,6 @@ def _power(ax: Axes, data: OverviewData) -> Axes:
     ax.yaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
     ax.yaxis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=DECADES_WITH_MINOR_LABELS))
     _legend(ax, 4)
-    return ax
 
 
 def _legend(ax: Axes, most: int, room: int = LEGEND_ROOM) -> None:
@@ -174,10 +162,11 @@ def _legend(ax: Axes, most: int, room: int = LEGEND_ROOM) -> None:
     ax.legend(ncols=columns_of_legend(labels, most, room), **SMALL_LEGEND)
 
 
-def _coefficients(ax: Axes, data: OverviewData) -> Axes:
+def _coefficients(ax: Axes, data: OverviewData) -> None:
     """Each coefficient over its value by the main identification, with 95 % intervals, and in numbers."""
     if not data.results:
-        return _no_data(ax, "all methods failed")
+        _no_data(ax, "all methods failed")
+        return
     main = list(data.results.values())[-1]
     symbols = main.force.values.tolist()
     for at, ((name, result), style) in enumerate(zip(data.results.items(), _styles(data), strict=True)):
@@ -202,7 +191,6 @@ def _coefficients(ax: Axes, data: OverviewData) -> Axes:
     ax.set(xlim=(COEFFICIENT_RANGE[0], END_OF_NUMBERS), xticks=[0, 1, 2], ylim=(len(symbols) - 0.4, -0.7))
     ax.set_xlabel("coefficient over its value, 95 % intervals")
     ax.legend(ncols=2, **SMALL_LEGEND)
-    return ax
 
 
 def _interval(ax: Axes, value: float, error: float, row: float, color: Any) -> None:
@@ -216,23 +204,24 @@ def _interval(ax: Axes, value: float, error: float, row: float, color: Any) -> N
         ax.plot(value, row, "o", **look)
 
 
-def _surface(ax: Axes, data: OverviewData) -> Axes:
+def _surface(ax: Axes, data: OverviewData) -> None:
     """Mean force over angle and rate, and dots where it is beyond three standard errors."""
     if data.missing is None:
-        return _no_data(ax, TOO_FEW)
+        _no_data(ax, TOO_FEW)
+        return
     factor, unit = data.motion.small_units
     force, error = (factor * data.missing[name] for name in _pair("force"))
     mesh = draw_cells(ax, force, error, data.colour_limit)
     bar = ax.figure.colorbar(mesh, ax=ax, extend="both", pad=0.02)
     bar.set_label(f"force over $I\\omega^2$ ({unit})")
     ax.set(xlabel=data.motion.label, ylabel=f"rate over $\\omega$ ({data.units})")
-    return ax
 
 
-def _profiles(ax: Axes, data: OverviewData) -> Axes:
+def _profiles(ax: Axes, data: OverviewData) -> None:
     """The same over angle and over rate alone, with 95 % intervals."""
     if data.missing is None:
-        return _no_data(ax, TOO_FEW)
+        _no_data(ax, TOO_FEW)
+        return
     factor, unit = data.motion.small_units
     signal = data.motion.label.split()[0]
     for name, label, color in (("x", signal, BLUE), ("v", "rate", ORANGE)):
@@ -246,7 +235,6 @@ def _profiles(ax: Axes, data: OverviewData) -> Axes:
         ylabel=f"mean force ({unit})",
     )
     ax.legend(ncols=2, **SMALL_LEGEND)
-    return ax
 
 
 def _pair(name: str) -> tuple[str, str]:

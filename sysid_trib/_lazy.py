@@ -1,0 +1,42 @@
+"""Public names of a package, each imported when it is first used, so that the command line starts quickly."""
+
+import ast
+import sys
+from collections.abc import Callable
+from importlib import import_module
+from importlib.util import resolve_name
+from pathlib import Path
+from typing import Any
+
+
+def public_names(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
+    """`__getattr__`, `__dir__` and `__all__` of a package, as its stub `__init__.pyi` lists its names.
+
+    Parameters
+    ----------
+    package, file : str
+        `__name__` and `__file__` of the package.
+    """
+    homes: dict[str, tuple[str, str]] = {}
+    listed: list[str] = []
+    for node in ast.parse(Path(file).with_suffix(".pyi").read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.ImportFrom):
+            home = resolve_name("." * node.level + (node.module or ""), package)
+            homes |= {alias.name: (home, alias.name) for alias in node.names}
+        elif isinstance(node, ast.Assign):
+            listed = ast.literal_eval(node.value)
+
+    def load(name: str) -> Any:
+        if name not in homes:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        home, attribute = homes[name]
+        # What comes from the package itself is one of its modules.
+        value = (
+            import_module(f"{home}.{attribute}")
+            if home == package
+            else getattr(import_module(home), attribute)
+        )
+        vars(sys.modules[package])[name] = value
+        return value
+
+    return load, lambda: sorted(homes), listed or sorted(homes)

@@ -1,0 +1,99 @@
+"""`sysid-trib look`, `report` and `forces`: what show something that is there, without a fit."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sysid_trib.commands.destination import Shown
+from sysid_trib.commands.options import OUTPUT, WHERE_TO_WRITE, DecayOptions, with_options
+from sysid_trib.errors import DecayError, RecordError, UsageError
+
+
+@with_options
+def look(*, given: DecayOptions, shown: Shown) -> None:
+    """Say what is in a file and what to do next, without a fit."""
+    from sysid_trib.commands.terminal import print_blocks, print_written, progress
+
+    understood: list[str] = []
+    try:
+        with progress() as tell:
+            from sysid_trib.commands.next_command import command_after
+            from sysid_trib.commands.record_inputs import decays_within, read_sources
+            from sysid_trib.looking.look import look as facts
+            from sysid_trib.printing.layers import Layer
+            from sysid_trib.printing.looked import look_blocks, look_json, pointed_options
+            from sysid_trib.printing.next_step import NextStep
+
+            shown.check(given.records)
+            tell("reading")
+            records, sentences = read_sources(given)
+            understood = sentences
+            decays = decays_within(given, records)
+            tree = facts(records, decays)
+            asked = pointed_options(tree, given.system is not None)
+            command = command_after(NextStep("identify", "the forces of this decay", asked), (given,))
+            shown.draw(lambda plots: [("look", lambda: plots.look(tree))], tell)
+    except DecayError:
+        # What was understood helps to see why.
+        if not shown.as_json and understood:
+            print("\n".join(dict.fromkeys(understood)))
+        raise
+    if shown.as_json:
+        print(json.dumps(look_json(tree, command), indent=2, allow_nan=False))
+        return
+    print_blocks(look_blocks(tree, sentences, command), Layer.DEFAULT)
+    print_written(shown.plot)
+
+
+def report(
+    result: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RESULT.nc",
+            help="What identify, compare or discover wrote with -o.",
+            rich_help_panel="Result",
+        ),
+    ],
+    output: Annotated[
+        Path,
+        typer.Option("-o", "--output", metavar="REPORT.html", help=WHERE_TO_WRITE, rich_help_panel=OUTPUT),
+    ],
+) -> None:
+    """Show a saved result as one self-contained page, with figures and tables."""
+    from sysid_trib.commands.terminal import print_written, progress
+
+    with progress() as tell:
+        from sysid_trib.commands.destination import check_output
+        from sysid_trib.reporting.page import page, write_page
+        from sysid_trib.results import files
+
+        check_output(output, ".html .htm", reads=[result])
+        tell("reading")
+        tree = files.load(result)
+        tell("page")
+        try:
+            text = page(tree)
+        except (RecordError, UsageError) as error:
+            raise RecordError(f"{result}: {error}") from None
+        write_page(text, output)
+    print_written(output)
+
+
+def forces(
+    library: Annotated[
+        str, typer.Argument(metavar="NAME|FILE", help="Force library.", rich_help_panel="Library")
+    ] = "contact_forces",
+) -> None:
+    """Show the forces of a library, with their signatures in envelope and frequency."""
+    from sysid_trib.commands.terminal import print_table, progress
+
+    with progress():
+        from sysid_trib.forces.library import load_library
+        from sysid_trib.printing.forces import force_table
+
+        offered = load_library(library)
+        table = force_table(offered)
+    print(offered.title)
+    print_table(table)

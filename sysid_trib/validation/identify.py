@@ -1,0 +1,162 @@
+"""`identify`: a decay by one method, or by two that are held against each other."""
+
+from collections.abc import Sequence
+from typing import overload
+
+import xarray as xr
+
+from sysid_trib.errors import UsageError
+from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.library import load_library
+from sysid_trib.methods import Averaging, Direct, Trajectory
+from sysid_trib.methods.scope import Method, constrained
+from sysid_trib.records.runs import Decays, as_runs, one_or_all
+from sysid_trib.results.contactless import with_contactless_frequency
+from sysid_trib.results.schema import map_identifications
+from sysid_trib.trajectory_fit.observation import MEASURED
+from sysid_trib.validation.answer import check_method, identifications
+from sysid_trib.validation.cross_check import SIMULATED_RECORDS, identified_and_checked
+from sysid_trib.validation.homogeneity import run_agreement
+from sysid_trib.validation.progress import Tell, silent
+from sysid_trib.validation.simulated_pairs import fewest_records
+
+
+@overload
+def identify(
+    decay: Decays,
+    library: ForceLibrary | None,
+    method: Method,
+    *,
+    constraints: ConstraintTable = ...,
+    contactless: tuple[float, float] | None = ...,
+    tell: Tell = ...,
+) -> xr.Dataset: ...
+
+
+@overload
+def identify(
+    decay: Decays,
+    library: ForceLibrary | None = ...,
+    method: Sequence[Method] | None = ...,
+    *,
+    constraints: ConstraintTable = ...,
+    contactless: tuple[float, float] | None = ...,
+    tell: Tell = ...,
+) -> xr.DataTree: ...
+
+
+def identify(
+    decay: Decays,
+    library: ForceLibrary | None = None,
+    method: Method | Sequence[Method] | None = None,
+    *,
+    constraints: ConstraintTable = NO_CONSTRAINTS,
+    contactless: tuple[float, float] | None = None,
+    tell: Tell = silent,
+) -> xr.Dataset | xr.DataTree:
+    """Identify the forces of a library from a decay, or from runs of one experiment.
+
+    Parameters
+    ----------
+    decay : Dataset or sequence of Dataset
+        `angle(time)` in rad, as `free_decay` returns it; or a list of runs, which share their forces and
+        reference frequency, but have a start, a sensor's zero and a noise of their own.
+    library : ForceLibrary, optional
+        The forces offered; by default those of `contact_forces`.
+    method : method, or two methods, optional
+        One, such as `methods.Direct()`; or two that are held against each other, by default those of the
+        command `identify` (`usual_methods`). Whether there is a random force is decided where a method's
+        `random_force` is `auto`, the default (see `identifications`).
+    constraints : mapping of str to float, (float, float) or str
+        What is held, bounded or tied, `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`.
+    contactless : (float, float), rad/s
+        Frequency without contact and its standard error, which adds alpha.
+    tell : callable
+        Called with a few words as the work goes on.
+
+    Returns
+    -------
+    Dataset or DataTree
+        Of one method `coefficient(force)` (dimensionless unless its `unit` says otherwise),
+        `standard_error(force)`, `covariance(force, other_force)`, `active(force)`, `refers_to(force)`
+        (rad/s), scalars `reference_frequency`, `asymptotic_frequency` (rad/s), `noise` (rad, RMS over the
+        runs); provenance in its attrs. Where the model leaves more than noise also `error_of_noise(force)`,
+        `error_of_model(force)`, `held_out_rms`. Of two methods the result of `cross_check`, of several runs
+        with the group `runs`, whether these agree (`validation.run_agreement`).
+
+    Raises
+    ------
+    DecayError
+        The decay cannot support the request.
+    UsageError
+        Not a library, or not a method.
+    """
+    library = load_library() if library is None else library
+    if not isinstance(library, ForceLibrary):
+        raise UsageError(f"identify wants a ForceLibrary, not {library!r}: load_library('contact_forces').")
+    single = method is not None and not isinstance(method, Sequence)
+    chosen: Sequence[Method] = [method] if single else method or usual_methods(decay, library)  # type: ignore
+    for asked in chosen:
+        check_method(asked, "identify")
+    chosen = [constrained(asked, Constraints(constraints)) for asked in chosen]
+    if single:
+        (result,) = identifications(decay, library, chosen)
+        return result if contactless is None else with_contactless_frequency(result, *contactless)
+    tree = _held_against_each_other(decay, library, chosen, tell)
+    if contactless is None:
+        return tree
+    return map_identifications(tree, lambda result: with_contactless_frequency(result, *contactless))
+
+
+def usual_methods(
+    decay: Decays,
+    library: ForceLibrary,
+    reference_frequency: float | None = None,
+    shapes: dict[str, float] | None = None,
+) -> list[Method]:
+    """The two methods that are held against each other.
+
+    Parameters
+    ----------
+    decay : Dataset or sequence of Dataset
+        One decay, or several runs.
+    library : ForceLibrary
+        The forces offered.
+    reference_frequency : float, rad/s, optional
+        Held; else it is fitted.
+    shapes : dict of str to float, optional
+        Shape parameters that are held.
+    """
+    averaging, direct, trajectory = (
+        kind(reference_frequency=reference_frequency, shapes=shapes or {})
+        for kind in (Averaging, Direct, Trajectory)
+    )
+    runs = as_runs(decay, driven=True)
+    # Amplitudes and frequencies tell no term of the sensor from a force: with one, the motion is fitted.
+    forces_alone = all(force.kind == "force" for force in library)
+    if any(MEASURED in run for run in runs):
+        # What is reported last is that in the quantity that was measured.
+        return [averaging if forces_alone else direct, trajectory]
+    # One that is too short or grows has no envelope to be averaged.
+    if not forces_alone or any(run.attrs.get("taken_as_it_is") for run in runs):
+        return [trajectory, direct]
+    return [averaging, direct]
+
+
+def _held_against_each_other(
+    decay: Decays, library: ForceLibrary, methods: Sequence[Method], tell: Tell
+) -> xr.DataTree:
+    """The cross-check of two methods; of several runs, whether these agree."""
+    if len(methods) != 2:
+        raise UsageError(f"Two methods are held against each other, not {len(methods)}; or give one alone.")
+    slow = any(isinstance(method, Trajectory) for method in methods)
+    # A fit of the motion takes seconds: no more simulated records than decide whether the two agree.
+    draws = min(SIMULATED_RECORDS, fewest_records(len(library) + 1)) if slow else SIMULATED_RECORDS
+    runs = as_runs(decay, driven=True)
+    tree = identified_and_checked(one_or_all(list(runs)), library, methods, draws=draws, tell=tell)
+    if len(runs) > 1:
+        tell("each run by itself")
+        second = tree[tree["comparison"].attrs["second"]].to_dataset()
+        tree["runs"] = xr.DataTree(run_agreement(runs, second))
+    return tree

@@ -1,0 +1,51 @@
+"""What --help shows: options in groups, and examples that work as they stand."""
+
+import contextlib
+import shlex
+
+import pytest
+from command_line import run
+
+from sysid_trib.commands.app import app
+from sysid_trib.commands.help import EXAMPLES
+
+GROUPS = {
+    "identify": ["Records", "Model", "Constraints", "Output", "Other", "Examples"],
+    "discover": ["Records", "Model", "Search", "Output", "Other", "Examples"],
+    "campaign": ["Records", "Model", "Constraints", "Search", "Campaign", "Output", "Other", "Examples"],
+}
+SLOW = {"discover", "compare", "campaign"}
+
+
+@pytest.mark.parametrize("command", GROUPS)
+def test_options_stand_in_groups(command):
+    lines = run(command, "--help").out.splitlines()
+    assert [line[:-1] for line in lines if line.endswith(":") and not line.startswith(" ")] == GROUPS[command]
+
+
+def test_every_command_has_two_examples():
+    names = {info.callback.__name__ for info in app.registered_commands}
+    assert names == set(EXAMPLES)
+    for name, examples in EXAMPLES.items():
+        assert len(examples) == 2
+        said = run(name, "--help").out
+        assert said.endswith(f"Examples:\n  {examples[0]}\n  {examples[1]}\n")
+
+
+def _works(names, folder):
+    with contextlib.chdir(folder):
+        for name in names:
+            for example in EXAMPLES[name]:
+                program, *words = shlex.split(example)
+                ending = run(*words)
+                assert program == "sysid-trib"
+                assert ending.status == 0, f"{example}: {ending.err}"
+
+
+def test_examples_that_are_quick_work(tmp_path):
+    _works([name for name in EXAMPLES if name not in SLOW | {"report"}], tmp_path)
+
+
+@pytest.mark.slow
+def test_all_examples_work(tmp_path):
+    _works(EXAMPLES, tmp_path)
