@@ -28,6 +28,7 @@ from .validation.compare import compare as compare
 from .validation.cross_check import cross_check as cross_check
 from .validation.homogeneity import difference as difference
 from .validation.identify import identify as identify
+from .validation.prediction import predict as predict
 
 __version__: str
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from sysid_trib.commands.options import ConstraintOptions, ModelOptions
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.library import load_library
+from sysid_trib.forces.systems import SHIPPED_LIBRARIES
 
 if TYPE_CHECKING:
     from sysid_trib.forces.constraints import Constraints
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
 # No oscillator is outside of this range in rad/s, Hz or s; far beyond it arithmetic overflows.
 LEAST, MOST = 1e-9, 1e9
 PLUS_MINUS = re.compile(r"\s*(?:±|\+/-|\+-)\s*")
-SHIPPED = ("contact_forces", "candidate_effects")
 
 
 def offered_forces(library: str, forces: str | None, alpha: bool) -> "ForceLibrary":
@@ -28,7 +28,7 @@ def offered_forces(library: str, forces: str | None, alpha: bool) -> "ForceLibra
     symbols = list(whole.symbols)
     if forces is not None:
         symbols = [s.strip() for s in forces.split(",") if s.strip()]
-        shipped = (force for name in SHIPPED for force in load_library(name))
+        shipped = (force for name in SHIPPED_LIBRARIES for force in load_library(name))
         lacking = [
             force for force in shipped if force.symbol in symbols and force.symbol not in whole.symbols
         ]

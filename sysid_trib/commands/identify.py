@@ -1,6 +1,7 @@
 """`sysid-trib identify`."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import ClassVar
 
 from sysid_trib.commands.destination import Destination, figures_of_runs, random_force_figures
@@ -38,6 +39,16 @@ class ScaleOptions:
             raise UsageError("--load gives the coefficient of friction together with --mass: give both.")
 
 
+@dataclass(frozen=True)
+class TestOptions:
+    """What the answer is tried on."""
+
+    title: ClassVar[str] = MODEL
+
+    test: Path | None = option("RECORD", "Another record, read alike, which the answer predicts.")
+    warm_up: float | None = option("S", "Its start is fitted to so much of it; default: to all.")
+
+
 @with_options
 def identify(
     *,
@@ -45,6 +56,7 @@ def identify(
     model: ModelOptions,
     scale: ScaleOptions,
     constraint: ConstraintOptions,
+    tried: TestOptions,
     destination: Destination,
 ) -> None:
     """Identify the forces of a decay in two ways, and cross-check them."""
@@ -57,11 +69,15 @@ def identify(
         from sysid_trib.decays.signal import unit_of_signal
         from sysid_trib.methods.scope import with_random_force
         from sysid_trib.physics.translation import check_length_unit
+        from sysid_trib.printing.driven import driven_blocks, driven_json
         from sysid_trib.printing.identification import identification_blocks, identification_json
         from sysid_trib.printing.layers import Block
         from sysid_trib.printing.own_quantity import own_quantity
+        from sysid_trib.printing.predicted import prediction_json, prediction_sentences
         from sysid_trib.printing.translation import second_of, translation_json, translation_sentences
+        from sysid_trib.validation.driven import is_driven
         from sysid_trib.validation.identify import identify, usual_methods
+        from sysid_trib.validation.prediction import predict
 
         scale.check()
         asked = checks.asked_model(model, constraint, given.system)
@@ -72,7 +88,8 @@ def identify(
         )
         if scale.mass is not None:
             check_length_unit(unit_of_signal(decays[0]))
-        usual = usual_methods(decays, asked.library, asked.reference_frequency, asked.shapes)
+        own = tuple(name.strip() for name in (constraint.own or "").split(",") if name.strip())
+        usual = usual_methods(decays, asked.library, asked.reference_frequency, asked.shapes, own)
         tree = identify(
             decays,
             asked.library,
@@ -81,7 +98,26 @@ def identify(
             contactless=asked.contactless,
             tell=tell,
         )
-        keep_next(tree, given, model, constraint)
+        predicted = []
+        if tried.test is not None:
+            tell("prediction")
+            others, _ = read_decays(replace(given, records=[tried.test]), as_it_is=bool(model.forces))
+            answer = tree[tree["comparison"].attrs["answer"]].to_dataset()
+            predicted = [predict(answer, other, warm_up=tried.warm_up) for other in others]
+        driven = is_driven(decays)
+        if not driven:
+            keep_next(tree, given, model, constraint)
+    if driven:
+        destination.deliver(
+            tree,
+            lambda: [
+                *driven_blocks(tree, record_sentences(tree, sources)),
+                Block(prediction_sentences(predicted)),
+            ],
+            lambda: driven_json(tree) | prediction_json(predicted),
+            lambda plots: figures_of_runs(tree, "driven", plots.driven),
+        )
+        return
     destination.deliver(
         tree,
         lambda: [
@@ -91,10 +127,12 @@ def identify(
                 scale.inertia,
             ),
             Block(translation_sentences(second_of(tree), scale.mass, scale.load)),
+            Block(prediction_sentences(predicted)),
         ],
         lambda: (
             identification_json(tree, scale.inertia)
             | translation_json(second_of(tree), scale.mass, scale.load)
+            | prediction_json(predicted)
         ),
         lambda plots: [
             # A run with few half periods has none.

@@ -84,8 +84,14 @@ class DecayOptions:
     )
     system: str | None = option(
         "NAME|FILE",
-        "What swings: pendulum, torsion, spring, ship, tribometer or cantilever; sets its usual forces.",
+        "What moves: pendulum, torsion, spring, ship, tribometer, cantilever or axis; sets its usual forces.",
     )
+    input_: str | None = option(
+        "COLUMN|NAME=COLUMN,...",
+        "What drives the motion: a column, u of formulas, or several by their names; FILE:COLUMN of another.",
+        flags=("--input",),
+    )
+    between: str = option("smooth|linear|held", "What an input is between its samples.", "smooth")
     length: float | None = option("M", "Length of a pendulum: a displacement becomes an angle.")
     distance: float | None = option("M", "Of an accelerometer from the axis of the pendulum that it is on.")
 
@@ -118,6 +124,7 @@ class ConstraintOptions:
     fix: list[str] = option("NAME=VALUE", "A coefficient or shape to hold: lambda=0; repeat.", [])
     bound: list[str] = option("NAME=LOW:HIGH", "Bounds of one; either may be empty: zeta=0:.", [])
     tie: list[str] = option("NAME=FORMULA", 'One by others: "nu=-2.356*delta"; repeat.', [])
+    own: str | None = option("A,B,...", "Forces whose coefficient is each run's own, of driven records.")
 
 
 @dataclass(frozen=True)

@@ -91,20 +91,22 @@ def decays_within(given: DecayOptions, records: "list[xr.Dataset]") -> "list[xr.
 def _read(given: DecayOptions, record: Path | None) -> "tuple[list[xr.Dataset], str]":
     """The runs of a file, or the embedded example, and what they are."""
     from sysid_trib.forces.systems import load_system
+    from sysid_trib.records.inputs import named_inputs
     from sysid_trib.records.read import read_records
     from sysid_trib.records.reading import Reading
     from sysid_trib.simulation.example import paper_twin
 
     how = {name: getattr(given, name) for name in READING}
     if record is None:
-        idle = [k for k, v in how.items() if v is not None]
+        idle = [k for k, v in {**how, "input": given.input_}.items() if v is not None]
         if idle:
             raise UsageError(f"--{idle[0].replace('_', '-')} is for a RECORD, and none is given.")
         read = paper_twin()
         return [read], f"Embedded example: {read.attrs['source']}; {read.attrs['synthetic']}."
     usual = None if given.system is None else load_system(given.system).signal
     try:
-        runs = read_records(record, Reading(**how, usual=usual))
+        driving = named_inputs(given.input_ and given.input_.split(","))
+        runs = read_records(record, Reading(**how, usual=usual, inputs=driving, between=given.between))
     except SysidTribError:
         if said := what_else(record):
             raise RecordError(said) from None
@@ -121,6 +123,11 @@ def _decays(given: DecayOptions, record: "xr.Dataset", *, as_it_is: bool = False
     from sysid_trib.records.units import signal_unit
 
     limits = parse_window(given.window, "--window")
+    if given.input_ is not None:
+        from sysid_trib.decays.driven_part import driven_part
+        from sysid_trib.records.inputs import inputs_of
+
+        return [driven_part(record, limits, list(inputs_of(record)))]
     centre: float | str = given.equilibrium
     if centre != "auto":
         unit = signal_unit(str(record.attrs.get("angle_unit_in_file", "rad")))

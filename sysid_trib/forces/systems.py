@@ -14,7 +14,7 @@ from sysid_trib.forces.formulas import LARGEST_CONSTANT
 from sysid_trib.forces.library import library_folder, load_library
 
 # The forces that systems name, by library.
-SHIPPED_LIBRARIES = ("contact_forces", "candidate_effects")
+SHIPPED_LIBRARIES = ("contact_forces", "candidate_effects", "inputs")
 SYSTEMS_FILE = "systems.toml"
 # What a system's signal can be.
 QUANTITIES = ("angle", "displacement", "rate", "acceleration", "accelerometer")

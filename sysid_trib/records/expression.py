@@ -9,6 +9,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from sysid_trib.arrays import Array
 from sysid_trib.errors import LibraryError, UsageError
 from sysid_trib.forces.formulas import Formula, parse
 from sysid_trib.records.headers import as_written, split_header
@@ -45,24 +46,7 @@ def with_expression(table: FileTable, text: str, units: str | None, source: str)
     UsageError
         Not a formula of the columns, a name that two of them have, or a unit that does not follow.
     """
-    names: dict[str, list[str]] = {}
-    for column in table.columns:
-        name = split_header(column)[0].replace(" ", "_")
-        if name.isidentifier():
-            names.setdefault(name, []).append(column)
-    parts = [_parsed(part, names, source) for part in _arguments(text.lower())]
-    used = {name for part in parts for name in part.names & names.keys()}
-    held = {name: _single(table, text, name, names[name], source) for name in sorted(used)}
-    if not held:
-        known = ", ".join(names)
-        raise UsageError(f"{source}: --angle '{text}' holds no column of numbers; it may hold {known}.")
-    values = {name: numbers(table.columns[column], column, source) for name, column in held.items()}
-    sizes = {column.size for column in values.values()}
-    if len(sizes) > 1:
-        raise UsageError(f"{source}: the columns of --angle '{text}' are not of one length.")
-    with np.errstate(all="ignore"):
-        made = [np.broadcast_to(part.evaluate(values), tuple(sizes)) for part in parts]
-        signal = np.arctan2(*made) if len(made) == 2 else made[0].astype(float)
+    signal, parts, held = evaluated(table, text, "--angle", source)
     follows = _unit(parts, {name: _unit_of_column(table, column) for name, column in held.items()})
     unit = _agreed(follows, units)
     if unit is None:
@@ -77,6 +61,37 @@ def with_expression(table: FileTable, text: str, units: str | None, source: str)
         columns={**table.columns, text: np.where(np.isfinite(signal), signal, np.nan)},
         made={**table.made, text: (base, unit)},
     )
+
+
+def evaluated(
+    table: FileTable, text: str, flag: str, source: str
+) -> tuple[Array, list[Formula], dict[str, str]]:
+    """A formula of columns: its values (row,), its parts, and the columns that it holds by their names.
+
+    Raises
+    ------
+    UsageError
+        Not a formula of the columns, or a name that two of them have.
+    """
+    names: dict[str, list[str]] = {}
+    for column in table.columns:
+        name = split_header(column)[0].replace(" ", "_")
+        if name.isidentifier():
+            names.setdefault(name, []).append(column)
+    parts = [_parsed(part, names, source) for part in _arguments(text.lower())]
+    used = {name for part in parts for name in part.names & names.keys()}
+    held = {name: _single(table, text, name, names[name], source) for name in sorted(used)}
+    if not held:
+        known = ", ".join(names)
+        raise UsageError(f"{source}: {flag} '{text}' holds no column of numbers; it may hold {known}.")
+    values = {name: numbers(table.columns[column], column, source) for name, column in held.items()}
+    sizes = {column.size for column in values.values()}
+    if len(sizes) > 1:
+        raise UsageError(f"{source}: the columns of {flag} '{text}' are not of one length.")
+    with np.errstate(all="ignore"):
+        made = [np.broadcast_to(part.evaluate(values), tuple(sizes)) for part in parts]
+        signal = np.arctan2(*made) if len(made) == 2 else made[0].astype(float)
+    return signal, parts, held
 
 
 def is_expression(text: str | int | None) -> bool:

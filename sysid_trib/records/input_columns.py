@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError, UsageError
-from sysid_trib.records.columns import Chosen, find_column, time_of_column
+from sysid_trib.records.columns import Chosen, find_column, has_column, time_of_column
+from sysid_trib.records.expression import evaluated, is_expression
 from sysid_trib.records.headers import split_header
 from sysid_trib.records.inputs import ROLE
 from sysid_trib.records.numbers import numbers
@@ -27,7 +28,8 @@ CONSTANT = 1e-12
 
 def input_columns(inputs: Mapping[str, str | int], table: FileTable, source: str) -> list[str]:
     """The columns of a table that are inputs, and so no signal."""
-    return [find_column(table, wanted, source) for _, wanted, other in _sources(inputs) if other is None]
+    own = [wanted for _, wanted, other in _sources(inputs) if other is None]
+    return [find_column(table, wanted, source) for wanted in own if not _is_formula(table, wanted)]
 
 
 def with_inputs(
@@ -44,8 +46,8 @@ def with_inputs(
     rows : (time,) array of int
         Of the table, one for each time.
     how : Reading
-        `inputs` are columns by name or number, of another file as `base.mat:y`; `between` is what is between
-        their samples.
+        `inputs` are columns by name or number, formulas of them, or of another file as `base.mat:y`;
+        `between` is what is between their samples.
     source : str
         Of whom sentences speak.
 
@@ -67,18 +69,14 @@ def with_inputs(
     record = record.copy()
     for name, wanted, other in _sources(how.inputs):
         if other is None:
-            column = find_column(table, wanted, source)
-            time, values, unit = (
-                None,
-                numbers(table.columns[column], column, source)[rows],
-                _unit(table, column),
-            )
+            whole, unit = _column(table, wanted, source)
+            time, values = None, whole[rows]
         else:
             time, values, unit = _of_file(other, wanted, how)
         if not np.all(np.isfinite(values)):
             raise RecordError(
-                f"{source}: the input {name} is not a number at each time; cut the record (--window), or fill "
-                "it in."
+                f"{source}: the input {name} is not a number at each time; cut the record (--window), or "
+                "fill it in."
             )
         if np.ptp(values) <= CONSTANT * np.max(np.abs(values), initial=0.0):
             raise RecordError(
@@ -95,6 +93,18 @@ def with_inputs(
         if time is not None:
             record = record.assign_coords({dim: (dim, time, {"units": "s"})})
     return record
+
+
+def _is_formula(table: FileTable, wanted: str | int) -> bool:
+    return is_expression(wanted) and not has_column(table, wanted)
+
+
+def _column(table: FileTable, wanted: str | int, source: str) -> tuple[Array, str]:
+    """Values and unit of a column; of a formula of columns, `35.15*vir`, no unit follows."""
+    if _is_formula(table, wanted):
+        return evaluated(table, str(wanted), "--input", source)[0], ""
+    column = find_column(table, wanted, source)
+    return numbers(table.columns[column], column, source), _unit(table, column)
 
 
 def _sources(inputs: Mapping[str, str | int]) -> Iterator[tuple[str, str | int, Path | None]]:

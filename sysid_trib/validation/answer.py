@@ -12,7 +12,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods import method_of
 from sysid_trib.methods.scope import Method, scope_of, with_random_force
 from sysid_trib.noise.random_force import RandomForceOption, random_force_of
-from sysid_trib.records.inputs import INPUT
+from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.results.per_run import noise_of_run
 from sysid_trib.results.signal_scale import in_units_of_the_motion
@@ -80,7 +80,7 @@ def decided(decay: Decays, library: ForceLibrary, methods: Sequence[Method]) -> 
     runs = as_runs(decay, driven=True)
     together = dict(enumerate(runs))
     results = [FollowedRuns(together, _with(method, "off").identify(decay, library)) for method in methods]
-    if any(INPUT in run.variables for run in runs):
+    if any(inputs_of(run) for run in runs):
         return results
     residual_tests = [_residual(followed) for followed in results]
     # Decrements neglect forces: the last method of the whole motion decides.

@@ -8,9 +8,12 @@ import xarray as xr
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError
+from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.to_identify import is_free_to_move
 from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.trajectory import Trajectory
+from sysid_trib.noise.level import nominal_frequency
 from sysid_trib.noise.random_force import RandomForceOption
 from sysid_trib.noise.whiteness import white_p_value
 from sysid_trib.records.inputs import inputs_of
@@ -26,7 +29,9 @@ from sysid_trib.validation.residuals import fitted_motion
 from sysid_trib.validation.verdict import APPROXIMATE_PART
 
 # A model that leaves more of the record than this has not followed it.
-LARGEST_LEFT = 0.5
+LARGEST_LEFT = 0.3
+# Part of the power of the rate.
+NEARLY_ALL = 0.95
 WHITE_LEVEL = 1e-3
 # A residual of so many times the noise is more than noise.
 MORE_THAN_NOISE = 1.5
@@ -60,9 +65,9 @@ def identified_driven(
     DataTree
         Groups `record` (`record_1`, ... of several) with `simulated_angle(model, time)`; `direct` and
         `trajectory`; `comparison`: over `quantity` difference, standard error and z of both, over `model`
-        `residual_rms`, `residual_over_noise`, `residual_over_motion`, `residual_p_value` that the residual is
-        white; attrs `answer`, the method that leaves less, and `verdict_on_record`. A method whose motion does
-        not follow the record is left out.
+        `residual_rms`, `residual_over_noise`, `residual_over_motion`, `residual_p_value` that the residual
+        is white; attrs `answer`, the method that leaves less, and `verdict_on_record`. A method whose motion
+        does not follow the record is left out.
 
     Raises
     ------
@@ -70,6 +75,11 @@ def identified_driven(
         Neither follows the record.
     """
     runs = as_runs(decay, driven=True)
+    if direct.reference_frequency is None and is_free_to_move(library, Constraints(direct.constraints).fixed):
+        # Nothing swings: the frequency is but a clock.
+        clock = max(clock_of(run) for run in runs)
+        direct = replace(direct, reference_frequency=clock)
+        trajectory = replace(trajectory, reference_frequency=clock)
     tell("direct")
     found = [_residuals(runs, replace(direct, random_force=_first(direct)).identify(decay, library))]
     if direct.random_force == "auto" and _over_noise(found[0]) > MORE_THAN_NOISE:
@@ -92,6 +102,16 @@ def identified_driven(
             "of it (--window)."
         )
     return _tree(runs, kept)
+
+
+def clock_of(record: xr.Dataset) -> float:
+    """A frequency (rad/s) below which the rate of a motion has nearly all of its power, to two digits."""
+    time = record.time.values.astype(float)
+    step = float(np.median(np.diff(time)))
+    rate = np.diff(np.interp(np.arange(time[0], time[-1], step), time, record.angle.values))
+    power = np.cumsum(np.abs(np.fft.rfft(rate)) ** 2)
+    at = np.searchsorted(power, NEARLY_ALL * power[-1])
+    return nominal_frequency(2.0 * np.pi * float(np.fft.rfftfreq(len(rate), step)[max(1, at)]))
 
 
 def _whole_model(result: xr.Dataset) -> Model:

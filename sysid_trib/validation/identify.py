@@ -17,6 +17,7 @@ from sysid_trib.results.schema import map_identifications
 from sysid_trib.trajectory_fit.observation import MEASURED
 from sysid_trib.validation.answer import check_method, identifications
 from sysid_trib.validation.cross_check import SIMULATED_RECORDS, identified_and_checked
+from sysid_trib.validation.driven import identified_driven, is_driven
 from sysid_trib.validation.homogeneity import run_agreement
 from sysid_trib.validation.progress import Tell, silent
 from sysid_trib.validation.simulated_pairs import fewest_records
@@ -114,6 +115,7 @@ def usual_methods(
     library: ForceLibrary,
     reference_frequency: float | None = None,
     shapes: dict[str, float] | None = None,
+    own: tuple[str, ...] = (),
 ) -> list[Method]:
     """The two methods that are held against each other.
 
@@ -127,12 +129,23 @@ def usual_methods(
         Held; else it is fitted.
     shapes : dict of str to float, optional
         Shape parameters that are held.
+    own : tuple of str
+        Forces whose coefficient is each run's own, of driven records.
+
+    Raises
+    ------
+    UsageError
+        A coefficient of each run's own is asked for of free decays.
     """
-    averaging, direct, trajectory = (
-        kind(reference_frequency=reference_frequency, shapes=shapes or {})
-        for kind in (Averaging, Direct, Trajectory)
-    )
+    asked = {"reference_frequency": reference_frequency, "shapes": shapes or {}}
+    averaging, direct, trajectory = (kind(**asked) for kind in (Averaging, Direct, Trajectory))  # type: ignore
     runs = as_runs(decay, driven=True)
+    if is_driven(runs):
+        return [Direct(**asked, own=own), Trajectory(**asked, own=own)]  # type: ignore
+    if own:
+        raise UsageError(
+            "Coefficients of each run's own are of driven records (--input); identify each free decay alone."
+        )
     # Amplitudes and frequencies tell no term of the sensor from a force: with one, the motion is fitted.
     forces_alone = all(force.kind == "force" for force in library)
     if any(MEASURED in run for run in runs):
@@ -150,6 +163,11 @@ def _held_against_each_other(
     """The cross-check of two methods; of several runs, whether these agree."""
     if len(methods) != 2:
         raise UsageError(f"Two methods are held against each other, not {len(methods)}; or give one alone.")
+    if is_driven(as_runs(decay, driven=True)):
+        direct, trajectory = methods
+        if not (isinstance(direct, Direct) and isinstance(trajectory, Trajectory)):
+            raise UsageError("A driven record is identified by methods.Direct and methods.Trajectory.")
+        return identified_driven(decay, library, direct, trajectory, tell=tell)
     slow = any(isinstance(method, Trajectory) for method in methods)
     # A fit of the motion takes seconds: no more simulated records than decide whether the two agree.
     draws = min(SIMULATED_RECORDS, fewest_records(len(library) + 1)) if slow else SIMULATED_RECORDS

@@ -1,0 +1,129 @@
+"""Driven records in words and as plain data: the answer, both methods side by side, what is left."""
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.physics.per_input import MASS, STIFFNESS, per_input
+from sysid_trib.printing.equation import equation_text
+from sysid_trib.printing.identification import coefficient_cell
+from sysid_trib.printing.layers import ALWAYS, Block, Layer
+from sysid_trib.printing.layout import (
+    by_label,
+    coefficient_json,
+    number,
+    numbers,
+    quantity,
+    text_table,
+    value_with_error,
+)
+from sysid_trib.results.per_run import record_groups
+from sysid_trib.results.schema import library_of
+from sysid_trib.results.signal_units import signal_units
+
+FREQUENCY = "reference_frequency"
+RESIDUALS = ("residual_rms", "residual_over_noise", "residual_over_motion", "residual_p_value")
+
+
+def driven_blocks(tree: xr.DataTree, record: list[str]) -> list[Block]:
+    """What is printed of an identification with inputs, in its order."""
+    compared, unit = tree["comparison"].to_dataset(), signal_units(tree)
+    answer, verdict = compared.attrs["answer"], compared.attrs["verdict_on_record"]
+    best = compared.sel(model=answer)
+    left = f"{best.residual_rms.item():.3g} {unit}, {100.0 * best.residual_over_motion.item():.2g} %"
+    first = {
+        "explained": "The record is explained: what its motion leaves is white.",
+        "approximate": f"The model follows the record to {left} (RMS); more than noise is left.",
+        "not explained": f"The model does not explain the record: its motion leaves {left} (RMS).",
+    }[verdict]
+    results = {name: tree[name].to_dataset() for name in compared.model.values.tolist()}
+    return [
+        Block([first, f"The answer is {answer}'s, whose motion leaves less."], ALWAYS),
+        Block(record),
+        Block(_table(results, compared, unit)),
+        Block([f"Equation: {equation_text(results[answer])}."]),
+        Block(_in_its_unit(results[answer], compared, tree)),
+        Block([_errors(compared)], Layer.EXPLAIN),
+    ]
+
+
+def _in_its_unit(result: xr.Dataset, compared: xr.Dataset, tree: xr.DataTree) -> list[str]:
+    """Mass, stiffness and forces in the unit of the input."""
+    found = per_input(result)
+    if found is None:
+        return []
+    record, name, unit = tree[record_groups(tree)[0]], found.attrs["input"], signal_units(tree)
+    units = record[name].attrs.get("units") or f"units of {name}"
+    powers = {MASS: f" {units}/({unit}/s^2)", STIFFNESS: f" {units}/{unit}"}
+    library = library_of(result)
+    parts = []
+    for quantity_name, row in by_label(found, "quantity").items():
+        text = value_with_error(row.value.item(), row.standard_error.item())
+        if quantity_name in powers:
+            parts.append(f"{quantity_name} {text}{powers[quantity_name]}")
+            continue
+        q = library[quantity_name].speed_degree or 0.0
+        rate = "" if not q else f"/({unit}/s)" if q == 1 else f"/({unit}/s)^{q:g}"
+        parts.append(f"{quantity_name} {text} {units}{rate}")
+    return [f"In the unit of the input {name}: {', '.join(parts)}."]
+
+
+def _errors(compared: xr.Dataset) -> str:
+    return (
+        "Errors: where what is left is white, by its size; else by blocks of the record (trajectory), or by "
+        "rows two periods apart or the random force that stands for what the model lacks (direct). "
+        "Differences are over the larger error of both."
+    )
+
+
+def _table(results: dict[str, xr.Dataset], compared: xr.Dataset, unit: str) -> Any:
+    """Coefficients by both methods with their errors."""
+    symbols = list(dict.fromkeys(s for result in results.values() for s in result.force.values.tolist()))
+    rows = []
+    for symbol in symbols:
+        force = next(r for r in results.values() if symbol in r.force).sel(force=symbol)
+        of_unit = "" if force.unit.item() == "1" else f" ({force.unit.item()})"
+        cells = [coefficient_cell(result, symbol) for result in results.values()]
+        rows.append(
+            [
+                symbol,
+                f"{force['name'].item()}{of_unit}",
+                force["formula"].item(),
+                *cells,
+                _z(compared, symbol),
+            ]
+        )
+    cells = [quantity(result, FREQUENCY) for result in results.values()]
+    rows.append(["w (rad/s)", "reference frequency", "", *cells, _z(compared, "asymptotic_frequency")])
+    left = [f"{compared.residual_rms.sel(model=name).item():.3g}" for name in results]
+    rows.append([f"left ({unit})", "RMS of record minus motion", "", *left, ""])
+    heads = ["force", "", "formula", *results, "difference / error"]
+    return text_table(heads, rows, numbers=tuple(range(3, len(heads))))
+
+
+def _z(compared: xr.Dataset, label: str) -> str:
+    z = compared.z.sel(quantity=label).item() if "z" in compared and label in compared.quantity else np.nan
+    return f"{z:+.1f}" if np.isfinite(z) and z else ""
+
+
+def driven_json(tree: xr.DataTree) -> dict[str, Any]:
+    """The same as plain data."""
+    compared = tree["comparison"].to_dataset()
+    methods = {}
+    for name in compared.model.values.tolist():
+        result = tree[name].to_dataset()
+        coefficients = {
+            symbol: {**coefficient_json(force), "unit": force.unit.item()}
+            for symbol, force in by_label(result, "force").items()
+        }
+        scalars = {
+            key: number(result[key].item()) for key in (FREQUENCY, f"{FREQUENCY}_standard_error", "noise")
+        }
+        left = {key: number(compared[key].sel(model=name).item()) for key in RESIDUALS}
+        methods[name] = {"coefficients": coefficients, **scalars, **left}
+    found = per_input(tree[compared.attrs["answer"]].to_dataset())
+    rows = {} if found is None else by_label(found, "quantity")
+    of_input = {k: numbers(row, ("value", "standard_error")) for k, row in rows.items()}
+    said = {key: compared.attrs[key] for key in ("answer", "verdict_on_record")}
+    return {**said, "methods": methods, "per_input": of_input}
