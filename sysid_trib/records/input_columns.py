@@ -13,7 +13,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records.columns import Chosen, find_column, has_column, time_of_column
 from sysid_trib.records.expression import evaluated, is_expression
-from sysid_trib.records.headers import split_header
+from sysid_trib.records.headers import as_written, split_header
 from sysid_trib.records.inputs import ROLE
 from sysid_trib.records.numbers import numbers
 from sysid_trib.records.opened import opened
@@ -128,4 +128,4 @@ def _of_file(path: Path, wanted: str | int, how: Reading) -> tuple[Array, Array,
 
 
 def _unit(table: FileTable, column: str) -> str:
-    return table.units.get(column) or split_header(column)[1]
+    return table.units.get(column) or as_written(column, split_header(column)[1])

@@ -1,0 +1,380 @@
+"""Inputs as symbols of formulas: laws of driven motions, identification, files, and what is refused."""
+
+import json
+import tomllib
+
+import numpy as np
+import pytest
+import xarray as xr
+from command_line import run
+from hypothesis import given, settings, strategies as some
+from scipy.integrate import solve_ivp
+
+import sysid_trib as st
+from sysid_trib.errors import DecayError, LibraryError, UsageError
+from sysid_trib.forces.library import parse_library
+from sysid_trib.physics.per_input import per_input
+from sysid_trib.records.inputs import KnownInput
+from sysid_trib.simulation.integrate import FREQUENCY
+from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.validation.driven import identified_driven
+
+W = 9.0
+TIME = np.linspace(0.0, 12.0, 1201)
+INPUTS = st.load_library("inputs")
+DRIVEN = parse_library(
+    {
+        "force": [
+            {"symbol": "gain", "formula": "-u"},
+            {"symbol": "zeta", "formula": "2*v"},
+            {"symbol": "epsilon", "formula": "x**3"},
+            {"symbol": "lambda", "formula": "sign(v)"},
+        ]
+    },
+    "driven",
+)
+TRUTH = {"gain": 0.02, "zeta": 0.02, "epsilon": 0.3, "lambda": 0.005}
+
+
+def library(inputs: object = (), **formulas: str) -> st.forces.ForceLibrary:
+    forces = [{"symbol": symbol, "formula": formula} for symbol, formula in formulas.items()]
+    return parse_library({"inputs": inputs, "force": forces} if inputs else {"force": forces}, "test")
+
+
+def tones(time: np.ndarray, order: int = 0) -> np.ndarray:
+    """Two tones, or their derivative by time."""
+    parts = [(0.3, 5.0, 0.0), (0.1, 13.0, 1.0)]
+    return sum(a * w**order * np.sin(w * time + p + 0.5 * np.pi * order) for a, w, p in parts)
+
+
+def broadband(seed: int, time: np.ndarray = TIME) -> np.ndarray:
+    knots = np.linspace(time[0], time[-1], len(time) // 20)
+    return 5.0 * np.interp(time, knots, np.random.default_rng(seed).standard_normal(len(knots)))
+
+
+def driven_record(seed: int, truth: dict[str, float] = TRUTH, noise: float = 1e-4, **simulated) -> xr.Dataset:
+    model = st.Model(DRIVEN, truth, W)
+    record = st.simulate(model, TIME, 0.1, 0.0, inputs={"u": broadband(seed)}, **simulated)
+    record["angle"] = record.angle + noise * np.random.default_rng([seed, 1]).standard_normal(len(TIME))
+    record.angle.attrs["units"], record.u.attrs["units"] = "rad", "V"
+    return record.drop_vars(["rate", "stop_time"])
+
+
+def test_a_driven_motion_is_scipys() -> None:
+    model = st.Model(
+        library(gain="-u", damper="2*(v - du)", drive="0.5*u*x"),
+        {"gain": 1.0, "damper": 0.02, "drive": 0.3},
+        W,
+    )
+    found = st.simulate(model, TIME, 0.1, 0.0, inputs={"u": KnownInput(TIME, tones(TIME), "smooth")})
+
+    def rates(t: float, y: np.ndarray) -> list[float]:
+        u, du = tones(t), tones(t, 1) / W
+        return [y[1], -(W**2) * (y[0] - u + 0.04 * (y[1] / W - du) + 0.15 * u * y[0])]
+
+    exact = solve_ivp(
+        rates, (0.0, TIME[-1]), [0.1, 0.0], t_eval=TIME, rtol=1e-11, atol=1e-13, method="DOP853"
+    )
+    np.testing.assert_allclose(found.angle, exact.y[0], atol=2e-9)
+
+
+def test_a_moving_base_is_an_inertia_for_who_moves_with_it() -> None:
+    """x = base + r: springs and dampers to the base are those at rest in r, driven by its acceleration."""
+    base, acceleration = KnownInput(TIME, tones(TIME), "smooth"), KnownInput(TIME, tones(TIME, 2), "smooth")
+    absolute = INPUTS.select(["base_spring", "base_damping"])
+    seen = st.simulate(
+        st.Model(absolute, {"base_spring": 1.0, "base_damping": 0.03}, W),
+        TIME,
+        0.2,
+        0.5,
+        inputs={"base": base},
+    )
+    relative = st.forces.ForceLibrary("", (*INPUTS.select(["base_inertia"]), *DRIVEN.select(["zeta"])))
+    start = 0.2 - tones(0.0), 0.5 - tones(0.0, 1)
+    moved = st.simulate(
+        st.Model(relative, {"base_inertia": 1.0, "zeta": 0.03}, W),
+        TIME,
+        *start,
+        inputs={"base_acceleration": acceleration},
+    )
+    np.testing.assert_allclose(seen.angle, moved.angle + tones(TIME), atol=1e-8)
+
+
+@given(speed=some.floats(0.05, 0.8), friction=some.floats(0.02, 0.25))
+@settings(max_examples=10, deadline=None)
+def test_a_belt_of_constant_speed_is_that_of_a_formula(speed: float, friction: float) -> None:
+    surface = library({"s": "displacement"}, friction="sign(v - ds)", zeta="2*v")
+    written = library(friction=f"sign(v - {speed!r})", zeta="2*v")
+    coefficients = {"friction": friction, "zeta": 0.01}
+    by_input, by_formula = (
+        st.simulate(st.Model(forces, coefficients, W), TIME, 0.3, 0.0, inputs=inputs).angle
+        for forces, inputs in ((surface, {"s": W * speed * TIME}), (written, None))
+    )
+    np.testing.assert_allclose(by_input, by_formula, atol=1e-8)
+
+
+def test_a_surface_whose_speed_jumps_takes_the_body_along_anew() -> None:
+    position = np.where(TIME < 4.0, 0.1 * TIME, 0.8 - 0.1 * TIME)
+    model = st.Model(library({"s": "displacement"}, friction="sign(v - ds)"), {"friction": 3.0}, 1.0)
+    found = st.simulate(model, TIME, 0.0, 0.1, inputs={"s": position})
+    held = (TIME < 3.9) | ((TIME > 4.5) & (TIME < 5.0))
+    np.testing.assert_allclose(found.rate[held], np.gradient(position, TIME)[held], atol=1e-9)
+
+
+def test_derivatives_by_the_frequency_know_each_kind_of_input() -> None:
+    forces = library(
+        {"u": "", "base": "displacement", "r": "rate", "a": "acceleration"},
+        gain="-u",
+        spring="-base",
+        damper="2*(v - dbase)",
+        drag="v - r",
+        inertia="a",
+    )
+    inputs = {
+        name: KnownInput(TIME, f * tones(TIME), "smooth")
+        for name, f in zip(["u", "base", "r", "a"], (1, 1, 5, 50), strict=True)
+    }
+    model = st.Model(
+        forces, {"gain": 0.3, "spring": 1.0, "damper": 0.02, "drag": 0.05, "inertia": 1.0}, W, inputs=inputs
+    )
+    found = trajectory(model, TIME, 0.1, 0.2, by=[FREQUENCY]).derivatives["angle"][:, 0]
+    h = 1e-4
+    high, low = (
+        trajectory(st.Model(forces, model.coefficients, W + s * h, inputs=inputs), TIME, 0.1, 0.2).angle
+        for s in (1, -1)
+    )
+    np.testing.assert_allclose(found, (high - low) / (2.0 * h), atol=1e-6 * np.abs(found).max())
+
+
+@pytest.mark.parametrize(
+    "method", [st.methods.Direct(random_force="off"), st.methods.Trajectory(random_force="off")]
+)
+def test_a_driven_record_gives_its_coefficients_with_their_units(method: object) -> None:
+    result = st.identify(driven_record(3), DRIVEN, method)
+    z = (result.coefficient - list(TRUTH.values())) / result.standard_error
+    assert np.abs(z).max() < 4.0
+    assert (result.standard_error / result.coefficient).max() < 0.01
+    assert result.unit.sel(force="gain").item() == "1/V"
+    in_mm = driven_record(3)
+    in_mm["angle"] = (40.0 * in_mm.angle).assign_attrs(units="mm")
+    scaled = st.identify(in_mm, DRIVEN, method)
+    assert scaled.unit.values.tolist() == ["mm/V", "1", "mm^-2", "mm"]
+    factors = np.array([40.0, 1.0, 40.0**-2, 40.0])
+    np.testing.assert_allclose(scaled.coefficient, result.coefficient * factors, rtol=1e-5)
+
+
+def test_stated_errors_tell_the_scatter() -> None:
+    z = []
+    for seed in range(12):
+        result = st.identify(driven_record(seed), DRIVEN, st.methods.Trajectory(random_force="off"))
+        z.append((result.coefficient - list(TRUTH.values())) / result.standard_error)
+    assert 0.7 < np.sqrt(np.mean(np.square(z))) < 1.35
+
+
+def test_runs_share_what_is_theirs_and_have_the_rest_of_their_own() -> None:
+    runs = [driven_record(seed, TRUTH | {"lambda": friction}) for seed, friction in ((1, 0.004), (2, 0.008))]
+    tree = identified_driven(
+        runs,
+        DRIVEN,
+        st.methods.Direct(own=("lambda",), constraints={"lambda": (0.0, None)}),
+        st.methods.Trajectory(own=("lambda",), constraints={"lambda": (0.0, None)}),
+    )
+    for method in ("direct", "trajectory"):
+        result = tree[method].to_dataset()
+        assert result.force.values.tolist() == ["gain", "zeta", "epsilon", "lambda_1", "lambda_2"]
+        z = (result.coefficient - [0.02, 0.02, 0.3, 0.004, 0.008]) / result.standard_error
+        assert np.abs(z).max() < 4.5
+    assert tree["comparison"].attrs["verdict_on_record"] == "explained"
+    predicted = st.predict(tree["trajectory"].to_dataset(), runs[1], run=1)
+    assert predicted.residual_rms == pytest.approx(1e-4, rel=0.1)
+    wrong = st.predict(tree["trajectory"].to_dataset(), runs[1], run=0)
+    assert wrong.residual_rms > 3.0 * predicted.residual_rms
+
+
+def test_what_has_not_been_seen_is_predicted_from_its_start() -> None:
+    result = st.identify(driven_record(1), DRIVEN, st.methods.Direct())
+    other = driven_record(2)
+    whole, begun = st.predict(result, other), st.predict(result, other, warm_up=1.5)
+    assert whole.residual_rms == pytest.approx(1e-4, rel=0.1)
+    assert begun.residual_rms < 2e-4
+    assert begun.attrs["warm_up"] == 1.5
+    with pytest.raises(UsageError, match="warm-up of 90 s holds"):
+        st.predict(result, other, warm_up=90.0)
+    with pytest.raises(UsageError, match="holds the input u, which this record lacks"):
+        st.predict(result, other.drop_vars("u"))
+
+
+def test_a_body_without_a_restoring_force_has_its_mass_and_friction_in_the_input_s_unit() -> None:
+    """M x'' = u - C x' - F sign(x') - F0 of an axis; synthetic."""
+    mass, viscous, dry, bias, w = 2.0, 3.0, 0.5, 0.1, 6.0
+    forces = INPUTS.select(["gain", "free_axis", "bias"])
+    forces = st.forces.ForceLibrary("", (*forces, *DRIVEN.select(["zeta", "lambda"])))
+    stiffness = mass * w**2
+    truth = {
+        "gain": 1.0 / stiffness,
+        "free_axis": 1.0,
+        "bias": bias / stiffness,
+        "zeta": 0.5 * viscous * w / stiffness,
+        "lambda": dry / stiffness,
+    }
+    push = 4.0 * np.sign(np.sin(2.0 * np.pi * 0.4 * TIME)) + np.sin(5.0 * TIME)
+    record = st.simulate(st.Model(forces, truth, w), TIME, 0.0, 0.0, inputs={"u": push})
+    record["angle"] = (
+        record.angle + 1e-4 * np.random.default_rng(2).standard_normal(len(TIME))
+    ).assign_attrs(units="m")
+    held = {"free_axis": 1.0}
+    tree = identified_driven(
+        record, forces, st.methods.Direct(constraints=held), st.methods.Trajectory(constraints=held)
+    )
+    found = per_input(tree["trajectory"].to_dataset())
+    wanted = {"mass": mass, "zeta": viscous, "lambda": dry, "bias": bias}
+    for name, value in wanted.items():
+        row = found.sel(quantity=name)
+        assert abs(row.value - value) < 4.0 * row.standard_error
+        assert row.standard_error < 0.02 * abs(value) + 0.01 * dry
+    assert "stiffness" not in found.quantity
+
+
+@pytest.fixture
+def table(tmp_path):
+    time, u = TIME[::2], broadband(4, TIME[::2])
+    record = st.simulate(st.Model(DRIVEN, TRUTH, W), time, 0.1, inputs={"u": u})
+    path = tmp_path / "driven.csv"
+    rows = np.column_stack([time, u, record.angle, np.ones_like(time)])
+    np.savetxt(
+        path, rows, delimiter=",", header="time (s),drive (V),angle (rad),still (V)", comments="", fmt="%.9g"
+    )
+    return path
+
+
+def test_inputs_are_read_with_the_record_or_from_another_file(table, tmp_path) -> None:
+    same = st.read_record(table, input="drive", angle="angle")
+    assert same.u.attrs["units"] == "V"
+    assert same.u.attrs["between"] == "smooth"
+    formula = st.read_record(table, input={"u": "2*drive"}, angle="angle", between="held")
+    np.testing.assert_allclose(formula.u, 2.0 * same.u)
+    other = tmp_path / "drive.csv"
+    time = np.arange(-1.0, 14.0, 0.004)
+    np.savetxt(
+        other, np.column_stack([time, np.sin(time)]), delimiter=",", header="time (s),b (V)", comments=""
+    )
+    apart = st.read_record(table, input=f"{other}:b", angle="angle")
+    assert apart.u.dims == ("u_time",)
+    assert apart.sizes["u_time"] == len(time)
+    linear = st.read_record(table, input="drive", angle="angle", between="linear")
+    result = st.identify(linear, DRIVEN, st.methods.Direct())
+    assert result.coefficient.sel(force="gain").item() == pytest.approx(0.02, rel=1e-3)
+
+
+def test_the_command_identifies_predicts_and_draws(table, tmp_path) -> None:
+    ending = run(
+        "identify",
+        table,
+        "--angle",
+        "angle",
+        "--input",
+        "drive",
+        "--between",
+        "linear",
+        "--forces",
+        "gain,zeta,epsilon,lambda",
+        "--test",
+        table,
+        "--json",
+        "--plot",
+        tmp_path / "figures",
+    )
+    assert ending.status == 0, ending.err
+    said = json.loads(ending.out)
+    assert said["answer"] in said["methods"]
+    for method in said["methods"].values():
+        assert method["coefficients"]["gain"]["value"] == pytest.approx(0.02, rel=1e-3)
+    assert said["per_input"]["mass"]["value"] == pytest.approx(1.0 / (0.02 * W**2), rel=1e-3)
+    assert said["test"][0]["residual_over_motion"] < 1e-3
+    assert (tmp_path / "figures" / "driven.pdf").exists()
+    text = run(
+        "identify", table, "--angle", "angle", "--input", "drive", "--forces", "gain,zeta,epsilon,lambda"
+    ).out
+    assert "In the unit of the input u: mass" in text
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--input", "none"], "there is no single column 'none'"),
+        (["--input", "still"], "the input u is 1 throughout"),
+        (["--input", "missing.csv:b"], "missing.csv does not exist"),
+        (["--input", "u=drive,u=still"], "a name of its own"),
+        (["--input", "x=drive"], "'x' cannot name an input"),
+        (["--input", "drive", "--forces", "zeta,lambda"], "No force holds the input u"),
+        (["--input", "b=drive", "--forces", "gain,zeta"], "No force holds the input b"),
+        (["--input", "drive", "--forces", "gain,zeta", "--between", "steps"], "between 'steps' is unknown"),
+        (["--input", "drive", "--forces", "gain,zeta", "--window", "3:3.001"], "holds 1 samples of 601"),
+    ],
+)
+def test_inputs_that_cannot_be_are_refused_in_a_sentence(table, options, words) -> None:
+    ending = run("identify", table, "--angle", "angle", *options)
+    assert ending.status in (1, 2)
+    assert words in ending.complaint
+
+
+def test_coefficients_of_each_run_s_own_are_of_driven_records() -> None:
+    assert "are of driven records (--input)" in run("identify", "--own", "zeta").complaint
+
+
+def test_an_input_of_another_length_or_kind_is_refused() -> None:
+    record = driven_record(1)
+    short = record.drop_vars("u").assign(u=("u_time", record.u.values[:600], record.u.attrs))
+    short = short.assign_coords(u_time=("u_time", TIME[:600]))
+    with pytest.raises(DecayError, match="reaches from 0 to"):
+        st.identify(short, DRIVEN, st.methods.Direct())
+    holed = record.copy(deep=True)
+    holed.u[7] = np.nan
+    with pytest.raises(DecayError, match=r"u at .* s is not a finite number"):
+        st.identify(holed, DRIVEN, st.methods.Direct())
+    with pytest.raises(UsageError, match="is in V, and these forces take it as displacement in rad"):
+        st.identify(record, library({"u": "displacement"}, spring="-u", zeta="2*v"), st.methods.Direct())
+    with pytest.raises(UsageError, match="known input"):
+        st.identify(record, DRIVEN.select(["zeta"]), st.methods.Averaging())
+    with pytest.raises(UsageError, match="No force holds the input q"):
+        st.simulate(st.Model(DRIVEN, TRUTH, W), TIME, inputs={"q": TIME})
+
+
+@pytest.mark.parametrize("inputs", ["u", ["x"], ["u", "du"], {"u": "torque"}, {"1u": ""}])
+def test_a_library_with_inputs_that_are_none_is_refused(inputs: object) -> None:
+    with pytest.raises(LibraryError, match="input"):
+        parse_library({"inputs": inputs, "force": [{"symbol": "gain", "formula": "-v"}]}, "test")
+
+
+def test_a_library_with_inputs_is_the_same_when_it_is_read_again() -> None:
+    again = parse_library(tomllib.loads(INPUTS.to_toml()), "")
+    assert [force.channels for force in again] == [force.channels for force in INPUTS]
+
+
+def test_a_parameter_of_a_force_named_u_is_no_input() -> None:
+    shape = {"u": {"default": 0.1, "low": 0.01, "high": 1.0}}
+    force = parse_library({"force": [{"symbol": "belt", "formula": "sign(v - u)", "shape": shape}]}, "")[
+        "belt"
+    ]
+    assert not force.channels
+
+
+def test_the_friction_of_a_measured_axis_is_that_of_its_publication(data_folder) -> None:
+    record = st.read_record(
+        data_folder / "emps" / "DATA_EMPS.mat",
+        angle="qm",
+        time="t",
+        units="m",
+        input="35.15065*vir",
+        between="linear",
+    )
+    forces = st.forces.ForceLibrary(
+        "", (*INPUTS.select(["gain", "free_axis", "bias"]), *DRIVEN.select(["zeta", "lambda"]))
+    )
+    direct = st.methods.Direct(
+        reference_frequency=10.0, constraints={"free_axis": 1.0}, random_force="estimated"
+    )
+    found = per_input(st.identify(record, forces, direct)).value
+    published = {"mass": 95.11, "zeta": 203.5, "lambda": 20.39, "bias": -3.16}
+    for name, value in published.items():
+        assert found.sel(quantity=name).item() == pytest.approx(value, rel=0.01)
