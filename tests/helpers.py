@@ -11,6 +11,7 @@ from scipy.stats import binom, chi2
 from sysid_trib import Model, load_library
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.forces.library import parse_library
+from sysid_trib.printing.blocks import Layer
 from sysid_trib.simulation.simulate import trajectory
 
 Array = NDArray[np.float64]
@@ -144,3 +145,8 @@ def overlaps(figure):
         boxes += [part.get_window_extent(renderer) for part in parts if part is not None]
     boxes = [box for box in boxes if box.width > 1.0 and box.height > 1.0]
     return [(a, b) for at, a in enumerate(boxes) for b in boxes[at + 1 :] if a.overlaps(b)]
+
+
+def sentences_of(blocks, layer=Layer.EXPLAIN):
+    """Sentences that a layer of a result shows."""
+    return [sentence for block in blocks if layer in block.layers for sentence in block.sentences]

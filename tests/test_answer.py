@@ -9,8 +9,8 @@ from command_line import run
 
 import sysid_trib as st
 from sysid_trib.printing.exported import csv_text, latex_text
-from sysid_trib.printing.identification import identification_json
-from sysid_trib.printing.model_verdict import verdict_sentence
+from sysid_trib.printing.json_results import identification_json
+from sysid_trib.printing.verdict import verdict_sentence
 from sysid_trib.validation.answer import better_of, identifications
 from sysid_trib.validation.model_error import _of_other_runs, error_parts
 

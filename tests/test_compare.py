@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from command_line import run
-from helpers import FIVE, NOISE, SIX, Run, W, library_of_formulas, paper_run
+from helpers import FIVE, NOISE, SIX, Run, W, library_of_formulas, paper_run, sentences_of
 from scipy.stats import chi2
 
 from sysid_trib import Model, compare, identify, load_library, plots
@@ -18,8 +18,8 @@ from sysid_trib.forces.library import parse_library
 from sysid_trib.methods import Averaging, Direct, LinearDecrement, LogarithmicDecrement, WuDecrement
 from sysid_trib.noise.level import sensor_noise
 from sysid_trib.plots.comparison_data import comparison_data
-from sysid_trib.printing.comparison import coefficient_table, difference_table, quality_table
-from sysid_trib.printing.comparison_sentences import comparison_sentences
+from sysid_trib.printing.comparison import comparison_blocks
+from sysid_trib.printing.comparison_tables import coefficient_table, difference_table, quality_table
 from sysid_trib.results.files import load, save
 from sysid_trib.simulation.model import rescaling_factors
 from sysid_trib.validation.compare import _by_label, every_method
@@ -207,7 +207,7 @@ def test_a_missing_force_is_told():
     library = FORCES.select(["lambda", "zeta", "epsilon"])
     tree = compare(paper_run(FIVE).decay(7), library, [Direct(), Averaging()])
     assert tree["comparison"].residual_over_noise.values.min() > 3.0
-    assert "a force is missing or has another form" in " ".join(comparison_sentences(tree))
+    assert "a force is missing or has another form" in " ".join(sentences_of(comparison_blocks(tree)))
 
 
 def test_differences_are_over_the_errors_that_are_told():
@@ -243,7 +243,9 @@ def test_a_method_that_failed_does_not_predict_as_well():
 
 def as_good(tree):
     """The sentence that names the methods which predict as well."""
-    return next((s for s in comparison_sentences(tree) if s.startswith("These predict as well")), "")
+    return next(
+        (s for s in sentences_of(comparison_blocks(tree)) if s.startswith("These predict as well")), ""
+    )
 
 
 def test_a_prediction_that_is_good_by_accident_is_told():
@@ -500,7 +502,7 @@ def test_runs_are_saved_told_and_drawn(tmp_path):
     tree = of_two_runs()
     save(tree, tmp_path / "result.nc")
     assert load(tmp_path / "result.nc").identical(tree)
-    told = " ".join(comparison_sentences(tree))
+    told = " ".join(sentences_of(comparison_blocks(tree)))
     assert "The last third of each run, held out from 16.66 s and 10 s on, is predicted best by" in told
     assert "The noise is that of each run: 0.097 and 0.31 mrad a sample" in told
     assert len(plots.comparison(tree).axes) == len(FIVE) + 2

@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 import xarray as xr
+from helpers import sentences_of
 
 import sysid_trib as st
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods import Averaging, Direct, Trajectory
 from sysid_trib.noise.random_force import RandomForce
-from sysid_trib.printing.cross_check import identification_sentences
+from sysid_trib.printing.identification import identification_blocks
 from sysid_trib.printing.random_force import NOT_FOUND, allowed_for
 from sysid_trib.printing.runs import runs_json, runs_sentences
 from sysid_trib.results.common_reference import comparison_values
@@ -132,7 +133,7 @@ def test_records_that_were_identified_are_counted(record, pair, most, verdict, m
     # Two forces and the frequency: eight records are the fewest.
     assert (compared.attrs["simulated_records"], compared.attrs["verdict"]) == (most, verdict)
     said = "identified 7 of 10 simulated records" if verdict == "unknown" else "Hotelling, 8 simulated"
-    assert any(said in sentence for sentence in identification_sentences(tree))
+    assert any(said in sentence for sentence in sentences_of(identification_blocks(tree)))
 
 
 def test_an_estimated_covariance_is_hotellings_and_a_stated_one_chi_square():
@@ -179,7 +180,9 @@ def test_a_long_record_is_compared_on_stretches():
     compared = tree["comparison"]
     stretch = PERIODS_PER_STRETCH * 2.0 * np.pi / W
     assert compared.attrs["compared_stretch"] == pytest.approx(stretch, rel=1e-3)
-    assert any("compared on stretches of 14.2 s" in text for text in identification_sentences(tree))
+    assert any(
+        "compared on stretches of 14.2 s" in text for text in sentences_of(identification_blocks(tree))
+    )
     part = compared_part(ComparedPart((record,), tuple(pair), fitted_motions([record], pair)))
     assert [len(run.time) for run in part.runs] == pytest.approx([800] * 3, abs=1)
     assert part.runs[-1].time[-1] == record.time[-1]
@@ -254,6 +257,6 @@ def test_a_record_too_short_to_tell_the_noises_apart_is_named(periods, per_perio
     angle = st.simulate(MODEL, time, 0.3).angle + NOISE * np.random.default_rng(1).standard_normal(len(time))
     record = xr.Dataset({"angle": angle})
     pair = [st.identify(record, FORCES, method(random_force="estimated")) for method in (Averaging, Direct)]
-    sentences = identification_sentences(st.cross_check(record, *pair, draws=3))
+    sentences = sentences_of(identification_blocks(st.cross_check(record, *pair, draws=3)))
     assert any("No random force is found" in text for text in sentences)
     assert any("to tell a random force from the sensor's noise" in text for text in sentences) == said

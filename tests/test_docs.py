@@ -15,9 +15,8 @@ from command_line import write_csv
 from numpydoc.validate import validate
 
 import sysid_trib as st
-from sysid_trib.printing.comparison import comparison_json
-from sysid_trib.printing.discovery_json import discovery_json
-from sysid_trib.printing.identification import identification_json
+from sysid_trib.printing.comparison_tables import comparison_json
+from sysid_trib.printing.json_results import discovery_json, identification_json
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"

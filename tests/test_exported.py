@@ -14,9 +14,16 @@ from known_results import PAPER, known
 
 import sysid_trib as st
 from sysid_trib.forces.written import symbol_latex
-from sysid_trib.printing.equation import _sum, equation_latex, equation_text, rounded
-from sysid_trib.printing.exported import csv_text, latex_text, unit_in_latex
-from sysid_trib.printing.translation import translation_sentences
+from sysid_trib.printing.exported import (
+    _sum,
+    csv_text,
+    equation_latex,
+    equation_text,
+    latex_text,
+    rounded,
+    unit_in_latex,
+)
+from sysid_trib.printing.physics import translation_sentences
 from sysid_trib.results.contactless import with_contactless_frequency
 from sysid_trib.validation.residual_force import model_force
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from command_line import run, write_csv
-from helpers import FIVE, W, decay, paper_run
+from helpers import FIVE, W, decay, paper_run, sentences_of
 from known_results import PAPER, known
 
 import sysid_trib as st
@@ -21,15 +21,16 @@ from sysid_trib.forces.library import parse_library
 from sysid_trib.noise.level import sensor_noise
 from sysid_trib.physics.fingerprint import speaks_of_slip
 from sysid_trib.plots.motion_data import motion_data
-from sysid_trib.printing.comparison import coefficient_table, quality_table
-from sysid_trib.printing.cross_check import consequences, identification_sentences
-from sysid_trib.printing.identification import identification_json, identification_table
-from sysid_trib.printing.model_verdict import answer_of, holds, separation_sentences, verdict_sentence
+from sysid_trib.printing.comparison_tables import coefficient_table, quality_table
+from sysid_trib.printing.identification import consequences, identification_blocks, identification_table
+from sysid_trib.printing.json_results import identification_json
 from sysid_trib.printing.next_step import SECOND_RECORD, NextStep, next_step
 from sysid_trib.printing.physics import physics_sentences
+from sysid_trib.printing.verdict import separation_sentences, verdict_sentence
 from sysid_trib.results.contactless import with_contactless_frequency
 from sysid_trib.results.significance import determines, significant, sufficient_forces
 from sysid_trib.validation.breakdown import breakdown, no_nearer_than_rest, record_noise, widening
+from sysid_trib.validation.findings import answer_of, holds
 
 FORCES = st.load_library()
 
@@ -172,10 +173,10 @@ def test_the_last_line_is_the_next_command_and_runs(tmp_path):
 
 
 def test_coefficients_of_a_model_that_does_not_explain_are_said_to_be_effective():
-    text = " ".join(identification_sentences(unexplained()))
+    text = " ".join(sentences_of(identification_blocks(unexplained())))
     assert "effective values of a model that is not complete" in text
     assert "errors allow for that" in text
-    assert "effective values" not in " ".join(identification_sentences(explained()))
+    assert "effective values" not in " ".join(sentences_of(identification_blocks(explained())))
 
 
 def test_widening_is_the_residual_over_the_noise_and_not_twice():
@@ -231,7 +232,7 @@ def test_a_method_that_failed_is_neither_tabulated_nor_drawn():
     assert not breakdown(tree, "direct")
     heads = [str(column.header) for column in identification_table(tree).columns]
     assert heads == ["force", "formula", "direct"]
-    text = " ".join(identification_sentences(tree))
+    text = " ".join(sentences_of(identification_blocks(tree)))
     assert "Averaging failed: its motion diverges" in text
     assert "agree" not in text
     drawn = motion_data(tree, 0)
@@ -318,8 +319,8 @@ def test_sentences_are_in_the_unit_of_the_record():
             if variable.attrs.get("units") == "rad":
                 variable.attrs["units"] = "mm"
     tree["record"].angle.attrs["units"] = "mm"
-    told = [*identification_sentences(tree), *consequences(tree, None), *words(identification_table(tree))[1]]
-    text = " ".join(told).replace("rad/s)", "").replace("(rad/s^2)^2/Hz", "")
+    told = [*sentences_of(identification_blocks(tree)), *words(identification_table(tree))[1]]
+    text = " ".join(told).replace("(rad/s^2)^2/Hz", "").replace("rad/s", "")
     assert " mm" in text
     assert not re.search(r"\bm?rad\b", text)
 

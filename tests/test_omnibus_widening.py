@@ -6,8 +6,8 @@ from discovery import BASE, EVERY, start_model, with_effect
 
 from sysid_trib import discover
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.printing.discovery_json import discovery_json
 from sysid_trib.printing.discovery_verdict import verdict_sentences
+from sysid_trib.printing.json_results import discovery_json
 from sysid_trib.results.discoveries import error_widening
 from sysid_trib.screening.omnibus_test import OmnibusTest
 from sysid_trib.screening.screen import screen

@@ -8,8 +8,8 @@ import xarray as xr
 from discovery import CONTACT, EFFECTS, library, with_effect
 
 from sysid_trib import discover, plots
-from sysid_trib.printing.discovery_json import discovery_json
 from sysid_trib.printing.discovery_tables import effect_with_ties
+from sysid_trib.printing.json_results import discovery_json
 from sysid_trib.results.discoveries import pairs_in_place, tied_name
 from sysid_trib.results.files import load, save
 

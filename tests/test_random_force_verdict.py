@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
-from helpers import correlated_noise
+from helpers import correlated_noise, sentences_of
 
 import sysid_trib as st
 from sysid_trib import plots
@@ -16,10 +16,10 @@ from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.methods.scope import with_random_force
 from sysid_trib.noise.noise_model import NoiseModel
 from sysid_trib.noise.random_force import RandomForce, random_force_of
-from sysid_trib.printing.comparison_sentences import comparison_sentences, effective_sentence
-from sysid_trib.printing.cross_check import identification_sentences
-from sysid_trib.printing.identification import identification_json
-from sysid_trib.printing.model_verdict import verdict_sentence
+from sysid_trib.printing.comparison import comparison_blocks
+from sysid_trib.printing.identification import identification_blocks
+from sysid_trib.printing.json_results import identification_json
+from sysid_trib.printing.verdict import verdict_sentence
 from sysid_trib.state_space.linearised import Derivatives, linearised_about
 from sysid_trib.state_space.tracked import FollowedRuns, track
 from sysid_trib.state_space.trial_forces import trial_forces
@@ -202,7 +202,7 @@ def test_a_cross_check_says_that_a_random_force_explains(checked):
     assert checked["comparison"].attrs["verdict_on_record"] == "explained with a random force"
     assert {"random_force", "innovations", "prediction_bands"} <= set(checked.children)
     assert "neither angle" in verdict_sentence(checked)
-    sentences = " ".join(identification_sentences(checked))
+    sentences = " ".join(sentences_of(identification_blocks(checked)))
     assert "property of the experiment" in sentences
     assert "to 5 % of its amplitude" in sentences
     data = identification_json(checked)
@@ -223,7 +223,7 @@ def test_a_cross_check_says_that_a_force_is_missing():
     tree = st.cross_check(decay, identified(decay, library, "off"), identified(decay, library), draws=1)
     assert tree["comparison"].attrs["verdict_on_record"] == "approximate"
     assert "is approximate" in verdict_sentence(tree)
-    told = " ".join(identification_sentences(tree))
+    told = " ".join(sentences_of(identification_blocks(tree)))
     assert "sign of something missing: it depends on the" in told
     assert "What is left, taken for a random force, has a density of " in told
     assert "agree within their errors" not in told
@@ -241,7 +241,7 @@ def test_without_a_random_force_the_verdict_is_that_of_the_residual(pushed):
 def test_a_contradicted_density_is_said(pushed):
     decay = pushed[0]
     tree = st.cross_check(decay, pushed[1], identified(decay, random_force=30.0 * density_of(5.0)), draws=1)
-    text = " ".join(identification_sentences(tree))
+    text = " ".join(sentences_of(identification_blocks(tree)))
     assert "contradicts the density" in text
     assert "property of the experiment" not in text
 
@@ -250,13 +250,13 @@ def test_a_random_force_is_named_where_methods_are_compared():
     decay = measured(MODEL, density_of(20.0), 3)
     methods = {"direct": st.methods.Direct(random_force="estimated")}
     tree = st.compare(decay, FORCES, methods)
-    text = " ".join([*comparison_sentences(tree), *effective_sentence(tree)])
+    text = " ".join(sentences_of(comparison_blocks(tree)))
     assert "These forces without a random force do not explain it." in text
     assert "allow: direct" in text
     assert "effective values" not in text
     methods = {"direct": st.methods.Direct(random_force="off")}
     tree = st.compare(decay, FORCES, methods)
-    assert "effective values" in " ".join(effective_sentence(tree))
+    assert "effective values" in " ".join(sentences_of(comparison_blocks(tree)))
 
 
 def test_each_run_is_judged(pushed):
@@ -316,8 +316,8 @@ def test_what_could_not_be_followed_is_not_described(checked):
         reason=("run", ["The motion does not settle."] * tested.sizes["run"])
     )
     failed["comparison"].attrs["verdict_on_record"] = "not explained"
-    told = " ".join(identification_sentences(failed))
-    assert "What is left is a random force" in " ".join(identification_sentences(checked))
+    told = " ".join(sentences_of(identification_blocks(failed)))
+    assert "What is left is a random force" in " ".join(sentences_of(identification_blocks(checked)))
     assert "What is left is a random force" not in told
     assert "From a known state" not in told
     assert "not even with a random force: the motion does not settle." in verdict_sentence(failed)

@@ -6,9 +6,10 @@ import xarray as xr
 
 import sysid_trib as st
 from sysid_trib.methods import Direct
-from sysid_trib.printing.model_verdict import line_sentences, verdict_of, verdict_sentence
+from sysid_trib.printing.verdict import line_sentences, verdict_sentence
 from sysid_trib.validation.answer import identifications
 from sysid_trib.validation.cross_check import cross_check
+from sysid_trib.validation.findings import verdict_of
 from sysid_trib.validation.spectral_line import spectral_line
 
 TIME = np.arange(0.0, 30.0, 0.01)

@@ -26,8 +26,8 @@ from sysid_trib.discrepancy.holdout import Prediction
 from sysid_trib.discrepancy.parts import names_in_parts
 from sysid_trib.discrepancy.search import search
 from sysid_trib.likelihood_fit.trials import TrialEffect
-from sysid_trib.printing.discovery_json import discovery_json
 from sysid_trib.printing.discovery_verdict import verdict_sentences
+from sysid_trib.printing.json_results import discovery_json
 from sysid_trib.simulation.simulate import trajectory
 
 VISCOUS = {"zeta": 3e-3}

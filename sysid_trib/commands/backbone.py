@@ -18,8 +18,8 @@ def backbone(*, given: DecayOptions, files: Files) -> None:
 
         from sysid_trib.averaging.backbone import backbone as curves_of
         from sysid_trib.commands.record_inputs import read_decays
-        from sysid_trib.printing.backbone import backbone_blocks, backbone_csv, backbone_json
-        from sysid_trib.printing.layers import Layer
+        from sysid_trib.printing.blocks import Layer
+        from sysid_trib.printing.looked import backbone_blocks, backbone_csv, backbone_json
         from sysid_trib.results.per_run import group_names
 
         files.check(given.records)

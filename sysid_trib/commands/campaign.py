@@ -181,20 +181,12 @@ def _print(
     as_json: bool,
 ) -> None:
     """The end of a campaign, in words or as JSON."""
-    from sysid_trib.commands.terminal import print_table, print_written
-    from sysid_trib.errors import printable
-    from sysid_trib.printing import campaign as words
+    from sysid_trib.commands.terminal import print_blocks, print_written
+    from sysid_trib.printing.blocks import Layer
+    from sysid_trib.printing.campaign import campaign_blocks, campaign_json
 
     if as_json:
-        print(json.dumps(words.campaign_json(store, counts, compared), indent=2, allow_nan=False))
+        print(json.dumps(campaign_json(store, counts, compared), indent=2, allow_nan=False))
         return
-    print(words.counts_sentence(counts))
-    for sentences in (words.verdict_sentences, words.named_sentences, words.refusal_sentences):
-        for sentence in sentences(store):
-            print(printable(sentence))
-    if compared is not None:
-        print()
-        print_table(words.between_runs_table(compared))
-        for sentence in (*words.collinear_sentences(compared), *words.outlier_sentences(compared)):
-            print(printable(sentence))
+    print_blocks(campaign_blocks(store, counts, compared), Layer.DEFAULT)
     print_written(*written)

@@ -18,7 +18,8 @@ def compare(
         from sysid_trib.commands import checks
         from sysid_trib.commands.record_inputs import read_decays
         from sysid_trib.methods.scope import with_random_force
-        from sysid_trib.printing.comparison import comparison_blocks, comparison_json
+        from sysid_trib.printing.comparison import comparison_blocks
+        from sysid_trib.printing.comparison_tables import comparison_json
         from sysid_trib.validation import compare as comparison
 
         asked = checks.asked_model(model, constraint, given.system)

@@ -52,8 +52,8 @@ def discover(
         from sysid_trib.commands import discovery_inputs
         from sysid_trib.commands.record_inputs import read_decays
         from sysid_trib.discrepancy.discover import discover
-        from sysid_trib.printing.discovery_json import discovery_json
-        from sysid_trib.printing.discovery_story import discovery_blocks
+        from sysid_trib.printing.discovery import discovery_blocks
+        from sysid_trib.printing.json_results import discovery_json
 
         forces = EXAMPLE_FORCES if model.forces is None and not given.records else model.forces
         start, offered, options = discovery_inputs.asked_search(model, forces, asked, given.system)

@@ -69,12 +69,11 @@ def identify(
         from sysid_trib.decays.signal import unit_of_signal
         from sysid_trib.methods.scope import with_random_force
         from sysid_trib.physics.translation import check_length_unit
+        from sysid_trib.printing.blocks import Block
         from sysid_trib.printing.driven import driven_blocks, driven_json
-        from sysid_trib.printing.identification import identification_blocks, identification_json
-        from sysid_trib.printing.layers import Block
-        from sysid_trib.printing.own_quantity import own_quantity
+        from sysid_trib.printing.identification import identification_blocks
+        from sysid_trib.printing.json_results import identification_json
         from sysid_trib.printing.predicted import prediction_json, prediction_sentences
-        from sysid_trib.printing.translation import second_of, translation_json, translation_sentences
         from sysid_trib.validation.driven import is_driven
         from sysid_trib.validation.identify import identify, usual_methods
         from sysid_trib.validation.prediction import predict
@@ -122,18 +121,11 @@ def identify(
         tree,
         lambda: [
             *identification_blocks(
-                tree,
-                [*record_sentences(tree, sources), *own_quantity(tree)],
-                scale.inertia,
+                tree, record_sentences(tree, sources), scale.inertia, scale.mass, scale.load
             ),
-            Block(translation_sentences(second_of(tree), scale.mass, scale.load)),
             Block(prediction_sentences(predicted)),
         ],
-        lambda: (
-            identification_json(tree, scale.inertia)
-            | translation_json(second_of(tree), scale.mass, scale.load)
-            | prediction_json(predicted)
-        ),
+        lambda: identification_json(tree, scale.inertia, scale.mass, scale.load) | prediction_json(predicted),
         lambda plots: [
             # A run with few half periods has none.
             *(figure for figure in figures_of_runs(tree, "backbone", plots.backbone) if figure[0] in tree),

@@ -22,7 +22,7 @@ def look(*, given: DecayOptions, shown: Shown) -> None:
             from sysid_trib.commands.next_command import command_after
             from sysid_trib.commands.record_inputs import decays_within, read_sources
             from sysid_trib.looking.look import look as facts
-            from sysid_trib.printing.layers import Layer
+            from sysid_trib.printing.blocks import Layer
             from sysid_trib.printing.looked import look_blocks, look_json, pointed_options
             from sysid_trib.printing.next_step import NextStep
 

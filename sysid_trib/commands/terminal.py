@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from rich.table import Table
 
-    from sysid_trib.printing.layers import Block, Layer
+    from sysid_trib.printing.blocks import Block, Layer
     from sysid_trib.validation.progress import Tell
 
 # Columns of a table that is not cut short.
@@ -42,19 +42,23 @@ def print_table(table: "Table") -> None:
 
 
 def print_blocks(blocks: "Iterable[Block]", layer: "Layer") -> None:
-    """Print the blocks of a layer, with an empty line between two."""
-    shown = [block for block in blocks if block.content and layer in block.layers]
+    """Print the blocks of a layer, with an empty line between two; `--explain` has headings."""
+    from sysid_trib.printing.blocks import Layer
+
+    shown = [block for block in blocks if layer in block.layers and (block.sentences or block.table)]
+    section = ""
     for at, block in enumerate(shown):
         if at:
             print()
-        if block.title:
+        if block.title not in ("", section) and layer is Layer.EXPLAIN:
             print(block.title)
-        if isinstance(block.content, Sequence):
-            for sentence in block.content:
-                indent = len(sentence) - len(sentence.lstrip())
-                print(" " * indent + printable(sentence))
-        else:
-            print_table(block.content)
+        section = block.title
+        for sentence in block.sentences:
+            print(printable(sentence))
+        if block.table is not None:
+            if block.caption:
+                print(block.caption)
+            print_table(block.table)
 
 
 def record_sentences(tree: "xr.DataTree", sentences: Sequence[str]) -> list[str]:

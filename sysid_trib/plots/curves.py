@@ -19,8 +19,8 @@ from sysid_trib.plots.style import (
     line,
     logarithmic_ticks,
 )
-from sysid_trib.printing.model_verdict import kept_results
 from sysid_trib.results.per_run import group_names, record_groups
+from sysid_trib.validation.findings import kept_results
 
 CURVE_HEIGHT = 2.6
 CURVE_LABELS = {"frequency": "frequency (rad/s)", "damping_ratio": "damping ratio"}

@@ -6,8 +6,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.plots.style import CANDIDATE_MARKS
-from sysid_trib.printing.discovery_tables import strongest
-from sysid_trib.results.discoveries import added_effects, credible_set
+from sysid_trib.results.discoveries import added_effects, credible_set, strongest
 from sysid_trib.results.signal_units import signal_units, small_units
 
 LAST_THIRD = "the last third"

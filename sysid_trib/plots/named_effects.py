@@ -9,13 +9,14 @@ from sysid_trib.plots.discovery_data import held_out_sentence
 from sysid_trib.plots.motion_data import motion_data
 from sysid_trib.plots.motion_panels import draw_in_time
 from sysid_trib.printing.layout import quantity
-from sysid_trib.printing.residual import noise_of, residual_of
 from sysid_trib.results.discoveries import (
     added_effects,
     credible_set,
     or_others,
     pairs_in_place,
 )
+from sysid_trib.validation.breakdown import record_noise
+from sysid_trib.validation.findings import residual_of
 
 # Effects that a row names beside its own.
 TIED_IN_A_ROW = 2
@@ -59,7 +60,7 @@ def _explained(ax: Axes, tree: xr.DataTree) -> None:
     symbols = added_effects(tree)
     steps = [tree["steps"].to_dataset().isel(step=at) for at in range(len(symbols))]
     residuals = [residual_of(tree, "before"), *(step.residual_after.item() for step in steps)]
-    ratios = [residual / noise_of(tree) for residual in residuals]
+    ratios = [residual / record_noise(tree) for residual in residuals]
     texts = [_in_words(step) for step in steps]
     note = style.BESIDE_POINT | {"fontsize": 8, "annotation_clip": False}
     for row, (ratio, text) in enumerate(zip(ratios, ["", *texts], strict=True)):

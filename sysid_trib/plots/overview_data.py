@@ -14,11 +14,11 @@ from sysid_trib.plots.curves import curves_of
 from sysid_trib.plots.discovery_data import COLOUR_PERCENT, DOT_BEYOND, held_out_sentence
 from sysid_trib.plots.motion_data import MotionData, motion_data
 from sysid_trib.plots.style import MODEL_LINES
-from sysid_trib.printing.model_verdict import answer_of, holds, kept_results
 from sysid_trib.results.per_run import record_groups
 from sysid_trib.results.significance import determines
 from sysid_trib.validation.breakdown import run_record_noise
 from sysid_trib.validation.cross_check import LARGE
+from sysid_trib.validation.findings import answer_of, holds, kept_results
 from sysid_trib.validation.residual_force import residual_force
 from sysid_trib.validation.residuals import fitted_motion
 

@@ -4,40 +4,65 @@ import json
 import re
 from collections import Counter
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
+from rich.table import Table
 
 from sysid_trib.campaigns.variables import EFFECT_P_VALUE, TIED
-from sysid_trib.printing.layout import number, p_value_text, text_table, value_with_error
-
-if TYPE_CHECKING:
-    from rich.table import Table
+from sysid_trib.printing.blocks import USUALLY, Block
+from sysid_trib.printing.layout import first_and_more, p_value_text, text_table, values_with_errors
+from sysid_trib.printing.mapping import Source, per_label, same
 
 REFUSALS, NAMES_LISTED = 5, 6
 # Standard deviations beyond which a record stands out.
 STANDS_OUT = 4.0
+VARIES, WITHOUT_RESULT = "What varies between the records", "Without a result"
+SCATTER = "Mean, effects of conditions, scatter"
+QUANTITY: dict[str, Source] = {
+    **same("verdict", "between_run", "between_run_lower", "between_run_upper"),
+    "effects": ("term", "effect±"),
+}
 
 
-def counts_sentence(counts: Mapping[str, int]) -> str:
+def campaign_blocks(store: xr.Dataset, counts: Mapping[str, int], compared: xr.Dataset | None) -> list[Block]:
+    """What is shown of a campaign.
+
+    Parameters
+    ----------
+    store : Dataset
+        As `campaign` returns it.
+    counts : mapping of str to int
+        How many records have which status.
+    compared : Dataset, optional
+        What varies between its records; None of too few.
+    """
+    blocks = [Block([_counts(counts), *_verdicts(store), *named_sentences(store)])]
+    if compared is not None:
+        blocks.append(Block((), USUALLY, VARIES, _between_records(compared), SCATTER))
+        blocks.append(Block([*_collinear_sentences(compared), *_outliers(compared)], title=VARIES))
+        blocks.append(Block(title="Coefficients against conditions", figures="against"))
+    return [*blocks, Block(_refusals(store), title=WITHOUT_RESULT)]
+
+
+def _counts(counts: Mapping[str, int]) -> str:
     """How many records are done, and how many have no result."""
     total = sum(counts.values())
     bad = ", ".join(f"{count:,} {name}" for name, count in counts.items() if count and name != "done")
     return f"{counts['done']:,} of {total:,} records done{f'; {bad}' if bad else ''}."
 
 
-def refusal_sentences(store: xr.Dataset) -> list[str]:
+def _refusals(store: xr.Dataset) -> list[str]:
     """Why records have no numbers: each of the first few, then how many more."""
     bad = store.isel(record=np.flatnonzero(store.status.values > 1))
     pairs = zip(bad.record.values.tolist(), bad.message.values.tolist(), strict=True)
     # A message on a file begins with its name.
     sentences = [m if m.startswith(name.rpartition("/")[2]) else f"{name}: {m}" for name, m in pairs]
-    more = len(sentences) - REFUSALS
-    return [*sentences[:REFUSALS], *([f"And {more:,} more: see `message` in the store."] if more > 0 else [])]
+    return first_and_more(sentences, REFUSALS, ": see `message` in the store")
 
 
-def verdict_sentences(store: xr.Dataset) -> list[str]:
+def _verdicts(store: xr.Dataset) -> list[str]:
     """How often each verdict was given."""
     verdicts = store.verdict.values[store.status.values == 1].astype(str)
     names, counts = np.unique(verdicts[verdicts != ""], return_counts=True)
@@ -79,16 +104,13 @@ def named_text(record: xr.Dataset) -> str:
     return f"{', '.join(pairs)}{f'; not to be separated: {tied}' if tied else ''}"
 
 
-def between_runs_table(compared: xr.Dataset) -> "Table":
+def _between_records(compared: xr.Dataset) -> Table:
     """Each quantity: mean, effects of the conditions, standard deviation between the records, verdict."""
     terms, conditions = compared.term.values.tolist(), compared.condition.values.tolist()
     rows = []
     for name in compared.quantity.values.tolist():
         of_quantity = compared.sel(quantity=name)
-        pairs = zip(
-            of_quantity.effect.values.tolist(), of_quantity.effect_standard_error.values.tolist(), strict=True
-        )
-        cells = [value_with_error(value, error) for value, error in pairs]
+        cells = values_with_errors(of_quantity.effect, of_quantity.effect_standard_error)
         p_values = [p_value_text(p, "") for p in of_quantity.condition_p_value.values.tolist()]
         unit = of_quantity.unit.item() if "unit" in of_quantity.coords else ""
         rows.append([name, unit.removeprefix("1"), *cells, *p_values, _interval(of_quantity, "between_run")])
@@ -106,7 +128,7 @@ def _interval(of_quantity: xr.Dataset, name: str) -> str:
     return f"{value:.2g} ({lower:.2g} to {upper:.2g})" if np.isfinite(value) else "-"
 
 
-def collinear_sentences(compared: xr.Dataset) -> list[str]:
+def _collinear_sentences(compared: xr.Dataset) -> list[str]:
     """Which conditions are left out of the comparison, since they go with others."""
     return [
         f"Condition '{name}' goes with {others} in these records: it is left out, and an effect may be of "
@@ -120,19 +142,18 @@ def _collinear(compared: xr.Dataset) -> dict[str, str]:
     return dict(json.loads(compared.attrs.get("collinear", "{}")))
 
 
-def outlier_sentences(compared: xr.Dataset) -> list[str]:
+def _outliers(compared: xr.Dataset) -> list[str]:
     """Records that stand out, and in what."""
     z = np.abs(compared.z.transpose("run", "quantity").values)
     largest = np.nanmax(np.where(np.isnan(z), -1.0, z), axis=1)
     order = [at for at in np.argsort(-largest) if largest[at] > STANDS_OUT]
     names, quantities = compared.run.values.tolist(), compared.quantity.values.tolist()
-    most = [quantities[int(np.nanargmax(z[at]))] for at in order[:REFUSALS]]
+    most = {at: quantities[int(np.nanargmax(z[at]))] for at in order}
     sentences = [
         f"{names[at]} stands out: {quantity} by {largest[at]:.1f} standard deviations."
-        for at, quantity in zip(order, most, strict=False)
+        for at, quantity in most.items()
     ]
-    more = len(order) - REFUSALS
-    return [*sentences, *([f"And {more:,} more."] if more > 0 else [])]
+    return first_and_more(sentences, REFUSALS)
 
 
 def campaign_json(
@@ -144,21 +165,7 @@ def campaign_json(
     made: dict[str, Any] = {"records": dict(counts), "without_result": reasons}
     if TIED in store:
         made["named_or_tied"] = named_counts(store)
-    if compared is None:
-        return made
-    quantities = {}
-    for name in compared.quantity.values.tolist():
-        of_quantity = compared.sel(quantity=name)
-        ends = ("between_run", "between_run_lower", "between_run_upper")
-        effects = zip(
-            compared.term.values.tolist(),
-            number(of_quantity.effect.values.tolist()),
-            number(of_quantity.effect_standard_error.values.tolist()),
-            strict=True,
-        )
-        quantities[name] = {
-            "verdict": of_quantity.verdict.item(),
-            **{key: number(of_quantity[key].item()) for key in ends},
-            "effects": {term: {"value": value, "standard_error": error} for term, value, error in effects},
-        }
-    return made | {"between_records": quantities, "collinear_conditions": _collinear(compared)}
+    if compared is not None:
+        made["between_records"] = per_label(compared, "quantity", QUANTITY)
+        made["collinear_conditions"] = _collinear(compared)
+    return made

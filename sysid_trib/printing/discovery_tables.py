@@ -1,34 +1,59 @@
-"""A discovery as tables."""
-
-from typing import TYPE_CHECKING
+"""A discovery as tables: the effects that were added, and the candidates with their scores."""
 
 import numpy as np
 import xarray as xr
+from rich.table import Table
 
-from sysid_trib.printing.layout import coefficient_text, p_value_text, text_table, value_with_error
-from sysid_trib.printing.residual import noise_of
-from sysid_trib.results.discoveries import added_effects, named_effect, or_others, others_in_place, shapes_of
-
-if TYPE_CHECKING:
-    from rich.table import Table
+from sysid_trib.noise.random_force import DENSITY_UNITS
+from sysid_trib.printing.layout import coefficient_text, p_value_text, text_table, value_with_error, with_unit
+from sysid_trib.results.discoveries import (
+    added_effects,
+    named_effect,
+    or_others,
+    others_in_place,
+    shapes_of,
+    strongest,
+)
+from sysid_trib.validation.breakdown import record_noise
 
 # Candidates in the table: those of the highest score at any step, and at the last.
 ROWS, LAST = 10, 3
 # Candidates that are named with an effect which cannot be separated from them.
 TIES_NAMED = 2
-RANKING = "Named and strongest candidates, |z| before each step and at the end (-: in the model, or untested)"
+RANKING = (
+    "Named and strongest candidates, |z| before each step and at the end (-: in the model, or untested), and "
+    "the coefficient of five standard errors, at the shapes and frequencies of the highest score"
+)
 
 
-def effects_table(tree: xr.DataTree) -> "Table":
-    """The effects that were added, in order, with the residuals before and after over the noise."""
-    noise, held = noise_of(tree), tree["holdout"].rms.values
-    rows = []
-    for at in range(tree["steps"].attrs["count"]):
-        step = tree["steps"].to_dataset().isel(step=at)
-        residuals = ((step.residual_before.item(), step.residual_after.item()), (held[at], held[at + 1]))
-        ratios = [" to ".join(f"{residual / noise:.3g}" for residual in pair) for pair in residuals]
-        words = [effect_name(step), step["name"].item(), formula_text(step), coefficient_text(step)]
+def steps_of(tree: xr.DataTree) -> list[xr.Dataset]:
+    """The steps of a discovery, in their order."""
+    steps = tree["steps"].to_dataset()
+    return [steps.isel(step=at) for at in range(steps.attrs["count"])]
+
+
+def effects_table(tree: xr.DataTree, *, details: bool = False) -> Table:
+    """The effects that were added, in order, with the residuals before and after over the noise.
+
+    Parameters
+    ----------
+    tree : DataTree
+        Result of `discover`.
+    details : bool
+        Show also how far each lowers the deviance, and the random force before and after.
+    """
+    noise, held, rows, units = record_noise(tree), tree["holdout"].rms.values, [], DENSITY_UNITS
+    for at, step in enumerate(steps_of(tree)):
+        of_sensor = " (error of the sensor)" if step.kind.item() == "sensor" else ""
+        name = f"{step['name'].item()}{of_sensor}"
+        residuals = [step.residual_before.item(), step.residual_after.item()]
+        ratios = [_to(residuals, noise), _to(held[at : at + 2], noise)]
+        words = [effect_name(step), name, formula_text(step), coefficient_text(step)]
         rows.append([*words, p_value_text(step.p_value.item(), ""), *ratios])
+        if details:
+            units = step.random_force_before.attrs.get("units", units)
+            forces = [step.random_force_before.item(), step.random_force_after.item()]
+            rows[-1] += [f"{step.gain.item():.3g}", _to(forces)]
     heads = [
         "effect",
         "name",
@@ -38,7 +63,13 @@ def effects_table(tree: xr.DataTree) -> "Table":
         "residual / noise",
         "held out / noise",
     ]
-    return text_table(heads, rows, whole=(0,), numbers=(3, 4, 5, 6))
+    heads += ["fall of the deviance", f"random force ({units})"] if details else []
+    return text_table(heads, rows, whole=(0,), numbers=tuple(range(3, len(heads))))
+
+
+def _to(values: list[float], unit: float = 1.0) -> str:
+    """From a value before a step to that after it; a model that diverges has none."""
+    return " to ".join(f"{value / unit:.3g}" if np.isfinite(value) else "-" for value in values)
 
 
 def effect_name(step: xr.Dataset) -> str:
@@ -66,25 +97,26 @@ def _shape_text(value: float, error: float) -> str:
     return value_with_error(value, error) if error != 0.0 else f"{value:.3g} (end of its range)"
 
 
-def ranking_table(tree: xr.DataTree) -> "Table":
+def ranking_table(tree: xr.DataTree) -> Table:
     """|z| of named and best candidates before each step and after the last; those in the model have none."""
-    ranking = tree["ranking"].to_dataset()
+    ranking, beside = tree["ranking"].to_dataset(), tree["detectability_after"].to_dataset()
     named = [symbol for symbol in added_effects(tree) if symbol in ranking.candidate]
     last = strongest(ranking.isel(selection_step=[-1]), LAST)
     count = ranking.sizes["selection_step"]
-    heads = ["candidate", "name", *(f"step {at + 1}" for at in range(count - 1)), "end"]
+    heads = ["candidate", "name", *(f"step {at + 1}" for at in range(count - 1)), "end", "detectable"]
     rows = []
     for symbol in dict.fromkeys([*named, *strongest(ranking, ROWS), *last]):
         candidate = ranking.sel(candidate=symbol)
         cells = [f"{abs(z):.3g}" if np.isfinite(z) else "-" for z in candidate.z.values]
-        rows.append([symbol, candidate["name"].item(), *cells])
-    rows.append(["threshold", "", *(f"{z:.3g}" for z in ranking.threshold.values)])
-    return text_table(heads, rows, whole=(0,), numbers=tuple(range(2, count + 2)))
+        rows.append([symbol, candidate["name"].item(), *cells, _detectable(beside, symbol)])
+    rows.append(["threshold", "", *(f"{z:.3g}" for z in ranking.threshold.values), ""])
+    return text_table(heads, rows, whole=(0,), numbers=tuple(range(2, len(heads))))
 
 
-def strongest(ranking: xr.Dataset, count: int) -> list[str]:
-    """Candidates of the highest |z| at any selection step, ordered by that of the first."""
-    size = np.nan_to_num(np.abs(ranking.z.values), nan=-1.0)
-    order = np.argsort(-size.max(axis=0), kind="stable")[:count].tolist()
-    chosen = [i for i in order if size[:, i].max() >= 0.0]
-    return [str(ranking.candidate.values[i]) for i in sorted(chosen, key=lambda i: -size[0, i])]
+def _detectable(beside: xr.Dataset, symbol: str) -> str:
+    """The coefficient at which a candidate would stand out beside the final model."""
+    if symbol not in beside.candidate:
+        return "-"
+    candidate = beside.sel(candidate=symbol)
+    value = candidate.detectable.item()
+    return with_unit(f"{value:.2g}", candidate.unit.item()) if np.isfinite(value) else "-"

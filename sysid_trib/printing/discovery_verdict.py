@@ -1,23 +1,21 @@
 """The verdict of a discovery in sentences: is the record explained, and what remains."""
 
+from collections import Counter
+from collections.abc import Sequence
+
 import numpy as np
 import xarray as xr
 
-from sysid_trib.printing.discovery_tables import effect_with_ties
-from sysid_trib.printing.equation import equation_text
+from sysid_trib.printing.discovery_tables import effect_with_ties, steps_of
+from sysid_trib.printing.exported import equation_text
 from sysid_trib.printing.layout import coefficient_text, constraint_sentences, p_value_text, quantity
-from sysid_trib.printing.residual import (
-    force_type_sentences,
-    noise_of,
-    residual_of,
-    residual_sentences,
-    times_noise,
-)
+from sysid_trib.printing.residual import force_type_sentences, residual_text
 from sysid_trib.printing.runs import heterogeneity_sentences
-from sysid_trib.printing.stability import stability_sentences
-from sysid_trib.results.discoveries import added_effects, error_widening, misnamed_effects
+from sysid_trib.records.runs import RECORD_PARTS
+from sysid_trib.results.discoveries import PAIRS, added_effects, error_widening, misnamed_effects
 from sysid_trib.results.signal_units import signal_units
 from sysid_trib.results.significance import determines
+from sysid_trib.validation.breakdown import record_noise
 
 # Forces of the omnibus test, and candidates, that are named where they stand out.
 MOST_NAMED = 3
@@ -28,33 +26,113 @@ UNDECIDED = (
 # Noise levels above which a gap is shown.
 SHOWN_RATIO = 2.0
 UNSEEN = "An effect that is weaker than its detectable coefficient may be present and unseen."
+IMITATED = "a force that is no candidate may be imitated"
 
 
-def verdict_sentences(tree: xr.DataTree, *, details: bool = True) -> list[str]:
-    """The verdict in its first sentence, then what remains and the model.
-
-    Parameters
-    ----------
-    tree : DataTree
-        Result of `discover`.
-    details : bool
-        Say also where the final model and the record differ.
-
-    Returns
-    -------
-    list of str
-    """
-    sentences = _unknown_effect(tree, details) if tree.attrs["verdict"] == "unknown effect" else _closed(tree)
+def verdict_sentences(tree: xr.DataTree) -> list[str]:
+    """The verdict of a result of `discover` in its first sentence, then what remains and the model."""
+    after = tree["after"].to_dataset()
     return [
-        *sentences,
+        *(_unknown_effect(tree) if tree.attrs["verdict"] == "unknown effect" else _closed(tree)),
         *_ended_early(tree),
         *_outstanding(tree),
-        *stability_sentences(tree),
+        *_stability(tree),
         *heterogeneity_sentences(tree),
         _model(tree),
-        *constraint_sentences([tree["after"].to_dataset()]),
-        f"Equation: {equation_text(tree['after'].to_dataset())}.",
+        *constraint_sentences([after]),
+        f"Equation: {equation_text(after)}.",
     ]
+
+
+def _closed(tree: xr.DataTree) -> list[str]:
+    """Nothing more stands out of the residual."""
+    effects = " and ".join(effect_with_ties(step) for step in steps_of(tree))
+    after, residual = tree["after"].to_dataset(), residual_text(tree, "after")
+    if not determines(after):
+        return [UNDECIDED, UNSEEN]
+    if closing := tree.attrs.get("closing_effect"):
+        most = tree.attrs["max_effects"]
+        asked = f"{most} effect{'s were' if most > 1 else ' was'} asked for (--max-effects)"
+        return [
+            f"Explained but for the limit that ended the search: with {effects} {residual}; with {closing} "
+            f"it would close, but no more than {asked}."
+        ]
+    level = tree["ranking"].significance_level.item()
+    pushed = ", as a random force leaves it" if float(np.min(after.random_force_p_value)) < level else ""
+    headline = f"Explained: with {effects}" if effects else "No missing effect was found:"
+    tests = "the omnibus test"
+    if not _last(tree, "ranking").significant.any():
+        tests = f"the {'other ' if effects else ''}candidates or by {tests}"
+    absent = f"No further departure was found by {tests} (significance level {level:.2g})."
+    return [f"{headline} {residual}{pushed}. {absent}", UNSEEN, *_high_but_not_significant(tree)]
+
+
+def _unknown_effect(tree: xr.DataTree) -> list[str]:
+    """What remains was not named, or was named by effects that may imitate another."""
+    residual, omnibus, added = residual_text(tree, "after"), _last(tree, "omnibus"), added_effects(tree)
+    said = f"Unknown effect: {residual}, but"
+    if misnamed := misnamed_effects(tree):
+        known = " and ".join(f"{symbol} {value:g}" for symbol, value in misnamed.items())
+        physics = f"the coefficient is not the one that physics knows ({known})"
+        return [f"{said} {physics}: {IMITATED}.", *_unexplained(tree)]
+    imitate = _imitation(_marked(tree, "collinear"))
+    if omnibus.significant:
+        return [*_not_explained(tree, residual, imitate), _omnibus(tree, omnibus)]
+    if imitate:
+        return [f"{said} {imitate}"]
+    refuted = _marked(tree, "worsens_holdout")
+    if refuted and not _last(tree, "ranking").significant.any():
+        better = f"the model before {refuted[0]} was added predicts what was held out better"
+        return [f"{said} {better}: {IMITATED}."]
+    names = f"with {' and '.join(added)} " if added else ""
+    if tree.attrs["converged"] != "True":
+        rivals = "all that may stand in their place were" if added else "all candidates were"
+        return [f"Unknown effect: {names}{residual}, but not {rivals} compared."]
+    # The final model leaves more than noise of the sensor and a random force without cause.
+    if float(tree.attrs.get("noise_p_value", 1.0)) < tree["ranking"].significance_level.item():
+        why = "and no random force leaves it so: what is left goes with angle, speed or time"
+        return [f"Unknown effect: {names}{residual}, {why}.", *_unexplained(tree)]
+    return _not_explained(tree, residual, "")
+
+
+def _not_explained(tree: xr.DataTree, residual: str, imitate: str) -> list[str]:
+    named = "the named effects do" if added_effects(tree) else "the model does"
+    return [
+        f"Unknown effect: {named} not explain the record; {residual}.",
+        *force_type_sentences(tree, "discrepancy_after"),
+        *_unexplained(tree),
+        *([f"Of the effects that were added, {imitate}"] if imitate else []),
+    ]
+
+
+def _omnibus(tree: xr.DataTree, omnibus: xr.Dataset) -> str:
+    return (
+        f"The omnibus test rejects that nothing is missing (p {p_value_text(omnibus.p_value.item())}). "
+        f"Its highest scores, by amplitude r and phase phi: {_highest(omnibus.z)}. "
+        "What is missing moves coefficients too: errors are widened by the RMS of these scores, "
+        f"{error_widening(tree):.3g}."
+    )
+
+
+def _imitation(effects: Sequence[str]) -> str:
+    """That effects which are not separately identifiable may imitate another; empty without any."""
+    if not effects:
+        return ""
+    several = len(effects) > 1
+    return (
+        f"{' and '.join(effects)} nearly cancel{'' if several else 's'} other forces of the model: "
+        f"{'they' if several else 'it'} may imitate a force that is no candidate."
+    )
+
+
+def _marked(tree: xr.DataTree, mark: str) -> list[str]:
+    """Symbols of the added effects of which a variable is true."""
+    return [step.symbol.item() for step in steps_of(tree) if step[mark].item()]
+
+
+def _last(tree: xr.DataTree, group: str) -> xr.Dataset:
+    """The tests of a group after the last step."""
+    return tree[group].to_dataset().isel(selection_step=-1)
 
 
 def _ended_early(tree: xr.DataTree) -> list[str]:
@@ -64,41 +142,6 @@ def _ended_early(tree: xr.DataTree) -> list[str]:
     limit = tree.attrs["out_of_time"]
     why = f"at its time limit of {limit}" if limit else "after as many fits as its settings allow"
     return [f"The search ended {why}, before it had converged."]
-
-
-def _last(tree: xr.DataTree, group: str) -> xr.Dataset:
-    """The tests of a group after the last step."""
-    return tree[group].to_dataset().isel(selection_step=-1)
-
-
-def _closed(tree: xr.DataTree) -> list[str]:
-    """Nothing more stands out of the residual."""
-    residual = times_noise(residual_of(tree, "after"), noise_of(tree))
-    steps = tree["steps"].to_dataset()
-    effects = [effect_with_ties(steps.isel(step=at)) for at in range(steps.attrs["count"])]
-    after = tree["after"].to_dataset()
-    if not determines(after):
-        return [UNDECIDED, UNSEEN]
-    level = tree["ranking"].significance_level.item()
-    by_noise = float(np.min(after.random_force_p_value))
-    pushed = ", as a random force leaves it" if by_noise < level else ""
-    if closing := tree.attrs.get("closing_effect"):
-        most = tree.attrs["max_effects"]
-        return [
-            f"Explained but for the limit that ended the search: with {' and '.join(effects)} the gap is "
-            f"{residual}; with {closing} it would close, but no more than {most} effect{'s' * (most > 1)} "
-            f"{'were' if most > 1 else 'was'} asked for (--max-effects)."
-        ]
-    headline = (
-        f"Explained: with {' and '.join(effects)} the gap is {residual}{pushed}."
-        if effects
-        else f"No missing effect was found: the gap is {residual}{pushed}."
-    )
-    tests = ["the omnibus test"]
-    if not _last(tree, "ranking").significant.any():
-        tests.insert(0, "the other candidates" if effects else "the candidates")
-    absent = f"No further departure was found by {' or by '.join(tests)} (significance level {level:.2g})."
-    return [f"{headline} {absent}", UNSEEN, *_high_but_not_significant(tree)]
 
 
 def _high_but_not_significant(tree: xr.DataTree) -> list[str]:
@@ -113,102 +156,26 @@ def _high_but_not_significant(tree: xr.DataTree) -> list[str]:
     return [f"Above the threshold of {limit:.3g}, but not significant ({why}): {named}."]
 
 
-def _unknown_effect(tree: xr.DataTree, details: bool) -> list[str]:
-    """What remains was not named, or was named by effects that may imitate another."""
-    residual = times_noise(residual_of(tree, "after"), noise_of(tree))
-    omnibus = _last(tree, "omnibus")
-    effects = _collinear(tree)
-    collinear, several = " and ".join(effects), len(effects) > 1
-    imitate = (
-        f"{collinear} nearly cancel{'' if several else 's'} other forces of the model: "
-        f"{'they' if several else 'it'} may imitate a force that is no candidate."
-    )
-    if misnamed := misnamed_effects(tree):
-        known = " and ".join(f"{symbol} {value:g}" for symbol, value in misnamed.items())
-        return [
-            f"Unknown effect: the gap is {residual}, but the coefficient is not the one that physics knows "
-            f"({known}): a force that is no candidate may be imitated.",
-            *_unexplained(tree),
-        ]
-    if collinear and not omnibus.significant:
-        return [f"Unknown effect: the gap is {residual}, but {imitate}"]
-    refuted = _refuted(tree)
-    added = added_effects(tree)
-    if refuted and not omnibus.significant and not _last(tree, "ranking").significant.any():
-        return [
-            f"Unknown effect: the gap is {residual}, but the model before {refuted[0]} was added predicts "
-            "what was held out better: a force that is no candidate may be imitated."
-        ]
-    if tree.attrs["converged"] != "True" and not omnibus.significant:
-        names = f"with {' and '.join(added)} " if added else ""
-        rivals = "all that may stand in their place were" if added else "all candidates were"
-        return [f"Unknown effect: {names}the gap is {residual}, but not {rivals} compared."]
-    if _is_no_noise(tree) and not omnibus.significant:
-        names = f"with {' and '.join(added)} " if added else ""
-        return [
-            f"Unknown effect: {names}the gap is {residual}, and no random force leaves it so: what is left "
-            "goes with angle, speed or time.",
-            *_unexplained(tree),
-        ]
-    named = "the named effects do" if added else "the model does"
-    sentences = [f"Unknown effect: {named} not explain the record; the gap is {residual}."]
-    sentences += (residual_sentences if details else force_type_sentences)(tree, "discrepancy_after")
-    sentences += _unexplained(tree)
-    if collinear:
-        sentences.append(f"Of the effects that were added, {imitate}")
-    if omnibus.significant:
-        sentences.append(
-            f"The omnibus test rejects that nothing is missing (p {p_value_text(omnibus.p_value.item())}). "
-            f"Its highest scores, by amplitude r and phase phi: {_highest(omnibus.z)}. "
-            "What is missing moves coefficients too: errors are widened by the RMS of these scores, "
-            f"{error_widening(tree):.3g}."
-        )
-    return sentences
-
-
-def _is_no_noise(tree: xr.DataTree) -> bool:
-    """Whether the final model leaves more than noise of the sensor and a random force without cause."""
-    return float(tree.attrs.get("noise_p_value", 1.0)) < tree["ranking"].significance_level.item()
-
-
 def _unexplained(tree: xr.DataTree) -> list[str]:
     """At which amplitudes, and by the force map where in a cycle, what no candidate explains is largest."""
     after, units = tree["discrepancy_after"].to_dataset(), signal_units(tree)
-    ratio, amplitude = after.rms.values / noise_of(tree), after.amplitude.values
+    ratio, amplitude = after.rms.values / record_noise(tree), after.amplitude.values
     high, most = ratio > SHOWN_RATIO, int(np.argmax(ratio))
     if not high.any():
         return []
-    cells = (after.force / after.standard_error).where(abs(after.force) > 0.0).to_series().dropna()
-    cell = cells.abs().idxmax() if len(cells) else None
-    force = (
-        ""
-        if cell is None
-        else (
-            f" The force that is missing stands out most near x = {cell[0]:.2g}, v = {cell[1]:.2g} {units}: "
-            f"{after.force.sel(x=cell[0], v=cell[1]).item():.2g} {units} times I w^2."
-        )
-    )
-    return [
+    where = (
         f"What no candidate explains is more than {SHOWN_RATIO:g} times the noise at amplitudes of "
         f"{amplitude[high].min():.3g} to {amplitude[high].max():.3g} {units}, and most at "
-        f"{amplitude[most]:.3g} {units}, {ratio[most]:.3g} times.{force}"
+        f"{amplitude[most]:.3g} {units}, {ratio[most]:.3g} times."
+    )
+    cells = (after.force / after.standard_error).where(abs(after.force) > 0.0).to_series().dropna()
+    if not len(cells):
+        return [where]
+    x, v = cells.abs().idxmax()
+    return [
+        f"{where} The force that is missing stands out most near x = {x:.2g}, v = {v:.2g} {units}: "
+        f"{after.force.sel(x=x, v=v).item():.2g} {units} times I w^2."
     ]
-
-
-def _collinear(tree: xr.DataTree) -> list[str]:
-    """Symbols of the added effects that are not separately identifiable."""
-    if not tree["steps"].attrs["count"]:
-        return []
-    steps = tree["steps"].to_dataset()
-    return [str(symbol) for symbol in steps.symbol.values[steps.collinear.values]]
-
-
-def _refuted(tree: xr.DataTree) -> list[str]:
-    """Symbols of the added effects before which the model predicted what was held out better."""
-    if not tree["steps"].attrs["count"]:
-        return []
-    steps = tree["steps"].to_dataset()
-    return [str(symbol) for symbol in steps.symbol.values[steps.worsens_holdout.values.astype(bool)]]
 
 
 def _highest(z: xr.DataArray) -> str:
@@ -234,6 +201,22 @@ def _outstanding(tree: xr.DataTree) -> list[str]:
         else "fitted in full, none reduces the gap as its score promises"
     )
     return [f"By their scores, these candidates stand out: {_highest(strong.z)}; {reason}."]
+
+
+def _stability(tree: xr.DataTree) -> list[str]:
+    """In how many parts of the record each name stands, and what is likelier where it does not."""
+    # A result that an older version saved does not say.
+    if not added_effects(tree) or "stands_in" not in tree["steps"]:
+        return []
+    texts = []
+    for step in steps_of(tree):
+        symbol, others = step.symbol.item(), Counter(step.likeliest_in_parts.item().split(PAIRS))
+        del others[symbol]
+        likelier = ", ".join(f"{name or 'no force'} is likelier in {count}" for name, count in others.items())
+        stands = f"{symbol} in {step.stands_in.item()} of {len(RECORD_PARTS)}"
+        texts.append(f"{stands} ({likelier})" if likelier else stands)
+    parts = ", ".join(RECORD_PARTS)
+    return [f"Looked at again on parts of the record ({parts}), these names stand: {'; '.join(texts)}."]
 
 
 def _model(tree: xr.DataTree) -> str:

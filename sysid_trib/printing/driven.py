@@ -6,18 +6,10 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.physics.per_input import MASS, STIFFNESS, per_input
-from sysid_trib.printing.equation import equation_text
-from sysid_trib.printing.identification import coefficient_cell
-from sysid_trib.printing.layers import ALWAYS, Block, Layer
-from sysid_trib.printing.layout import (
-    by_label,
-    coefficient_json,
-    number,
-    numbers,
-    quantity,
-    text_table,
-    value_with_error,
-)
+from sysid_trib.printing.blocks import ALWAYS, Block, Layer
+from sysid_trib.printing.exported import equation_text
+from sysid_trib.printing.layout import by_label, coefficient_cell, quantity, text_table, value_with_error
+from sysid_trib.printing.mapping import COEFFICIENT, mapped, number, same
 from sysid_trib.results.per_run import record_groups
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.signal_units import signal_units
@@ -41,7 +33,7 @@ def driven_blocks(tree: xr.DataTree, record: list[str]) -> list[Block]:
     return [
         Block([first, f"The answer is {answer}'s, whose motion leaves less."], ALWAYS),
         Block(record),
-        Block(_table(results, compared, unit)),
+        Block(table=_table(results, compared, unit)),
         Block([f"Equation: {equation_text(results[answer])}."]),
         Block(_in_its_unit(results[answer], compared, tree)),
         Block([_errors(compared)], Layer.EXPLAIN),
@@ -114,7 +106,7 @@ def driven_json(tree: xr.DataTree) -> dict[str, Any]:
     for name in compared.model.values.tolist():
         result = tree[name].to_dataset()
         coefficients = {
-            symbol: {**coefficient_json(force), "unit": force.unit.item()}
+            symbol: mapped(force, COEFFICIENT | same("unit"))
             for symbol, force in by_label(result, "force").items()
         }
         scalars = {
@@ -124,6 +116,6 @@ def driven_json(tree: xr.DataTree) -> dict[str, Any]:
         methods[name] = {"coefficients": coefficients, **scalars, **left}
     found = per_input(tree[compared.attrs["answer"]].to_dataset())
     rows = {} if found is None else by_label(found, "quantity")
-    of_input = {k: numbers(row, ("value", "standard_error")) for k, row in rows.items()}
+    of_input = {k: mapped(row, same("value", "standard_error")) for k, row in rows.items()}
     said = {key: compared.attrs[key] for key in ("answer", "verdict_on_record")}
     return {**said, "methods": methods, "per_input": of_input}

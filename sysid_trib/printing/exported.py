@@ -1,31 +1,46 @@
-"""The numbers of a result as a table for spreadsheets (CSV), and for LaTeX with the equation."""
+"""The numbers of a result that leave the program: the equation, a table (CSV), and both for LaTeX."""
 
 import csv
 import io
 import re
+from collections.abc import Iterator
+from math import floor, log10
+from typing import Any
 
+import numpy as np
 import xarray as xr
 
-from sysid_trib.printing.equation import equation_latex, power_of_ten
-from sysid_trib.printing.layout import by_label, value_with_error
-from sysid_trib.printing.model_verdict import answer_of, kept_results, residual_over_noise, verdict_of
+from sysid_trib.printing.layout import by_label, error_of, quantity
+from sysid_trib.results.kinds import kind_of
 from sysid_trib.results.per_run import record_groups
-from sysid_trib.results.schema import library_of
-from sysid_trib.validation.comparison_table import applied_methods
-from sysid_trib.validation.model_error import error_parts
-
-HEADS = (
-    "method",
-    "quantity",
-    "name",
-    "formula",
-    "value",
-    "standard_error",
-    "unit",
-    "refers_to",
-    "error_of_noise",
-    "error_of_model",
+from sysid_trib.results.schema import library_of, shape_values_of
+from sysid_trib.results.signal_units import signal_symbol, signal_units
+from sysid_trib.validation.findings import (
+    answer_of,
+    given_results,
+    main_result,
+    residual_over_noise,
+    verdict_of,
+    with_error_parts,
 )
+
+# Digits of a number without an error, and of an error.
+DIGITS, DIGITS_OF_ERROR = 6, 2
+# Names of formulas in LaTeX; x is the angle, v its rate over w.
+NAMES = {"x": r"\theta", "v": r"\frac{\dot{\theta}}{\omega}", "t": "t"}
+# Columns of the table, and the variables of a force that they hold.
+COLUMNS = {
+    "method": "",
+    "quantity": "force",
+    "name": "name",
+    "formula": "formula",
+    "value": "coefficient",
+    "standard_error": "standard_error",
+    "unit": "unit",
+    "refers_to": "refers_to",
+    "error_of_noise": "error_of_noise",
+    "error_of_model": "error_of_model",
+}
 # More methods than this are rows.
 MOST_COLUMNS = 3
 # Signs by which a spreadsheet knows a formula.
@@ -35,76 +50,165 @@ LATEX_ESCAPES |= {"\\": r"\backslash ", "^": r"\wedge ", "~": r"\sim "}
 FREQUENCIES_LATEX = {"reference_frequency": r"\omega", "asymptotic_frequency": r"\omega_\infty"}
 
 
-def identified(tree: xr.DataTree) -> dict[str, xr.Dataset]:
-    """The identifications of a result without methods that failed.
+def equation_text(result: xr.Dataset) -> str:
+    """The equation of motion of an identification in one line, x the angle and v its rate over w.
 
     Parameters
     ----------
-    tree : DataTree
-        Result of `cross_check`, `compare` or `discover`.
+    result : Dataset
+        An identification.
     """
-    if "steps" in tree.children:
-        names = {"start model": "before", "final model": "after"}
-        return {name: tree[group].to_dataset() for name, group in names.items()}
-    if "best" in tree["comparison"].attrs:
-        labels = applied_methods(tree["comparison"].to_dataset()).method.values.tolist()
-        return {label: tree[label].to_dataset() for label in labels}
-    return kept_results(tree)
+    forces, sensors = _terms(result)
+    w = rounded(result.reference_frequency.item(), result.reference_frequency_standard_error.item())
+    text = f"x'' = -w^2 (x{_sum(forces)}), v = x'/w, w = {w} rad/s"
+    shapes = ", ".join(f"{name} = {value:.6g}" for name, value in shape_values_of(result).items())
+    measured = f"; the sensor shows x{_sum(sensors)}" if sensors else ""
+    return f"{text}{f', {shapes}' if shapes else ''}{measured}"
+
+
+def equation_latex(result: xr.Dataset) -> str:
+    r"""The same for LaTeX, between `\begin{equation}` and `\end{equation}`."""
+    import sympy
+
+    # A displacement is no angle.
+    x = signal_symbol(signal_units(result))
+    names = {name: sympy.Symbol(latex.replace(r"\theta", x)) for name, latex in NAMES.items()}
+    forces, _ = _terms(result)
+    parts = []
+    for number, formula in forces:
+        with sympy.evaluate(False):
+            written = sympy.latex(_expression(formula, names))
+        # A number beside a number would read as one.
+        times = "\\cdot" if written[:1].isdigit() else "\\,"
+        parts.append(f"{_signed(power_of_ten(number))}{times} {written}")
+    w = rounded(result.reference_frequency.item(), result.reference_frequency_standard_error.item())
+    right = r" \\" "\n" r"    &\quad ".join([x, *parts])
+    return "\n".join(
+        [
+            r"\begin{equation}",
+            r"  \begin{aligned}",
+            rf"    \ddot{{{x}}} &= -\omega^2 \Bigl[" + right + r" \Bigr], \\",
+            rf"    \omega &= {w}\,\mathrm{{rad/s}}",
+            r"  \end{aligned}",
+            r"\end{equation}",
+        ]
+    )
+
+
+def power_of_ten(number: str) -> str:
+    """A number as LaTeX writes it: its power of ten is no e."""
+    digits, _, power = number.partition("e")
+    return f"{digits} \\times 10^{{{int(power)}}}" if power else digits
+
+
+def rounded(value: float, error: float) -> str:
+    """A number to two digits of its error; to six without one."""
+    if not (np.isfinite(error) and error > 0.0) or value == 0.0:
+        return f"{value:.{DIGITS}g}"
+    digits = floor(log10(abs(value))) - floor(log10(error)) + DIGITS_OF_ERROR
+    return f"{value:#.{max(1, digits)}g}".replace(".e", "e").rstrip(".")
+
+
+def _terms(result: xr.Dataset) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
+    """Numbers and formulas of the active forces, and of the sensor's terms.
+
+    A stiffness that refers to another frequency, that without contact, is in w already.
+    """
+    forces: list[tuple[str, str]] = []
+    sensors: list[tuple[str, str]] = []
+    for force in library_of(result):
+        of_force = result.sel(force=force.symbol)
+        in_model = np.isclose(of_force.refers_to, result.reference_frequency, rtol=1e-12)
+        if of_force.active.item() and in_model and of_force.coefficient.item() != 0.0:
+            number = rounded(of_force.coefficient.item(), of_force.standard_error.item())
+            (sensors if force.kind == "sensor" else forces).append((number, force.formula.text))
+    return forces, sensors
+
+
+def _sum(terms: list[tuple[str, str]]) -> str:
+    return "".join(f" {_term(number, _factor(formula))}" for number, formula in terms)
+
+
+def _term(number: str, factor: str) -> str:
+    """A summand; the sign of a formula goes to its number."""
+    if factor.startswith("-"):
+        return _term(number[1:] if number.startswith("-") else f"-{number}", factor[1:])
+    return f"{_signed(number)}*{factor}"
+
+
+def _signed(number: str) -> str:
+    return f"- {number[1:]}" if number.startswith("-") else f"+ {number}"
+
+
+def _factor(formula: str) -> str:
+    """A formula as a factor: in brackets if it is a sum."""
+    depth = 0
+    for at, letter in enumerate(formula):
+        depth += (letter == "(") - (letter == ")")
+        if depth == 0 and at and letter in "+-" and formula[at - 1] == " ":
+            return f"({formula})"
+    return formula
+
+
+def _expression(formula: str, names: dict[str, object]) -> object:
+    """A formula of a library as sympy has it."""
+    import sympy
+
+    known = {"abs": sympy.Abs, "sign": sympy.sign, "max": sympy.Max, "min": sympy.Min, **names}
+    # Formulas were checked when they were read: names, numbers and a few functions.
+    return sympy.parse_expr(formula, local_dict=known)
 
 
 def about_the_record(tree: xr.DataTree) -> dict[str, str]:
     """What a table carries of its record and of the verdict on it, by name."""
     records = [tree[group] for group in record_groups(tree)]
     windows = [f"{float(r.time.values[0]):.6g} to {float(r.time.values[-1]):.6g} s" for r in records]
-    details = {
-        "window": ", ".join(windows),
-        "samples": ", ".join(str(record.sizes["time"]) for record in records),
-    }
-    if "steps" in tree.children:
+    samples = [str(record.sizes["time"]) for record in records]
+    details = {"window": ", ".join(windows), "samples": ", ".join(samples)}
+    if kind_of(tree) == "discover":
         return {"verdict": str(tree.attrs["verdict"])} | details
-    checked = tree["comparison"].attrs
-    if "best" in checked:
-        return {"predicts best": str(checked["best"])} | details
-    answer = answer_of(tree)
-    residual = f"{residual_over_noise(tree, answer):.3g} times the noise"
-    return {"verdict": verdict_of(tree), "answer": answer} | details | {"residual": residual}
+    if kind_of(tree) == "compare":
+        return {"predicts best": str(tree["comparison"].attrs["best"])} | details
+    ratio = residual_over_noise(tree, answer_of(tree))
+    residual = f"{ratio:.3g} times the noise" if np.isfinite(ratio) else "the motion leaves the record"
+    return {"verdict": verdict_of(tree), "answer": answer_of(tree)} | details | {"residual": residual}
 
 
 def csv_text(tree: xr.DataTree) -> str:
     """All coefficients and frequencies, a row each, with total errors and their parts; then the record."""
     buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(HEADS)
-    for name, result in identified(tree).items():
-        parts = zip(*error_parts(result), strict=True)
-        for (symbol, force), errors in zip(by_label(result, "force").items(), parts, strict=True):
-            words = [name, symbol, force["name"].item(), force["formula"].item()]
-            numbers = [force.coefficient.item(), force.standard_error.item()]
-            row = [*words, *numbers, force.unit.item(), force.refers_to.item(), *errors]
-            writer.writerow(map(_as_text, row))
-        for quantity in FREQUENCIES_LATEX:
-            words = [name, quantity, quantity.replace("_", " "), ""]
-            numbers = [result[quantity].item(), result[f"{quantity}_standard_error"].item()]
-            writer.writerow(map(_as_text, [*words, *numbers, "rad/s", "", "", ""]))
-    for name, text in about_the_record(tree).items():
-        writer.writerow(map(_as_text, ["record", name, "", "", text, *([""] * 5)]))
+    writer = csv.DictWriter(buffer, list(COLUMNS), lineterminator="\n")
+    writer.writeheader()
+    for row in _rows(tree):
+        writer.writerow({column: _as_text(cell) for column, cell in row.items()})
     return buffer.getvalue()
+
+
+def _rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
+    for method, result in given_results(tree).items():
+        for force in by_label(with_error_parts(result), "force").values():
+            cells = {column: force[name].item() for column, name in COLUMNS.items() if name}
+            yield {"method": method} | cells
+        for name in FREQUENCIES_LATEX:
+            value, error = (result[key].item() for key in (name, error_of(name)))
+            words = {"method": method, "quantity": name, "name": name.replace("_", " "), "unit": "rad/s"}
+            yield words | {"value": value, "standard_error": error}
+    for name, text in about_the_record(tree).items():
+        yield {"method": "record", "quantity": name, "value": text}
 
 
 def latex_text(tree: xr.DataTree) -> str:
     r"""A table (`booktabs`) of all coefficients with errors, and the equation of the main identification."""
-    named = identified(tree)
+    named = given_results(tree)
     cells: dict[str, dict[str, str]] = {}
-    for name, result in named.items():
+    for method, result in named.items():
         library = library_of(result)
         for symbol, force in by_label(result, "force").items():
-            text = value_with_error(force.coefficient.item(), force.standard_error.item())
             unit = "" if force.unit.item() == "1" else f" {unit_in_latex(force.unit.item())}"
-            cells.setdefault(f"${library[symbol].latex_symbol}$", {})[name] = f"{_in_latex(text)}{unit}"
-        for quantity, symbol in FREQUENCIES_LATEX.items():
-            error = result[f"{quantity}_standard_error"].item()
-            text = _in_latex(value_with_error(result[quantity].item(), error))
-            cells.setdefault(f"${symbol}$ (rad/s)", {})[name] = text
+            text = f"{_in_latex(quantity(force, 'coefficient'))}{unit}"
+            cells.setdefault(f"${library[symbol].latex_symbol}$", {})[method] = text
+        for name, symbol in FREQUENCIES_LATEX.items():
+            cells.setdefault(f"${symbol}$ (rad/s)", {})[method] = _in_latex(quantity(result, name))
     table = [[head, *(row.get(name, "--") for name in named)] for head, row in cells.items()]
     table.insert(0, ["", *(name.replace("_", " ") for name in named)])
     if len(named) > MOST_COLUMNS:
@@ -114,7 +218,7 @@ def latex_text(tree: xr.DataTree) -> str:
     details = "; ".join(f"{name}: {text}" for name, text in about_the_record(tree).items())
     note = rf"\multicolumn{{{len(table[0])}}}{{l}}{{\footnotesize {details}}} \\"
     lines = [begin, r"\toprule", head, r"\midrule", *rows, r"\bottomrule", note, r"\end{tabular}"]
-    main = main_identification(tree)
+    main = main_result(tree)
     return "\n".join([*lines, "", "% no method gave a model" if main is None else equation_latex(main), ""])
 
 
@@ -136,15 +240,6 @@ def _escaped(text: str) -> str:
 def _as_text(cell: object) -> object:
     """A cell of a spreadsheet, which would execute a text that begins as a formula does."""
     return f"'{cell}" if isinstance(cell, str) and cell.startswith(FORMULA_SIGNS) else cell
-
-
-def main_identification(tree: xr.DataTree) -> xr.Dataset | None:
-    """The identification that stands for a result: the best, the final or the second; none if all failed."""
-    named = identified(tree)
-    best = tree["comparison"].attrs.get("best") if "comparison" in tree.children else None
-    if best or "steps" in tree.children:
-        return named[best or "final model"]
-    return named.get(answer_of(tree), next(reversed(named.values()), None))
 
 
 def _in_latex(text: str) -> str:

@@ -2,20 +2,17 @@
 
 from fractions import Fraction
 from math import pi
-from typing import TYPE_CHECKING
 
 import numpy as np
+from rich.table import Table
 
 from sysid_trib.arrays import Array
 from sysid_trib.averaging.signatures import averages, dissipated_power
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.printing.layout import text_table
 
-if TYPE_CHECKING:
-    from rich.table import Table
 
-
-def force_table(library: ForceLibrary) -> "Table":
+def force_table(library: ForceLibrary) -> Table:
     """Forces of a library with what is derived from their formulas."""
     heads = ["symbol", "name", "formula", "parity", "type", "unit"]
     heads += ["<h sin phi>", "<h cos phi>", "loses power"]

@@ -1,239 +1,261 @@
-"""A cross-checked identification as a table, in layers, and as plain data for JSON."""
+"""A cross-checked identification: is the record explained, do the methods agree, what follows."""
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
+from rich.table import Table
 
-from sysid_trib.printing.cross_check import (
-    agreement_sentences,
-    amplitudes,
-    consequences,
-    times_of_amplitudes,
-)
-from sysid_trib.printing.equation import equation_text
-from sysid_trib.printing.layers import ALWAYS, USUALLY, Block, Layer
+from sysid_trib.noise.random_force import random_force_of
+from sysid_trib.printing import runs, verdict
+from sysid_trib.printing.blocks import ALWAYS, Block, Layer
+from sysid_trib.printing.exported import equation_text
 from sysid_trib.printing.layout import (
-    by_label,
-    coefficient_json,
-    number,
-    numbers,
-    quantity,
-    records_json,
+    coefficient_rows,
+    constraint_sentences,
+    identifiability_warnings,
+    reference_sentence,
     text_table,
+    values_with_errors,
 )
-from sysid_trib.printing.model_verdict import (
-    answer_of,
-    effective_sentences,
-    error_sentences,
-    failure_sentences,
-    failures,
-    fewer_forces,
-    holds,
-    kept_results,
-    line_sentences,
-    separation_sentences,
-    test_sentence,
-    verdict_of,
-    verdict_sentence,
-)
-from sysid_trib.printing.physics import physics_json, weight_sentences
-from sysid_trib.printing.random_force import random_force_json
-from sysid_trib.printing.residual import residual_of
-from sysid_trib.printing.runs import runs_json, runs_sentences, runs_table
+from sysid_trib.printing.physics import physics_sentences, translation_sentences, weight_sentences
+from sysid_trib.printing.random_force import random_force_sentences
+from sysid_trib.results.per_run import record_groups
+from sysid_trib.results.schema import library_of
 from sysid_trib.results.signal_units import signal_units
 from sysid_trib.validation.breakdown import record_noise
-from sysid_trib.validation.model_error import FREQUENCIES, error_parts
+from sysid_trib.validation.findings import (
+    amplitudes,
+    answer_of,
+    failures,
+    holds,
+    kept_results,
+    main_result,
+    residual_over_noise,
+    second_of,
+    times_of_amplitudes,
+    verdict_of,
+)
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from rich.table import Table
+# Between the level at which methods disagree and this one they agree, but barely.
+BARELY = 0.05
+COEFFICIENTS, BETWEEN_RUNS, CONSEQUENCES = "Coefficients", "Do the runs agree", "What follows from the model"
+NO_CONSEQUENCES = "Weights, crossovers and arrest are not given: the model {} the record."
 
 
 def identification_blocks(
-    tree: xr.DataTree, sources: "Sequence[str]", inertia: float | None = None
+    tree: xr.DataTree,
+    sources: Sequence[str] = (),
+    inertia: float | None = None,
+    mass: float | None = None,
+    load: float | None = None,
 ) -> list[Block]:
-    """What the command `identify` prints, in layers.
+    """What is shown of a result of `cross_check`.
 
     Parameters
     ----------
     tree : DataTree
-        Result of `cross_check`, with the group `runs` if there are several.
+        The result, with the group `runs` if there are several.
     sources : sequence of str
         What each record is.
-    inertia : float, kg m^2, optional
-        Adds SI units.
+    inertia, mass, load : float, optional
+        They add SI units: kg m^2, kg, N.
 
     Returns
     -------
     list of Block
     """
-    key, details = agreement_sentences(tree), agreement_sentences(tree, details=True)
-    results = kept_results(tree)
-    if holds(tree) and answer_of(tree) in results:
-        at = times_of_amplitudes(tree)
-        key += weight_sentences(results[answer_of(tree)], amplitudes(tree), time=at)
+    agree, remarks, pushed, details = (
+        _agreement_sentences(tree),
+        _remarks(tree),
+        _random_force(tree),
+        Layer.EXPLAIN,
+    )
+    effective = [*verdict.failure_sentences(tree), *verdict.effective_sentences(tree)]
     blocks = [
-        Block([verdict_sentence(tree)], ALWAYS),
-        Block(sources),
-        Block([*line_sentences(tree), *failure_sentences(tree), *effective_sentences(tree)], ALWAYS),
+        Block([verdict.verdict_sentence(tree)], ALWAYS),
+        Block([*sources, *_own_quantity(tree)]),
+        Block([*verdict.line_sentences(tree), *effective], ALWAYS),
+        Block(title="At a glance", figures="glance"),
     ]
-    if results:
-        blocks.append(Block(identification_table(tree), ALWAYS))
-        equation = equation_text(results.get(answer_of(tree), next(reversed(results.values()))))
-        blocks.append(Block([f"{_answer(tree)}Equation: {equation}."], USUALLY))
+    if (main := main_result(tree)) is not None:
+        blocks += [
+            Block([reference_sentence(second_of(tree))], details, COEFFICIENTS),
+            Block((), ALWAYS, COEFFICIENTS, identification_table(tree)),
+            Block([f"{_answer(tree)}Equation: {equation_text(main)}."], title=COEFFICIENTS),
+        ]
     blocks += [
-        Block(separation_sentences(tree), ALWAYS),
-        Block(key, Layer.DEFAULT),
-        Block([test_sentence(tree), *error_sentences(tree), *details], Layer.EXPLAIN),
-        Block(consequences(tree, inertia), Layer.EXPLAIN),
+        Block(title="Amplitude and frequency", figures="half_periods"),
+        Block(verdict.separation_sentences(tree), ALWAYS),
+        Block([*agree[:1], *pushed, *remarks, *_weight(tree)], Layer.DEFAULT),
+        Block([*verdict.test_sentences(tree), *agree, *remarks, *_stiffness(tree)], details),
     ]
     if "runs" in tree:
-        runs = tree["runs"].to_dataset()
-        blocks += [Block(runs_table(runs), Layer.EXPLAIN), Block(runs_sentences(runs), USUALLY)]
+        data = tree["runs"].to_dataset()
+        blocks.append(Block((), details, BETWEEN_RUNS, runs.runs_table(data), "Each run alone"))
+        blocks.append(Block(runs.runs_sentences(data), title=BETWEEN_RUNS))
+    return [
+        *blocks,
+        Block(pushed, details, "Random force", figures="random_force"),
+        Block(consequences(tree, inertia), details, CONSEQUENCES),
+        Block(translation_sentences(second_of(tree), mass, load), title=CONSEQUENCES),
+    ]
+
+
+def estimate_blocks(tree: xr.DataTree) -> list[Block]:
+    """What is shown of one identification alone, a result of `identify`."""
+    result = tree.to_dataset()
+    rows = [*coefficient_rows({result.attrs["method"]: result}).values()]
+    rows.append([f"noise ({signal_units(result)})", "standard deviation", f"{result.noise.item():.2g}"])
+    table = text_table(["force", "formula", result.attrs["method"]], rows, numbers=(2,))
+    blocks = [Block([reference_sentence(result)], title=COEFFICIENTS, table=table)]
+    # The largest amplitude that is known: an identification without a cross-check keeps no record.
+    start = np.abs(np.ravel(result.start_angle.values)) if "start_angle" in result else np.array([])
+    if np.any(start > 0.0):
+        blocks.append(Block(physics_sentences(result, start), title=CONSEQUENCES))
     return blocks
 
 
-def identification_table(tree: xr.DataTree) -> "Table":
-    """Coefficients by both methods with errors, and how many errors apart they are.
+def identification_table(tree: xr.DataTree) -> Table:
+    """Coefficients by both methods with errors, how many errors apart they are, and what their models leave.
 
     A method that failed has no column. Errors are the total ones, of the noise and of the model.
     """
-    checked, results = tree["comparison"].ds, kept_results(tree)
-    unit, noise = signal_units(tree), record_noise(tree)
-    symbols = list(dict.fromkeys(s for r in results.values() for s in r.force.values.tolist()))
-    width = max([8, *map(len, symbols)])
-    rows = []
-    for symbol in symbols:
-        named = next(r for r in results.values() if symbol in r.force).sel(force=symbol)
-        of_unit = "" if named.unit.item() == "1" else f" ({named.unit.item()})"
-        heads = [f"{symbol:{width}} {named['name'].item()}{of_unit}", named["formula"].item()]
-        cells = [coefficient_cell(result, symbol) for result in results.values()]
-        rows.append([*heads, *cells, _difference(checked, symbol, results)])
-    for name, title in zip(FREQUENCIES, ("w (rad/s)", "w_inf (rad/s)"), strict=True):
-        label = name.replace("_", " ")
-        cells = [quantity(result, name) for result in results.values()]
-        rows.append([title, label, *cells, _difference(checked, label, results)])
-    residuals = {name: residual_of(tree, name) for name in results}
-    cells = [f"{residual / noise:.3g} x noise" for residual in residuals.values()]
-    rows.append(["residual (RMS)", f"noise: {noise:.2g} {unit}", *cells, ""])
+    checked, results = tree["comparison"].to_dataset(), kept_results(tree)
+    kept = checked.sel(model=list(results))
+    rows = coefficient_rows(results)
+    for label, row in rows.items():
+        known = label in checked.quantity and len(results) > 1
+        z = checked.z.sel(quantity=label).item() if known else np.nan
+        row.append(f"{z:+.1f}" if np.isfinite(z) else "")
+    ratios = [f"{residual_over_noise(tree, name):.3g} x noise" for name in results]
+    noise = f"noise: {record_noise(tree):.2g} {signal_units(tree)}"
+    rows["residual"] = ["residual (RMS)", noise, *ratios, ""]
+    pushed = [bool(random_force_of(result)) for result in results.values()]
+    further = {
+        ("beyond the noise", "from (s)"): np.where(pushed, np.nan, kept.departure_time.values),
+        ("one sample ahead", "x stated error"): np.where(pushed, kept.residual_over_noise.values, np.nan),
+    }
+    for (what, unit), values in further.items():
+        if np.isfinite(values).any():
+            rows[what] = [what, unit, *(f"{x:.3g}" if np.isfinite(x) else "-" for x in values), ""]
     heads = ["force", "formula", *results, "difference / error"]
-    if len(results) < 2:
-        # There is no difference.
-        heads, rows = heads[:-1], [row[:-1] for row in rows]
-    return text_table(heads, rows, numbers=tuple(range(2, len(heads))))
+    # Of one method there is no difference.
+    last = len(heads) if len(results) > 1 else len(heads) - 1
+    shown = [row[:last] for row in rows.values()]
+    return text_table(heads[:last], shown, numbers=tuple(range(2, last)))
 
 
-def _names(tree: xr.DataTree) -> tuple[str, str]:
-    checked = tree["comparison"].attrs
-    return checked["first"], checked["second"]
+def consequences(tree: xr.DataTree, inertia: float | None) -> list[str]:
+    """What follows from the answer, in sentences; with an inertia (kg m^2) in SI units too.
+
+    Nothing follows from a model that does not hold.
+    """
+    if not holds(tree):
+        undetermined = verdict_of(tree) == "undetermined"
+        return [NO_CONSEQUENCES.format("is not decided by" if undetermined else "does not explain")]
+    result, at = tree[answer_of(tree)].to_dataset(), times_of_amplitudes(tree)
+    return physics_sentences(result, amplitudes(tree), inertia, time=at)
 
 
-def _difference(checked: xr.Dataset, label: str, results: Mapping[str, xr.Dataset]) -> str:
-    """Difference of both methods over its error; nothing where one failed."""
-    z = checked.z.sel(quantity=label).item() if label in checked.quantity and len(results) > 1 else np.nan
-    return f"{z:+.1f}" if np.isfinite(z) else ""
-
-
-def identification_json(tree: xr.DataTree, inertia: float | None = None) -> dict[str, Any]:
-    """The result as plain data; non-finite numbers are None."""
-    checked, results = tree["comparison"].ds, {n: tree[n].to_dataset() for n in _names(tree)}
-    failed = failures(tree)
-    methods = {
-        name: (_withheld() if name in failed else _method_json(result)) | {"failed": failed.get(name, "")}
-        for name, result in results.items()
-    }
-    differences = ("difference", "expected_difference", "standard_error", "z")
-    tested = ("departure_time", "residual_p_value", "line_frequency", "line_amplitude")
-    check = {
-        **numbers(checked, ("chi_square", "degrees_of_freedom", "p_value")),
-        "differences": {
-            q: numbers(checked.sel(quantity=q), differences) for q in checked.quantity.values.tolist()
-        },
-        "models": {
-            name: numbers(checked.sel(model=name), tested) | _residual_json(tree, name) for name in methods
-        },
-        "noise": record_noise(tree),
-        **checked.attrs,
-    }
-    data = {
-        **records_json(tree),
-        **random_force_json(tree),
-        "answer": None if answer_of(tree) in failed else answer_of(tree),
-        "methods": methods,
-        "cross_check": check,
-    }
-    refused = consequences(tree, inertia) if not holds(tree) else []
-    data["consequences"] = (
-        {"refused": refused[0]}
-        if refused
-        else physics_json(results[answer_of(tree)], amplitudes(tree), inertia, time=times_of_amplitudes(tree))
-    )
-    data["sufficient_forces"] = [
-        {symbol: dict(zip(("value", "standard_error"), pair, strict=True)) for symbol, pair in forces.items()}
-        for forces in fewer_forces(tree)
-    ]
-    if "runs" in tree:
-        data["runs"] = runs_json(tree["runs"].to_dataset())
-    return data
-
-
-def _residual_json(tree: xr.DataTree, name: str) -> dict[str, Any]:
-    """RMS of record minus model, rad and over the noise of the record."""
-    rms = residual_of(tree, name)
-    return {"residual_rms": number(rms), "residual_over_noise": number(rms / record_noise(tree))}
+def _weight(tree: xr.DataTree) -> list[str]:
+    """Which forces the decay comes from by the answer, where its model holds."""
+    result = kept_results(tree).get(answer_of(tree))
+    if result is None or not holds(tree):
+        return []
+    return weight_sentences(result, amplitudes(tree), time=times_of_amplitudes(tree))
 
 
 def _answer(tree: xr.DataTree) -> str:
     """Which of two methods the result stands by, where a test decides it."""
-    if verdict_of(tree) not in ("approximate", "not explained") or len(kept_results(tree)) < 2:
-        return ""
-    return f"Answer: {answer_of(tree)}, by its prediction of parts that were held out. "
+    decided = verdict_of(tree) in ("approximate", "not explained") and not failures(tree)
+    answer = f"Answer: {answer_of(tree)}, by its prediction of parts that were held out. "
+    return answer if decided else ""
 
 
-def _withheld() -> dict[str, Any]:
-    """A method that failed: no number of it is given."""
-    names = (
-        *FREQUENCIES,
-        "noise",
-        *(f"{name}_standard_error" for name in FREQUENCIES),
-        "misfit",
-        "held_out_rms",
+def _agreement_sentences(tree: xr.DataTree) -> list[str]:
+    """Whether the methods agree, and the test behind it; nothing where one failed."""
+    if failures(tree):
+        return []
+    checked = tree["comparison"].to_dataset()
+    attrs = checked.attrs
+    stretch = attrs.get("compared_stretch")
+    part = "" if stretch is None else f", compared on stretches of {stretch:.3g} s,"
+    pair = f"{attrs['first'].capitalize()} and {attrs['second']}{part}"
+    records, draws = attrs.get("simulated_records"), attrs["draws"]
+    if attrs["verdict"] == "unknown":
+        few = f" (both methods identified {records} of {draws} simulated records)"
+        why = f"the error of their difference could not be computed{few if records is not None else ''}"
+        return [f"{pair} cannot be compared: {why}."]
+    # The records that count are fewer than were drawn where the motion is pushed and one was not identified.
+    simulated = f"Hotelling, {draws if records is None else records} simulated records"
+    errors = "stated errors" if attrs.get("errors") == "stated" else simulated
+    test = (
+        f"Their differences: chi-square {checked.chi_square.item():.3g} for "
+        f"{checked.degrees_of_freedom.item()} of them, p = {checked.p_value.item():.2g} ({errors})."
     )
-    return {"coefficients": {}, **dict.fromkeys(names)}
+    if attrs["verdict"] == "disagree":
+        return [f"{pair} disagree.", test]
+    if checked.p_value.item() < BARELY:
+        return [f"{pair} agree, but barely.", test]
+    explained = attrs.get("verdict_on_record", "").startswith("explained")
+    how = "agree within" if explained else "differ by no more than"
+    return [f"{pair} {how} their errors.", test]
 
 
-def _method_json(result: xr.Dataset) -> dict[str, Any]:
-    noise, model = error_parts(result)
-    coefficients = {
-        symbol: {
-            **coefficient_json(force),
-            "error_of_noise": number(noise[at]),
-            "error_of_model": number(model[at]),
-            "active": bool(force.active.item()),
-            "refers_to": number(force.refers_to.item()),
-            "unit": force.unit.item(),
-        }
-        for at, (symbol, force) in enumerate(by_label(result, "force").items())
-    }
-    names = (*FREQUENCIES, "noise", *(f"{name}_standard_error" for name in FREQUENCIES))
-    return {
-        "coefficients": coefficients,
-        **numbers(result, names),
-        "misfit": number(result.birge_ratio.item()),
-        "held_out_rms": number(float(result.get("held_out_rms", np.nan))),
-    }
+def _random_force(tree: xr.DataTree) -> list[str]:
+    """The random force of the second method; nothing where that failed."""
+    if tree["comparison"].attrs["second"] in failures(tree):
+        return []
+    return random_force_sentences(tree, float(amplitudes(tree).max()))
 
 
-def coefficient_cell(result: xr.Dataset, symbol: str) -> str:
-    """A coefficient with its error, or why there is none."""
-    if symbol not in result.force:
-        return "-"
-    force = result.sel(force=symbol)
-    if not force.active.item():
-        return f"dropped (± {force.standard_error.item():.2g})"
-    kind = force.constraint.item() if "constraint" in force.coords else ""
-    mark = {"": "", "fixed": " (fixed)", "at its bound": " (bound)"}.get(kind, " (tied)")
-    return f"{quantity(force, 'coefficient')}{mark}"
+def _remarks(tree: xr.DataTree) -> list[str]:
+    """What to mind of the methods: biases, correlation, constraints, and what they cannot identify."""
+    sentences, results = [], kept_results(tree)
+    for method, result in results.items():
+        removed = result.attrs.get("first_order_bias_removed", "yes")
+        if removed != "yes":
+            reason = removed[2:].strip(": .") or "as asked"
+            sentences.append(f"The first-order bias of {method} was not removed: {reason}.")
+        if result.attrs.get("refined", "True") != "True":
+            sentences.append(
+                f"The columns of {method} come from the smoothed record: the motion of its model does not "
+                "follow the record."
+            )
+        if int(result.attrs.get("correlation_lags", 0)):
+            sentences.append(
+                f"The residuals of {method} are correlated; its errors take that into account (Newey and "
+                "West)."
+            )
+    warnings = identifiability_warnings(tree["comparison"].to_dataset().attrs)
+    return [*sentences, *constraint_sentences(results.values()), *warnings]
+
+
+def _stiffness(tree: xr.DataTree) -> list[str]:
+    """That a linear stiffness cannot be identified, where the library has one."""
+    second = second_of(tree)
+    stiffness = library_of(second, whole=True).role("x")
+    if stiffness is None or stiffness.symbol in second.force:
+        return []
+    symbol = stiffness.symbol
+    return [
+        f"In a single record, {symbol} cannot be separated from the frequency: give --omega0 (frequency "
+        f"without contact) to identify {symbol}."
+    ]
+
+
+def _own_quantity(tree: xr.DataTree) -> list[str]:
+    """Which method compares what was measured itself, with the bias that it finds; none of an angle."""
+    for name, result in kept_results(tree).items():
+        if measured := result.attrs.get("compared_in"):
+            units = str(result.bias.attrs["units"])
+            biases = ", ".join(values_with_errors(result.bias, result.bias_standard_error))
+            times = int(tree[record_groups(tree)[0]].attrs.get("integrations", 0))
+            over = ("", " over w", " over w^2")[times]
+            return [
+                f"{name.capitalize()} compares the {measured} itself, with a bias of {biases} {units} about "
+                f"the mean of its swing; the other method is of the integral, "
+                f"residuals are of the {measured}{over}."
+            ]
+    return []

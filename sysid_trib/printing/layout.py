@@ -1,16 +1,15 @@
-"""Numbers with errors, and tables for a terminal."""
+"""Numbers with errors, tables, coefficients side by side, and what several kinds of result say alike."""
 
 from collections.abc import Iterable, Mapping
 from math import floor, log10
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import ArrayLike
+from rich.table import Table
 
-from sysid_trib.results.per_run import record_groups
-
-if TYPE_CHECKING:
-    from rich.table import Table
+from sysid_trib.results.signal_units import small_units
 
 # Attributes of a comparison that warn, and their sentences.
 ENVELOPE = "Methods of the envelope and the frequency, such as averaging, cannot"
@@ -20,6 +19,8 @@ UNIDENTIFIABLE = {
     "averaging_cannot_tell_apart": f"{ENVELOPE} separate: {{}}.",
     "averaging_cannot_see": f"{ENVELOPE} identify: {{}}.",
 }
+MARKS = {"": "", "fixed": " (fixed)", "at its bound": " (bound)"}
+FREQUENCY_TITLES = {"reference frequency": "w (rad/s)", "asymptotic frequency": "w_inf (rad/s)"}
 
 
 def value_with_error(value: float, error: float) -> str:
@@ -38,20 +39,55 @@ def value_with_error(value: float, error: float) -> str:
     return text if power == 0 else f"({text})e{power:+03d}"
 
 
+def values_with_errors(values: ArrayLike, errors: ArrayLike) -> list[str]:
+    """The same of several."""
+    pairs = zip(np.ravel(values).tolist(), np.ravel(errors).tolist(), strict=True)
+    return [value_with_error(value, error) for value, error in pairs]
+
+
+def error_of(name: str) -> str:
+    """The variable that has the standard error of another."""
+    return "standard_error" if name == "coefficient" else f"{name}_standard_error"
+
+
+def quantity(result: xr.Dataset, name: str, units: str = "", factor: float = 1.0) -> str:
+    """A variable of a result with its standard error, both times a factor, with units behind it."""
+    value, error = (factor * result[key].item() for key in (name, error_of(name)))
+    return f"{value_with_error(value, error)}{units}"
+
+
+def with_unit(text: str, unit: str) -> str:
+    """A number with its unit; nothing is behind one that has none."""
+    return text if unit == "1" else f"{text} {unit}"
+
+
+def coefficient_text(force: xr.Dataset) -> str:
+    """The coefficient of a force with its standard error, and its unit where it has one."""
+    return with_unit(quantity(force, "coefficient"), force.unit.item())
+
+
+def in_small_units(size: float, units: str) -> str:
+    """What is small beside the signal as text: angles in mrad."""
+    factor, unit = small_units(units)
+    return f"{factor * size:.3g} {unit}"
+
+
+def p_value_text(p_value: float, equals: str = "= ") -> str:
+    """A p-value as a sentence takes it, or without `equals` a table."""
+    if not np.isfinite(p_value):
+        return "-"
+    return f"{equals}{p_value:.2g}" if p_value > 1e-300 else "< 1e-300"
+
+
 def by_label(data: xr.Dataset, dim: str) -> dict[str, xr.Dataset]:
     """The part of a dataset at each label of a dimension."""
     return {label: data.sel({dim: label}) for label in data[dim].values.tolist()}
 
 
-def quantity(result: xr.Dataset, name: str, units: str = "", factor: float = 1.0) -> str:
-    """A variable of a result with its standard error, both times a factor, with units behind it."""
-    value, error = (factor * result[key].item() for key in (name, _error_of(name)))
-    return f"{value_with_error(value, error)}{units}"
-
-
-def coefficient_text(force: xr.Dataset) -> str:
-    """The coefficient of a force with its standard error, and its unit where it has one."""
-    return quantity(force, "coefficient", "" if force.unit.item() == "1" else f" {force.unit.item()}")
+def first_and_more(sentences: list[str], most: int, rest: str = "") -> list[str]:
+    """The first of many sentences, and in one how many more there are."""
+    more = len(sentences) - most
+    return [*sentences[:most], *([f"And {more:,} more{rest}."] if more > 0 else [])]
 
 
 def constraint_sentences(results: Iterable[xr.Dataset]) -> list[str]:
@@ -68,56 +104,6 @@ def constraint_sentences(results: Iterable[xr.Dataset]) -> list[str]:
     return [f"Constraints: {'; '.join(dict.fromkeys(parts))}. Standard errors are given these."]
 
 
-def _error_of(name: str) -> str:
-    return "standard_error" if name == "coefficient" else f"{name}_standard_error"
-
-
-def p_value_text(p_value: float, equals: str = "= ") -> str:
-    """A p-value as a sentence takes it, or without `equals` a table."""
-    if not np.isfinite(p_value):
-        return "-"
-    return f"{equals}{p_value:.2g}" if p_value > 1e-300 else "< 1e-300"
-
-
-def number(value: Any) -> Any:
-    """A number, or a list of them, that JSON can hold: in place of one that is not finite stands None."""
-    if isinstance(value, list):
-        return [number(item) for item in value]
-    return value if np.isfinite(value) else None
-
-
-def numbers(result: xr.Dataset, names: Iterable[str]) -> dict[str, Any]:
-    """Variables of a result as JSON holds them."""
-    return {name: number(result[name].values.tolist()) for name in names}
-
-
-def quantity_json(result: xr.Dataset, name: str) -> dict[str, Any]:
-    """A variable of a result with its standard error as JSON holds them."""
-    value, error = (number(result[key].item()) for key in (name, _error_of(name)))
-    return {"value": value, "standard_error": error}
-
-
-def coefficient_json(force: xr.Dataset) -> dict[str, Any]:
-    """The coefficient of a force as JSON holds it, and how it is constrained where any is."""
-    kind = {"constraint": force.constraint.item()} if "constraint" in force.coords else {}
-    return quantity_json(force, "coefficient") | kind
-
-
-# Keys of the JSON where they differ from the attributes.
-JSON_KEYS = {"decimated": "thinned"}
-# Attributes that JSON holds as they are.
-PLAIN = (str, int, float)
-
-
-def records_json(tree: xr.DataTree) -> dict[str, Any]:
-    """What is known of the record, and of all if there are several."""
-    records = [
-        {JSON_KEYS.get(str(k), k): v for k, v in tree[group].attrs.items() if isinstance(v, PLAIN)}
-        for group in record_groups(tree)
-    ]
-    return {"record": records[0]} | ({"records": records} if len(records) > 1 else {})
-
-
 def identifiability_warnings(attrs: Mapping[str, Any]) -> list[str]:
     """What methods cannot identify or separate by principle, from the attributes of a comparison."""
     return [text.format(attrs[key]) for key, text in UNIDENTIFIABLE.items() if attrs.get(key)]
@@ -125,10 +111,8 @@ def identifiability_warnings(attrs: Mapping[str, Any]) -> list[str]:
 
 def text_table(
     heads: list[str], rows: list[list[str]], *, whole: tuple[int, ...] = (), numbers: tuple[int, ...] = ()
-) -> "Table":
+) -> Table:
     """A table whose words a narrow terminal may fold, but not the columns `whole` nor the `numbers`."""
-    from rich.table import Table
-
     table = Table(box=None, pad_edge=False, header_style="bold")
     for at, head in enumerate(heads):
         # As wide as a word of the head: a narrow terminal would break it.
@@ -142,3 +126,66 @@ def text_table(
     for row in rows:
         table.add_row(*row)
     return table
+
+
+def coefficient_rows(results: Mapping[str, xr.Dataset]) -> dict[str, list[str]]:
+    """Rows of a table: what it is, its formula, and a cell for each identification.
+
+    Parameters
+    ----------
+    results : mapping of str to Dataset
+        Identifications by name.
+
+    Returns
+    -------
+    dict of str to list of str
+        By symbols of forces, names of shape parameters, and names of the two frequencies.
+    """
+    forces = {s: r.sel(force=s) for r in results.values() for s in r.force.values.tolist()}
+    width, rows = max([8, *map(len, forces)]), {}
+    for symbol, force in forces.items():
+        unit = "" if force.unit.item() == "1" else f" ({force.unit.item()})"
+        cells = [coefficient_cell(result, symbol) for result in results.values()]
+        head = f"{symbol:{width}} {force['name'].item()}{unit}"
+        rows[symbol] = [head, force["formula"].item(), *cells]
+    shaped = [r.shape_parameter.values.tolist() for r in results.values() if "shape" in r]
+    for name in dict.fromkeys(name for names in shaped for name in names):
+        rows[name] = [name, "shape parameter", *(_shape_cell(r, name) for r in results.values())]
+    for name, title in FREQUENCY_TITLES.items():
+        variable = name.replace(" ", "_")
+        rows[name] = [title, name, *(quantity(result, variable) for result in results.values())]
+    return rows
+
+
+def coefficient_cell(result: xr.Dataset, symbol: str) -> str:
+    """A coefficient with its error, or why there is none."""
+    if symbol not in result.force:
+        return "-"
+    force = result.sel(force=symbol)
+    if not force.active.item():
+        return f"dropped (± {force.standard_error.item():.2g})"
+    kind = force.constraint.item() if "constraint" in force.coords else ""
+    return f"{quantity(force, 'coefficient')}{MARKS.get(kind, ' (tied)')}"
+
+
+def _shape_cell(result: xr.Dataset, name: str) -> str:
+    """A shape parameter: fitted with an error, or held."""
+    if "shape" not in result or name not in result.shape_parameter:
+        return "-"
+    shape = result.sel(shape_parameter=name)
+    value, error = shape["shape"].item(), shape.shape_standard_error.item()
+    return f"{value:g} (held)" if np.isnan(error) else value_with_error(value, error)
+
+
+def reference_sentence(result: xr.Dataset) -> str:
+    """The frequency to which coefficients refer, and their units."""
+    w = result.reference_frequency.item()
+    refers = ["Coefficients refer to w of their method"]
+    units = ["They are dimensionless"]
+    forces = [result[name].values.tolist() for name in ("force", "refers_to", "unit")]
+    for symbol, frequency, unit in zip(*forces, strict=True):
+        if not np.isclose(frequency, w, rtol=1e-12):
+            refers.append(f"{symbol} to {frequency:.6g} rad/s")
+        if unit != "1":
+            units.append(f"{symbol} in {unit}")
+    return f"{'; '.join(refers)}. {'; '.join(units)}."

@@ -1,13 +1,17 @@
-"""What is in a file, as sentences and as plain data for JSON."""
+"""What a record holds, without a model: what is in a file, and the backbone of a decay."""
 
-from collections.abc import Sequence
+import csv
+import io
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import xarray as xr
+from rich.table import Table
 
-from sysid_trib.printing.layers import ALWAYS, Block
-from sysid_trib.printing.layout import number
+from sysid_trib.printing.blocks import Block
+from sysid_trib.printing.layout import text_table, value_with_error
+from sysid_trib.printing.mapping import Source, mapped, same
 
 # Below so many samples a period the weak form has few rows, and half-sines few samples.
 FEW_SAMPLES = 20.0
@@ -20,6 +24,28 @@ CLEAR_POWER = 0.25
 FACTS = (
     *("period", "periods", "first_amplitude", "last_amplitude", "first_damping_ratio", "last_damping_ratio"),
     *("drift", "noise", "sensor_step", "samples_per_period"),
+)
+SAID = ("source", "signal", "angle_unit_in_file", "angle_column", "time_column", "clock", "reading")
+RECORD_JSON: dict[str, Source] = {name: f"@{name}" for name in SAID}
+DECAY_JSON: dict[str, Source] = {
+    **same(*FACTS),
+    "unit": lambda decay: decay.first_amplitude.attrs["units"],
+    **{name: f"@{name}" for name in ("free_decay", "points_to_forces", "points_to_system")},
+}
+# Amplitudes of the printed table, evenly spaced in their logarithm.
+PRINTED_AMPLITUDES = 8
+CURVE_NAMES = ("frequency", "damping_ratio", "dissipative_force", "elastic_force")
+CURVE_COLUMNS = tuple(
+    f"{name}{end}" for name in CURVE_NAMES for end in ("", "_standard_error", "_low", "_high")
+)
+CURVES_JSON: dict[str, Source] = {
+    "source": "@source",
+    "unit": lambda data: data.amplitude.attrs["units"],
+    **same("amplitude", *CURVE_COLUMNS),
+}
+EXPLANATION = (
+    "±: half the band that holds the whole curve in 95 % of records, for noise of the sensor and a random "
+    "walk of amplitude and phase."
 )
 
 
@@ -36,27 +62,19 @@ def look_blocks(tree: xr.DataTree, sources: Sequence[str], next_command: str) ->
         To copy.
     """
     decays = _decays(tree)
-    several = len(decays) > 1
-    blocks = [Block(list(dict.fromkeys(sources)), ALWAYS)]
+    blocks = [Block(list(dict.fromkeys(sources)))]
     for count, decay in enumerate(decays, 1):
-        title = f"Decay {count}:" if several else ""
-        sentences = [str(decay.attrs.get("free_decay", "")), *_sentences(decay)]
-        blocks.append(Block(sentences, ALWAYS, title))
-    return [*blocks, Block([f"Next: {next_command}"], ALWAYS)]
+        heading = [f"Decay {count}:"] if len(decays) > 1 else []
+        blocks.append(Block([*heading, str(decay.attrs.get("free_decay", "")), *_sentences(decay)]))
+    return [*blocks, Block([f"Next: {next_command}"])]
 
 
 def look_json(tree: xr.DataTree, next_command: str) -> dict[str, Any]:
     """The same facts as plain data, in the unit of the record."""
-    records = [node.to_dataset() for name, node in tree.children.items() if name.startswith("record")]
-    names = ("source", "signal", "angle_unit_in_file", "angle_column", "time_column", "clock", "reading")
+    records = [node for name, node in tree.children.items() if name.startswith("record")]
     return {
-        "records": [{name: record.attrs.get(name) for name in names} for record in records],
-        "decays": [
-            {name: number(decay[name].item()) for name in FACTS}
-            | {"unit": decay.first_amplitude.attrs["units"], "free_decay": decay.attrs.get("free_decay")}
-            | {name: decay.attrs[name] for name in ("points_to_forces", "points_to_system")}
-            for decay in _decays(tree)
-        ],
+        "records": [mapped(record, RECORD_JSON) for record in records],
+        "decays": [mapped(decay, DECAY_JSON) for decay in _decays(tree)],
         "next": next_command,
     }
 
@@ -138,4 +156,53 @@ def _law(value: dict[str, float], fall: float) -> list[str]:
     return [
         f"the rate goes with the amplitude to the power of {power:.2g}: nearest to viscous friction, which "
         "has 0 (dry friction -1, drag 1)"
+    ]
+
+
+def backbone_blocks(backbones: Mapping[str, xr.Dataset], sources: Sequence[str]) -> list[Block]:
+    """What the command `backbone` prints.
+
+    Parameters
+    ----------
+    backbones : mapping of str to Dataset
+        That of each run, of `backbone`.
+    sources : sequence of str
+        What each record is.
+    """
+    tables = [
+        Block(table=_table(data), caption=f"Run {run}:" if len(backbones) > 1 else "")
+        for run, data in enumerate(backbones.values(), 1)
+    ]
+    return [Block(list(dict.fromkeys(sources))), *tables, Block([EXPLANATION])]
+
+
+def backbone_json(backbones: Mapping[str, xr.Dataset]) -> dict[str, Any]:
+    """The curves of each run as plain data, in the unit of the record."""
+    return {"runs": [mapped(data, CURVES_JSON) for data in backbones.values()]}
+
+
+def backbone_csv(backbones: Mapping[str, xr.Dataset]) -> str:
+    """A row for each run and amplitude."""
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(["run", "unit", "amplitude", *CURVE_COLUMNS])
+    for run, data in enumerate(backbones.values(), 1):
+        table = np.column_stack([data[name].values for name in ("amplitude", *CURVE_COLUMNS)])
+        writer.writerows([run, data.amplitude.attrs["units"], *row] for row in table.tolist())
+    return buffer.getvalue()
+
+
+def _table(data: xr.Dataset) -> Table:
+    unit, amplitude = data.amplitude.attrs["units"], data.amplitude.values
+    wanted = np.geomspace(amplitude[-1], amplitude[0], PRINTED_AMPLITUDES)
+    places = dict.fromkeys(int(np.argmin(np.abs(np.log(amplitude / a)))) for a in wanted)
+    rows = [[f"{amplitude[at]:.3g}", *_cells(data.isel(amplitude=at))] for at in places]
+    return text_table([f"amplitude ({unit})", "frequency (rad/s)", "damping ratio"], rows, numbers=(0, 1, 2))
+
+
+def _cells(point: xr.Dataset) -> list[str]:
+    """Frequency and damping ratio at one amplitude with half their bands."""
+    return [
+        value_with_error(point[name].item(), point[f"{name}_high"].item() - point[name].item())
+        for name in CURVE_NAMES[:2]
     ]

@@ -6,12 +6,13 @@ from dataclasses import dataclass, field
 import numpy as np
 import xarray as xr
 
-from sysid_trib.printing.model_verdict import fewer_forces, verdict_of
 from sysid_trib.results.discoveries import candidates_of, credible_set
+from sysid_trib.results.kinds import identifications_of, kind_of
 from sysid_trib.results.per_run import record_groups
 from sysid_trib.results.schema import library_of, shape_values_of
 from sysid_trib.results.significance import determines
 from sysid_trib.validation.cross_check import LARGE
+from sysid_trib.validation.findings import fewer_forces, second_of, verdict_of
 
 # A file that the user is to measure first.
 SECOND_RECORD = "SECOND_RECORD.csv"
@@ -52,18 +53,13 @@ def next_step(tree: xr.DataTree) -> NextStep:
     tree : DataTree
         The result.
     """
-    if "steps" in tree.children:
-        return _after_discovery(tree)
-    if "best" in tree["comparison"].attrs:
-        return _after_comparison(tree)
-    return _after_identification(tree)
+    after = {"discover": _after_discovery, "compare": _after_comparison}
+    return after.get(kind_of(tree), _after_identification)(tree)
 
 
 def _after_identification(tree: xr.DataTree) -> NextStep:
-    checked = tree["comparison"].ds
-    second = tree[checked.attrs["second"]].to_dataset()
     if verdict_of(tree) == "undetermined":
-        return _after_nothing(second)
+        return _after_nothing(second_of(tree))
     if not verdict_of(tree).startswith("explained"):
         return _search(tree, "names what is missing")
     if fewer := fewer_forces(tree):
@@ -93,9 +89,8 @@ def _after_comparison(tree: xr.DataTree) -> NextStep:
 
 def _search(tree: xr.DataTree, reason: str) -> NextStep:
     """What is missing beside the forces that were given; terms of the sensor are candidates alone."""
-    results = [node.to_dataset() for node in tree.children.values() if "covariance" in node.ds]
     # Methods for two forces hold no others.
-    library = library_of(max(results, key=lambda result: result.sizes["force"]))
+    library = library_of(max(identifications_of(tree).values(), key=lambda result: result.sizes["force"]))
     forces = [force.symbol for force in library if force.kind != "sensor"]
     return NextStep("discover", reason, {"forces": ",".join(forces)} if len(forces) < len(library) else {})
 

@@ -1,4 +1,4 @@
-"""What follows from an identification, in sentences for the terminal and as plain data for JSON."""
+"""What follows from an identification, in sentences and as plain data for JSON."""
 
 from typing import Any
 
@@ -7,22 +7,35 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from sysid_trib.errors import LibraryError
-from sysid_trib.forces.force import Force
 from sysid_trib.physics.crossing import crossovers
 from sysid_trib.physics.energy import arrest_time, dissipated_energy
 from sysid_trib.physics.error_propagation import amplitude_row
 from sysid_trib.physics.fingerprint import SIGNIFICANT_FRICTION, slip_fingerprint, speaks_of_slip
 from sysid_trib.physics.force_weights import weights
+from sysid_trib.physics.translation import translation_units
 from sysid_trib.physics.units import physical_units
-from sysid_trib.printing.layout import by_label, numbers, quantity, quantity_json
+from sysid_trib.printing.layout import by_label, quantity
+from sysid_trib.printing.mapping import COEFFICIENT, Source, mapped, per_label, same
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.signal_units import signal_units
 from sysid_trib.results.significance import significant
 
 # A share below this is not worth a word.
 SMALL = 5e-4
+SHARES = {"decay_share": "decay", "frequency_share": "frequency shift"}
+RULE_WORDS = {"averaged": "on average", "peak force": "by peak force"}
 WEIGHTS = ("peak_force", "decay", "frequency_shift", "decay_share", "frequency_share")
-ENERGIES = ("total_energy", "lost_fraction")
+CROSSOVER = same("first", "second", "acts_on", "opposed")
+ENERGY: dict[str, Source] = {
+    "units": lambda values: values.energy.attrs["units"],
+    "forces": ("force", "energy±"),
+    **{name: f"{name}±" for name in ("total_energy", "lost_fraction")},
+}
+SLIP_JSON = {"ratio": "ratio±", **same("slip_ratio", "z", "p_value", "significance")}
+SI_UNITS: dict[str, Source] = {
+    "coefficients": ("force", COEFFICIENT | same("unit", "multiplies")),
+    **{name: f"{name}±" for name in ("linear_stiffness", "inertia")},
+}
 
 
 def physics_sentences(
@@ -54,22 +67,59 @@ def physics_sentences(
         Not an identification, not positive angles, or no positive inertia.
     """
     ends = _ends(amplitude, time)
-    largest = ends[0][0]
     sentences = []
     try:
         for end in ends:
             sentences += _weights(result, *end)
         sentences += _energy(result, *ends[0], inertia)
         sentences += _crossovers(result, [end for end, _ in ends])
-        if _arrest_is_decided(result):
-            sentences.append(_arrest(arrest_time(result, largest), signal_units(result)))
+        sentences += _arrest(result, ends[0][0])
     except LibraryError as error:
         sentences.append(f"Nothing more can be computed: {error}")
     if speaks_of_slip(result):
         sentences.append(_fingerprint(slip_fingerprint(result)))
     if inertia is not None:
-        sentences.append(_si_units(physical_units(result, inertia)))
+        values = physical_units(result, inertia)
+        stiffness = quantity(values, "linear_stiffness", " N m rad-1")
+        sentences.append(f"In SI units: {_si_units(values)}; linear stiffness {stiffness}.")
     return sentences
+
+
+def physics_json(
+    result: xr.Dataset, amplitude: ArrayLike, inertia: float | None = None, *, time: ArrayLike = 0.0
+) -> dict[str, Any]:
+    """The physics of an identification as plain data, see `physics_sentences`.
+
+    Returns
+    -------
+    dict
+        `weights` and `energy` (lists, one entry an amplitude), `crossovers` (a list) and `arrest`, or in
+        their place `refused`, why there are none; where they apply `slip_fingerprint` and `physical_units`.
+        Each number is a float or has `value` and `standard_error`.
+    """
+    ends = _ends(amplitude, time)
+    shares = {"forces": ("force", {name: f"{name}±" for name in WEIGHTS})}
+    arrest = {"arrest_time": "arrest_time±", **same("stop_time")}
+    data: dict[str, Any] = {"weights": [], "energy": []}
+    try:
+        for a, t in ends:
+            data["weights"].append({"amplitude": a} | mapped(weights(result, a, time=t), shares))
+            energy = dissipated_energy(result, a, inertia, time=t)
+            data["energy"].append({"amplitude": a} | mapped(energy, ENERGY))
+        data["crossovers"] = [
+            mapped(pair, CROSSOVER) | per_label(pair, "rule", "amplitude±")
+            for pair in _pairs(crossovers(result))
+        ]
+        largest = ends[0][0]
+        data["arrest"] = {"amplitude": largest} | mapped(arrest_time(result, largest), arrest)
+    except LibraryError as error:
+        data = {"refused": str(error)}
+    if speaks_of_slip(result):
+        slip = slip_fingerprint(result)
+        data["slip_fingerprint"] = mapped(slip, SLIP_JSON) | slip.attrs
+    if inertia is not None:
+        data["physical_units"] = mapped(physical_units(result, inertia), SI_UNITS)
+    return data
 
 
 def weight_sentences(result: xr.Dataset, amplitude: ArrayLike, *, time: ArrayLike = 0.0) -> list[str]:
@@ -83,56 +133,26 @@ def weight_sentences(result: xr.Dataset, amplitude: ArrayLike, *, time: ArrayLik
         return []
 
 
-def physics_json(
-    result: xr.Dataset, amplitude: ArrayLike, inertia: float | None = None, *, time: ArrayLike = 0.0
-) -> dict[str, Any]:
-    """The physics of an identification as plain data; non-finite numbers are None.
+def translation_sentences(result: xr.Dataset, mass: float | None, load: float | None) -> list[str]:
+    """Coefficients in SI units by the mass, and the coefficient of friction by the load; none without a mass.
 
     Parameters
     ----------
     result : Dataset
-        An identification.
-    amplitude : array_like of float, rad
-        Amplitudes of the motion.
-    inertia : float, kg m^2, optional
-        Adds energies and coefficients in SI units.
-    time : array_like of float, s
-        `t` of the formulas at each amplitude.
-
-    Returns
-    -------
-    dict
-        `weights` and `energy` (lists, one entry an amplitude), `crossovers` (a list) and `arrest`, or in
-        their place `refused`, why there are none; where they apply `slip_fingerprint` and `physical_units`.
-        Each number is a float or has `value` and `standard_error`.
-
-    Raises
-    ------
-    UsageError
-        Not an identification, not positive angles, or no positive inertia.
+        An identification of a displacement.
+    mass : float, kg, or None
+    load : float, N, or None
     """
-    ends = _ends(amplitude, time)
-    largest = ends[0][0]
-    data: dict[str, Any] = {}
-    try:
-        data["weights"] = [_weights_json(result, *end) for end in ends]
-        data["energy"] = [_energy_json(result, *end, inertia) for end in ends]
-        data["crossovers"] = _crossovers_json(crossovers(result))
-        stop = arrest_time(result, largest)
-        data["arrest"] = {
-            "amplitude": largest,
-            "arrest_time": quantity_json(stop, "arrest_time"),
-            **numbers(stop, ["stop_time"]),
-        }
-    except LibraryError as error:
-        data = {"refused": str(error)}
-    if speaks_of_slip(result):
-        slip = slip_fingerprint(result)
-        scalars = numbers(slip, ("slip_ratio", "z", "p_value", "significance"))
-        data["slip_fingerprint"] = {"ratio": quantity_json(slip, "ratio"), **scalars, **slip.attrs}
-    if inertia is not None:
-        data["physical_units"] = _si_units_json(physical_units(result, inertia))
-    return data
+    if mass is None:
+        return []
+    values = translation_units(result, mass, load)
+    sentences = [f"In SI units, with a mass of {mass:g} kg: {_si_units(values)}."]
+    name = "friction_coefficient"
+    if load is not None and (known := np.isfinite(values[name].values)).any():
+        forces = by_label(values.isel(force=known), "force").items()
+        ratios = ", ".join(f"{symbol} {quantity(force, name)}" for symbol, force in forces)
+        sentences.append(f"Over the load of {load:g} N, coefficient of friction: {ratios}.")
+    return sentences
 
 
 def _ends(amplitude: ArrayLike, time: ArrayLike) -> list[tuple[float, float]]:
@@ -142,36 +162,26 @@ def _ends(amplitude: ArrayLike, time: ArrayLike) -> list[tuple[float, float]]:
     return sorted({(float(a[end]), float(at[end])) for end in (a.argmax(), a.argmin())}, reverse=True)
 
 
+def _pairs(values: xr.Dataset) -> list[xr.Dataset]:
+    """The pairs of forces of `crossovers`."""
+    return [values.isel(pair=at) for at in range(values.sizes["pair"])]
+
+
 def _significant(result: xr.Dataset) -> list[str]:
     """Symbols of the forces that differ from zero."""
     return result.force.values[significant(result)].tolist()
-
-
-def _arrest_is_decided(result: xr.Dataset) -> bool:
-    """Whether what stops a motion in a finite time, a friction of degree below 1, is known to act."""
-    known = dict(zip(result.force.values.tolist(), significant(result).tolist(), strict=True))
-    stopping = [f.symbol for f in library_of(result) if f.character == "dissipative" and _stops(f)]
-    return all(known[symbol] for symbol in stopping)
-
-
-def _stops(force: Force) -> bool:
-    return force.degree is not None and force.degree < 1.0
-
-
-def _pairs(values: xr.Dataset) -> list[xr.Dataset]:
-    return [values.isel(pair=at) for at in range(values.sizes["pair"])]
 
 
 def _weights(result: xr.Dataset, amplitude: float, time: float) -> list[str]:
     by_force = by_label(weights(result, amplitude, time=time), "force")
     by_force = {symbol: by_force[symbol] for symbol in _significant(result) if symbol in by_force}
     parts = []
-    for weight, what in (("decay_share", "decay"), ("frequency_share", "frequency shift")):
+    for weight, what in SHARES.items():
         # NaN, where no force acts, is not larger than anything.
-        kept = [s for s, force in by_force.items() if abs(force[weight].item()) > SMALL]
-        kept.sort(key=lambda s: -abs(by_force[s][weight].item()))
+        kept = [symbol for symbol, force in by_force.items() if abs(force[weight].item()) > SMALL]
+        kept.sort(key=lambda symbol: -abs(by_force[symbol][weight].item()))
         if kept:
-            texts = [f"{s} {quantity(by_force[s], weight, ' %', 100.0)}" for s in kept]
+            texts = [f"{symbol} {quantity(by_force[symbol], weight, ' %', 100.0)}" for symbol in kept]
             parts.append(f"the {what} comes from {', '.join(texts)}")
     return [f"At {amplitude:.3g} {signal_units(result)}, {'; '.join(parts)}."] if parts else []
 
@@ -188,34 +198,40 @@ def _energy(result: xr.Dataset, amplitude: float, time: float, inertia: float | 
 
 def _crossovers(result: xr.Dataset, ends: list[float]) -> list[str]:
     """Where two significant forces weigh the same; what the motion does not pass is extrapolated."""
-    sentences, symbols, unit = [], set(_significant(result)), signal_units(result)
+    sentences, known, unit = [], set(_significant(result)), signal_units(result)
     for pair in _pairs(crossovers(result)):
-        if not {pair["first"].item(), pair["second"].item()} <= symbols:
+        first, second = pair["first"].item(), pair["second"].item()
+        finite = [rule for rule in RULE_WORDS if np.isfinite(pair.amplitude.sel(rule=rule).item())]
+        if not finite or not {first, second} <= known:
             continue
-        rules = [
-            f"{quantity(pair.sel(rule=rule), 'amplitude', f' {unit}')} {name}"
-            for rule, name in (("averaged", "on average"), ("peak force", "by peak force"))
-            if np.isfinite(pair.amplitude.sel(rule=rule).item())
+        places = [
+            f"{quantity(pair.sel(rule=rule), 'amplitude')} {unit} {RULE_WORDS[rule]}" for rule in finite
         ]
-        if rules:
-            missed = (pair.amplitude < min(ends)) | (pair.amplitude > max(ends)) | pair.amplitude.isnull()
-            remarks = ["they act against each other"] * bool(pair.opposed.item())
-            remarks += ["not reached by this motion"] * bool(missed.all())
-            remark = f" ({'; '.join(remarks)})" if remarks else ""
-            sentences.append(
-                f"{pair['first'].item()} and {pair['second'].item()} weigh the same in the "
-                f"{pair.acts_on.item()} at {', '.join(rules)}{remark}."
-            )
+        reached = (pair.amplitude >= min(ends)) & (pair.amplitude <= max(ends))
+        remarks = ["they act against each other"] * bool(pair.opposed.item())
+        remarks += ["not reached by this motion"] * (not reached.any())
+        remark = f" ({'; '.join(remarks)})" if remarks else ""
+        where = f"the {pair.acts_on.item()} at {', '.join(places)}{remark}"
+        sentences.append(f"{first} and {second} weigh the same in {where}.")
     return sentences
 
 
-def _arrest(values: xr.Dataset, unit: str) -> str:
-    start = f"From {values.amplitude.item():.3g} {unit}, the averaged motion"
+def _arrest(result: xr.Dataset, amplitude: float) -> list[str]:
+    """When the motion stops; nothing where it is not known that what stops it, friction, acts."""
+    stopping = {
+        force.symbol
+        for force in library_of(result)
+        if force.character == "dissipative" and force.degree is not None and force.degree < 1.0
+    }
+    if not stopping <= set(_significant(result)):
+        return []
+    values = arrest_time(result, amplitude)
+    start = f"From {values.amplitude.item():.3g} {signal_units(result)}, the averaged motion"
     if not np.isfinite(values.arrest_time.item()):
-        return f"{start} does not stop in a finite time."
+        return [f"{start} does not stop in a finite time."]
     exact = values.stop_time.item()
     simulated = f"; the simulated motion stops after {exact:.4g} s" if np.isfinite(exact) else ""
-    return f"{start} stops after {quantity(values, 'arrest_time', ' s')}{simulated}."
+    return [f"{start} stops after {quantity(values, 'arrest_time', ' s')}{simulated}."]
 
 
 def _fingerprint(values: xr.Dataset) -> str:
@@ -227,43 +243,6 @@ def _fingerprint(values: xr.Dataset) -> str:
 
 
 def _si_units(values: xr.Dataset) -> str:
-    texts = [
-        f"{s} {quantity(force, 'coefficient', ' ' + force['unit'].item())}"
-        for s, force in by_label(values, "force").items()
-    ]
-    stiffness = quantity(values, "linear_stiffness", " N m rad-1")
-    return f"In SI units: {', '.join(texts)}; linear stiffness {stiffness}."
-
-
-def _weights_json(result: xr.Dataset, amplitude: float, time: float) -> dict[str, Any]:
-    by_force = by_label(weights(result, amplitude, time=time), "force")
-    forces = {s: {name: quantity_json(force, name) for name in WEIGHTS} for s, force in by_force.items()}
-    return {"amplitude": amplitude, "forces": forces}
-
-
-def _energy_json(result: xr.Dataset, amplitude: float, time: float, inertia: float | None) -> dict[str, Any]:
-    values = dissipated_energy(result, amplitude, inertia, time=time)
-    forces = {s: quantity_json(force, "energy") for s, force in by_label(values, "force").items()}
-    whole = {name: quantity_json(values, name) for name in ENERGIES}
-    return {"amplitude": amplitude, "units": values.energy.attrs["units"], "forces": forces, **whole}
-
-
-def _crossovers_json(values: xr.Dataset) -> list[dict[str, Any]]:
-    return [
-        {
-            **{name: pair[name].item() for name in ("first", "second", "acts_on")},
-            "opposed": bool(pair.opposed.item()),
-            **{
-                rule: quantity_json(pair.sel(rule=rule), "amplitude") for rule in pair["rule"].values.tolist()
-            },
-        }
-        for pair in _pairs(values)
-    ]
-
-
-def _si_units_json(values: xr.Dataset) -> dict[str, Any]:
-    forces = {
-        s: quantity_json(force, "coefficient") | {name: force[name].item() for name in ("unit", "multiplies")}
-        for s, force in by_label(values, "force").items()
-    }
-    return {"coefficients": forces, **{k: quantity_json(values, k) for k in ("linear_stiffness", "inertia")}}
+    """Coefficients with their units."""
+    forces = by_label(values, "force").items()
+    return ", ".join(f"{s} {quantity(force, 'coefficient')} {force['unit'].item()}" for s, force in forces)

@@ -5,7 +5,7 @@ from typing import Any
 
 import xarray as xr
 
-from sysid_trib.printing.layout import numbers
+from sysid_trib.printing.mapping import mapped, same
 
 
 def prediction_sentences(predicted: Sequence[xr.Dataset]) -> list[str]:
@@ -27,7 +27,7 @@ def prediction_json(predicted: Sequence[xr.Dataset]) -> dict[str, Any]:
     """The same as plain data, under `test`; nothing where nothing was predicted."""
     rows = [
         {"source": record.attrs.get("source", ""), "warm_up": record.attrs["warm_up"]}
-        | numbers(record, ("residual_rms", "residual_over_motion"))
+        | mapped(record, same("residual_rms", "residual_over_motion"))
         for record in predicted
     ]
     return {"test": rows} if rows else {}

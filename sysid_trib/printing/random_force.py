@@ -6,9 +6,11 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.noise.random_force import DENSITY_UNITS, RandomForce, random_force_of
-from sysid_trib.printing.layout import number, p_value_text, value_with_error
+from sysid_trib.printing.layout import p_value_text, value_with_error
+from sysid_trib.printing.mapping import number
 from sysid_trib.results.per_run import group_names, record_groups
 from sysid_trib.results.signal_units import signal_units
+from sysid_trib.validation.findings import second_of
 from sysid_trib.validation.verdict import DEPENDENCE_LEVEL, p_value_of_dependence
 
 # Part of its amplitude by which a motion that is predicted may be wrong.
@@ -45,7 +47,7 @@ def random_force_sentences(tree: xr.DataTree, amplitude: float) -> list[str]:
     amplitude : float, rad
         The largest.
     """
-    result = tree[tree["comparison"].attrs["second"]].to_dataset()
+    result = second_of(tree)
     force, frequency = random_force_of(result), float(result.reference_frequency)
     if "random_force" not in tree.children:
         return _not_found(tree, result) if "random_force_density" in result else []
@@ -163,13 +165,8 @@ def _contradiction(tree: xr.DataTree, given: bool) -> list[str]:
 
 def random_force_json(tree: xr.DataTree) -> dict[str, Any]:
     """`verdict`, `random_force` and `innovations` as plain data; None where there is no random force."""
-    checked = tree["comparison"].attrs
-    data: dict[str, Any] = {
-        "verdict": checked["verdict_on_record"],
-        "random_force": None,
-        "innovations": None,
-    }
-    result = tree[checked["second"]].to_dataset()
+    verdict, result = tree["comparison"].attrs["verdict_on_record"], second_of(tree)
+    data: dict[str, Any] = {"verdict": verdict, "random_force": None, "innovations": None}
     force = random_force_of(result)
     if not force:
         return data
@@ -187,10 +184,9 @@ def random_force_json(tree: xr.DataTree) -> dict[str, Any]:
     if followed:
         # Of runs whose lengths differ, records too short for all lags have fewer.
         lags = min(run.sizes["lag"] for run in followed)
+        correlations = [run.autocorrelation.values[:lags] for run in followed]
         data["innovations"] = {
             "rms": float(np.sqrt(np.mean([run.innovation_rms.item() ** 2 for run in followed]))),
-            "autocorrelation": np.mean(
-                [run.autocorrelation.values[:lags] for run in followed], axis=0
-            ).tolist(),
+            "autocorrelation": np.mean(correlations, axis=0).tolist(),
         }
     return data

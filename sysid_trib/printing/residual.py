@@ -2,11 +2,13 @@
 
 import numpy as np
 import xarray as xr
+from rich.table import Table
 
-from sysid_trib.printing.force_types import force_type_sentence
+from sysid_trib.printing.layout import in_small_units, text_table
 from sysid_trib.results.per_run import record_groups
 from sysid_trib.results.signal_units import signal_units, small_units
 from sysid_trib.validation.breakdown import record_noise
+from sysid_trib.validation.findings import residual_over_noise
 from sysid_trib.validation.verdict import LOUD
 
 UNKNOWN = "The gap does not follow the motion: it is vibration from outside, or noise of another kind."
@@ -16,71 +18,57 @@ WHERE = {
     "small amplitude": ", mostly at small amplitude",
     "late times": ", growing with time",
 }
-NAMED_HARMONICS = ("second", "third")
+CONSERVATIVE, DISSIPATIVE = "conservative", "dissipative"
+EVEN, TILTED = "even", "one-sided dissipative"
+SENSOR_CURVE = "an even force is missing, or the sensor is not linear"
+# What the omnibus test's types of force mean, alone and together.
+MEANINGS = {
+    frozenset({CONSERVATIVE}): "a conservative force is missing, or the clock is wrong",
+    frozenset({DISSIPATIVE}): "a dissipative force is missing",
+    frozenset({EVEN}): SENSOR_CURVE,
+    frozenset({TILTED}): "friction that differs from side to side is missing, or the sensor is not linear",
+    frozenset({CONSERVATIVE, DISSIPATIVE}): "forces of both types are missing, or a history-dependent one",
+    frozenset({EVEN, TILTED}): SENSOR_CURVE,
+}
+# A second type that scores this part of the first cannot be excluded.
+NEARLY_AS_HIGH = 0.8
 
 
-def residual_of(tree: xr.DataTree, model: str) -> float:
-    """RMS of record minus model over all runs, rad; of an integrated signal that of `comparison`."""
-    if "comparison" in tree and int(tree[record_groups(tree)[0]].attrs.get("integrations", 0)):
-        return float(tree["comparison"].residual_rms.sel(model=model).item())
-    residuals = [
-        (tree[group].angle - tree[group].simulated_angle.sel(model=model)).values
-        for group in record_groups(tree)
-    ]
-    return float(np.sqrt(np.mean(np.concatenate(residuals) ** 2)))
+def residual_text(tree: xr.DataTree, model: str) -> str:
+    """How large the gap of a model is; one that diverges has none."""
+    ratio = residual_over_noise(tree, model)
+    if not np.isfinite(ratio):
+        return "the motion of the model leaves the record"
+    return f"the gap is {times_noise(ratio)}"
 
 
-def noise_of(tree: xr.DataTree) -> float:
-    """Noise of one sample beside which residuals are shown, rad: that of the records."""
-    return record_noise(tree)
+def times_noise(ratio: float) -> str:
+    """A residual over the noise as text."""
+    return f"{ratio:.3g} times the noise"
 
 
 def slow_noise_sentences(tree: xr.DataTree) -> list[str]:
     """That a part of the gap is slow noise of the sensor, where its noise is coloured."""
-    noise, whole = noise_of(tree), float(tree["holdout"].residual_noise)
+    noise, whole = record_noise(tree), float(tree["holdout"].residual_noise)
     if whole <= LOUD * noise:
         return []
     size = in_small_units(whole, signal_units(tree))
     return [
         f"The sensor's noise is coloured: with its slow part it is {size} a sample, "
-        f"{times_noise(whole, noise)}."
+        f"{times_noise(whole / noise)}."
     ]
 
 
-def in_small_units(size: float, units: str) -> str:
-    """What is small beside the signal as text: angles in mrad."""
-    factor, unit = small_units(units)
-    return f"{factor * size:.3g} {unit}"
-
-
-def times_noise(residual: float, noise: float) -> str:
-    """A residual over the noise as text."""
-    return f"{residual / noise:.3g} times the noise"
-
-
 def residual_sentences(tree: xr.DataTree, group: str) -> list[str]:
-    """Where model and record differ, what the gap is made of, and what that means."""
+    """From when on model and record differ, and what the gap is made of."""
     spans = tree[group].to_dataset()
     departure, parts = _departure(tree, spans), list(spans.attrs["parts"])
     if not parts:
         # Larger than the noise, but in no part that goes with the motion.
         return [departure, UNKNOWN] if np.isfinite(spans.departure_time) else [departure]
     most = "phase and amplitude" if set(parts[:2]) == {"phase", "amplitude"} else parts[0]
-    return [
-        departure,
-        _sizes(spans, len(record_groups(tree)), signal_units(tree)),
-        *_rates(spans, parts[0], signal_units(tree)),
-        f"Most of the gap is in the {most}{WHERE.get(spans.attrs['where'], '')}.",
-        *force_type_sentences(tree, group),
-    ]
-
-
-def force_type_sentences(tree: xr.DataTree, group: str) -> list[str]:
-    """Which type of force the gap asks for, if it has a part that goes with the motion."""
-    if not len(tree[group].attrs["parts"]):
-        return []
-    sentence = force_type_sentence(tree, -1 if group.endswith("after") else 0)
-    return [sentence] if sentence else []
+    where = WHERE.get(spans.attrs["where"], "")
+    return [departure, f"Most of the gap is in the {most}{where}."]
 
 
 def _departure(tree: xr.DataTree, spans: xr.Dataset) -> str:
@@ -93,46 +81,70 @@ def _departure(tree: xr.DataTree, spans: xr.Dataset) -> str:
     return f"The gap exceeds the noise from {'the first sample' if first else f'{start:.3g} s'}{where} on."
 
 
-def _sizes(spans: xr.Dataset, runs: int, units: str) -> str:
-    """Phase, amplitude and the rest of record minus model, where they are largest."""
-    # The record's own: the model's may be far off.
-    amplitude = float((spans.amplitude + spans.amplitude_error).max())
-    slip = spans.phase_error.values
-    at = int(np.argmax(np.abs(slip)))
-    place = f"{spans.time.values[at]:.3g} s{f' of run {spans.run.values[at] + 1}' * (runs > 1)}"
-    waves = {
-        name: np.hypot(*(spans[f"{name}_{wave}"].values for wave in ("cosine", "sine")))
-        for name in NAMED_HARMONICS
+def residual_table(tree: xr.DataTree, group: str) -> Table:
+    """Parts of record minus model: the largest, when, and at the largest and the smallest amplitude."""
+    spans, (factor, unit) = tree[group].to_dataset(), small_units(signal_units(tree))
+    harmonics = {
+        f"{name} harmonic ({unit})": factor * np.hypot(spans[f"{name}_cosine"], spans[f"{name}_sine"])
+        for name in ("second", "third")
     }
-    harmonics = [f"{name} harmonic {in_small_units(_most(size), units)}" for name, size in waves.items()]
-    return (
-        f"The record is up to {abs(slip[at]):.3g} rad {'ahead of' if slip[at] > 0.0 else 'behind'} the model "
-        f"in phase (at {place}). Other largest differences: amplitude "
-        f"{in_small_units(_most(spans.amplitude_error.values), units)} (of {amplitude:.3g} {units}), offset "
-        f"{in_small_units(_most(spans.offset.values), units)}, {', '.join(harmonics)}."
-    )
+    parts = {
+        "phase (rad)": spans.phase_error,
+        f"amplitude ({unit})": factor * spans.amplitude_error,
+        f"offset ({unit})": factor * spans.offset,
+        **harmonics,
+        "frequency (%)": 100.0 * spans.frequency_error,
+        "decay (w)": spans.decay_error,
+    }
+    # The record's own: the model's may be far off.
+    amplitude = (spans.amplitude + spans.amplitude_error).values
+    ends = int(np.argmax(amplitude)), int(np.argmin(amplitude))
+    rows = []
+    for name, part in parts.items():
+        most = int(np.argmax(np.nan_to_num(np.abs(part.values))))
+        run = f" of run {spans.run.values[most] + 1}" if len(record_groups(tree)) > 1 else ""
+        cells = [f"{value:+.2g}" for value in (part.values[most], *part.values[list(ends)])]
+        rows.append([name, cells[0], f"{spans.time.values[most]:.3g} s{run}", *cells[1:]])
+    at_ends = [f"at {amplitude[end]:.3g} {signal_units(tree)}" for end in ends]
+    return text_table(["record minus model", "largest", "when", *at_ends], rows, numbers=(1, 3, 4))
 
 
-def _most(values: np.ndarray) -> float:
-    return float(np.max(np.abs(values)))
+def force_type_sentences(tree: xr.DataTree, group: str) -> list[str]:
+    """The type of force that scores highest in the omnibus test, and what it means.
 
+    Parameters
+    ----------
+    tree : DataTree
+        Result of `discover`.
+    group : str
+        `discrepancy`, of the start model, or `discrepancy_after`.
 
-def _rates(spans: xr.Dataset, part: str, units: str) -> list[str]:
-    """Errors of frequency or decay at the largest and the smallest amplitude, if they differ."""
-    if part not in ("phase", "amplitude") or spans.attrs["where"] not in WHERE:
+    Returns
+    -------
+    list of str
+        Empty if the test does not reject, or no part of the gap goes with the motion.
+
+    Notes
+    -----
+    A fit trades phase for amplitude where the frequency depends on amplitude, so that the gap itself does not
+    show the type. Scores do: what the model's parameters can do is projected out of them.
+    """
+    omnibus = tree["omnibus"].to_dataset().isel(selection_step=-1 if group.endswith("after") else 0)
+    if not len(tree[group].attrs["parts"]) or not omnibus.significant:
         return []
-    rate = spans.frequency_error if part == "phase" else spans.decay_error
-    # Where the trend is with time, amplitudes say nothing.
-    late = spans.attrs["where"] == "late times"
-    order = spans.time.values if late else -spans.amplitude.values
-    texts = []
-    for end in (int(np.argmin(order)), int(np.argmax(order))):
-        value = float(rate.values[end])
-        # The record's own, where the model's has faded.
-        amplitude = spans.amplitude.values[end] + spans.amplitude_error.values[end]
-        where = f"{spans.time.values[end]:.3g} s" if late else f"{amplitude:.3g} {units}"
-        size = f"{100.0 * abs(value):.2g} %" if part == "phase" else f"by {abs(value):.2g} w"
-        texts.append((f"{size} {'faster' if value > 0.0 else 'slower'}", where))
-    (first, here), (last, there) = texts
-    verb = "swings" if part == "phase" else "decays"
-    return [f"The record {verb} {first} than the model at {here}, and {last} at {there}."]
+    best = abs(omnibus.z).to_series().groupby(_kind_of).max().sort_values(ascending=False)
+    scores = ", ".join(f"{kind} {z:.3g}" for kind, z in best.items())
+    near = frozenset(best.index[best > NEARLY_AS_HIGH * best.max()])
+    meaning = MEANINGS.get(near, "forces of several types would explain it")
+    return [f"By the omnibus test (largest |z|: {scores}), {meaning}."]
+
+
+def _kind_of(name: str) -> str:
+    """Type of r^k, r^k cos m phi or r^k sin m phi: even m is even, a sine goes with speed."""
+    _, *wave = name.split()
+    if not wave:
+        return EVEN
+    even = int(wave[1]) % 2 == 0
+    if wave[0] == "cos":
+        return EVEN if even else CONSERVATIVE
+    return TILTED if even else DISSIPATIVE

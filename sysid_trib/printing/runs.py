@@ -1,25 +1,35 @@
 """Whether the runs of one experiment differ: as a table, in sentences and as plain data."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import xarray as xr
+from rich.table import Table
 
-from sysid_trib.printing.layout import by_label, number, numbers, p_value_text, text_table, value_with_error
-
-if TYPE_CHECKING:
-    from rich.table import Table
+from sysid_trib.printing.layout import by_label, p_value_text, text_table, values_with_errors
+from sysid_trib.printing.mapping import Source, mapped, same
 
 # The test of each model of a discovery, and its variables in the JSON.
 GROUP = "homogeneity"
 TESTED = ("chi_square", "degrees_of_freedom", "p_value", "most", "gain")
+OF_QUANTITY = {"values": "value", "standard_errors": "standard_error", **same("chi_square", "p_value")}
+RUNS_JSON: dict[str, Source] = {
+    "verdict": "@verdict",
+    **{name: f"total_{name}" for name in TESTED[:3]},
+    "quantities": ("quantity", OF_QUANTITY),
+}
+DENSITIES: dict[str, Source] = {
+    "verdict": "@density_verdict",
+    "densities": "random_force_density",
+    "standard_errors": "random_force_density_standard_error",
+    **{name: f"density_{name}" for name in TESTED[:3]},
+}
 
 
-def runs_table(runs: xr.Dataset) -> "Table":
+def runs_table(runs: xr.Dataset) -> Table:
     """What each run alone gives, and the p-value of the differences (see `run_agreement`)."""
     rows = []
     for name, row in by_label(runs, "quantity").items():
-        pairs = zip(row.value.values.tolist(), row.standard_error.values.tolist(), strict=True)
-        cells = [value_with_error(value, error) for value, error in pairs]
+        cells = values_with_errors(row.value, row.standard_error)
         rows.append([name, *cells, p_value_text(row.p_value.item(), "")])
     heads = ["quantity", *(f"run {at + 1}" for at in range(runs.sizes["run"])), "p"]
     return text_table(heads, rows, numbers=tuple(range(1, len(heads))))
@@ -95,35 +105,6 @@ def _sentence(test: dict[str, Any], most: str) -> str:
 
 
 def runs_json(runs: xr.Dataset) -> dict[str, Any]:
-    """The test as plain data; non-finite numbers are None."""
-    per_quantity = {
-        name: {
-            "values": number(row.value.values.tolist()),
-            "standard_errors": number(row.standard_error.values.tolist()),
-            **numbers(row, ("chi_square", "p_value")),
-        }
-        for name, row in by_label(runs, "quantity").items()
-    }
-    total = {name: number(runs[f"total_{name}"].item()) for name in TESTED[:3]}
-    data = {"verdict": runs.attrs["verdict"], **total, "quantities": per_quantity}
-    if "density_verdict" in runs.attrs:
-        names = ("density_chi_square", "density_degrees_of_freedom", "density_p_value")
-        tested = {name.removeprefix("density_"): number(runs[name].item()) for name in names}
-        densities = number(runs.random_force_density.values.tolist())
-        errors = number(runs.random_force_density_standard_error.values.tolist())
-        data["random_force"] = {
-            "verdict": runs.attrs["density_verdict"],
-            "densities": densities,
-            "standard_errors": errors,
-            **tested,
-        }
-    return data
-
-
-def homogeneity_json(tree: xr.DataTree) -> dict[str, Any]:
-    """The test of each model of a discovery as plain data; nothing of a single run."""
-    if GROUP not in tree.children:
-        return {}
-    tests = tree[GROUP].to_dataset()
-    data = numbers(tests, (name for name in TESTED if name != "most"))
-    return {"run_differences": data | {"most": tests.most.values.tolist()}}
+    """Whether the runs of one experiment differ, as plain data."""
+    pushed = {"random_force": DENSITIES} if "density_verdict" in runs.attrs else {}
+    return mapped(runs, RUNS_JSON | pushed)

@@ -13,10 +13,11 @@ from sysid_trib.campaigns.conditions import reported_method
 from sysid_trib.campaigns.new_store import STATUS
 from sysid_trib.campaigns.store import counts_of
 from sysid_trib.plots.conditions import FAR
-from sysid_trib.printing import campaign as words
+from sysid_trib.printing.campaign import campaign_blocks, named_text
 from sysid_trib.printing.layout import value_with_error
+from sysid_trib.reporting.contents import sections_of
 from sysid_trib.reporting.page import rendered, write_page
-from sysid_trib.reporting.parts import Figures, Page, PageTable, Section, Thumbnail, as_table
+from sysid_trib.reporting.parts import Figures, Page, PageTable, Section, Thumbnail
 
 # Rows of the page; the store has all of them.
 MOST_ROWS = 1000
@@ -51,20 +52,13 @@ def write_campaign(
     RecordError
         The page cannot be written.
     """
-    sections = []
-    if compared is not None:
-        table = as_table("Mean, effects of conditions, scatter", words.between_runs_table(compared))
-        said = [*words.collinear_sentences(compared), *words.outlier_sentences(compared)]
-        sections.append(Section("What varies between the records", said, [table]))
-        if conditions is not None:
-            rows = conditions.iloc[compared["at"].values]
-            figures = [_against(compared, str(name), rows[name].to_numpy()) for name in rows]
-            sections.append(Section("Coefficients against conditions", figures=figures))
+    drawn: list[Figures] = []
+    if compared is not None and conditions is not None:
+        rows = conditions.iloc[compared["at"].values]
+        drawn = [_against(compared, str(name), rows[name].to_numpy()) for name in rows]
+    blocks = campaign_blocks(store, counts_of(store), compared)
+    summary, sections = sections_of(blocks, lambda _: drawn)
     sections.append(_records(store, compared, conditions))
-    if bad := words.refusal_sentences(store):
-        sections.append(Section("Without a result", bad))
-    summary = [words.counts_sentence(counts_of(store)), *words.verdict_sentences(store)]
-    summary += words.named_sentences(store)
     facts = [("task", str(store.attrs["task"])), ("version of sysid_trib", __version__)]
     facts += [("methods", ", ".join(store.method.values.tolist()))]
     source = {"source": f"{store.sizes['record']:,} records"}
@@ -117,7 +111,7 @@ def _row(
     errors.append((record.asymptotic_frequency.item(), record.asymptotic_frequency_standard_error.item()))
     cells = [value_with_error(value, error) for value, error in errors]
     status = STATUS[int(record.status)]
-    texts = [text for text in (record.verdict.item(), words.named_text(record)) if text]
+    texts = [text for text in (record.verdict.item(), named_text(record)) if text]
     verdict = "; ".join(texts) if status == "done" else f"{status}: {record.message.item()}"
     name = str(record.record.item())
     return [name, _thumbnail(record, name), *conditions, *cells, f"{off:.1f}" if off else "", verdict]

@@ -1,10 +1,11 @@
-"""What a page says of each kind of result: the story that the command prints, with figures."""
+"""What a page says of each kind of result: the blocks that the command prints with --explain, and figures."""
 
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
+from itertools import groupby
 from pathlib import Path
 
-import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -15,70 +16,68 @@ from sysid_trib.plots.discovery_data import held_out_sentence
 from sysid_trib.plots.motion_data import MOST_POINTS
 from sysid_trib.plots.overview_data import overview_data
 from sysid_trib.plots.style import FULL_WIDTH, new_figure
-from sysid_trib.printing.comparison import comparison_tables
-from sysid_trib.printing.comparison_sentences import comparison_sentences
-from sysid_trib.printing.cross_check import amplitudes, consequences, identification_sentences
-from sysid_trib.printing.discovery_story import discovery_story
-from sysid_trib.printing.discovery_tables import RANKING, ranking_table
-from sysid_trib.printing.identification import identification_table
-from sysid_trib.printing.physics import physics_sentences
-from sysid_trib.printing.random_force import random_force_sentences
-from sysid_trib.printing.runs import runs_sentences, runs_table
+from sysid_trib.printing.blocks import Block, Layer
+from sysid_trib.printing.comparison import comparison_blocks
+from sysid_trib.printing.discovery import discovery_blocks
+from sysid_trib.printing.identification import estimate_blocks, identification_blocks
 from sysid_trib.reporting.parts import Figures, Section, as_table
-from sysid_trib.reporting.tables import coefficient_table, reference_sentence
+from sysid_trib.results.kinds import kind_of
 from sysid_trib.results.per_run import group_names, record_groups
 
 # Of a single panel, inch.
 LONE_PANEL_HEIGHT = 2.4
-CONSEQUENCES = "What follows from the model"
 CAPTIONS = tomllib.loads(Path(__file__).with_name("captions.toml").read_text(encoding="utf-8"))
+TITLE = "Forces of a free decay"
+# By kind of result: the title of its page, and its blocks.
+PAGES: dict[str, tuple[str, Callable[[xr.DataTree], list[Block]]]] = {
+    "identify": (TITLE, estimate_blocks),
+    "cross_check": (f"{TITLE}, by two methods", identification_blocks),
+    "compare": (f"{TITLE}, method by method", comparison_blocks),
+    "discover": ("What a model lacks to explain a free decay", discovery_blocks),
+}
 
 
-def kind_of(tree: xr.DataTree) -> str:
-    """The function that made a result: identify, cross_check, compare or discover; empty if none did."""
-    if "coefficient" in tree.ds and "method" in tree.attrs:
-        return "identify"
-    if {"record", "record_1"}.isdisjoint(tree.children):
-        return ""
-    if {"steps", "ranking"} <= set(tree.children):
-        return "discover"
-    if "comparison" not in tree.children:
-        return ""
-    checked = tree["comparison"]
-    return "compare" if "best" in checked.attrs else "cross_check" if "first" in checked.attrs else ""
+def contents_of(tree: xr.DataTree) -> tuple[str, list[str], list[Section]]:
+    """Title of the page of a result, sentences above all sections, and sections."""
+    title, blocks_of = PAGES[kind_of(tree)]
+    return title, *sections_of(blocks_of(tree), lambda name: FIGURES[name](tree))
 
 
-def identifications(tree: xr.DataTree) -> dict[str, xr.Dataset]:
-    """The identifications of a result by name."""
-    if kind_of(tree) == "identify":
-        return {tree.attrs["method"]: tree.to_dataset()}
-    return {name: node.to_dataset() for name, node in tree.children.items() if "covariance" in node.ds}
+def sections_of(
+    blocks: Sequence[Block], figures: Callable[[str], list[Figures]]
+) -> tuple[list[str], list[Section]]:
+    """Sentences of the blocks without a title, and the others as sections.
+
+    Parameters
+    ----------
+    blocks : sequence of Block
+        Those of `--explain` are shown.
+    figures : callable
+        Draws figures by their name in a block.
+    """
+    shown = [block for block in blocks if Layer.EXPLAIN in block.layers]
+    summary = [sentence for block in shown if not block.title for sentence in block.sentences]
+    titled = [block for block in shown if block.title]
+    sections = []
+    for title, group in groupby(titled, lambda block: block.title):
+        parts = list(group)
+        sentences = [sentence for block in parts for sentence in block.sentences]
+        tables = [as_table(b.caption or title, b.table) for b in parts if b.table is not None]
+        drawn = [made for block in parts if block.figures for made in figures(block.figures)]
+        if sentences or tables or drawn:
+            sections.append(Section(title, sentences, tables, drawn))
+    return summary, sections
 
 
-def _identified(tree: xr.DataTree) -> list[Section]:
-    result = tree.to_dataset()
-    made = [Section("Coefficients", tables=[coefficient_table(identifications(tree))])]
-    # The largest amplitude that is known: an identification without a cross-check keeps no record.
-    start = np.abs(np.ravel(result.start_angle.values)) if "start_angle" in result else np.array([])
-    return [*made, Section(CONSEQUENCES, physics_sentences(result, start))] if np.any(start > 0.0) else made
-
-
-def _cross_checked(tree: xr.DataTree) -> list[Section]:
-    second = tree[tree["comparison"].attrs["second"]].to_dataset()
-    table = as_table("Coefficients by both methods", identification_table(tree))
-    made = [
-        _at_a_glance(tree),
-        Section("Coefficients", [reference_sentence(second)], [table]),
-        Section("Amplitude and frequency", figures=_half_periods(tree)),
-    ]
-    if "runs" in tree.children:
-        runs = tree["runs"].to_dataset()
-        table = as_table("Each run alone", runs_table(runs))
-        made.append(Section("Do the runs agree", runs_sentences(runs), [table]))
-    if "random_force" in tree.children:
-        said = random_force_sentences(tree, float(amplitudes(tree).max()))
-        made.append(Section("Random force", said, figures=_pushed(tree)))
-    return [*made, Section(CONSEQUENCES, consequences(tree, None))]
+def _glance(tree: xr.DataTree) -> list[Figures]:
+    """The overview of each run."""
+    held = CAPTIONS["glance_held_out"] if kind_of(tree) == "compare" else _held_out(tree)
+    figures = []
+    for run in range(len(record_groups(tree))):
+        data = overview_data(tree, run)
+        caption = CAPTIONS["glance_backbone"] * (data.backbone is not None) + CAPTIONS["glance"]
+        figures.append(_over_time(tree, run, caption + held, drawn_overview(data)))
+    return figures
 
 
 def _pushed(tree: xr.DataTree) -> list[Figures]:
@@ -102,56 +101,15 @@ def _wide(draw: Callable[[xr.Dataset, Axes], Axes], data: xr.Dataset) -> Figure:
     return figure
 
 
-def _compared(tree: xr.DataTree) -> list[Section]:
-    tables = [as_table(title, printed) for title, printed in comparison_tables(tree).items()]
-    by_method = Figures(CAPTIONS["by_method"], [plots.comparison(tree)])
-    return [
-        _at_a_glance(tree),
-        Section("Coefficients by method", figures=[by_method], tables=tables[:2]),
-        Section("Prediction of what was held out", tables=tables[2:]),
-    ]
-
-
-def _discovered(tree: xr.DataTree) -> list[Section]:
-    story = discovery_story(tree)
-    held, of_search = _held_out(tree), _held_out(tree, of_search=True)
-    figures = {
-        "Where model and record disagree": [
-            *_motions(tree),
-            Figures(CAPTIONS["force_map"] + held, [plots.disagreement(tree)]),
-        ],
-        "What is missing": [Figures(CAPTIONS["scores"] + of_search, [plots.ranking(tree)])],
-        "What this record can show": [Figures(CAPTIONS["detectable"] + of_search, [plots.forecast(tree)])],
-    }
-    models = coefficient_table({name: tree[name].to_dataset() for name in ("before", "after")})
-    tables = {"What is missing": [models, as_table(RANKING, ranking_table(tree))]}
-    # Without a step the story has no heading for it, but candidates were scored.
-    titles = [title for title in dict.fromkeys([*figures, *story]) if title != "Verdict"]
-    return [
-        _at_a_glance(tree),
-        *(Section(t, story.get(t, []), tables.get(t, []), figures.get(t, [])) for t in titles),
-    ]
-
-
-def _at_a_glance(tree: xr.DataTree) -> Section:
-    """The overview of each run."""
-    held = CAPTIONS["glance_held_out"] if kind_of(tree) == "compare" else _held_out(tree)
-    figures = []
-    for run in range(len(record_groups(tree))):
-        data = overview_data(tree, run)
-        caption = CAPTIONS["glance_backbone"] * (data.backbone is not None) + CAPTIONS["glance"]
-        figures.append(_over_time(tree, run, caption + held, drawn_overview(data)))
-    return Section("At a glance", figures=figures)
-
-
 def _motions(tree: xr.DataTree) -> list[Figures]:
-    """The record of each run with the residuals of the models before and after, and the half periods."""
+    """Each record with the residuals of the models before and after, the half periods, and the force map."""
     held = _held_out(tree)
     over_time = [
         _over_time(tree, run, CAPTIONS["motions_apart"] + held, plots.story(tree, run))
         for run in range(len(record_groups(tree)))
     ]
-    return [*over_time, *_half_periods(tree)]
+    force_map = Figures(CAPTIONS["force_map"] + held, [plots.disagreement(tree)])
+    return [*over_time, *_half_periods(tree), force_map]
 
 
 def _half_periods(tree: xr.DataTree) -> list[Figures]:
@@ -180,12 +138,18 @@ def _of_run(tree: xr.DataTree, run: int) -> str:
     return f"Run {run + 1}{f' ({source})' if source else ''}. " if len(groups) > 1 else ""
 
 
-TITLE = "Forces of a free decay"
-MISSING_TITLE = "What a model lacks to explain a free decay"
-# By kind of result: title of its page, the result in a few sentences, and its sections.
-PAGES: dict[str, tuple[str, Callable[[xr.DataTree], list[str]], Callable[[xr.DataTree], list[Section]]]] = {
-    "identify": (TITLE, lambda _: [], _identified),
-    "cross_check": (f"{TITLE}, by two methods", identification_sentences, _cross_checked),
-    "compare": (f"{TITLE}, method by method", comparison_sentences, _compared),
-    "discover": (MISSING_TITLE, lambda tree: discovery_story(tree)["Verdict"], _discovered),
+def _of_discovery(caption: str, draw: Callable[[xr.DataTree], Figure], tree: xr.DataTree) -> list[Figures]:
+    """A figure of the search of a discovery."""
+    return [Figures(CAPTIONS[caption] + _held_out(tree, of_search=True), [draw(tree)])]
+
+
+# By the names in blocks.
+FIGURES: dict[str, Callable[[xr.DataTree], list[Figures]]] = {
+    "glance": _glance,
+    "half_periods": _half_periods,
+    "random_force": _pushed,
+    "by_method": lambda tree: [Figures(CAPTIONS["by_method"], [plots.comparison(tree)])],
+    "gap": _motions,
+    "scores": partial(_of_discovery, "scores", plots.ranking),
+    "detectable": partial(_of_discovery, "detectable", plots.forecast),
 }

@@ -7,10 +7,12 @@ import xarray as xr
 from jinja2 import Environment, PackageLoader
 
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
-from sysid_trib.reporting import contents, provenance, reproducing
+from sysid_trib.reporting import provenance, reproducing
+from sysid_trib.reporting.contents import contents_of
 from sysid_trib.reporting.parts import Page
 from sysid_trib.reporting.svg import inline_svg
 from sysid_trib.results.files import write_file
+from sysid_trib.results.kinds import kind_of
 
 
 def report(result: xr.DataTree | xr.Dataset, path: str | os.PathLike[str]) -> None:
@@ -41,7 +43,7 @@ def write_page(text: str, path: Path) -> None:
 def page(result: xr.DataTree | xr.Dataset) -> str:
     """The page as text (see `report`)."""
     tree = xr.DataTree(result) if isinstance(result, xr.Dataset) else result
-    if not isinstance(tree, xr.DataTree) or not contents.kind_of(tree):
+    if not isinstance(tree, xr.DataTree) or not kind_of(tree):
         raise UsageError(
             f"A report is of a result of identify, cross_check, compare or discover, not of {_named(result)}."
         )
@@ -56,13 +58,13 @@ def page(result: xr.DataTree | xr.Dataset) -> str:
 
 
 def _rendered(tree: xr.DataTree) -> str:
-    title, summary, sections_of = contents.PAGES[contents.kind_of(tree)]
+    title, summary, sections = contents_of(tree)
     return rendered(
         Page(
             title,
             provenance.kept_records(tree) or [{"source": "; ".join(tree.attrs.get("record_source", []))}],
-            [*summary(tree), *_next(tree)],
-            sections_of(tree),
+            [*summary, *_next(tree)],
+            sections,
             provenance.facts(tree),
             provenance.method_table(tree),
             provenance.libraries(tree),

@@ -6,8 +6,8 @@ from typing import Any
 
 import xarray as xr
 
-from sysid_trib.reporting.contents import identifications
 from sysid_trib.reporting.parts import PageTable
+from sysid_trib.results.kinds import identifications_of
 from sysid_trib.results.per_run import record_groups
 
 # Attributes of a record under the words of the page; the others keep their names.
@@ -31,7 +31,7 @@ def kept_records(tree: xr.DataTree) -> list[Mapping[Any, Any]]:
 
 def facts(tree: xr.DataTree) -> list[tuple[str, str]]:
     """What is known of the result and its records, as terms and texts."""
-    first = next(iter(identifications(tree).values())).attrs
+    first = next(iter(identifications_of(tree).values())).attrs
     general: dict[Any, Any] = {key: first[key] for key in ("sysid_trib_version", *LIBRARY)}
     records = kept_records(tree)
     # A result that keeps no record still names it.
@@ -46,7 +46,7 @@ def facts(tree: xr.DataTree) -> list[tuple[str, str]]:
 def method_table(tree: xr.DataTree) -> PageTable:
     """Each identification with the options and remarks that it carries."""
     rows = []
-    for name, result in identifications(tree).items():
+    for name, result in identifications_of(tree).items():
         remarks = {
             k: v for k, v in result.attrs.items() if k not in (*ELSEWHERE, *PROVENANCE_TERMS, *LIBRARY)
         }
@@ -59,7 +59,7 @@ def method_table(tree: xr.DataTree) -> PageTable:
 
 def libraries(tree: xr.DataTree) -> dict[str, str]:
     """Libraries whole, as text by title."""
-    first = next(iter(identifications(tree).values())).attrs
+    first = next(iter(identifications_of(tree).values())).attrs
     attrs: Mapping[Any, Any] = tree.attrs if "library" in tree.attrs else first
     candidates = {"Candidates": tree.attrs["candidates"]} if "candidates" in tree.attrs else {}
     return {f"Force library ({attrs['library_source']})": attrs["library"]} | candidates

@@ -11,7 +11,7 @@ import xarray as xr
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.library import library_folder, library_of_text, load_library
 from sysid_trib.methods import method_of
-from sysid_trib.reporting.contents import identifications, kind_of
+from sysid_trib.results.kinds import identifications_of, kind_of
 from sysid_trib.results.per_run import record_groups
 from sysid_trib.simulation.example import paper_twin
 
@@ -112,7 +112,7 @@ def _contactless(result: xr.Dataset) -> str:
 
 
 def _compare(tree: xr.DataTree) -> list[str]:
-    named = identifications(tree)
+    named = identifications_of(tree)
     first = next(iter(named.values()))
     lines = [_library(first.attrs), "methods = {"]
     lines += [f"    {json.dumps(name)}: {_method(result)}," for name, result in named.items()]

@@ -129,3 +129,11 @@ def shapes_of(step: xr.Dataset, symbol: str, values: str = "shape") -> dict[str,
         for name, value in pairs
         if name.startswith(f"{symbol}.") and np.isfinite(value)
     }
+
+
+def strongest(ranking: xr.Dataset, count: int) -> list[str]:
+    """Candidates of the highest |z| at any selection step, ordered by that of the first."""
+    size = np.nan_to_num(np.abs(ranking.z.values), nan=-1.0)
+    order = np.argsort(-size.max(axis=0), kind="stable")[:count].tolist()
+    chosen = [i for i in order if size[:, i].max() >= 0.0]
+    return [str(ranking.candidate.values[i]) for i in sorted(chosen, key=lambda i: -size[0, i])]

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 import xarray as xr
 from command_line import run, write_csv
-from helpers import lengthened
+from helpers import lengthened, sentences_of
 
 import sysid_trib as st
 from sysid_trib.plots.motion_data import MOST_POINTS, drawn_samples
-from sysid_trib.printing.comparison_sentences import comparison_sentences
-from sysid_trib.printing.cross_check import identification_sentences
-from sysid_trib.printing.discovery_story import discovery_story
+from sysid_trib.printing.comparison import comparison_blocks
+from sysid_trib.printing.discovery import discovery_blocks
+from sysid_trib.printing.identification import identification_blocks
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.reporting.page import page
 
@@ -105,15 +105,9 @@ def test_headings(kind, pages):
 
 @pytest.mark.parametrize("kind", ["cross_check", "runs", "compare", "discover"])
 def test_sentences_are_those_that_the_command_prints(results, kind, pages):
-    tree = results[kind]
-    if kind in ("cross_check", "runs"):
-        sentences = identification_sentences(tree)
-    elif kind == "compare":
-        sentences = comparison_sentences(tree)
-    else:
-        sentences = [line for lines in discovery_story(tree).values() for line in lines]
+    blocks = {"compare": comparison_blocks, "discover": discovery_blocks}.get(kind, identification_blocks)
     text = html.unescape(pages[kind])
-    for sentence in sentences:
+    for sentence in sentences_of(blocks(results[kind])):
         assert f">{sentence}</p>" in text
 
 

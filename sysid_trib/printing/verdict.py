@@ -3,13 +3,19 @@
 import numpy as np
 import xarray as xr
 
-from sysid_trib.printing.layout import p_value_text, value_with_error
+from sysid_trib.printing.layout import in_small_units, p_value_text, value_with_error, with_unit
 from sysid_trib.printing.random_force import NOT_FOLLOWED, not_followed, random_force_test
-from sysid_trib.printing.residual import in_small_units, residual_of
 from sysid_trib.results.per_run import record_groups
 from sysid_trib.results.signal_units import signal_units
-from sysid_trib.results.significance import SIGNIFICANT_ERRORS, significant, sufficient_forces
-from sysid_trib.validation.breakdown import breakdown, record_noise
+from sysid_trib.results.significance import SIGNIFICANT_ERRORS
+from sysid_trib.validation.findings import (
+    answer_of,
+    failures,
+    fewer_forces,
+    kept_results,
+    residual_over_noise,
+    verdict_of,
+)
 from sysid_trib.validation.lack_of_fit import departure_sentence, departures
 from sysid_trib.validation.model_error import error_parts
 
@@ -30,28 +36,13 @@ NOT_SEPARATED = "The record does not separate these forces: each may be zero, bu
 EFFECTIVE = "These coefficients are effective values of a model that is not complete"
 
 
-def holds(tree: xr.DataTree) -> bool:
-    """Whether the model follows the record: what follows from its coefficients is given."""
-    return verdict_of(tree).startswith("explained") or verdict_of(tree) == "approximate"
-
-
-def verdict_of(tree: xr.DataTree) -> str:
-    """The verdict on the record, one of `VERDICTS`."""
-    return str(tree["comparison"].attrs["verdict_on_record"])
-
-
-def answer_of(tree: xr.DataTree) -> str:
-    """The method whose numbers the result stands by."""
-    checked = tree["comparison"].attrs
-    return str(checked.get("answer", checked["second"]))
-
-
 def verdict_sentence(tree: xr.DataTree) -> str:
     """Whether the record is explained, in words that no test is needed to read."""
     verdict = verdict_of(tree)
-    explained = EXPLAINED_BUT_LINE if line_sentences(tree) else EXPLAINED
-    if verdict in (fixed := {"undetermined": UNDETERMINED, "explained": explained}):
-        return fixed[verdict]
+    if verdict == "undetermined":
+        return UNDETERMINED
+    if verdict == "explained":
+        return EXPLAINED_BUT_LINE if line_sentences(tree) else EXPLAINED
     if verdict == "explained with a random force":
         return PUSHED
     if "random_force" in tree.children and (reasons := not_followed(tree)):
@@ -61,10 +52,17 @@ def verdict_sentence(tree: xr.DataTree) -> str:
     return text.format(f"{_how_near(tree)}{_where(tree)}") + (OF_A_RATE if rate else "")
 
 
-def test_sentence(tree: xr.DataTree) -> str:
-    """The tests behind the verdict."""
+def test_sentences(tree: xr.DataTree) -> list[str]:
+    """The tests behind the verdict, and the two parts of each error of the answer."""
     p_value = p_value_text(float(tree["comparison"].residual_p_value.max()))
-    return " ".join([f"The residual as white noise: p {p_value}.", *random_force_test(tree)])
+    tests = " ".join([f"The residual as white noise: p {p_value}.", *random_force_test(tree)])
+    result = kept_results(tree).get(answer_of(tree))
+    if result is None or "error_of_model" not in result:
+        return [tests]
+    parts = zip(result.force.values.tolist(), *error_parts(result), strict=True)
+    # What is held, or follows from the frequency, has no parts of its own.
+    texts = ", ".join(f"{name} {noise:.2g} and {model:.2g}" for name, noise, model in parts if noise > 0.0)
+    return [tests, f"Errors of {answer_of(tree)} by the noise and by the model: {texts}."]
 
 
 def _where(tree: xr.DataTree) -> str:
@@ -91,18 +89,6 @@ def _how_near(tree: xr.DataTree) -> str:
     )
 
 
-def residual_over_noise(tree: xr.DataTree, model: str) -> float:
-    """RMS of record minus model over the sensor's noise of the record; nan of a model that diverges."""
-    return residual_of(tree, model) / record_noise(tree)
-
-
-def failures(tree: xr.DataTree) -> dict[str, str]:
-    """The methods of a cross-check whose models broke down, and why."""
-    checked = tree["comparison"].attrs
-    reasons = {name: breakdown(tree, name) for name in (checked["first"], checked["second"])}
-    return {name: reason for name, reason in reasons.items() if reason}
-
-
 def failure_sentences(tree: xr.DataTree) -> list[str]:
     """A sentence on each method that failed: its coefficients are not given."""
     return [
@@ -111,24 +97,20 @@ def failure_sentences(tree: xr.DataTree) -> list[str]:
     ]
 
 
-def kept_results(tree: xr.DataTree) -> dict[str, xr.Dataset]:
-    """The identifications by the name of their method, without one that failed."""
-    checked, failed = tree["comparison"].attrs, failures(tree)
-    names = (checked["first"], checked["second"])
-    return {name: tree[name].to_dataset() for name in names if name not in failed}
-
-
 def effective_sentences(tree: xr.DataTree) -> list[str]:
     """What coefficients of a model that is not complete are, and what their errors hold."""
     results = kept_results(tree)
     if verdict_of(tree) not in ("approximate", "not explained") or not results:
         return []
-    answer = answer_of(tree) if answer_of(tree) in results else next(reversed(results))
-    noise, model = error_parts(results[answer])
-    if "error_of_model" in results[answer] and not np.any(model > 0.0):
-        return [f"{EFFECTIVE}; parts of the record move them by no more than their errors."]
+    result = results.get(answer_of(tree), next(reversed(results.values())))
+    noise, model = error_parts(result)
     if not np.any(model > 0.0):
-        return [f"{EFFECTIVE}, which may be off by far more than their errors."]
+        allowed = "error_of_model" in result
+        return [
+            f"{EFFECTIVE}; parts of the record move them by no more than their errors."
+            if allowed
+            else f"{EFFECTIVE}, which may be off by far more than their errors."
+        ]
     factor = float(np.max(np.hypot(noise, model)[noise > 0.0] / noise[noise > 0.0], initial=1.0))
     return [
         f"{EFFECTIVE}. Their errors allow for that, by how they move between parts of the record: they are "
@@ -136,22 +118,13 @@ def effective_sentences(tree: xr.DataTree) -> list[str]:
     ]
 
 
-def fewer_forces(tree: xr.DataTree) -> list[dict[str, tuple[float, float]]]:
-    """The fewest forces that suffice, see `sufficient_forces`, where no coefficient is known by itself."""
-    result = kept_results(tree).get(answer_of(tree))
-    if result is None or not holds(tree) or significant(result).any():
-        return []
-    return [forces for forces in sufficient_forces(result) if len(forces) < result.sizes["force"]]
-
-
 def separation_sentences(tree: xr.DataTree) -> list[str]:
     """Coefficients of the fewest forces that suffice, and which others would do as well."""
     if not (choices := fewer_forces(tree)):
         return []
-    result = tree[answer_of(tree)]
-    units = dict(zip(result.force.values.tolist(), result.unit.values.tolist(), strict=True))
+    unit = tree[answer_of(tree)].to_dataset().unit
     likeliest = ", ".join(
-        f"{symbol} = {value_with_error(*quantity)}{f' {units[symbol]}' * (units[symbol] != '1')}"
+        with_unit(f"{symbol} = {value_with_error(*quantity)}", unit.sel(force=symbol).item())
         for symbol, quantity in choices[0].items()
     )
     return [NOT_SEPARATED.format("; or ".join([likeliest, *map(" and ".join, choices[1:])]))]
@@ -168,16 +141,3 @@ def line_sentences(tree: xr.DataTree) -> list[str]:
         f"The residual holds a line at {frequency / (2.0 * np.pi):.4g} Hz of {size}: hum, perhaps from above "
         "half the sampling rate, or another mode. Record without it, or filter it out."
     ]
-
-
-def error_sentences(tree: xr.DataTree) -> list[str]:
-    """The two parts of each error of the answer."""
-    result = kept_results(tree).get(answer_of(tree))
-    if result is None or "error_of_model" not in result:
-        return []
-    parts = zip(result.force.values.tolist(), *error_parts(result), strict=True)
-    # What is held, or follows from the frequency, has no parts of its own.
-    texts = ", ".join(
-        f"{symbol} {noise:.2g} and {model:.2g}" for symbol, noise, model in parts if noise > 0.0
-    )
-    return [f"Errors of {answer_of(tree)} by the noise and by the model: {texts}."]

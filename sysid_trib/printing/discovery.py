@@ -1,0 +1,215 @@
+"""A discovery: where the gap is, what closes it, what remains, and what could have been seen."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.discrepancy.detectability import NAMED
+from sysid_trib.forces.force import Force
+from sysid_trib.printing.blocks import ALWAYS, Block, Layer
+from sysid_trib.printing.discovery_tables import RANKING, effects_table, ranking_table, steps_of
+from sysid_trib.printing.discovery_verdict import verdict_sentences
+from sysid_trib.printing.layout import coefficient_rows, in_small_units, text_table
+from sysid_trib.printing.residual import (
+    force_type_sentences,
+    residual_sentences,
+    residual_table,
+    slow_noise_sentences,
+    times_noise,
+)
+from sysid_trib.printing.runs import step_heterogeneity_sentences
+from sysid_trib.results.discoveries import (
+    candidates_of,
+    credible_set,
+    failed_competitors,
+    pairs_in_place,
+)
+from sysid_trib.results.signal_units import signal_units
+from sysid_trib.validation.breakdown import record_noise
+from sysid_trib.validation.findings import given_results, residual_of
+
+# Competing effects that are named, the most probable; a file has all. And pairs of them.
+COMPETING, COMPETING_PAIRS = 10, 3
+# Odds at which one of two is outside of their 95 % credible set.
+OUTSIDE_OF_SET = 19.0
+DIFFER, MISSING, REMAINS = "Where model and record disagree", "What is missing", "What remains"
+CANDIDATES, SHOWS = "Models and candidates", "What this record can show"
+PARTS_CAPTION = "Record minus model, by its parts"
+EFFECTS_CAPTION = "Effects in the order in which they were added; held out: {}"
+
+
+def discovery_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
+    """What is shown of a result of `discover`.
+
+    Parameters
+    ----------
+    tree : DataTree
+        The result.
+    sources : sequence of str
+        What each record is.
+
+    Returns
+    -------
+    list of Block
+    """
+    verdict, *sentences = verdict_sentences(tree)
+    count, details = tree["steps"].attrs["count"], Layer.EXPLAIN
+    remarks = [line for at in range(count) for line in _remarks(tree, at)]
+    models = given_results(tree)
+    rows = [*coefficient_rows(models).values()]
+    coefficients = text_table(["force", "formula", *models], rows, numbers=(2, 3))
+    blocks = [
+        Block([verdict], ALWAYS),
+        Block(sources),
+        *([Block((), Layer.QUIET | Layer.DEFAULT, table=effects_table(tree))] if count else []),
+        Block([*remarks, *sentences], Layer.DEFAULT),
+        Block(sentences, details),
+        Block(title="At a glance", figures="glance"),
+        Block(_start(tree), details, DIFFER, residual_table(tree, "discrepancy"), PARTS_CAPTION, "gap"),
+    ]
+    if count:
+        held = EFFECTS_CAPTION.format(tree.attrs["held_out"])
+        blocks.append(Block((), details, MISSING, effects_table(tree, details=True), held))
+        blocks.append(Block(remarks, details, MISSING))
+    blocks += [
+        Block((), details, CANDIDATES, coefficients, "Coefficients"),
+        Block((), details, CANDIDATES, ranking_table(tree), RANKING, "scores"),
+    ]
+    if tree.attrs["verdict"] == "unknown effect":
+        remains = residual_sentences(tree, "discrepancy_after")
+        blocks.append(
+            Block(remains, details, REMAINS, residual_table(tree, "discrepancy_after"), PARTS_CAPTION)
+        )
+    return [*blocks, Block(_detectability(tree), details, SHOWS, figures="detectable")]
+
+
+def _start(tree: xr.DataTree) -> list[str]:
+    residual, noise, units = residual_of(tree, "before"), record_noise(tree), signal_units(tree)
+    model = f"start model ({', '.join(tree['before'].force.values.tolist())})"
+    sentence = (
+        f"The {model} leaves a gap of {in_small_units(residual, units)} (RMS): "
+        f"{times_noise(residual / noise)} of {in_small_units(noise, units)}."
+        if np.isfinite(residual)
+        else f"The motion of the {model} leaves the record."
+    )
+    differ = [*residual_sentences(tree, "discrepancy"), *force_type_sentences(tree, "discrepancy")]
+    return [sentence, *slow_noise_sentences(tree), *differ]
+
+
+def _remarks(tree: xr.DataTree, at: int) -> list[str]:
+    """What to mind of an effect: doubts, and what competes with it."""
+    step = steps_of(tree)[at]
+    symbol = step.symbol.item()
+    remarks = []
+    if not step.significant:
+        remarks.append(f"In the final model, the coefficient of {symbol} is not significant.")
+    remarks += step_heterogeneity_sentences(tree, at)
+    if step.worsens_holdout.item():
+        remarks.append(
+            f"{symbol} is in the fit only: the model before it predicts what was held out better "
+            f"(z = {step.prediction_z.item():.2g})."
+        )
+    remarks += [*_competing(tree, step), *_competing_pairs(step)]
+    if (probability := step.chance_probability.item()) > 0.0:
+        remarks.append(
+            "No force in its place, a random force taking the blame, has the probability "
+            f"{_probability(probability)}."
+        )
+    if failed := failed_competitors(step):
+        remarks.append(f"In place of {symbol} these were tried, but their fits failed: {', '.join(failed)}.")
+    return remarks
+
+
+def _competing(tree: xr.DataTree, step: xr.Dataset) -> list[str]:
+    """The credible set of an effect, how probable each member is, and what would separate them."""
+    probabilities = credible_set(step)
+    symbol, *others = probabilities
+    if not others:
+        return []
+    offered = candidates_of(tree)
+    named = ", ".join(f"{s} ({offered[s].formula.text})" for s in others[:COMPETING])
+    more = f", and {len(others) - COMPETING} more" if len(others) > COMPETING else ""
+    pairs = list(probabilities.items())[: COMPETING + 1]
+    return [
+        f"{symbol} cannot be separated from: {named}{more}.",
+        f"With equal prior probabilities: {', '.join(f'{s} {_probability(p)}' for s, p in pairs)}.",
+        remedy([offered[s] for s in probabilities]),
+    ]
+
+
+def _competing_pairs(step: xr.Dataset) -> list[str]:
+    """Pairs of candidates that explain together what an effect does, and how probable the likeliest is."""
+    pairs = pairs_in_place(step)
+    if not pairs:
+        return []
+    more = f", {len(pairs) - COMPETING_PAIRS} more pairs" if len(pairs) > COMPETING_PAIRS else ""
+    odds = step.pair_odds.item()
+    how = "better" if odds > OUTSIDE_OF_SET else "as well"
+    return [
+        f"Two together would do {how} in the place of {step.symbol.item()}: "
+        f"{', '.join(pairs[:COMPETING_PAIRS])}{more}; the first with odds of {odds:.2g} to "
+        "it if they were as likely before."
+    ]
+
+
+def _probability(value: float) -> str:
+    """A probability of two digits, which is never nought."""
+    return "< 0.01" if value < 0.01 else f"{value:.2f}"
+
+
+def remedy(tied: Sequence[Force]) -> str:
+    """The measurement that would separate forces, by how they differ."""
+    if len({force.kind == "sensor" for force in tied}) > 1:
+        what = "Another inertia, or a second sensor,"
+        why = "an error of the sensor stays the same, a force changes"
+    elif len({force.holds_time for force in tied}) > 1:
+        what = "A second release at 0.6 of the amplitude"
+        why = "a drift depends on time, the others depend on amplitude"
+    elif len({force.memoryless for force in tied}) > 1:
+        what = "A low release at 0.2 of the amplitude, or another inertia,"
+        why = "a history-dependent force changes in another way"
+    elif any(force.shape or force.character != "conservative" for force in tied):
+        what, why = "A low release at 0.2 of the amplitude", "there they differ most"
+    else:
+        what, why = "A release at a larger amplitude", "there they differ most"
+    return f"{what} would separate them: {why}."
+
+
+def _detectability(tree: xr.DataTree) -> list[str]:
+    """Candidates that look alike, cannot be tested, or were not offered."""
+    candidates = tree["detectability_after"].to_dataset()
+    sentences = [*_alike(candidates), *_untestable(candidates)]
+    if left_out := tree.attrs["left_out"]:
+        sentences.append(f"Not offered, because the model has them: {', '.join(left_out)}.")
+    if failed := tree.attrs["failed_fits"]:
+        sentences.append(f"Tried, but not fitted: their motions could not be computed: {', '.join(failed)}.")
+    return sentences
+
+
+def _alike(candidates: xr.Dataset) -> list[str]:
+    symbols = candidates.candidate.values.tolist()
+    pairs = candidates.alike.sel(other=symbols).transpose("candidate", "other").values
+    groups: list[list[int]] = []
+    for at in range(len(symbols)):
+        # Each with each: a chain of neighbours may have ends that are far apart.
+        home = next((group for group in groups if pairs[at, group].all()), None)
+        if home is None:
+            groups.append([at])
+        else:
+            home.append(at)
+    alike = "; ".join(", ".join(symbols[at] for at in group) for group in groups if len(group) > 1)
+    return [f"On this record, these look alike even at {NAMED:g} standard errors: {alike}."] if alike else []
+
+
+def _untestable(candidates: xr.Dataset) -> list[str]:
+    by_reason: dict[str, list[str]] = {}
+    for symbol, reason in candidates.reason.to_series().items():
+        if reason:
+            # The reason may name the record already.
+            text = reason.removeprefix("not testable on this record: ").rstrip(".")
+            by_reason.setdefault(text, []).append(symbol)
+    return [
+        f"Not testable on this record: {', '.join(symbols)} ({reason})."
+        for reason, symbols in by_reason.items()
+    ]

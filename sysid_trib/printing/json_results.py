@@ -1,0 +1,188 @@
+"""Results of `cross_check` and `discover` as plain data for JSON: tables of keys."""
+
+import json
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.physics.translation import translation_units
+from sysid_trib.printing.discovery_tables import steps_of
+from sysid_trib.printing.identification import consequences
+from sysid_trib.printing.mapping import (
+    COEFFICIENT,
+    FREQUENCIES_JSON,
+    Source,
+    mapped,
+    number,
+    per_label,
+    records_json,
+    same,
+)
+from sysid_trib.printing.physics import physics_json
+from sysid_trib.printing.random_force import random_force_json
+from sysid_trib.printing.runs import GROUP, TESTED, runs_json
+from sysid_trib.records.runs import RECORD_PARTS
+from sysid_trib.results.discoveries import (
+    PAIR,
+    PAIRS,
+    candidates_of,
+    credible_set,
+    error_widening,
+    pairs_in_place,
+    shapes_of,
+)
+from sysid_trib.validation.breakdown import record_noise
+from sysid_trib.validation.findings import (
+    amplitudes,
+    answer_of,
+    failures,
+    fewer_forces,
+    holds,
+    residual_of,
+    residual_over_noise,
+    second_of,
+    times_of_amplitudes,
+    with_error_parts,
+)
+
+TEST = ("chi_square", "degrees_of_freedom", "p_value")
+FORCE = COEFFICIENT | same("error_of_noise", "error_of_model", "active", "refers_to", "unit")
+METHOD: dict[str, Source] = {
+    "coefficients": ("force", FORCE),
+    **FREQUENCIES_JSON,
+    "noise": "noise",
+    "misfit": "birge_ratio",
+    "held_out_rms": lambda result: number(float(result.get("held_out_rms", np.nan))),
+}
+DIFFERENCE = same("difference", "expected_difference", "standard_error", "z")
+CHECK = same(*TEST) | {"differences": ("quantity", DIFFERENCE)}
+MODEL_CHECK = same("departure_time", "residual_p_value", "line_frequency", "line_amplitude")
+# Keys of the JSON where they differ from the names of the variables.
+SPAN_KEYS = {"residual_over_noise": "gap_over_noise"}
+STEP: dict[str, Source] = {
+    **same("symbol", "name", "formula", "family", "kind", "unit", "coefficient", "standard_error", "z"),
+    **same("p_value", "residual_before", "residual_after"),
+    "shapes": lambda step: shapes_of(step, step.symbol.item()),
+    "shape_errors": lambda step: shapes_of(step, step.symbol.item(), "shape_standard_error"),
+    "indistinguishable_pairs": lambda step: [pair.split(PAIR) for pair in pairs_in_place(step)],
+    "pair_odds": lambda step: number(step.pair_odds.item()) if pairs_in_place(step) else None,
+    **same("worsens_holdout", "gain", "prediction_z", "random_force_before", "random_force_after"),
+    "probability_of_chance": lambda step: number(round(step.chance_probability.item(), 4)),
+    "leans": "collinear",
+}
+SPANS: dict[str, Source] = {
+    **same("departure_time", "departure_run"),
+    "parts": lambda spans: ", ".join(spans.attrs["parts"]),
+    "where": "@where",
+    "spans": lambda spans: {
+        SPAN_KEYS.get(str(name), str(name)): number(column.values.tolist())
+        for name, column in spans.data_vars.items()
+        if column.dims == ("span",)
+    },
+}
+MODEL_JSON: dict[str, Source] = {
+    "coefficients": ("force", COEFFICIENT),
+    **FREQUENCIES_JSON,
+    "shapes": ("shape_parameter", "shape±"),
+}
+DISCOVERY: dict[str, Source] = {
+    "disagreement": ("discrepancy", SPANS),
+    "steps": lambda tree: [_step(tree, at, step) for at, step in enumerate(steps_of(tree))],
+    "verdict": "@verdict",
+    "converged": lambda tree: tree.attrs["converged"] == "True",
+    "closing_effect": lambda tree: tree.attrs.get("closing_effect") or None,
+    "not_improving": lambda tree: tree.attrs.get("not_improving") or None,
+    "noise_p_value": lambda tree: number(float(tree.attrs.get("noise_p_value", "nan"))),
+    "noise": lambda tree: number(record_noise(tree)),
+    "residual_noise": lambda tree: number(record_noise(tree)),
+    "noise_with_its_colour": "holdout/residual_noise",
+    "residual": lambda tree: number(residual_of(tree, "after")),
+    "model": ("after", MODEL_JSON),
+    "start_model": ("before", MODEL_JSON),
+    "disagreement_after": ("discrepancy_after", SPANS),
+    "holdout": {"what": "@held_out", "rms": "holdout/rms", "gap_above_noise": "holdout/residual_above_noise"},
+    "generic_p_value": lambda tree: number(tree["omnibus"].p_value.values[-1].item()),
+    "error_widening": lambda tree: number(error_widening(tree)),
+    "detectable": ("detectability_after", ("candidate", "detectable")),
+    "not_testable": ("detectability_after", lambda beside: _reasons(beside)),
+    "left_out": lambda tree: list(tree.attrs["left_out"]),
+    "failed_fits": lambda tree: list(tree.attrs["failed_fits"]),
+    "options": lambda tree: json.loads(tree.attrs["options"]),
+}
+
+
+def identification_json(
+    tree: xr.DataTree, inertia: float | None = None, mass: float | None = None, load: float | None = None
+) -> dict[str, Any]:
+    """A result of `cross_check` as plain data, see `identification_blocks`."""
+    checked, failed, answer = tree["comparison"].to_dataset(), failures(tree), answer_of(tree)
+    names = (checked.attrs["first"], checked.attrs["second"])
+    withheld = dict.fromkeys(METHOD) | {"coefficients": {}}
+    methods, models = {}, {}
+    for name in names:
+        given = withheld if name in failed else mapped(with_error_parts(tree[name].to_dataset()), METHOD)
+        methods[name] = given | {"failed": failed.get(name, "")}
+        models[name] = mapped(checked.sel(model=name), MODEL_CHECK)
+        models[name]["residual_rms"] = number(residual_of(tree, name))
+        models[name]["residual_over_noise"] = number(residual_over_noise(tree, name))
+    if holds(tree):
+        result, at = tree[answer].to_dataset(), times_of_amplitudes(tree)
+        follows = physics_json(result, amplitudes(tree), inertia, time=at)
+    else:
+        follows = {"refused": consequences(tree, inertia)[0]}
+    of_models = {"models": models, "noise": record_noise(tree)}
+    data = {
+        **records_json(tree),
+        **random_force_json(tree),
+        "answer": None if answer in failed else answer,
+        "methods": methods,
+        "cross_check": mapped(checked, CHECK) | of_models | checked.attrs,
+        "consequences": follows,
+        "sufficient_forces": [
+            {s: {"value": value, "standard_error": error} for s, (value, error) in forces.items()}
+            for forces in fewer_forces(tree)
+        ],
+    }
+    if "runs" in tree:
+        data["runs"] = runs_json(tree["runs"].to_dataset())
+    if mass is not None:
+        friction = {} if load is None else {"friction_coefficient": "friction_coefficient±"}
+        values = translation_units(second_of(tree), mass, load)
+        data["si_units"] = per_label(values, "force", COEFFICIENT | same("unit") | friction)
+    return data
+
+
+def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
+    """A result of `discover` as plain data."""
+    data = records_json(tree) | mapped(tree, DISCOVERY)
+    if GROUP in tree.children:
+        data["run_differences"] = mapped(tree[GROUP].to_dataset(), same(*TESTED))
+    return data
+
+
+def _step(tree: xr.DataTree, at: int, step: xr.Dataset) -> dict[str, Any]:
+    """An effect with what it cannot be separated from, on what was held out, and in parts of the record."""
+    held, offered = number(tree["holdout"].rms.values.tolist()), candidates_of(tree)
+    probabilities = {s: number(round(probability, 4)) for s, probability in credible_set(step).items()}
+    data = mapped(step, STEP) | {
+        "probability": probabilities.pop(step.symbol.item()),
+        "holdout_before": held[at],
+        "holdout_after": held[at + 1],
+        **dict.fromkeys(("stands_in", "parts", "likeliest_in")),
+    }
+    data["indistinguishable_from"] = [
+        {"symbol": s, "name": offered[s].name, "formula": offered[s].formula.text, "probability": p}
+        for s, p in probabilities.items()
+    ]
+    # A result that an older version saved does not say.
+    if "stands_in" in step:
+        likeliest = step.likeliest_in_parts.item().split(PAIRS)
+        data |= {"stands_in": int(step.stands_in), "parts": len(likeliest)}
+        data["likeliest_in"] = dict(zip(RECORD_PARTS, likeliest, strict=True))
+    return data
+
+
+def _reasons(beside: xr.Dataset) -> dict[str, str]:
+    """Why candidates cannot be tested, of those that cannot."""
+    return {s: reason for s, reason in per_label(beside, "candidate", "reason").items() if reason}

@@ -1,0 +1,120 @@
+"""What a result has found, read from its tree: residuals, the answer, methods that failed."""
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.arrays import Array
+from sysid_trib.results.kinds import kind_of
+from sysid_trib.results.per_run import group_names, record_groups
+from sysid_trib.results.significance import significant, sufficient_forces
+from sysid_trib.validation.breakdown import breakdown, record_noise
+from sysid_trib.validation.comparison_table import applied_methods
+from sysid_trib.validation.model_error import error_parts
+
+
+def residual_of(tree: xr.DataTree, model: str) -> float:
+    """RMS of record minus model over all runs, rad; of an integrated signal that of `comparison`.
+
+    Parameters
+    ----------
+    tree : DataTree
+        Result of `cross_check` or `discover`.
+    model : str
+        Which of its models.
+
+    Returns
+    -------
+    float
+        nan of a model that diverges.
+    """
+    groups = record_groups(tree)
+    if "comparison" in tree and int(tree[groups[0]].attrs.get("integrations", 0)):
+        return float(tree["comparison"].residual_rms.sel(model=model).item())
+    residuals = [(tree[g].angle - tree[g].simulated_angle.sel(model=model)).values for g in groups]
+    return float(np.sqrt(np.mean(np.concatenate(residuals) ** 2)))
+
+
+def residual_over_noise(tree: xr.DataTree, model: str) -> float:
+    """The same over the sensor's noise of the record."""
+    return residual_of(tree, model) / record_noise(tree)
+
+
+def verdict_of(tree: xr.DataTree) -> str:
+    """The verdict of a cross-check on the record, one of `VERDICTS`."""
+    return str(tree["comparison"].attrs["verdict_on_record"])
+
+
+def holds(tree: xr.DataTree) -> bool:
+    """Whether the model of a cross-check follows the record: what follows from its coefficients is given."""
+    return verdict_of(tree).startswith("explained") or verdict_of(tree) == "approximate"
+
+
+def answer_of(tree: xr.DataTree) -> str:
+    """The method of a cross-check whose numbers the result stands by."""
+    checked = tree["comparison"].attrs
+    return str(checked.get("answer", checked["second"]))
+
+
+def second_of(tree: xr.DataTree) -> xr.Dataset:
+    """The second identification of a cross-check."""
+    return tree[str(tree["comparison"].attrs["second"])].to_dataset()
+
+
+def failures(tree: xr.DataTree) -> dict[str, str]:
+    """The methods of a cross-check whose models broke down, and why."""
+    checked = tree["comparison"].attrs
+    reasons = {name: breakdown(tree, name) for name in (checked["first"], checked["second"])}
+    return {name: reason for name, reason in reasons.items() if reason}
+
+
+def kept_results(tree: xr.DataTree) -> dict[str, xr.Dataset]:
+    """The identifications of a cross-check by the name of their method, without one that failed."""
+    checked, failed = tree["comparison"].attrs, failures(tree)
+    names = (checked["first"], checked["second"])
+    return {name: tree[name].to_dataset() for name in names if name not in failed}
+
+
+def given_results(tree: xr.DataTree) -> dict[str, xr.Dataset]:
+    """The identifications that any result gives, by name: without methods that failed."""
+    if kind_of(tree) == "discover":
+        return {"start model": tree["before"].to_dataset(), "final model": tree["after"].to_dataset()}
+    if kind_of(tree) == "compare":
+        labels = applied_methods(tree["comparison"].to_dataset()).method.values.tolist()
+        return {label: tree[label].to_dataset() for label in labels}
+    return kept_results(tree)
+
+
+def main_result(tree: xr.DataTree) -> xr.Dataset | None:
+    """The identification that stands for a result: the best, the final or the answer; None if all failed."""
+    named = given_results(tree)
+    if kind_of(tree) == "discover":
+        return named["final model"]
+    best = tree["comparison"].attrs.get("best")
+    return named[best] if best else named.get(answer_of(tree), next(reversed(named.values()), None))
+
+
+def fewer_forces(tree: xr.DataTree) -> list[dict[str, tuple[float, float]]]:
+    """The fewest forces that suffice, see `sufficient_forces`, where no coefficient is known by itself."""
+    result = kept_results(tree).get(answer_of(tree))
+    if result is None or not holds(tree) or significant(result).any():
+        return []
+    return [forces for forces in sufficient_forces(result) if len(forces) < result.sizes["force"]]
+
+
+def with_error_parts(result: xr.Dataset) -> xr.Dataset:
+    """An identification with `error_of_noise` and `error_of_model`, the parts of its standard errors."""
+    noise, model = error_parts(result)
+    return result.assign(error_of_noise=("force", noise), error_of_model=("force", model))
+
+
+def amplitudes(tree: xr.DataTree) -> Array:
+    """Amplitudes of the half periods of all runs, rad."""
+    groups = group_names("envelope", len(record_groups(tree)))
+    return np.concatenate([tree[group].amplitude.values for group in groups])
+
+
+def times_of_amplitudes(tree: xr.DataTree) -> Array:
+    """Since the first sample of their run, s: `t` of the formulas at each of the `amplitudes`."""
+    groups = record_groups(tree)
+    pairs = zip(groups, group_names("envelope", len(groups)), strict=True)
+    return np.concatenate([tree[half].instant_time.values - tree[run].time.values[0] for run, half in pairs])
