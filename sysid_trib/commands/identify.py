@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from sysid_trib.commands.destination import Destination, figures_of_runs, random_force_figures
 from sysid_trib.commands.next_command import keep_next
@@ -15,6 +15,11 @@ from sysid_trib.commands.options import (
     with_options,
 )
 from sysid_trib.errors import UsageError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from sysid_trib.validation.progress import Tell
 
 
 @dataclass(frozen=True)
@@ -70,13 +75,11 @@ def identify(
         from sysid_trib.methods.scope import with_random_force
         from sysid_trib.physics.translation import check_length_unit
         from sysid_trib.printing.blocks import Block
-        from sysid_trib.printing.driven import driven_blocks, driven_json
         from sysid_trib.printing.identification import identification_blocks
         from sysid_trib.printing.json_results import identification_json
         from sysid_trib.printing.predicted import prediction_json, prediction_sentences
         from sysid_trib.validation.driven import is_driven
         from sysid_trib.validation.identify import identify, usual_methods
-        from sysid_trib.validation.prediction import predict
 
         scale.check()
         asked = checks.asked_model(model, constraint, given.system)
@@ -97,25 +100,12 @@ def identify(
             contactless=asked.contactless,
             tell=tell,
         )
-        predicted = []
-        if tried.test is not None:
-            tell("prediction")
-            others, _ = read_decays(replace(given, records=[tried.test]), as_it_is=bool(model.forces))
-            answer = tree[tree["comparison"].attrs["answer"]].to_dataset()
-            predicted = [predict(answer, other, warm_up=tried.warm_up) for other in others]
+        predicted = _predicted(tree, tried, given, tell)
         driven = is_driven(decays)
         if not driven:
             keep_next(tree, given, model, constraint)
     if driven:
-        destination.deliver(
-            tree,
-            lambda: [
-                *driven_blocks(tree, record_sentences(tree, sources)),
-                Block(prediction_sentences(predicted)),
-            ],
-            lambda: driven_json(tree) | prediction_json(predicted),
-            lambda plots: figures_of_runs(tree, "driven", plots.driven),
-        )
+        _deliver_driven(tree, sources, predicted, destination)
         return
     destination.deliver(
         tree,
@@ -133,4 +123,42 @@ def identify(
             *figures_of_runs(tree, "half_periods", plots.half_periods),
             *random_force_figures(tree, plots),
         ],
+    )
+
+
+def _predicted(
+    tree: "xr.DataTree", tried: TestOptions, given: DecayOptions, tell: "Tell"
+) -> "list[xr.Dataset]":
+    """What the answer predicts of the record that it is tried on; nothing where there is none."""
+    from sysid_trib.commands.record_inputs import read_decays
+    from sysid_trib.validation.prediction import predict
+
+    if tried.test is None:
+        return []
+    tell("prediction")
+    others, _ = read_decays(replace(given, records=[tried.test]), as_it_is=True)
+    answer = tree[tree["comparison"].attrs["answer"]].to_dataset()
+    return [predict(answer, other, warm_up=tried.warm_up) for other in others]
+
+
+def _deliver_driven(
+    tree: "xr.DataTree",
+    sources: "list[str]",
+    predicted: "list[xr.Dataset]",
+    destination: Destination,
+) -> None:
+    """Print and write an identification with inputs."""
+    from sysid_trib.commands.terminal import record_sentences
+    from sysid_trib.printing.blocks import Block
+    from sysid_trib.printing.driven import driven_blocks, driven_json
+    from sysid_trib.printing.predicted import prediction_json, prediction_sentences
+
+    destination.deliver(
+        tree,
+        lambda: [
+            *driven_blocks(tree, record_sentences(tree, sources)),
+            Block(prediction_sentences(predicted)),
+        ],
+        lambda: driven_json(tree) | prediction_json(predicted),
+        lambda plots: figures_of_runs(tree, "driven", plots.driven),
     )

@@ -208,8 +208,8 @@ def _estimate(runs: Runs, solution: Solution) -> Estimate:
     noises = [run.problem.noise if run.noises is None else run.noises.noise for run in runs]
     if any(run.problem.inputs for run in runs):
         # A driven motion may have what no spline follows: what the model leaves is no less than the noise.
-        left = [float(np.std(run.measured - run.reference.x)) for run in runs if run.reference.exact]
-        noises = np.minimum(noises, left or noises).tolist()
+        rms = [float(np.std(run.measured - run.reference.x)) for run in runs if run.reference.exact]
+        noises = np.minimum(noises, rms or noises).tolist()
     expected = root_mean_square([run.noise for run in runs])
     extra: dict[str, tuple[ArrayLike, str, str]] = {
         "birge_ratio": (solution.noise / expected, "1", "Birge ratio of the rows"),

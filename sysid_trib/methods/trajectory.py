@@ -19,7 +19,7 @@ from sysid_trib.noise.autoregression import autoregression, whitened
 from sysid_trib.noise.level import sensor_noise
 from sysid_trib.noise.random_force import RandomForceOption, check_random_force, is_fitted
 from sysid_trib.noise.sensor_noise import sensor_noise_of
-from sysid_trib.noise.whiteness import white_p_value
+from sysid_trib.noise.whiteness import WHITE_LEVEL, white_p_value
 from sysid_trib.records.inputs import KnownInput, inputs_for
 from sysid_trib.records.runs import Decays, as_runs, root_mean_square
 from sysid_trib.results.birge import birge_ratio
@@ -39,8 +39,8 @@ from sysid_trib.trajectory_fit.result import FitEstimate
 
 # Rounds in which noise and fit of several runs, or of coloured noise, follow each other.
 NOISE_ROUNDS = 3
-# Level at which the residual of a driven record is not white, and the blocks of its errors then.
-WHITE_LEVEL, BLOCKS = 1e-3, 24
+# In which the errors of a driven record are taken whose residual is not white.
+ERROR_BLOCKS = 24
 
 
 @dataclass(frozen=True)
@@ -309,7 +309,9 @@ def _identification(
         # A driven motion may have what no spline follows: what the model leaves is no less than the noise.
         noises = [min(noise, rms(residual)) for noise, residual in zip(noises, residuals, strict=True)]
         if min(white_p_value(residual) for residual in residuals) < WHITE_LEVEL:
-            covariance = parameters.clustered_covariance(fit.sensitivity, fit.residual, fit.values, BLOCKS)
+            covariance = parameters.clustered_covariance(
+                fit.sensitivity, fit.residual, fit.values, ERROR_BLOCKS
+            )
     estimate = FitEstimate(problem, fit.values, covariance, noises)
     units = _units(runs)
     extra: dict[str, tuple[ArrayLike, str, str]]

@@ -7,6 +7,8 @@ from sysid_trib.arrays import Array
 
 # Autocorrelations that are looked at.
 MOST_LAGS = 20
+# Level at which a residual is not white.
+WHITE_LEVEL = 1e-3
 
 
 def white_p_value(residual: Array) -> float:

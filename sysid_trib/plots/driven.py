@@ -38,11 +38,11 @@ def driven(tree: xr.DataTree, run: int = 0) -> Figure:
         simulated = record.simulated_angle.sel(model=name).values
         if name == answer:
             curve(motion, time, simulated, {"color": colour, "linewidth": 0.8, "label": name})
-        left = record.angle.values - simulated
-        rms = float(np.sqrt(np.mean(left**2)))
-        shown = drawn_samples(left)
+        remainder = record.angle.values - simulated
+        rms = float(np.sqrt(np.mean(remainder**2)))
+        shown = drawn_samples(remainder)
         label = f"{name}, RMS {rms:.3g} {unit_label(unit)}"
-        residual.plot(time[shown], left[shown], color=colour, linewidth=0.6, label=label)
+        residual.plot(time[shown], remainder[shown], color=colour, linewidth=0.6, label=label)
     symbol = "angle" if unit == "rad" else "displacement"
     motion.set_ylabel(f"{symbol} ({unit_label(unit)})")
     residual.set(xlabel="time (s)", ylabel=f"record \N{MINUS SIGN} model ({unit_label(unit)})")

@@ -14,8 +14,8 @@ from sysid_trib.results.per_run import record_groups
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.signal_units import signal_units
 
-FREQUENCY = "reference_frequency"
-RESIDUALS = ("residual_rms", "residual_over_noise", "residual_over_motion", "residual_p_value")
+W = "reference_frequency"
+RESIDUAL_SIZES = ("residual_rms", "residual_over_noise", "residual_over_motion", "residual_p_value")
 
 
 def driven_blocks(tree: xr.DataTree, record: list[str]) -> list[Block]:
@@ -23,11 +23,11 @@ def driven_blocks(tree: xr.DataTree, record: list[str]) -> list[Block]:
     compared, unit = tree["comparison"].to_dataset(), signal_units(tree)
     answer, verdict = compared.attrs["answer"], compared.attrs["verdict_on_record"]
     best = compared.sel(model=answer)
-    left = f"{best.residual_rms.item():.3g} {unit}, {100.0 * best.residual_over_motion.item():.2g} %"
+    unexplained = f"{best.residual_rms.item():.3g} {unit}, {100.0 * best.residual_over_motion.item():.2g} %"
     first = {
         "explained": "The record is explained: what its motion leaves is white.",
-        "approximate": f"The model follows the record to {left} (RMS); more than noise is left.",
-        "not explained": f"The model does not explain the record: its motion leaves {left} (RMS).",
+        "approximate": f"The model follows the record to {unexplained} (RMS); more than noise is left.",
+        "not explained": f"The model does not explain the record: its motion leaves {unexplained} (RMS).",
     }[verdict]
     results = {name: tree[name].to_dataset() for name in compared.model.values.tolist()}
     return [
@@ -42,15 +42,15 @@ def driven_blocks(tree: xr.DataTree, record: list[str]) -> list[Block]:
 
 def _in_its_unit(result: xr.Dataset, compared: xr.Dataset, tree: xr.DataTree) -> list[str]:
     """Mass, stiffness and forces in the unit of the input."""
-    found = per_input(result)
-    if found is None:
+    scaled = per_input(result)
+    if scaled is None:
         return []
-    record, name, unit = tree[record_groups(tree)[0]], found.attrs["input"], signal_units(tree)
+    record, name, unit = tree[record_groups(tree)[0]], scaled.attrs["input"], signal_units(tree)
     units = record[name].attrs.get("units") or f"units of {name}"
     powers = {MASS: f" {units}/({unit}/s^2)", STIFFNESS: f" {units}/{unit}"}
     library = library_of(result)
     parts = []
-    for quantity_name, row in by_label(found, "quantity").items():
+    for quantity_name, row in by_label(scaled, "quantity").items():
         text = value_with_error(row.value.item(), row.standard_error.item())
         if quantity_name in powers:
             parts.append(f"{quantity_name} {text}{powers[quantity_name]}")
@@ -86,10 +86,10 @@ def _table(results: dict[str, xr.Dataset], compared: xr.Dataset, unit: str) -> A
                 _z(compared, symbol),
             ]
         )
-    cells = [quantity(result, FREQUENCY) for result in results.values()]
+    cells = [quantity(result, W) for result in results.values()]
     rows.append(["w (rad/s)", "reference frequency", "", *cells, _z(compared, "asymptotic_frequency")])
-    left = [f"{compared.residual_rms.sel(model=name).item():.3g}" for name in results]
-    rows.append([f"left ({unit})", "RMS of record minus motion", "", *left, ""])
+    sizes = [f"{compared.residual_rms.sel(model=name).item():.3g}" for name in results]
+    rows.append([f"left ({unit})", "RMS of record minus motion", "", *sizes, ""])
     heads = ["force", "", "formula", *results, "difference / error"]
     return text_table(heads, rows, numbers=tuple(range(3, len(heads))))
 
@@ -109,13 +109,11 @@ def driven_json(tree: xr.DataTree) -> dict[str, Any]:
             symbol: mapped(force, COEFFICIENT | same("unit"))
             for symbol, force in by_label(result, "force").items()
         }
-        scalars = {
-            key: number(result[key].item()) for key in (FREQUENCY, f"{FREQUENCY}_standard_error", "noise")
-        }
-        left = {key: number(compared[key].sel(model=name).item()) for key in RESIDUALS}
-        methods[name] = {"coefficients": coefficients, **scalars, **left}
-    found = per_input(tree[compared.attrs["answer"]].to_dataset())
-    rows = {} if found is None else by_label(found, "quantity")
+        scalars = {key: number(result[key].item()) for key in (W, f"{W}_standard_error", "noise")}
+        sizes = {key: number(compared[key].sel(model=name).item()) for key in RESIDUAL_SIZES}
+        methods[name] = {"coefficients": coefficients, **scalars, **sizes}
+    scaled = per_input(tree[compared.attrs["answer"]].to_dataset())
+    rows = {} if scaled is None else by_label(scaled, "quantity")
     of_input = {k: mapped(row, same("value", "standard_error")) for k, row in rows.items()}
     said = {key: compared.attrs[key] for key in ("answer", "verdict_on_record")}
     return {**said, "methods": methods, "per_input": of_input}

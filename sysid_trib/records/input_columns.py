@@ -28,8 +28,8 @@ CONSTANT = 1e-12
 
 def input_columns(inputs: Mapping[str, str | int], table: FileTable, source: str) -> list[str]:
     """The columns of a table that are inputs, and so no signal."""
-    own = [wanted for _, wanted, other in _sources(inputs) if other is None]
-    return [find_column(table, wanted, source) for wanted in own if not _is_formula(table, wanted)]
+    columns = [wanted for _, wanted, other in _sources(inputs) if other is None]
+    return [find_column(table, wanted, source) for wanted in columns if not _is_formula(table, wanted)]
 
 
 def with_inputs(

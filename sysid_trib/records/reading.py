@@ -16,7 +16,7 @@ from sysid_trib.records.units import (
 )
 
 # Variables of a record that no input may be.
-TAKEN = ("time", "angle", "rate", "acceleration", "input", "x", "v", "t")
+TAKEN_NAMES = ("time", "angle", "rate", "acceleration", "input", "x", "v", "t")
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Reading:
         if self.between not in BETWEEN_SAMPLES:
             raise UsageError(f"between {self.between!r} is unknown: give {', '.join(BETWEEN_SAMPLES)}.")
         for name in self.inputs:
-            if not name.isidentifier() or name in TAKEN:
+            if not name.isidentifier() or name in TAKEN_NAMES:
                 raise UsageError(f"{name!r} cannot name an input; write u=COLUMN, as forces hold it.")
         if self.time_units is not None and self.time_units not in TIME_UNITS:
             raise UsageError(f"time units {self.time_units!r} are unknown: give {OFFERED_TIME_UNITS}.")

@@ -16,7 +16,7 @@ WINDOWS = (0.06, 0.12, 0.22, 0.4, 0.65)
 # A start whose motion is this near to the record (RMS, of the record's) needs no growing window.
 FOLLOWED = 0.1
 # One this near has not slipped out of phase.
-NEAR = 0.5
+NEARBY_PART = 0.5
 MAX_EVALUATIONS = 60
 # Steps, in units of the solution, below which a fit is done.
 CONVERGED = 1e-12
@@ -52,7 +52,7 @@ def grown(problem: FitProblem, values: Array, *, tolerance: float = CONVERGED) -
     away = _missed(problem, values)
     if away < FOLLOWED:
         return values
-    if away < NEAR:
+    if away < NEARBY_PART:
         tried = fitted(problem, values, tolerance=tolerance).values
         if _missed(problem, tried) < FOLLOWED:
             return tried

@@ -15,7 +15,7 @@ from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.trajectory import Trajectory
 from sysid_trib.noise.level import nominal_frequency
 from sysid_trib.noise.random_force import RandomForceOption
-from sysid_trib.noise.whiteness import white_p_value
+from sysid_trib.noise.whiteness import WHITE_LEVEL, white_p_value
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.runs import Decays, as_runs, one_or_all, root_mean_square
 from sysid_trib.results.common_reference import comparison_values, stated_covariance
@@ -29,10 +29,9 @@ from sysid_trib.validation.residuals import fitted_motion
 from sysid_trib.validation.verdict import APPROXIMATE_PART
 
 # A model that leaves more of the record than this has not followed it.
-LARGEST_LEFT = 0.3
+SLIPPED_PART = 0.3
 # Part of the power of the rate.
 NEARLY_ALL = 0.95
-WHITE_LEVEL = 1e-3
 # A residual of so many times the noise is more than noise.
 MORE_THAN_NOISE = 1.5
 
@@ -81,21 +80,21 @@ def identified_driven(
         direct = replace(direct, reference_frequency=clock)
         trajectory = replace(trajectory, reference_frequency=clock)
     tell("direct")
-    found = [_residuals(runs, replace(direct, random_force=_first(direct)).identify(decay, library))]
-    if direct.random_force == "auto" and _over_noise(found[0]) > MORE_THAN_NOISE:
-        found.append(_residuals(runs, replace(direct, random_force="estimated").identify(decay, library)))
-    best = min(found, key=_size)
+    fits = [_residuals(runs, replace(direct, random_force=_first(direct)).identify(decay, library))]
+    if direct.random_force == "auto" and _over_noise(fits[0]) > MORE_THAN_NOISE:
+        fits.append(_residuals(runs, replace(direct, random_force="estimated").identify(decay, library)))
+    best = min(fits, key=_size)
     pairs = {"direct": best}
     tell("trajectory")
     begun = replace(trajectory, random_force=_first(trajectory))
-    if _over_motion(runs, best) < LARGEST_LEFT and not trajectory.start:
+    if _over_motion(runs, best) < SLIPPED_PART and not trajectory.start:
         begun = replace(begun, start=_whole_model(best[0]))
     try:
         pairs["trajectory"] = _residuals(runs, begun.identify(one_or_all(runs), library))
     except DecayError:
-        if _over_motion(runs, best) >= LARGEST_LEFT:
+        if _over_motion(runs, best) >= SLIPPED_PART:
             raise
-    kept = {name: pair for name, pair in pairs.items() if _over_motion(runs, pair) < LARGEST_LEFT}
+    kept = {name: pair for name, pair in pairs.items() if _over_motion(runs, pair) < SLIPPED_PART}
     if not kept:
         raise DecayError(
             "No motion of these forces follows the record; offer other forces (--forces), or a shorter part "
@@ -129,12 +128,12 @@ Followed = tuple[xr.Dataset, list[Array]]
 
 def _residuals(runs: Sequence[xr.Dataset], result: xr.Dataset) -> Followed:
     """A result, and what its free motion leaves of each run, (sample,); nan without a motion."""
-    left = []
+    residuals = []
     for at, run in enumerate(runs):
         motion = fitted_motion(run, result, at)
         nothing = np.full(run.sizes["time"], np.nan)
-        left.append(nothing if motion is None else run.angle.values - motion.x - motion.offset)
-    return result, left
+        residuals.append(nothing if motion is None else run.angle.values - motion.x - motion.offset)
+    return result, residuals
 
 
 def _size(pair: Followed) -> float:

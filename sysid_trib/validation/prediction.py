@@ -18,7 +18,7 @@ from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.trajectory_fit.initial_conditions import FittedMotion, first_guess, fit_start
 
 # Samples by which a start can be fitted.
-FEWEST_SAMPLES = 20
+FEWEST_FITTED = 20
 
 
 @in_units_of_the_motion
@@ -57,10 +57,10 @@ def predict(
     model = replace(model_of(result, run), inputs=inputs_for(record, library))
     time = record.time.values.astype(float)
     counted = time >= time[0] + (warm_up or 0.0)
-    if warm_up is not None and not FEWEST_SAMPLES <= np.count_nonzero(~counted) < len(time):
+    if warm_up is not None and not FEWEST_FITTED <= np.count_nonzero(~counted) < len(time):
         raise UsageError(
             f"A warm-up of {warm_up:g} s holds {np.count_nonzero(~counted)} of {len(time)} samples; it takes "
-            f"{FEWEST_SAMPLES} or more, and not all."
+            f"{FEWEST_FITTED} or more, and not all."
         )
     angle = record.angle.values.astype(float)
     try:
