@@ -250,6 +250,7 @@ def test_a_held_shape_is_set_and_told(tmp_path, dahl_library):
     asked = ("identify", record, "--library", dahl_library, "--forces", "zeta,jenkins")
     told = run(*asked, "--set", "jenkins.s=0.05").out
     assert re.search(r"jenkins\.s +shape parameter +0\.05 \(held\)", told)
+    assert "--set jenkins.s=0.05" in told.split("Next: ")[1]
     assert "The record is explained" in told
     # At the library's own value the same record is not explained, and that is said.
     assert "The record is explained" not in run(*asked).out

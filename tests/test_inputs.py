@@ -292,10 +292,24 @@ def test_the_command_identifies_predicts_and_draws(table, tmp_path) -> None:
     assert said["per_input"]["mass"]["value"] == pytest.approx(1.0 / (0.02 * W**2), rel=1e-3)
     assert said["test"][0]["residual_over_motion"] < 1e-3
     assert (tmp_path / "figures" / "driven.pdf").exists()
-    text = run(
-        "identify", table, "--angle", "angle", "--input", "drive", "--forces", "gain,zeta,epsilon,lambda"
-    ).out
+    kept, page = tmp_path / "driven.nc", tmp_path / "driven.html"
+    asked = (
+        "identify",
+        table,
+        "--angle",
+        "angle",
+        "--input",
+        "drive",
+        "--forces",
+        "gain,zeta,epsilon,lambda",
+    )
+    text = run(*asked, "-o", kept).out
     assert "In the unit of the input u: mass" in text
+    assert run("report", kept, "-o", page).status == 0
+    written = page.read_text(encoding="utf-8")
+    assert "Forces of a driven record" in written
+    assert "input={" in written
+    assert "st.methods.Trajectory" in written
 
 
 @pytest.mark.parametrize(
@@ -316,6 +330,13 @@ def test_inputs_that_cannot_be_are_refused_in_a_sentence(table, options, words) 
     ending = run("identify", table, "--angle", "angle", *options)
     assert ending.status in (1, 2)
     assert words in ending.complaint
+
+
+@pytest.mark.parametrize("command", ["look", "backbone", "compare", "discover"])
+def test_what_takes_free_decays_refuses_an_input(table, command) -> None:
+    ending = run(command, table, "--angle", "angle", "--input", "drive")
+    assert ending.status == 2
+    assert "this command takes free decays" in ending.complaint
 
 
 def test_coefficients_of_each_run_s_own_are_of_driven_records() -> None:

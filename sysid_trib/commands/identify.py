@@ -86,7 +86,7 @@ def identify(
         destination.check(given.records)
         tell("reading")
         decays, sources = read_decays(
-            given, asked.reference_frequency, asked.contactless, as_it_is=bool(model.forces)
+            given, asked.reference_frequency, asked.contactless, as_it_is=bool(model.forces), driven=True
         )
         if scale.mass is not None:
             check_length_unit(unit_of_signal(decays[0]))
@@ -136,7 +136,7 @@ def _predicted(
     if tried.test is None:
         return []
     tell("prediction")
-    others, _ = read_decays(replace(given, records=[tried.test]), as_it_is=True)
+    others, _ = read_decays(replace(given, records=[tried.test]), as_it_is=True, driven=True)
     answer = tree[tree["comparison"].attrs["answer"]].to_dataset()
     return [predict(answer, other, warm_up=tried.warm_up) for other in others]
 

@@ -41,7 +41,7 @@ def option(
         Smallest value.
     """
     given = typer.Option(*flags, metavar=metavar, help=text, min=least)
-    return field(default_factory=lambda: copy(default), metadata={"typer": given})
+    return field(default_factory=lambda: copy(default), metadata={"typer": given, "flags": flags})
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,8 @@ class SearchOptions:
 
 def flag_of(part: "Field[Any]") -> str:
     """How an option is written."""
-    flags = part.metadata["typer"].param_decls or (f"--{part.name.replace('_', '-')}",)
+    # Typer takes the first of them for a default, until it reads the command.
+    flags = part.metadata.get("flags") or (f"--{part.name.replace('_', '-')}",)
     return str(flags[-1])
 
 

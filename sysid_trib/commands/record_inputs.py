@@ -34,6 +34,7 @@ def read_decays(
     contactless: tuple[float, float] | None = None,
     *,
     as_it_is: bool = False,
+    driven: bool = False,
 ) -> "tuple[list[xr.Dataset], list[str]]":
     """Read free decays of the files, or of the embedded example.
 
@@ -47,6 +48,8 @@ def read_decays(
         Frequency without contact and its error; refused likewise.
     as_it_is : bool
         As in `free_decays`: where the forces are named.
+    driven : bool
+        Whether inputs are taken.
 
     Returns
     -------
@@ -55,6 +58,8 @@ def read_decays(
     sentences : list of str
         What each of them is.
     """
+    if not driven:
+        _refuse_inputs(given)
     decays: list[xr.Dataset] = []
     sentences: list[str] = []
     sums: list[str] = []
@@ -78,6 +83,7 @@ def read_decays(
 
 def read_sources(given: DecayOptions) -> "tuple[list[xr.Dataset], list[str]]":
     """The records as they are in the files, uncut, and what each of them is."""
+    _refuse_inputs(given)
     pairs = [_read(given, record) for record in given.records or (None,)]
     return [run for runs, _ in pairs for run in runs], [text for runs, text in pairs for _ in runs]
 
@@ -116,6 +122,14 @@ def _read(given: DecayOptions, record: Path | None) -> "tuple[list[xr.Dataset], 
     facts = [f"{attrs['signal']} in {attrs['angle_unit_in_file']} from column {column}", attrs["clock"]]
     facts += [attrs[name] for name in ("reading", "integration") if attrs.get(name)]
     return runs, f"Record: {record}, {'; '.join(facts)}."
+
+
+def _refuse_inputs(given: DecayOptions) -> None:
+    """Refuse inputs in a command that takes free decays alone."""
+    if given.input_ is not None:
+        raise UsageError(
+            "--input is of driven records, which identify takes; this command takes free decays."
+        )
 
 
 def _decays(given: DecayOptions, record: "xr.Dataset", *, as_it_is: bool = False) -> "list[xr.Dataset]":

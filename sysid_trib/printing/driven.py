@@ -1,5 +1,6 @@
 """Driven records in words and as plain data: the answer, both methods side by side, what is left."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -18,8 +19,8 @@ W = "reference_frequency"
 RESIDUAL_SIZES = ("residual_rms", "residual_over_noise", "residual_over_motion", "residual_p_value")
 
 
-def driven_blocks(tree: xr.DataTree, record: list[str]) -> list[Block]:
-    """What is printed of an identification with inputs, in its order."""
+def driven_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
+    """What is said of an identification with inputs, in its order; `record` says what was read."""
     compared, unit = tree["comparison"].to_dataset(), signal_units(tree)
     answer, verdict = compared.attrs["answer"], compared.attrs["verdict_on_record"]
     best = compared.sel(model=answer)
@@ -33,14 +34,14 @@ def driven_blocks(tree: xr.DataTree, record: list[str]) -> list[Block]:
     return [
         Block([first, f"The answer is {answer}'s, whose motion leaves less."], ALWAYS),
         Block(record),
-        Block(table=_table(results, compared, unit)),
+        Block([_errors()], Layer.EXPLAIN, "Forces", _table(results, compared, unit), figures="driven"),
+        Block(table=_table(results, compared, unit), layers=Layer.QUIET | Layer.DEFAULT),
         Block([f"Equation: {equation_text(results[answer])}."]),
-        Block(_in_its_unit(results[answer], compared, tree)),
-        Block([_errors(compared)], Layer.EXPLAIN),
+        Block(_in_its_unit(results[answer], tree)),
     ]
 
 
-def _in_its_unit(result: xr.Dataset, compared: xr.Dataset, tree: xr.DataTree) -> list[str]:
+def _in_its_unit(result: xr.Dataset, tree: xr.DataTree) -> list[str]:
     """Mass, stiffness and forces in the unit of the input."""
     scaled = per_input(result)
     if scaled is None:
@@ -61,7 +62,7 @@ def _in_its_unit(result: xr.Dataset, compared: xr.Dataset, tree: xr.DataTree) ->
     return [f"In the unit of the input {name}: {', '.join(parts)}."]
 
 
-def _errors(compared: xr.Dataset) -> str:
+def _errors() -> str:
     return (
         "Errors: where what is left is white, by its size; else by blocks of the record (trajectory), or by "
         "rows two periods apart or the random force that stands for what the model lacks (direct). "

@@ -77,7 +77,11 @@ def equation_latex(result: xr.Dataset) -> str:
     parts = []
     for number, formula in forces:
         with sympy.evaluate(False):
-            written = sympy.latex(_expression(formula, names))
+            expression = sympy.sympify(_expression(formula, names))
+            written = sympy.latex(expression)
+        if expression.is_Add or written.startswith("-"):
+            # It is multiplied whole.
+            written = rf"\left({written}\right)"
         # A number beside a number would read as one.
         times = "\\cdot" if written[:1].isdigit() else "\\,"
         parts.append(f"{_signed(power_of_ten(number))}{times} {written}")

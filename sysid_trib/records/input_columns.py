@@ -1,5 +1,6 @@
 """Inputs of a record from columns of its file, or of another one with a clock of its own."""
 
+import json
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -66,7 +67,7 @@ def with_inputs(
     """
     if not how.inputs:
         return record
-    record = record.copy()
+    record = record.assign_attrs(input_columns=json.dumps(dict(how.inputs)), between=how.between)
     for name, wanted, other in _sources(how.inputs):
         if other is None:
             whole, unit = _column(table, wanted, source)

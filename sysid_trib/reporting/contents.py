@@ -19,6 +19,7 @@ from sysid_trib.plots.style import FULL_WIDTH, new_figure
 from sysid_trib.printing.blocks import Block, Layer
 from sysid_trib.printing.comparison import comparison_blocks
 from sysid_trib.printing.discovery import discovery_blocks
+from sysid_trib.printing.driven import driven_blocks
 from sysid_trib.printing.identification import estimate_blocks, identification_blocks
 from sysid_trib.reporting.parts import Figures, Section, as_table
 from sysid_trib.results.kinds import kind_of
@@ -32,6 +33,7 @@ TITLE = "Forces of a free decay"
 PAGES: dict[str, tuple[str, Callable[[xr.DataTree], list[Block]]]] = {
     "identify": (TITLE, estimate_blocks),
     "cross_check": (f"{TITLE}, by two methods", identification_blocks),
+    "driven": ("Forces of a driven record", driven_blocks),
     "compare": (f"{TITLE}, method by method", comparison_blocks),
     "discover": ("What a model lacks to explain a free decay", discovery_blocks),
 }
@@ -143,9 +145,16 @@ def _of_discovery(caption: str, draw: Callable[[xr.DataTree], Figure], tree: xr.
     return [Figures(CAPTIONS[caption] + _held_out(tree, of_search=True), [draw(tree)])]
 
 
+def _driven(tree: xr.DataTree) -> list[Figures]:
+    """Inputs, motion and residuals of each run."""
+    runs = range(len(record_groups(tree)))
+    return [_over_time(tree, run, CAPTIONS["driven"], plots.driven(tree, run)) for run in runs]
+
+
 # By the names in blocks.
 FIGURES: dict[str, Callable[[xr.DataTree], list[Figures]]] = {
     "glance": _glance,
+    "driven": _driven,
     "half_periods": _half_periods,
     "random_force": _pushed,
     "by_method": lambda tree: [Figures(CAPTIONS["by_method"], [plots.comparison(tree)])],

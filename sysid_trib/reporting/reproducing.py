@@ -19,7 +19,13 @@ from sysid_trib.simulation.example import paper_twin
 def python_text(tree: xr.DataTree) -> str:
     """Lines of Python that read the records and compute the result."""
     kind = kind_of(tree)
-    made = {"identify": _identify, "cross_check": _cross_check, "compare": _compare, "discover": _discover}
+    made = {
+        "identify": _identify,
+        "cross_check": _cross_check,
+        "driven": _driven,
+        "compare": _compare,
+        "discover": _discover,
+    }
     return "\n".join(["import sysid_trib as st", "", *_decay(tree), *made[kind](tree)])
 
 
@@ -43,6 +49,9 @@ def _one_decay(data: xr.Dataset) -> str:
         read = "st.records.paper_twin()" if synthetic else "record"
     else:
         read = f"st.read_record({_given(_reading(attrs), attrs['source'])})"
+    if "input_columns" in attrs:
+        first, last = data.time.values[[0, -1]].tolist()
+        return f"{read}.sel(time=slice({first!r}, {last!r}))"
     if "free_decay" not in attrs:
         return read
     # The record of a discovery ends where what was held out begins.
@@ -61,6 +70,9 @@ def _reading(attrs: Mapping[Any, Any]) -> dict[str, Any]:
         options["sampling_rate"] = float(attrs["time_column"].removeprefix("none, ").removesuffix(" Hz"))
     elif attrs["time_unit_in_file"] != "s":
         options["time_units"] = attrs["time_unit_in_file"]
+    if "input_columns" in attrs:
+        inputs = json.loads(attrs["input_columns"])
+        options |= {"input": inputs, "between": attrs["between"]}
     if "length" in attrs:
         options["length"] = float(attrs["length"])
     return options
@@ -97,6 +109,14 @@ def _cross_check(tree: xr.DataTree) -> list[str]:
     if "runs" in tree.children:
         lines.append("runs = st.validation.run_agreement(decay, second)")
     return [*lines, *_alpha(second, "second")]
+
+
+def _driven(tree: xr.DataTree) -> list[str]:
+    checked = tree["comparison"].attrs
+    results = {name: tree[name].to_dataset() for name in dict.fromkeys((checked["first"], checked["second"]))}
+    methods = ", ".join(_method(result) for result in results.values())
+    library = _library(next(iter(results.values())).attrs)
+    return [library, f"tree = st.identify(decay, library, [{methods}])"]
 
 
 def _alpha(result: xr.Dataset, name: str) -> list[str]:

@@ -4,7 +4,7 @@ import xarray as xr
 
 
 def kind_of(tree: xr.DataTree) -> str:
-    """The function that made a result: identify, cross_check, compare or discover; empty if none did."""
+    """What made a result: identify, cross_check, driven, compare or discover; empty if none did."""
     if "coefficient" in tree.ds and "method" in tree.attrs:
         return "identify"
     if {"record", "record_1"}.isdisjoint(tree.children):
@@ -14,6 +14,8 @@ def kind_of(tree: xr.DataTree) -> str:
     if "comparison" not in tree.children:
         return ""
     checked = tree["comparison"]
+    if "driven" in checked.attrs:
+        return "driven"
     return "compare" if "best" in checked.attrs else "cross_check" if "first" in checked.attrs else ""
 
 
