@@ -266,6 +266,21 @@ def test_inputs_are_read_with_the_record_or_from_another_file(table, tmp_path) -
     assert result.coefficient.sel(force="gain").item() == pytest.approx(0.02, rel=1e-3)
 
 
+def test_the_input_of_each_run_is_that_of_the_file_most_like_it(tmp_path) -> None:
+    for load in ("250g", "350g"):
+        for column in "xy":
+            values = np.column_stack(
+                [TIME, np.sin(TIME * (1.0 + (load == "350g"))) * (1.0 + (column == "y"))]
+            )
+            head = f"time (s),{column} (mm)"
+            np.savetxt(tmp_path / f"s_{load}_{column}.csv", values, delimiter=",", header=head, comments="")
+    read = [st.read_record(tmp_path / f"s_{load}_x.csv", input="*_y.csv:y") for load in ("250g", "350g")]
+    for record in read:
+        np.testing.assert_allclose(record.u, 2.0 * record.angle, atol=1e-12)
+    with pytest.raises(UsageError, match="must fit one file"):
+        st.read_record(tmp_path / "s_250g_x.csv", input="*_z.csv:y")
+
+
 def test_the_command_identifies_predicts_and_draws(table, tmp_path) -> None:
     ending = run(
         "identify",

@@ -88,7 +88,8 @@ class DecayOptions:
     )
     input_: str | None = option(
         "COLUMN|NAME=COLUMN,...",
-        "What drives the motion: a column, u of formulas, or several by their names; FILE:COLUMN of another.",
+        "What drives the motion: a column, u of formulas, or several by their names; FILE:COLUMN of another "
+        "file, *_y.mat:y of that most like each record's.",
         flags=("--input",),
     )
     between: str = option("smooth|linear|held", "What an input is between its samples.", "smooth")

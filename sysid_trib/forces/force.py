@@ -264,13 +264,16 @@ class Force:
         return "1" if not degree else "s-1" if degree == 1 else f"s{-degree:g}"
 
     def units_with(self, inputs: Mapping[str, str]) -> str:
-        """Unit of the coefficient beside inputs in units of their own, by their names: `1/V`."""
+        """Unit of the coefficient beside inputs in units of their own, by their names: `1/V`.
+
+        Of an input that has none its name stands for it: `1/u`.
+        """
         text = self.units
-        raw = dict.fromkeys(c.input for c in self.channels if not c.kind and inputs.get(c.input))
+        raw = dict.fromkeys(c.input for c in self.channels if not c.kind and c.input in inputs)
         for name in raw:
             of_input = {channel.name: 1.0 for channel in self.channels if channel.input == name}
             if degree := self._degree_in(of_input):
-                text += f"/{inputs[name]}" if degree == 1 else f"/{inputs[name]}^{degree:g}"
+                text += f"/{inputs[name] or name}" if degree == 1 else f"/{inputs[name] or name}^{degree:g}"
         return text
 
     @cached_property

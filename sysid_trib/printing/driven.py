@@ -47,7 +47,7 @@ def _in_its_unit(result: xr.Dataset, tree: xr.DataTree) -> list[str]:
     if scaled is None:
         return []
     record, name, unit = tree[record_groups(tree)[0]], scaled.attrs["input"], signal_units(tree)
-    units = record[name].attrs.get("units") or f"units of {name}"
+    units = record[name].attrs.get("units") or name
     powers = {MASS: f" {units}/({unit}/s^2)", STIFFNESS: f" {units}/{unit}"}
     library = library_of(result)
     parts = []

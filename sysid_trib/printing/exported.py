@@ -125,6 +125,11 @@ def _terms(result: xr.Dataset) -> tuple[list[tuple[str, str]], list[tuple[str, s
         in_model = np.isclose(of_force.refers_to, result.reference_frequency, rtol=1e-12)
         if of_force.active.item() and in_model and of_force.coefficient.item() != 0.0:
             number = rounded(of_force.coefficient.item(), of_force.standard_error.item())
+            if force.run is not None:
+                # Each run's own stands once, by its index.
+                if force.run > 1:
+                    continue
+                number = f"{force.symbol.removesuffix('_1')}_i"
             (sensors if force.kind == "sensor" else forces).append((number, force.formula.text))
     return forces, sensors
 

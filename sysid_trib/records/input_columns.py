@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,43 @@ def input_columns(inputs: Mapping[str, str | int], table: FileTable, source: str
     """The columns of a table that are inputs, and so no signal."""
     columns = [wanted for _, wanted, other in _sources(inputs) if other is None]
     return [find_column(table, wanted, source) for wanted in columns if not _is_formula(table, wanted)]
+
+
+def inputs_beside(inputs: Mapping[str, str | int], record: Path) -> dict[str, str | int]:
+    """Inputs of other files, looked for beside the record too; a `*` in a name stands for the record's own.
+
+    Of several files that fit, as `*_y.mat`, it is the one whose name agrees with the record's for longest.
+
+    Raises
+    ------
+    UsageError
+        There is no such file, or several agree as long.
+    """
+    return {
+        name: wanted if other is None else f"{_beside(other, record)}:{wanted}"
+        for name, wanted, other in _sources(inputs)
+    }
+
+
+def _beside(pattern: Path, record: Path) -> Path:
+    if "*" not in pattern.name:
+        beside = record.parent / pattern
+        return beside if not pattern.is_file() and beside.is_file() else pattern
+    folder = record.parent / pattern.parent
+    fitting = sorted(other for other in folder.glob(pattern.name) if other.name != record.name)
+    common = [_letters_alike(file.name, record.name) for file in fitting]
+    nearest = [file for file, length in zip(fitting, common, strict=True) if length == max(common)]
+    if len(nearest) != 1:
+        said = ", ".join(file.name for file in nearest[:2]) or "none"
+        raise UsageError(
+            f"{record.name}: the input's file {pattern} must fit one file in {folder}, not {said}."
+        )
+    return nearest[0]
+
+
+def _letters_alike(first: str, second: str) -> int:
+    """From the beginning of both."""
+    return len(list(takewhile(lambda pair: pair[0] == pair[1], zip(first, second, strict=False))))
 
 
 def with_inputs(

@@ -16,7 +16,7 @@ from sysid_trib.records.as_angle import as_felt, as_position
 from sysid_trib.records.columns import Chosen, choose_columns, has_column
 from sysid_trib.records.expression import is_expression, with_expression
 from sysid_trib.records.headers import split_header
-from sysid_trib.records.input_columns import input_columns, with_inputs
+from sysid_trib.records.input_columns import input_columns, inputs_beside, with_inputs
 from sysid_trib.records.inputs import named_inputs
 from sysid_trib.records.numbers import numbers, without_sentinels
 from sysid_trib.records.opened import opened
@@ -66,7 +66,8 @@ def read_record(
         Of a pendulum: turns a displacement in a unit of length into an angle.
     input : str, sequence of str, or mapping of str to str, optional
         Columns of what drives the motion: `"V1"` is the input `u` of formulas, `{"u": "V1", "b": "V2"}` are
-        several by their names; `"base.mat:y"` is a column of another file, with its own clock.
+        several by their names; `"base.mat:y"` is a column of another file, with its own clock, and
+        `"*_y.mat:y"` of that whose name is most like the record's.
     between : {"smooth", "linear", "held", "cubic"}
         What inputs are between their samples: smooth, as of a signal that was measured without aliasing;
         held, as a converter puts it out.
@@ -129,6 +130,7 @@ def read_records(path: str | os.PathLike[str], how: Reading | None = None) -> li
     """
     how = how or Reading()
     path = Path(path)
+    how = replace(how, inputs=inputs_beside(how.inputs, path))
     if how.time is not None and how.sampling_rate is not None:
         raise UsageError(f"{path.name}: give a time column or a sampling rate, not both.")
     with opened(path) as file:
