@@ -12,6 +12,8 @@ from sysid_trib.results.per_run import record_groups
 from sysid_trib.results.signal_units import signal_units
 
 COLOURS = (ORANGE, BLUE)
+# Of one panel, inch: its label has room.
+PANEL_HEIGHT = 1.6
 
 
 def driven(tree: xr.DataTree, run: int = 0) -> Figure:
@@ -26,7 +28,7 @@ def driven(tree: xr.DataTree, run: int = 0) -> Figure:
     """
     record, answer = tree[record_groups(tree)[run]].to_dataset(), tree["comparison"].attrs["answer"]
     inputs, time, unit = inputs_of(record), record.time.values, signal_units(tree)
-    figure = new_figure(FULL_WIDTH, 1.2 * (len(inputs) + 1) + 2.0)
+    figure = new_figure(FULL_WIDTH, PANEL_HEIGHT * (len(inputs) + 2))
     panels = figure.subplots(len(inputs) + 2, 1, sharex=True, squeeze=False)[:, 0].tolist()
     for panel, (name, given) in zip(panels, inputs.items(), strict=False):
         curve(panel, time[0] + given.elapsed, given.values, {"color": "0.3", "linewidth": 0.6})
@@ -45,7 +47,7 @@ def driven(tree: xr.DataTree, run: int = 0) -> Figure:
         residual.plot(time[shown], remainder[shown], color=colour, linewidth=0.6, label=label)
     symbol = "angle" if unit == "rad" else "displacement"
     motion.set_ylabel(f"{symbol} ({unit_label(unit)})")
-    residual.set(xlabel="time (s)", ylabel=f"record \N{MINUS SIGN} model ({unit_label(unit)})")
+    residual.set(xlabel="time (s)", ylabel=f"record \N{MINUS SIGN}\nmodel ({unit_label(unit)})")
     for panel in (motion, residual):
         panel.legend(ncols=3, **LEGEND)
     residual.set_xlim(time[0], time[-1])
