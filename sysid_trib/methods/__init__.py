@@ -81,4 +81,6 @@ def method_of(result: xr.Dataset) -> Any:
     if any(old):
         options["constraints"] = Constraints.merged(*old).table
     # An optimiser or a start model is not kept in a result: the method goes without it.
-    return kinds[name](**{k: v for k, v in options.items() if not (isinstance(v, dict) and NOT_KEPT in v)})
+    kept = {k: v for k, v in options.items() if not (isinstance(v, dict) and NOT_KEPT in v)}
+    # JSON knows lists but no tuples.
+    return kinds[name](**{k: tuple(v) if isinstance(v, list) else v for k, v in kept.items()})

@@ -3,7 +3,7 @@ from .at_a_glance import overview as overview
 from .compared import comparison as comparison
 from .conditions import against_condition as against_condition
 from .curves import backbone as backbone
-from .driven import driven as driven
+from .driven_record import driven as driven
 from .force_map import disagreement as disagreement
 from .looked import look as look
 from .motion_panels import half_periods as half_periods
