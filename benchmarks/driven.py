@@ -22,7 +22,7 @@ from stopwatch import timed
 
 import sysid_trib as st
 from sysid_trib.forces import ForceLibrary
-from sysid_trib.physics.per_input import per_input
+from sysid_trib.physics import per_input
 from sysid_trib.records.inputs import KnownInput
 
 DATA = Path(os.environ.get("SYSID_TRIB_DATA", Path(__file__).parents[2] / "shared" / "data"))
