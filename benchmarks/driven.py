@@ -202,7 +202,7 @@ FOLDERS = {"silverbox": "silverbox", "emps": "emps", "frame": "friction_frame"}
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--only", choices=[*MEASURED, "simulated"])
-    parser.add_argument("--seeds", type=int, default=40, help="of the simulated records")
+    parser.add_argument("--seeds", type=int, default=200, help="of the simulated records")
     options = parser.parse_args(arguments)
     console = Console(width=180)
     for name, table_of in MEASURED.items():
