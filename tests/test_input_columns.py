@@ -1,4 +1,4 @@
-"""Inputs of a record from columns of its file, of another one, or a formula; their units."""
+"""The units of inputs, and of the coefficients of their forces."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import sysid_trib as st
-from sysid_trib.errors import RecordError, UsageError
 
 TIME = np.arange(0.0, 12.0, 0.02)
 PUSH = np.cos(np.outer(TIME, np.linspace(1.0, 18.0, 30)) + np.arange(30.0) ** 2).sum(axis=1) / 4.0
@@ -55,26 +54,3 @@ def test_a_formula_of_columns_is_an_input(record_file: Path) -> None:
     record = st.read_record(record_file, input="35.15*torque")
     np.testing.assert_allclose(record.u, 35.15 * PUSH)
     assert "units" not in record.u.attrs
-
-
-def test_an_input_of_another_file_has_a_clock_of_its_own(tmp_path: Path, record_file: Path) -> None:
-    clock = np.arange(-1.0, 14.0, 0.05)
-    other = written(tmp_path / "base.csv", "time (s),y (rad)", clock, np.sin(clock))
-    record = st.read_record(record_file, angle="angle", input={"base": f"{other}:y"})
-    assert record.base.dims == ("base_time",)
-    np.testing.assert_allclose(record.base_time, clock, atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("given", "error", "words"),
-    [
-        ("nothing", UsageError, "nothing"),
-        ("still", RecordError, "drives nothing"),
-        ("x.csv:y", UsageError, "x.csv"),
-    ],
-)
-def test_what_drives_nothing_is_refused(tmp_path: Path, given: str, error: type, words: str) -> None:
-    header = "time (s),still,angle (rad)"
-    path = written(tmp_path / "run.csv", header, TIME, np.full(len(TIME), 2.0), 0.1 * PUSH)
-    with pytest.raises(error, match=words):
-        st.read_record(path, angle="angle", input=given)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from sysid_trib.physics.per_input import MASS, STIFFNESS, per_input
+from sysid_trib.physics.input_units import MASS, STIFFNESS, per_input
 from sysid_trib.printing.blocks import ALWAYS, Block, Layer
 from sysid_trib.printing.exported import equation_text
 from sysid_trib.printing.layout import by_label, coefficient_cell, quantity, text_table, value_with_error
