@@ -18,7 +18,7 @@ SETTLED_START = 1e-5
 FAR_START = 1e-2
 # And after one that is not shorter than this part of the one before: with one slope for both sides of a rest
 # with friction the start goes to and fro.
-SLOW = 0.5
+NOT_SHORTER = 0.5
 BY_START = (BY_ANGLE, BY_RATE)
 # A direction that moves the motion by this part of what another does is not told from rounding.
 SINGULAR = 1e-7
@@ -133,7 +133,7 @@ def fit_start(
         zero += float(steps[2]) if offset is not None else 0.0
         if near and longest < SETTLED_START:
             break
-        by = BY_START if longest > min(FAR_START, SLOW * before) else ()
+        by = BY_START if longest > min(FAR_START, NOT_SHORTER * before) else ()
         before = longest
         motion = trajectory(model, time, *begin, by=by, most_steps=most_steps)
         sensitivity = motion.derivatives.get("angle", sensitivity)
