@@ -101,6 +101,7 @@ if path is not None:
         axes.plot(unseen.time, 1e3 * unseen.residual, linewidth=0.5, label=f"{row['parameters']} parameters")
     axes.plot(test.time, 1e3 * test.angle, color="0.8", linewidth=0.5, label="record", zorder=0)
     axes.set(xlabel="time (s)", ylabel="record \N{MINUS SIGN} model (mV)")
+    axes.set_yscale("symlog", linthresh=1.0)
     axes.legend(ncols=3)
     plt.close(figure)
     display(figure)
