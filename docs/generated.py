@@ -20,7 +20,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterable
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
@@ -47,6 +47,8 @@ PLACE = re.compile(r"^<!-- generated: (.+?) -->$", re.MULTILINE)
 OUTPUT = re.compile(
     r"(?<=^<!-- output: )sysid-trib (.+?) -->\n\n```text\n(.*?)\n```$", re.MULTILINE | re.DOTALL
 )
+# What the page of files calls a result with inputs.
+DRIVEN = "identify of a driven record"
 # Amplitudes (rad) between which signatures are compared.
 LOW, HIGH = 0.02, 0.5
 
@@ -232,7 +234,18 @@ def small_results() -> dict[str, xr.DataTree]:
         "identify": st.cross_check(decay, *identified, draws=16),
         "compare": st.compare(decay, start, methods),
         "discover": st.discover(decay, start, candidates, max_effects=1),
+        DRIVEN: driven_result(time),
     }
+
+
+def driven_result(time: np.ndarray) -> xr.DataTree:
+    """A result of `identify` of a short synthetic record with an input."""
+    known = [*st.load_library("inputs").select(["gain"]), *st.load_library("contact_forces").select(["zeta"])]
+    library = replace(st.load_library("inputs"), forces=tuple(known))
+    model = st.Model(library, {"gain": 0.1, "zeta": 0.02}, 10.0)
+    record = st.simulate(model, time, 0.1, inputs={"u": np.sin(7.0 * time) + np.sin(11.0 * time)})
+    record["angle"] = record.angle + 1e-4 * np.random.default_rng(2).standard_normal(time.size)
+    return st.identify(record.assign_attrs(source="driven"), library)
 
 
 def results() -> str:

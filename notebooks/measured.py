@@ -57,6 +57,20 @@ RECORDS = {
     "string": ("string_pendulum/run_1.txt",),
     "ship": ("roll_decay/model_test_21337.csv",),
 }
+# Driven records, which are not fetched: a file, or a folder of several.
+DRIVEN = {"silverbox": "silverbox/multisine_1_to_6.csv", "frame": "friction_frame"}
+
+
+def driven(record: str) -> Path | None:
+    """Where a driven record is; None, and why, where it is not."""
+    path = Path(os.environ.get("SYSID_TRIB_DATA", FOLDER)) / DRIVEN[record]
+    if path.exists():
+        return path
+    print(
+        f"{DRIVEN[record]} is not part of this repository and was not found: name the folder that holds it "
+        "by SYSID_TRIB_DATA; the cells that need it are skipped."
+    )
+    return None
 
 
 def files() -> dict[str, Path]:

@@ -16,7 +16,9 @@ from numpydoc.validate import validate
 
 import sysid_trib as st
 from sysid_trib.printing.comparison_tables import comparison_json
+from sysid_trib.printing.driven import driven_json
 from sysid_trib.printing.json_results import discovery_json, identification_json
+from sysid_trib.printing.predicted import prediction_json
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
@@ -139,6 +141,9 @@ def test_json_keys_are_those_documented(generated):
         "compare": comparison_json(results["compare"]),
         "discover": discovery_json(results["discover"]),
     }
+    driven = results[generated.DRIVEN]
+    predicted = st.predict(driven["direct"].to_dataset(), driven["record"].to_dataset())
+    printed[generated.DRIVEN] = driven_json(driven) | prediction_json([predicted])
     for command, data in printed.items():
         section = re.split(r"^### ", page.split("## JSON")[1], flags=re.MULTILINE)
         table = next(part for part in section if part.startswith(f"{command}\n"))
@@ -170,6 +175,7 @@ def _general(path, documented):
         (r"(?<=^methods\.)[^.]+", "METHOD"),
         (r"(?<=^cross_check\.models\.)[^.]+", "METHOD"),
         (r"(?<=^cross_check\.differences\.)[^.]+", "QUANTITY"),
+        (r"(?<=^per_input\.)[^.]+", "QUANTITY"),
         (r"(?<=\.coefficients\.)[^.]+", "FORCE"),
     ):
         path = re.sub(pattern, name, path)

@@ -13,6 +13,7 @@ import sysid_trib as st
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.records.inputs import KnownInput
 from sysid_trib.state_space.expected_steps import expected_steps
+from sysid_trib.trajectory_fit.initial_conditions import fit_start
 
 W = 9.9
 TRUTH = {"lambda": 1e-3, "zeta": 0.01, "epsilon": -0.1}
@@ -236,3 +237,24 @@ def test_what_compares_free_motions_refuses_an_input() -> None:
         st.cross_check(record, result, result)
     with pytest.raises(UsageError, match="known input"):
         st.discover(record, LIBRARY, st.load_library("candidate_effects"))
+
+
+@pytest.mark.parametrize("seed", [2, 5])
+def test_the_start_of_a_body_at_rest_with_friction_is_the_best(seed: int) -> None:
+    """It goes another way by its rate on either side of rest: one slope for both leads to and fro."""
+    inputs, friction = st.load_library("inputs"), st.load_library("contact_forces").select(["lambda", "zeta"])
+    axis = replace(inputs, forces=(*inputs.select(["free_axis", "gain"]), *friction))
+    truth = {"free_axis": 1.0, "gain": 0.4, "lambda": 0.2, "zeta": 0.1}
+    time = np.arange(0.0, 15.0, 0.02)
+    force = 3.0 * np.sin(2.0 * time) + 1.5 * np.sin(5.0 * time + 1.0)
+    model = st.Model(axis, truth, 5.0, inputs={"u": KnownInput(time, force)})
+    noise = 1e-3 * np.random.default_rng(seed).standard_normal(len(time))
+    angle = st.simulate(model, time, 0.0, inputs=model.inputs).angle.values + noise
+
+    def left(rate: float) -> float:
+        # Where it begins is known best of all: the mean of what is left.
+        return float(np.std(angle - st.simulate(model, time, 0.0, rate, inputs=model.inputs).angle.values))
+
+    fitted = fit_start(model, time, angle, (3e-4, -0.1), offset=None)
+    found = float(np.sqrt(np.mean((angle - fitted.x) ** 2)))
+    assert found < min(map(left, np.linspace(-2e-3, 2e-3, 41))) * (1.0 + 1e-4)

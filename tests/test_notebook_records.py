@@ -69,3 +69,11 @@ def test_fetched_files_are_checked(measured, monkeypatch, tmp_path, capsys):
     monkeypatch.setitem(measured.SOURCES, RUN, source)
     assert measured.files()["string"].read_text(encoding="utf-8") == "0 1\n"
     assert capsys.readouterr().out.count("there is no connection") == 2
+
+
+def test_a_driven_record_is_found_or_its_absence_told(measured, tmp_path, capsys):
+    assert measured.driven("silverbox") is None
+    assert "SYSID_TRIB_DATA" in capsys.readouterr().out
+    put(tmp_path, measured.DRIVEN["silverbox"])
+    assert measured.driven("silverbox").name == "multisine_1_to_6.csv"
+    assert capsys.readouterr().out == ""

@@ -273,7 +273,9 @@ class Force:
         for name in raw:
             of_input = {channel.name: 1.0 for channel in self.channels if channel.input == name}
             if degree := self._degree_in(of_input):
-                text += f"/{inputs[name] or name}" if degree == 1 else f"/{inputs[name] or name}^{degree:g}"
+                unit = inputs[name] or name
+                unit = f"({unit})" if set("*/") & set(unit) else unit
+                text += f"/{unit}" if degree == 1 else f"/{unit}^{degree:g}"
         return text
 
     @cached_property

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from sysid_trib.physics.per_input import MASS, STIFFNESS, per_input
+from sysid_trib.physics.input_units import MASS, STIFFNESS, per_input
 from sysid_trib.printing.blocks import ALWAYS, Block, Layer
 from sysid_trib.printing.exported import equation_text
 from sysid_trib.printing.layout import by_label, coefficient_cell, quantity, text_table, value_with_error
@@ -87,8 +87,11 @@ def _table(results: dict[str, xr.Dataset], compared: xr.Dataset, unit: str) -> A
                 _z(compared, symbol),
             ]
         )
+    # Where it is held, that at vanishing amplitude is of the forces, whose differences are above.
+    fitted = any(result[f"{W}_standard_error"].item() for result in results.values())
+    z = _z(compared, "asymptotic_frequency") if fitted else ""
     cells = [quantity(result, W) for result in results.values()]
-    rows.append(["w (rad/s)", "reference frequency", "", *cells, _z(compared, "asymptotic_frequency")])
+    rows.append(["w (rad/s)", "reference frequency", "", *cells, z])
     sizes = [f"{compared.residual_rms.sel(model=name).item():.3g}" for name in results]
     rows.append([f"left ({unit})", "RMS of record minus motion", "", *sizes, ""])
     heads = ["force", "", "formula", *results, "difference / error"]

@@ -167,4 +167,6 @@ def _of_file(path: Path, wanted: str | int, how: Reading) -> tuple[Array, Array,
 
 
 def _unit(table: FileTable, column: str) -> str:
-    return table.units.get(column) or as_written(column, split_header(column)[1])
+    stated = table.units.get(column) or as_written(column, split_header(column)[1])
+    known = signal_unit(stated)
+    return known.text if known is not None and known.known else stated

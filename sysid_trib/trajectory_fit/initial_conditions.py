@@ -16,6 +16,9 @@ MAX_ROUNDS = 8
 SETTLED_START = 1e-5
 # After a step as long as this part of the swing the derivatives are taken anew.
 FAR_START = 1e-2
+# And after one that is not shorter than this part of the one before: with one slope for both sides of a rest
+# with friction the start goes to and fro.
+NOT_SHORTER = 0.5
 BY_START = (BY_ANGLE, BY_RATE)
 # A direction that moves the motion by this part of what another does is not told from rounding.
 SINGULAR = 1e-7
@@ -113,7 +116,7 @@ def fit_start(
     amplitude = float(np.max(np.abs(angle))) * np.array([1.0, model.reference_frequency])
     # A rate in a power of two near w, in which it counts as an angle does, whatever the unit of time.
     units = np.array([1.0, np.exp2(np.round(np.log2(model.reference_frequency)))])
-    begin, zero = np.array(start, dtype=float), offset or 0.0
+    begin, zero, before = np.array(start, dtype=float), offset or 0.0, np.inf
     by = BY_START if sensitivity is None else ()
     motion = trajectory(model, time, *begin, by=by, most_steps=most_steps)
     sensitivity = motion.derivatives.get("angle", sensitivity)
@@ -130,7 +133,8 @@ def fit_start(
         zero += float(steps[2]) if offset is not None else 0.0
         if near and longest < SETTLED_START:
             break
-        by = BY_START if longest > FAR_START else ()
+        by = BY_START if longest > min(FAR_START, NOT_SHORTER * before) else ()
+        before = longest
         motion = trajectory(model, time, *begin, by=by, most_steps=most_steps)
         sensitivity = motion.derivatives.get("angle", sensitivity)
         if longest < SETTLED_START:

@@ -1,0 +1,220 @@
+"""Driven records: Silverbox, EMPS, a frame that rubs under three loads, simulated ones beside their bound.
+
+python benchmarks/driven.py [--only silverbox|emps|frame|simulated] [--seeds N]
+
+Measured records are read from ../shared/data beside the project, or from the folder in SYSID_TRIB_DATA;
+without it only `simulated` runs. Times are of the processor, of one call, with what it compiles.
+"""
+
+import argparse
+import os
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from rich.console import Console
+from rich.table import Table
+from stopwatch import timed
+
+import sysid_trib as st
+from sysid_trib.forces import ForceLibrary
+from sysid_trib.physics import per_input
+from sysid_trib.records.inputs import KnownInput
+
+DATA = Path(os.environ.get("SYSID_TRIB_DATA", Path(__file__).parents[2] / "shared" / "data"))
+LIBRARIES = ("inputs", "contact_forces", "candidate_effects")
+OFF: dict[str, Any] = {"random_force": "off"}
+
+# Five of six realisations of the multisine, 8,700 samples each.
+TRAINING = 43500
+FIVE = ("gain", "zeta", "epsilon", "even_spring")
+EIGHT = (*FIVE, "delta", "lambda", "quintic")
+TWELVE = (*EIGHT, "nu", "van_der_pol", "tilted_damping", "gain_delay")
+
+# N/V of the motor's drive, and the published least squares (Janot, Gautier & Brunot 2019), SI.
+GTAU = 35.15065
+PUBLISHED = {"mass": 95.11, "zeta": 203.5, "lambda": 20.39, "bias": -3.16}
+SAID = {"mass": "M (kg)", "zeta": "Fv (Ns/m)", "lambda": "Fc (N)", "bias": "offset (N)"}
+
+LOADS = ("250", "350", "550")
+# kg, as the authors of the frame weighed it.
+MASS = 3.0799
+
+TRUTH = {"gain": 0.05, "lambda": 1e-3, "zeta": 0.01, "epsilon": -0.1}
+W, NOISE = 9.9, 2e-4
+
+
+def offered(*symbols: str) -> ForceLibrary:
+    """These forces of the libraries of the package."""
+    known: dict[str, Any] = {}
+    for name in LIBRARIES:
+        for force in st.load_library(name):
+            known.setdefault(force.symbol, force)
+    return replace(st.load_library("inputs"), forces=tuple(known[symbol] for symbol in symbols))
+
+
+def cpu(call: Callable[[], Any]) -> tuple[Any, float]:
+    """What a call returns, and the processor's time (s)."""
+    return timed(call, time.process_time)
+
+
+def silverbox() -> Table:
+    """Trained on five realisations; free run on the sixth, whose start is fitted."""
+    record = st.read_record(DATA / "silverbox" / "multisine_1_to_6.csv", input="V1")
+    train, test = (
+        record.isel(time=slice(TRAINING)),
+        record.isel(time=slice(TRAINING, None)),
+    )
+    table = Table(title="Silverbox, RMS of record minus free run (mV)")
+    for head in (
+        "method",
+        "forces and w",
+        "parameters",
+        "training",
+        "last realisation",
+        "largest",
+        "time (s)",
+    ):
+        table.add_column(head)
+    direct, trajectory = st.methods.Direct(**OFF), st.methods.Trajectory(**OFF)
+    for method, symbols in ((direct, FIVE), (direct, EIGHT), (direct, TWELVE), (trajectory, FIVE)):
+        result, seconds = cpu(lambda m=method, s=symbols: m.identify(train, offered(*s)))
+        seen, unseen = (st.predict(result, part) for part in (train, test))
+        largest = 1e3 * float(np.abs(unseen.residual).max())
+        rms = [f"{1e3 * part.residual_rms.item():.4f}" for part in (seen, unseen)]
+        name = type(method).__name__
+        row = (name, " ".join(symbols), str(len(symbols) + 1), *rms, f"{largest:.2f}", f"{seconds:.0f}")
+        table.add_row(*row)
+    return table
+
+
+def emps() -> Table:
+    """The motor axis: no restoring force; everything in the unit of the force."""
+    path = DATA / "emps" / "DATA_EMPS.mat"
+    record = st.read_record(path, angle="qm", time="t", units="m", input=f"{GTAU}*vir", between="linear")
+    library = offered("free_axis", "gain", "zeta", "lambda", "bias")
+    tree, seconds = cpu(lambda: st.identify(record, library, constraints={"free_axis": 1.0}))
+    table = Table(title=f"EMPS; both methods take {seconds:.0f} s")
+    for head in ("method", *SAID.values(), "open loop (mm)"):
+        table.add_column(head)
+    table.add_row("published least squares", *(f"{value:g}" for value in PUBLISHED.values()), "6.85")
+    compared = tree["comparison"].to_dataset()
+    for name in compared.model.values.tolist():
+        found = per_input(tree[name].to_dataset())
+        cells = [
+            f"{found.value.sel(quantity=q).item():.2f} ± {found.standard_error.sel(quantity=q).item():.2f}"
+            for q in SAID
+        ]
+        table.add_row(name, *cells, f"{1e3 * compared.residual_rms.sel(model=name).item():.2f}")
+    return table
+
+
+def frame() -> Table:
+    """Three loads on one frame: the friction is each run's own, frequency and damping are common."""
+    folder = DATA / "friction_frame"
+    runs = [
+        st.read_record(
+            folder / f"s_b_{load}g_x.mat",
+            time="t",
+            units="mm",
+            input={"base": f"{folder / f's_b_{load}g_y.mat'}:y"},
+        )
+        for load in LOADS
+    ]
+    library = offered("base_spring", "base_damping", "lambda")
+    methods = [kind(own=("lambda",)) for kind in (st.methods.Direct, st.methods.Trajectory)]
+    tree, seconds = cpu(lambda: st.identify(runs, library, methods, constraints={"base_spring": 1.0}))
+    table = Table(title=f"Frame, three loads; both methods take {seconds:.0f} s")
+    heads = ("method", "frequency (Hz)", "zeta", *(f"F of {load} g (N)" for load in LOADS), "left (mm)")
+    for head in heads:
+        table.add_column(head)
+    compared = tree["comparison"].to_dataset()
+    for name in compared.model.values.tolist():
+        result = tree[name].to_dataset()
+        w, of_w = result.reference_frequency.item(), result.reference_frequency_standard_error.item()
+        newton = 1e-3 * MASS * w**2
+        cells = [f"{w / (2 * np.pi):.4f} ± {of_w / (2 * np.pi):.4f}", with_error(result, "base_damping", 1.0)]
+        cells += [with_error(result, f"lambda_{at}", newton) for at in range(1, len(LOADS) + 1)]
+        table.add_row(name, *cells, f"{compared.residual_rms.sel(model=name).item():.3f}")
+    return table
+
+
+def with_error(result: xr.Dataset, symbol: str, scale: float) -> str:
+    """A coefficient and its standard error, both in another unit."""
+    one = result.sel(force=symbol)
+    return f"{scale * one.coefficient.item():.4f} ± {scale * one.standard_error.item():.4f}"
+
+
+def driven_model(between: str = "smooth") -> tuple[st.Model, np.ndarray]:
+    """A pendulum under a multisine about its resonance, and the times: 30 periods of 40 samples."""
+    elapsed = np.arange(1200) * 2.0 * np.pi / W / 40
+    lines = np.arange(1, 61) / 30 * W
+    phases = np.random.default_rng(0).uniform(0.0, 2.0 * np.pi, len(lines))
+    u = np.cos(np.outer(elapsed, lines) + phases).sum(axis=1) / np.sqrt(len(lines) / 2)
+    inputs = {"u": KnownInput(elapsed, u, between)}
+    return st.Model(offered(*TRUTH), TRUTH, W, inputs=inputs), elapsed
+
+
+def simulated(seeds: int) -> Table:
+    """White noise in a driven pendulum: errors over the bound, and intervals that hold the truth."""
+    model, elapsed = driven_model()
+    clean = st.simulate(model, elapsed, 0.1, inputs=model.inputs)
+    bound = st.cramer_rao_bound(model, elapsed, 0.1, 0.0, NOISE, free=True)
+    smallest = np.append(bound.standard_error.values, bound.reference_frequency_standard_error.item())
+    table = Table(title=f"RMS error over the Cramér-Rao bound / 95 % intervals that hold (%), {seeds} seeds")
+    for head in ("method", *TRUTH, "w", "time of one (s)"):
+        table.add_column(head)
+    for method in (st.methods.Direct(), st.methods.Trajectory()):
+        errors, stated, seconds = repeated(method, clean, model.library, seeds)
+        ratios = np.sqrt(np.mean(errors**2, axis=0)) / smallest
+        held = 100.0 * np.mean(np.abs(errors) < 1.96 * stated, axis=0)
+        cells = [f"{ratio:.2f} / {share:.0f}" for ratio, share in zip(ratios, held, strict=True)]
+        table.add_row(type(method).__name__, *cells, f"{seconds / seeds:.2f}")
+    return table
+
+
+def repeated(
+    method: Any, clean: xr.Dataset, library: ForceLibrary, seeds: int
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Errors and stated errors of coefficients and w, (seed, parameter), and the time (s)."""
+    truth, errors, stated, total = np.array([*TRUTH.values(), W]), [], [], 0.0
+    for seed in range(seeds):
+        noise = NOISE * np.random.default_rng(seed).standard_normal(clean.sizes["time"])
+        result, seconds = cpu(
+            lambda n=noise: st.identify(clean.assign(angle=clean.angle + n), library, method)
+        )
+        total += seconds
+        found = result.sel(force=list(TRUTH))
+        errors.append([*found.coefficient.values, result.reference_frequency.item()] - truth)
+        of_w = result.reference_frequency_standard_error.item()
+        stated.append([*found.standard_error.values, of_w])
+    return np.array(errors), np.array(stated), total
+
+
+MEASURED = {"silverbox": silverbox, "emps": emps, "frame": frame}
+FOLDERS = {"silverbox": "silverbox", "emps": "emps", "frame": "friction_frame"}
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--only", choices=[*MEASURED, "simulated"])
+    parser.add_argument("--seeds", type=int, default=200, help="of the simulated records")
+    options = parser.parse_args(arguments)
+    console = Console(width=180)
+    for name, table_of in MEASURED.items():
+        if options.only not in (None, name):
+            continue
+        if not (DATA / FOLDERS[name]).is_dir():
+            print(f"{name}: left out, {DATA} has no measured records; name their folder in SYSID_TRIB_DATA.")
+            continue
+        console.print(table_of())
+    if options.only in (None, "simulated"):
+        console.print(simulated(options.seeds))
+
+
+if __name__ == "__main__":
+    main()
