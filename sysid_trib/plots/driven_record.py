@@ -13,7 +13,7 @@ from sysid_trib.results.signal_units import signal_units
 
 COLOURS = (ORANGE, BLUE)
 # Of one panel, inch: its label has room.
-PANEL_HEIGHT = 1.6
+INPUT_HEIGHT = 1.6
 
 
 def driven(tree: xr.DataTree, run: int = 0) -> Figure:
@@ -28,7 +28,7 @@ def driven(tree: xr.DataTree, run: int = 0) -> Figure:
     """
     record, answer = tree[record_groups(tree)[run]].to_dataset(), tree["comparison"].attrs["answer"]
     inputs, time, unit = inputs_of(record), record.time.values, signal_units(tree)
-    figure = new_figure(FULL_WIDTH, PANEL_HEIGHT * (len(inputs) + 2))
+    figure = new_figure(FULL_WIDTH, INPUT_HEIGHT * (len(inputs) + 2))
     panels = figure.subplots(len(inputs) + 2, 1, sharex=True, squeeze=False)[:, 0].tolist()
     for panel, (name, given) in zip(panels, inputs.items(), strict=False):
         curve(panel, time[0] + given.elapsed, given.values, {"color": "0.3", "linewidth": 0.6})
