@@ -224,7 +224,7 @@ def test_figures_are_written(folder, tmp_path):
     names = {path.name for path in (tmp_path / "new" / "figures").iterdir()}
     assert names == {
         f"{name}.{ending}"
-        for name in ("overview", "story", "discovery", "disagreement", "ranking", "forecast")
+        for name in ("overview", "story", "half_periods", "disagreement", "ranking", "forecast")
         for ending in ("pdf", "png")
     }
 

@@ -180,7 +180,7 @@ def test_each_run_has_its_figures(tmp_path):
     places = [str(tmp_path / name) for name in ("a.csv", "b.csv")]
     assert command("identify", *places, "--plot", str(tmp_path / "figures")).status == 0
     names = {place.name for place in (tmp_path / "figures").iterdir()}
-    assert {"identification_1.png", "identification_2.pdf"} <= names
+    assert {"half_periods_1.png", "half_periods_2.pdf"} <= names
 
 
 @pytest.mark.slow
