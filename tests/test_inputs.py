@@ -282,23 +282,10 @@ def test_the_input_of_each_run_is_that_of_the_file_most_like_it(tmp_path) -> Non
 
 
 def test_the_command_identifies_predicts_and_draws(table, tmp_path) -> None:
-    ending = run(
-        "identify",
-        table,
-        "--angle",
-        "angle",
-        "--input",
-        "drive",
-        "--between",
-        "linear",
-        "--forces",
-        "gain,zeta,epsilon,lambda",
-        "--test",
-        table,
-        "--json",
-        "--plot",
-        tmp_path / "figures",
-    )
+    read = ("--angle", "angle", "--input", "drive")
+    asked = ("identify", table, *read, "--forces", "gain,zeta,epsilon,lambda")
+    drawn = ("--json", "--plot", tmp_path / "figures")
+    ending = run(*asked, "--between", "linear", "--test", table, *drawn)
     assert ending.status == 0, ending.err
     said = json.loads(ending.out)
     assert said["answer"] in said["methods"]
@@ -308,16 +295,6 @@ def test_the_command_identifies_predicts_and_draws(table, tmp_path) -> None:
     assert said["test"][0]["residual_over_motion"] < 1e-3
     assert (tmp_path / "figures" / "driven.pdf").exists()
     kept, page = tmp_path / "driven.nc", tmp_path / "driven.html"
-    asked = (
-        "identify",
-        table,
-        "--angle",
-        "angle",
-        "--input",
-        "drive",
-        "--forces",
-        "gain,zeta,epsilon,lambda",
-    )
     text = run(*asked, "-o", kept).out
     assert "In the unit of the input u: mass" in text
     assert run("report", kept, "-o", page).status == 0

@@ -332,6 +332,11 @@ class Force:
         return degree if exact else None
 
 
+def channels_of(forces: Iterable[Force]) -> tuple[Channel, ...]:
+    """What forces hold of inputs, each once."""
+    return tuple(dict.fromkeys(channel for force in forces for channel in force.channels))
+
+
 @dataclass(frozen=True)
 class ForceLibrary:
     """An ordered set of forces, by symbol or in turn.
@@ -372,7 +377,7 @@ class ForceLibrary:
     @property
     def channels(self) -> tuple[Channel, ...]:
         """What its forces hold of inputs, each once."""
-        return tuple(dict.fromkeys(channel for force in self.forces for channel in force.channels))
+        return channels_of(self.forces)
 
     @property
     def inputs(self) -> tuple[str, ...]:

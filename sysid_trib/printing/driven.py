@@ -17,6 +17,11 @@ from sysid_trib.results.signal_units import signal_units
 
 W = "reference_frequency"
 RESIDUAL_SIZES = ("residual_rms", "residual_over_noise", "residual_over_motion", "residual_p_value")
+ERRORS = (
+    "Errors: where what is left is white, by its size; else by blocks of the record (trajectory), or by "
+    "rows two periods apart or the random force that stands for what the model lacks (direct). "
+    "Differences are over the larger error of both."
+)
 
 
 def driven_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
@@ -31,11 +36,12 @@ def driven_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
         "not explained": f"The model does not explain the record: its motion leaves {unexplained} (RMS).",
     }[verdict]
     results = {name: tree[name].to_dataset() for name in compared.model.values.tolist()}
+    table = _table(results, compared, unit)
     return [
         Block([first, f"The answer is {answer}'s, whose motion leaves less."], ALWAYS),
         Block(record),
-        Block([_errors()], Layer.EXPLAIN, "Forces", _table(results, compared, unit), figures="driven"),
-        Block(table=_table(results, compared, unit), layers=Layer.QUIET | Layer.DEFAULT),
+        Block([ERRORS], Layer.EXPLAIN, "Forces", table, figures="driven"),
+        Block(table=table, layers=Layer.QUIET | Layer.DEFAULT),
         Block([f"Equation: {equation_text(results[answer])}."]),
         Block(_in_its_unit(results[answer], tree)),
     ]
@@ -60,14 +66,6 @@ def _in_its_unit(result: xr.Dataset, tree: xr.DataTree) -> list[str]:
         rate = "" if not q else f"/({unit}/s)" if q == 1 else f"/({unit}/s)^{q:g}"
         parts.append(f"{quantity_name} {text} {units}{rate}")
     return [f"In the unit of the input {name}: {', '.join(parts)}."]
-
-
-def _errors() -> str:
-    return (
-        "Errors: where what is left is white, by its size; else by blocks of the record (trajectory), or by "
-        "rows two periods apart or the random force that stands for what the model lacks (direct). "
-        "Differences are over the larger error of both."
-    )
 
 
 def _table(results: dict[str, xr.Dataset], compared: xr.Dataset, unit: str) -> Any:

@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid_trib.forces.force import Channel, Force
+from sysid_trib.forces.force import Channel, Force, channels_of
 from sysid_trib.forces.formulas import Formula, Functions, parse
 from sysid_trib.simulation.model import Model
 
@@ -65,7 +65,7 @@ class Motion:
     @cached_property
     def channels(self) -> tuple[Channel, ...]:
         """What the forces hold of inputs."""
-        return tuple(dict.fromkeys(channel for force in self.forces for channel in force.channels))
+        return channels_of(self.forces)
 
     @cached_property
     def shapes(self) -> tuple[str, ...]:

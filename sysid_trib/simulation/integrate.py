@@ -104,7 +104,7 @@ def integrate(
         pushes.polynomials,
         pushes.kicks,
         np.zeros((len(knots), len(by))),
-        np.where(jumps_of(pushes), INPUT_JUMPS, -1) if len(knots) else np.empty(0, int),
+        np.where(jumps_of(pushes), INPUT_JUMPS, -1),
         np.empty((0, 0)),
         np.empty((len(grid), columns)),
         np.empty((len(grid), columns, len(by))),

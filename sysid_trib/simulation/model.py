@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid_trib.errors import LibraryError, UsageError
-from sysid_trib.forces.force import Channel, Force, ForceLibrary
+from sysid_trib.forces.force import Channel, Force, ForceLibrary, channels_of
 from sysid_trib.records.inputs import INPUT, PUSH, KnownInput
 
 
@@ -66,7 +66,7 @@ class Model:
     def driven(self) -> tuple[Channel, ...]:
         """What the equation of motion holds of inputs: first one that pushes by itself, if there is one."""
         pushes = (PUSH,) if INPUT in self.inputs else ()
-        return (*pushes, *dict.fromkeys(channel for force in self.forces for channel in force.channels))
+        return (*pushes, *channels_of(self.forces))
 
     def with_coefficients(self, coefficients: Mapping[str, float]) -> "Model":
         """The same model with other coefficients."""

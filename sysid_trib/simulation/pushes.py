@@ -64,11 +64,8 @@ def pushes_of(model: Model, tau: Vector, random_force: float = 0.0, seed: int = 
     Over an interval h of tau a white acceleration adds to (x, v) a Gaussian vector of covariance
     per_tau [[h^3/3, h^2/2], [h^2/2, h]] to lowest order in h; per_tau = density/(2 w^3).
     """
-    known, w = (
-        [model.inputs[c.input] for c in model.driven if c.input in model.inputs],
-        model.reference_frequency,
-    )
-    if not known and not random_force:
+    w = model.reference_frequency
+    if not random_force and not any(channel.input in model.inputs for channel in model.driven):
         # Inputs that are not given are zero.
         return replace(UNPUSHED, polynomials=np.zeros((0, len(model.driven), 1)))
     if len(tau) < 2:
@@ -86,11 +83,8 @@ def pushes_of(model: Model, tau: Vector, random_force: float = 0.0, seed: int = 
 
 def bends_of(model: Model) -> Vector:
     """Times at which what is given begins another polynomial, (knot,), s."""
-    known = {
-        name: model.inputs[name].bends
-        for name in {channel.input for channel in model.driven} & {*model.inputs}
-    }
-    return np.unique(np.concatenate([*known.values(), []]))
+    names = {channel.input for channel in model.driven} & {*model.inputs}
+    return np.unique(np.concatenate([*(model.inputs[name].bends for name in names), []]))
 
 
 def polynomials_of(model: Model, knots: Vector) -> Vector:
@@ -107,13 +101,13 @@ def polynomials_of(model: Model, knots: Vector) -> Vector:
 
 def jumps_of(pushes: Pushes) -> Mask:
     """At which knots what forces hold of inputs jumps, (knot,)."""
-    powers = np.arange(pushes.polynomials.shape[2])
-    steps = np.diff(pushes.knots, append=np.inf)[:-1, None, None] ** powers
-    before = np.sum(pushes.polynomials[:-1] * steps, axis=2)
-    rises = np.abs(pushes.polynomials[1:, :, 0] - before) > JUMP_PART * np.abs(
-        pushes.polynomials[..., 0]
-    ).max(axis=0, initial=0.0)
-    return np.append(False, rises[:, int(pushes.pushed) :].any(axis=1))[: len(pushes.knots)]
+    held = pushes.polynomials[:, int(pushes.pushed) :]
+    steps = np.diff(pushes.knots)[:, None, None] ** np.arange(held.shape[2])
+    rises = np.abs(held[1:, :, 0] - np.sum(held[:-1] * steps, axis=2))
+    largest = np.abs(held[..., 0]).max(axis=0, initial=0.0)
+    jumps = np.zeros(len(pushes.knots), bool)
+    jumps[1:] = (rises > JUMP_PART * largest).any(axis=1)
+    return jumps
 
 
 def _instants(tau: Vector, per_period: int) -> Vector:

@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from scipy.stats import chi2
 
 from sysid_trib.arrays import Array, Index
+from sysid_trib.noise.whiteness import autocorrelation, ljung_box_p_value
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import variable, with_error
 from sysid_trib.state_space.kalman import set_signal, statsmodels_model
@@ -61,7 +61,7 @@ def innovations_of(decay: xr.Dataset, tracked: TrackedRecord) -> xr.Dataset:
     lags = np.arange(1, 1 + min(LAGS, max(1, len(innovation) // 4)))
     correlation = autocorrelation(innovation / deviation, lags)
     count = len(innovation)
-    ljung_box = count * (count + 2) * float(np.sum(correlation**2 / (count - lags)))
+    white = ljung_box_p_value(correlation, lags, count)
     spans = _spans(tracked)
     smoothed, force, force_error = _random_force(tracked, spans)
     frequency = tracked.model.reference_frequency
@@ -76,16 +76,10 @@ def innovations_of(decay: xr.Dataset, tracked: TrackedRecord) -> xr.Dataset:
         **with_error("random_force", ("time",), (force, force_error), "random force", "rad/s^2"),
         "autocorrelation": variable("lag", correlation, "autocorrelation of the innovations", "1"),
         "innovation_rms": variable((), rms, "RMS innovation", "rad"),
-        "ljung_box_p_value": variable((), chi2.sf(ljung_box, len(lags)), "p-value of white innovations", "1"),
+        "ljung_box_p_value": variable((), white, "p-value of white innovations", "1"),
         "averaging_time": variable((), width, "span over which the random force is averaged", "s"),
     }
     return xr.Dataset(variables, {"time": decay.time, "lag": lags})
-
-
-def autocorrelation(values: Array, lags: Index) -> Array:
-    """Autocorrelation at some lags, (lag,), of values whose mean is left in: innovations should have none."""
-    whole = float(values @ values)
-    return np.array([values[lag:] @ values[:-lag] for lag in lags]) / (whole if whole > 0.0 else 1.0)
 
 
 def _spans(tracked: TrackedRecord) -> Index:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid_trib.arrays import Array
+from sysid_trib.forces.to_identify import is_free_to_move
 from sysid_trib.noise.smoothing import first_of_spline
 from sysid_trib.simulation.integrate import BY_ANGLE, BY_RATE, STEPS_A_PERIOD
 from sysid_trib.simulation.model import Model
@@ -65,6 +66,14 @@ def first_guess(time: Array, angle: Array, frequency: float) -> tuple[float, flo
     """Angle (rad) and rate (rad/s) at the first sample, of the smoothed record."""
     value, slope = first_of_spline(frequency * (time - time[0]), angle)
     return value, slope * frequency
+
+
+def first_zero(model: Model) -> float | None:
+    """First guess of the sensor's zero, as `fit_start` takes it: none for a body that is free to move.
+
+    Nothing tells it from where such a body begins.
+    """
+    return None if is_free_to_move(model.library, model.coefficients) else 0.0
 
 
 def fit_start(

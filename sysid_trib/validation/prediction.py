@@ -7,7 +7,6 @@ import xarray as xr
 
 from sysid_trib.decays.signal import unit_of_signal
 from sysid_trib.errors import DecayError, SimulationError, UsageError
-from sysid_trib.forces.to_identify import is_free_to_move
 from sysid_trib.records.inputs import inputs_for
 from sysid_trib.records.runs import as_runs
 from sysid_trib.results.schema import library_of, model_of
@@ -15,7 +14,7 @@ from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import variable
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
-from sysid_trib.trajectory_fit.initial_conditions import FittedMotion, first_guess, fit_start
+from sysid_trib.trajectory_fit.initial_conditions import first_guess, first_zero, fit_start
 
 # Samples by which a start can be fitted.
 FEWEST_FITTED = 20
@@ -83,9 +82,7 @@ def predict(
 def _shown(model: Model, time: np.ndarray, angle: np.ndarray, fitted: np.ndarray) -> np.ndarray:
     """What the sensor shows of the motion whose start fits these samples best, (sample,)."""
     start = first_guess(time, angle, model.reference_frequency)
-    # Nothing tells the sensor's zero from where a body begins that may be anywhere.
-    zero = None if is_free_to_move(model.library, model.coefficients) else 0.0
-    motion: FittedMotion = fit_start(model, time[fitted], angle[fitted], start, offset=zero)
+    motion = fit_start(model, time[fitted], angle[fitted], start, offset=first_zero(model))
     if fitted.all():
         return np.asarray(motion.x + motion.offset)
     return np.asarray(trajectory(model, time, motion.angle, motion.rate).angle + motion.offset)

@@ -9,19 +9,18 @@ from scipy.stats import chi2
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import SimulationError, SysidTribError
-from sysid_trib.forces.to_identify import is_free_to_move
 from sysid_trib.noise.coarse_step import SlowPart, coarse_step, rounded_noise
 from sysid_trib.noise.level import swing_frequency
 from sysid_trib.noise.random_force import random_force_of
 from sysid_trib.noise.sensor_noise import sensor_noise_of
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.runs import root_mean_square
-from sysid_trib.results.schema import library_of, model_of
+from sysid_trib.results.schema import model_of
 from sysid_trib.results.variables import variable
 from sysid_trib.simulation.integrate import STEPS_A_PERIOD
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.state_space.tracked import FollowedRuns
-from sysid_trib.trajectory_fit.initial_conditions import FittedMotion, first_guess, fit_start
+from sysid_trib.trajectory_fit.initial_conditions import FittedMotion, first_guess, first_zero, fit_start
 from sysid_trib.trajectory_fit.observation import MEASURED, MEASURED_TIME, measured_part
 from sysid_trib.validation.spectral_line import NO_LINE, spectral_line
 
@@ -135,15 +134,14 @@ def fitted_motion(
     A motion of another model of the run, `nearby`, spares simulations; `most_steps` as that of `trajectory`.
     """
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
-    frequency = result.reference_frequency.item()
-    if "start_angle" in result and not is_free_to_move(library_of(result), model_of(result).coefficients):
+    model = replace(model_of(result, run), inputs=inputs_of(decay))
+    zero = first_zero(model)
+    if "start_angle" in result and zero is not None:
         start = (float(np.ravel(result.start_angle)[run]), float(np.ravel(result.start_rate)[run]))
     else:
-        start = first_guess(time, angle, frequency)
+        start = first_guess(time, angle, model.reference_frequency)
     try:
         sensitivity = None if nearby is None else nearby.sensitivity
-        model = replace(model_of(result, run), inputs=inputs_of(decay))
-        zero = None if is_free_to_move(model.library, model.coefficients) else 0.0
         return fit_start(
             model, time, angle, start, offset=zero, sensitivity=sensitivity, most_steps=most_steps
         )
